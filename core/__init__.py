@@ -1,0 +1,1 @@
+"""The method: meshes in, embeddings and matches out. Pure functions of arrays."""
