@@ -1,0 +1,203 @@
+"""How well a ranking finds shapes of the query's class: the measures of the Princeton Shape Benchmark.
+
+P. Shilane, P. Min, M. Kazhdan, T. Funkhouser, "The Princeton Shape Benchmark", Shape Modeling
+International 2004, section 5.
+
+Each shape in turn is the query; all others are ranked from the closest to the farthest, the query itself
+left out. Below, n is the number of shapes, C the class of the query, |C| its size, so that
+R = |C| - 1 shapes are relevant, and rel(k) is 1 when the shape at rank k = 1, 2, ..., n - 1 is one of them.
+
+Ties are broken against the ranking: among shapes at equal distance those of other classes come first, in
+the order of their class names, then of their rows. So a measure never depends on the order of the shapes,
+and scores that are all equal earn nothing.
+
+A class of one shape has nothing to find. Its shape is ranked for the others, but is no query of its own,
+and the class is in no mean and not in `per_class`.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from core.errors import ParameterError
+
+E_MEASURE_RANKS = 32
+
+
+@dataclass(frozen=True)
+class ClassFigures:
+    """Nearest neighbour, first and second tier of one class, each the mean over its shapes."""
+
+    nn: float
+    ft: float
+    st: float
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """Retrieval measures of a collection; each figure is the mean over all queries, in [0, 1].
+
+    Attributes
+    ----------
+    shapes, queries : int
+        All shapes, and those whose class has at least two.
+    nn : float
+        Nearest neighbour: rel(1).
+    ft, st : float
+        First and second tier: the share of the relevant shapes within the first R, and 2R, ranks.
+    e : float
+        E-measure: 2 / (1/P + 1/Q), P and Q the precision and recall of the first 32 ranks (of all n - 1
+        where there are fewer); 0 where neither finds anything.
+    dcg : float
+        Discounted cumulative gain, rel(1) + sum over k >= 2 of rel(k) / log2(k), over that of a perfect
+        ranking, 1 + sum over k = 2 .. R of 1 / log2(k). (In print that sum goes to |C|; R makes a perfect
+        ranking 1, as it must when the query is left out.)
+    map : float
+        Mean average precision: the mean, over the relevant shapes, of the precision at each one's rank.
+    per_class : dict of str to ClassFigures
+        By class name, in sorted order.
+    classes : tuple of str
+        All class names, sorted: the order of the rows and columns of `confusion`.
+    confusion : int64, shape (c, c)
+        How many queries of the row's class have a first neighbour of the column's class. Its trace over
+        its sum is `nn`; the row of a class of one shape is zero.
+    """
+
+    shapes: int
+    queries: int
+    nn: float
+    ft: float
+    st: float
+    e: float
+    dcg: float
+    map: float
+    per_class: dict[str, ClassFigures]
+    classes: tuple[str, ...]
+    confusion: NDArray[np.int64]
+
+
+def evaluate(scores: ArrayLike, labels: Sequence[str], *, larger_is_closer: bool) -> Evaluation:
+    """Every measure, from the scores of all pairs.
+
+    Parameters
+    ----------
+    scores : array, shape (n, n)
+        Row i ranks all shapes for query i; the diagonal is never read.
+    labels : sequence of n str
+        The class of each shape.
+    larger_is_closer : bool
+        True for similarities (CC, sim), false for distances (SSD).
+
+    Raises
+    ------
+    ParameterError
+        Wrong shapes, a score that is not finite, or no class with two shapes.
+    """
+    distances = _distances(scores, larger_is_closer)
+    if len(labels) != len(distances):
+        raise ParameterError(f"{len(labels)} labels for {len(distances)} shapes")
+    classes, codes, sizes = np.unique(np.asarray(labels, dtype=str), return_inverse=True, return_counts=True)
+    queries = np.flatnonzero(sizes[codes] > 1)
+    if len(queries) == 0:
+        raise ParameterError("no class has two shapes, so there is nothing to find")
+
+    ranked = codes[_rankings(distances, codes)[queries]]
+    own = codes[queries]
+    relevant = ranked == own[:, None]
+    wanted = sizes[own] - 1
+    nn = relevant[:, 0].astype(np.float64)
+    ft = _recall_within(relevant, wanted, wanted)
+    st = _recall_within(relevant, 2 * wanted, wanted)
+    confusion = np.zeros((len(classes), len(classes)), dtype=np.int64)
+    np.add.at(confusion, (own, ranked[:, 0]), 1)
+    return Evaluation(
+        shapes=len(codes),
+        queries=len(queries),
+        nn=float(nn.mean()),
+        ft=float(ft.mean()),
+        st=float(st.mean()),
+        e=float(_e_measure(relevant, wanted).mean()),
+        dcg=float(_discounted_gain(relevant, wanted).mean()),
+        map=float(_average_precision(relevant, wanted).mean()),
+        per_class={
+            str(classes[c]): ClassFigures(*(float(figure[own == c].mean()) for figure in (nn, ft, st)))
+            for c in np.unique(own)
+        },
+        classes=tuple(str(name) for name in classes),
+        confusion=confusion,
+    )
+
+
+def class_distances(
+    scores: ArrayLike, labels: Sequence[str], *, larger_is_closer: bool
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """How far each shape is from its own class, and from the nearest shape of any other.
+
+    Parameters are those of `evaluate`; similarities are negated into distances.
+
+    Returns
+    -------
+    own : float64, shape (n,)
+        Mean distance to the other shapes of the same class; NaN where there are none.
+    other : float64, shape (n,)
+        Smallest distance to a shape of another class; NaN where there is no other class.
+    """
+    distances = _distances(scores, larger_is_closer)
+    names = np.asarray(labels, dtype=str)
+    if len(names) != len(distances):
+        raise ParameterError(f"{len(names)} labels for {len(distances)} shapes")
+    same = names[:, None] == names[None, :]
+    fellows = same & ~np.eye(len(names), dtype=bool)
+    counts = fellows.sum(axis=1)
+    sums = np.where(fellows, distances, 0.0).sum(axis=1)
+    own = np.where(counts > 0, sums / np.maximum(counts, 1), np.nan)
+    nearest = np.where(same, np.inf, distances).min(axis=1)
+    return own, np.where(np.isfinite(nearest), nearest, np.nan)
+
+
+def _distances(scores: ArrayLike, larger_is_closer: bool) -> NDArray[np.float64]:
+    distances = np.array(scores, dtype=np.float64)
+    if distances.ndim != 2 or distances.shape[0] != distances.shape[1] or len(distances) == 0:
+        raise ParameterError(f"scores must have shape (n, n), not {distances.shape}")
+    np.fill_diagonal(distances, 0.0)
+    if not np.isfinite(distances).all():
+        raise ParameterError("a score is not finite")
+    return -distances if larger_is_closer else distances
+
+
+def _rankings(distances: NDArray[np.float64], codes: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Row i: all shapes but i, the closest first, ties as the module says. Shape (n, n - 1)."""
+    keyed = distances.copy()
+    np.fill_diagonal(keyed, -np.inf)
+    same = codes[:, None] == codes[None, :]
+    order = np.lexsort((np.broadcast_to(codes, keyed.shape), same, keyed), axis=-1)
+    return order[:, 1:]
+
+
+def _recall_within(
+    relevant: NDArray[np.bool_], depth: NDArray[np.intp], wanted: NDArray[np.intp]
+) -> NDArray[np.float64]:
+    ranks = np.arange(1, relevant.shape[1] + 1)
+    found = (relevant & (ranks <= depth[:, None])).sum(axis=1)
+    return np.asarray(found / wanted, dtype=np.float64)
+
+
+def _e_measure(relevant: NDArray[np.bool_], wanted: NDArray[np.intp]) -> NDArray[np.float64]:
+    depth = min(E_MEASURE_RANKS, relevant.shape[1])
+    found = relevant[:, :depth].sum(axis=1)
+    # 2 / (1/P + 1/Q) with P = found/depth and Q = found/wanted, written so that found = 0 gives 0.
+    return np.asarray(2.0 * found / (depth + wanted), dtype=np.float64)
+
+
+def _discounted_gain(relevant: NDArray[np.bool_], wanted: NDArray[np.intp]) -> NDArray[np.float64]:
+    ranks = np.arange(1, relevant.shape[1] + 1)
+    gains = 1.0 / np.log2(np.maximum(ranks, 2))
+    return np.asarray((relevant * gains).sum(axis=1) / np.cumsum(gains)[wanted - 1], dtype=np.float64)
+
+
+def _average_precision(relevant: NDArray[np.bool_], wanted: NDArray[np.intp]) -> NDArray[np.float64]:
+    ranks = np.arange(1, relevant.shape[1] + 1)
+    precision = np.cumsum(relevant, axis=1) / ranks
+    return np.asarray((precision * relevant).sum(axis=1) / wanted, dtype=np.float64)
