@@ -1,0 +1,104 @@
+# Isoshape: `make demo` shows it, `make test` tests it. `make help` lists the rest.
+#
+# Needs Python 3.11 or newer (with venv) and the Python package index; everything else is installed into .venv,
+# at the versions and hashes of the lock files. `image-test` needs root on Debian, and says so.
+
+SHELL := bash
+.SHELLFLAGS := -eu -o pipefail -c
+.DELETE_ON_ERROR:
+.DEFAULT_GOAL := help
+
+# The first interpreter that is new enough and can make environments. Any other: make PYTHON=/path/to/python3.12
+PYTHON ?= $(shell for python in python3 python3.13 python3.12 python3.11; do \
+	$$python -c 'import ensurepip, sys, venv; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && echo $$python && break; \
+	done)
+
+VENV := .venv
+BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
+PACKAGES := $(VENV)/.packages
+RUNTIME := $(VENV)/.runtime
+DEV := $(VENV)/.dev
+
+# uv reads no configuration here, so that the lock files never depend on, or tell of, the machine they were made on.
+UV ?= $(BIN)/uv
+COMPILE := $(UV) pip compile --quiet --no-config --universal --python-version 3.11 --fork-strategy fewest \
+	--generate-hashes --no-annotate --custom-compile-command 'make lock' $(if $(UPGRADE),--upgrade)
+LOCKS := requirements.lock tests/requirements.lock docker/test/requirements.lock
+
+.PHONY: help demo test collections-test lint types openapi lock lock-check image-test clean
+
+help:
+	@echo 'make demo               ingest made shapes, query them, print the nearest three (CHECK=1: and check them)'
+	@echo 'make test               the test suite'
+	@echo 'make collections-test   the tests on real collections, in the folder that ISOSHAPE_DATA names'
+	@echo 'make lint               ruff: rules and layout'
+	@echo 'make types              mypy --strict'
+	@echo 'make openapi            write openapi/openapi.json'
+	@echo 'make lock               bring the lock files up to pyproject.toml (UPGRADE=1: and to the newest releases)'
+	@echo 'make lock-check         fail unless the lock files answer pyproject.toml'
+	@echo 'make image-test         build the image and run it as it is deployed (root, Debian, no Docker engine needed)'
+	@echo 'make clean              remove what these made'
+
+# The environment, made anew whenever its lock changes. Three files mark how far it is: the locked packages, this
+# project (whose build fetches setuptools into an environment of its own), and the tools for its tests.
+$(PACKAGES): requirements.lock
+	@test -n "$(PYTHON)" && $(PYTHON) -c 'import ensurepip, sys, venv; sys.exit(sys.version_info < (3, 11))' || { \
+		echo 'Python 3.11 or newer with venv is needed and was not found; name one: make PYTHON=/path/to/python3' >&2; exit 1; }
+	$(PYTHON) -m venv --clear $(VENV)
+	$(PIP) install --require-hashes --requirement requirements.lock
+	@touch $@
+
+$(RUNTIME): pyproject.toml $(PACKAGES)
+	$(PIP) install --no-deps --editable .
+	@touch $@
+
+$(DEV): tests/requirements.lock $(RUNTIME)
+	$(PIP) install --require-hashes --requirement tests/requirements.lock
+	@touch $@
+
+demo: $(RUNTIME)
+	$(BIN)/isoshape demo $(if $(filter-out 0,$(CHECK)),--check)
+
+# Two workers suit two cores. One thread each: BLAS threads on top of the workers only get in each other's way.
+WORKERS ?= 2
+test: $(DEV)
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n $(WORKERS)
+
+# Where the collections are asked for, none of their tests may be skipped.
+collections-test: $(DEV)
+	@test -d "$${ISOSHAPE_DATA:-}" || { echo 'ISOSHAPE_DATA must name the folder of collections' >&2; exit 1; }
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n $(WORKERS) -m collections -p tests.no_skips
+
+lint: $(DEV)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+types: $(DEV)
+	$(BIN)/mypy --strict
+
+openapi: $(RUNTIME)
+	$(BIN)/isoshape openapi > openapi/openapi.json.new
+	mv openapi/openapi.json.new openapi/openapi.json
+
+# The test lock holds the runtime lock's versions, so that what is tested is what runs.
+lock: $(if $(filter $(BIN)/uv,$(UV)),$(DEV))
+	$(COMPILE) pyproject.toml --output-file requirements.lock
+	$(COMPILE) pyproject.toml --extra dev --constraint requirements.lock --output-file tests/requirements.lock
+	$(COMPILE) docker/test/requirements.in --constraint requirements.lock --output-file docker/test/requirements.lock
+
+# Hashes are left out of the comparison: a project may add a file to a release long after it. pip checks them at install.
+lock-check: $(DEV)
+	@scratch=$$(mktemp -d); trap 'rm -rf "$$scratch"' EXIT; \
+	tar -c pyproject.toml docker/test/requirements.in $(LOCKS) | tar -x -C "$$scratch"; \
+	$(MAKE) --no-print-directory -C "$$scratch" -f "$(CURDIR)/Makefile" UV="$(CURDIR)/$(BIN)/uv" UPGRADE= lock; \
+	for lock in $(LOCKS); do diff <(grep -F == $$lock) <(grep -F == "$$scratch/$$lock") || { \
+		echo "$$lock is behind pyproject.toml: make lock" >&2; exit 1; }; done; \
+	echo 'The lock files answer pyproject.toml.'
+
+image-test: $(RUNTIME)
+	docker/image-test.sh
+
+clean:
+	rm -rf $(VENV) build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	find core service tests docker -name __pycache__ -prune -exec rm -rf {} +
