@@ -1,0 +1,5 @@
+"""Articulated shapes made from code: the demo's and the tests' own collection."""
+
+from core.gallery.collection import CLASSES, GalleryShape, make_gallery, make_shape
+
+__all__ = ["CLASSES", "GalleryShape", "make_gallery", "make_shape"]

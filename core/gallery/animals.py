@@ -1,0 +1,215 @@
+"""Animals with a backbone: quadruped, bird, fish, snake."""
+
+import numpy as np
+from numpy.random import Generator
+
+from core.gallery.frames import Frame, chain
+from core.gallery.parts import Part, ellipsoid, plate, tube
+
+
+def quadruped(rng: Generator) -> list[Part]:
+    """A dog or horse: trunk, neck, head with muzzle and ears, four jointed legs, a tail."""
+    u = rng.uniform
+    length, girth, leg = u(0.85, 1.15), u(0.19, 0.25), u(0.3, 0.44)
+    bow, curve = u(-12, 12), u(-14, 14)
+    rear = Frame().turn("y", -bow).turn("z", -curve)
+    joints, chest = chain(rear, [length * 0.5, length * 0.5], [(0, 0), (bow, curve)])
+    parts = [tube(joints, np.array([0.95, 0.92, 1.08]) * girth, blend=0.06)]
+    rise, look = u(25, 70), u(-35, 35)
+    neck_length = u(0.26, 0.5)
+    neck, nape = chain(
+        chest.move(0.04, z=0.3 * girth),
+        [neck_length * 0.5, neck_length * 0.5],
+        [(-rise, look / 2), (u(-15, 15), look / 2)],
+    )
+    parts.append(tube(neck, np.array([0.8, 0.55, 0.47]) * girth, blend=0.08))
+    # Level the head to a nod of its own, whatever the neck does.
+    skull = nape.turn("y", rise + u(-10, 35))
+    muzzle = u(0.2, 0.32)
+    parts.append(
+        tube(
+            np.array([skull.at(-0.02), skull.at(0.1), skull.at(0.1 + muzzle, z=-0.03)]),
+            [0.11, 0.12, 0.07],
+            blend=0.05,
+        )
+    )
+    ear = u(0.09, 0.17)
+    for left in (-1, 1):
+        root = skull.move(0.0, left * 0.07, 0.08)
+        parts.append(
+            tube(np.array([root.origin, root.at(-0.03, left * 0.05, ear)]), [0.045, 0.03], blend=0.03)
+        )
+    for left in (-1, 1):
+        stride = u(-30, 30)
+        shoulder = (
+            chest.move(-0.06, left * 0.55 * girth, -0.35 * girth)
+            .turn("y", 90 - stride)
+            .turn("z", left * u(3, 14))
+        )
+        joints, foot = chain(shoulder, [leg, leg * 0.95], [(0, 0), (u(0, 45), 0)])
+        parts.append(tube(joints, np.array([0.5, 0.33, 0.26]) * girth, blend=0.05))
+        parts.append(_paw(foot, girth))
+        stride = u(-30, 30)
+        hip = (
+            rear.move(0.06, left * 0.55 * girth, -0.3 * girth)
+            .turn("y", 90 - stride)
+            .turn("z", left * u(3, 14))
+        )
+        flex = u(10, 45)
+        joints, foot = chain(hip, [leg * 0.75, leg * 0.65, leg * 0.6], [(-15, 0), (15 + flex, 0), (-flex, 0)])
+        parts.append(tube(joints, np.array([0.6, 0.38, 0.27, 0.24]) * girth, blend=0.05))
+        parts.append(_paw(foot, girth))
+    tail_length, droop, wag = u(0.35, 0.75), u(-50, 50), u(-14, 14)
+    bends = [(u(-8, 22), wag) for _ in range(6)]
+    tail, _ = chain(
+        rear.move(-0.7 * girth, z=0.45 * girth).turn("z", 180).turn("y", droop), [tail_length / 6] * 6, bends
+    )
+    parts.append(tube(tail, np.linspace(0.055, 0.032, 7), blend=0.06))
+    return parts
+
+
+def _paw(foot: Frame, girth: float) -> Part:
+    """The leg runs along x, so that forwards is z."""
+    return tube(np.array([foot.at(-0.01), foot.at(0.01, z=0.08)]), np.array([0.27, 0.24]) * girth, blend=0.02)
+
+
+def bird(rng: Generator) -> list[Part]:
+    """Body, neck, head with beak, two wings jointed at the elbow, a fan of tail, two legs with toes."""
+    u = rng.uniform
+    size, slim = u(0.9, 1.1), u(0.17, 0.23)
+    body = Frame()
+    parts = [
+        tube(
+            np.array([body.at(-0.32 * size), body.at(0.0), body.at(0.26 * size, z=0.03)]),
+            [0.6 * slim, slim, 0.75 * slim],
+            blend=0.05,
+        )
+    ]
+    reach, rise = u(0.16, 0.42), u(0, 60)
+    neck, nape = chain(
+        body.move(0.3 * size, z=0.06).turn("z", u(-25, 25)),
+        [reach / 2, reach / 2],
+        [(-rise, 0), (u(-20, 20), u(-20, 20))],
+    )
+    parts.append(tube(neck, [0.11, 0.085, 0.08], blend=0.07))
+    head = nape.turn("y", rise)
+    parts.append(ellipsoid(head.move(0.04), (0.13, 0.1, 0.1), blend=0.04))
+    parts.append(
+        tube(np.array([head.at(0.12), head.at(0.12 + u(0.14, 0.26), z=-0.02)]), [0.055, 0.027], blend=0.02)
+    )
+    fan = u(0.16, 0.26)
+    tail = body.move(-0.34 * size).turn("y", u(-15, 20))
+    outline = [(0.08, 0.05), (-0.42, fan), (-0.46, 0.0), (-0.42, -fan), (0.08, -0.05)]
+    parts.append(plate(tail, outline, 0.055, blend=0.04))
+    span, chord, sweep = u(0.75, 1.15), u(0.26, 0.36), u(-0.05, 0.25)
+    flap, fold = u(-25, 45), u(-45, 30)
+    for left in (-1, 1):
+        root = body.move(0.06, left * 0.5 * slim, 0.4 * slim).turn("x", left * (flap + u(-6, 6)))
+        inner = 0.45 * span
+        parts.append(
+            plate(
+                root,
+                _mirrored(
+                    [(0.5 * chord, 0), (0.55 * chord, inner), (-0.5 * chord, inner), (-0.6 * chord, 0)], left
+                ),
+                0.06,
+                blend=0.04,
+            )
+        )
+        elbow = root.move(0.0, left * inner).turn("x", left * (fold + u(-6, 6)))
+        outer = span - inner
+        tip = [
+            (0.55 * chord, 0),
+            (0.35 * chord - sweep * 0.4, 0.6 * outer),
+            (-sweep, outer),
+            (-0.35 * chord - sweep, 0.75 * outer),
+            (-0.5 * chord, 0),
+        ]
+        parts.append(plate(elbow, _mirrored(tip, left), 0.055, blend=0.03))
+        hip = (
+            body.move(-0.1, left * 0.5 * slim, -0.6 * slim)
+            .turn("y", 90 + u(-25, 35))
+            .turn("z", left * u(0, 12))
+        )
+        leg, foot = chain(hip, [0.14, u(0.12, 0.2)], [(20, 0), (-35, 0)])
+        parts.append(tube(leg, [0.06, 0.035, 0.033], blend=0.03))
+        for yaw in (-35, 0, 35):
+            toe = foot.turn("y", -75).turn("z", yaw)
+            parts.append(tube(np.array([foot.origin, toe.at(0.12)]), [0.033, 0.027], blend=0.01))
+    return parts
+
+
+def _mirrored(outline: list[tuple[float, float]], left: int) -> list[tuple[float, float]]:
+    return [(x, left * y) for x, y in outline]
+
+
+def fish(rng: Generator) -> list[Part]:
+    """A body bent sideways as in swimming, tail fin, back fin, belly fin and two breast fins."""
+    u = rng.uniform
+    tall, flat = u(0.17, 0.29), u(1.9, 2.8)
+    bends = [(0.0, u(-9, 9) + sway) for sway in np.full(6, u(-9, 9))]
+    joints, tail = chain(Frame().move(0.5).turn("z", 180), [0.17] * 6, bends)
+    heights = np.array([0.42, 0.8, 1.0, 0.95, 0.72, 0.45, 0.26]) * tall
+    parts = []
+    for i in range(6):
+        along = joints[i + 1] - joints[i]
+        across = np.cross(along, [0.0, 0.0, 1.0])
+        parts.append(
+            tube(
+                joints[i : i + 2],
+                heights[i : i + 2],
+                blend=0.03,
+                across=across / np.linalg.norm(across),
+                squash=flat,
+            )
+        )
+    parts.append(tube(np.array([joints[0] + [0.12, 0, -0.02], joints[0]]), [0.05, 0.09], blend=0.08))
+    fork, reach = u(0.16, 0.3), u(0.24, 0.36)
+    fan = tail.turn("z", u(-25, 25)).turn("x", 90)
+    outline = [
+        (-0.1, 0.05),
+        (0.08, 0.06),
+        (reach, fork),
+        (reach * 0.62, 0.0),
+        (reach, -fork),
+        (0.08, -0.06),
+        (-0.1, -0.05),
+    ]
+    parts.append(plate(fan, outline, 0.05, blend=0.04))
+    for up, start, height in ((1, 0.2, u(0.12, 0.24)), (-1, -0.05, u(0.08, 0.16))):
+        base = Frame(joints[3]).move(z=up * 0.8 * tall).turn("x", 90)
+        fin = [
+            (start, -0.04 * up),
+            (start - 0.16, up * height),
+            (start - 0.3, up * height * 0.8),
+            (start - 0.26, -0.04 * up),
+        ]
+        parts.append(plate(base, fin, 0.05, blend=0.03))
+    for left in (-1, 1):
+        root = Frame(joints[1]).move(-0.04, left * 0.6 * tall / flat, -0.25 * tall)
+        root = root.turn("z", 180 - left * u(25, 60)).turn("x", left * u(20, 60))
+        parts.append(plate(root, [(0.0, -0.04), (0.22, -0.09), (0.25, 0.05), (0.0, 0.04)], 0.048, blend=0.03))
+    return parts
+
+
+def snake(rng: Generator) -> list[Part]:
+    """A long body in waves or in a loose coil, with a flattened head and a pointed tail."""
+    u = rng.uniform
+    bones = 44
+    step, thick = u(0.075, 0.09), u(0.075, 0.1)
+    along = np.arange(bones) / bones
+    if u() < 0.7:
+        swing = u(9, 17) * np.sin(2 * np.pi * (u(1.0, 2.2) * along + u()))
+        yaw = swing + u(-2, 2)
+    else:
+        yaw = np.linspace(u(3, 6), u(12, 15), bones) * (1 if u() < 0.5 else -1)
+    pitch = u(0, 2.2) * np.sin(2 * np.pi * (u(0.5, 1.5) * along + u()))
+    head = Frame().turn("z", 180)
+    joints, _ = chain(head, [step] * bones, list(zip(pitch, yaw, strict=True)))
+    fat = thick * np.interp(along, [0.0, 0.06, 0.35, 0.7, 1.0], [0.75, 0.72, 1.0, 0.85, 0.45])
+    parts = [tube(joints, np.append(fat, thick * 0.33), blend=0.03)]
+    skull = np.array([head.at(0.06), head.at(-0.08), head.at(-0.2)])
+    parts.append(
+        tube(skull, np.array([1.1, 1.35, 0.8]) * thick, blend=0.04, across=head.axes[:, 2], squash=1.6)
+    )
+    return parts

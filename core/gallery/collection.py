@@ -1,0 +1,123 @@
+"""The gallery's shapes by class and pose."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from zlib import crc32
+
+import numpy as np
+from numpy.random import Generator, default_rng
+
+from core.errors import MeshError, ParameterError
+from core.gallery.animals import bird, fish, quadruped, snake
+from core.gallery.frames import rotation
+from core.gallery.many_legged import octopus, spider
+from core.gallery.objects import chair, cup, glasses, plane, pliers
+from core.gallery.parts import Part
+from core.gallery.people import hand, person, teddy
+from core.gallery.surface import surface
+from core.gallery.topology import components, handles, is_closed_manifold
+from core.mesh import Floats, Mesh
+
+_FEWEST, _MOST = 900, 3800
+"""Vertices asked for; the result is within a few of what was asked."""
+
+_ATTEMPTS = 25
+"""Draws of one pose: about one in ten has limbs that touch, so that running out has no practical chance."""
+
+
+@dataclass(frozen=True, eq=False)
+class GalleryShape:
+    """One shape of the gallery: its class, a name such as octopus-03, and the mesh."""
+
+    label: str
+    name: str
+    mesh: Mesh
+
+
+@dataclass(frozen=True)
+class _Kind:
+    """How a class is built, and the handles (genus) of its surface when no limbs touch."""
+
+    build: Callable[[Generator], list[Part]]
+    handles: int = 0
+
+
+_KINDS = {
+    "bird": _Kind(bird),
+    "chair": _Kind(chair),
+    "cup": _Kind(cup, handles=1),
+    "fish": _Kind(fish),
+    "glasses": _Kind(glasses, handles=2),
+    "hand": _Kind(hand),
+    "octopus": _Kind(octopus),
+    "person": _Kind(person),
+    "plane": _Kind(plane),
+    "pliers": _Kind(pliers),
+    "quadruped": _Kind(quadruped),
+    "snake": _Kind(snake),
+    "spider": _Kind(spider),
+    "teddy": _Kind(teddy),
+}
+
+CLASSES: tuple[str, ...] = tuple(_KINDS)
+"""The class names, in the order of the gallery."""
+
+
+def make_shape(label: str, pose: int, *, seed: int = 0) -> Mesh:
+    """One shape: watertight, in one piece, faces outward.
+
+    Proportions, pose, number of vertices (about 900 to 3,800), place, size and orientation (any turn about
+    the vertical z, a tilt of up to 30 degrees) are drawn from the three arguments alone: the same arguments
+    give the same bytes.
+
+    Parameters
+    ----------
+    label : str
+        One of `CLASSES`.
+    pose : int
+        >= 0; each is another individual in another pose.
+    seed : int
+        >= 0; another seed gives another gallery.
+
+    Raises
+    ------
+    ParameterError
+        An unknown class, or a negative pose or seed.
+    """
+    if label not in _KINDS:
+        raise ParameterError(f"unknown class {label!r}; the classes are {', '.join(CLASSES)}")
+    if pose < 0 or seed < 0:
+        raise ParameterError(f"pose and seed must be at least 0, not {pose} and {seed}")
+    kind = _KINDS[label]
+    for attempt in range(_ATTEMPTS):
+        # The class enters by its name, so that a class added later leaves the others as they are.
+        rng = default_rng([seed, crc32(label.encode()), pose, attempt])
+        target = int(np.exp(rng.uniform(np.log(_FEWEST), np.log(_MOST))))
+        vertices, faces = surface(kind.build(rng), target)
+        # Limbs that touch are a short cut for geodesics; they show as one more handle.
+        if is_closed_manifold(faces) and components(faces) == 1 and handles(faces) == kind.handles:
+            return Mesh(_placed(vertices, rng), faces)
+    raise MeshError(f"no sound shape of class {label} in {_ATTEMPTS} draws")
+
+
+def make_gallery(poses: int = 8, *, seed: int = 0) -> Iterator[GalleryShape]:
+    """Yield poses 0 .. `poses` - 1 of every class, class by class in the order of `CLASSES`.
+
+    Raises
+    ------
+    ParameterError
+        A negative number of poses, or a negative seed.
+    """
+    if poses < 0:
+        raise ParameterError(f"the number of poses must be at least 0, not {poses}")
+    for label in CLASSES:
+        for pose in range(poses):
+            yield GalleryShape(label, f"{label}-{pose:02d}", make_shape(label, pose, seed=seed))
+
+
+def _placed(vertices: Floats, rng: Generator) -> Floats:
+    """Turn, scale by 0.1 to 100 and move by up to five units of the new scale."""
+    turn = rotation("z", rng.uniform(0.0, 360.0))
+    tilt = rotation("x", rng.uniform(-30.0, 30.0)) @ turn
+    scale = float(np.exp(rng.uniform(np.log(0.1), np.log(100.0))))
+    return scale * (vertices @ tilt.T + rng.uniform(-5.0, 5.0, size=3))

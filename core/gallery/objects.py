@@ -1,0 +1,168 @@
+"""Things made by people: chair, cup, plane, pliers, glasses."""
+
+import numpy as np
+from numpy.random import Generator
+
+from core.gallery.frames import Frame
+from core.gallery.parts import Part, box, plate, tube, turned
+
+
+def chair(rng: Generator) -> list[Part]:
+    """A seat, a closed back and four splayed legs."""
+    u = rng.uniform
+    width, depth, thick = u(0.42, 0.58), u(0.4, 0.55), u(0.05, 0.08)
+    legs, back, tilt = u(0.35, 0.6), u(0.4, 0.8), u(-3, 18)
+    seat = Frame()
+    parts = [box(seat, (depth, width, thick), rounding=0.022, blend=0.0)]
+    rest = seat.move(-0.5 * depth + 0.03).turn("y", -tilt)
+    narrow = u(0.65, 1.05)
+    outline = [
+        (0.0, -0.45 * width),
+        (back, -0.45 * narrow * width),
+        (back, 0.45 * narrow * width),
+        (0.0, 0.45 * width),
+    ]
+    if u() < 0.4:
+        outline[2:2] = [(back + 0.1, -0.2 * width), (back + 0.1, 0.2 * width)]
+    parts.append(plate(rest.turn("y", -90), outline, thick * 0.9, blend=0.03))
+    stout, splay = u(0.026, 0.04), u(0.0, 0.14)
+    for x in (-1, 1):
+        for y in (-1, 1):
+            top = seat.move(x * (0.5 * depth - 0.06), y * (0.5 * width - 0.06))
+            foot = top.at(x * splay, y * splay, -legs)
+            parts.append(tube(np.array([top.origin, foot]), [stout * 1.15, stout], blend=0.02))
+    return parts
+
+
+def cup(rng: Generator) -> list[Part]:
+    """A hollow turned body with a floor and one handle."""
+    u = rng.uniform
+    height, bottom, top = u(0.7, 1.2), u(0.28, 0.42), u(0.36, 0.5)
+    wall, belly = u(0.035, 0.05), u(-0.05, 0.1)
+    levels = np.linspace(0.0, 1.0, 9)
+    outside = bottom + (top - bottom) * levels + belly * np.sin(np.pi * levels)
+    inside = outside[::-1] - 0.02
+    profile = [(0.0, 0.0), *zip(outside, height * levels, strict=True)]
+    floor = 0.07
+    profile += [*zip(inside, floor + (height - floor) * levels[::-1], strict=True), (0.0, floor)]
+    body = Frame()
+    parts = [turned(body, [(float(r), float(z)) for r, z in profile], wall, blend=0.0)]
+    middle, span, reach = u(0.45, 0.6), u(0.24, 0.34) * height, u(0.2, 0.36)
+    angles = np.radians(np.linspace(-100, 100, 13))
+    around = [
+        (
+            np.interp(middle + span * np.sin(a) / height, levels, outside) + reach * np.cos(a) ** u(0.6, 0.6),
+            middle * height + span * np.sin(a),
+        )
+        for a in angles[1:-1]
+    ]
+    parts.append(
+        tube(np.array([[r, 0.0, z] for r, z in around]), np.full(len(around), u(0.045, 0.065)), blend=0.03)
+    )
+    return parts
+
+
+def plane(rng: Generator) -> list[Part]:
+    """An airliner: fuselage, swept wings with engines under them, tail fin and tail planes."""
+    u = rng.uniform
+    long, thick = u(1.7, 2.3), u(0.1, 0.14)
+    body = Frame()
+    hull = [(-0.5, 0.45, 0.4), (-0.3, 0.85, 0.1), (0.3, 1.0, 0.0), (0.43, 0.85, -0.05), (0.5, 0.35, -0.2)]
+    parts = [
+        tube(
+            np.array([body.at(x * long, z=z * thick) for x, _, z in hull]),
+            np.array([r for _, r, _ in hull]) * thick,
+            blend=0.02,
+        )
+    ]
+    span, chord, taper, sweep, dihedral = u(0.8, 1.25), u(0.32, 0.45), u(0.3, 0.55), u(0.15, 0.6), u(0, 9)
+    place, engines = u(0.05, 0.15) * long, u(0.3, 0.42)
+    fin, tailplane, tail_sweep = u(0.28, 0.42), u(0.3, 0.45), u(0.1, 0.25)
+    parts.append(
+        plate(
+            body.move(-0.42 * long, z=0.05).turn("x", 90),
+            _wing(0.26, 0.14, fin, tail_sweep),
+            0.045,
+            blend=0.03,
+        )
+    )
+    for left in (-1, 1):
+        root = body.move(place, left * 0.3 * thick, -0.35 * thick).turn("x", left * dihedral)
+        wing = [(x, left * y) for x, y in _wing(chord, chord * taper, span, sweep)]
+        parts.append(plate(root, wing, 0.055, blend=0.03))
+        pod = root.move(0.5 * chord - engines * sweep, left * engines * span, -0.075)
+        parts.append(tube(np.array([pod.at(0.02), pod.at(-0.2)]), [0.065, 0.055], blend=0.02))
+        rear = body.move(-0.42 * long, left * 0.2 * thick, 0.03).turn("x", left * dihedral)
+        small = [(x, left * y) for x, y in _wing(0.22, 0.12, tailplane, tail_sweep)]
+        parts.append(plate(rear, small, 0.045, blend=0.02))
+    return parts
+
+
+def _wing(root: float, tip: float, span: float, sweep: float) -> list[tuple[float, float]]:
+    """Outline of a tapered wing along y whose leading edge runs back by `sweep` over the span."""
+    return [(root / 2, 0.0), (root / 2 - sweep, span), (root / 2 - sweep - tip, span), (-root / 2, 0.0)]
+
+
+def pliers(rng: Generator) -> list[Part]:
+    """Two arms that cross at a pivot, open: short jaws in front, long bent handles behind."""
+    u = rng.uniform
+    opening, jaw, grip = u(11, 30), u(0.35, 0.6), u(0.95, 1.4)
+    thick, bulge, flare = u(0.07, 0.1), u(0.08, 0.18), u(-0.06, 0.14)
+    # Upright, jaws up.
+    pivot = Frame().turn("y", -90)
+    disc = [(0.0, -0.07), (0.09, -0.07), (0.09, 0.07), (0.0, 0.07)]
+    parts = [turned(pivot, disc, 0.03, blend=0.0)]
+    for left in (-1, 1):
+        arm = pivot.turn("z", left * opening)
+        cheek = [
+            (-0.06, -0.05),
+            (0.1, -0.06),
+            (0.75 * jaw, -0.03),
+            (jaw, -0.005),
+            (jaw, 0.01),
+            (0.1, 0.1),
+            (-0.06, 0.06),
+        ]
+        parts.append(plate(arm, [(x, left * y) for x, y in cheek], thick, blend=0.02))
+        bow = [
+            (0.0, 0.0),
+            (-0.14, -0.03),
+            (-0.32, -bulge),
+            (-0.6 * grip, -0.04 - bulge),
+            (-grip, flare - bulge),
+        ]
+        joints = np.array([arm.at(x, left * y) for x, y in bow])
+        parts.append(tube(joints, [0.075, 0.06, 0.05, 0.06, 0.05], blend=0.03))
+    return parts
+
+
+def glasses(rng: Generator) -> list[Part]:
+    """Two empty rims, a bridge and two folding temples with hooked ends."""
+    u = rng.uniform
+    wide, tall, power = u(0.24, 0.32), u(0.17, 0.25), u(0.6, 1.0)
+    gap, wire = u(0.09, 0.14), u(0.028, 0.038)
+    angles = np.linspace(0.0, 2.0 * np.pi, 33)
+    rim_y = wide * np.sign(np.cos(angles)) * np.abs(np.cos(angles)) ** power
+    rim_z = tall * np.sign(np.sin(angles)) * np.abs(np.sin(angles)) ** power
+    front = Frame()
+    bow = u(0, 8)
+    parts: list[Part] = []
+    inner = front.at(y=0.5 * gap, z=0.3 * tall)
+    for left in (-1, 1):
+        side = front.move(y=left * 0.5 * gap).turn("z", left * bow)
+        rim = np.array([side.at(y=left * (wide + y), z=z) for y, z in zip(rim_y, rim_z, strict=True)])
+        parts.append(tube(rim, np.full(len(rim), wire), blend=0.02))
+        hinge = side.move(0.0, left * 2.0 * wide, 0.2 * tall)
+        temple = hinge.turn("z", 180 - left * u(-12, 45))
+        length, drop = u(0.85, 1.1), u(20, 50)
+        bend = temple.move(0.75 * length).turn("y", drop)
+        parts.append(
+            tube(
+                np.array([temple.at(-0.01), bend.origin, bend.at(0.28 * length)]),
+                [wire * 1.1, wire, wire],
+                blend=0.03,
+            )
+        )
+    over = [inner * [1, -1.35, 1], inner * [1, -0.4, 1.25], inner * [1, 0.4, 1.25], inner * [1, 1.35, 1]]
+    parts.insert(1, tube(np.array(over), np.full(4, wire), blend=0.02))
+    return parts

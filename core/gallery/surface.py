@@ -1,0 +1,69 @@
+"""Parts to a triangle mesh: an isosurface, even triangles, then as many as were asked."""
+
+from collections.abc import Sequence
+
+import fast_simplification
+import numpy as np
+from scipy.sparse import coo_array
+
+from core.gallery.grid import Grid, cell_size
+from core.gallery.parts import Part
+from core.mesh import Floats, Ints
+
+_SURPLUS = 2.0
+"""Vertices of the isosurface for each one asked, so that the decimation has a choice."""
+
+_LEAST_COSINE = 0.3
+"""A face that a step of relaxation would turn further than this is left as it was: no folds."""
+
+
+def surface(parts: Sequence[Part], vertices: int) -> tuple[Floats, Ints]:
+    """Triangle surface of the blended parts.
+
+    Parameters
+    ----------
+    parts : sequence of Part
+        Joined in this order.
+    vertices : int
+        How many are wanted; the result has about as many.
+
+    Returns
+    -------
+    vertices : float64, shape (n, 3)
+    faces : int64, shape (f, 3)
+        Counter-clockwise seen from outside. Rarely, the decimation leaves an edge with more than two faces.
+    """
+    cell = cell_size(parts)
+    grid = Grid.of(parts, cell)
+    points, faces = grid.isosurface()
+    if len(points) < _SURPLUS * vertices:
+        # The number of vertices goes with the inverse square of the cell; aim five per cent above the least.
+        grid = Grid.of(parts, cell * float(np.sqrt(len(points) / (1.05 * _SURPLUS * vertices))))
+        points, faces = grid.isosurface()
+    points = _relaxed(grid, points, faces, rounds=5)
+    points, faces = fast_simplification.simplify(points, faces, target_count=2 * vertices)
+    points, faces = points.astype(np.float64), faces.astype(np.int64)
+    return _relaxed(grid, points, faces, rounds=2), faces
+
+
+def _relaxed(grid: Grid, points: Floats, faces: Ints, rounds: int) -> Floats:
+    """Vertices moved towards the mean of their neighbours and back to the surface: slivers open up."""
+    tails, heads = faces.ravel(), faces[:, [1, 2, 0]].ravel()
+    graph = coo_array((np.ones(len(tails)), (tails, heads)), shape=(len(points),) * 2).tocsr()
+    degree = graph.sum(axis=1)[:, None]
+    for _ in range(rounds):
+        moved = grid.projected(points + 0.5 * (graph @ points / degree - points))
+        before = _normals(points, faces)
+        for _ in range(2):
+            folded = np.einsum("ij,ij->i", before, _normals(moved, faces)) < _LEAST_COSINE
+            corners = np.unique(faces[folded])
+            moved[corners] = points[corners]
+        points = moved
+    return points
+
+
+def _normals(points: Floats, faces: Ints) -> Floats:
+    a, b, c = points[faces.T]
+    normals = np.cross(b - a, c - a)
+    unit: Floats = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
+    return unit
