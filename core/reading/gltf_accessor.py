@@ -1,0 +1,103 @@
+"""Accessors: how glTF lays arrays out in its buffers (glTF 2.0, section 3.6)."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.errors import MalformedMeshError
+from core.mesh import Floats, Ints
+from core.reading.gltf_document import Document, Entry, whole
+
+_TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
+_INDEX_TYPES = {5121, 5123, 5125}
+_POSITION_TYPES = {5120, 5121, 5122, 5123, 5126}
+
+
+def read_positions(document: Document, number: object, used: Ints) -> Floats:
+    """Return the positions that are used, quantised ones as KHR_mesh_quantization says.
+
+    A normalised integer c of b bits stands for c / (2^b - 1) or, signed, for max(c / (2^(b-1) - 1), -1).
+
+    Parameters
+    ----------
+    document : Document
+        The file.
+    number : object
+        The accessor, as the JSON refers to it.
+    used : int64, shape (n,)
+        Rows, each within the accessor's count.
+
+    Returns
+    -------
+    positions : float64, shape (n, 3)
+    """
+    accessor = document.entry("accessors", number)
+    if accessor.get("type") != "VEC3" or accessor.get("componentType") not in _POSITION_TYPES:
+        raise MalformedMeshError("the positions in the GLB are not vectors of three coordinates")
+    raw = _read(document, accessor, 3)[used]
+    positions = raw.astype(np.float64)
+    if accessor.get("normalized") is True and raw.dtype.kind in "iu":
+        positions = np.maximum(positions / float(2 ** (8 * raw.itemsize - (raw.dtype.kind == "i")) - 1), -1.0)
+    return positions
+
+
+def read_indices(document: Document, number: object) -> Ints:
+    """Return the indices of a primitive, shape (count,)."""
+    accessor = document.entry("accessors", number)
+    if accessor.get("type") != "SCALAR" or accessor.get("componentType") not in _INDEX_TYPES:
+        raise MalformedMeshError("the indices in the GLB are not whole numbers")
+    return _read(document, accessor, 1).ravel().astype(np.int64)
+
+
+def _read(document: Document, accessor: Entry, width: int) -> NDArray[np.generic]:
+    """Return the array of an accessor, shape (count, width), as it is stored."""
+    count = whole(accessor, "count")
+    kind = np.dtype(_TYPES[accessor["componentType"]])
+    sparse = accessor.get("sparse")
+    if "bufferView" not in accessor:
+        # It would stand for `count` zeros: a few bytes that take any amount of memory.
+        raise MalformedMeshError("an accessor of the GLB has no data")
+    array = _view(document, accessor, count, kind, width)
+    if sparse is None:
+        return array
+    if not isinstance(sparse, dict):
+        raise MalformedMeshError("a sparse accessor of the GLB is not complete")
+    places, values = sparse.get("indices"), sparse.get("values")
+    if (
+        not isinstance(places, dict)
+        or not isinstance(values, dict)
+        or places.get("componentType") not in _INDEX_TYPES
+    ):
+        raise MalformedMeshError("a sparse accessor of the GLB is not complete")
+    changes = whole(sparse, "count")
+    rows = _view(document, places, changes, np.dtype(_TYPES[places["componentType"]]), 1).ravel()
+    if changes and rows.max() >= count:
+        raise MalformedMeshError("a sparse accessor of the GLB changes an element that is not there")
+    array = array.copy()
+    array[rows] = _view(document, values, changes, kind, width)
+    return array
+
+
+def _view(
+    document: Document, source: Entry, count: int, kind: np.dtype[np.generic], width: int
+) -> NDArray[np.generic]:
+    """Return rows of a buffer without a copy, shape (count, width)."""
+    view = document.entry("bufferViews", source.get("bufferView"))
+    number = whole(view, "buffer")
+    if number >= len(document.buffers):
+        raise MalformedMeshError("the GLB refers to an entry of its buffers that is not there")
+    start, length = whole(view, "byteOffset", 0), whole(view, "byteLength")
+    offset, row = whole(source, "byteOffset", 0), kind.itemsize * width
+    stride = whole(view, "byteStride", row)
+    if stride < row or start + length > len(document.buffers[number]):
+        raise MalformedMeshError("a view of the GLB does not fit its buffer")
+    if count and offset + stride * (count - 1) + row > length:
+        raise MalformedMeshError(
+            f"an accessor of the GLB declares {count} elements, more than its data holds"
+        )
+    return np.ndarray(
+        (count, width),
+        dtype=kind,
+        buffer=document.buffers[number],
+        offset=start + offset,
+        strides=(stride, kind.itemsize),
+    )

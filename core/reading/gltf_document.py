@@ -1,0 +1,149 @@
+"""A GLB's two chunks, and every look-up in them checked."""
+
+import base64
+import binascii
+import json
+from dataclasses import dataclass
+from typing import Any
+
+from core.errors import ExternalReferenceError, MalformedMeshError
+
+# glTF's own word for an object of JSON.
+Entry = dict[str, Any]
+
+_HEADER_BYTES = 12
+_CHUNK_HEADER_BYTES = 8
+_JSON, _BINARY = b"JSON", b"BIN\0"
+# What a file may require without changing where its triangles are.
+_HARMLESS = (
+    "KHR_mesh_quantization",
+    "KHR_materials_",
+    "KHR_texture_",
+    "EXT_texture_",
+    "KHR_lights_",
+    "KHR_xmp",
+)
+
+
+@dataclass(frozen=True)
+class Document:
+    """What a GLB holds.
+
+    Attributes
+    ----------
+    tree : dict
+        Its JSON.
+    buffers : tuple of bytes
+        Each as long as the JSON says.
+    """
+
+    tree: Entry
+    buffers: tuple[bytes, ...]
+
+    def entries(self, section: str) -> list[Entry]:
+        """Return a section of the JSON: "nodes", "meshes" and so on; empty if it is not there."""
+        return entries(self.tree, section)
+
+    def entry(self, section: str, number: object) -> Entry:
+        """Return the entry of a section that a reference names.
+
+        Raises
+        ------
+        MalformedMeshError
+            There is no such entry.
+        """
+        found = self.entries(section)
+        if type(number) is not int or not 0 <= number < len(found):
+            raise MalformedMeshError(f"the GLB refers to an entry of its {section} that is not there")
+        return found[number]
+
+
+def entries(parent: Entry, name: str) -> list[Entry]:
+    """Return a list of objects; empty if it is not there."""
+    found = parent.get(name, [])
+    if not isinstance(found, list) or not all(isinstance(entry, dict) for entry in found):
+        raise MalformedMeshError(f"the {name} in the JSON of the GLB are not a list of objects")
+    return found
+
+
+def whole(entry: Entry, name: str, default: int | None = None) -> int:
+    """Return a whole number >= 0; without a default it must be there."""
+    found = entry.get(name, default)
+    if type(found) is not int or found < 0:
+        raise MalformedMeshError(f"a {name} in the JSON of the GLB is not a whole number from 0 up")
+    return found
+
+
+def read_document(data: bytes) -> Document:
+    """Take a GLB apart.
+
+    Raises
+    ------
+    MalformedMeshError
+        It is not a GLB 2.0, is cut short, or needs an extension that is not read.
+    ExternalReferenceError
+        A buffer or an image is kept elsewhere.
+    """
+    if data[:4] != b"glTF" or len(data) < _HEADER_BYTES:
+        raise MalformedMeshError("the file does not begin as a GLB does")
+    if int.from_bytes(data[4:8], "little") != 2:
+        raise MalformedMeshError("the GLB is not of version 2")
+    length = int.from_bytes(data[8:12], "little")
+    if length > len(data):
+        raise MalformedMeshError(f"the GLB declares {length} bytes but has {len(data)}: it is cut short")
+    text, end = _chunk(data, _HEADER_BYTES, _JSON)
+    binary = _chunk(data, end, _BINARY)[0] if len(data) - end >= _CHUNK_HEADER_BYTES else b""
+    try:
+        tree = json.loads(text)
+    except (ValueError, RecursionError):
+        raise MalformedMeshError("the JSON of the GLB cannot be read") from None
+    if not isinstance(tree, dict):
+        raise MalformedMeshError("the JSON of the GLB is not an object")
+    _refuse_extensions(tree)
+    for entry in [*entries(tree, "buffers"), *entries(tree, "images")]:
+        uri = entry.get("uri")
+        if uri is not None and not str(uri).startswith("data:"):
+            raise ExternalReferenceError(
+                "the GLB refers to another file or address; export it with all embedded"
+            )
+    buffers = tuple(_buffer(entry, binary) for entry in entries(tree, "buffers"))
+    return Document(tree, buffers)
+
+
+def _chunk(data: bytes, start: int, kind: bytes) -> tuple[bytes, int]:
+    """Return the chunk that begins at `start`, and where it ends."""
+    body = start + _CHUNK_HEADER_BYTES
+    end = body + int.from_bytes(data[start : start + 4], "little")
+    if data[start + 4 : body] != kind or end > len(data):
+        raise MalformedMeshError("a chunk of the GLB is not what it should be, or is cut short")
+    return data[body:end], end
+
+
+def _refuse_extensions(tree: Entry) -> None:
+    """Raise if the file cannot be read without an extension that is not known here."""
+    required = tree.get("extensionsRequired", [])
+    if not isinstance(required, list):
+        raise MalformedMeshError("the extensions that the GLB requires are not a list")
+    for name in required:
+        if not str(name).startswith(_HARMLESS):
+            shown = "".join(letter for letter in str(name)[:64] if letter.isalnum() or letter == "_")
+            raise MalformedMeshError(
+                f"the GLB needs the extension {shown}, which is not read; export without compression"
+            )
+
+
+def _buffer(entry: Entry, binary: bytes) -> bytes:
+    """Return a buffer: the binary chunk, or what a data URI holds."""
+    uri = entry.get("uri")
+    if uri is not None:
+        head, _, body = str(uri).partition(",")
+        if not head.endswith(";base64"):
+            raise MalformedMeshError("a buffer of the GLB is not in base64")
+        try:
+            binary = base64.b64decode(body, validate=True)
+        except (binascii.Error, ValueError):
+            raise MalformedMeshError("a buffer of the GLB is not in base64") from None
+    length = whole(entry, "byteLength")
+    if length > len(binary):
+        raise MalformedMeshError(f"a buffer of the GLB declares {length} bytes but has {len(binary)}")
+    return binary[:length]

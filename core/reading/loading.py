@@ -1,0 +1,44 @@
+"""Reading and writing through trimesh: nothing else in the core imports it."""
+
+import io
+
+import numpy as np
+import trimesh
+
+from core.mesh import Floats, Ints, Mesh
+from core.reading.plain import Plain
+
+
+def load(plain: Plain) -> tuple[Floats, Ints]:
+    """Read a checked file.
+
+    Nothing is merged, dropped or reordered, no material is read, and with neither a path nor a resolver no
+    other file can be opened.
+
+    Parameters
+    ----------
+    plain : Plain
+        Of "glb", the instances are placed and joined.
+
+    Returns
+    -------
+    vertices : float64, shape (n, 3)
+    faces : int64, shape (f, 3)
+    """
+    scene = trimesh.load_scene(
+        io.BytesIO(plain.data),
+        file_type=plain.format,
+        process=False,
+        skip_materials=True,
+        maintain_order=True,
+    )
+    mesh = scene.to_mesh()
+    return np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, dtype=np.int64)
+
+
+def save(mesh: Mesh, format: str) -> bytes:
+    """Write a mesh in 32 bits: "stl" (binary), "ply" (binary, little-endian) or "glb"."""
+    whole = trimesh.Trimesh(vertices=mesh.vertices, faces=mesh.faces, process=False)
+    written = whole.export(file_type=format)
+    assert isinstance(written, bytes)
+    return written

@@ -1,0 +1,66 @@
+"""OBJ: of all that it may hold, the positions (v) and the faces (f)."""
+
+import re
+
+import numpy as np
+
+from core.errors import MalformedMeshError
+from core.mesh import Ints
+from core.reading.plain import Limits, Plain, within
+from core.reading.polygons import triangles
+from core.reading.text import face_lines, plain_text, polygons
+
+_COMMENT = re.compile(rb"#[^\n]*")
+_INDENT = re.compile(rb"\n[ \t]+")
+# A newline in front, rather than an anchor, is found by a search for the byte.
+_VERTEX = re.compile(rb"\nv[ \t]([^\n]*)")
+_FACE = re.compile(rb"\nf[ \t]+([^ \t\n][^\n]*)")
+_PART = re.compile(rb"\n(?:o|g|usemtl)[ \t]")
+_TEXTURE_AND_NORMAL = re.compile(rb"/[^ \t\n]*")
+
+
+def check(data: bytes, limits: Limits) -> Plain:
+    """Return the positions as they stand, and the faces as triangles with absolute indices.
+
+    Objects, groups and materials are joined; texture coordinates, normals, colours, points and lines are left
+    out, and no file that is named is opened.
+
+    Raises
+    ------
+    MeshError
+        What is wrong.
+    """
+    text = b"\n" + _COMMENT.sub(b"", plain_text(data)).replace(b"\\\n", b" ")
+    if b"\n " in text or b"\n\t" in text:
+        text = _INDENT.sub(b"\n", text)
+    within(sum(1 for _ in _PART.finditer(text)), limits.parts, "objects, groups and changes of material")
+    within(text.count(b"\nv ") + text.count(b"\nv\t"), limits.vertices, "vertices")
+    within(text.count(b"\nf ") + text.count(b"\nf\t"), limits.faces, "faces")
+    positions = _VERTEX.findall(text)
+    lengths = {len(line.split()) for line in positions}
+    if min(lengths, default=3) < 3:
+        raise MalformedMeshError("a vertex has fewer than three coordinates")
+    if max(lengths, default=3) > 3:
+        positions = [b" ".join(line.split(maxsplit=3)[:3]) for line in positions]
+    faces = _faces(text, len(positions), limits)
+    plain = b"".join(b"v %b\n" % line for line in positions) + face_lines(faces + 1, "f %d %d %d\n")
+    return Plain(plain, "obj", len(positions), len(faces))
+
+
+def _faces(text: bytes, vertices: int, limits: Limits) -> Ints:
+    """Return triangles of indices counted from 0, shape (f, 3)."""
+    lines = _FACE.findall(text)
+    if any(b"/" in line for line in lines):
+        lines = _TEXTURE_AND_NORMAL.sub(b"", b"\n".join(lines)).split(b"\n")
+    corners, sizes = polygons(lines)
+    if (corners == 0).any():
+        raise MalformedMeshError("a face refers to vertex 0, but an OBJ counts from 1")
+    if (corners < 0).any():
+        # -1 is the last vertex given above the face, wherever the face stands.
+        given = np.fromiter((match.start() for match in _VERTEX.finditer(text)), dtype=np.int64)
+        stands = np.fromiter((match.start() for match in _FACE.finditer(text)), dtype=np.int64)
+        above = np.repeat(np.searchsorted(given, stands), sizes)
+        if (corners < -above).any():
+            raise MalformedMeshError("a face counts back past the first vertex")
+        corners = np.where(corners < 0, corners + above + 1, corners)
+    return triangles(corners - 1, sizes, vertices, limits)

@@ -1,0 +1,43 @@
+"""OFF: counts, then vertices, then polygons, in that order."""
+
+import re
+
+from core.errors import MalformedMeshError
+from core.reading.plain import Limits, Plain, within
+from core.reading.polygons import triangles
+from core.reading.text import counted_polygons, face_lines, plain_text, rows, take
+
+_COMMENT = re.compile(rb"#[^\n]*")
+# ST, C and N announce texture coordinates, colours and normals after the position. 4OFF and nOFF have another
+# number of coordinates, and OFF BINARY is another format.
+_HEADER = re.compile(rb"\s*(?:(?:ST)?C?N?OFF|off)(?![ \t]+BINARY)", re.ASCII)
+
+
+def check(data: bytes, limits: Limits) -> Plain:
+    """Return the positions as they stand, and the faces as triangles.
+
+    Raises
+    ------
+    MeshError
+        What is wrong.
+    """
+    text = _COMMENT.sub(b"", plain_text(data))
+    header = _HEADER.match(text)
+    if header is None:
+        raise MalformedMeshError("the file does not begin with OFF")
+    lines = rows(text[header.end() :])
+    counts = next(lines, b"").split()
+    if len(counts) < 2 or not all(count.isdigit() for count in counts):
+        raise MalformedMeshError("the numbers of vertices and faces do not follow the word OFF")
+    vertices, polygons = int(counts[0]), int(counts[1])
+    within(vertices, limits.vertices, "vertices")
+    within(polygons, limits.faces, "faces")
+    positions = take(lines, vertices, "vertices")
+    if any(len(line.split()) < 3 for line in positions):
+        raise MalformedMeshError("a vertex has fewer than three coordinates")
+    corners, sizes = counted_polygons(take(lines, polygons, "faces"))
+    faces = triangles(corners, sizes, vertices, limits)
+    plain = (
+        b"OFF\n%d %d 0\n" % (vertices, len(faces)) + b"".join(positions) + face_lines(faces, "3 %d %d %d\n")
+    )
+    return Plain(plain, "off", vertices, len(faces))
