@@ -91,12 +91,12 @@ lock: $(if $(filter $(BIN)/uv,$(UV)),$(DEV))
 lock-check: $(DEV)
 	@scratch=$$(mktemp -d); trap 'rm -rf "$$scratch"' EXIT; \
 	tar -c pyproject.toml docker/test/requirements.in $(LOCKS) | tar -x -C "$$scratch"; \
-	$(MAKE) --no-print-directory -C "$$scratch" -f "$(CURDIR)/Makefile" UV="$(CURDIR)/$(BIN)/uv" UPGRADE= lock; \
+	$(MAKE) --silent --no-print-directory -C "$$scratch" -f "$(CURDIR)/Makefile" UV="$(CURDIR)/$(BIN)/uv" UPGRADE= lock; \
 	for lock in $(LOCKS); do diff <(grep -F == $$lock) <(grep -F == "$$scratch/$$lock") || { \
 		echo "$$lock is behind pyproject.toml: make lock" >&2; exit 1; }; done; \
 	echo 'The lock files answer pyproject.toml.'
 
-image-test: $(RUNTIME)
+image-test: $(DEV)
 	docker/image-test.sh
 
 clean:
