@@ -4,7 +4,7 @@ import numpy as np
 from numpy.random import Generator
 
 from core.gallery.frames import Frame, chain
-from core.gallery.parts import Part, ellipsoid, plate, tube
+from core.gallery.parts import Part, ellipsoid, mirrored, plate, tube
 
 
 def quadruped(rng: Generator) -> list[Part]:
@@ -40,25 +40,13 @@ def quadruped(rng: Generator) -> list[Part]:
             tube(np.array([root.origin, root.at(-0.03, left * 0.05, ear)]), [0.045, 0.03], blend=0.03)
         )
     for left in (-1, 1):
-        stride = u(-30, 30)
-        shoulder = (
-            chest.move(-0.06, left * 0.55 * girth, -0.35 * girth)
-            .turn("y", 90 - stride)
-            .turn("z", left * u(3, 14))
-        )
-        joints, foot = chain(shoulder, [leg, leg * 0.95], [(0, 0), (u(0, 45), 0)])
-        parts.append(tube(joints, np.array([0.5, 0.33, 0.26]) * girth, blend=0.05))
-        parts.append(_paw(foot, girth))
-        stride = u(-30, 30)
-        hip = (
-            rear.move(0.06, left * 0.55 * girth, -0.3 * girth)
-            .turn("y", 90 - stride)
-            .turn("z", left * u(3, 14))
-        )
+        shoulder = chest.move(-0.06, left * 0.55 * girth, -0.35 * girth)
+        fore = [(leg, 0.0, 0.5), (leg * 0.95, u(0, 45), 0.33)]
+        parts.extend(_leg(shoulder, left, fore, girth, rng))
+        hip = rear.move(0.06, left * 0.55 * girth, -0.3 * girth)
         flex = u(10, 45)
-        joints, foot = chain(hip, [leg * 0.75, leg * 0.65, leg * 0.6], [(-15, 0), (15 + flex, 0), (-flex, 0)])
-        parts.append(tube(joints, np.array([0.6, 0.38, 0.27, 0.24]) * girth, blend=0.05))
-        parts.append(_paw(foot, girth))
+        hind = [(leg * 0.75, -15.0, 0.6), (leg * 0.65, 15 + flex, 0.38), (leg * 0.6, -flex, 0.27)]
+        parts.extend(_leg(hip, left, hind, girth, rng))
     tail_length, droop, wag = u(0.35, 0.75), u(-50, 50), u(-14, 14)
     bends = [(u(-8, 22), wag) for _ in range(6)]
     tail, _ = chain(
@@ -68,9 +56,17 @@ def quadruped(rng: Generator) -> list[Part]:
     return parts
 
 
-def _paw(foot: Frame, girth: float) -> Part:
-    """The leg runs along x, so that forwards is z."""
-    return tube(np.array([foot.at(-0.01), foot.at(0.01, z=0.08)]), np.array([0.27, 0.24]) * girth, blend=0.02)
+def _leg(
+    root: Frame, left: int, bones: list[tuple[float, float, float]], girth: float, rng: Generator
+) -> list[Part]:
+    """A leg with a paw, from bones given as length, bend in degrees and thickness by the trunk's."""
+    u = rng.uniform
+    down = root.turn("y", 90 - u(-30, 30)).turn("z", left * u(3, 14))
+    joints, foot = chain(down, [length for length, _, _ in bones], [(bend, 0.0) for _, bend, _ in bones])
+    radii = np.array([*(thick for _, _, thick in bones), 0.25]) * girth
+    # The leg runs along x, so that forwards is z.
+    paw = np.array([foot.at(-0.01), foot.at(0.01, z=0.08)])
+    return [tube(joints, radii, blend=0.05), tube(paw, np.array([0.27, 0.24]) * girth, blend=0.02)]
 
 
 def bird(rng: Generator) -> list[Part]:
@@ -104,50 +100,47 @@ def bird(rng: Generator) -> list[Part]:
     span, chord, sweep = u(0.75, 1.15), u(0.26, 0.36), u(-0.05, 0.25)
     flap, fold = u(-25, 45), u(-45, 30)
     for left in (-1, 1):
-        root = body.move(0.06, left * 0.5 * slim, 0.4 * slim).turn("x", left * (flap + u(-6, 6)))
-        inner = 0.45 * span
-        parts.append(
-            plate(
-                root,
-                _mirrored(
-                    [(0.5 * chord, 0), (0.55 * chord, inner), (-0.5 * chord, inner), (-0.6 * chord, 0)], left
-                ),
-                0.06,
-                blend=0.04,
-            )
-        )
-        elbow = root.move(0.0, left * inner).turn("x", left * (fold + u(-6, 6)))
-        outer = span - inner
-        tip = [
-            (0.55 * chord, 0),
-            (0.35 * chord - sweep * 0.4, 0.6 * outer),
-            (-sweep, outer),
-            (-0.35 * chord - sweep, 0.75 * outer),
-            (-0.5 * chord, 0),
-        ]
-        parts.append(plate(elbow, _mirrored(tip, left), 0.055, blend=0.03))
-        hip = (
-            body.move(-0.1, left * 0.5 * slim, -0.6 * slim)
-            .turn("y", 90 + u(-25, 35))
-            .turn("z", left * u(0, 12))
-        )
-        leg, foot = chain(hip, [0.14, u(0.12, 0.2)], [(20, 0), (-35, 0)])
-        parts.append(tube(leg, [0.06, 0.035, 0.033], blend=0.03))
-        for yaw in (-35, 0, 35):
-            toe = foot.turn("y", -75).turn("z", yaw)
-            parts.append(tube(np.array([foot.origin, toe.at(0.12)]), [0.033, 0.027], blend=0.01))
+        shoulder = body.move(0.06, left * 0.5 * slim, 0.4 * slim).turn("x", left * (flap + u(-6, 6)))
+        parts.extend(_wing(shoulder, left, span=span, chord=chord, sweep=sweep, fold=fold + u(-6, 6)))
+        parts.extend(_bird_leg(body.move(-0.1, left * 0.5 * slim, -0.6 * slim), left, rng))
     return parts
 
 
-def _mirrored(outline: list[tuple[float, float]], left: int) -> list[tuple[float, float]]:
-    return [(x, left * y) for x, y in outline]
+def _wing(shoulder: Frame, left: int, *, span: float, chord: float, sweep: float, fold: float) -> list[Part]:
+    """Two plates that meet at the elbow, where the outer one is turned up by `fold` degrees."""
+    inner, outer = 0.45 * span, 0.55 * span
+    arm = [(0.5 * chord, 0.0), (0.55 * chord, inner), (-0.5 * chord, inner), (-0.6 * chord, 0.0)]
+    tip = [
+        (0.55 * chord, 0.0),
+        (0.35 * chord - 0.4 * sweep, 0.6 * outer),
+        (-sweep, outer),
+        (-0.35 * chord - sweep, 0.75 * outer),
+        (-0.5 * chord, 0.0),
+    ]
+    elbow = shoulder.move(0.0, left * inner).turn("x", left * fold)
+    return [
+        plate(shoulder, mirrored(arm, left), 0.06, blend=0.04),
+        plate(elbow, mirrored(tip, left), 0.055, blend=0.03),
+    ]
+
+
+def _bird_leg(hip: Frame, left: int, rng: Generator) -> list[Part]:
+    u = rng.uniform
+    down = hip.turn("y", 90 + u(-25, 35)).turn("z", left * u(0, 12))
+    leg, foot = chain(down, [0.14, u(0.12, 0.2)], [(20, 0), (-35, 0)])
+    parts = [tube(leg, [0.06, 0.035, 0.033], blend=0.03)]
+    for yaw in (-35, 0, 35):
+        toe = foot.turn("y", -75).turn("z", yaw)
+        parts.append(tube(np.array([foot.origin, toe.at(0.12)]), [0.033, 0.027], blend=0.01))
+    return parts
 
 
 def fish(rng: Generator) -> list[Part]:
     """A body bent sideways as in swimming, tail fin, back fin, belly fin and two breast fins."""
     u = rng.uniform
     tall, flat = u(0.17, 0.29), u(1.9, 2.8)
-    bends = [(0.0, u(-9, 9) + sway) for sway in np.full(6, u(-9, 9))]
+    sway = u(-9, 9)
+    bends = [(0.0, sway + u(-9, 9)) for _ in range(6)]
     joints, tail = chain(Frame().move(0.5).turn("z", 180), [0.17] * 6, bends)
     heights = np.array([0.42, 0.8, 1.0, 0.95, 0.72, 0.45, 0.26]) * tall
     parts = []

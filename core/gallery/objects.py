@@ -4,7 +4,7 @@ import numpy as np
 from numpy.random import Generator
 
 from core.gallery.frames import Frame
-from core.gallery.parts import Part, box, plate, tube, turned
+from core.gallery.parts import Part, box, mirrored, plate, tube, turned
 
 
 def chair(rng: Generator) -> list[Part]:
@@ -40,25 +40,22 @@ def cup(rng: Generator) -> list[Part]:
     height, bottom, top = u(0.7, 1.2), u(0.28, 0.42), u(0.36, 0.5)
     wall, belly = u(0.035, 0.05), u(-0.05, 0.1)
     levels = np.linspace(0.0, 1.0, 9)
-    outside = bottom + (top - bottom) * levels + belly * np.sin(np.pi * levels)
-    inside = outside[::-1] - 0.02
-    profile = [(0.0, 0.0), *zip(outside, height * levels, strict=True)]
-    floor = 0.07
-    profile += [*zip(inside, floor + (height - floor) * levels[::-1], strict=True), (0.0, floor)]
-    body = Frame()
-    parts = [turned(body, [(float(r), float(z)) for r, z in profile], wall, blend=0.0)]
-    middle, span, reach = u(0.45, 0.6), u(0.24, 0.34) * height, u(0.2, 0.36)
-    angles = np.radians(np.linspace(-100, 100, 13))
-    around = [
-        (
-            np.interp(middle + span * np.sin(a) / height, levels, outside) + reach * np.cos(a) ** u(0.6, 0.6),
-            middle * height + span * np.sin(a),
-        )
-        for a in angles[1:-1]
-    ]
-    parts.append(
-        tube(np.array([[r, 0.0, z] for r, z in around]), np.full(len(around), u(0.045, 0.065)), blend=0.03)
-    )
+    radii = bottom + (top - bottom) * levels + belly * np.sin(np.pi * levels)
+    # Up the outside, down the inside: two lines that the rounding makes into a wall.
+    floor, gap = 0.07, 0.02
+    heights, depths = height * levels, floor + (height - floor) * levels
+    outside = np.column_stack([radii, heights])
+    inside = np.column_stack([radii - gap, depths])[::-1]
+    profile = np.vstack([[0.0, 0.0], outside, inside, [0.0, floor]])
+    parts = [turned(Frame(), profile, wall, blend=0.0)]
+    middle, span, reach = u(0.45, 0.6) * height, u(0.24, 0.34) * height, u(0.2, 0.36)
+    angles = np.radians(np.linspace(-80, 80, 11))
+    up = middle + span * np.sin(angles)
+    out = np.interp(up, heights, radii) + reach * np.cos(angles) ** 0.6
+    loop = np.column_stack([out, np.zeros(11), up])
+    # Its ends go into the wall.
+    loop[[0, -1], 0] = np.interp(up[[0, -1]], heights, radii)
+    parts.append(tube(loop, np.full(11, u(0.045, 0.065)), blend=0.03))
     return parts
 
 
@@ -88,12 +85,12 @@ def plane(rng: Generator) -> list[Part]:
     )
     for left in (-1, 1):
         root = body.move(place, left * 0.3 * thick, -0.35 * thick).turn("x", left * dihedral)
-        wing = [(x, left * y) for x, y in _wing(chord, chord * taper, span, sweep)]
+        wing = mirrored(_wing(chord, chord * taper, span, sweep), left)
         parts.append(plate(root, wing, 0.055, blend=0.03))
         pod = root.move(0.5 * chord - engines * sweep, left * engines * span, -0.075)
         parts.append(tube(np.array([pod.at(0.02), pod.at(-0.2)]), [0.065, 0.055], blend=0.02))
         rear = body.move(-0.42 * long, left * 0.2 * thick, 0.03).turn("x", left * dihedral)
-        small = [(x, left * y) for x, y in _wing(0.22, 0.12, tailplane, tail_sweep)]
+        small = mirrored(_wing(0.22, 0.12, tailplane, tail_sweep), left)
         parts.append(plate(rear, small, 0.045, blend=0.02))
     return parts
 
@@ -123,7 +120,7 @@ def pliers(rng: Generator) -> list[Part]:
             (0.1, 0.1),
             (-0.06, 0.06),
         ]
-        parts.append(plate(arm, [(x, left * y) for x, y in cheek], thick, blend=0.02))
+        parts.append(plate(arm, mirrored(cheek, left), thick, blend=0.02))
         bow = [
             (0.0, 0.0),
             (-0.14, -0.03),

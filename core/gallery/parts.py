@@ -50,6 +50,13 @@ def plate(frame: Frame, outline: Sequence[tuple[float, float]], thickness: float
     return Part((fields.plate(frame, np.array(outline), thickness / 2.0),), blend)
 
 
-def turned(frame: Frame, profile: Sequence[tuple[float, float]], rounding: float, *, blend: float) -> Part:
+def mirrored(outline: Sequence[tuple[float, float]], left: int) -> list[tuple[float, float]]:
+    """An outline drawn for the left side, or its mirror image when `left` is -1."""
+    return [(x, left * y) for x, y in outline]
+
+
+def turned(
+    frame: Frame, profile: Sequence[tuple[float, float]] | Floats, rounding: float, *, blend: float
+) -> Part:
     """One solid of revolution; its surface lies `rounding` outside the profile."""
     return Part((fields.turned(frame, np.array(profile), rounding),), blend)
