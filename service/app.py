@@ -1,0 +1,96 @@
+"""The application."""
+
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from functools import partial
+
+from fastapi import FastAPI
+from starlette.concurrency import run_in_threadpool
+
+from core.parameters import Parameters
+from core.pipeline import Pipeline
+from service import logging
+from service.compute.pool import LocalPool
+from service.compute.tasks import warm
+from service.compute.work import Work
+from service.middleware import BodyLimit, RequestContext
+from service.openapi import DESCRIPTION, TAGS, describe
+from service.parts import Parts
+from service.problems import handle_problems
+from service.search.endpoints import router as search_router
+from service.search.signatures import SignatureIndex
+from service.settings import Settings, load_parameters, load_settings
+from service.shapes.endpoints import router as shapes_router
+from service.storage.database import Database
+from service.storage.migrate import migrate
+from service.system import VERSION
+from service.system import router as system_router
+
+
+def create_app(settings: Settings) -> FastAPI:
+    """The service under some settings. Nothing is opened or started before its lifespan begins.
+
+    Raises
+    ------
+    SettingsError
+        The file of parameters cannot be used.
+    """
+    parameters = load_parameters(settings.pipeline)
+
+    @asynccontextmanager
+    async def lifespan(app: FastAPI) -> AsyncIterator[None]:
+        logging.configure(settings.log_level)
+        app.state.parts = await run_in_threadpool(_start, settings, parameters)
+        try:
+            yield
+        finally:
+            await run_in_threadpool(_stop, app.state.parts)
+
+    app = FastAPI(
+        title="Isoshape",
+        version=VERSION,
+        summary="Finds, among stored 3D shapes, those most like an uploaded one, whatever their pose.",
+        description=DESCRIPTION,
+        openapi_tags=TAGS,
+        lifespan=lifespan,
+    )
+    app.include_router(search_router)
+    app.include_router(shapes_router)
+    app.include_router(system_router)
+    app.add_middleware(BodyLimit, file_bytes=settings.max_upload_bytes)
+    app.add_middleware(RequestContext)
+    handle_problems(app)
+    describe(app)
+    return app
+
+
+def app_from_environment() -> FastAPI:
+    """The service under the settings in the environment, for `uvicorn --factory`."""
+    return create_app(load_settings())
+
+
+def _start(settings: Settings, parameters: Parameters) -> Parts:
+    """Open the database and bring it up to date; the workers warm up meanwhile, and for some time after."""
+    pool = LocalPool(settings.workers, seconds=settings.task_seconds, warm=partial(warm, parameters))
+    try:
+        database = Database(settings.database_url, lock_seconds=settings.lock_seconds)
+        migrate(database)
+        index = SignatureIndex(parameters.fingerprint)
+        with database.read() as session:
+            index.current(session)
+    except BaseException:
+        pool.shutdown(wait=False, cancel_futures=True)
+        raise
+    work = Work(
+        pool,
+        Pipeline(parameters),
+        settings.limits,
+        workers=settings.workers,
+        waiting=settings.queue_length,
+    )
+    return Parts(settings, database, pool, work, index)
+
+
+def _stop(parts: Parts) -> None:
+    parts.pool.shutdown(wait=True, cancel_futures=True)
+    parts.database.close()

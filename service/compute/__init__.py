@@ -1,0 +1,1 @@
+"""Heavy work, behind `concurrent.futures.Executor`: worker processes, and what they do."""

@@ -1,0 +1,198 @@
+"""An executor of worker processes that outlives any of them.
+
+The standard process pool breaks for good when one of its workers dies, fails every task in flight with it,
+and cannot stop a task that takes too long. Here each worker process has a thread that hands it one task at a
+time, so that a process which dies, or is killed at the time limit, costs one task and is replaced.
+"""
+
+import os
+import threading
+from collections.abc import Callable
+from concurrent.futures import CancelledError, Executor, Future
+from dataclasses import dataclass
+from queue import Empty, SimpleQueue
+from typing import Any
+
+from service.compute.process import WorkerProcess
+from service.errors import TaskTimeLimitError, WorkerLostError
+from service.logging import get_logger
+
+log = get_logger("compute")
+
+START_SECONDS = 180.0
+RESTART_SECONDS = 1.0
+PING_SECONDS = 2.0
+
+
+@dataclass(frozen=True)
+class _Task:
+    future: Future[Any]
+    function: Callable[..., Any]
+    arguments: tuple[Any, ...]
+
+
+class LocalPool(Executor):
+    """Worker processes on this machine.
+
+    Parameters
+    ----------
+    workers : int
+        How many.
+    seconds : float
+        The longest a task may run. Its process is then killed and its future raises `TaskTimeLimitError`.
+    warm : callable
+        Called in each new process before it takes a task; what it returns is dropped.
+    """
+
+    def __init__(self, workers: int, *, seconds: float, warm: Callable[[], object]) -> None:
+        self._tasks: SimpleQueue[_Task | None] = SimpleQueue()
+        self._closing = threading.Event()
+        self._submitting = threading.Lock()
+        self._seats = [_Seat(self._tasks, self._closing, seconds, warm) for _ in range(workers)]
+        for seat in self._seats:
+            seat.start()
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:  # noqa: ANN401
+        """Have `fn(*args)` called in a worker. Function, arguments and result must pickle; no keywords."""
+        if kwargs:
+            raise TypeError("tasks take positional arguments only")
+        future: Future[Any] = Future()
+        with self._submitting:
+            if self._closing.is_set():
+                raise RuntimeError("the pool is shut down")
+            self._tasks.put(_Task(future, fn, args))
+        return future
+
+    def ready(self) -> bool:
+        """Whether a worker can be had: an idle one answers, or one is alive and at work."""
+        if any(seat.pid is not None and not seat.busy for seat in self._seats):
+            ping = self.submit(os.getpid)
+            try:
+                return ping.result(PING_SECONDS) is not None
+            except (TimeoutError, WorkerLostError, CancelledError):
+                ping.cancel()
+        return any(seat.busy and seat.pid is not None for seat in self._seats)
+
+    def pids(self) -> list[int]:
+        """The process ids of the workers that are warm."""
+        return [seat.pid for seat in self._seats if seat.pid is not None]
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """Take no more tasks; finish those given, unless they are cancelled; end the processes."""
+        with self._submitting:
+            self._closing.set()
+        if cancel_futures:
+            self._cancel_waiting()
+        for seat in self._seats:
+            self._tasks.put(None)
+            seat.stop_starting()
+        if wait:
+            for seat in self._seats:
+                seat.join()
+            self._cancel_waiting()
+
+    def _cancel_waiting(self) -> None:
+        while True:
+            try:
+                task = self._tasks.get_nowait()
+            except Empty:
+                return
+            if task is not None:
+                task.future.cancel()
+
+
+class _Seat(threading.Thread):
+    """A place for one worker process at a time, and the thread that hands it tasks.
+
+    `pid` is that of the process once it is warm; `busy` is whether it has a task.
+    """
+
+    def __init__(
+        self,
+        tasks: "SimpleQueue[_Task | None]",
+        closing: threading.Event,
+        seconds: float,
+        warm: Callable[[], object],
+    ) -> None:
+        super().__init__(daemon=True, name="isoshape-worker")
+        self.pid: int | None = None
+        self.busy = False
+        self._tasks = tasks
+        self._closing = closing
+        self._seconds = seconds
+        self._warm = warm
+        self._process: WorkerProcess | None = None
+
+    def run(self) -> None:
+        """Do tasks until the end of the queue."""
+        while True:
+            if self._process is None and not self._fill():
+                if self._closing.is_set():
+                    return
+                self._refuse_one()
+                self._closing.wait(RESTART_SECONDS)
+                continue
+            task = self._tasks.get()
+            if task is None:
+                self._empty()
+                return
+            if task.future.set_running_or_notify_cancel():
+                self.busy = True
+                self._do(task)
+                self.busy = False
+
+    def stop_starting(self) -> None:
+        """Do not wait for a process that is still warming up."""
+        process = self._process
+        if self.pid is None and process is not None:
+            process.kill()
+
+    def _do(self, task: _Task) -> None:
+        """Have the task done and its future settled. A process that died while idle is replaced first."""
+        if self._process is None or not self._process.alive():
+            self._empty()
+            if not self._fill():
+                task.future.set_exception(WorkerLostError("no worker process could be started"))
+                return
+        assert self._process is not None
+        try:
+            answer = self._process.call(task.function, task.arguments, self._seconds)
+        except (WorkerLostError, TaskTimeLimitError) as error:
+            log.warning("a worker process is replaced: %s", error)
+            self._empty()
+            task.future.set_exception(error)
+        except Exception as error:
+            task.future.set_exception(error)
+        else:
+            task.future.set_result(answer)
+
+    def _fill(self) -> bool:
+        """Start a process and warm it; whether that succeeded."""
+        try:
+            self._process = WorkerProcess()
+            if not self._closing.is_set():
+                self._process.call(self._warm, (), START_SECONDS)
+        except Exception as error:
+            if not self._closing.is_set():
+                log.error("a worker process could not be started", exc_info=error)
+            self._empty()
+            return False
+        self.pid = self._process.pid
+        return True
+
+    def _empty(self) -> None:
+        self.pid = None
+        if self._process is not None:
+            self._process.end()
+            self._process = None
+
+    def _refuse_one(self) -> None:
+        """No process starts: let waiting requests have an answer rather than wait for ever."""
+        try:
+            task = self._tasks.get_nowait()
+        except Empty:
+            return
+        if task is None:
+            self._tasks.put(None)
+        elif task.future.set_running_or_notify_cancel():
+            task.future.set_exception(WorkerLostError("no worker process could be started"))

@@ -1,0 +1,66 @@
+"""One worker process, and calls to it."""
+
+import multiprocessing
+from collections.abc import Callable
+from multiprocessing.connection import Connection
+from typing import Any
+
+from service.compute.worker import serve
+from service.errors import TaskTimeLimitError, WorkerLostError
+
+# Spawned, not forked: a fork of a process with threads may hold a lock that no one will ever release.
+_spawn = multiprocessing.get_context("spawn")
+
+
+class WorkerProcess:
+    """A process that answers calls, one at a time; started when made. One thread calls, any may kill."""
+
+    def __init__(self) -> None:
+        self._connection: Connection[Any, Any]
+        self._connection, theirs = _spawn.Pipe()
+        self._process = _spawn.Process(target=serve, args=(theirs,), daemon=True)
+        self._process.start()
+        theirs.close()
+
+    @property
+    def pid(self) -> int:
+        """Its process id."""
+        assert self._process.pid is not None
+        return self._process.pid
+
+    def alive(self) -> bool:
+        """Whether the process runs."""
+        return self._process.is_alive()
+
+    def call(self, function: Callable[..., Any], arguments: tuple[Any, ...], seconds: float) -> Any:  # noqa: ANN401
+        """What `function(*arguments)` returns there, or raises.
+
+        After any of the errors below the process is of no more use.
+
+        Raises
+        ------
+        TaskTimeLimitError
+            It took longer than `seconds`.
+        WorkerLostError
+            The process died.
+        """
+        try:
+            self._connection.send((function, arguments))
+            if not self._connection.poll(seconds):
+                raise TaskTimeLimitError(f"the work took longer than the limit of {seconds:g} s")
+            done, answer = self._connection.recv()
+        except (EOFError, OSError) as error:
+            raise WorkerLostError("the worker process died before it had answered; try again") from error
+        if not done:
+            raise answer
+        return answer
+
+    def kill(self) -> None:
+        """Stop it at once, so that the thread that waits for it hears of its death."""
+        self._process.kill()
+
+    def end(self) -> None:
+        """Stop it at once, and let go of it: it holds nothing that is worth keeping."""
+        self._process.kill()
+        self._process.join()
+        self._connection.close()

@@ -1,0 +1,131 @@
+"""What the workers do: bytes in, bytes out. Called by reference in another process."""
+
+import time
+from collections.abc import Sequence
+from dataclasses import asdict, astuple, dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+
+from core.embedding import Embedding, Match, Scores
+from core.errors import BadRecordError, DegenerateMeshError
+from core.mesh import Mesh
+from core.parameters import Parameters
+from core.pipeline import Pipeline
+from core.reading import Limits, read_mesh, write_mesh
+from core.records import embedding_from_bytes, embedding_to_bytes
+
+
+@dataclass(frozen=True, eq=False)
+class Embedded:
+    """A file's embedding, ready to be stored.
+
+    Attributes
+    ----------
+    record : bytes
+        The whole embedding.
+    signature : float32, shape (s,)
+        Of the embedding.
+    facts : dict
+        What was measured on the mesh, by name.
+    milliseconds : dict
+        Wall time of the stages "read" and "embed".
+    """
+
+    record: bytes
+    signature: NDArray[np.float32]
+    facts: dict[str, Any]
+    milliseconds: dict[str, float]
+
+
+def embed_file(data: bytes, format: str, limits: Limits, parameters: Parameters) -> Embedded:
+    """Read a file and embed its mesh.
+
+    Raises
+    ------
+    MeshError
+        The file cannot be used; the subclass says why.
+    """
+    start = time.perf_counter()
+    mesh = read_mesh(data, format, limits=limits)
+    read = time.perf_counter()
+    embedding = _pipeline(parameters).embed(mesh)
+    if not _is_finite(embedding):
+        raise DegenerateMeshError("the mesh has no finite embedding: its surface is too thin or too far away")
+    done = time.perf_counter()
+    return Embedded(
+        record=embedding_to_bytes(embedding),
+        signature=embedding.signature,
+        facts=asdict(embedding.facts),
+        milliseconds={"read": 1e3 * (read - start), "embed": 1e3 * (done - read)},
+    )
+
+
+def score_records(query: bytes, records: Sequence[bytes], parameters: Parameters) -> Scores:
+    """How alike the query is to each of c records; NaN for one that cannot be read.
+
+    Returns
+    -------
+    Scores
+        Arrays of shape (c,).
+    """
+    candidates: list[Embedding] = []
+    places: list[int] = []
+    for place, record in enumerate(records):
+        try:
+            candidates.append(embedding_from_bytes(record))
+        except BadRecordError:
+            continue
+        places.append(place)
+    scores = Scores(*(np.full(len(records), np.nan) for _ in range(3)))
+    if candidates:
+        found = _pipeline(parameters).score(embedding_from_bytes(query), candidates)
+        scores.cc[places] = found.cc
+        scores.ssd[places] = found.ssd
+        scores.sim[places] = found.sim
+    return scores
+
+
+def match_records(first: bytes, second: bytes, parameters: Parameters) -> Match:
+    """Compare two records."""
+    return _pipeline(parameters).match(embedding_from_bytes(first), embedding_from_bytes(second))
+
+
+def warm(parameters: Parameters) -> None:
+    """Go once along each path, so that what is imported or compiled on first use is there already.
+
+    Thread limits in the environment come too late for a library that the main module had loaded.
+    """
+    limits = Limits()
+    data = write_mesh(_bumpy_sheet(), "ply")
+    record = embed_file(data, "ply", limits, parameters).record
+    score_records(record, [record], parameters)
+    match_records(record, record, parameters)
+    threadpool_limits(1)
+
+
+@lru_cache(maxsize=4)
+def _pipeline(parameters: Parameters) -> Pipeline:
+    return Pipeline(parameters)
+
+
+def _is_finite(embedding: Embedding) -> bool:
+    arrays = [embedding.positions, embedding.graph_lengths, embedding.signature]
+    for spectrum in embedding.spectra:
+        arrays += [spectrum.eigenvalues, spectrum.coordinates]
+    return all(bool(np.isfinite(array).all()) for array in arrays) and bool(
+        np.isfinite(np.array(astuple(embedding.facts), dtype=np.float64)).all()
+    )
+
+
+def _bumpy_sheet(side: int = 14) -> Mesh:
+    """A square grid of `side` by `side` vertices with hills, of no symmetry."""
+    x, y = np.meshgrid(np.linspace(0, 1, side), np.linspace(0, 1.3, side), indexing="ij")
+    z = 0.3 * np.sin(3 * x + y) * np.cos(4 * y * y)
+    corner = (np.arange(side - 1)[:, None] * side + np.arange(side - 1)).ravel()
+    lower = np.column_stack([corner, corner + side, corner + side + 1])
+    upper = np.column_stack([corner, corner + side + 1, corner + 1])
+    return Mesh(np.column_stack([x.ravel(), y.ravel(), z.ravel()]), np.vstack([lower, upper]))

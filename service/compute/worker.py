@@ -1,0 +1,32 @@
+"""The loop of a worker process. It imports nothing heavy, so that the threads are set before anything is."""
+
+import os
+import signal
+import traceback
+from multiprocessing.connection import Connection
+from typing import Any
+
+THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+
+
+def serve(connection: "Connection[Any, Any]") -> None:
+    """Answer calls, one after another, until the other end closes.
+
+    A call is (function, arguments); its answer is (True, what it returned) or (False, what it raised). One
+    thread a worker: the pool has a process for each processor already.
+    """
+    for name in THREADS:
+        os.environ[name] = "1"
+    # An interrupt from the terminal reaches every process of the group; the parent decides what it means.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    while True:
+        try:
+            function, arguments = connection.recv()
+        except EOFError:
+            return
+        try:
+            answer: tuple[bool, Any] = (True, function(*arguments))
+        except Exception as error:
+            error.add_note(f"in a worker:\n{traceback.format_exc()}")
+            answer = (False, error)
+        connection.send(answer)

@@ -1,0 +1,16 @@
+"""What FastAPI gives to the endpoints."""
+
+from typing import Annotated
+
+from fastapi import Depends, Request
+
+from service.parts import Parts
+
+
+def _parts(request: Request) -> Parts:
+    parts = request.app.state.parts
+    assert isinstance(parts, Parts)
+    return parts
+
+
+Service = Annotated[Parts, Depends(_parts)]

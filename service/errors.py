@@ -1,0 +1,166 @@
+"""What the service raises, and the one table that gives every error its answer."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+
+class ServiceError(Exception):
+    """Base of every error the service raises on purpose; `kind` is its row in `PROBLEMS`."""
+
+    kind: ClassVar[str] = "internal-error"
+    retry_after: ClassVar[int | None] = None
+
+
+@dataclass(frozen=True)
+class FieldFault:
+    """What is wrong with one field of a request."""
+
+    field: str
+    message: str
+
+
+class BadRequestFieldsError(ServiceError):
+    """Fields of the request cannot be used."""
+
+    kind = "bad-request-fields"
+
+    def __init__(self, *faults: FieldFault) -> None:
+        super().__init__("; ".join(f"{fault.field}: {fault.message}" for fault in faults))
+        self.faults = faults
+
+
+class ShapeNotFoundError(ServiceError):
+    """No stored shape has this id."""
+
+    kind = "shape-not-found"
+
+    def __init__(self, shape_id: str) -> None:
+        super().__init__(f"there is no shape {shape_id!r}")
+
+
+class NameTakenError(ServiceError):
+    """Another shape with the same bytes has the name already."""
+
+    kind = "name-taken"
+
+
+class NotEmbeddedError(ServiceError):
+    """The shape has no embedding made with the pipeline in use."""
+
+    kind = "not-embedded"
+
+    def __init__(self, shape_id: str) -> None:
+        super().__init__(
+            f"shape {shape_id!r} was embedded with another pipeline; upload its file again to embed it anew"
+        )
+
+
+class UnsupportedBodyError(ServiceError):
+    """The body is of a media type that the endpoint does not read."""
+
+    kind = "unsupported-media-type"
+
+
+class FileTooLargeError(ServiceError):
+    """The file has more bytes than the limit."""
+
+    kind = "body-too-large"
+
+
+class FileTimeLimitError(ServiceError):
+    """Reading and embedding the file took longer than a task may."""
+
+    kind = "file-time-limit"
+
+
+class TaskTimeLimitError(ServiceError):
+    """A task took longer than a task may."""
+
+    kind = "time-limit"
+    retry_after = 5
+
+
+class BusyError(ServiceError):
+    """As many requests as may wait are waiting already."""
+
+    kind = "busy"
+    retry_after = 2
+
+
+class WorkerLostError(ServiceError):
+    """The worker process died, or was stopped, before it had answered."""
+
+    kind = "worker-lost"
+    retry_after = 1
+
+
+class StorageUnavailableError(ServiceError):
+    """The database cannot be reached, is locked, or cannot be written."""
+
+    kind = "storage-unavailable"
+    retry_after = 5
+
+
+class StorageFullError(ServiceError):
+    """There is no room left for what should be stored."""
+
+    kind = "storage-full"
+
+
+class ArchiveTooNewError(ServiceError):
+    """The database was written by a newer version of the service."""
+
+    kind = "archive-too-new"
+
+
+@dataclass(frozen=True)
+class ProblemKind:
+    """How a kind of error is answered: HTTP status, and a title that never changes."""
+
+    status: int
+    title: str
+
+
+PROBLEMS: dict[str, ProblemKind] = {
+    # the core's
+    "empty-file": ProblemKind(422, "The file is empty"),
+    "unknown-format": ProblemKind(415, "The file's format is not one that is read"),
+    "malformed-mesh": ProblemKind(422, "The file is not a mesh of its format"),
+    "non-finite-coordinates": ProblemKind(422, "A coordinate is not a finite number"),
+    "no-triangles": ProblemKind(422, "The mesh has no faces"),
+    "degenerate-mesh": ProblemKind(422, "The mesh has no surface"),
+    "mesh-too-complex": ProblemKind(422, "The mesh is larger than the limits allow"),
+    "external-reference": ProblemKind(422, "The file refers to other files"),
+    "bad-parameter": ProblemKind(422, "A parameter is out of its range"),
+    "incompatible-embeddings": ProblemKind(409, "The shapes were embedded with different pipelines"),
+    "bad-record": ProblemKind(500, "A stored embedding cannot be read"),
+    "core-error": ProblemKind(500, "The method failed"),
+    # the request's
+    "bad-request": ProblemKind(400, "The request cannot be read"),
+    "bad-request-fields": ProblemKind(422, "Fields of the request cannot be used"),
+    "not-found": ProblemKind(404, "There is nothing at this address"),
+    "shape-not-found": ProblemKind(404, "There is no such shape"),
+    "method-not-allowed": ProblemKind(405, "The address does not answer this method"),
+    "name-taken": ProblemKind(409, "The name is taken"),
+    "not-embedded": ProblemKind(409, "The shape has no embedding of the pipeline in use"),
+    "body-too-large": ProblemKind(413, "The upload is too large"),
+    "unsupported-media-type": ProblemKind(415, "The body's media type is not one that is read"),
+    "file-time-limit": ProblemKind(422, "The file takes too long to work on"),
+    # the service's
+    "internal-error": ProblemKind(500, "The service failed"),
+    "busy": ProblemKind(503, "The service is busy"),
+    "time-limit": ProblemKind(503, "The work took too long"),
+    "worker-lost": ProblemKind(503, "A worker was lost"),
+    "not-ready": ProblemKind(503, "The service is not ready"),
+    "storage-unavailable": ProblemKind(503, "The database is not available"),
+    "archive-too-new": ProblemKind(503, "The database is newer than the service"),
+    "storage-full": ProblemKind(507, "There is no room left"),
+}
+
+BY_STATUS = {
+    400: "bad-request",
+    404: "not-found",
+    405: "method-not-allowed",
+    413: "body-too-large",
+    415: "unsupported-media-type",
+}

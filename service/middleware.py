@@ -1,0 +1,109 @@
+"""What every request passes through: an id and a line in the log, and a limit on its body."""
+
+import logging
+import re
+import time
+import uuid
+
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.exceptions import HTTPException
+from starlette.requests import ClientDisconnect
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from service.errors import FileTooLargeError
+from service.logging import get_logger, request_id
+from service.problems import problem_response
+
+HEADER = "X-Request-ID"
+
+# Asked every few seconds, and of no interest while they answer.
+PROBES = frozenset({"/healthz", "/readyz"})
+
+FORM_OVERHEAD = 1024 * 1024
+SMALL_BODY_BYTES = 1024 * 1024
+
+log = get_logger("access")
+
+_ACCEPTABLE_ID = re.compile(r"[A-Za-z0-9._-]{1,64}")
+
+
+class RequestContext:
+    """Gives a request its id, logs its end, and answers 500 where nothing else has answered."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Serve one request."""
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        given = Headers(scope=scope).get(HEADER, "")
+        identifier = given if _ACCEPTABLE_ID.fullmatch(given) else uuid.uuid4().hex
+        token = request_id.set(identifier)
+        status = 0
+        start = time.perf_counter()
+
+        async def send_with_id(message: Message) -> None:
+            nonlocal status
+            if message["type"] == "http.response.start":
+                status = message["status"]
+                MutableHeaders(scope=message)[HEADER] = identifier
+            await send(message)
+
+        try:
+            await self._app(scope, receive, send_with_id)
+        except ClientDisconnect:
+            log.info("the client went away")
+        except Exception as error:
+            log.error("the service failed", exc_info=error)
+            if status == 0:
+                response = problem_response("internal-error", "the service failed; its log says more")
+                await response(scope, receive, send_with_id)
+        finally:
+            fields = {
+                "method": scope["method"],
+                "path": scope["path"],
+                "status": status,
+                "milliseconds": round(1e3 * (time.perf_counter() - start), 1),
+            }
+            level = logging.DEBUG if scope["path"] in PROBES else logging.INFO
+            log.log(level, "request", extra={"fields": fields})
+            request_id.reset(token)
+
+
+class BodyLimit:
+    """Refuses a body that is too large: by what it says of itself, or else by counting.
+
+    A form may be as large as a file may be, and its other fields beside; any other body is small.
+    """
+
+    def __init__(self, app: ASGIApp, file_bytes: int) -> None:
+        self._app = app
+        self._file_bytes = file_bytes
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Serve one request."""
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        headers = Headers(scope=scope)
+        is_form = headers.get("content-type", "").lower().startswith("multipart/form-data")
+        limit = self._file_bytes + FORM_OVERHEAD if is_form else SMALL_BODY_BYTES
+        too_large = f"the body is larger than {limit} bytes"
+        declared = headers.get("content-length", "")
+        if declared.isdecimal() and int(declared) > limit:
+            await problem_response(FileTooLargeError.kind, too_large)(scope, receive, send)
+            return
+        received = 0
+
+        async def receive_and_count() -> Message:
+            nonlocal received
+            message = await receive()
+            received += len(message.get("body", b""))
+            if received > limit:
+                # An exception that the framework passes on while it reads a body; any other becomes a 400.
+                raise HTTPException(413, too_large)
+            return message
+
+        await self._app(scope, receive_and_count, send)

@@ -1,0 +1,67 @@
+"""The OpenAPI document of the service."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+from fastapi import FastAPI
+from fastapi.openapi.utils import get_openapi
+from pydantic.json_schema import models_json_schema
+
+from service.problems import Problem
+from service.settings import Settings
+
+DESCRIPTION = """\
+Upload meshes, then ask for the stored ones most like another. Two poses of one body are alike: what is
+compared is the shape as one would measure it along its surface.
+
+* **POST /shapes** stores a mesh file with a name, tags and metadata.
+* **POST /query** finds the stored shapes most like a file, or like a stored shape.
+* **POST /compare** compares two stored shapes point by point.
+
+Every error is a problem document (`application/problem+json`, RFC 9457), whose `type` never changes. Every
+answer has an `X-Request-ID`: your own, if you send one, and the one to look for in the logs.
+"""
+
+TAGS = [
+    {"name": "search", "description": "Which shapes are alike."},
+    {"name": "shapes", "description": "What is stored."},
+    {"name": "service", "description": "The service itself."},
+]
+
+
+def describe(app: FastAPI) -> None:
+    """Have the app's document hold what the framework does not see: the form of problems."""
+
+    def openapi() -> dict[str, Any]:
+        if app.openapi_schema is None:
+            schema = get_openapi(
+                title=app.title,
+                version=app.version,
+                summary=app.summary,
+                description=app.description,
+                tags=app.openapi_tags,
+                routes=app.routes,
+            )
+            _, problem = models_json_schema(
+                [(Problem, "serialization")], ref_template="#/components/schemas/{model}"
+            )
+            schema["components"]["schemas"].update(problem["$defs"])
+            app.openapi_schema = schema
+        return app.openapi_schema
+
+    app.openapi = openapi  # type: ignore[method-assign]
+
+
+def document() -> dict[str, Any]:
+    """The document of the service; settings and environment change nothing in it."""
+    from service.app import create_app  # noqa: PLC0415
+
+    return create_app(Settings.model_construct()).openapi()
+
+
+def write(path: Path) -> None:
+    """Write the document to a file; the same service always writes the same bytes."""
+    path.write_text(
+        json.dumps(document(), indent=2, sort_keys=True, ensure_ascii=False) + "\n", encoding="utf-8"
+    )

@@ -1,0 +1,25 @@
+"""What the running service is made of."""
+
+from dataclasses import dataclass
+
+from service.compute.pool import LocalPool
+from service.compute.work import Work
+from service.search.signatures import SignatureIndex
+from service.settings import Settings
+from service.storage.database import Database
+
+
+@dataclass(frozen=True)
+class Parts:
+    """Everything that lives from the start of the service to its end."""
+
+    settings: Settings
+    database: Database
+    pool: LocalPool
+    work: Work
+    index: SignatureIndex
+
+    @property
+    def fingerprint(self) -> str:
+        """Of the pipeline in use."""
+        return self.work.pipeline.fingerprint

@@ -1,0 +1,1 @@
+"""Search: the stored shapes most like one, and two shapes compared."""

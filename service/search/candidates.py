@@ -1,0 +1,63 @@
+"""Which of the stored shapes a query is compared with."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.records import embedding_from_bytes
+from service.logging import get_logger
+from service.parts import Parts
+from service.search.records import Options, Query
+from service.shapes import repository as shapes_repository
+from service.shapes.records import ShapeFilter
+
+log = get_logger("search")
+
+
+@dataclass(frozen=True, eq=False)
+class Candidates:
+    """The shapes to compare.
+
+    Attributes
+    ----------
+    shapes, embeddings : int64, shape (c,)
+        The numbers of the shapes, and of their embeddings.
+    distances : float64, shape (c,)
+        Of each signature from the query's.
+    stored : int
+        How many shapes there are in all.
+    """
+
+    shapes: NDArray[np.int64]
+    embeddings: NDArray[np.int64]
+    distances: NDArray[np.float64]
+    stored: int
+
+
+def candidates(parts: Parts, query: Query, options: Options) -> Candidates:
+    """Those that the filter means, less the query itself, less those that are far by signature."""
+    with parts.database.read() as session:
+        signed = parts.index.current(session)
+        stored = shapes_repository.count(session, ShapeFilter())
+        chosen = np.ones(len(signed.shapes), dtype=bool)
+        if not options.filter.is_empty:
+            meant = session.scalars(shapes_repository.matching(options.filter)).all()
+            chosen &= np.isin(signed.shapes, np.array(meant, dtype=np.int64))
+    if stored > len(signed.shapes):
+        log.warning(
+            "%d of %d stored shapes have no embedding of the pipeline in use and are not searched",
+            stored - len(signed.shapes),
+            stored,
+        )
+    if options.exclude_self:
+        chosen &= ~np.isin(signed.shapes, np.array(sorted(query.itself), dtype=np.int64))
+    places = np.flatnonzero(chosen)
+    distances = np.empty(0)
+    if len(places):
+        signature = embedding_from_bytes(query.record).signature
+        distances = parts.work.pipeline.signature_distances(signature, signed.signatures[places])
+    if not options.exhaustive and len(places) >= options.shortlist_from:
+        nearest = np.lexsort((signed.shapes[places], distances))[: options.shortlist_length]
+        places, distances = places[nearest], distances[nearest]
+    return Candidates(signed.shapes[places], signed.embeddings[places], distances, stored)

@@ -1,0 +1,159 @@
+"""The addresses /query and /compare."""
+
+from typing import Any, TypeVar
+
+from fastapi import APIRouter, Request
+from pydantic import BaseModel, ValidationError
+
+from core.reading import format_of
+from service.dependencies import Service
+from service.errors import BadRequestFieldsError, FieldFault, UnsupportedBodyError
+from service.parts import Parts
+from service.problems import documented, faults_of
+from service.search import service
+from service.search.records import Answer, Options
+from service.search.schemas import CompareAnswer, CompareRequest, QueryAnswer, QueryOptions, StoredQuery
+from service.search.stages import Stages
+from service.shapes.endpoints import FILE_FIELD, FILE_PROBLEMS
+from service.shapes.records import ShapeFilter
+from service.uploads import is_form, is_json, single, uploaded
+
+router = APIRouter(tags=["search"])
+
+Model = TypeVar("Model", bound=BaseModel)
+
+_OPTIONS = QueryOptions.model_json_schema()["properties"]
+
+QUERY_BODY: dict[str, Any] = {
+    "parameters": [
+        {
+            "name": name,
+            "in": "query",
+            "required": False,
+            "description": schema["description"],
+            "schema": {key: value for key, value in schema.items() if key != "description"},
+        }
+        for name, schema in _OPTIONS.items()
+    ],
+    "requestBody": {
+        "required": True,
+        "content": {
+            "multipart/form-data": {
+                "schema": {
+                    "type": "object",
+                    "required": ["file"],
+                    "properties": {"file": FILE_FIELD, **_OPTIONS},
+                }
+            },
+            "application/json": {"schema": StoredQuery.model_json_schema()},
+        },
+    },
+}
+
+
+@router.post(
+    "/query",
+    summary="Find the shapes most like one",
+    response_description="The most alike, first of all by cc.",
+    responses=documented(
+        *FILE_PROBLEMS, "shape-not-found", "not-embedded", "time-limit", "storage-unavailable"
+    ),
+    openapi_extra=QUERY_BODY,
+)
+async def query(request: Request, parts: Service) -> QueryAnswer:
+    """Search with a mesh file, or with a stored shape by its id, whatever pose either is in.
+
+    Options are fields of the form, or of the JSON object, or parameters of the address.
+    """
+    address = {name: request.query_params.getlist(name) for name in request.query_params}
+    if is_form(request):
+        return await _with_file(request, parts, address)
+    if is_json(request):
+        return await _with_id(request, parts, address)
+    raise UnsupportedBodyError("the body must be multipart/form-data with a file, or JSON with a shape_id")
+
+
+@router.post(
+    "/compare",
+    summary="Compare two stored shapes",
+    responses=documented(
+        "bad-request",
+        "bad-request-fields",
+        "body-too-large",
+        "shape-not-found",
+        "not-embedded",
+        "busy",
+        "worker-lost",
+        "time-limit",
+        "storage-unavailable",
+    ),
+)
+async def compare(pair: CompareRequest, parts: Service) -> CompareAnswer:
+    """How alike two stored shapes are, and which of their points correspond."""
+    stages = Stages()
+    with parts.work.admitted():
+        comparison = await service.compare(parts, pair.first, pair.second, stages)
+    return CompareAnswer.of(comparison, pipeline=parts.fingerprint, milliseconds=stages.so_far())
+
+
+async def _with_file(request: Request, parts: Parts, address: dict[str, list[str]]) -> QueryAnswer:
+    settings = parts.settings
+    async with uploaded(
+        request, max_bytes=settings.max_upload_bytes, max_fields=settings.max_form_fields
+    ) as form:
+        options = _validated(QueryOptions, _values({**address, **form.fields}))
+        mesh_format = format_of(form.filename)
+        stages = Stages()
+        with parts.work.admitted():
+            wanted = await service.by_file(parts, await form.bytes(), mesh_format, stages)
+            answer = await service.search(parts, wanted, _options(options, parts, exclude_self=False), stages)
+    return _answer(answer, parts, stages)
+
+
+async def _with_id(request: Request, parts: Parts, address: dict[str, list[str]]) -> QueryAnswer:
+    try:
+        body = await request.json()
+    except (ValueError, RecursionError) as error:
+        raise BadRequestFieldsError(FieldFault("body", f"not JSON: {error}")) from error
+    if not isinstance(body, dict):
+        raise BadRequestFieldsError(FieldFault("body", "must be a JSON object"))
+    options = _validated(StoredQuery, {**_values(address), **body})
+    stages = Stages()
+    with parts.work.admitted():
+        wanted = await service.by_id(parts, options.shape_id, stages)
+        answer = await service.search(parts, wanted, _options(options, parts, exclude_self=True), stages)
+    return _answer(answer, parts, stages)
+
+
+def _answer(answer: Answer, parts: Parts, stages: Stages) -> QueryAnswer:
+    return QueryAnswer.of(
+        answer,
+        threshold=parts.work.pipeline.parameters.match_threshold,
+        pipeline=parts.fingerprint,
+        milliseconds=stages.so_far(),
+    )
+
+
+def _values(fields: dict[str, list[str]]) -> dict[str, Any]:
+    """The text fields of a form or an address; only `filter` may be repeated."""
+    return {name: values if name == "filter" else single(fields, name) for name, values in fields.items()}
+
+
+def _validated(model: type[Model], values: dict[str, Any]) -> Model:
+    try:
+        return model.model_validate(values)
+    except ValidationError as error:
+        raise BadRequestFieldsError(*faults_of(error.errors())) from error
+
+
+def _options(given: QueryOptions, parts: Parts, *, exclude_self: bool) -> Options:
+    return Options(
+        top_k=given.top_k,
+        rank_by=given.rank_by,
+        exhaustive=given.exhaustive,
+        filter=ShapeFilter(tags=tuple(given.filter)),
+        exclude_self=exclude_self if given.exclude_self is None else given.exclude_self,
+        correspondences=given.correspondences,
+        shortlist_from=parts.settings.shortlist_from,
+        shortlist_length=parts.settings.shortlist_length,
+    )

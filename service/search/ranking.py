@@ -1,0 +1,39 @@
+"""The order of the shapes that were compared."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+RankBy = Literal["cc", "ssd", "sim", "combined"]
+
+
+@dataclass(frozen=True, eq=False)
+class Compared:
+    """The shapes that a query was compared with: arrays of shape (c,).
+
+    Attributes
+    ----------
+    shapes : int64
+        Their numbers.
+    cc, ssd, sim, combined : float64
+        How alike each is to the query; `ssd` is less for what is more alike, the others greater.
+    """
+
+    shapes: NDArray[np.int64]
+    cc: NDArray[np.float64]
+    ssd: NDArray[np.float64]
+    sim: NDArray[np.float64]
+    combined: NDArray[np.float64]
+
+
+def ranked(compared: Compared, by: RankBy) -> NDArray[np.intp]:
+    """Places in `compared`, the most alike first; of equals, the shape that was stored first."""
+    likeness = {
+        "cc": compared.cc,
+        "ssd": -compared.ssd,
+        "sim": compared.sim,
+        "combined": compared.combined,
+    }[by]
+    return np.lexsort((compared.shapes, -likeness))

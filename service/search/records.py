@@ -1,0 +1,60 @@
+"""What is searched for, how, and what is found."""
+
+from dataclasses import dataclass
+
+from core.embedding import Embedding, Match
+from service.search.ranking import RankBy
+from service.shapes.records import ShapeFilter, ShapeRecord
+
+
+@dataclass(frozen=True)
+class Options:
+    """How to search. `shortlist_from` candidates or more are cut to the `shortlist_length` nearest."""
+
+    top_k: int
+    rank_by: RankBy
+    exhaustive: bool
+    filter: ShapeFilter
+    exclude_self: bool
+    correspondences: bool
+    shortlist_from: int
+    shortlist_length: int
+
+
+@dataclass(frozen=True)
+class Query:
+    """What is searched for: an embedding, and the stored shapes that it is itself, by their numbers."""
+
+    record: bytes
+    itself: frozenset[int]
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """Two embeddings and their match."""
+
+    first: Embedding
+    second: Embedding
+    match: Match
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """One shape of an answer."""
+
+    shape: ShapeRecord
+    cc: float
+    ssd: float
+    sim: float
+    combined: float
+    comparison: Comparison | None
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """What a search found; `best_cc` is the highest of all that were compared, if any were."""
+
+    found: list[Found]
+    best_cc: float | None
+    compared: int
+    stored: int

@@ -1,0 +1,240 @@
+"""Searches and comparisons as JSON."""
+
+from typing import Annotated, Any
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+
+from service.search.ranking import RankBy
+from service.search.records import Answer, Comparison, Found
+from service.shapes.fields import Tags, split_tags
+from service.shapes.schemas import SHAPE, Shape
+
+PIPELINE = "3f1c9a7be2d40586"
+MILLISECONDS: dict[str, Any] = {
+    "read": 21.3,
+    "embed": 148.2,
+    "shortlist": 1.1,
+    "compare": 87.4,
+    "results": 2.0,
+    "total": 262.9,
+}
+RESULT: dict[str, Any] = {"rank": 1, "cc": 0.981, "ssd": 0.142, "sim": 0.874, "combined": 5.31, "shape": SHAPE}
+PAIR: dict[str, Any] = {
+    "first": {"sample": 0, "vertex": 17, "position": [0.1, 0.2, 0.3]},
+    "second": {"sample": 4, "vertex": 231, "position": [0.0, 0.3, 0.2]},
+    "distance": 0.012,
+    "effective": True,
+}
+
+
+def _listed(value: object) -> object:
+    """Tags written as one text, or as a list whose parts may hold commas."""
+    if isinstance(value, str):
+        return split_tags([value])
+    if isinstance(value, list) and all(isinstance(part, str) for part in value):
+        return split_tags(value)
+    return value
+
+
+class QueryOptions(BaseModel):
+    """How to search. Each may be given in the address or in the body; in the body it counts."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    top_k: int = Field(default=3, ge=1, le=100, description="How many results at most.")
+    rank_by: RankBy = Field(
+        default="cc",
+        description="What to sort by: cc, sim and combined from the highest, ssd from the lowest.",
+    )
+    exhaustive: bool = Field(
+        default=False, description="Compare with every stored shape, however many there are."
+    )
+    filter: Annotated[Tags, BeforeValidator(_listed)] = Field(
+        default=[],
+        description="Compare only with shapes that have all of these tags: repeated, or separated by commas.",
+        examples=[["animal"]],
+    )
+    exclude_self: bool | None = Field(
+        default=None,
+        description="Leave out the query itself: the stored shape, or every shape with the file's very "
+        "bytes. Unless given: true for a stored shape, false for a file.",
+    )
+    correspondences: bool = Field(
+        default=False, description="Give with each result the points of the two shapes that correspond."
+    )
+
+
+class StoredQuery(QueryOptions):
+    """A query with a stored shape."""
+
+    model_config = ConfigDict(
+        extra="forbid", json_schema_extra={"example": {"shape_id": SHAPE["id"], "top_k": 3}}
+    )
+
+    shape_id: str = Field(description="The id of the shape to search with.", max_length=64)
+
+
+class Point(BaseModel):
+    """One end of a correspondence."""
+
+    sample: int = Field(description="Its row in the embedding.")
+    vertex: int = Field(description="The file's vertex at, or nearest to, it.")
+    position: list[float] = Field(description="In the file's own frame and units.")
+
+
+class Pair(BaseModel):
+    """Two points that correspond."""
+
+    first: Point
+    second: Point
+    distance: float = Field(description="Between them in the spectral domain, after alignment.")
+    effective: bool = Field(description="Whether the pair is near and one to one, and so counts for sim.")
+
+
+class Result(BaseModel):
+    """One of the shapes most like the query."""
+
+    model_config = ConfigDict(json_schema_extra={"example": RESULT})
+
+    rank: int = Field(description="1 for the most alike.")
+    cc: float = Field(description="Correlation of matched spectral coordinates, in [-1, 1].")
+    ssd: float = Field(description="Sum of squared differences of them, 0 or more; less is more alike.")
+    sim: float = Field(description="Share of points with an effective partner, in [0, 1].")
+    combined: float = Field(
+        description="Of cc and the signatures' distance, among the shapes compared: higher is more alike. "
+        "Of use only within one answer."
+    )
+    shape: Shape
+    correspondence: list[Pair] | None = Field(
+        default=None, description="From the query (first) to the shape (second), if asked for."
+    )
+
+
+class QueryAnswer(BaseModel):
+    """The stored shapes most like the query."""
+
+    model_config = ConfigDict(
+        json_schema_extra={
+            "example": {
+                "results": [RESULT],
+                "matched": True,
+                "compared": 190,
+                "stored": 190,
+                "pipeline": PIPELINE,
+                "milliseconds": MILLISECONDS,
+            }
+        }
+    )
+
+    results: list[Result]
+    matched: bool = Field(
+        description="Whether the highest cc reaches the pipeline's threshold; results are given either way."
+    )
+    compared: int = Field(description="How many stored shapes were compared with the query.")
+    stored: int = Field(description="How many shapes are stored.")
+    pipeline: str = Field(description="Fingerprint of the pipeline that made and compared the embeddings.")
+    milliseconds: dict[str, float] = Field(description="How long each stage took, and all of it.")
+
+    @classmethod
+    def of(
+        cls, answer: Answer, *, threshold: float, pipeline: str, milliseconds: dict[str, float]
+    ) -> "QueryAnswer":
+        """The JSON of an answer."""
+        return cls(
+            results=[_result(rank, found) for rank, found in enumerate(answer.found, start=1)],
+            matched=answer.best_cc is not None and answer.best_cc >= threshold,
+            compared=answer.compared,
+            stored=answer.stored,
+            pipeline=pipeline,
+            milliseconds=milliseconds,
+        )
+
+
+class CompareRequest(BaseModel):
+    """Two stored shapes to compare."""
+
+    model_config = ConfigDict(
+        extra="forbid",
+        json_schema_extra={
+            "example": {"first": SHAPE["id"], "second": "5d0c8d8e-8f43-45f5-bb5e-5c8a1f4d2f10"}
+        },
+    )
+
+    first: str = Field(description="The id of a shape.", max_length=64)
+    second: str = Field(description="The id of another, or of the same.", max_length=64)
+
+
+class CompareAnswer(BaseModel):
+    """How alike two shapes are, and which of their points correspond."""
+
+    model_config = ConfigDict(
+        json_schema_extra={
+            "example": {
+                "cc": 0.981,
+                "ssd": 0.142,
+                "sim": 0.874,
+                "correspondence": [PAIR],
+                "pipeline": PIPELINE,
+                "milliseconds": {"read": 1.2, "compare": 4.1, "total": 5.6},
+            }
+        }
+    )
+
+    cc: float = Field(description="Correlation of matched spectral coordinates, in [-1, 1].")
+    ssd: float = Field(description="Sum of squared differences of them, 0 or more.")
+    sim: float = Field(description="Share of points with an effective partner, in [0, 1].")
+    correspondence: list[Pair]
+    pipeline: str = Field(description="Fingerprint of the pipeline that made and compared the embeddings.")
+    milliseconds: dict[str, float] = Field(description="How long each stage took, and all of it.")
+
+    @classmethod
+    def of(cls, comparison: Comparison, *, pipeline: str, milliseconds: dict[str, float]) -> "CompareAnswer":
+        """The JSON of a comparison."""
+        match = comparison.match
+        return cls(
+            cc=match.cc,
+            ssd=match.ssd,
+            sim=match.sim,
+            correspondence=pairs(comparison),
+            pipeline=pipeline,
+            milliseconds=milliseconds,
+        )
+
+
+def pairs(comparison: Comparison) -> list[Pair]:
+    """The correspondence, each point with where it is on its mesh."""
+    match = comparison.match
+    first, second = match.correspondence[:, 0], match.correspondence[:, 1]
+    columns: list[list[Any]] = [
+        first.tolist(),
+        comparison.first.vertices[first].tolist(),
+        comparison.first.positions[first].tolist(),
+        second.tolist(),
+        comparison.second.vertices[second].tolist(),
+        comparison.second.positions[second].tolist(),
+        match.distances.tolist(),
+        match.effective.tolist(),
+    ]
+    return [
+        Pair(
+            first=Point(sample=a, vertex=a_vertex, position=a_position),
+            second=Point(sample=b, vertex=b_vertex, position=b_position),
+            distance=distance,
+            effective=effective,
+        )
+        for a, a_vertex, a_position, b, b_vertex, b_position, distance, effective in zip(
+            *columns, strict=True
+        )
+    ]
+
+
+def _result(rank: int, found: Found) -> Result:
+    return Result(
+        rank=rank,
+        cc=found.cc,
+        ssd=found.ssd,
+        sim=found.sim,
+        combined=found.combined,
+        shape=Shape.of(found.shape),
+        correspondence=None if found.comparison is None else pairs(found.comparison),
+    )

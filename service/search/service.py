@@ -1,0 +1,114 @@
+"""Finding the stored shapes most like one, and comparing two."""
+
+import numpy as np
+from numpy.typing import NDArray
+from starlette.concurrency import run_in_threadpool
+
+from core.records import embedding_from_bytes
+from service.compute.work import Work
+from service.parts import Parts
+from service.search import repository
+from service.search.candidates import candidates
+from service.search.comparing import compare_with
+from service.search.ranking import Compared, ranked
+from service.search.records import Answer, Comparison, Found, Options, Query
+from service.search.stages import Stages
+from service.shapes import repository as shapes_repository
+from service.shapes import service as shapes_service
+from service.shapes.records import ShapeRecord, sha256
+
+
+async def by_file(parts: Parts, data: bytes, format: str, stages: Stages) -> Query:
+    """The query that a file makes; the shapes with the same bytes are itself."""
+    embedded = await parts.work.embed(data, format)
+    stages.milliseconds |= embedded.milliseconds
+
+    def itself() -> frozenset[int]:
+        with parts.database.read() as session:
+            return frozenset(repository.numbers_of_bytes(session, sha256(data)))
+
+    return Query(embedded.record, await run_in_threadpool(itself))
+
+
+async def by_id(parts: Parts, shape_id: str, stages: Stages) -> Query:
+    """The query that a stored shape makes."""
+    fingerprint = parts.fingerprint
+
+    def read() -> Query:
+        with parts.database.read() as session:
+            number = shapes_service.get(session, fingerprint, shape_id).number
+            return Query(shapes_service.get_record(session, fingerprint, shape_id), frozenset([number]))
+
+    with stages.stage("read"):
+        return await run_in_threadpool(read)
+
+
+async def search(parts: Parts, query: Query, options: Options, stages: Stages) -> Answer:
+    """The stored shapes most like the query."""
+    with stages.stage("shortlist"):
+        chosen = await run_in_threadpool(candidates, parts, query, options)
+    with stages.stage("compare"):
+        compared = await compare_with(parts, query, chosen)
+    with stages.stage("results"):
+        best = ranked(compared, options.rank_by)[: options.top_k]
+        found = await _results(parts, query, compared, best, correspondences=options.correspondences)
+    return Answer(
+        found=found,
+        best_cc=float(compared.cc.max()) if len(compared.cc) else None,
+        compared=len(compared.shapes),
+        stored=chosen.stored,
+    )
+
+
+async def compare(parts: Parts, first_id: str, second_id: str, stages: Stages) -> Comparison:
+    """Two stored shapes compared."""
+    fingerprint = parts.fingerprint
+
+    def read() -> tuple[bytes, bytes]:
+        with parts.database.read() as session:
+            return (
+                shapes_service.get_record(session, fingerprint, first_id),
+                shapes_service.get_record(session, fingerprint, second_id),
+            )
+
+    with stages.stage("read"):
+        first, second = await run_in_threadpool(read)
+    with stages.stage("compare"):
+        return await _match(parts.work, first, second)
+
+
+async def _results(
+    parts: Parts, query: Query, compared: Compared, best: NDArray[np.intp], *, correspondences: bool
+) -> list[Found]:
+    """The best as they are shown; one that was deleted a moment ago is left out."""
+    fingerprint = parts.fingerprint
+
+    def read() -> list[tuple[ShapeRecord, bytes | None]]:
+        with parts.database.read() as session:
+            shapes = shapes_repository.records(session, fingerprint, compared.shapes[best].tolist())
+            if not correspondences:
+                return [(shape, None) for shape in shapes]
+            return [
+                (shape, shapes_repository.embedding_of(session, fingerprint, shape.id)) for shape in shapes
+            ]
+
+    places = {int(compared.shapes[place]): place for place in best}
+    found = []
+    for shape, record in await run_in_threadpool(read):
+        place = places[shape.number]
+        found.append(
+            Found(
+                shape=shape,
+                cc=float(compared.cc[place]),
+                ssd=float(compared.ssd[place]),
+                sim=float(compared.sim[place]),
+                combined=float(compared.combined[place]),
+                comparison=None if record is None else await _match(parts.work, query.record, record),
+            )
+        )
+    return found
+
+
+async def _match(work: Work, first: bytes, second: bytes) -> Comparison:
+    match = await work.match(first, second)
+    return Comparison(embedding_from_bytes(first), embedding_from_bytes(second), match)

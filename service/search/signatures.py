@@ -1,0 +1,86 @@
+"""The signatures of all shapes, in memory, kept up with the database."""
+
+import threading
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from service.logging import get_logger
+from service.search import repository
+from service.search.repository import Signed
+from service.storage.database import ReadSession
+
+log = get_logger("search")
+
+_Scalar = TypeVar("_Scalar", bound=np.generic)
+
+_NONE = Signed(np.empty(0, np.int64), np.empty(0, np.int64), np.empty((0, 0), np.float32))
+
+
+class SignatureIndex:
+    """The signatures of one pipeline.
+
+    Whatever process wrote, it counted the archive's revision up; a query reads that first, and then only what
+    changed since. What `current` returns is never changed afterwards, though it shares memory with what comes
+    later: new shapes are written behind its end.
+    """
+
+    def __init__(self, fingerprint: str) -> None:
+        self._fingerprint = fingerprint
+        self._lock = threading.Lock()
+        self._revision = 0
+        self._room = _NONE
+        self._length = 0
+
+    def current(self, session: ReadSession) -> Signed:
+        """The shapes and signatures as the session sees them."""
+        with self._lock:
+            revision = repository.revision(session)
+            if revision < self._revision:
+                log.warning("the database went back in time; reading it anew")
+                self._revision, self._room, self._length = 0, _NONE, 0
+            if revision > self._revision:
+                added = repository.signed_since(session, self._fingerprint, self._revision)
+                removed = repository.removed_since(session, self._revision)
+                self._drop(np.concatenate([removed, added.shapes]))
+                self._append(added)
+                self._revision = revision
+            return self._used()
+
+    def _used(self) -> Signed:
+        room, n = self._room, self._length
+        return Signed(room.shapes[:n], room.embeddings[:n], room.signatures[:n])
+
+    def _drop(self, shapes: NDArray[np.int64]) -> None:
+        """Leave out these shapes, in new memory."""
+        used = self._used()
+        stays = ~np.isin(used.shapes, shapes)
+        if not stays.all():
+            self._room = Signed(used.shapes[stays], used.embeddings[stays], used.signatures[stays])
+            self._length = int(stays.sum())
+
+    def _append(self, added: Signed) -> None:
+        """Add shapes; in new memory, of twice the size, where there is no room behind the end."""
+        start, end = self._length, self._length + len(added.shapes)
+        if start == 0:
+            self._room = added
+        elif end > start:
+            if end > len(self._room.shapes):
+                used = self._used()
+                self._room = Signed(
+                    _grown(used.shapes, 2 * end),
+                    _grown(used.embeddings, 2 * end),
+                    _grown(used.signatures, 2 * end),
+                )
+            self._room.shapes[start:end] = added.shapes
+            self._room.embeddings[start:end] = added.embeddings
+            self._room.signatures[start:end] = added.signatures
+        self._length = end
+
+
+def _grown(array: NDArray[_Scalar], length: int) -> NDArray[_Scalar]:
+    """The array in room for `length` rows."""
+    room = np.empty((length, *array.shape[1:]), dtype=array.dtype)
+    room[: len(array)] = array
+    return room

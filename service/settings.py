@@ -1,0 +1,142 @@
+"""The settings of the service: environment variables that begin with ISOSHAPE_."""
+
+import os
+from pathlib import Path
+from typing import Literal
+
+from pydantic import Field, PositiveInt, ValidationError
+from pydantic_settings import BaseSettings, SettingsConfigDict
+
+from core.errors import ParameterError
+from core.parameters import DEFAULT, PAPER, Parameters
+from core.reading import DEFAULT_LIMITS, Limits
+
+PREFIX = "ISOSHAPE_"
+
+# Read by other parts of the project, so not a mistake in the environment of a service.
+OTHER_VARIABLES = frozenset({"ISOSHAPE_DATA", "ISOSHAPE_URL"})
+
+
+class SettingsError(Exception):
+    """The environment, or the file of parameters it names, cannot be used; the message says why."""
+
+
+def _processors() -> int:
+    return len(os.sched_getaffinity(0))
+
+
+class Settings(BaseSettings):
+    """What an operator may choose. `docs/settings.md` says what each is for."""
+
+    model_config = SettingsConfigDict(env_prefix=PREFIX, extra="forbid", frozen=True)
+
+    database_url: str = Field(
+        default="sqlite:///isoshape-data/isoshape.sqlite3",
+        description="Where everything is stored, as an SQLAlchemy URL. The folder of an SQLite file is made.",
+    )
+    pipeline: str = Field(
+        default="default",
+        description="The method's parameters: default, paper, or the path of a JSON file of parameters.",
+    )
+    host: str = Field(default="127.0.0.1", description="The address that `isoshape serve` listens on.")
+    port: int = Field(
+        default=8000,
+        ge=0,
+        le=65535,
+        description="The port that `isoshape serve` listens on; 0 is any free one.",
+    )
+    log_level: Literal["debug", "info", "warning", "error"] = Field(
+        default="info", description="The least severe messages that are logged."
+    )
+    workers: PositiveInt = Field(
+        default_factory=_processors,
+        description="Worker processes that read, embed and compare. As many as processors unless set.",
+    )
+    queue_length: int = Field(
+        default=32,
+        ge=0,
+        description="Requests that may wait for a worker beyond those at work; the next is answered 503.",
+    )
+    task_seconds: float = Field(
+        default=120.0,
+        gt=0,
+        allow_inf_nan=False,
+        description="The longest that one task may run in a worker before the worker is replaced.",
+    )
+    lock_seconds: float = Field(
+        default=10.0,
+        gt=0,
+        allow_inf_nan=False,
+        description="The longest wait for the database's lock before the answer is 503.",
+    )
+    max_upload_bytes: PositiveInt = Field(
+        default=128 * 1024 * 1024, description="The largest file that may be uploaded."
+    )
+    max_vertices: PositiveInt = Field(
+        default=DEFAULT_LIMITS.vertices, description="The most vertices a mesh may have."
+    )
+    max_faces: PositiveInt = Field(
+        default=DEFAULT_LIMITS.faces, description="The most faces a mesh may have."
+    )
+    max_parts: PositiveInt = Field(
+        default=DEFAULT_LIMITS.parts,
+        description="The most parts (solids, groups, instances) that a file may be made of.",
+    )
+    max_form_fields: PositiveInt = Field(
+        default=10, description="The most fields beside the file in one form."
+    )
+    shortlist_from: PositiveInt = Field(
+        default=5_000,
+        description="With at least this many candidates, a query compares only the nearest by signature.",
+    )
+    shortlist_length: PositiveInt = Field(
+        default=1_000, description="How many of the nearest by signature such a query compares."
+    )
+
+    @property
+    def limits(self) -> Limits:
+        """What a file may hold at most."""
+        return Limits(vertices=self.max_vertices, faces=self.max_faces, parts=self.max_parts)
+
+
+def load_settings() -> Settings:
+    """The settings in the environment.
+
+    Raises
+    ------
+    SettingsError
+        A variable beginning with ISOSHAPE_ is not one of them, or a value is out of range.
+    """
+    known = {PREFIX + name.upper() for name in Settings.model_fields} | OTHER_VARIABLES
+    ours = (name for name in os.environ if name.upper().startswith(PREFIX))
+    unknown = sorted(name for name in ours if name.upper() not in known)
+    if unknown:
+        raise SettingsError(
+            f"unknown settings: {', '.join(unknown)}; the known ones are {', '.join(sorted(known))}"
+        )
+    try:
+        return Settings()
+    except ValidationError as error:
+        problems = [f"{PREFIX}{str(e['loc'][0]).upper()}: {e['msg']}" for e in error.errors()]
+        raise SettingsError("; ".join(problems)) from error
+
+
+def load_parameters(pipeline: str) -> Parameters:
+    """The parameters that the setting `pipeline` names.
+
+    Raises
+    ------
+    SettingsError
+        It names neither a setting nor a readable file of parameters.
+    """
+    named = {"default": DEFAULT, "paper": PAPER}
+    if pipeline in named:
+        return named[pipeline]
+    try:
+        return Parameters.from_json(Path(pipeline).read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError) as error:
+        raise SettingsError(
+            f"{PREFIX}PIPELINE: neither default nor paper nor a file that can be read: {pipeline!r}: {error}"
+        ) from error
+    except ParameterError as error:
+        raise SettingsError(f"{PREFIX}PIPELINE: {pipeline}: {error}") from error

@@ -1,0 +1,1 @@
+"""Shapes: stored, listed, read, changed, deleted."""

@@ -1,0 +1,273 @@
+"""The addresses under /shapes."""
+
+from typing import Annotated, Any, Literal
+
+from fastapi import APIRouter, Path, Query, Request, Response
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from core.reading import FORMATS, format_of
+from service.dependencies import Service
+from service.errors import BadRequestFieldsError, FieldFault
+from service.problems import documented, faults_of
+from service.shapes import files, service
+from service.shapes.fields import base_name, read_metadata, split_tags
+from service.shapes.pages import read_cursor
+from service.shapes.records import NewShape, ShapeFilter
+from service.shapes.schemas import EmbeddingArrays, Shape, ShapeChanges, ShapeFields, ShapePage
+from service.uploads import single, uploaded
+
+router = APIRouter(tags=["shapes"])
+
+ShapeId = Annotated[str, Path(description="The id of a stored shape.", max_length=64)]
+
+FILE_PROBLEMS = (
+    "bad-request",
+    "bad-request-fields",
+    "body-too-large",
+    "unsupported-media-type",
+    "unknown-format",
+    "empty-file",
+    "malformed-mesh",
+    "non-finite-coordinates",
+    "no-triangles",
+    "degenerate-mesh",
+    "mesh-too-complex",
+    "external-reference",
+    "file-time-limit",
+    "busy",
+    "worker-lost",
+)
+READ_PROBLEMS = ("bad-request-fields", "storage-unavailable")
+WRITE_PROBLEMS = (*READ_PROBLEMS, "storage-full")
+
+FILE_FIELD = {
+    "type": "string",
+    "contentMediaType": "application/octet-stream",
+    "description": f"The mesh. Its name tells the format by the ending: {', '.join(sorted(FORMATS))}.",
+}
+UPLOAD_BODY: dict[str, Any] = {
+    "required": True,
+    "content": {
+        "multipart/form-data": {
+            "schema": {
+                "type": "object",
+                "required": ["file"],
+                "properties": {
+                    "file": FILE_FIELD,
+                    "name": {
+                        "type": "string",
+                        "description": "What to call it: 1 to 255 characters. Unless given, the file's own "
+                        "name, without its folders.",
+                    },
+                    "tags": {
+                        "type": "array",
+                        "items": {"type": "string"},
+                        "description": "Up to 32 tags: the field repeated, one field with commas, or both.",
+                    },
+                    "metadata": {
+                        "type": "string",
+                        "contentMediaType": "application/json",
+                        "description": "A JSON object, as text.",
+                    },
+                },
+            }
+        }
+    },
+}
+
+
+class Listing(BaseModel):
+    """Which shapes to list."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    tag: list[str] = Field(
+        default=[],
+        description="Only shapes that have this tag; all of them, if repeated or separated by commas.",
+        examples=[["animal"]],
+    )
+    name: str | None = Field(
+        default=None, max_length=255, description="Only shapes with this text in their name, in either case."
+    )
+    metadata: list[str] = Field(
+        default=[],
+        description="Only shapes whose metadata holds this, as key=value; all of them, if repeated. "
+        "A value that is not text is written as in JSON.",
+        examples=[["source=scan"]],
+    )
+    cursor: str | None = Field(
+        default=None, max_length=256, description="The `next_cursor` of the page before."
+    )
+    limit: int = Field(default=50, ge=1, le=500, description="How many shapes at most.")
+
+    def filter(self) -> ShapeFilter:
+        """What the parameters say of the shapes."""
+        metadata = {}
+        for pair in self.metadata:
+            key, equals, value = pair.partition("=")
+            if not (key and equals):
+                raise BadRequestFieldsError(FieldFault("metadata", "must be written key=value"))
+            metadata[key] = value
+        return ShapeFilter(tuple(split_tags(self.tag)), self.name, metadata)
+
+
+@router.post(
+    "/shapes",
+    status_code=201,
+    summary="Store a mesh",
+    response_description="Stored. It is durable, and the next query sees it.",
+    responses={
+        200: {
+            "model": Shape,
+            "description": "The same bytes are stored under this name already; this is that shape.",
+        },
+        **documented(*FILE_PROBLEMS, *WRITE_PROBLEMS),
+    },
+    openapi_extra={"requestBody": UPLOAD_BODY},
+)
+async def create_shape(request: Request, response: Response, parts: Service) -> Shape:
+    """Read the file, embed its mesh, and store both with a name, tags and metadata.
+
+    The same bytes may be stored under several names: they, and their embedding, are kept once. The same bytes
+    under the same name are one shape, so that an upload may be repeated safely; tags and metadata of such a
+    repetition are not looked at.
+    """
+    settings = parts.settings
+    async with uploaded(
+        request, max_bytes=settings.max_upload_bytes, max_fields=settings.max_form_fields
+    ) as form:
+        fields = _fields(form.fields, form.filename)
+        mesh_format = format_of(form.filename)
+        with parts.work.admitted():
+            new = NewShape(
+                data=await form.bytes(),
+                format=mesh_format,
+                name=fields.name,
+                tags=tuple(fields.tags),
+                metadata=fields.metadata,
+            )
+            stored = await service.ingest(parts, new)
+    response.status_code = 201 if stored.created else 200
+    response.headers["Location"] = f"/shapes/{stored.shape.id}"
+    return Shape.of(stored.shape)
+
+
+@router.get("/shapes", summary="List shapes", responses=documented(*READ_PROBLEMS))
+def list_shapes(listing: Annotated[Listing, Query()], parts: Service) -> ShapePage:
+    """The stored shapes, oldest first, a page at a time.
+
+    A shape that is stored while you page comes on the last page; none is shown twice or left out.
+    """
+    after = read_cursor(listing.cursor)
+    with parts.database.read() as session:
+        page = service.list_page(
+            session, parts.fingerprint, listing.filter(), after=after, limit=listing.limit
+        )
+    return ShapePage.of(page)
+
+
+@router.get(
+    "/shapes/{shape_id}", summary="Read a shape", responses=documented("shape-not-found", *READ_PROBLEMS)
+)
+def read_shape(shape_id: ShapeId, parts: Service) -> Shape:
+    """The record of a shape: what it is called, and what was measured on its mesh."""
+    with parts.database.read() as session:
+        return Shape.of(service.get(session, parts.fingerprint, shape_id))
+
+
+@router.patch(
+    "/shapes/{shape_id}",
+    summary="Change a shape",
+    responses=documented("bad-request", "shape-not-found", "name-taken", "body-too-large", *WRITE_PROBLEMS),
+)
+def change_shape(shape_id: ShapeId, changes: ShapeChanges, parts: Service) -> Shape:
+    """Change name, tags or metadata. Each that is given replaces the old one whole."""
+    with parts.database.write() as session:
+        return Shape.of(service.change(session, parts.fingerprint, shape_id, changes.changes()))
+
+
+@router.delete(
+    "/shapes/{shape_id}",
+    status_code=204,
+    summary="Delete a shape",
+    responses=documented("shape-not-found", *WRITE_PROBLEMS),
+)
+def delete_shape(shape_id: ShapeId, parts: Service) -> None:
+    """Delete the record, and its file and embedding unless another shape has the same bytes."""
+    with parts.database.write() as session:
+        service.remove(session, parts.fingerprint, shape_id)
+
+
+@router.get(
+    "/shapes/{shape_id}/file",
+    response_class=Response,
+    summary="Get the file",
+    responses={
+        200: {
+            "description": "The bytes that were uploaded, with their SHA-256 as ETag.",
+            "content": {
+                media_type: {"schema": {"type": "string", "contentMediaType": media_type}}
+                for media_type in sorted({files.media_type(name) for name in FORMATS})
+            },
+        },
+        304: {"description": "The client has the file already, by its If-None-Match."},
+        **documented("shape-not-found", *READ_PROBLEMS),
+    },
+)
+def read_file(shape_id: ShapeId, request: Request, parts: Service) -> Response:
+    """The very bytes that were uploaded."""
+    with parts.database.read() as session:
+        shape = service.get(session, parts.fingerprint, shape_id)
+        tag = files.entity_tag(shape.sha256)
+        if files.is_known(request.headers.get("If-None-Match"), tag):
+            return Response(status_code=304, headers={"ETag": tag})
+        data = service.get_file(session, shape_id)
+    headers = {
+        "ETag": tag,
+        "Content-Disposition": files.disposition(shape.name, shape.format),
+        "X-Content-Type-Options": "nosniff",
+    }
+    return Response(data, media_type=files.media_type(shape.format), headers=headers)
+
+
+@router.get(
+    "/shapes/{shape_id}/embedding",
+    summary="Get the embedding",
+    response_model=EmbeddingArrays,
+    responses={
+        200: {
+            "description": "The arrays, as JSON or as a NumPy archive.",
+            "content": {
+                "application/zip": {"schema": {"type": "string", "contentMediaType": "application/zip"}}
+            },
+        },
+        **documented("shape-not-found", "not-embedded", *READ_PROBLEMS),
+    },
+)
+def read_embedding(
+    shape_id: ShapeId,
+    parts: Service,
+    format: Annotated[
+        Literal["json", "npz"],
+        Query(description="npz is for `numpy.load`; a spectrum's arrays begin with its name."),
+    ] = "json",
+) -> EmbeddingArrays | Response:
+    """What the pipeline in use made of the shape: samples, graph, tree, signature and spectra."""
+    with parts.database.read() as session:
+        embedding = service.get_embedding(session, parts.fingerprint, shape_id)
+    if format == "json":
+        return EmbeddingArrays.of(embedding)
+    headers = {"Content-Disposition": f'attachment; filename="{embedding.fingerprint}.npz"'}
+    return Response(service.as_npz(embedding), media_type="application/zip", headers=headers)
+
+
+def _fields(form: dict[str, list[str]], filename: str) -> ShapeFields:
+    """The text fields of an upload, or a refusal that names what is wrong."""
+    values: dict[str, Any] = {name: single(form, name) for name in form if name != "tags"}
+    values["name"] = values.get("name") or base_name(filename)
+    values["tags"] = split_tags(form.get("tags", []))
+    values["metadata"] = read_metadata(values.get("metadata") or "{}")
+    try:
+        return ShapeFields.model_validate(values)
+    except ValidationError as error:
+        raise BadRequestFieldsError(*faults_of(error.errors())) from error

@@ -1,0 +1,163 @@
+"""What people may write about a shape: its name, tags and metadata."""
+
+import json
+import math
+import unicodedata
+from collections.abc import Iterable, Iterator
+from typing import Annotated, Any
+
+from pydantic import AfterValidator, Field, JsonValue
+
+from service.errors import BadRequestFieldsError, FieldFault
+
+NAME_CHARACTERS = 255
+TAG_CHARACTERS = 64
+TAGS = 32
+METADATA_BYTES = 16 * 1024
+METADATA_KEYS = 64
+METADATA_KEY_CHARACTERS = 128
+METADATA_DEPTH = 8
+
+
+def clean_text(text: str) -> str:
+    """The text in Unicode's composed form, without space around it.
+
+    Raises
+    ------
+    ValueError
+        It holds control characters, or halves of surrogate pairs.
+    """
+    text = unicodedata.normalize("NFC", text).strip()
+    if any(unicodedata.category(character) in {"Cc", "Cs"} for character in text):
+        raise ValueError("control characters are not allowed")
+    return text
+
+
+def clean_name(name: str) -> str:
+    """A name of 1 to `NAME_CHARACTERS` characters."""
+    name = clean_text(name)
+    if not 1 <= len(name) <= NAME_CHARACTERS:
+        raise ValueError(f"must have 1 to {NAME_CHARACTERS} characters, not {len(name)}")
+    return name
+
+
+def clean_tags(tags: Iterable[str]) -> list[str]:
+    """The tags, each once, in the order given.
+
+    Raises
+    ------
+    ValueError
+        There are more than `TAGS`, or one is too long, empty, or holds a comma.
+    """
+    cleaned = list(dict.fromkeys(clean_text(tag) for tag in tags))
+    if len(cleaned) > TAGS:
+        raise ValueError(f"at most {TAGS} tags are taken, not {len(cleaned)}")
+    for tag in cleaned:
+        if not 1 <= len(tag) <= TAG_CHARACTERS:
+            raise ValueError(f"a tag must have 1 to {TAG_CHARACTERS} characters, not {len(tag)}")
+        if "," in tag:
+            raise ValueError("a tag cannot hold a comma")
+    return cleaned
+
+
+def clean_metadata(metadata: dict[str, Any]) -> dict[str, Any]:
+    """An object of JSON values.
+
+    Raises
+    ------
+    ValueError
+        It is too large or too deep, or holds a number that is not finite, or text that is not Unicode.
+    """
+    if len(metadata) > METADATA_KEYS:
+        raise ValueError(f"at most {METADATA_KEYS} keys are taken, not {len(metadata)}")
+    for key in metadata:
+        if not 1 <= len(key) <= METADATA_KEY_CHARACTERS:
+            raise ValueError(f"a key must have 1 to {METADATA_KEY_CHARACTERS} characters, not {len(key)}")
+    for value, depth in _walk(metadata):
+        if depth > METADATA_DEPTH:
+            raise ValueError(f"nested deeper than {METADATA_DEPTH} levels")
+        if isinstance(value, float) and not math.isfinite(value):
+            raise ValueError("numbers must be finite")
+        if isinstance(value, str) and any("\ud800" <= character <= "\udfff" for character in value):
+            raise ValueError("text must be Unicode, without halves of surrogate pairs")
+    size = len(json.dumps(metadata, ensure_ascii=False).encode())
+    if size > METADATA_BYTES:
+        raise ValueError(f"at most {METADATA_BYTES} bytes are taken, not {size}")
+    return metadata
+
+
+Name = Annotated[
+    str,
+    AfterValidator(clean_name),
+    Field(
+        description=f"What people call it: 1 to {NAME_CHARACTERS} characters.",
+        examples=["horse-gallop.off"],
+        json_schema_extra={"minLength": 1, "maxLength": NAME_CHARACTERS},
+    ),
+]
+Tags = Annotated[
+    list[str],
+    AfterValidator(clean_tags),
+    Field(
+        description=f"Up to {TAGS} tags of 1 to {TAG_CHARACTERS} characters, without commas. "
+        "One that is repeated counts once.",
+        examples=[["horse", "animal"]],
+    ),
+]
+Metadata = Annotated[
+    dict[str, JsonValue],
+    AfterValidator(clean_metadata),
+    Field(
+        description=f"Any JSON object of up to {METADATA_KEYS} keys, {METADATA_DEPTH} levels and "
+        f"{METADATA_BYTES} bytes.",
+        examples=[{"source": "scan", "year": 2024}],
+    ),
+]
+
+
+def split_tags(values: Iterable[str]) -> list[str]:
+    """Tags written as repeated fields, as one field with commas, or both."""
+    return [tag for value in values for tag in (part.strip() for part in value.split(",")) if tag]
+
+
+def read_metadata(text: str) -> dict[str, Any]:
+    """The object that a form's field `metadata` holds as JSON.
+
+    Raises
+    ------
+    BadRequestFieldsError
+        It is not JSON, or not an object.
+    """
+    try:
+        value = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise BadRequestFieldsError(FieldFault("metadata", f"not JSON: {error}")) from error
+    if not isinstance(value, dict):
+        raise BadRequestFieldsError(FieldFault("metadata", "must be a JSON object"))
+    return value
+
+
+def plain_values(metadata: dict[str, Any]) -> dict[str, str]:
+    """The values of an object that one can filter by, as text: strings as they are, the rest as JSON."""
+    return {
+        key: value if isinstance(value, str) else json.dumps(value)
+        for key, value in metadata.items()
+        if value is None or isinstance(value, str | int | float | bool)
+    }
+
+
+def base_name(filename: str) -> str:
+    """The last part of the path that a client gave as a file's name, on whichever system it wrote it."""
+    return filename.replace("\\", "/").rsplit("/", 1)[-1]
+
+
+def _walk(value: object) -> Iterator[tuple[object, int]]:
+    """Every value and key inside a JSON value, with its depth, without recursion."""
+    waiting: list[tuple[object, int]] = [(value, 0)]
+    while waiting:
+        inner, depth = waiting.pop()
+        yield inner, depth
+        if isinstance(inner, dict):
+            waiting += [(part, depth + 1) for pair in inner.items() for part in pair]
+        elif isinstance(inner, list):
+            waiting += [(part, depth + 1) for part in inner]

@@ -1,0 +1,91 @@
+"""Shapes as they go between storage, service and endpoints."""
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from datetime import datetime
+from functools import cached_property
+from typing import Any
+
+
+@dataclass(frozen=True)
+class ShapeRecord:
+    """A stored shape, without its bytes.
+
+    `number` orders shapes by creation and stays inside the service; `embedded` is whether it has an embedding
+    of the pipeline in use.
+    """
+
+    number: int
+    id: str
+    name: str
+    tags: tuple[str, ...]
+    metadata: Mapping[str, Any]
+    format: str
+    size: int
+    sha256: str
+    facts: Mapping[str, Any]
+    embedded: bool
+    created_at: datetime
+    updated_at: datetime
+
+
+@dataclass(frozen=True)
+class NewShape:
+    """A file to be stored, and what is written about it."""
+
+    data: bytes
+    format: str
+    name: str
+    tags: tuple[str, ...]
+    metadata: Mapping[str, Any]
+
+    @cached_property
+    def sha256(self) -> str:
+        """Of the file, as hexadecimal digits."""
+        return sha256(self.data)
+
+
+@dataclass(frozen=True)
+class Changes:
+    """What to change of a shape; None leaves a part as it is."""
+
+    name: str | None = None
+    tags: tuple[str, ...] | None = None
+    metadata: Mapping[str, Any] | None = None
+
+
+@dataclass(frozen=True)
+class ShapeFilter:
+    """Which shapes are meant: those that have every tag, every plain value, and the text in their name."""
+
+    tags: tuple[str, ...] = ()
+    name: str | None = None
+    metadata: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether every shape is meant."""
+        return not (self.tags or self.name or self.metadata)
+
+
+@dataclass(frozen=True)
+class Stored:
+    """A shape after an upload, and whether the upload made it."""
+
+    shape: ShapeRecord
+    created: bool
+
+
+@dataclass(frozen=True)
+class Page:
+    """Some shapes, how many there are in all, and the number to go on after, if there are more."""
+
+    shapes: list[ShapeRecord]
+    total: int
+    after: int | None
+
+
+def sha256(data: bytes) -> str:
+    """The hash of a file's bytes, as hexadecimal digits."""
+    return hashlib.sha256(data).hexdigest()

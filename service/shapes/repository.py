@@ -1,0 +1,258 @@
+"""The SQL of shapes."""
+
+import uuid
+from collections.abc import Iterable, Mapping, Sequence
+from datetime import UTC, datetime
+from typing import Any
+
+from sqlalchemy import Select, delete, func, select, update
+
+from service.compute.tasks import Embedded
+from service.shapes.fields import plain_values
+from service.shapes.records import Changes, NewShape, ShapeFilter, ShapeRecord
+from service.storage.database import ReadSession, WriteSession
+from service.storage.tables import (
+    ArchiveRow,
+    BlobRow,
+    EmbeddingRow,
+    MetadataRow,
+    RemovalRow,
+    ShapeRow,
+    TagRow,
+)
+
+
+def matching(shapes: ShapeFilter) -> Select[int]:
+    """The numbers of the shapes that a filter means."""
+    query = select(ShapeRow.number)
+    for tag in shapes.tags:
+        query = query.where(ShapeRow.number.in_(select(TagRow.shape_number).where(TagRow.tag == tag)))
+    for key, value in shapes.metadata.items():
+        same = select(MetadataRow.shape_number).where(MetadataRow.key == key, MetadataRow.value == value)
+        query = query.where(ShapeRow.number.in_(same))
+    if shapes.name:
+        query = query.where(ShapeRow.folded_name.contains(shapes.name.casefold(), autoescape=True))
+    return query
+
+
+def count(session: ReadSession, shapes: ShapeFilter) -> int:
+    """How many shapes a filter means."""
+    return session.scalar(select(func.count()).select_from(matching(shapes).subquery())) or 0
+
+
+def page(
+    session: ReadSession, fingerprint: str, shapes: ShapeFilter, *, after: int, limit: int
+) -> list[ShapeRecord]:
+    """The next `limit` shapes, by number, that a filter means."""
+    numbers = matching(shapes).where(ShapeRow.number > after).order_by(ShapeRow.number).limit(limit)
+    return records(session, fingerprint, session.scalars(numbers).all())
+
+
+def by_id(session: ReadSession, fingerprint: str, shape_id: str) -> ShapeRecord | None:
+    """The shape with an id."""
+    number = session.scalar(select(ShapeRow.number).where(ShapeRow.id == shape_id))
+    return next(iter(records(session, fingerprint, [] if number is None else [number])), None)
+
+
+def records(session: ReadSession, fingerprint: str, numbers: Sequence[int]) -> list[ShapeRecord]:
+    """The shapes with these numbers, in their order, without those that are gone."""
+    shown = (
+        select(ShapeRow, BlobRow.sha256, BlobRow.size, EmbeddingRow.number)
+        .join(BlobRow, BlobRow.number == ShapeRow.blob_number)
+        .outerjoin(EmbeddingRow, _is_its_embedding(fingerprint))
+        .where(ShapeRow.number.in_(numbers))
+    )
+    tags: dict[int, list[str]] = {}
+    for tag in session.scalars(select(TagRow).where(TagRow.shape_number.in_(numbers)).order_by(TagRow.place)):
+        tags.setdefault(tag.shape_number, []).append(tag.tag)
+    found = {
+        row.number: ShapeRecord(
+            number=row.number,
+            id=row.id,
+            name=row.name,
+            tags=tuple(tags.get(row.number, ())),
+            metadata=row.meta,
+            format=row.format,
+            size=size,
+            sha256=sha256,
+            facts=row.facts,
+            embedded=embedding is not None,
+            created_at=row.created_at,
+            updated_at=row.updated_at,
+        )
+        for row, sha256, size, embedding in session.execute(shown)
+    }
+    return [found[number] for number in numbers if number in found]
+
+
+def file_of(session: ReadSession, shape_id: str) -> bytes | None:
+    """The bytes that were uploaded."""
+    return session.scalar(
+        select(BlobRow.data)
+        .join(ShapeRow, ShapeRow.blob_number == BlobRow.number)
+        .where(ShapeRow.id == shape_id)
+    )
+
+
+def embedding_of(session: ReadSession, fingerprint: str, shape_id: str) -> bytes | None:
+    """The record of a shape's embedding by one pipeline."""
+    return session.scalar(
+        select(EmbeddingRow.record)
+        .join(ShapeRow, _is_its_embedding(fingerprint))
+        .where(ShapeRow.id == shape_id)
+    )
+
+
+def same(session: ReadSession, fingerprint: str, new: NewShape) -> ShapeRecord | None:
+    """The shape that has the bytes, the format and the name of a new one."""
+    number = session.scalar(
+        select(ShapeRow.number)
+        .join(BlobRow, BlobRow.number == ShapeRow.blob_number)
+        .where(BlobRow.sha256 == new.sha256, ShapeRow.format == new.format, ShapeRow.name == new.name)
+    )
+    return next(iter(records(session, fingerprint, [] if number is None else [number])), None)
+
+
+def is_embedded(session: ReadSession, fingerprint: str, sha256: str, format: str) -> bool:
+    """Whether one pipeline's embedding of some bytes is stored."""
+    query = (
+        select(EmbeddingRow.number)
+        .join(BlobRow, BlobRow.number == EmbeddingRow.blob_number)
+        .where(
+            BlobRow.sha256 == sha256,
+            EmbeddingRow.format == format,
+            EmbeddingRow.fingerprint == fingerprint,
+        )
+    )
+    return session.scalar(query) is not None
+
+
+def add_blob(session: WriteSession, data: bytes, sha256: str) -> int:
+    """The number of the blob that holds these bytes, stored now if they were not."""
+    number = session.scalar(select(BlobRow.number).where(BlobRow.sha256 == sha256))
+    if number is not None:
+        return number
+    row = BlobRow(sha256=sha256, size=len(data), data=data)
+    session.add(row)
+    session.flush()
+    return row.number
+
+
+def add_embedding(
+    session: WriteSession, blob_number: int, format: str, fingerprint: str, embedded: Embedded
+) -> None:
+    """Store an embedding, and have the shapes on its blob looked at again by every process."""
+    session.add(
+        EmbeddingRow(
+            blob_number=blob_number,
+            format=format,
+            fingerprint=fingerprint,
+            signature=embedded.signature,
+            record=embedded.record,
+        )
+    )
+    session.execute(
+        update(ShapeRow)
+        .where(ShapeRow.blob_number == blob_number, ShapeRow.format == format)
+        .values(revision=next_revision(session), facts=embedded.facts)
+    )
+
+
+def add_shape(session: WriteSession, blob_number: int, new: NewShape, facts: Mapping[str, Any]) -> int:
+    """Store a shape on a blob; its number."""
+    now = datetime.now(UTC)
+    row = ShapeRow(
+        id=str(uuid.uuid4()),
+        blob_number=blob_number,
+        format=new.format,
+        name=new.name,
+        folded_name=new.name.casefold(),
+        meta=dict(new.metadata),
+        facts=dict(facts),
+        created_at=now,
+        updated_at=now,
+        revision=next_revision(session),
+    )
+    session.add(row)
+    session.flush()
+    _write_tags(session, row.number, new.tags)
+    _write_plain_values(session, row.number, new.metadata)
+    return row.number
+
+
+def facts_on(session: ReadSession, blob_number: int, format: str) -> dict[str, Any] | None:
+    """What was measured on a blob read in a format, if a shape on it is stored."""
+    return session.scalar(
+        select(ShapeRow.facts).where(ShapeRow.blob_number == blob_number, ShapeRow.format == format).limit(1)
+    )
+
+
+def change(session: WriteSession, number: int, changes: Changes) -> None:
+    """Write the changes."""
+    values: dict[str, Any] = {"updated_at": datetime.now(UTC)}
+    if changes.name is not None:
+        values |= {"name": changes.name, "folded_name": changes.name.casefold()}
+    if changes.metadata is not None:
+        values["meta"] = dict(changes.metadata)
+        session.execute(delete(MetadataRow).where(MetadataRow.shape_number == number))
+        _write_plain_values(session, number, changes.metadata)
+    if changes.tags is not None:
+        session.execute(delete(TagRow).where(TagRow.shape_number == number))
+        _write_tags(session, number, changes.tags)
+    session.execute(update(ShapeRow).where(ShapeRow.number == number).values(values))
+
+
+def is_name_taken(session: ReadSession, record: ShapeRecord, name: str) -> bool:
+    """Whether another shape with the same bytes and format has a name."""
+    query = (
+        select(ShapeRow.number)
+        .join(BlobRow, BlobRow.number == ShapeRow.blob_number)
+        .where(
+            BlobRow.sha256 == record.sha256,
+            ShapeRow.format == record.format,
+            ShapeRow.name == name,
+            ShapeRow.number != record.number,
+        )
+    )
+    return session.scalar(query) is not None
+
+
+def remove(session: WriteSession, record: ShapeRecord) -> None:
+    """Delete a shape, and the bytes and embeddings that no other shape needs."""
+    session.execute(delete(ShapeRow).where(ShapeRow.number == record.number))
+    session.add(RemovalRow(shape_number=record.number, revision=next_revision(session)))
+    blob_number = session.scalars(select(BlobRow.number).where(BlobRow.sha256 == record.sha256)).one()
+    formats = set(session.scalars(select(ShapeRow.format).where(ShapeRow.blob_number == blob_number)))
+    session.execute(
+        delete(EmbeddingRow).where(
+            EmbeddingRow.blob_number == blob_number, EmbeddingRow.format.not_in(formats)
+        )
+    )
+    if not formats:
+        session.execute(delete(BlobRow).where(BlobRow.number == blob_number))
+
+
+def next_revision(session: WriteSession) -> int:
+    """Count a change of what is searched."""
+    return session.scalars(
+        update(ArchiveRow).values(revision=ArchiveRow.revision + 1).returning(ArchiveRow.revision)
+    ).one()
+
+
+def _is_its_embedding(fingerprint: str) -> Any:  # noqa: ANN401
+    return (
+        (EmbeddingRow.blob_number == ShapeRow.blob_number)
+        & (EmbeddingRow.format == ShapeRow.format)
+        & (EmbeddingRow.fingerprint == fingerprint)
+    )
+
+
+def _write_tags(session: WriteSession, number: int, tags: Iterable[str]) -> None:
+    session.add_all(TagRow(shape_number=number, tag=tag, place=place) for place, tag in enumerate(tags))
+
+
+def _write_plain_values(session: WriteSession, number: int, metadata: Mapping[str, Any]) -> None:
+    session.add_all(
+        MetadataRow(shape_number=number, key=key, value=value)
+        for key, value in plain_values(dict(metadata)).items()
+    )

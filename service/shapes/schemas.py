@@ -1,0 +1,181 @@
+"""Shapes as JSON."""
+
+from datetime import datetime
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict, Field, JsonValue
+
+from core.embedding import Embedding, Spectrum
+from service.shapes.fields import Metadata, Name, Tags
+from service.shapes.pages import write_cursor
+from service.shapes.records import Changes, Page, ShapeRecord
+
+SHAPE: dict[str, Any] = {
+    "id": "0b7c1f4e-5a52-4c0e-9f0e-8d1a3f5f6a11",
+    "name": "horse-gallop.off",
+    "tags": ["horse", "animal"],
+    "metadata": {"source": "scan", "year": 2024},
+    "format": "off",
+    "bytes": 231882,
+    "sha256": "9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08",
+    "facts": {
+        "vertices": 2892,
+        "faces": 5780,
+        "area": 1.732,
+        "volume": 0.091,
+        "scale": 0.402,
+        "components": 1,
+        "merged_vertices": 0,
+        "dropped_faces": 0,
+        "boundary_edges": 0,
+        "nonmanifold_edges": 0,
+    },
+    "embedded": True,
+    "created_at": "2026-01-31T12:00:00Z",
+    "updated_at": "2026-01-31T12:00:00Z",
+}
+
+
+class MeshFacts(BaseModel):
+    """What was measured on the mesh, in the units of the file."""
+
+    vertices: int = Field(description="Vertices in the file.")
+    faces: int = Field(description="Faces in the file.")
+    area: float = Field(description="Surface area.")
+    volume: float = Field(description="Volume; of little meaning when the mesh is not closed.")
+    scale: float = Field(description="Root mean square distance of the surface from its centroid.")
+    components: int = Field(description="Connected parts.")
+    merged_vertices: int = Field(description="Vertices that coincided with another.")
+    dropped_faces: int = Field(description="Faces without area, or repeated.")
+    boundary_edges: int = Field(description="Edges with one face only.")
+    nonmanifold_edges: int = Field(description="Edges with more than two faces.")
+
+
+class Shape(BaseModel):
+    """A stored shape."""
+
+    model_config = ConfigDict(json_schema_extra={"example": SHAPE})
+
+    id: str
+    name: str
+    tags: list[str]
+    metadata: dict[str, JsonValue]
+    format: str = Field(description="The format the file was read in.")
+    bytes: int = Field(description="Size of the file.")
+    sha256: str = Field(description="Of the file.")
+    facts: MeshFacts
+    embedded: bool = Field(
+        description="Whether it has an embedding of the pipeline in use. Without one it is not searched."
+    )
+    created_at: datetime = Field(description="UTC.")
+    updated_at: datetime = Field(description="UTC.")
+
+    @classmethod
+    def of(cls, record: ShapeRecord) -> "Shape":
+        """The JSON of a record."""
+        return cls(
+            id=record.id,
+            name=record.name,
+            tags=list(record.tags),
+            metadata=dict(record.metadata),
+            format=record.format,
+            bytes=record.size,
+            sha256=record.sha256,
+            facts=MeshFacts.model_validate(record.facts),
+            embedded=record.embedded,
+            created_at=record.created_at,
+            updated_at=record.updated_at,
+        )
+
+
+class ShapePage(BaseModel):
+    """Some of the shapes, oldest first."""
+
+    model_config = ConfigDict(
+        json_schema_extra={"example": {"shapes": [SHAPE], "total": 190, "next_cursor": "eyJhZnRlciI6IDUwfQ"}}
+    )
+
+    shapes: list[Shape]
+    total: int = Field(description="How many shapes the filter means in all.")
+    next_cursor: str | None = Field(description="Give it as `cursor` to go on; null on the last page.")
+
+    @classmethod
+    def of(cls, page: Page) -> "ShapePage":
+        """The JSON of a page."""
+        return cls(
+            shapes=[Shape.of(record) for record in page.shapes],
+            total=page.total,
+            next_cursor=None if page.after is None else write_cursor(page.after),
+        )
+
+
+class ShapeFields(BaseModel):
+    """What an upload may say beside the file."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    name: Name
+    tags: Tags = []
+    metadata: Metadata = {}
+
+
+class ShapeChanges(BaseModel):
+    """What to change. A field that is missing or null stays; one that is given replaces the old one whole."""
+
+    model_config = ConfigDict(
+        extra="forbid",
+        json_schema_extra={
+            "example": {"name": "horse.off", "tags": ["horse"], "metadata": {"checked": True}}
+        },
+    )
+
+    name: Name | None = None
+    tags: Tags | None = None
+    metadata: Metadata | None = None
+
+    def changes(self) -> Changes:
+        """What was given."""
+        return Changes(self.name, None if self.tags is None else tuple(self.tags), self.metadata)
+
+
+class SpectrumArrays(BaseModel):
+    """One spectral embedding of the samples."""
+
+    name: str
+    eigenvalues: list[float]
+    coordinates: list[list[float]] = Field(description="Row i is sample i in the spectral domain.")
+
+    @classmethod
+    def of(cls, spectrum: Spectrum) -> "SpectrumArrays":
+        """The JSON of a spectrum."""
+        return cls(
+            name=spectrum.name,
+            eigenvalues=spectrum.eigenvalues.tolist(),
+            coordinates=spectrum.coordinates.tolist(),
+        )
+
+
+class EmbeddingArrays(BaseModel):
+    """All that is kept of a shape for matching it."""
+
+    pipeline: str = Field(description="Fingerprint of the pipeline that made it.")
+    positions: list[list[float]] = Field(description="The samples, in the file's own frame and units.")
+    vertices: list[int] = Field(description="The file's vertex at, or nearest to, each sample.")
+    graph_edges: list[list[int]] = Field(description="Pairs of samples that the sparse graph joins.")
+    graph_lengths: list[float] = Field(description="Length of each edge, in units of the shape's scale.")
+    tree_edges: list[list[int]] = Field(description="The minimum spanning tree.")
+    signature: list[float] = Field(description="What shapes are shortlisted by.")
+    spectra: list[SpectrumArrays]
+
+    @classmethod
+    def of(cls, embedding: Embedding) -> "EmbeddingArrays":
+        """The JSON of an embedding."""
+        arrays: dict[str, Any] = {
+            name: getattr(embedding, name).tolist()
+            for name in ("positions", "vertices", "graph_edges", "graph_lengths", "tree_edges", "signature")
+        }
+        return cls(
+            pipeline=embedding.fingerprint,
+            spectra=[SpectrumArrays.of(spectrum) for spectrum in embedding.spectra],
+            **arrays,
+        )

@@ -1,0 +1,132 @@
+"""What can be done with shapes."""
+
+import io
+from typing import Any
+
+import numpy as np
+from starlette.concurrency import run_in_threadpool
+
+from core.embedding import Embedding
+from core.records import embedding_from_bytes
+from service.compute.tasks import Embedded
+from service.errors import NameTakenError, NotEmbeddedError, ShapeNotFoundError
+from service.parts import Parts
+from service.shapes import repository
+from service.shapes.records import Changes, NewShape, Page, ShapeFilter, ShapeRecord, Stored
+from service.storage.database import Database, ReadSession, WriteSession
+
+
+async def ingest(parts: Parts, new: NewShape) -> Stored:
+    """Store a file under a name, unless the same bytes are stored under it already.
+
+    The embedding is made before the transaction begins, which then writes bytes, shape and embedding
+    together: once this returns, they are durable, and the next query sees them.
+    """
+    database, fingerprint = parts.database, parts.fingerprint
+    present, needed = await run_in_threadpool(_look_up, database, fingerprint, new)
+    if present is not None and not needed:
+        return Stored(present, created=False)
+    embedded = await parts.work.embed(new.data, new.format) if needed else None
+    stored = await run_in_threadpool(_store, database, fingerprint, new, embedded)
+    if stored is None:
+        # The embedding that was there has gone meanwhile, with the last shape that had it.
+        embedded = await parts.work.embed(new.data, new.format)
+        stored = await run_in_threadpool(_store, database, fingerprint, new, embedded)
+    assert stored is not None
+    return stored
+
+
+def list_page(session: ReadSession, fingerprint: str, shapes: ShapeFilter, *, after: int, limit: int) -> Page:
+    """One page of the shapes that a filter means, oldest first."""
+    found = repository.page(session, fingerprint, shapes, after=after, limit=limit + 1)
+    more = len(found) > limit
+    found = found[:limit]
+    return Page(found, repository.count(session, shapes), found[-1].number if more else None)
+
+
+def get(session: ReadSession, fingerprint: str, shape_id: str) -> ShapeRecord:
+    """The shape with an id."""
+    record = repository.by_id(session, fingerprint, shape_id)
+    if record is None:
+        raise ShapeNotFoundError(shape_id)
+    return record
+
+
+def get_file(session: ReadSession, shape_id: str) -> bytes:
+    """The bytes that were uploaded."""
+    data = repository.file_of(session, shape_id)
+    if data is None:
+        raise ShapeNotFoundError(shape_id)
+    return data
+
+
+def get_record(session: ReadSession, fingerprint: str, shape_id: str) -> bytes:
+    """The bytes of a shape's embedding."""
+    record = repository.embedding_of(session, fingerprint, shape_id)
+    if record is None:
+        get(session, fingerprint, shape_id)
+        raise NotEmbeddedError(shape_id)
+    return record
+
+
+def get_embedding(session: ReadSession, fingerprint: str, shape_id: str) -> Embedding:
+    """A shape's embedding."""
+    return embedding_from_bytes(get_record(session, fingerprint, shape_id))
+
+
+def change(session: WriteSession, fingerprint: str, shape_id: str, changes: Changes) -> ShapeRecord:
+    """Change a shape's name, tags or metadata."""
+    record = get(session, fingerprint, shape_id)
+    if changes == Changes():
+        return record
+    if changes.name is not None and repository.is_name_taken(session, record, changes.name):
+        raise NameTakenError(f"another shape with the same file has the name {changes.name!r}")
+    repository.change(session, record.number, changes)
+    return get(session, fingerprint, shape_id)
+
+
+def remove(session: WriteSession, fingerprint: str, shape_id: str) -> None:
+    """Delete a shape, and its file and embedding if no other shape has the same."""
+    repository.remove(session, get(session, fingerprint, shape_id))
+
+
+def as_npz(embedding: Embedding) -> bytes:
+    """The arrays of an embedding as a NumPy archive, each spectrum's under its name."""
+    arrays: dict[str, Any] = {
+        "positions": embedding.positions,
+        "vertices": embedding.vertices,
+        "graph_edges": embedding.graph_edges,
+        "graph_lengths": embedding.graph_lengths,
+        "tree_edges": embedding.tree_edges,
+        "signature": embedding.signature,
+    }
+    for spectrum in embedding.spectra:
+        arrays[f"{spectrum.name}_eigenvalues"] = spectrum.eigenvalues
+        arrays[f"{spectrum.name}_coordinates"] = spectrum.coordinates
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, **arrays)
+    return buffer.getvalue()
+
+
+def _look_up(database: Database, fingerprint: str, new: NewShape) -> tuple[ShapeRecord | None, bool]:
+    """The shape that is there already, and whether the file needs to be embedded."""
+    with database.read() as session:
+        present = repository.same(session, fingerprint, new)
+        return present, not repository.is_embedded(session, fingerprint, new.sha256, new.format)
+
+
+def _store(database: Database, fingerprint: str, new: NewShape, embedded: Embedded | None) -> Stored | None:
+    """One transaction; None when the embedding it counted on is not there."""
+    with database.write() as session:
+        embedding_is_there = repository.is_embedded(session, fingerprint, new.sha256, new.format)
+        if embedded is None and not embedding_is_there:
+            return None
+        blob_number = repository.add_blob(session, new.data, new.sha256)
+        if embedded is not None and not embedding_is_there:
+            repository.add_embedding(session, blob_number, new.format, fingerprint, embedded)
+        present = repository.same(session, fingerprint, new)
+        if present is not None:
+            return Stored(present, created=False)
+        facts = repository.facts_on(session, blob_number, new.format) if embedded is None else embedded.facts
+        number = repository.add_shape(session, blob_number, new, facts or {})
+        return Stored(repository.records(session, fingerprint, [number])[0], created=True)

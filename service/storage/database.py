@@ -1,0 +1,82 @@
+"""The database, and its two kinds of session: one reads, one writes and commits at its end."""
+
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from sqlalchemy import Connection, make_url, select
+from sqlalchemy.orm import Session
+
+from service.errors import StorageUnavailableError
+from service.storage.failures import translated
+from service.storage.sqlite import WRITES, open_sqlite
+from service.storage.tables import ArchiveRow
+
+
+class ReadSession(Session):
+    """One view of the database, rolled back at its end."""
+
+
+class WriteSession(ReadSession):
+    """One transaction, committed at its end. Only one is open at a time."""
+
+
+class Database:
+    """The database at one address.
+
+    Parameters
+    ----------
+    url : str
+        An SQLAlchemy URL of an SQLite file.
+    lock_seconds : float
+        The longest wait for another writer, in this process or another.
+    """
+
+    def __init__(self, url: str, *, lock_seconds: float) -> None:
+        self._lock_seconds = lock_seconds
+        self._one_writer = threading.Lock()
+        self._engine = open_sqlite(make_url(url), lock_seconds=lock_seconds)
+        self._writing_engine = self._engine.execution_options(**{WRITES: True})
+
+    @contextmanager
+    def read(self) -> Iterator[ReadSession]:
+        """A session that reads."""
+        with translated(), ReadSession(self._engine) as session:
+            yield session
+
+    @contextmanager
+    def write(self) -> Iterator[WriteSession]:
+        """A session that is committed when the block ends well, and rolled back when it raises."""
+        with self._turn(), translated(), WriteSession(self._writing_engine) as session, session.begin():
+            yield session
+
+    @contextmanager
+    def connect(self) -> Iterator[Connection]:
+        """A bare connection in one writing transaction, for migrations."""
+        with self._turn(), translated(), self._writing_engine.begin() as connection:
+            yield connection
+
+    def ping(self) -> None:
+        """Ask the database for something.
+
+        Raises
+        ------
+        StorageUnavailableError
+            It does not answer.
+        """
+        with self.read() as session:
+            session.scalars(select(ArchiveRow.revision)).one()
+
+    def close(self) -> None:
+        """Close every connection."""
+        self._engine.dispose()
+
+    @contextmanager
+    def _turn(self) -> Iterator[None]:
+        """Wait here for this process's other writers: fair, and cheaper than polling the file's lock."""
+        if not self._one_writer.acquire(timeout=self._lock_seconds):
+            raise StorageUnavailableError("the database is busy with other writes")
+        try:
+            yield
+        finally:
+            self._one_writer.release()

@@ -1,0 +1,69 @@
+"""What SQLite needs to be told, and where it must not be trusted."""
+
+from pathlib import Path
+from sqlite3 import sqlite_version_info
+from typing import Any
+
+from sqlalchemy import Connection, Engine, create_engine, event
+from sqlalchemy.engine import URL
+
+from service.errors import StorageUnavailableError
+
+WRITES = "isoshape_writes"
+
+
+def open_sqlite(url: URL, *, lock_seconds: float) -> Engine:
+    """An engine on an SQLite file, whose folder is made.
+
+    A connection with the execution option `WRITES` begins its transactions with the lock in hand. Asked for
+    later it may be refused at once, whatever the time-out, because two readers that both want to write can
+    never wait for each other.
+    """
+    if url.database is not None:
+        try:
+            Path(url.database).parent.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise StorageUnavailableError(f"the folder of the database cannot be made: {error}") from error
+    # With isolation_level None the driver begins nothing by itself, and the listener below says how.
+    engine = create_engine(
+        url,
+        connect_args={"timeout": lock_seconds, "isolation_level": None},
+        pool_size=8,
+        max_overflow=64,
+    )
+    event.listen(engine, "connect", _prepare)
+    event.listen(engine, "begin", _begin)
+    return engine
+
+
+def write_ahead_log_is_safe(version: tuple[int, int, int]) -> bool:
+    """Whether this version of SQLite keeps a write-ahead log sound when several connections use it.
+
+    Versions 3.7.0 to 3.51.2 may corrupt it (sqlite.org/wal.html, "The WAL-reset bug"), but for 3.44.6 and
+    3.50.7, which were repaired, and what follows them in their series.
+    """
+    repaired = {(3, 44): 6, (3, 50): 7}
+    series = version[:2]
+    return version >= (3, 51, 3) or (series in repaired and version[2] >= repaired[series])
+
+
+def journal_mode() -> str:
+    """The journal to use with the SQLite that is linked.
+
+    A rollback journal is truncated rather than deleted: with synchronous FULL the truncation is synced before
+    a commit returns, so what was acknowledged outlives a loss of power.
+    """
+    return "wal" if write_ahead_log_is_safe(sqlite_version_info[:3]) else "truncate"
+
+
+def _prepare(connection: Any, _record: object) -> None:  # noqa: ANN401
+    cursor = connection.cursor()
+    cursor.execute("PRAGMA foreign_keys = ON")
+    cursor.execute("PRAGMA synchronous = FULL")
+    cursor.execute(f"PRAGMA journal_mode = {journal_mode()}")
+    cursor.close()
+
+
+def _begin(connection: Connection) -> None:
+    writes = connection.get_execution_options().get(WRITES, False)
+    connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")

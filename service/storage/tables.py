@@ -1,0 +1,125 @@
+"""The tables.
+
+A blob is the bytes of a file, once per SHA-256. A shape is a record that people name; several may share a
+blob. An embedding belongs to a blob read in one format under one pipeline fingerprint, so that shapes on the
+same bytes share it. Migrations make the tables; a test holds the two equal.
+"""
+
+from datetime import datetime
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from sqlalchemy import JSON, ForeignKey, Index, LargeBinary, String, UniqueConstraint
+from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
+
+from service.storage.columns import Float32Vector, UtcDateTime
+
+
+class Table(DeclarativeBase):
+    """Base of every table."""
+
+
+class BlobRow(Table):
+    """The bytes of a file."""
+
+    __tablename__ = "blobs"
+    __table_args__ = ({"sqlite_autoincrement": True},)
+
+    number: Mapped[int] = mapped_column(primary_key=True)
+    sha256: Mapped[str] = mapped_column(String(64), unique=True)
+    size: Mapped[int]
+    data: Mapped[bytes] = mapped_column(LargeBinary, deferred=True)
+
+
+class ShapeRow(Table):
+    """A stored shape.
+
+    `number` counts up and is never used again, so it orders shapes by creation. `revision` is that of the
+    archive when the shape came, or when its embedding did, whichever was later.
+    """
+
+    __tablename__ = "shapes"
+    __table_args__ = (
+        UniqueConstraint("blob_number", "format", "name", name="one_shape_a_name"),
+        Index("shapes_by_revision", "revision"),
+        Index("shapes_by_folded_name", "folded_name"),
+        {"sqlite_autoincrement": True},
+    )
+
+    number: Mapped[int] = mapped_column(primary_key=True)
+    id: Mapped[str] = mapped_column(String(36), unique=True)
+    blob_number: Mapped[int] = mapped_column(ForeignKey("blobs.number"))
+    format: Mapped[str] = mapped_column(String(8))
+    name: Mapped[str] = mapped_column(String(255))
+    folded_name: Mapped[str] = mapped_column(String(1024))
+    meta: Mapped[dict[str, Any]] = mapped_column(JSON)
+    facts: Mapped[dict[str, Any]] = mapped_column(JSON)
+    created_at: Mapped[datetime] = mapped_column(UtcDateTime)
+    updated_at: Mapped[datetime] = mapped_column(UtcDateTime)
+    revision: Mapped[int]
+
+
+class TagRow(Table):
+    """A tag of a shape, and its place among them."""
+
+    __tablename__ = "shape_tags"
+    __table_args__ = (Index("shapes_by_tag", "tag", "shape_number"),)
+
+    shape_number: Mapped[int] = mapped_column(
+        ForeignKey("shapes.number", ondelete="CASCADE"), primary_key=True
+    )
+    tag: Mapped[str] = mapped_column(String(64), primary_key=True)
+    place: Mapped[int]
+
+
+class MetadataRow(Table):
+    """A plain value in a shape's metadata, as text, to filter by."""
+
+    __tablename__ = "shape_metadata"
+    __table_args__ = (Index("shapes_by_metadata", "key", "value", "shape_number"),)
+
+    shape_number: Mapped[int] = mapped_column(
+        ForeignKey("shapes.number", ondelete="CASCADE"), primary_key=True
+    )
+    key: Mapped[str] = mapped_column(primary_key=True)
+    value: Mapped[str]
+
+
+class EmbeddingRow(Table):
+    """What a pipeline made of a blob.
+
+    The signature stands before the record, which is long, so that reading it does not read that. A number is
+    never used again, so that one held in memory cannot come to mean another embedding.
+    """
+
+    __tablename__ = "embeddings"
+    __table_args__ = (
+        UniqueConstraint("blob_number", "format", "fingerprint", name="one_embedding_a_pipeline"),
+        {"sqlite_autoincrement": True},
+    )
+
+    number: Mapped[int] = mapped_column(primary_key=True)
+    blob_number: Mapped[int] = mapped_column(ForeignKey("blobs.number", ondelete="CASCADE"))
+    format: Mapped[str] = mapped_column(String(8))
+    fingerprint: Mapped[str] = mapped_column(String(16))
+    signature: Mapped[NDArray[np.float32]] = mapped_column(Float32Vector)
+    record: Mapped[bytes] = mapped_column(LargeBinary, deferred=True)
+
+
+class RemovalRow(Table):
+    """A shape that was deleted, for processes that still hold its signature."""
+
+    __tablename__ = "removals"
+
+    shape_number: Mapped[int] = mapped_column(primary_key=True, autoincrement=False)
+    revision: Mapped[int] = mapped_column(index=True)
+
+
+class ArchiveRow(Table):
+    """The one row about the archive itself: how many times what is searched has changed."""
+
+    __tablename__ = "archive"
+
+    number: Mapped[int] = mapped_column(primary_key=True, autoincrement=False)
+    revision: Mapped[int]
