@@ -1,0 +1,57 @@
+"""The service in a process of its own, for as long as a command lasts."""
+
+import os
+import subprocess
+import sys
+from collections.abc import Mapping
+from types import TracebackType
+from typing import Self
+
+from service.cli.server import GRACEFUL_SHUTDOWN_SECONDS, LOOPBACK
+
+
+class ChildService:
+    """`isoshape serve` on a loopback port, with some more variables in its environment.
+
+    It is started when made, and ended at the end of a `with` block.
+    """
+
+    def __init__(self, port: int, settings: Mapping[str, str]) -> None:
+        # -P: whatever lies in the working folder is not part of the program.
+        command = [
+            sys.executable,
+            "-P",
+            "-m",
+            "service.cli",
+            "serve",
+            "--host",
+            LOOPBACK,
+            "--port",
+            str(port),
+        ]
+        self._process = subprocess.Popen(command, env=os.environ | settings)
+        self.url = f"http://{LOOPBACK}:{port}"
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self._process.terminate()
+        try:
+            self._process.wait(2 * GRACEFUL_SHUTDOWN_SECONDS)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+
+    def ended(self) -> bool:
+        """Whether it has ended."""
+        return self._process.poll() is not None
+
+    def wait(self) -> int:
+        """Wait for its end, by a signal say; its exit status."""
+        return self._process.wait()

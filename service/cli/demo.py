@@ -1,0 +1,138 @@
+"""`isoshape demo`: the whole path, on shapes made by code."""
+
+import os
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich import box
+from rich.table import Table
+
+from core.gallery import CLASSES, make_shape
+from core.reading import write_mesh
+from service.cli.child import ChildService
+from service.cli.console import fail, output, progress, say
+from service.cli.server import DEFAULT_PORT, LOOPBACK, PortError, bind, wait_until_ready
+from service.cli.upload import Item, upload_all
+from service.client import Client
+from service.search.schemas import QueryAnswer
+
+POSES = 8
+FOLDER = Path("isoshape-data")
+
+
+@dataclass(frozen=True)
+class Answered:
+    """A query with a made shape of a known class."""
+
+    label: str
+    name: str
+    answer: QueryAnswer
+
+    @property
+    def right(self) -> bool:
+        """Whether the first of the answer is of the query's class."""
+        return bool(self.answer.results) and self.label in self.answer.results[0].shape.tags
+
+
+def command(
+    *,
+    check: Annotated[
+        bool,
+        typer.Option("--check", help="Fail unless every first neighbour is of the query's class; then end."),
+    ] = False,
+    port: Annotated[int, typer.Option(min=1, max=65535, help="Port of the service.")] = DEFAULT_PORT,
+) -> None:
+    """Make a gallery of articulated shapes, store it, and query it with poses that are not stored.
+
+    The service runs until Ctrl-C, on a database of its own in isoshape-data; with --check it ends at once.
+    """
+    try:
+        bind(LOOPBACK, port).close()
+    except PortError as error:
+        fail(f"{error}; choose another with --port", status=2)
+    FOLDER.mkdir(parents=True, exist_ok=True)
+    settings = {"ISOSHAPE_DATABASE_URL": f"sqlite:///{FOLDER / 'demo.sqlite3'}"}
+    if "ISOSHAPE_LOG_LEVEL" not in os.environ:
+        settings["ISOSHAPE_LOG_LEVEL"] = "warning"
+    with ChildService(port, settings) as child, Client(child.url) as client:
+        items = _make_gallery()
+        wait_until_ready(client, child.ended)
+        _store(client, items)
+        answered = [_query(client, label) for label in CLASSES]
+        _print(answered)
+        wrong = [query.name for query in answered if not query.right]
+        say(f"{len(answered) - len(wrong)} of {len(answered)} first neighbours are of the query's class")
+        if check:
+            if wrong:
+                fail(f"the first neighbour is of another class for {', '.join(wrong)}")
+            return
+        _offer(child, _save_query())
+
+
+def _make_gallery() -> list[Item]:
+    items = []
+    with progress() as bar:
+        for label in bar.track(CLASSES, description="making shapes"):
+            for pose in range(POSES):
+                items.append(Item(*_shape(label, pose), tags=(label,)))
+    return items
+
+
+def _shape(label: str, pose: int) -> tuple[str, bytes]:
+    return f"{label}-{pose:02d}.ply", write_mesh(make_shape(label, pose), "ply")
+
+
+def _store(client: Client, items: Sequence[Item]) -> None:
+    with progress() as bar:
+        task = bar.add_task("storing", total=len(items))
+        for item, outcome in upload_all(client, items):
+            if isinstance(outcome, str):
+                fail(f"{item.origin}: {outcome}")
+            bar.advance(task)
+
+
+def _query(client: Client, label: str) -> Answered:
+    name, data = _shape(label, POSES)
+    return Answered(label, name, client.query_file((name, data), top_k=3))
+
+
+def _print(answered: list[Answered]) -> None:
+    table = Table(title="the three stored shapes most like a pose that is not stored", box=box.SIMPLE_HEAD)
+    table.add_column("query", no_wrap=True)
+    table.add_column("rank", justify="right")
+    table.add_column("stored shape", no_wrap=True)
+    for name in ("CC", "SSD", "sim"):
+        table.add_column(name, justify="right", no_wrap=True)
+    table.add_column("class", no_wrap=True)
+    for query in answered:
+        for result in query.answer.results:
+            table.add_row(
+                query.name if result.rank == 1 else "",
+                str(result.rank),
+                result.shape.name,
+                f"{result.cc:.4f}",
+                f"{result.ssd:.4f}",
+                f"{result.sim:.4f}",
+                "same" if query.label in result.shape.tags else "other",
+                end_section=result.rank == len(query.answer.results),
+            )
+    output().print(table)
+
+
+def _save_query() -> Path:
+    """A query as a file, for people to send themselves."""
+    name, data = _shape(CLASSES[0], POSES)
+    path = FOLDER / name
+    path.write_bytes(data)
+    return path
+
+
+def _offer(child: ChildService, query: Path) -> None:
+    say(f"The service runs at {child.url} until Ctrl-C. Its documentation: {child.url}/docs. Try:")
+    output().print(f"curl -F file=@{query} {child.url}/query", soft_wrap=True)
+    with suppress(KeyboardInterrupt):
+        fail(f"the service ended with status {child.wait()}")

@@ -1,0 +1,62 @@
+"""`isoshape ingest`: store many files."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from core.reading import FORMATS
+from service.cli.console import fail, output, progress, say
+from service.cli.target import Url, service_at
+from service.cli.upload import AT_ONCE, Item, upload_all
+from service.collections import MeshFile, find_meshes
+from service.shapes.fields import TAG_CHARACTERS
+
+
+def command(
+    paths: Annotated[list[Path], typer.Argument(metavar="PATH...", help="Mesh files, and folders of them.")],
+    *,
+    tag: Annotated[list[str] | None, typer.Option(help="Give every file this tag too; repeatable.")] = None,
+    url: Url = None,
+    at_once: Annotated[int, typer.Option(min=1, max=64, help="Uploads under way at a time.")] = AT_ONCE,
+) -> None:
+    """Store mesh files under their own names. A file's class becomes a tag.
+
+    The class is the one that labels.csv (columns file and class) in the file's folder gives, or else the name
+    of the class folder, directly below the folder given. What is there already, the same bytes under the same
+    name, stays as it is: the command may be run again. A file that is refused does not stop the others.
+    """
+    found = find_meshes(paths)
+    if not found.files:
+        fail(f"no meshes there; the formats read are {', '.join(FORMATS)}")
+    items = [Item(file.path.name, file.path, _tags(file, tag or [])) for file in found.files]
+    created = present = 0
+    refused: list[tuple[str, str]] = []
+    with service_at(url) as client, progress() as bar:
+        task = bar.add_task("storing", total=len(items))
+        for item, outcome in upload_all(client, items, at_once):
+            if isinstance(outcome, str):
+                refused.append((item.origin, outcome))
+            elif outcome.created:
+                created += 1
+            else:
+                present += 1
+            bar.advance(task)
+    left_out = f", {found.ignored} of other formats left out" if found.ignored else ""
+    output().print(
+        f"{created} stored, {present} already there, {len(refused)} refused{left_out}", soft_wrap=True
+    )
+    for origin, cause in sorted(refused):
+        say(f"{origin}: {cause}")
+    if refused:
+        raise typer.Exit(1)
+
+
+def class_tag(label: str) -> str:
+    """The class as a tag, which can hold no comma and must not be long."""
+    return " ".join(label.replace(",", " ").split())[:TAG_CHARACTERS].strip()
+
+
+def _tags(file: MeshFile, more: list[str]) -> tuple[str, ...]:
+    own = [] if file.label is None else [class_tag(file.label)]
+    return (*filter(None, own), *more)

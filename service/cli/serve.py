@@ -1,0 +1,29 @@
+"""`isoshape serve`: the service in the foreground."""
+
+from typing import Annotated
+
+import typer
+
+from service.cli.console import say
+from service.cli.server import bind, run
+from service.settings import load_settings
+
+
+def command(
+    host: Annotated[
+        str | None, typer.Option(help="Address to listen on. [default: ISOSHAPE_HOST or 127.0.0.1]")
+    ] = None,
+    port: Annotated[
+        int | None, typer.Option(min=0, max=65535, help="Port. [default: ISOSHAPE_PORT or 8000; 0: any free]")
+    ] = None,
+) -> None:
+    """Serve the archive over HTTP until Ctrl-C. Settings are ISOSHAPE_* variables of the environment."""
+    # Here, so that commands that run no service do not wait for its imports.
+    from service.app import create_app  # noqa: PLC0415
+
+    settings = load_settings()
+    with bind(host or settings.host, settings.port if port is None else port) as bound:
+        address = bound.getsockname()
+        name = f"[{address[0]}]" if ":" in address[0] else address[0]
+        say(f"Isoshape listens on http://{name}:{address[1]}")
+        run(create_app(settings), bound)

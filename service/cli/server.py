@@ -1,0 +1,150 @@
+"""The service as this process runs it: in the foreground, or in a thread for one command."""
+
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+
+import uvicorn
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from service.client import Client
+
+LOOPBACK = "127.0.0.1"
+DEFAULT_PORT = 8000
+# Long enough for a query under way; without it one idle connection keeps the process from ending.
+GRACEFUL_SHUTDOWN_SECONDS = 10
+READY_SECONDS = 300.0
+
+
+class PortError(Exception):
+    """The address cannot be listened on; the message says why."""
+
+
+class StartError(Exception):
+    """The service did not start; the message says why."""
+
+
+def bind(host: str, port: int) -> socket.socket:
+    """A socket bound to the address, before anything is opened or migrated.
+
+    Raises
+    ------
+    PortError
+        The port is taken, or the address is none of this machine's.
+    """
+    try:
+        family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+        bound = socket.socket(family, kind, protocol)
+        try:
+            bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            bound.bind(address)
+            # A second process may bind the same port until somebody listens on it.
+            bound.listen(128)
+        except BaseException:
+            bound.close()
+            raise
+    except OSError as error:
+        raise PortError(f"cannot listen on {host} port {port}: {error.strerror}") from error
+    return bound
+
+
+def run(app: ASGIApp, bound: socket.socket) -> None:
+    """Serve the app on the socket until a signal ends it.
+
+    Raises
+    ------
+    StartError
+        The app's lifespan failed.
+    """
+    watched = _Watched(app)
+    server = uvicorn.Server(_config(watched))
+    with suppress(KeyboardInterrupt):
+        _serve(server, bound)
+    if not server.started:
+        raise StartError(f"the service could not start: {watched.error}")
+
+
+@contextmanager
+def in_thread(app: ASGIApp) -> Iterator[Client]:
+    """Run the app, its lifespan and its workers on a free loopback port; yields a client once it is ready.
+
+    Raises
+    ------
+    StartError
+        The app's lifespan failed.
+    """
+    watched = _Watched(app)
+    server = uvicorn.Server(_config(watched))
+    with bind(LOOPBACK, 0) as bound:
+        port = bound.getsockname()[1]
+        thread = threading.Thread(target=_serve, args=(server, bound), name="isoshape service")
+        thread.start()
+        try:
+            while not server.started:
+                if not thread.is_alive():
+                    raise StartError(f"the service could not start: {watched.error}")
+                time.sleep(0.01)
+            with Client(f"http://{LOOPBACK}:{port}") as client:
+                wait_until_ready(client, ended=lambda: not thread.is_alive())
+                yield client
+        finally:
+            server.should_exit = True
+            thread.join()
+
+
+def wait_until_ready(client: Client, ended: Callable[[], bool]) -> None:
+    """Return when the service can do its work: its workers compile on their very first start.
+
+    Raises
+    ------
+    StartError
+        It ended, or is not ready after five minutes.
+    """
+    deadline = time.monotonic() + READY_SECONDS
+    while not client.ready():
+        if ended():
+            raise StartError("the service ended before it was ready")
+        if time.monotonic() > deadline:
+            raise StartError(f"the service was not ready after {READY_SECONDS:.0f} s")
+        time.sleep(0.1)
+
+
+def _serve(server: uvicorn.Server, bound: socket.socket) -> None:
+    with suppress(SystemExit):  # uvicorn's answer to a lifespan that failed
+        server.run(sockets=[bound])
+
+
+def _config(app: ASGIApp) -> uvicorn.Config:
+    # The service logs its requests and their errors itself.
+    return uvicorn.Config(
+        app,
+        lifespan="on",
+        log_config=None,
+        log_level="critical",
+        access_log=False,
+        timeout_graceful_shutdown=GRACEFUL_SHUTDOWN_SECONDS,
+    )
+
+
+class _Watched:
+    """The app, remembering what ended its lifespan; uvicorn would print it as a traceback."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self.app = app
+        self.error: BaseException | None = None
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] != "lifespan":
+            await self.app(scope, receive, send)
+            return
+
+        async def without_traceback(message: Message) -> None:
+            await send({"type": message["type"]})
+
+        try:
+            await self.app(scope, receive, without_traceback)
+        except BaseException as error:
+            self.error = error
+            raise

@@ -1,0 +1,88 @@
+"""Which service a command talks to."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Annotated
+
+import httpx
+import typer
+from sqlalchemy.engine import make_url
+from sqlalchemy.exc import ArgumentError
+
+from service.cli.console import say
+from service.cli.server import DEFAULT_PORT, LOOPBACK, in_thread
+from service.client import Client, ClientError
+from service.settings import Settings, load_settings
+
+Url = Annotated[
+    str | None,
+    typer.Option(
+        envvar="ISOSHAPE_URL",
+        help="Address of the service. Without one: the database that ISOSHAPE_DATABASE_URL names; "
+        f"else a service at {LOOPBACK}:{DEFAULT_PORT}; else the default database.",
+    ),
+]
+
+# A local service answers at once, or is none.
+PROBE = httpx.Timeout(2.0)
+
+
+@contextmanager
+def service_at(url: str | None) -> Iterator[Client]:
+    """A client of the service that is meant, after one line that says which it is.
+
+    A database is reached through the whole service, run by this process for as long as the command lasts.
+
+    Raises
+    ------
+    ClientError
+        There is no such service at the address given.
+    StartError
+        The database cannot be opened.
+    SettingsError
+        The environment is wrong.
+    """
+    if url:
+        with Client(url) as client:
+            client.version()
+            say(f"using the service at {url}")
+            yield client
+        return
+    settings = load_settings()
+    local = f"http://{LOOPBACK}:{DEFAULT_PORT}"
+    if "database_url" not in settings.model_fields_set and _answers(local):
+        say(f"using the service at {local}")
+        with Client(local) as client:
+            yield client
+        return
+    say(f"using the database {_shown(settings.database_url)}")
+    with _own_service(settings) as client:
+        yield client
+
+
+def _answers(url: str) -> bool:
+    try:
+        with Client(url, timeout=PROBE) as client:
+            client.version()
+    except ClientError:
+        return False
+    return True
+
+
+@contextmanager
+def _own_service(settings: Settings) -> Iterator[Client]:
+    # Here, so that a command that talks to a service elsewhere does not wait for its imports.
+    from service.app import create_app  # noqa: PLC0415
+
+    if "log_level" not in settings.model_fields_set:
+        settings = settings.model_copy(update={"log_level": "error"})
+    with in_thread(create_app(settings)) as client:
+        yield client
+
+
+def _shown(database_url: str) -> str:
+    """The address without its password."""
+    try:
+        return make_url(database_url).render_as_string(hide_password=True)
+    except ArgumentError:
+        return "that ISOSHAPE_DATABASE_URL names"

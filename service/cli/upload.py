@@ -1,0 +1,58 @@
+"""Many uploads, several under way at a time."""
+
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor, as_completed
+from dataclasses import dataclass
+from pathlib import Path
+
+from service.client import Client, ProblemError, Upload
+
+# Enough to keep the workers of a small machine at work while files are read and sent.
+AT_ONCE = 4
+
+
+@dataclass(frozen=True)
+class Item:
+    """A mesh to store: where its bytes are, or the bytes themselves; and its tags."""
+
+    name: str
+    data: bytes | Path
+    tags: tuple[str, ...]
+
+    @property
+    def origin(self) -> str:
+        """What to call it in a message."""
+        return str(self.data) if isinstance(self.data, Path) else self.name
+
+
+def upload_all(
+    client: Client, items: Sequence[Item], at_once: int = AT_ONCE
+) -> Iterator[tuple[Item, Upload | str]]:
+    """Each item and what became of it, or why it was refused, in the order in which they finish.
+
+    A service that is gone ends it: what has not begun is not tried.
+
+    Raises
+    ------
+    ClientError
+        The service does not answer, or not as it should.
+    """
+    pool = ThreadPoolExecutor(at_once)
+    try:
+        futures: dict[Future[Upload | str], Item] = {
+            pool.submit(_upload, client, item): item for item in items
+        }
+        for future in as_completed(futures):
+            yield futures[future], future.result()
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+def _upload(client: Client, item: Item) -> Upload | str:
+    try:
+        data = item.data.read_bytes() if isinstance(item.data, Path) else item.data
+        return client.upload((item.name, data), tags=item.tags)
+    except ProblemError as error:
+        return f"{error.kind}: {error.problem.detail}"
+    except OSError as error:
+        return error.strerror or str(error)

@@ -1,0 +1,296 @@
+"""A client of the service's HTTP interface, for Python programs and for the command line.
+
+    from service.client import Client
+
+    with Client("http://127.0.0.1:8000") as archive:
+        archive.upload("horse.off", tags=["horse"])
+        for result in archive.query_file("another.off", top_k=5).results:
+            print(result.rank, result.shape.name, result.cc)
+
+What it returns are the models that the service answers with. It may be used from several threads at a time.
+"""
+
+import json
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self, TypedDict, TypeVar, Unpack
+from urllib.parse import quote
+
+import httpx
+from pydantic import BaseModel, JsonValue, ValidationError
+
+from service.problems import MEDIA_TYPE, TYPE_PREFIX, Problem
+from service.search.ranking import RankBy
+from service.search.schemas import CompareAnswer, QueryAnswer
+from service.shapes.schemas import Shape, ShapePage
+from service.system import Version
+
+File = str | Path | tuple[str, bytes]
+"""A mesh to send: its path, or its name (whose ending tells the format) and its bytes."""
+
+Model = TypeVar("Model", bound=BaseModel)
+
+# How often to try again when the service answers 503, by the kind of problem. A file that killed its worker
+# may do so again, so it has one more chance only.
+RETRIES = {"busy": 5, "storage-unavailable": 3, "not-ready": 5, "worker-lost": 1}
+LONGEST_WAIT_SECONDS = 30.0
+# A large mesh may wait for a worker and then be worked on for minutes.
+TIMEOUT = httpx.Timeout(600.0, connect=10.0)
+
+
+class ClientError(Exception):
+    """A request that did not succeed."""
+
+
+class UnreachableError(ClientError):
+    """There is no answer: nothing listens at the address, or the connection was lost."""
+
+
+class UnexpectedAnswerError(ClientError):
+    """The answer is not one of this service."""
+
+
+class ProblemError(ClientError):
+    """The service answered with a problem document.
+
+    Attributes
+    ----------
+    problem : Problem
+        The document.
+    kind : str
+        The last part of its type, on which a program may branch: "shape-not-found", "no-triangles", ...
+    """
+
+    def __init__(self, problem: Problem) -> None:
+        super().__init__(f"{problem.title}: {problem.detail}")
+        self.problem = problem
+        self.kind = problem.type.removeprefix(TYPE_PREFIX)
+
+
+@dataclass(frozen=True)
+class Upload:
+    """A stored shape, and whether this upload created it or found it there."""
+
+    shape: Shape
+    created: bool
+
+
+class QueryArguments(TypedDict, total=False):
+    """How to search; what each is for and its default stand in `service.search.schemas.QueryOptions`."""
+
+    top_k: int
+    rank_by: RankBy
+    exhaustive: bool
+    filter: Sequence[str]
+    exclude_self: bool
+    correspondences: bool
+
+
+class Client:
+    """The service at an address.
+
+    Parameters
+    ----------
+    url : str
+        For example "http://127.0.0.1:8000".
+    transport : httpx.BaseTransport, optional
+        How to get there, instead of the network.
+    timeout : httpx.Timeout, optional
+        Ten minutes for an answer, unless given.
+
+    Every method raises `ProblemError`, `UnreachableError` or `UnexpectedAnswerError`.
+    """
+
+    def __init__(
+        self,
+        url: str,
+        *,
+        transport: httpx.BaseTransport | None = None,
+        timeout: httpx.Timeout = TIMEOUT,
+    ) -> None:
+        try:
+            self._http = httpx.Client(base_url=url, transport=transport, timeout=timeout)
+        except httpx.InvalidURL as error:
+            raise UnreachableError(f"{url!r} is not an address: {error}") from error
+        self.url = url
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the connections."""
+        self._http.close()
+
+    def upload(
+        self,
+        file: File,
+        *,
+        name: str | None = None,
+        tags: Sequence[str] = (),
+        metadata: Mapping[str, JsonValue] | None = None,
+    ) -> Upload:
+        """Store a mesh. The same bytes under the same name are stored once: then `created` is false."""
+        fields: dict[str, str] = {}
+        if name is not None:
+            fields["name"] = name
+        if tags:
+            fields["tags"] = ",".join(tags)
+        if metadata is not None:
+            fields["metadata"] = json.dumps(metadata)
+        answer = self._send("POST", "/shapes", data=fields, files={"file": _named_bytes(file)})
+        return Upload(_parse(Shape, answer), created=answer.status_code == httpx.codes.CREATED)
+
+    def page(
+        self,
+        *,
+        tags: Sequence[str] = (),
+        name: str | None = None,
+        metadata: Sequence[str] = (),
+        limit: int = 50,
+        cursor: str | None = None,
+    ) -> ShapePage:
+        """Some of the stored shapes, oldest first; `metadata` are conditions written key=value."""
+        query: dict[str, Any] = {"tag": list(tags), "metadata": list(metadata), "limit": limit}
+        query |= {key: value for key, value in (("name", name), ("cursor", cursor)) if value is not None}
+        return _parse(ShapePage, self._send("GET", "/shapes", params=query))
+
+    def shapes(
+        self, *, tags: Sequence[str] = (), name: str | None = None, metadata: Sequence[str] = ()
+    ) -> Iterator[Shape]:
+        """All of them, page by page."""
+        cursor: str | None = None
+        while True:
+            page = self.page(tags=tags, name=name, metadata=metadata, limit=500, cursor=cursor)
+            yield from page.shapes
+            cursor = page.next_cursor
+            if cursor is None:
+                return
+
+    def shape(self, shape_id: str) -> Shape:
+        """One record."""
+        return _parse(Shape, self._send("GET", f"/shapes/{_segment(shape_id)}"))
+
+    def file(self, shape_id: str) -> bytes:
+        """The bytes that were uploaded."""
+        return self._send("GET", f"/shapes/{_segment(shape_id)}/file").content
+
+    def update(
+        self,
+        shape_id: str,
+        *,
+        name: str | None = None,
+        tags: Sequence[str] | None = None,
+        metadata: Mapping[str, JsonValue] | None = None,
+    ) -> Shape:
+        """Replace what is given; the rest stays."""
+        changes: dict[str, Any] = {
+            "name": name,
+            "tags": None if tags is None else list(tags),
+            "metadata": None if metadata is None else dict(metadata),
+        }
+        changes = {key: value for key, value in changes.items() if value is not None}
+        return _parse(Shape, self._send("PATCH", f"/shapes/{_segment(shape_id)}", json=changes))
+
+    def delete(self, shape_id: str) -> None:
+        """Take it out of the archive."""
+        self._send("DELETE", f"/shapes/{_segment(shape_id)}")
+
+    def query_file(self, file: File, **options: Unpack[QueryArguments]) -> QueryAnswer:
+        """The stored shapes most like a file."""
+        fields = {key: _field(value) for key, value in options.items()}
+        answer = self._send("POST", "/query", data=fields, files={"file": _named_bytes(file)})
+        return _parse(QueryAnswer, answer)
+
+    def query_shape(self, shape_id: str, **options: Unpack[QueryArguments]) -> QueryAnswer:
+        """The stored shapes most like a stored one."""
+        body: dict[str, Any] = {"shape_id": shape_id, **options}
+        if "filter" in body:
+            body["filter"] = list(body["filter"])
+        return _parse(QueryAnswer, self._send("POST", "/query", json=body))
+
+    def compare(self, first: str, second: str) -> CompareAnswer:
+        """Two stored shapes point by point, by their ids."""
+        return _parse(CompareAnswer, self._send("POST", "/compare", json={"first": first, "second": second}))
+
+    def version(self) -> Version:
+        """Which service this is."""
+        return _parse(Version, self._send("GET", "/version"))
+
+    def ready(self) -> bool:
+        """Whether it can do its work; false too when there is no answer."""
+        try:
+            return self._http.get("/readyz").is_success
+        except httpx.TransportError:
+            return False
+
+    def _send(self, method: str, path: str, **arguments: Any) -> httpx.Response:  # noqa: ANN401
+        """The answer if it is a success; a service that is busy for the moment is asked again."""
+        attempt = 0
+        while True:
+            try:
+                answer = self._http.request(method, path, **arguments)
+            except (httpx.TransportError, httpx.UnsupportedProtocol) as error:
+                raise UnreachableError(f"no answer from {self.url}: {error}") from error
+            if answer.is_success:
+                return answer
+            problem = _problem(answer)
+            if attempt >= RETRIES.get(problem.kind, 0):
+                raise problem
+            time.sleep(_wait(answer, attempt))
+            attempt += 1
+
+
+def _parse(model: type[Model], answer: httpx.Response) -> Model:
+    try:
+        return model.model_validate_json(answer.content)
+    except ValidationError as error:
+        raise UnexpectedAnswerError(f"{answer.request.url} gave no {model.__name__}") from error
+
+
+def _problem(answer: httpx.Response) -> ProblemError:
+    if answer.headers.get("content-type", "").startswith(MEDIA_TYPE):
+        with suppress(ValidationError):
+            return ProblemError(Problem.model_validate_json(answer.content))
+    raise UnexpectedAnswerError(
+        f"{answer.request.url} answered {answer.status_code}, and not with a problem document"
+    )
+
+
+def _wait(answer: httpx.Response, attempt: int) -> float:
+    """Seconds to wait: as the service asks, twice as long each time, so that many clients spread out."""
+    asked = answer.headers.get("retry-after", "")
+    first = float(asked) if asked.isdecimal() else 1.0
+    return min(first * 2.0**attempt, LONGEST_WAIT_SECONDS)
+
+
+def _named_bytes(file: File) -> tuple[str, bytes]:
+    if isinstance(file, tuple):
+        return file
+    path = Path(file)
+    return path.name, path.read_bytes()
+
+
+def _field(value: object) -> str:
+    """A query option as a form's field."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return ",".join(value)
+    return str(value)
+
+
+def _segment(shape_id: str) -> str:
+    """An id as one segment of an address: whatever it holds, it names no other address."""
+    return quote(shape_id, safe="")
