@@ -38,7 +38,7 @@ fi
 mkdir -p "$kept"
 exec 9>"$kept/lock"
 flock 9
-export STORAGE_DRIVER=vfs BUILDAH_ISOLATION=chroot
+export BUILDAH_ISOLATION=chroot
 export BUILDAH="buildah --root $kept/storage --runroot $work/run"
 
 # The runtime is asked to leave control groups alone, and given a file system without them, since it refuses machines
@@ -49,7 +49,7 @@ runtime() {
         'mount -t tmpfs none /sys/fs/cgroup && exec crun --root "$0" --cgroup-manager=disabled "$@"' "$state" "$@"
 }
 # crun runs what is added as root unless told: as the image's own user, then, and with no more than it may.
-inside() { runtime exec --user "$user" "$name" "$@"; }
+inside() { runtime exec --user "$user" --no-new-privs "$name" "$@"; }
 
 clean_up() {
     runtime delete --force "$name" >/dev/null 2>&1 || true
@@ -145,15 +145,24 @@ start
 nsenter --target "$pid" --net -- curl --silent --show-error --fail --max-time 10 http://127.0.0.1:8000/readyz >/dev/null
 pass '/readyz answers'
 
-inside sh -c 'cat /proc/[0-9]*/status' >"$work/processes"
-"$python" - "$work/processes" <<'END' || fail 'a process in the container may do more than it should'
+"$python" - "$pid" <<'END' || fail 'a process of the service may do more than it should'
 import sys
+from pathlib import Path
 
-lines = [line.split() for line in open(sys.argv[1])]
-wanted = {"Uid:": "10001", "Gid:": "10001", "CapEff:": "0" * 16, "CapPrm:": "0" * 16, "CapBnd:": "0" * 16, "NoNewPrivs:": "1"}
-for key, value in wanted.items():
-    found = [line[1:] for line in lines if line[0] == key]
-    assert len(found) >= 2 and all(set(values) == {value} for values in found), (key, found)
+first = Path("/proc", sys.argv[1], "ns/pid").readlink()
+found = 0
+for process in Path("/proc").glob("[0-9]*"):
+    try:
+        if (process / "ns/pid").readlink() != first:
+            continue
+        status = dict(line.split(":", 1) for line in (process / "status").read_text().splitlines())
+    except (FileNotFoundError, PermissionError):
+        continue  # It has ended, or is no process of the container's.
+    found += 1
+    wanted = {"Uid": "10001", "Gid": "10001", "CapEff": "0" * 16, "CapPrm": "0" * 16, "CapBnd": "0" * 16, "NoNewPrivs": "1"}
+    for key, value in wanted.items():
+        assert set(status[key].split()) == {value}, (status["Name"], key, status[key])
+assert found, "no process was found"
 END
 pass 'every process is of user 10001, without capabilities, and can gain none'
 
