@@ -26,10 +26,11 @@ COMPILE := $(UV) pip compile --quiet --no-config --universal --python-version 3.
 	--generate-hashes --no-annotate --custom-compile-command 'make lock' $(if $(UPGRADE),--upgrade)
 LOCKS := requirements.lock tests/requirements.lock docker/test/requirements.lock
 
-.PHONY: help demo test collections-test lint types openapi lock lock-check image-test clean
+.PHONY: help environment demo test collections-test lint types openapi lock lock-check image-test clean
 
 help:
 	@echo 'make demo               ingest made shapes, query them, print the nearest three (CHECK=1: and check them)'
+	@echo 'make environment        install what runs and tests it into .venv, and no more'
 	@echo 'make test               the test suite'
 	@echo 'make collections-test   the tests on real collections, in the folder that ISOSHAPE_DATA names'
 	@echo 'make lint               ruff: rules and layout'
@@ -57,6 +58,8 @@ $(DEV): tests/requirements.lock $(RUNTIME)
 	$(PIP) install --require-hashes --requirement tests/requirements.lock
 	@touch $@
 
+environment: $(DEV)
+
 demo: $(RUNTIME)
 	$(BIN)/isoshape demo $(if $(filter-out 0,$(CHECK)),--check)
 
@@ -78,8 +81,7 @@ types: $(DEV)
 	$(BIN)/mypy --strict
 
 openapi: $(RUNTIME)
-	$(BIN)/isoshape openapi > openapi/openapi.json.new
-	mv openapi/openapi.json.new openapi/openapi.json
+	$(BIN)/isoshape openapi
 
 # The test lock holds the runtime lock's versions, so that what is tested is what runs.
 lock: $(if $(filter $(BIN)/uv,$(UV)),$(DEV))

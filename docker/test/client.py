@@ -11,23 +11,15 @@ from typing import Any
 import httpx
 
 from core.gallery import make_shape
-from core.mesh import Mesh
+from core.reading import write_mesh
 
 STORED = [(label, pose) for label in ("octopus", "pliers", "cup") for pose in (0, 1)]
 QUERY = ("octopus", 2)
 
 
-def off(mesh: Mesh) -> bytes:
-    """The mesh as an OFF file."""
-    lines = [f"OFF\n{len(mesh.vertices)} {len(mesh.faces)} 0"]
-    lines += ["{!r} {!r} {!r}".format(*map(float, vertex)) for vertex in mesh.vertices]
-    lines += ["3 {} {} {}".format(*face) for face in mesh.faces]
-    return "\n".join(lines).encode() + b"\n"
-
-
 def file_of(label: str, pose: int) -> dict[str, tuple[str, bytes]]:
     """The form's file: a made shape."""
-    return {"file": (f"{label}-{pose}.off", off(make_shape(label, pose)))}
+    return {"file": (f"{label}-{pose}.off", write_mesh(make_shape(label, pose), "off"))}
 
 
 def answer(response: httpx.Response, status: int) -> dict[str, Any]:
@@ -41,7 +33,7 @@ def answer(response: httpx.Response, status: int) -> dict[str, Any]:
 
 def fill(client: httpx.Client) -> None:
     """Upload, query by a pose that is not stored, and query by a stored shape's own file."""
-    if answer(client.get("/shapes"), 200)["items"]:
+    if answer(client.get("/shapes"), 200)["shapes"]:
         raise SystemExit("the new volume is not empty")
     began = time.monotonic()
     for label, pose in STORED:
@@ -55,7 +47,7 @@ def fill(client: httpx.Client) -> None:
 
 def again(client: httpx.Client) -> None:
     """Everything that was acknowledged is there, and queries find it."""
-    names = {shape["name"] for shape in answer(client.get("/shapes"), 200)["items"]}
+    names = {shape["name"] for shape in answer(client.get("/shapes"), 200)["shapes"]}
     if names != {f"{label}-{pose}" for label, pose in STORED}:
         raise SystemExit(f"stored: {sorted(names)}")
     began = time.monotonic()
