@@ -79,6 +79,7 @@ lint: $(DEV)
 
 types: $(DEV)
 	$(BIN)/mypy --strict
+	$(BIN)/mypy --strict docker/test/*.py
 
 openapi: $(RUNTIME)
 	$(BIN)/isoshape openapi
