@@ -67,7 +67,7 @@ say '== the files'
 tools=$kept/tools-$(sha256sum docker/test/requirements.lock | cut -c 1-16)
 if [[ ! -e $tools/.made ]]; then
     "$python" -m venv --clear "$tools"
-    "$tools/bin/python" -m pip --quiet --disable-pip-version-check install --require-hashes \
+    "$tools/bin/python" -m pip -qq --disable-pip-version-check install --require-hashes \
         --requirement docker/test/requirements.lock
     touch "$tools/.made"
 fi
