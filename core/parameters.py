@@ -2,23 +2,218 @@
 
 import hashlib
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
+from typing import Literal, Self, get_args
+
+from core.errors import ParameterError
 
 METHOD_VERSION = 1
+"""Raised whenever the same parameters would give other embeddings or other scores."""
+
+Selection = Literal["sort-and-cut", "random-draw", "covering"]
+Distances = Literal["tree", "graph", "geodesic"]
+Affinity = Literal["gaussian", "distance"]
+Operator = Literal["affinity", "laplace-beltrami"]
+Pairs = Literal["one-to-one", "nearest"]
 
 
 @dataclass(frozen=True)
 class Parameters:
-    """A frozen set of parameters."""
+    """A frozen set of parameters; every stored embedding carries its fingerprint.
+
+    Attributes
+    ----------
+    name : str
+        What people call it; not part of the fingerprint.
+    refine_vertices : int
+        Long edges are split as for an even mesh of so many vertices; 0 leaves the mesh as it is.
+    decimate_above, decimate_to : int
+        A mesh of more vertices than the first is simplified to about the second; 0 never.
+    degree, epsilon, normalise_weights
+        Of the Lewis weights: see `core.lewis.lewis_weights`.
+    selection : "sort-and-cut", "random-draw" or "covering"
+        How samples are taken by their weights; `coverage_power` belongs to "covering", `seed` to the draw.
+    samples : int
+        A fixed number of samples, or 0 for `tau`.
+    tau : float
+        Sparse ratio in (0, 1]: samples over vertices.
+    sample_cap : int
+        The most samples that tau may ask for; 0 for no cap.
+    unfold : bool
+        Whether shortest paths may cross pairs of faces besides following edges.
+    distances : "tree", "graph" or "geodesic"
+        Between samples: along the minimum spanning tree, the sparse graph, or the whole mesh.
+    affinity : "gaussian" or "distance", width : float
+        See `core.spectrum`.
+    operators : tuple of "affinity" and "laplace-beltrami"
+        One embedding of the samples each; scores are their mean, the correspondence is the first's.
+    dimensions : int
+        k, after the near-constant eigenvector.
+    eigenvalue_power : float
+        Coordinates carry |eigenvalue| to this power (a Laplacian's to minus it); the paper's is 0.
+    first_dimensions, sign_starts, kept_starts, start_iterations, step_iterations
+        See `core.correspondence.Search`.
+    stiffness : float
+        The spline's beta over the mean distance between all pairs of points (the paper: 1).
+    pairs : "one-to-one" or "nearest"
+        Whether the correspondence ends in `core.alignment.align`, and scores read coordinates that it has
+        turned; or in nearest neighbours of the warped points, and scores read those.
+    align_rounds : int
+        At most so many rounds of rotation and one-to-one pairs.
+    affinity_values, laplacian_values : int
+        Eigenvalues of each kind in the signature.
+    match_threshold : float
+        A query whose best CC is below has no match (Algorithm 3's unmatched shapes).
+    """
 
     name: str = "default"
+    refine_vertices: int = 2000
+    decimate_above: int = 40_000
+    decimate_to: int = 20_000
+    degree: int = 6
+    epsilon: float = 0.01
+    normalise_weights: bool = True
+    selection: Selection = "covering"
+    coverage_power: float = 0.25
+    seed: int = 0
+    samples: int = 100
+    tau: float = 0.3
+    sample_cap: int = 0
+    unfold: bool = True
+    distances: Distances = "graph"
+    affinity: Affinity = "gaussian"
+    width: float = 1.5
+    operators: tuple[Operator, ...] = ("affinity", "laplace-beltrami")
+    dimensions: int = 6
+    eigenvalue_power: float = 0.5
+    first_dimensions: int = 3
+    sign_starts: bool = True
+    kept_starts: int = 3
+    start_iterations: int = 5
+    step_iterations: int = 3
+    stiffness: float = 100.0
+    pairs: Pairs = "one-to-one"
+    align_rounds: int = 4
+    affinity_values: int = 20
+    laplacian_values: int = 15
+    match_threshold: float = 0.9
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "operators", tuple(self.operators))
+        for field, allowed in (("selection", Selection), ("distances", Distances), ("affinity", Affinity)):
+            if getattr(self, field) not in get_args(allowed):
+                raise ParameterError(f"{field} must be one of {', '.join(get_args(allowed))}")
+        if self.pairs not in get_args(Pairs):
+            raise ParameterError(f"pairs must be one of {', '.join(get_args(Pairs))}")
+        if not self.operators or any(name not in get_args(Operator) for name in self.operators):
+            raise ParameterError(f"operators must be one or more of {', '.join(get_args(Operator))}")
+        self._check_ranges()
+
+    def _check_ranges(self) -> None:
+        rules = {
+            "refine_vertices must be 0 to 100,000": 0 <= self.refine_vertices <= 100_000,
+            "decimate_to must be at least 500 and below decimate_above": self.decimate_above == 0
+            or 500 <= self.decimate_to < self.decimate_above,
+            "degree must be 1 to 12": 1 <= self.degree <= 12,
+            "epsilon must lie between 0 and 1/7": 0.0 < self.epsilon < 1.0 / 7.0,
+            "coverage_power must be 0 to 4": 0.0 <= self.coverage_power <= 4.0,
+            "dimensions must be 2 to 50": 2 <= self.dimensions <= 50,
+            "samples must be 0, or at least dimensions + 2, and at most 10,000": self.samples == 0
+            or self.dimensions + 2 <= self.samples <= 10_000,
+            "tau must be above 0 and at most 1": 0.0 < self.tau <= 1.0,
+            "sample_cap must be 0 or at least dimensions + 2": self.sample_cap == 0
+            or self.sample_cap >= self.dimensions + 2,
+            "width must be positive": 0.0 < self.width < 1e6,
+            "first_dimensions must be 2 to 6 and at most dimensions": 2
+            <= self.first_dimensions
+            <= min(6, self.dimensions)
+            or (not self.sign_starts and self.first_dimensions == self.dimensions),
+            "iteration and start counts must be at least 1": min(
+                self.kept_starts, self.start_iterations, self.step_iterations, self.align_rounds
+            )
+            >= 1,
+            "stiffness must not be negative": 0.0 <= self.stiffness < 1e12,
+            "affinity_values and laplacian_values must be 0 to 100": 0 <= self.affinity_values <= 100
+            and 0 <= self.laplacian_values <= 100,
+            "affinity_values and laplacian_values must not both be 0": self.affinity_values
+            + self.laplacian_values
+            > 0,
+            "match_threshold must be -1 to 1": -1.0 <= self.match_threshold <= 1.0,
+        }
+        for rule, holds in rules.items():
+            if not holds:
+                raise ParameterError(rule)
 
     @property
     def fingerprint(self) -> str:
         """Sixteen hexadecimal digits: a hash of the parameters and of the method version."""
-        text = json.dumps({"method": METHOD_VERSION, **asdict(self)}, sort_keys=True)
+        values = asdict(self)
+        del values["name"]
+        text = json.dumps({"method": METHOD_VERSION, **values}, sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+    def to_json(self) -> str:
+        """All parameters as a JSON object."""
+        return json.dumps(asdict(self), indent=2)
+
+    @classmethod
+    def from_json(cls, text: str) -> Self:
+        """Parameters from a JSON object; those it does not name have the default setting's values.
+
+        Raises
+        ------
+        ParameterError
+            Not JSON, an unknown name, a wrong type, or a value out of its range.
+        """
+        try:
+            values = json.loads(text)
+        except json.JSONDecodeError as error:
+            raise ParameterError(f"not JSON: {error}") from error
+        if not isinstance(values, dict):
+            raise ParameterError("parameters must be a JSON object")
+        known = {field.name: getattr(DEFAULT, field.name) for field in fields(cls)}
+        for name, value in values.items():
+            if name not in known:
+                raise ParameterError(f"unknown parameter {name!r}; known are {', '.join(known)}")
+            wanted = type(known[name])
+            good = isinstance(value, wanted) and isinstance(value, bool) == (wanted is bool)
+            if wanted is float:
+                good = isinstance(value, int | float) and not isinstance(value, bool)
+            elif wanted is tuple:
+                good = isinstance(value, list) and all(isinstance(entry, str) for entry in value)
+            if not good:
+                raise ParameterError(f"{name} must be of the kind of {known[name]!r}, not {value!r}")
+            if wanted is float:
+                values[name] = float(value)
+        return cls(**values)
 
 
 DEFAULT = Parameters()
-PAPER = Parameters(name="paper")
+"""The best that was measured; see the README's table."""
+
+PAPER = Parameters(
+    name="paper",
+    refine_vertices=0,
+    decimate_above=0,
+    normalise_weights=False,
+    selection="sort-and-cut",
+    samples=0,
+    tau=0.3,
+    sample_cap=400,
+    unfold=False,
+    distances="tree",
+    affinity="distance",
+    operators=("affinity",),
+    dimensions=3,
+    eigenvalue_power=0.0,
+    first_dimensions=3,
+    sign_starts=False,
+    kept_starts=1,
+    start_iterations=10,
+    step_iterations=1,
+    stiffness=1.0,
+    pairs="nearest",
+    affinity_values=20,
+    laplacian_values=0,
+)
+"""As literal as the text allows, with the errata of the README's table "How the paper is read"."""

@@ -1,17 +1,73 @@
 """The whole method: a mesh to its embedding, two embeddings to their match."""
 
+from collections import OrderedDict
 from collections.abc import Sequence
 
+import fast_simplification
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
+from scipy.spatial import cKDTree
+from threadpoolctl import threadpool_limits
 
-from core.embedding import Embedding, Match, Scores
-from core.mesh import Mesh
+from core.cleaning import Cleaned, clean, face_areas
+from core.embedding import Embedding, Facts, Match, Scores, Spectrum
+from core.errors import DegenerateMeshError, IncompatibleEmbeddingsError
+from core.frame import Frame, normal_frame
+from core.graph import (
+    SparseGraph,
+    edge_graph,
+    geodesic_distances,
+    graph_distances,
+    sparse_graph,
+    tree_distances,
+)
+from core.laplacian import laplace_beltrami
+from core.lewis import lewis_weights
+from core.matching import Prepared, SpectralMatch, match_spectra, prepare
+from core.mesh import Floats, Ints, Mesh
 from core.parameters import Parameters
+from core.sampling import covering, keyed_uniform, random_draw, sort_and_cut
+from core.spectrum import (
+    affinity_signature,
+    distance_affinity,
+    gaussian_affinity,
+    laplacian_signature,
+    leading_eigenpairs,
+    oriented,
+    spectral_coordinates,
+)
+from core.subdivision import refine
+
+PREPARED_BYTES = 128 * 1024 * 1024
+"""How much a pipeline keeps of factored splines for shapes it has met."""
+
+
+def measure(mesh: Mesh, cleaned: Cleaned, frame: Frame) -> Facts:
+    """Facts of a mesh as it was read, its cleaned form and its frame."""
+    faces = cleaned.mesh.faces
+    corners = frame.apply(cleaned.mesh.vertices)[faces]
+    volume = np.einsum("ij,ij->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6.0
+    ends = np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+    _, uses = np.unique(ends[:, 0] * len(cleaned.mesh.vertices) + ends[:, 1], return_counts=True)
+    return Facts(
+        vertices=len(mesh.vertices),
+        faces=len(mesh.faces),
+        area=float(face_areas(cleaned.mesh.vertices, faces).sum()),
+        volume=float(abs(volume) * frame.scale**3),
+        scale=frame.scale,
+        components=cleaned.components,
+        merged_vertices=cleaned.merged_vertices,
+        dropped_faces=cleaned.dropped_faces,
+        boundary_edges=int((uses == 1).sum()),
+        nonmanifold_edges=int((uses > 2).sum()),
+    )
 
 
 class Pipeline:
     """The method under one set of parameters.
+
+    Embedding the same mesh gives the same bytes, in any process; linear algebra runs on one thread for that.
 
     Parameters
     ----------
@@ -19,17 +75,175 @@ class Pipeline:
         Frozen; `fingerprint` is a hash of them and of the method version.
     """
 
-    parameters: Parameters
-    fingerprint: str
-
     def __init__(self, parameters: Parameters) -> None:
         self.parameters = parameters
         self.fingerprint = parameters.fingerprint
+        self._prepared: OrderedDict[int, tuple[Spectrum, Prepared]] = OrderedDict()
+        self._prepared_bytes = 0
 
-    def embed(self, mesh: Mesh) -> Embedding: ...
+    def normalise(self, mesh: Mesh) -> tuple[Mesh, Cleaned, Frame]:
+        """The mesh that is sampled (cleaned, in its normal frame, refined or simplified), and how it came."""
+        wanted = self.parameters
+        cleaned = clean(mesh)
+        frame = normal_frame(cleaned.mesh)
+        normal = Mesh(frame.apply(cleaned.mesh.vertices), cleaned.mesh.faces)
+        if wanted.decimate_above and len(normal.vertices) > wanted.decimate_above:
+            kept = wanted.decimate_to / len(normal.vertices)
+            vertices, faces = fast_simplification.simplify(
+                normal.vertices, normal.faces.astype(np.int32), target_reduction=1.0 - kept
+            )
+            normal = clean(Mesh(vertices, faces)).mesh
+        needed = max(wanted.refine_vertices, 0 if wanted.samples else self._least_for_tau())
+        return (refine(normal, needed) if len(normal.vertices) < needed else normal), cleaned, frame
 
-    def score(self, query: Embedding, candidates: Sequence[Embedding]) -> Scores: ...
+    def _least_for_tau(self) -> int:
+        return int(np.ceil(4 * (self.parameters.dimensions + 2) / self.parameters.tau))
 
-    def match(self, first: Embedding, second: Embedding) -> Match: ...
+    def sample(self, mesh: Mesh, graph: csr_array) -> Ints:
+        """Sample vertices of a mesh in its normal frame, shape (m,)."""
+        wanted = self.parameters
+        count = wanted.samples or round(wanted.tau * len(mesh.vertices))
+        count = min(count, wanted.sample_cap or count, len(mesh.vertices))
+        if count < wanted.dimensions + 2:
+            raise DegenerateMeshError(f"only {count} samples for {wanted.dimensions} dimensions")
+        drawn = wanted.selection == "random-draw"
+        weights = lewis_weights(
+            mesh.vertices,
+            degree=wanted.degree,
+            epsilon=wanted.epsilon,
+            normalise=wanted.normalise_weights,
+            random=keyed_uniform(mesh.vertices, wanted.seed + 1)
+            if wanted.selection == "random-draw"
+            else None,
+        ).weights
+        if wanted.selection == "sort-and-cut":
+            return sort_and_cut(weights, count)
+        if drawn:
+            return random_draw(weights, count, keyed_uniform(mesh.vertices, wanted.seed))
+        return covering(graph, mesh.vertices, weights, count, wanted.coverage_power)
 
-    def signature_distances(self, query: NDArray[np.float32], signatures: NDArray[np.float32]) -> NDArray[np.float64]: ...
+    def distances(self, graph: csr_array, samples: Ints, sparse: SparseGraph) -> Floats:
+        """Distances between the samples as the parameters say, shape (m, m)."""
+        if self.parameters.distances == "geodesic":
+            return geodesic_distances(graph, samples)
+        along = tree_distances if self.parameters.distances == "tree" else graph_distances
+        return along(sparse, len(samples))
+
+    def embed(self, mesh: Mesh) -> Embedding:
+        """The whole of section 3: a mesh to its sparse spectral embedding.
+
+        Raises
+        ------
+        DegenerateMeshError
+            The mesh has no area, or too few points for the dimensions asked.
+        """
+        with threadpool_limits(limits=1):
+            surface, cleaned, frame = self.normalise(mesh)
+            graph = edge_graph(surface, unfold=self.parameters.unfold)
+            samples = self.sample(surface, graph)
+            sparse = sparse_graph(graph, samples)
+            spectra, signature = self._spectra(surface, samples, self.distances(graph, samples, sparse))
+        positions = frame.invert(surface.vertices[samples])
+        return Embedding(
+            fingerprint=self.fingerprint,
+            facts=measure(mesh, cleaned, frame),
+            positions=positions.astype(np.float32),
+            vertices=np.asarray(cKDTree(mesh.vertices).query(positions)[1]).astype(np.int32),
+            graph_edges=sparse.edges.astype(np.int32),
+            graph_lengths=sparse.lengths.astype(np.float32),
+            tree_edges=sparse.edges[sparse.tree].astype(np.int32),
+            signature=signature.astype(np.float32),
+            spectra=spectra,
+        )
+
+    def _spectra(
+        self, surface: Mesh, samples: Ints, distances: Floats
+    ) -> tuple[tuple[Spectrum, ...], Floats]:
+        wanted = self.parameters
+        spectra: list[Spectrum] = []
+        signature: list[Floats] = []
+        if "affinity" in wanted.operators or wanted.affinity_values:
+            if wanted.affinity == "gaussian":
+                affinity = gaussian_affinity(distances, wanted.width)
+            else:
+                affinity = distance_affinity(distances)
+            count = min(max(wanted.dimensions + 1, wanted.affinity_values), len(samples))
+            values, vectors = leading_eigenpairs(affinity, count)
+            signature.append(affinity_signature(values[: wanted.affinity_values], len(samples)))
+            kept = slice(1, wanted.dimensions + 1)
+            points = spectral_coordinates(values[kept], vectors[:, kept], wanted.eigenvalue_power)
+            spectra.append(Spectrum("affinity", values.astype(np.float32), points.astype(np.float32)))
+        if "laplace-beltrami" in wanted.operators or wanted.laplacian_values:
+            values, functions = laplace_beltrami(surface, max(wanted.dimensions, wanted.laplacian_values))
+            signature.append(laplacian_signature(values[: wanted.laplacian_values]))
+            chosen = oriented(functions[samples, : wanted.dimensions])
+            points = spectral_coordinates(values[: wanted.dimensions], chosen, -wanted.eigenvalue_power)
+            spectra.append(Spectrum("laplace-beltrami", values.astype(np.float32), points.astype(np.float32)))
+        spectra = [spectrum for spectrum in spectra if spectrum.name in wanted.operators]
+        spectra.sort(key=lambda spectrum: wanted.operators.index(spectrum.name))
+        return tuple(spectra), np.concatenate(signature)
+
+    def prepared(self, spectrum: Spectrum) -> Prepared:
+        """The spectrum with its splines factored, from memory when it was met before."""
+        known = self._prepared.get(id(spectrum))
+        if known is not None:
+            self._prepared.move_to_end(id(spectrum))
+            return known[1]
+        ready = prepare(spectrum, self.parameters)
+        self._prepared[id(spectrum)] = (spectrum, ready)
+        self._prepared_bytes += ready.operators.nbytes
+        while self._prepared_bytes > PREPARED_BYTES and len(self._prepared) > 1:
+            _, (_, dropped) = self._prepared.popitem(last=False)
+            self._prepared_bytes -= dropped.operators.nbytes
+        return ready
+
+    def _matches(self, first: Embedding, second: Embedding) -> list[SpectralMatch]:
+        for embedding in (first, second):
+            if embedding.fingerprint != self.fingerprint:
+                raise IncompatibleEmbeddingsError(
+                    f"embedding {embedding.fingerprint} under pipeline {self.fingerprint}"
+                )
+        pairs = zip(first.spectra, second.spectra, strict=True)
+        return [match_spectra(self.prepared(a), self.prepared(b), self.parameters) for a, b in pairs]
+
+    def score(self, query: Embedding, candidates: Sequence[Embedding]) -> Scores:
+        """CC, SSD and sim of one shape with each of several: the means over their spectra.
+
+        Raises
+        ------
+        IncompatibleEmbeddingsError
+            An embedding was made with other parameters.
+        """
+        with threadpool_limits(limits=1):
+            found = [self._matches(query, candidate) for candidate in candidates]
+        means = np.array(
+            [np.mean([(one.cc, one.ssd, one.sim) for one in spectra], axis=0) for spectra in found]
+        ).reshape(-1, 3)
+        return Scores(cc=means[:, 0], ssd=means[:, 1], sim=means[:, 2])
+
+    def match(self, first: Embedding, second: Embedding) -> Match:
+        """Two shapes compared: the scores of `score`, and the correspondence in the first spectrum.
+
+        Raises
+        ------
+        IncompatibleEmbeddingsError
+            An embedding was made with other parameters.
+        """
+        with threadpool_limits(limits=1):
+            found = self._matches(first, second)
+        shown = found[0]
+        return Match(
+            cc=float(np.mean([one.cc for one in found])),
+            ssd=float(np.mean([one.ssd for one in found])),
+            sim=float(np.mean([one.sim for one in found])),
+            correspondence=shown.pairs.astype(np.int32),
+            distances=shown.distances.astype(np.float32),
+            effective=shown.effective,
+        )
+
+    def signature_distances(
+        self, query: NDArray[np.float32], signatures: NDArray[np.float32]
+    ) -> NDArray[np.float64]:
+        """Euclidean distances from one signature, shape (s,), to each row of a matrix (n, s): shape (n,)."""
+        steps = signatures.astype(np.float64) - query.astype(np.float64)
+        return np.asarray(np.sqrt((steps**2).sum(axis=1)))

@@ -1,0 +1,136 @@
+"""Cleaning: coinciding vertices are merged; faces that span nothing and negligible parts are dropped."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from core.errors import DegenerateMeshError
+from core.mesh import Floats, Ints, Mesh
+
+MERGE_TOLERANCE = 1e-7
+"""Vertices whose coordinates agree after rounding to this part of the bounding box's diagonal are one:
+coarser than the rounding of float32 files, far finer than any detail."""
+
+COVERED_AREA = 0.999
+"""Parts are kept, largest first, until this part of the area is covered: dust around a scan goes, and the
+many equal parts of an assembly stay."""
+
+
+@dataclass(frozen=True, eq=False)
+class Cleaned:
+    """A mesh without defects of bookkeeping, and what was mended.
+
+    Attributes
+    ----------
+    mesh : Mesh
+        The cleaned mesh.
+    labels : int64, shape (n,)
+        The connected component of each vertex, 0 .. components - 1.
+    components : int
+        Connected components kept.
+    merged_vertices, dropped_faces : int
+        How many of the file's went.
+    """
+
+    mesh: Mesh
+    labels: Ints
+    components: int
+    merged_vertices: int
+    dropped_faces: int
+
+
+def face_areas(vertices: Floats, faces: Ints) -> Floats:
+    """Area of each face, shape (f,)."""
+    a, b, c = vertices[faces[:, 0]], vertices[faces[:, 1]], vertices[faces[:, 2]]
+    return np.asarray(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1))
+
+
+def merge_vertices(vertices: Floats) -> tuple[Ints, Ints]:
+    """Vertices that coincide.
+
+    Returns
+    -------
+    first : int64, shape (u,)
+        One original index a distinct point.
+    group : int64, shape (n,)
+        The distinct point of each original vertex.
+    """
+    low = vertices.min(axis=0)
+    step = float(np.linalg.norm(vertices.max(axis=0) - low)) * MERGE_TOLERANCE
+    if not np.isfinite(step) or step <= 0.0:
+        raise DegenerateMeshError("all vertices are one point, or lie too far apart to measure")
+    keys = np.rint((vertices - low) / step).astype(np.int64)
+    order = np.lexsort((np.arange(len(keys)), keys[:, 2], keys[:, 1], keys[:, 0]))
+    ordered = keys[order]
+    new = np.ones(len(order), dtype=bool)
+    new[1:] = (ordered[1:] != ordered[:-1]).any(axis=1)
+    group = np.empty(len(order), dtype=np.int64)
+    group[order] = np.cumsum(new) - 1
+    return order[new], group
+
+
+def _distinct_faces(faces: Ints) -> NDArray[np.bool_]:
+    """True for faces with three different corners, the first of each set of faces on the same corners."""
+    corners = np.sort(faces, axis=1)
+    proper = (corners[:, 0] != corners[:, 1]) & (corners[:, 1] != corners[:, 2])
+    order = np.lexsort((np.arange(len(corners)), corners[:, 2], corners[:, 1], corners[:, 0]))
+    ordered = corners[order]
+    again = np.zeros(len(order), dtype=bool)
+    again[1:] = (ordered[1:] == ordered[:-1]).all(axis=1)
+    proper[order[again]] = False
+    return np.asarray(proper)
+
+
+def component_labels(count: int, faces: Ints) -> tuple[int, Ints]:
+    """Connected components of the vertices through the faces' edges: their number, and each vertex's own."""
+    rows = np.concatenate([faces[:, 0], faces[:, 1]])
+    columns = np.concatenate([faces[:, 1], faces[:, 2]])
+    links = coo_array((np.ones(len(rows), dtype=np.int8), (rows, columns)), shape=(count, count))
+    number, labels = connected_components(links.tocsr(), directed=False)
+    return int(number), labels.astype(np.int64)
+
+
+def clean(mesh: Mesh) -> Cleaned:
+    """The mesh without duplicate vertices, degenerate or repeated faces, loose vertices and negligible parts.
+
+    Slivers of zero area stay while they join other faces: they carry no weight but keep the surface
+    connected.
+
+    Raises
+    ------
+    DegenerateMeshError
+        Nothing with an area is left.
+    """
+    first, group = merge_vertices(mesh.vertices)
+    vertices = mesh.vertices[first]
+    faces = group[mesh.faces]
+    faces = faces[_distinct_faces(faces)]
+    if len(faces) == 0:
+        raise DegenerateMeshError("every face is a point or a line")
+    areas = face_areas(vertices, faces)
+    total = float(areas.sum())
+    extent = float(np.ptp(vertices, axis=0).max())
+    if not np.isfinite(total) or total <= 1e-12 * extent * extent:
+        raise DegenerateMeshError("the faces have no area")
+    _, labels = component_labels(len(vertices), faces)
+    by_component = np.bincount(labels[faces[:, 0]], weights=areas)
+    order = np.argsort(-by_component, kind="stable")
+    before = np.cumsum(by_component[order]) - by_component[order]
+    kept = np.zeros(len(by_component), dtype=bool)
+    kept[order[before < COVERED_AREA * total]] = True
+    faces = faces[kept[labels[faces[:, 0]]]]
+    used = np.unique(faces)
+    renumber = np.full(len(vertices), -1, dtype=np.int64)
+    renumber[used] = np.arange(len(used))
+    cleaned = Mesh(vertices[used], renumber[faces])
+    components, labels = component_labels(len(used), cleaned.faces)
+    return Cleaned(
+        mesh=cleaned,
+        labels=labels,
+        components=components,
+        merged_vertices=len(mesh.vertices) - len(first),
+        dropped_faces=len(mesh.faces) - len(faces),
+    )
