@@ -59,7 +59,7 @@ def smoothers(points: Floats, first_dimensions: int, stiffness: float) -> Float3
 
 @compiled_fast
 def _nearest(points: Float32s, targets: Float32s, k: int, matches: Ints, squares: Float32s) -> None:
-    """Write the nearest of targets[:, j] to points[i], by k coordinates, to matches[i]; targets are (k, n)."""
+    """Write the nearest of targets[:, j] to points[i], in k coordinates, to matches[i]; targets: (k, n)."""
     n = targets.shape[1]
     for i in range(points.shape[0]):
         for j in range(n):
@@ -211,5 +211,4 @@ def progressive_reference(points: Floats, targets: Floats, operators: Floats, se
             for _ in range(search.step_iterations):
                 matches = _nearest_reference(operators[k - first] @ targets[matches, :k], targets[:, :k])
         ended.append((_correlation_reference(points, targets[matches]), matches))
-    _, winner = max(ended, key=lambda end: end[0])
-    return winner
+    return np.asarray(max(ended, key=lambda end: end[0])[1])
