@@ -180,7 +180,8 @@ def progressive(
         if score > best:
             best = score
             winner = s
-    return tries[winner].copy()
+    found_matches: Ints = tries[winner].copy()
+    return found_matches
 
 
 def _nearest_reference(points: Floats, targets: Floats) -> Ints:
