@@ -6,8 +6,8 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Literal
 
+import numpy as np
 import typer
-from core.similarity import combined_scores
 from rich import box
 from rich.console import Console
 from rich.table import Table
@@ -15,9 +15,11 @@ from rich.table import Table
 from core.embedding import Embedding
 from core.evaluation import Evaluation, evaluate
 from core.parameters import DEFAULT, PAPER, Parameters
+from core.pipeline import Pipeline
+from core.similarity import combined_scores
 from service.cli.console import fail, output, progress, say
 from service.cli.sample import spread
-from service.cli.scoring import PairScores, default_workers, embed_files, score_pairs
+from service.cli.scoring import PairScores, default_workers, embed_files, score_pairs, worker_pool
 from service.collections import read_collection
 
 MEASURES = ("nn", "ft", "st", "e", "dcg", "map")
@@ -87,8 +89,8 @@ def command(
         files = spread(files, limit)
     parameters = PAPER if setting == "paper" else DEFAULT
     if uncapped:
-        parameters = replace(parameters, sample_cap=None)
-    labels, scores, bad = _score(files, parameters, workers or default_workers())
+        parameters = replace(parameters, sample_cap=0)
+    labels, scores = _score(files, parameters, workers or default_workers())
     reports = [
         Report(folder.resolve().name, setting, ranking.value, _evaluate(scores, labels, ranking))
         for ranking in _rankings(rank_by or [Ranking.CC])
@@ -98,8 +100,8 @@ def command(
         typer.echo(json.dumps(objects[0] if len(objects) == 1 else objects))
     else:
         _print(output(), reports)
-    if bad:
-        fail(f"{bad} of {len(files)} files could not be used")
+    if len(labels) < len(files):
+        fail(f"{len(files) - len(labels)} of {len(files)} files could not be used")
 
 
 def _rankings(chosen: list[Ranking]) -> list[Ranking]:
@@ -110,15 +112,13 @@ def _rankings(chosen: list[Ranking]) -> list[Ranking]:
 
 def _score(
     files: list[tuple[Path, str]], parameters: Parameters, workers: int
-) -> tuple[list[str], PairScores, int]:
-    """Labels and scores of the files that can be used, and how many cannot."""
-    with progress() as bar:
+) -> tuple[list[str], PairScores]:
+    """Labels and scores of the files that can be used; each of the others is named."""
+    labels: list[str] = []
+    embeddings: list[Embedding] = []
+    with worker_pool(parameters, workers) as pool, progress() as bar:
         task = bar.add_task("embedding", total=len(files))
-        results = embed_files(
-            [path for path, _ in files], parameters, workers, lambda n: bar.advance(task, n)
-        )
-        labels: list[str] = []
-        embeddings: list[Embedding] = []
+        results = embed_files(pool, [path for path, _ in files], lambda n: bar.advance(task, n))
         for (path, label), result in zip(files, results, strict=True):
             if isinstance(result, str):
                 say(f"{path}: {result}")
@@ -129,13 +129,15 @@ def _score(
             fail("no file could be used")
         pairs = len(embeddings) * (len(embeddings) - 1) // 2
         scoring = bar.add_task("matching pairs", total=pairs)
-        scores = score_pairs(embeddings, parameters, workers, lambda n: bar.advance(scoring, n))
-    return labels, scores, len(files) - len(labels)
+        scores = score_pairs(pool, Pipeline(parameters), embeddings, lambda n: bar.advance(scoring, n))
+    return labels, scores
 
 
 def _evaluate(scores: PairScores, labels: list[str], ranking: Ranking) -> Evaluation:
     if ranking is Ranking.COMBINED:
-        matrix = combined_scores(scores.cc, scores.distances)
+        pairs = ~np.eye(len(labels), dtype=bool)
+        matrix = np.zeros(pairs.shape)
+        matrix[pairs] = combined_scores(scores.cc[pairs], scores.distances[pairs])
     else:
         matrix = {Ranking.CC: scores.cc, Ranking.SSD: scores.ssd, Ranking.SIM: scores.sim}[ranking]
     return evaluate(matrix, labels, larger_is_closer=ranking is not Ranking.SSD)

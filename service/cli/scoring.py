@@ -1,13 +1,16 @@
 """All pairs of a collection, scored in a pool of processes."""
 
 import os
-from collections.abc import Callable, Iterable, Iterator, Sequence
+import pickle
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import lru_cache, partial
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any, TypeVar
+from tempfile import TemporaryDirectory
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,10 +20,13 @@ from core.embedding import Embedding, Scores
 from core.errors import CoreError
 from core.parameters import Parameters
 from core.pipeline import Pipeline
-from core.reading import format_of, read_mesh
+from core.reading import DEFAULT_LIMITS, format_of
+from core.records import embedding_from_bytes
+from service.compute.tasks import embed_file
 
 Floats = NDArray[np.float64]
-T = TypeVar("T")
+A = TypeVar("A")
+R = TypeVar("R")
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,35 +47,35 @@ class PairScores:
     distances: Floats
 
 
-@dataclass(frozen=True)
-class _Worker:
-    """What each process of the pool keeps: the pipeline, and for scoring all embeddings, sent once."""
-
-    pipeline: Pipeline
-    embeddings: Sequence[Embedding]
+_pipeline: Pipeline
 
 
-_worker: _Worker
+@contextmanager
+def worker_pool(parameters: Parameters, workers: int) -> Iterator[Executor]:
+    """Processes that have the pipeline ready, with one thread each."""
+    pool = ProcessPoolExecutor(
+        workers, get_context("spawn"), initializer=_start_worker, initargs=(parameters,)
+    )
+    try:
+        yield pool
+    finally:
+        pool.shutdown(cancel_futures=True)
 
 
-def embed_files(
-    paths: Sequence[Path], parameters: Parameters, workers: int, done: Callable[[int], None]
-) -> list[Embedding | str]:
+def embed_files(pool: Executor, paths: Sequence[Path], done: Callable[[int], None]) -> list[Embedding | str]:
     """The embedding of each file, or why there is none; `done` is told how many more are finished."""
     results: list[Embedding | str] = [""] * len(paths)
-    with _pool(workers, parameters, ()) as pool:
-        for i, result in _each(pool, _embed, range(len(paths)), paths):
-            results[i] = result
-            done(1)
+    for i, result in _each(pool, _embed, dict(enumerate(paths))):
+        results[i] = result
+        done(1)
     return results
 
 
 def score_pairs(
-    embeddings: Sequence[Embedding], parameters: Parameters, workers: int, done: Callable[[int], None]
+    pool: Executor, pipeline: Pipeline, embeddings: Sequence[Embedding], done: Callable[[int], None]
 ) -> PairScores:
     """Scores of all pairs; each pair is scored once, since scores are symmetric."""
     n = len(embeddings)
-    pipeline = Pipeline(parameters)
     signatures = np.stack([embedding.signature for embedding in embeddings])
     scores = PairScores(
         cc=np.eye(n),
@@ -77,8 +83,11 @@ def score_pairs(
         sim=np.eye(n),
         distances=np.stack([pipeline.signature_distances(row, signatures) for row in signatures]),
     )
-    with _pool(workers, parameters, embeddings) as pool:
-        for i, row in _each(pool, _score_row, range(n - 1), range(n - 1)):
+    with TemporaryDirectory() as folder:
+        # A file, so that each worker reads all embeddings once, and not once a row.
+        path = Path(folder) / "embeddings"
+        path.write_bytes(pickle.dumps(list(embeddings)))
+        for i, row in _each(pool, partial(_score_row, path), {i: i for i in range(n - 1)}):
             for name in ("cc", "ssd", "sim"):
                 matrix = getattr(scores, name)
                 matrix[i, i + 1 :] = matrix[i + 1 :, i] = getattr(row, name)
@@ -91,40 +100,36 @@ def default_workers() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
+def _start_worker(parameters: Parameters) -> None:
+    global _pipeline  # noqa: PLW0603  a pool's initializer has no other place to leave something
+    threadpool_limits(1)
+    _pipeline = Pipeline(parameters)
+
+
 def _embed(path: Path) -> Embedding | str:
     try:
-        return _worker.pipeline.embed(read_mesh(path.read_bytes(), format_of(path.name)))
+        # As the service does it, so that what is measured is what is served.
+        embedded = embed_file(path.read_bytes(), format_of(path.name), DEFAULT_LIMITS, _pipeline.parameters)
+        return embedding_from_bytes(embedded.record)
     except CoreError as error:
         return f"{error.kind}: {error}"
     except OSError as error:
         return error.strerror or str(error)
 
 
-def _score_row(i: int) -> Scores:
-    return _worker.pipeline.score(_worker.embeddings[i], _worker.embeddings[i + 1 :])
+def _score_row(path: Path, i: int) -> Scores:
+    embeddings = _load(path)
+    return _pipeline.score(embeddings[i], embeddings[i + 1 :])
 
 
-def _start_worker(parameters: Parameters, embeddings: Sequence[Embedding]) -> None:
-    global _worker  # noqa: PLW0603  a pool's initializer has no other place to leave something
-    threadpool_limits(1)
-    _worker = _Worker(Pipeline(parameters), embeddings)
+@lru_cache(maxsize=1)
+def _load(path: Path) -> list[Embedding]:
+    embeddings: list[Embedding] = pickle.loads(path.read_bytes())
+    return embeddings
 
 
-@contextmanager
-def _pool(workers: int, parameters: Parameters, embeddings: Sequence[Embedding]) -> Iterator[Executor]:
-    pool = ProcessPoolExecutor(
-        workers, get_context("spawn"), initializer=_start_worker, initargs=(parameters, embeddings)
-    )
-    try:
-        yield pool
-    finally:
-        pool.shutdown(cancel_futures=True)
-
-
-def _each(
-    pool: Executor, function: Callable[[Any], T], keys: Iterable[int], arguments: Iterable[Any]
-) -> Iterator[tuple[int, T]]:
+def _each(pool: Executor, function: Callable[[A], R], arguments: Mapping[int, A]) -> Iterator[tuple[int, R]]:
     """Run the function on each argument; yield key and result as they finish, whatever the order."""
-    futures = {pool.submit(function, argument): key for key, argument in zip(keys, arguments, strict=True)}
+    futures = {pool.submit(function, argument): key for key, argument in arguments.items()}
     for future in as_completed(futures):
         yield futures[future], future.result()

@@ -1,0 +1,190 @@
+"""The client against the real service, and against answers that no service of ours gives."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import get_type_hints
+
+import httpx
+import pytest
+
+from service.client import (
+    RETRIES,
+    Client,
+    ProblemError,
+    QueryArguments,
+    UnexpectedAnswerError,
+    UnreachableError,
+)
+from service.errors import PROBLEMS
+from service.problems import MEDIA_TYPE, TYPE_PREFIX
+from service.search.schemas import QueryOptions
+from tests.service_cli.conftest import mesh_bytes
+
+CUP = ("cup-0.off", mesh_bytes("cup", 0))
+OCTOPUS = ("octopus-0.off", mesh_bytes("octopus", 0))
+
+
+def test_a_shape_from_upload_to_deletion(archive: Client) -> None:
+    first = archive.upload(CUP, tags=["cup", "small"], metadata={"year": 2024})
+    assert first.created
+    assert (first.shape.name, first.shape.tags) == ("cup-0.off", ["cup", "small"])
+    again = archive.upload(CUP)
+    assert not again.created
+    assert again.shape == first.shape
+    assert archive.shape(first.shape.id) == first.shape
+    assert archive.file(first.shape.id) == CUP[1]
+    changed = archive.update(first.shape.id, name="mug", tags=[], metadata={})
+    assert (changed.name, changed.tags, changed.metadata) == ("mug", [], {})
+    assert archive.update(first.shape.id, tags=["x"]).name == "mug"
+    archive.delete(first.shape.id)
+    with pytest.raises(ProblemError) as missing:
+        archive.shape(first.shape.id)
+    assert (missing.value.kind, missing.value.problem.status) == ("shape-not-found", 404)
+
+
+def test_a_path_is_uploaded_under_its_name(archive: Client, tmp_path: Path) -> None:
+    path = tmp_path / "from disk.off"
+    path.write_bytes(CUP[1])
+    assert archive.upload(path).shape.name == "from disk.off"
+    assert archive.upload(str(path), name="another").shape.name == "another"
+
+
+def test_pages_and_filters(archive: Client) -> None:
+    names = [f"copy {i}" for i in range(7)]
+    for i, name in enumerate(names):
+        archive.upload(CUP, name=name, tags=["even"] if i % 2 == 0 else [], metadata={"i": i})
+    page = archive.page(limit=3)
+    assert [shape.name for shape in page.shapes] == names[:3]
+    assert page.total == 7
+    assert [shape.name for shape in archive.page(limit=3, cursor=page.next_cursor).shapes] == names[3:6]
+    assert [shape.name for shape in archive.shapes()] == names
+    assert [shape.name for shape in archive.shapes(tags=["even"])] == names[::2]
+    assert [shape.name for shape in archive.shapes(name="PY 4")] == ["copy 4"]
+    assert [shape.name for shape in archive.shapes(metadata=["i=5"])] == ["copy 5"]
+
+
+def test_queries_and_comparison(archive: Client) -> None:
+    cup, octopus = archive.upload(CUP, tags=["cup"]).shape, archive.upload(OCTOPUS).shape
+    answer = archive.query_file(CUP, top_k=1)
+    assert [result.shape.id for result in answer.results] == [cup.id]
+    assert answer.results[0].cc == pytest.approx(1.0, abs=1e-6)
+    assert (answer.compared, answer.stored) == (2, 2)
+    assert answer.pipeline == archive.version().fingerprint
+    assert answer.results[0].correspondence is None
+    others = archive.query_shape(cup.id, correspondences=True)
+    assert [result.shape.id for result in others.results] == [octopus.id]
+    assert others.results[0].correspondence
+    with_itself = archive.query_shape(cup.id, exclude_self=False, filter=["cup"], rank_by="ssd")
+    assert [result.shape.id for result in with_itself.results] == [cup.id]
+    filtered = archive.query_file(OCTOPUS, filter=["cup"], exclude_self=True, exhaustive=True)
+    assert [result.shape.id for result in filtered.results] == [cup.id]
+    compared = archive.compare(cup.id, octopus.id)
+    assert compared.cc == pytest.approx(others.results[0].cc, abs=1e-9)
+    assert compared.correspondence
+
+
+def test_ready_and_version(archive: Client) -> None:
+    assert archive.ready()
+    assert archive.version().pipeline == "default"
+
+
+def test_problems_name_their_cause(archive: Client) -> None:
+    with pytest.raises(ProblemError, match="empty") as refused:
+        archive.upload(("x.off", b""))
+    assert refused.value.kind == "empty-file"
+    with pytest.raises(ProblemError) as refused:
+        archive.query_file(("x.docx", b"x"))
+    assert refused.value.kind == "unknown-format"
+    with pytest.raises(ProblemError) as refused:
+        archive.query_file(CUP, top_k=1000)
+    assert refused.value.problem.errors is not None
+    assert [fault.field for fault in refused.value.problem.errors] == ["top_k"]
+
+
+def test_an_id_names_no_other_address(archive: Client) -> None:
+    for shape_id in ("../version", "a/b", "?limit=1", "%2e%2e"):
+        with pytest.raises(ProblemError) as refused:
+            archive.shape(shape_id)
+        assert refused.value.problem.status == 404
+
+
+@pytest.mark.parametrize("url", ["http://127.0.0.1:9", "ftp://127.0.0.1", "nothing", "http://[::1"])
+def test_unreachable(url: str) -> None:
+    with pytest.raises(UnreachableError), Client(url) as client:
+        client.version()
+
+
+def test_unreachable_is_not_ready() -> None:
+    with Client("http://127.0.0.1:9") as client:
+        assert not client.ready()
+
+
+def answering(handler: Callable[[httpx.Request], httpx.Response]) -> Client:
+    return Client("http://elsewhere", transport=httpx.MockTransport(handler))
+
+
+@pytest.mark.parametrize(
+    "answer",
+    [
+        httpx.Response(200, text="<html>hello</html>"),
+        httpx.Response(200, json={"version": "1.0", "service": "another"}),
+        httpx.Response(502, text="Bad gateway"),
+        httpx.Response(500, json={"detail": "x"}, headers={"content-type": MEDIA_TYPE}),
+        httpx.Response(302, headers={"location": "/login"}),
+    ],
+)
+def test_another_service_is_told_apart(answer: httpx.Response) -> None:
+    with answering(lambda request: answer) as client, pytest.raises(UnexpectedAnswerError, match="/version"):
+        client.version()
+
+
+def problem(kind: str) -> httpx.Response:
+    row = PROBLEMS[kind]
+    body = {
+        "type": TYPE_PREFIX + kind,
+        "title": row.title,
+        "status": row.status,
+        "detail": "for the test",
+        "instance": "urn:isoshape:request:1",
+        "request_id": "1",
+    }
+    headers = {"content-type": MEDIA_TYPE, "retry-after": "0"}
+    return httpx.Response(row.status, json=body, headers=headers)
+
+
+@pytest.mark.parametrize(
+    "kind", ["busy", "worker-lost", "storage-unavailable", "storage-full", "no-triangles"]
+)
+def test_only_what_may_pass_is_tried_again_and_not_for_ever(kind: str) -> None:
+    asked = 0
+
+    def refuse(request: httpx.Request) -> httpx.Response:
+        nonlocal asked
+        asked += 1
+        return problem(kind)
+
+    with answering(refuse) as client, pytest.raises(ProblemError) as refused:
+        client.delete("x")
+    assert refused.value.kind == kind
+    assert asked == 1 + RETRIES.get(kind, 0)
+
+
+def test_a_service_that_was_busy_gets_the_whole_file_again() -> None:
+    bodies: list[bytes] = []
+
+    def busy_once(request: httpx.Request) -> httpx.Response:
+        bodies.append(request.read())
+        return problem("busy") if len(bodies) == 1 else problem("malformed-mesh")
+
+    with answering(busy_once) as client, pytest.raises(ProblemError, match="not a mesh"):
+        client.upload(("a.off", b"the bytes"))
+    assert len(bodies) == 2
+    assert all(b"the bytes" in body for body in bodies)
+
+
+def test_retried_kinds_are_temporary_ones() -> None:
+    assert {PROBLEMS[kind].status for kind in RETRIES} == {503}
+
+
+def test_query_arguments_are_the_services_own() -> None:
+    assert set(get_type_hints(QueryArguments)) == set(QueryOptions.model_fields)

@@ -1,0 +1,86 @@
+"""`isoshape ingest` into a running service."""
+
+from pathlib import Path
+
+import pytest
+
+from service.cli.ingest import class_tag
+from service.client import Client
+from tests.service_cli.conftest import CLASSES, POSES, Run, mesh_bytes
+
+
+@pytest.fixture(autouse=True)
+def at_the_service(archive: Client, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ISOSHAPE_URL", archive.url)
+
+
+def test_a_folder_of_class_folders_twice(archive: Client, collection: Path, run: Run) -> None:
+    total = len(CLASSES) * POSES
+    first = run("ingest", collection, "--tag", "made")
+    assert (first.status, first.stdout) == (0, f"{total} stored, 0 already there, 0 refused\n")
+    assert first.stderr == f"using the service at {archive.url}\n"
+    stored = {shape.name: shape.tags for shape in archive.shapes()}
+    assert stored == {path.name: [path.parent.name, "made"] for path in collection.glob("*/*")}
+    again = run("ingest", collection)
+    assert (again.status, again.stdout) == (0, f"0 stored, {total} already there, 0 refused\n")
+    assert archive.page().total == total
+
+
+def test_bad_files_are_listed_and_the_rest_is_stored(archive: Client, tmp_path: Path, run: Run) -> None:
+    good = mesh_bytes("cup", 0)
+    files = {"good.off": good, "cut.off": good[: len(good) // 2], "empty.stl": b"", "words.ply": b"hello"}
+    for name, data in files.items():
+        (tmp_path / name).write_bytes(data)
+    rows = "".join(f"{name},Cup\n" for name in (*files, "missing.off"))
+    (tmp_path / "labels.csv").write_text("file,class\n" + rows, encoding="utf-8")
+    done = run("ingest", tmp_path)
+    assert done.status == 1
+    assert done.stdout == "1 stored, 0 already there, 4 refused\n"
+    causes = dict(line.split(": ", 1) for line in done.stderr.splitlines()[1:])
+    assert list(causes) == [
+        str(tmp_path / name) for name in ("cut.off", "empty.stl", "missing.off", "words.ply")
+    ]
+    assert [cause.split(":")[0] for cause in causes.values()] == [
+        "malformed-mesh",
+        "empty-file",
+        "No such file or directory",
+        "malformed-mesh",
+    ]
+    assert [(shape.name, shape.tags) for shape in archive.shapes()] == [("good.off", ["Cup"])]
+
+
+def test_a_single_file_and_files_of_other_formats(archive: Client, tmp_path: Path, run: Run) -> None:
+    (tmp_path / "one.off").write_bytes(mesh_bytes("cup", 0))
+    (tmp_path / "notes.txt").write_text("x", encoding="utf-8")
+    done = run("ingest", tmp_path)
+    assert (done.status, done.stdout) == (
+        0,
+        "1 stored, 0 already there, 0 refused, 1 of other formats left out\n",
+    )
+    assert run("ingest", tmp_path / "one.off").stdout == "0 stored, 1 already there, 0 refused\n"
+    named = run("ingest", tmp_path / "notes.txt")
+    assert named.status == 1
+    assert "unknown-format" in named.stderr
+    assert archive.page().total == 1
+
+
+def test_nothing_to_store(tmp_path: Path, run: Run) -> None:
+    done = run("ingest", tmp_path)
+    assert done.status == 1
+    assert done.stderr.startswith("isoshape: no meshes there")
+    assert run("ingest", tmp_path / "nowhere").status == 1
+
+
+def test_a_service_that_is_away(collection: Path, run: Run) -> None:
+    done = run("ingest", collection, "--url", "http://127.0.0.1:9")
+    assert done.status == 1
+    assert len(done.stderr.splitlines()) == 1
+    assert "no answer from http://127.0.0.1:9" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("label", "tag"),
+    [("Human", "Human"), ("a, b,c", "a b c"), (" ,x ", "x"), (",", ""), ("y" * 80, "y" * 64)],
+)
+def test_a_class_becomes_a_tag_that_the_service_takes(label: str, tag: str) -> None:
+    assert class_tag(label) == tag
