@@ -14,7 +14,7 @@ from core.reading.plain import Limits, Plain, within
 
 
 def check(data: bytes, limits: Limits) -> Plain:
-    """Return the meshes of the scene and the nodes that place them, with plain arrays and nothing else.
+    """Return the meshes of the scene and where they are placed, with plain arrays and nothing else.
 
     Skins, morph targets, cameras, materials and images are left out; no image is decoded.
 
@@ -24,8 +24,8 @@ def check(data: bytes, limits: Limits) -> Plain:
         What is wrong.
     """
     document = read_document(data)
-    nodes, roots = place(document, limits)
-    instances = Counter(node["mesh"] for node in nodes if "mesh" in node)
+    placed = place(document, limits)
+    instances = Counter(number for number, _ in placed)
     within(_parts(document, instances), limits.parts, "instances of meshes")
     declared = {number: _declared(document, number) for number in instances}
     within(sum(declared[number] * times for number, times in instances.items()), limits.faces, "triangles")
@@ -35,7 +35,7 @@ def check(data: bytes, limits: Limits) -> Plain:
     vertices = sum(len(meshes[number][0]) * instances[number] for number in meshes)
     faces = sum(len(meshes[number][1]) * instances[number] for number in meshes)
     within(vertices, limits.vertices, "vertices")
-    return Plain(plain_glb(nodes, roots, meshes), "glb", vertices, faces)
+    return Plain(plain_glb(placed, meshes), "glb", vertices, faces)
 
 
 def _parts(document: Document, instances: Counter[int]) -> int:

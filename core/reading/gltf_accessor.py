@@ -49,44 +49,19 @@ def read_indices(document: Document, number: object) -> Ints:
 
 
 def _read(document: Document, accessor: Entry, width: int) -> NDArray[np.generic]:
-    """Return the array of an accessor, shape (count, width), as it is stored."""
-    count = whole(accessor, "count")
-    kind = np.dtype(_TYPES[accessor["componentType"]])
-    sparse = accessor.get("sparse")
+    """Return the rows of an accessor without a copy, shape (count, width)."""
+    if "sparse" in accessor:
+        raise MalformedMeshError("the GLB has sparse accessors, which are not read; export without them")
     if "bufferView" not in accessor:
         # It would stand for `count` zeros: a few bytes that take any amount of memory.
         raise MalformedMeshError("an accessor of the GLB has no data")
-    array = _view(document, accessor, count, kind, width)
-    if sparse is None:
-        return array
-    if not isinstance(sparse, dict):
-        raise MalformedMeshError("a sparse accessor of the GLB is not complete")
-    places, values = sparse.get("indices"), sparse.get("values")
-    if (
-        not isinstance(places, dict)
-        or not isinstance(values, dict)
-        or places.get("componentType") not in _INDEX_TYPES
-    ):
-        raise MalformedMeshError("a sparse accessor of the GLB is not complete")
-    changes = whole(sparse, "count")
-    rows = _view(document, places, changes, np.dtype(_TYPES[places["componentType"]]), 1).ravel()
-    if changes and rows.max() >= count:
-        raise MalformedMeshError("a sparse accessor of the GLB changes an element that is not there")
-    array = array.copy()
-    array[rows] = _view(document, values, changes, kind, width)
-    return array
-
-
-def _view(
-    document: Document, source: Entry, count: int, kind: np.dtype[np.generic], width: int
-) -> NDArray[np.generic]:
-    """Return rows of a buffer without a copy, shape (count, width)."""
-    view = document.entry("bufferViews", source.get("bufferView"))
+    view = document.entry("bufferViews", accessor["bufferView"])
     number = whole(view, "buffer")
     if number >= len(document.buffers):
         raise MalformedMeshError("the GLB refers to an entry of its buffers that is not there")
     start, length = whole(view, "byteOffset", 0), whole(view, "byteLength")
-    offset, row = whole(source, "byteOffset", 0), kind.itemsize * width
+    kind = np.dtype(_TYPES[accessor["componentType"]])
+    count, offset, row = whole(accessor, "count"), whole(accessor, "byteOffset", 0), kind.itemsize * width
     stride = whole(view, "byteStride", row)
     if stride < row or start + length > len(document.buffers[number]):
         raise MalformedMeshError("a view of the GLB does not fit its buffer")

@@ -13,6 +13,7 @@ Entry = dict[str, Any]
 
 _HEADER_BYTES = 12
 _CHUNK_HEADER_BYTES = 8
+_SECTIONS = ("scenes", "nodes", "meshes", "accessors", "bufferViews", "buffers", "images")
 _JSON, _BINARY = b"JSON", b"BIN\0"
 # What a file may require without changing where its triangles are.
 _HARMLESS = (
@@ -31,18 +32,17 @@ class Document:
 
     Attributes
     ----------
-    tree : dict
-        Its JSON.
+    sections : dict of str to list of dict
+        The parts of its JSON that are looked at, by name.
+    scene : object
+        The number of the scene that is shown, as the JSON gives it.
     buffers : tuple of bytes
         Each as long as the JSON says.
     """
 
-    tree: Entry
+    sections: dict[str, list[Entry]]
+    scene: object
     buffers: tuple[bytes, ...]
-
-    def entries(self, section: str) -> list[Entry]:
-        """Return a section of the JSON: "nodes", "meshes" and so on; empty if it is not there."""
-        return entries(self.tree, section)
 
     def entry(self, section: str, number: object) -> Entry:
         """Return the entry of a section that a reference names.
@@ -52,7 +52,7 @@ class Document:
         MalformedMeshError
             There is no such entry.
         """
-        found = self.entries(section)
+        found = self.sections[section]
         if type(number) is not int or not 0 <= number < len(found):
             raise MalformedMeshError(f"the GLB refers to an entry of its {section} that is not there")
         return found[number]
@@ -100,14 +100,16 @@ def read_document(data: bytes) -> Document:
     if not isinstance(tree, dict):
         raise MalformedMeshError("the JSON of the GLB is not an object")
     _refuse_extensions(tree)
-    for entry in [*entries(tree, "buffers"), *entries(tree, "images")]:
+    sections = {name: entries(tree, name) for name in _SECTIONS}
+    for entry in [*sections["buffers"], *sections["images"]]:
         uri = entry.get("uri")
         if uri is not None and not str(uri).startswith("data:"):
             raise ExternalReferenceError(
                 "the GLB refers to another file or address; export it with all embedded"
             )
-    buffers = tuple(_buffer(entry, binary) for entry in entries(tree, "buffers"))
-    return Document(tree, buffers)
+    # Only the first buffer may be the binary chunk.
+    buffers = (_buffer(entry, b"" if number else binary) for number, entry in enumerate(sections["buffers"]))
+    return Document(sections, tree.get("scene", 0), tuple(buffers))
 
 
 def _chunk(data: bytes, start: int, kind: bytes) -> tuple[bytes, int]:

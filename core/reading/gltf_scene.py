@@ -1,84 +1,89 @@
-"""The nodes of a glTF scene."""
+"""Where the nodes of a glTF scene place its meshes."""
 
-from core.errors import MalformedMeshError, MeshTooComplexError
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from core.errors import MalformedMeshError
+from core.mesh import Floats
 from core.reading.gltf_document import Document, Entry
 from core.reading.plain import Limits, within
 
-# A transform by its name, and the numbers it has. A matrix stands alone.
-_TRANSFORMS = {"translation": 3, "rotation": 4, "scale": 3}
-_DEEPEST = 128
 _NODES_PER_PART = 16
 
 
-def place(document: Document, limits: Limits) -> tuple[list[Entry], list[int]]:
-    """Copy the nodes of the scene, with nothing but their transforms, children and meshes.
+def place(document: Document, limits: Limits) -> list[tuple[int, Floats]]:
+    """Return the instances of the scene, each a mesh and where it is placed.
 
     The mesh of a skinned node is placed at the origin: the node's own transform does not apply to it
     (glTF 2.0, section 3.7.3.3), and its joints are left at rest.
 
     Returns
     -------
-    nodes : list of dict
-    roots : list of int
-        Indices into `nodes`.
+    instances : list of (int, matrix)
+        A mesh by its number, and a float64 matrix of shape (4, 4): it maps columns (x, y, z, 1) to the scene.
+
+    Raises
+    ------
+    MalformedMeshError
+        The nodes are not trees.
+    MeshTooComplexError
+        There are more than 16 nodes for each part of the limit.
     """
-    entries = document.entries("nodes")
-    within(len(entries), _NODES_PER_PART * limits.parts, "nodes")
-    nodes: list[Entry] = []
-    roots: list[int] = []
+    within(len(document.sections["nodes"]), _NODES_PER_PART * limits.parts, "nodes")
+    instances: list[tuple[int, Floats]] = []
     visited: set[int] = set()
-    waiting: list[tuple[object, list[int], int]] = [(root, roots, 1) for root in reversed(_roots(document))]
+    waiting = [(root, np.eye(4)) for root in reversed(_roots(document))]
     while waiting:
-        number, siblings, depth = waiting.pop()
-        entry = document.entry("nodes", number)
-        assert isinstance(number, int)
+        number, parent = waiting.pop()
+        node = document.entry("nodes", number)
         if number in visited:
             raise MalformedMeshError("a node of the GLB is reached twice")
-        if depth > _DEEPEST:
-            raise MeshTooComplexError(f"the nodes of the GLB are nested deeper than {_DEEPEST}")
         visited.add(number)
-        node = _transform(entry)
-        node["children"] = []
-        siblings.append(len(nodes))
-        nodes.append(node)
-        if "mesh" in entry:
-            document.entry("meshes", entry["mesh"])
-            if "skin" in entry:
-                roots.append(len(nodes))
-                nodes.append({"mesh": entry["mesh"]})
-            else:
-                node["mesh"] = entry["mesh"]
-        children = entry.get("children", [])
-        if not isinstance(children, list):
-            raise MalformedMeshError("the children of a node of the GLB are not a list")
-        waiting += [(child, node["children"], depth + 1) for child in reversed(children)]
-    return nodes, roots
+        matrix = parent @ _local(node)
+        if "mesh" in node:
+            document.entry("meshes", node["mesh"])
+            instances.append((node["mesh"], np.eye(4) if "skin" in node else matrix))
+        waiting += [(child, matrix) for child in reversed(_references(node, "children"))]
+    return instances
 
 
-def _roots(document: Document) -> list[object]:
+def _roots(document: Document) -> list[int]:
     """Return the roots of the scene; of all nodes, if there is no scene."""
-    if document.entries("scenes"):
-        roots = document.entry("scenes", document.tree.get("scene", 0)).get("nodes", [])
-        if not isinstance(roots, list):
-            raise MalformedMeshError("the nodes of a scene of the GLB are not a list")
-        return roots
-    entries = document.entries("nodes")
-    children = {child for entry in entries for child in entry.get("children", [])}
-    return [number for number in range(len(entries)) if number not in children]
+    if document.sections["scenes"]:
+        return _references(document.entry("scenes", document.scene), "nodes")
+    nodes = document.sections["nodes"]
+    children = {child for node in nodes for child in _references(node, "children")}
+    return [number for number in range(len(nodes)) if number not in children]
 
 
-def _transform(entry: Entry) -> Entry:
-    """Return the transform of a node, its numbers checked."""
-    if "matrix" in entry:
-        return {"matrix": _numbers(entry["matrix"], 16)}
-    return {name: _numbers(entry[name], size) for name, size in _TRANSFORMS.items() if name in entry}
+def _references(entry: Entry, name: str) -> list[int]:
+    """Return a list of numbers of nodes; empty if it is not there."""
+    found = entry.get(name, [])
+    if not isinstance(found, list) or not all(type(number) is int for number in found):
+        raise MalformedMeshError(f"the {name} in the JSON of the GLB are not a list of numbers")
+    return found
 
 
-def _numbers(values: object, size: int) -> list[float]:
+def _local(node: Entry) -> Floats:
+    """Return the transform of a node to its parent: its matrix, or translation * rotation * scale."""
+    if "matrix" in node:
+        return _numbers(node["matrix"], 16).reshape(4, 4).T
+    matrix = np.eye(4)
+    if "rotation" in node:
+        matrix[:3, :3] = Rotation.from_quat(_numbers(node["rotation"], 4)).as_matrix()
+    if "scale" in node:
+        matrix[:3, :3] *= _numbers(node["scale"], 3)
+    if "translation" in node:
+        matrix[:3, 3] = _numbers(node["translation"], 3)
+    return matrix
+
+
+def _numbers(values: object, size: int) -> Floats:
+    """Return the numbers of a transform, shape (size,)."""
     if (
         not isinstance(values, list)
         or len(values) != size
         or not all(type(v) in (int, float) for v in values)
     ):
         raise MalformedMeshError("a transform in the GLB is not made of the numbers it should be")
-    return [float(value) for value in values]
+    return np.array(values, dtype=np.float64)

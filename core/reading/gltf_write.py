@@ -1,4 +1,4 @@
-"""A GLB of nodes and triangles, and nothing else."""
+"""A GLB of instances and triangles, and nothing else."""
 
 import json
 
@@ -11,15 +11,14 @@ from core.reading.gltf_document import Entry
 _FLOAT, _UNSIGNED_INT = 5126, 5125
 
 
-def plain_glb(nodes: list[Entry], roots: list[int], meshes: dict[int, tuple[Floats, Ints]]) -> bytes:
+def plain_glb(instances: list[tuple[int, Floats]], meshes: dict[int, tuple[Floats, Ints]]) -> bytes:
     """Write a GLB.
 
     Parameters
     ----------
-    nodes : list of dict
-        Each with its transform, "children" and "mesh"; a mesh that is not in `meshes` is left out.
-    roots : list of int
-        The nodes of the scene.
+    instances : list of (int, matrix)
+        A mesh by its number, and a float64 matrix of shape (4, 4) that places it. One that is not in `meshes`
+        is left out.
     meshes : dict of int to (vertices, faces)
         float64, shape (n, 3), written in 32 bits; int64, shape (f, 3).
     """
@@ -35,11 +34,16 @@ def plain_glb(nodes: list[Entry], roots: list[int], meshes: dict[int, tuple[Floa
         views.append({"buffer": 0, "byteOffset": start, "byteLength": data.nbytes})
         accessors.append({"bufferView": number, "componentType": component, "type": kind, "count": len(data)})
         start += data.nbytes
+    nodes = [
+        {"mesh": places[number], "matrix": matrix.ravel(order="F").tolist()}
+        for number, matrix in instances
+        if number in places
+    ]
     tree = {
         "asset": {"version": "2.0"},
         "scene": 0,
-        "scenes": [{"nodes": roots}],
-        "nodes": [_placed(node, places) for node in nodes],
+        "scenes": [{"nodes": list(range(len(nodes)))}],
+        "nodes": nodes,
         "meshes": [
             {"primitives": [{"attributes": {"POSITION": 2 * place}, "indices": 2 * place + 1}]}
             for place in places.values()
@@ -59,14 +63,6 @@ def _encode(array: Floats | Ints) -> tuple[NDArray[np.generic], int, str]:
     if array.dtype.kind == "f":
         return array.astype("<f4"), _FLOAT, "VEC3"
     return array.astype("<u4").ravel(), _UNSIGNED_INT, "SCALAR"
-
-
-def _placed(node: Entry, places: dict[int, int]) -> Entry:
-    """Return a node whose mesh is counted among those that are written."""
-    plain = {name: value for name, value in node.items() if name != "mesh"}
-    if node.get("mesh") in places:
-        plain["mesh"] = places[node["mesh"]]
-    return plain
 
 
 def _chunk(kind: bytes, data: bytes) -> bytes:

@@ -43,15 +43,18 @@ def check(data: bytes, limits: Limits) -> Plain:
     if max(lengths, default=3) > 3:
         positions = [b" ".join(line.split(maxsplit=3)[:3]) for line in positions]
     faces = _faces(text, len(positions), limits)
-    plain = b"".join(b"v %b\n" % line for line in positions) + face_lines(faces + 1, "f %d %d %d\n")
+    plain = b"\nv ".join([b"", *positions, b""]).removesuffix(b"v ") + face_lines(faces + 1, "f %d %d %d\n")
     return Plain(plain, "obj", len(positions), len(faces))
 
 
 def _faces(text: bytes, vertices: int, limits: Limits) -> Ints:
     """Return triangles of indices counted from 0, shape (f, 3)."""
     lines = _FACE.findall(text)
-    if any(b"/" in line for line in lines):
-        lines = _TEXTURE_AND_NORMAL.sub(b"", b"\n".join(lines)).split(b"\n")
+    joined = b"\n".join(lines)
+    if b"/" in joined:
+        if joined.startswith(b"/") or any(bare in joined for bare in (b" /", b"\t/", b"\n/")):
+            raise MalformedMeshError("a face names a texture or a normal without a vertex")
+        lines = _TEXTURE_AND_NORMAL.sub(b"", joined).split(b"\n")
     corners, sizes = polygons(lines)
     if (corners == 0).any():
         raise MalformedMeshError("a face refers to vertex 0, but an OBJ counts from 1")

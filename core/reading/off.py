@@ -36,6 +36,8 @@ def check(data: bytes, limits: Limits) -> Plain:
     if any(len(line.split()) < 3 for line in positions):
         raise MalformedMeshError("a vertex has fewer than three coordinates")
     corners, sizes = counted_polygons(take(lines, polygons, "faces"))
+    if next(lines, None) is not None:
+        raise MalformedMeshError("the OFF goes on after the last face that it declares")
     faces = triangles(corners, sizes, vertices, limits)
     plain = (
         b"OFF\n%d %d 0\n" % (vertices, len(faces)) + b"".join(positions) + face_lines(faces, "3 %d %d %d\n")

@@ -73,7 +73,9 @@ def read_mesh(data: bytes, format: str, *, limits: Limits = DEFAULT_LIMITS) -> M
         if data.startswith(start):
             raise MalformedMeshError(f"the file is compressed ({archive}); send the {name.upper()} itself")
     try:
-        mesh = _read(data, name, limits)
+        # What overflows becomes infinite, and is refused as that.
+        with np.errstate(all="ignore"):
+            mesh = _read(data, name, limits)
     except CoreError:
         raise
     except MemoryError:

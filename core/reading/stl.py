@@ -11,12 +11,11 @@ _HEADER_BYTES = 84
 _FACET_BYTES = 50
 # The name of a solid may hold any word, so it is cut away with the keyword; its line ends it, or a facet.
 _SOLID = re.compile(rb"solid\b[^\n]*?(?=\bfacet\s+normal\b|\n)")
-# A facet in words: every 21 of them, at these places.
-_WORDS = (
-    *((0, b"facet"), (1, b"normal"), (5, b"outer"), (6, b"loop")),
-    *((7, b"vertex"), (11, b"vertex"), (15, b"vertex"), (19, b"endloop"), (20, b"endfacet")),
+_NUMBERS = rb"(?:\s++\S++){3}"
+_FACET = re.compile(
+    rb"\s*+facet\s++normal%(n)b\s++outer\s++loop(?:\s++vertex%(n)b){3}\s++endloop\s++endfacet"
+    % {b"n": _NUMBERS}
 )
-_FACET_WORDS = 21
 _BLOCK_BYTES = 1 << 20
 
 
@@ -46,44 +45,39 @@ def check(data: bytes, limits: Limits) -> Plain:
 
 
 def _ascii(text: bytes, limits: Limits) -> Plain:
-    """Check the words of an ASCII file in small letters."""
+    """Check an ASCII file in small letters."""
     within(text.count(b"endsolid"), limits.parts, "solids")
-    body: list[bytes] = []
-    position, opened = 0, False
-    for match in _SOLID.finditer(text):
-        before = text[position : match.start()].rstrip(b" \t")
-        closes = before.endswith(b"end")
-        if opened != closes:
-            raise MalformedMeshError("a solid of the STL begins or ends inside another")
-        opened = not closes
-        body.append(before.removesuffix(b"end"))
-        position = match.end()
-    if opened:
-        raise MalformedMeshError("the last solid of the STL has no end: the file is cut short")
-    body.append(text[position:])
-    facets = b" ".join(body)
-    count = sum(_facets(block) for block in _blocks(facets))
+    pieces = [b"solid\n"]
+    count = 0
+    for block in _blocks(text.replace(b"end solid", b"endsolid")):
+        rest, facets = _FACET.subn(b"", block)
+        if rest.strip():
+            raise MalformedMeshError("a facet of the STL is not a triangle, or is not complete")
+        count += facets
+        # Each vertex on a line of its own, and no normals: they are not needed.
+        plain = block.replace(b"normal", b"").replace(b"vertex", b"\nvertex")
+        pieces.append(plain.replace(b"endloop", b"\nendloop"))
     within(count, limits.faces, "triangles")
     if count == 0:
         raise NoTrianglesError("the STL has no facets")
-    plain = facets.replace(b"normal", b"").replace(b"vertex", b"\nvertex").replace(b"endloop", b"\nendloop")
-    return Plain(b"solid\n" + plain + b"\nendsolid\n", "stl", 3 * count, count)
+    return Plain(b"".join([*pieces, b"\nendsolid\n"]), "stl", 3 * count, count)
 
 
 def _blocks(text: bytes) -> Iterator[bytes]:
-    """Cut the text behind a facet, about every megabyte."""
-    start = 0
-    while start < len(text):
-        end = text.find(b"endfacet", start + _BLOCK_BYTES)
-        end = len(text) if end < 0 else end + len(b"endfacet")
-        yield text[start:end]
-        start = end
-
-
-def _facets(text: bytes) -> int:
-    """Return how many facets the text holds."""
-    words = text.split()
-    count, rest = divmod(len(words), _FACET_WORDS)
-    if rest or any(words[place::_FACET_WORDS] != [word] * count for place, word in _WORDS):
-        raise MalformedMeshError("a facet of the STL is not a triangle, or is not complete")
-    return count
+    """Yield what the solids hold, cut behind a facet about every megabyte."""
+    start, opened = 0, False
+    for match in _SOLID.finditer(text):
+        closes = text[max(match.start() - 3, 0) : match.start()] == b"end"
+        if opened != closes:
+            raise MalformedMeshError("a solid of the STL begins or ends inside another")
+        opened = not closes
+        stop = match.start() - 3 * closes
+        while start < stop:
+            cut = text.find(b"endfacet", start + _BLOCK_BYTES, stop)
+            end = stop if cut < 0 else cut + len(b"endfacet")
+            yield text[start:end]
+            start = end
+        start = match.end()
+    if opened:
+        raise MalformedMeshError("the last solid of the STL has no end: the file is cut short")
+    yield text[start:]
