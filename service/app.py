@@ -13,6 +13,7 @@ from service import logging
 from service.compute.pool import LocalPool
 from service.compute.tasks import warm
 from service.compute.work import Work
+from service.endpoints import router as service_router
 from service.middleware import BodyLimit, RequestContext
 from service.openapi import DESCRIPTION, TAGS, describe
 from service.parts import Parts
@@ -24,7 +25,6 @@ from service.shapes.endpoints import router as shapes_router
 from service.storage.database import Database
 from service.storage.migrate import migrate
 from service.system import VERSION
-from service.system import router as system_router
 
 
 def create_app(settings: Settings) -> FastAPI:
@@ -53,10 +53,11 @@ def create_app(settings: Settings) -> FastAPI:
         description=DESCRIPTION,
         openapi_tags=TAGS,
         lifespan=lifespan,
+        redirect_slashes=False,
     )
     app.include_router(search_router)
     app.include_router(shapes_router)
-    app.include_router(system_router)
+    app.include_router(service_router)
     app.add_middleware(BodyLimit, file_bytes=settings.max_upload_bytes)
     app.add_middleware(RequestContext)
     handle_problems(app)

@@ -90,7 +90,7 @@ class BodyLimit:
         headers = Headers(scope=scope)
         is_form = headers.get("content-type", "").lower().startswith("multipart/form-data")
         limit = self._file_bytes + FORM_OVERHEAD if is_form else SMALL_BODY_BYTES
-        too_large = f"the body is larger than {limit} bytes"
+        too_large = f"at most {self._file_bytes if is_form else limit} bytes are taken"
         declared = headers.get("content-length", "")
         if declared.isdecimal() and int(declared) > limit:
             await problem_response(FileTooLargeError.kind, too_large)(scope, receive, send)

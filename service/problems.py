@@ -67,6 +67,9 @@ def problem_response(
     headers = dict(headers or {})
     if retry_after is not None:
         headers["Retry-After"] = str(retry_after)
+    if row.status == 413:
+        # Otherwise the server reads, and drops, the rest of a body that may have no end.
+        headers["Connection"] = "close"
     return JSONResponse(
         problem.model_dump(exclude_none=True), row.status, headers=headers, media_type=MEDIA_TYPE
     )

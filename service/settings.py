@@ -4,8 +4,10 @@ import os
 from pathlib import Path
 from typing import Literal
 
-from pydantic import Field, PositiveInt, ValidationError
+from pydantic import Field, PositiveInt, ValidationError, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
+from sqlalchemy import make_url
+from sqlalchemy.exc import ArgumentError
 
 from core.errors import ParameterError
 from core.parameters import DEFAULT, PAPER, Parameters
@@ -93,6 +95,21 @@ class Settings(BaseSettings):
         default=1_000, description="How many of the nearest by signature such a query compares."
     )
 
+    @field_validator("database_url")
+    @classmethod
+    def _names_a_file(cls, database_url: str) -> str:
+        try:
+            url = make_url(database_url)
+        except ArgumentError as error:
+            raise ValueError("not an SQLAlchemy URL, such as sqlite:///folder/file.sqlite3") from error
+        if (
+            url.drivername not in {"sqlite", "sqlite+pysqlite"}
+            or not url.database
+            or url.database == ":memory:"
+        ):
+            raise ValueError("must name an SQLite file, as in sqlite:///folder/file.sqlite3")
+        return database_url
+
     @property
     def limits(self) -> Limits:
         """What a file may hold at most."""
@@ -117,7 +134,10 @@ def load_settings() -> Settings:
     try:
         return Settings()
     except ValidationError as error:
-        problems = [f"{PREFIX}{str(e['loc'][0]).upper()}: {e['msg']}" for e in error.errors()]
+        problems = [
+            f"{PREFIX}{str(e['loc'][0]).upper()}: {e['msg'].removeprefix('Value error, ')}"
+            for e in error.errors()
+        ]
         raise SettingsError("; ".join(problems)) from error
 
 

@@ -1,21 +1,11 @@
-"""The addresses that tell of the service itself."""
+"""What the service tells of itself, as JSON."""
 
 from importlib.metadata import version
 from typing import Literal
 
-from fastapi import APIRouter, Response
-from fastapi.responses import RedirectResponse
 from pydantic import BaseModel, ConfigDict, Field
-from starlette.concurrency import run_in_threadpool
-
-from core.parameters import METHOD_VERSION
-from service.dependencies import Service
-from service.errors import ServiceError
-from service.problems import documented, problem_response
 
 VERSION = version("isoshape")
-
-router = APIRouter(tags=["service"])
 
 
 class Health(BaseModel):
@@ -49,40 +39,4 @@ class Version(BaseModel):
     fingerprint: str = Field(description="A hash of these parameters and of the method's version.")
     method: int = Field(
         description="The method's version: it goes up when the same mesh gives other numbers."
-    )
-
-
-@router.get("/", include_in_schema=False)
-async def index() -> RedirectResponse:
-    """Send a browser to the documentation."""
-    return RedirectResponse("/docs")
-
-
-@router.get("/healthz", summary="Is the process alive?")
-async def healthz() -> Health:
-    """Answers as long as the process does; asks nothing of database or workers."""
-    return Health()
-
-
-@router.get("/readyz", summary="Can it do its work?", responses=documented("not-ready"))
-async def readyz(parts: Service) -> Response:
-    """Asks the database for a row, and a worker for an answer."""
-    faults = []
-    try:
-        await run_in_threadpool(parts.database.ping)
-    except ServiceError as error:
-        faults.append(str(error))
-    if not await run_in_threadpool(parts.pool.ready):
-        faults.append("no worker process is ready yet")
-    if faults:
-        return problem_response("not-ready", "; ".join(faults), retry_after=1)
-    return Response(Readiness().model_dump_json(), media_type="application/json")
-
-
-@router.get("/version", summary="Which version is it?")
-async def read_version(parts: Service) -> Version:
-    """The service's version, and the pipeline that its embeddings are made with."""
-    parameters = parts.work.pipeline.parameters
-    return Version(
-        version=VERSION, pipeline=parameters.name, fingerprint=parameters.fingerprint, method=METHOD_VERSION
     )

@@ -61,7 +61,7 @@ async def uploaded(request: Request, *, max_bytes: int, max_fields: int) -> Asyn
         if file is None:
             raise BadRequestFieldsError(FieldFault("file", "a mesh file, with its name, is required"))
         if (file.size or 0) > max_bytes:
-            raise FileTooLargeError(f"the file has {file.size} bytes, and at most {max_bytes} are taken")
+            raise FileTooLargeError(f"the file has {file.size} bytes; at most {max_bytes} bytes are taken")
         yield Form(file.filename or "", fields, file)
 
 

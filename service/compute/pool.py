@@ -148,15 +148,10 @@ class _Seat(threading.Thread):
             process.kill()
 
     def _do(self, task: _Task) -> None:
-        """Have the task done and its future settled. A process that died while idle is replaced first."""
-        if self._process is None or not self._process.alive():
-            self._empty()
-            if not self._fill():
-                task.future.set_exception(WorkerLostError("no worker process could be started"))
-                return
-        assert self._process is not None
+        """Have the task done and its future settled."""
         try:
-            answer = self._process.call(task.function, task.arguments, self._seconds)
+            process = self._hand_over(task)
+            answer = process.receive(self._seconds)
         except (WorkerLostError, TaskTimeLimitError) as error:
             log.warning("a worker process is replaced: %s", error)
             self._empty()
@@ -166,12 +161,29 @@ class _Seat(threading.Thread):
         else:
             task.future.set_result(answer)
 
+    def _hand_over(self, task: _Task) -> WorkerProcess:
+        """The process that has the task. One that died while idle had begun nothing, so another gets it."""
+        process = self._process
+        if process is not None and process.alive():
+            try:
+                process.send(task.function, task.arguments)
+            except WorkerLostError:
+                pass
+            else:
+                return process
+        self._empty()
+        if not self._fill() or self._process is None:
+            raise WorkerLostError("no worker process could be started")
+        self._process.send(task.function, task.arguments)
+        return self._process
+
     def _fill(self) -> bool:
         """Start a process and warm it; whether that succeeded."""
         try:
             self._process = WorkerProcess()
             if not self._closing.is_set():
-                self._process.call(self._warm, (), START_SECONDS)
+                self._process.send(self._warm, ())
+                self._process.receive(START_SECONDS)
         except Exception as error:
             if not self._closing.is_set():
                 log.error("a worker process could not be started", exc_info=error)

@@ -32,20 +32,30 @@ class WorkerProcess:
         """Whether the process runs."""
         return self._process.is_alive()
 
-    def call(self, function: Callable[..., Any], arguments: tuple[Any, ...], seconds: float) -> Any:  # noqa: ANN401
-        """What `function(*arguments)` returns there, or raises.
+    def send(self, function: Callable[..., Any], arguments: tuple[Any, ...]) -> None:
+        """Ask for `function(*arguments)`.
 
-        After any of the errors below the process is of no more use.
+        Raises
+        ------
+        WorkerLostError
+            The process had died, and has begun nothing.
+        """
+        try:
+            self._connection.send((function, arguments))
+        except OSError as error:
+            raise WorkerLostError("the worker process had died") from error
+
+    def receive(self, seconds: float) -> Any:  # noqa: ANN401
+        """What the function returned there, or raised.
 
         Raises
         ------
         TaskTimeLimitError
-            It took longer than `seconds`.
+            It took longer than `seconds`, and may still go on.
         WorkerLostError
             The process died.
         """
         try:
-            self._connection.send((function, arguments))
             if not self._connection.poll(seconds):
                 raise TaskTimeLimitError(f"the work took longer than the limit of {seconds:g} s")
             done, answer = self._connection.recv()

@@ -1,6 +1,7 @@
 """The loop of a worker process. It imports nothing heavy, so that the threads are set before anything is."""
 
 import os
+import pickle
 import signal
 import traceback
 from multiprocessing.connection import Connection
@@ -25,8 +26,21 @@ def serve(connection: "Connection[Any, Any]") -> None:
         except EOFError:
             return
         try:
-            answer: tuple[bool, Any] = (True, function(*arguments))
+            answer = pickle.dumps((True, function(*arguments)))
         except Exception as error:
-            error.add_note(f"in a worker:\n{traceback.format_exc()}")
-            answer = (False, error)
-        connection.send(answer)
+            answer = _failure(error)
+        connection.send_bytes(answer)
+
+
+def _failure(error: Exception) -> bytes:
+    """The answer that raises an error at the other end, or what can be said of it if it does not pickle."""
+    note = f"in a worker:\n{traceback.format_exc()}"
+    error.add_note(note)
+    try:
+        answer = pickle.dumps((False, error))
+        pickle.loads(answer)
+    except Exception:
+        plain = RuntimeError(repr(error))
+        plain.add_note(note)
+        return pickle.dumps((False, plain))
+    return answer

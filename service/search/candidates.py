@@ -42,7 +42,7 @@ def candidates(parts: Parts, query: Query, options: Options) -> Candidates:
         stored = shapes_repository.count(session, ShapeFilter())
         chosen = np.ones(len(signed.shapes), dtype=bool)
         if not options.filter.is_empty:
-            meant = session.scalars(shapes_repository.matching(options.filter)).all()
+            meant = shapes_repository.numbers(session, options.filter)
             chosen &= np.isin(signed.shapes, np.array(meant, dtype=np.int64))
     if stored > len(signed.shapes):
         log.warning(

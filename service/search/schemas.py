@@ -18,7 +18,14 @@ MILLISECONDS: dict[str, Any] = {
     "results": 2.0,
     "total": 262.9,
 }
-RESULT: dict[str, Any] = {"rank": 1, "cc": 0.981, "ssd": 0.142, "sim": 0.874, "combined": 5.31, "shape": SHAPE}
+RESULT: dict[str, Any] = {
+    "rank": 1,
+    "cc": 0.981,
+    "ssd": 0.142,
+    "sim": 0.874,
+    "combined": 5.31,
+    "shape": SHAPE,
+}
 PAIR: dict[str, Any] = {
     "first": {"sample": 0, "vertex": 17, "position": [0.1, 0.2, 0.3]},
     "second": {"sample": 4, "vertex": 231, "position": [0.0, 0.3, 0.2]},

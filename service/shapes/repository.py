@@ -22,29 +22,21 @@ from service.storage.tables import (
 )
 
 
-def matching(shapes: ShapeFilter) -> Select[int]:
+def numbers(session: ReadSession, shapes: ShapeFilter) -> Sequence[int]:
     """The numbers of the shapes that a filter means."""
-    query = select(ShapeRow.number)
-    for tag in shapes.tags:
-        query = query.where(ShapeRow.number.in_(select(TagRow.shape_number).where(TagRow.tag == tag)))
-    for key, value in shapes.metadata.items():
-        same = select(MetadataRow.shape_number).where(MetadataRow.key == key, MetadataRow.value == value)
-        query = query.where(ShapeRow.number.in_(same))
-    if shapes.name:
-        query = query.where(ShapeRow.folded_name.contains(shapes.name.casefold(), autoescape=True))
-    return query
+    return session.scalars(_matching(shapes)).all()
 
 
 def count(session: ReadSession, shapes: ShapeFilter) -> int:
     """How many shapes a filter means."""
-    return session.scalar(select(func.count()).select_from(matching(shapes).subquery())) or 0
+    return session.scalar(select(func.count()).select_from(_matching(shapes).subquery())) or 0
 
 
 def page(
     session: ReadSession, fingerprint: str, shapes: ShapeFilter, *, after: int, limit: int
 ) -> list[ShapeRecord]:
     """The next `limit` shapes, by number, that a filter means."""
-    numbers = matching(shapes).where(ShapeRow.number > after).order_by(ShapeRow.number).limit(limit)
+    numbers = _matching(shapes).where(ShapeRow.number > after).order_by(ShapeRow.number).limit(limit)
     return records(session, fingerprint, session.scalars(numbers).all())
 
 
@@ -237,6 +229,19 @@ def next_revision(session: WriteSession) -> int:
     return session.scalars(
         update(ArchiveRow).values(revision=ArchiveRow.revision + 1).returning(ArchiveRow.revision)
     ).one()
+
+
+def _matching(shapes: ShapeFilter) -> Select[int]:
+    """The numbers of the shapes that a filter means."""
+    query = select(ShapeRow.number)
+    for tag in shapes.tags:
+        query = query.where(ShapeRow.number.in_(select(TagRow.shape_number).where(TagRow.tag == tag)))
+    for key, value in shapes.metadata.items():
+        same = select(MetadataRow.shape_number).where(MetadataRow.key == key, MetadataRow.value == value)
+        query = query.where(ShapeRow.number.in_(same))
+    if shapes.name:
+        query = query.where(ShapeRow.folded_name.contains(shapes.name.casefold(), autoescape=True))
+    return query
 
 
 def _is_its_embedding(fingerprint: str) -> Any:  # noqa: ANN401

@@ -1,0 +1,130 @@
+"""A real service on loopback, and meshes to send to it."""
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import httpx
+import numpy as np
+import uvicorn
+
+from core.mesh import Mesh
+from core.reading import write_mesh
+from service.app import create_app
+from service.parts import Parts
+from service.settings import Settings
+
+
+@dataclass(frozen=True)
+class Running:
+    """A service that answers, and its insides."""
+
+    client: httpx.Client
+    parts: Parts
+
+    def store(self, data: bytes, filename: str = "shape.off", **fields: Any) -> dict[str, Any]:
+        """Upload a file; the record."""
+        answer = upload(self.client, data, filename, **fields)
+        assert answer.status_code in {200, 201}, answer.text
+        return answer.json()
+
+    def clear(self) -> None:
+        """Delete every shape."""
+        while shapes := self.client.get("/shapes", params={"limit": 500}).json()["shapes"]:
+            for shape in shapes:
+                assert self.client.delete(f"/shapes/{shape['id']}").status_code == 204
+
+
+def settings_in(folder: Path, **values: Any) -> Settings:
+    """Settings with a database in a folder, and two workers unless said otherwise."""
+    return Settings(
+        **{
+            "database_url": f"sqlite:///{folder}/archive.sqlite3",
+            "workers": 2,
+            "log_level": "error",
+            **values,
+        }
+    )
+
+
+@contextmanager
+def serving(settings: Settings, *, ready: bool = True) -> Iterator[Running]:
+    """The service under some settings, from start to end; waits for its workers unless told not to."""
+    app = create_app(settings)
+    server = uvicorn.Server(uvicorn.Config(app, port=0, log_config=None, access_log=False, lifespan="on"))
+    thread = threading.Thread(target=server.run)
+    thread.start()
+    try:
+        wait_until(lambda: server.started or not thread.is_alive(), seconds=60)
+        assert server.started, "the service did not start"
+        port = server.servers[0].sockets[0].getsockname()[1]
+        with httpx.Client(base_url=f"http://127.0.0.1:{port}", timeout=120) as client:
+            if ready:
+                wait_until(lambda: client.get("/readyz").status_code == 200, seconds=180)
+            yield Running(client, app.state.parts)
+    finally:
+        server.should_exit = True
+        thread.join()
+
+
+def wait_until(condition: Callable[[], object], *, seconds: float) -> None:
+    """Wait for a condition, or fail."""
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, "waited in vain"
+        time.sleep(0.02)
+
+
+@cache
+def small_file(number: int, format: str = "off") -> bytes:
+    """A closed, bumpy ball of 122 vertices as a file: quick to embed, and unlike that of any other number."""
+    rings, around = 10, 12
+    polar = np.pi * np.arange(1, rings + 1)[:, None] / (rings + 1)
+    azimuth = 2 * np.pi * np.arange(around) / around
+    ring = np.stack(
+        np.broadcast_arrays(np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), np.cos(polar)),
+        -1,
+    )
+    points = np.vstack([ring.reshape(-1, 3), [[0, 0, 1], [0, 0, -1]]])
+    waves = np.random.default_rng(number).normal(size=(4, 3))
+    points *= (1 + 0.15 * np.sin(2 * points @ waves.T).sum(axis=1))[:, None]
+    south, north = rings * around + 1, rings * around
+    faces = []
+    for j in range(around):
+        k = (j + 1) % around
+        faces += [[north, j, k], [south, (rings - 1) * around + k, (rings - 1) * around + j]]
+        for i in range(rings - 1):
+            a, b, c, d = i * around + j, i * around + k, (i + 1) * around + j, (i + 1) * around + k
+            faces += [[a, c, b], [b, c, d]]
+    return write_mesh(Mesh(points, np.array(faces)), format)
+
+
+def upload(client: httpx.Client, data: bytes, filename: str, **fields: Any) -> httpx.Response:
+    """POST /shapes with a file and text fields."""
+    return client.post("/shapes", files={"file": (filename, data)}, data=fields)
+
+
+def query(client: httpx.Client, data: bytes, filename: str = "query.off", **fields: Any) -> httpx.Response:
+    """POST /query with a file and text fields."""
+    return client.post("/query", files={"file": (filename, data)}, data=fields)
+
+
+def assert_problem(answer: httpx.Response, status: int, kind: str) -> dict[str, Any]:
+    """Check that an answer is a problem document in the one form that all have; the document."""
+    assert answer.status_code == status, answer.text
+    assert answer.headers["content-type"] == "application/problem+json"
+    problem = answer.json()
+    assert problem["type"] == f"urn:isoshape:problem:{kind}", problem
+    assert set(problem) - {"errors"} == {"type", "title", "status", "detail", "instance", "request_id"}
+    assert problem["status"] == status
+    assert problem["title"]
+    assert problem["detail"]
+    assert problem["request_id"] == answer.headers["x-request-id"]
+    assert problem["instance"] == f"urn:isoshape:request:{problem['request_id']}"
+    assert ("retry-after" in answer.headers) == (status == 503)
+    return problem

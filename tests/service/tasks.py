@@ -1,0 +1,65 @@
+"""Tasks that worker processes import by name."""
+
+import os
+import signal
+import threading
+import time
+
+from core.errors import EmptyFileError
+from service.compute.worker import THREADS
+
+
+def warm() -> None:
+    """Do nothing."""
+
+
+def fail_to_warm() -> None:
+    """Raise."""
+    raise OSError("no warmth today")
+
+
+def add(a: int, b: int) -> int:
+    """The sum."""
+    return a + b
+
+
+def nap(seconds: float) -> None:
+    """Sleep."""
+    time.sleep(seconds)
+
+
+def nap_instead(*_arguments: object) -> None:
+    """Sleep longer than any limit in the tests, whatever was asked."""
+    time.sleep(600)
+
+
+def refuse(message: str) -> None:
+    """Raise one of the core's errors."""
+    raise EmptyFileError(message)
+
+
+def die() -> None:
+    """End this process as the kernel would when memory runs out."""
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def return_a_lock() -> object:
+    """What does not pickle."""
+    return threading.Lock()
+
+
+class OddError(Exception):
+    """An error that cannot be made from its message alone, so that it does not unpickle."""
+
+    def __init__(self, one: int, two: int) -> None:
+        super().__init__(f"{one} and {two}")
+
+
+def raise_oddly() -> None:
+    """Raise an error that does not unpickle."""
+    raise OddError(1, 2)
+
+
+def environment() -> dict[str, object]:
+    """What the worker was given."""
+    return {"pid": os.getpid(), "threads": {name: os.environ[name] for name in THREADS}}

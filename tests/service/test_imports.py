@@ -1,0 +1,162 @@
+"""The rules about who imports whom, read from the source."""
+
+import ast
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+
+# Inside the core: a name may be imported only by names further down, or beside it.
+CORE_ORDER = [
+    {"errors"},
+    {"mesh"},
+    {"reading", "lewis", "graph"},
+    {"spectrum"},
+    {"tps", "correspondence"},
+    {"similarity"},
+    {"pipeline"},
+]
+
+# The world outside: the core has none of it.
+OUTSIDE = {
+    "os", "sys", "io", "pathlib", "tempfile", "shutil", "glob", "time", "datetime", "random", "socket",
+    "subprocess", "threading", "multiprocessing", "concurrent", "asyncio", "logging", "sqlite3", "sqlalchemy",
+    "alembic", "fastapi", "starlette", "uvicorn", "httpx", "pydantic", "pydantic_settings", "typer", "rich",
+    "matplotlib",
+}  # fmt: skip
+# Bytes in memory, which trimesh wants to be a file.
+ALLOWED_OUTSIDE = {("core.reading", "io")}
+
+WEB = {"fastapi", "starlette", "uvicorn"}
+
+
+@cache
+def imports() -> dict[str, set[str]]:
+    """What each module of the project imports, by full name: the module, where a name in a package is one."""
+    trees = {}
+    for package in ("core", "service"):
+        for path in sorted((ROOT / package).rglob("*.py")):
+            parts = path.relative_to(ROOT).with_suffix("").parts
+            trees[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = ast.parse(path.read_text())
+    return {
+        module: {full if full in trees else source for source, full in _imported(tree, module)}
+        for module, tree in trees.items()
+    }
+
+
+def _imported(tree: ast.AST, module: str) -> Iterator[tuple[str, str]]:
+    """Each import as the module it names, and as the full name of what it takes from there."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from ((alias.name, alias.name) for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{module} imports relatively"
+            assert node.module is not None
+            yield from ((node.module, f"{node.module}.{alias.name}") for alias in node.names)
+
+
+def within(name: str, package: str) -> bool:
+    return name == package or name.startswith(package + ".")
+
+
+def test_there_is_something_to_check() -> None:
+    assert {"core.pipeline", "core.mesh", "service.app", "service.shapes.repository"} <= set(imports())
+
+
+def test_the_core_never_imports_the_service() -> None:
+    for module, imported in imports().items():
+        if within(module, "core"):
+            assert not [name for name in imported if within(name, "service")], module
+
+
+def test_the_core_is_pure() -> None:
+    for module, imported in imports().items():
+        for name in imported if within(module, "core") else ():
+            top = name.partition(".")[0]
+            allowed = any(within(module, where) and top == what for where, what in ALLOWED_OUTSIDE)
+            assert allowed or top not in OUTSIDE, f"{module} imports {name}"
+
+
+def test_the_core_opens_nothing() -> None:
+    for path in (ROOT / "core").rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
+                assert node.func.id not in {"open", "input", "print", "exec", "eval"}, path
+
+
+def test_inside_the_core_imports_go_one_way() -> None:
+    for place, names in enumerate(CORE_ORDER):
+        later = set().union(*CORE_ORDER[place + 1 :]) if place + 1 < len(CORE_ORDER) else set()
+        for module, imported in imports().items():
+            if any(within(module, f"core.{name}") for name in names):
+                wrong = [i for i in imported if any(within(i, f"core.{name}") for name in later)]
+                assert not wrong, f"{module} imports {wrong}"
+
+
+@pytest.mark.parametrize("package", ["core", "service"])
+def test_no_module_imports_itself_by_a_detour(package: str) -> None:
+    modules = {name for name in imports() if within(name, package)}
+    edges = {name: (imports()[name] & modules) - {name} for name in modules}
+    # `service.openapi.document` makes an app, whose module needs the rest of `service.openapi`.
+    edges.get("service.openapi", set()).discard("service.app")
+    done: set[str] = set()
+
+    def visit(name: str, path: tuple[str, ...]) -> None:
+        assert name not in path, " -> ".join([*path, name])
+        if name not in done:
+            for target in edges[name]:
+                visit(target, (*path, name))
+            done.add(name)
+
+    for name in modules:
+        visit(name, ())
+
+
+def test_only_reading_imports_trimesh() -> None:
+    users = {m for m, imported in imports().items() if any(within(name, "trimesh") for name in imported)}
+    assert users
+    assert all(within(module, "core.reading") for module in users)
+
+
+@pytest.mark.parametrize(
+    ("who", "never"),
+    [
+        ("service.storage", ("service.shapes", "service.search", "service.compute", "service.app")),
+        ("service.compute", ("service.shapes", "service.search", "service.storage", "service.app")),
+        (
+            "service.shapes.repository",
+            ("service.shapes.service", "service.shapes.endpoints", "service.parts"),
+        ),
+        (
+            "service.search.repository",
+            ("service.search.service", "service.search.endpoints", "service.parts"),
+        ),
+        ("service.shapes.service", ("service.shapes.endpoints", "fastapi", "sqlalchemy")),
+        ("service.search.service", ("service.search.endpoints", "fastapi", "sqlalchemy")),
+        ("service.shapes.endpoints", ("service.shapes.repository", "service.storage", "sqlalchemy")),
+        ("service.search.endpoints", ("service.search.repository", "service.storage", "sqlalchemy")),
+    ],
+)
+def test_layers_of_the_service_import_downwards(who: str, never: tuple[str, ...]) -> None:
+    modules = [module for module in imports() if within(module, who)]
+    assert modules
+    for module in modules:
+        wrong = [i for i in imports()[module] if any(within(i, name) for name in never)]
+        assert not wrong, f"{module} imports {wrong}"
+
+
+def test_sql_is_in_repositories_and_storage_only() -> None:
+    for module, imported in imports().items():
+        if any(within(name, "sqlalchemy") for name in imported):
+            at_home = within(module, "service.storage") or module.endswith(".repository")
+            reads_addresses = module == "service.settings" or within(module, "service.cli")
+            assert at_home or reads_addresses, module
+
+
+def test_only_the_app_and_the_command_line_know_the_app() -> None:
+    for module, imported in imports().items():
+        if any(within(name, "service.app") for name in imported):
+            assert module in {"service.app", "service.openapi"} or within(module, "service.cli"), module

@@ -1,0 +1,156 @@
+"""Limits on what is sent and on how long it is worked on; what happens when workers die."""
+
+import os
+import signal
+import threading
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+
+import httpx
+import pytest
+
+from service.compute import work as work_module
+from tests.service.support import (
+    Running,
+    assert_problem,
+    query,
+    serving,
+    settings_in,
+    small_file,
+    upload,
+    wait_until,
+)
+from tests.service.tasks import nap_instead
+
+LIMIT = 40_000
+VERTICES = 200
+
+
+@pytest.fixture(scope="module")
+def strict(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
+    """A service with one worker, no queue and little patience."""
+    settings = settings_in(
+        tmp_path_factory.mktemp("strict"),
+        workers=1,
+        queue_length=0,
+        task_seconds=3,
+        max_upload_bytes=LIMIT,
+        max_vertices=VERTICES,
+        max_faces=2 * VERTICES,
+        max_form_fields=3,
+    )
+    with serving(settings) as running:
+        yield running
+
+
+def test_a_file_above_the_limit_is_refused(strict: Running) -> None:
+    for size in (LIMIT + 1, LIMIT + 2 * 1024 * 1024):
+        for send in (upload, query):
+            problem = assert_problem(send(strict.client, b"x" * size, "big.off"), 413, "body-too-large")
+            assert f"at most {LIMIT} bytes" in problem["detail"]
+
+
+def test_a_body_that_does_not_say_its_length_is_counted(strict: Running) -> None:
+    sent = 0
+
+    def endless() -> Iterator[bytes]:
+        nonlocal sent
+        yield b'--b\r\nContent-Disposition: form-data; name="file"; filename="big.off"\r\n\r\n'
+        while sent < 500 * 1024 * 1024:
+            sent += 64 * 1024
+            yield b"x" * (64 * 1024)
+
+    headers = {"content-type": "multipart/form-data; boundary=b"}
+    try:
+        answer = strict.client.post("/shapes", content=endless(), headers=headers)
+    except httpx.TransportError:
+        pass
+    else:
+        assert_problem(answer, 413, "body-too-large")
+    assert sent < 20 * 1024 * 1024
+    assert strict.client.get("/healthz").status_code == 200
+
+
+def test_a_body_that_is_no_form_is_small(strict: Running) -> None:
+    body = b'{"first": "' + b"x" * 2_000_000 + b'"}'
+    headers = {"content-type": "application/json"}
+    for path in ("/compare", "/query"):
+        assert_problem(strict.client.post(path, content=body, headers=headers), 413, "body-too-large")
+        chunks = (body[i : i + 100_000] for i in range(0, len(body), 100_000))
+        assert_problem(strict.client.post(path, content=chunks, headers=headers), 413, "body-too-large")
+
+
+def test_a_mesh_above_the_limit_is_refused(strict: Running) -> None:
+    data = b"OFF\n300 1 0\n" + b"0 1 2\n" * 300 + b"3 0 1 2\n"
+    problem = assert_problem(upload(strict.client, data, "many.off"), 422, "mesh-too-complex")
+    assert str(VERTICES) in problem["detail"]
+
+
+def test_a_form_has_as_many_fields_as_set(strict: Running) -> None:
+    answer = upload(strict.client, small_file(0), "a.off", tags=["a", "b", "c", "d"])
+    assert_problem(answer, 400, "bad-request")
+
+
+def test_work_that_takes_too_long_is_stopped_and_the_worker_replaced(
+    strict: Running, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = strict.parts.pool.pids()
+    with monkeypatch.context() as patch:
+        patch.setattr(work_module, "embed_file", nap_instead)
+        problem = assert_problem(upload(strict.client, small_file(1), "slow.off"), 422, "file-time-limit")
+    assert "3 s" in problem["detail"]
+    wait_until(strict.parts.pool.pids, seconds=60)
+    assert strict.parts.pool.pids() != before
+    assert upload(strict.client, small_file(1), "quick.off").status_code == 201
+
+
+def test_a_comparison_that_takes_too_long_may_be_tried_again(
+    strict: Running, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shape = strict.store(small_file(1))
+    with monkeypatch.context() as patch:
+        patch.setattr(work_module, "match_records", nap_instead)
+        pair = {"first": shape["id"], "second": shape["id"]}
+        assert_problem(strict.client.post("/compare", json=pair), 503, "time-limit")
+    wait_until(strict.parts.pool.pids, seconds=60)
+    assert strict.client.post("/compare", json=pair).status_code == 200
+
+
+def test_more_requests_than_may_wait_are_turned_away(
+    strict: Running, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as patch, ThreadPoolExecutor(1) as others:
+        patch.setattr(work_module, "embed_file", nap_instead)
+        first = others.submit(upload, strict.client, small_file(2), "first.off")
+        wait_until(lambda: strict.parts.work._inside, seconds=10)
+        shape = strict.client.get("/shapes").json()["shapes"][0]
+        for answer in (
+            upload(strict.client, small_file(3), "second.off"),
+            query(strict.client, small_file(3)),
+            strict.client.post("/query", json={"shape_id": shape["id"]}),
+            strict.client.post("/compare", json={"first": shape["id"], "second": shape["id"]}),
+        ):
+            assert_problem(answer, 503, "busy")
+        assert strict.client.get("/shapes").status_code == 200
+        assert strict.client.get("/readyz").status_code == 200
+        first.result()
+    wait_until(strict.parts.pool.pids, seconds=60)
+    assert upload(strict.client, small_file(3), "second.off").status_code == 201
+
+
+def test_a_worker_that_is_killed_at_work_costs_one_request(
+    strict: Running, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    killer = threading.Timer(1, lambda: os.kill(strict.parts.pool.pids()[0], signal.SIGKILL))
+    with monkeypatch.context() as patch:
+        patch.setattr(work_module, "embed_file", nap_instead)
+        killer.start()
+        assert_problem(upload(strict.client, small_file(4), "killed.off"), 503, "worker-lost")
+    killer.join()
+    assert upload(strict.client, small_file(4), "killed.off").status_code == 201
+
+
+def test_a_worker_that_dies_idle_costs_no_request(strict: Running) -> None:
+    os.kill(strict.parts.pool.pids()[0], signal.SIGKILL)
+    wait_until(lambda: not strict.parts.pool._seats[0]._process.alive(), seconds=10)  # type: ignore[union-attr]
+    assert upload(strict.client, small_file(5), "after.off").status_code == 201

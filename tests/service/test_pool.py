@@ -1,0 +1,153 @@
+"""The executor of worker processes, without the service."""
+
+import os
+import signal
+import threading
+import time
+from collections.abc import Iterator
+from concurrent.futures import Future, wait
+
+import pytest
+
+from core.errors import EmptyFileError
+from service.compute.pool import LocalPool
+from service.errors import TaskTimeLimitError, WorkerLostError
+from tests.service.support import wait_until
+from tests.service.tasks import (
+    add,
+    die,
+    environment,
+    fail_to_warm,
+    nap,
+    raise_oddly,
+    refuse,
+    return_a_lock,
+    warm,
+)
+
+
+@pytest.fixture(scope="module")
+def pool() -> Iterator[LocalPool]:
+    with LocalPool(2, seconds=1.5, warm=warm) as pool:
+        yield pool
+
+
+def test_results_and_errors_come_back(pool: LocalPool) -> None:
+    futures = [pool.submit(add, i, i) for i in range(20)]
+    assert [future.result() for future in futures] == [2 * i for i in range(20)]
+    with pytest.raises(EmptyFileError, match="nothing in it") as caught:
+        pool.submit(refuse, "nothing in it").result()
+    assert "in refuse" in "".join(caught.value.__notes__)
+
+
+def test_tasks_take_positional_arguments_only(pool: LocalPool) -> None:
+    with pytest.raises(TypeError):
+        pool.submit(add, a=1, b=2)
+
+
+def test_workers_have_one_thread_and_ignore_interrupts(pool: LocalPool) -> None:
+    seen = pool.submit(environment).result()
+    assert set(seen["threads"].values()) == {"1"}
+    os.kill(seen["pid"], signal.SIGINT)
+    assert pool.submit(add, 1, 1).result() == 2
+
+
+def test_both_workers_work_at_a_time(pool: LocalPool) -> None:
+    wait_until(lambda: len(pool.pids()) == 2, seconds=60)
+    start = time.monotonic()
+    wait([pool.submit(nap, 0.7), pool.submit(nap, 0.7)])
+    assert time.monotonic() - start < 1.3
+
+
+def test_a_task_over_the_limit_is_stopped_and_the_rest_go_on(pool: LocalPool) -> None:
+    slow: Future[None] = pool.submit(nap, 600)
+    others = [pool.submit(add, i, 1) for i in range(10)]
+    with pytest.raises(TaskTimeLimitError, match=r"1\.5 s"):
+        slow.result()
+    assert [future.result() for future in others] == list(range(1, 11))
+
+
+def test_a_worker_that_dies_costs_the_task_it_had(pool: LocalPool) -> None:
+    dead = pool.submit(die)
+    others = [pool.submit(add, i, 1) for i in range(10)]
+    with pytest.raises(WorkerLostError):
+        dead.result()
+    assert [future.result() for future in others] == list(range(1, 11))
+    wait_until(lambda: len(pool.pids()) == 2, seconds=60)
+
+
+def test_workers_that_die_idle_cost_nothing(pool: LocalPool) -> None:
+    wait_until(lambda: len(pool.pids()) == 2, seconds=60)
+    old = pool.pids()
+    for pid in old:
+        os.kill(pid, signal.SIGKILL)
+    wait_until(lambda: not any(_runs(pid) for pid in old), seconds=10)
+    assert [future.result() for future in [pool.submit(add, i, 1) for i in range(4)]] == [1, 2, 3, 4]
+    assert not set(pool.pids()) & set(old)
+
+
+def _runs(pid: int) -> bool:
+    with open(f"/proc/{pid}/stat") as stat:
+        return stat.read().rsplit(")", 1)[1].split()[0] != "Z"
+
+
+def test_what_does_not_pickle_is_an_error_of_that_task(pool: LocalPool) -> None:
+    with pytest.raises((TypeError, AttributeError)):
+        pool.submit(add, threading.Lock(), 1).result()
+    with pytest.raises(TypeError, match="pickle"):
+        pool.submit(return_a_lock).result()
+    with pytest.raises(RuntimeError, match=r"OddError.*1 and 2"):
+        pool.submit(raise_oddly).result()
+    assert pool.submit(add, 1, 1).result() == 2
+
+
+def test_a_cancelled_task_is_not_begun(pool: LocalPool) -> None:
+    blocking = [pool.submit(nap, 0.5) for _ in range(2)]
+    waiting = pool.submit(die)
+    assert waiting.cancel()
+    wait(blocking)
+    assert pool.submit(add, 1, 1).result() == 2
+
+
+def test_ready_while_idle_and_while_busy(pool: LocalPool) -> None:
+    assert pool.ready()
+    busy = [pool.submit(nap, 1) for _ in range(2)]
+    wait_until(lambda: all(future.running() for future in busy), seconds=5)
+    assert pool.ready()
+    wait(busy)
+
+
+def test_a_pool_whose_workers_do_not_start_says_so_and_does_not_hang() -> None:
+    pool = LocalPool(1, seconds=1, warm=fail_to_warm)
+    with pytest.raises(WorkerLostError):
+        pool.submit(add, 1, 1).result(timeout=60)
+    assert not pool.ready()
+    pool.shutdown()
+
+
+def test_shutdown_finishes_what_was_begun_and_cancels_what_was_not() -> None:
+    pool = LocalPool(1, seconds=5, warm=warm)
+    running = pool.submit(nap, 0.5)
+    waiting = pool.submit(add, 1, 1)
+    wait_until(running.running, seconds=60)
+    pids = pool.pids()
+    pool.shutdown(cancel_futures=True)
+    assert running.result() is None
+    assert waiting.cancelled()
+    assert not any(os.path.exists(f"/proc/{pid}") for pid in pids)
+    with pytest.raises(RuntimeError):
+        pool.submit(add, 1, 1)
+
+
+def test_shutdown_does_not_wait_for_a_worker_that_is_warming_up() -> None:
+    pool = LocalPool(1, seconds=5, warm=_never_warm)
+    waiting = pool.submit(add, 1, 1)
+    wait_until(lambda: pool._seats[0]._process, seconds=10)
+    start = time.monotonic()
+    pool.shutdown()
+    assert time.monotonic() - start < 5
+    assert waiting.cancelled()
+
+
+def _never_warm() -> None:
+    time.sleep(600)

@@ -1,0 +1,141 @@
+"""Real server processes: killed, restarted, and two on one archive."""
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import httpx
+
+from tests.service.support import query, small_file, upload, wait_until
+
+
+@contextmanager
+def server(folder: Path, **settings: str) -> Iterator[tuple[subprocess.Popen[bytes], httpx.Client]]:
+    """A uvicorn process on an archive in a folder; killed at the end if it still runs."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    environment = {key: value for key, value in os.environ.items() if not key.startswith("ISOSHAPE_")} | {
+        "ISOSHAPE_DATABASE_URL": f"sqlite:///{folder}/archive.sqlite3",
+        "ISOSHAPE_WORKERS": "2",
+        **settings,
+    }
+    command = [sys.executable, "-m", "uvicorn", "--factory", "service.app:app_from_environment"]
+    with (folder / "log.txt").open("ab") as log:
+        process = subprocess.Popen(
+            [*command, "--port", str(port), "--log-level", "warning"],
+            env=environment,
+            stdout=log,
+            stderr=log,
+        )
+    try:
+        with httpx.Client(base_url=f"http://127.0.0.1:{port}", timeout=120) as client:
+            wait_until(lambda: answers(client), seconds=180)
+            yield process, client
+    finally:
+        process.kill()
+        process.wait()
+
+
+def answers(client: httpx.Client) -> bool:
+    """Whether the service is ready."""
+    try:
+        return client.get("/readyz").status_code == 200
+    except httpx.TransportError:
+        return False
+
+
+def workers(process: subprocess.Popen[bytes]) -> list[int]:
+    """The children of a process."""
+    with open(f"/proc/{process.pid}/task/{process.pid}/children") as children:
+        return [int(pid) for pid in children.read().split()]
+
+
+def test_a_killed_service_has_all_that_it_had_acknowledged(tmp_path: Path) -> None:
+    acknowledged: dict[str, str] = {}
+    deleted: set[str] = set()
+    stop = threading.Event()
+
+    def send(client: httpx.Client, start: int) -> None:
+        number = start
+        while not stop.is_set():
+            try:
+                answer = upload(client, small_file(number), f"{number}.off", tags=str(number))
+            except httpx.TransportError:
+                return
+            if answer.status_code == 201:
+                acknowledged[answer.json()["id"]] = str(number)
+                if number % 5 == 0:
+                    gone = answer.json()["id"]
+                    try:
+                        if client.delete(f"/shapes/{gone}").status_code == 204:
+                            deleted.add(gone)
+                    except httpx.TransportError:
+                        acknowledged.pop(gone)
+                        return
+            number += 3
+
+    with server(tmp_path) as (process, client):
+        threads = [threading.Thread(target=send, args=(client, start)) for start in range(3)]
+        for thread in threads:
+            thread.start()
+        wait_until(lambda: len(acknowledged) >= 12, seconds=60)
+        orphans = workers(process)
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+        stop.set()
+        for thread in threads:
+            thread.join()
+    wait_until(lambda: not any(Path(f"/proc/{pid}").exists() for pid in orphans), seconds=30)
+    expected = {shape_id: name for shape_id, name in acknowledged.items() if shape_id not in deleted}
+    assert expected
+    assert deleted
+    with server(tmp_path) as (process, client):
+        page = client.get("/shapes", params={"limit": 500}).json()
+        stored = {shape["id"]: shape for shape in page["shapes"]}
+        assert set(expected) <= set(stored)
+        assert not deleted & set(stored)
+        for shape_id, number in expected.items():
+            assert stored[shape_id]["tags"] == [number]
+            assert client.get(f"/shapes/{shape_id}/file").content == small_file(int(number))
+        answer = query(client, small_file(int(number)), top_k=1).json()
+        assert answer["compared"] == answer["stored"] == len(stored)
+        assert answer["results"][0]["shape"]["id"] == shape_id
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(timeout=30) in {0, -signal.SIGTERM}
+
+
+def test_another_processes_writes_are_seen_by_the_next_query(tmp_path: Path) -> None:
+    with server(tmp_path) as (_, one), server(tmp_path) as (_, other):
+        for number in range(4):
+            there, here = (one, other) if number % 2 else (other, one)
+            shape = upload(here, small_file(number), f"{number}.off").json()
+            answer = query(there, small_file(number), top_k=1).json()
+            assert answer["results"][0]["shape"]["id"] == shape["id"]
+            assert answer["stored"] == number + 1
+        assert one.delete(f"/shapes/{shape['id']}").status_code == 204
+        answer = query(other, small_file(number), top_k=10).json()
+        assert answer["compared"] == answer["stored"] == 3
+        assert shape["id"] not in {result["shape"]["id"] for result in answer["results"]}
+
+
+def test_a_service_does_not_start_with_a_setting_it_does_not_know(tmp_path: Path) -> None:
+    environment = {**os.environ, "ISOSHAPE_WORKER": "2", "ISOSHAPE_DATABASE": "x"}
+    done = subprocess.run(
+        [sys.executable, "-m", "uvicorn", "--factory", "service.app:app_from_environment", "--port", "0"],
+        env=environment,
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert done.returncode != 0
+    assert "unknown settings: ISOSHAPE_DATABASE, ISOSHAPE_WORKER;" in done.stderr
+    assert list(tmp_path.iterdir()) == []

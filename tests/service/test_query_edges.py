@@ -1,0 +1,101 @@
+"""Queries that leave something out, find nothing, or are refused."""
+
+import httpx
+import pytest
+
+from tests.service.support import Running, assert_problem, query, small_file
+
+
+def test_equals_are_in_the_order_they_were_stored(service: Running) -> None:
+    ids = [service.store(small_file(0), name=f"copy {i}")["id"] for i in range(5)]
+    for _ in range(2):
+        results = query(service.client, small_file(0), top_k=5).json()["results"]
+        assert [result["shape"]["id"] for result in results] == ids
+
+
+def test_the_query_itself_is_left_out_by_id_and_kept_by_file_unless_said(service: Running) -> None:
+    itself = service.store(small_file(4), name="itself")["id"]
+    copy = service.store(small_file(4), name="copy")["id"]
+    other = service.store(small_file(5), name="other")["id"]
+
+    def found(answer: httpx.Response) -> set[str]:
+        assert answer.json()["stored"] == 3
+        shapes = {result["shape"]["id"] for result in answer.json()["results"]}
+        assert answer.json()["compared"] == len(shapes)
+        return shapes
+
+    assert found(service.client.post("/query", json={"shape_id": itself})) == {copy, other}
+    with_itself = {"shape_id": itself, "exclude_self": False}
+    assert found(service.client.post("/query", json=with_itself)) == {itself, copy, other}
+    assert found(query(service.client, small_file(4))) == {itself, copy, other}
+    assert found(query(service.client, small_file(4), exclude_self="true")) == {other}
+
+
+def test_an_empty_archive_answers_with_nothing(service: Running) -> None:
+    answer = query(service.client, small_file(20)).json()
+    assert answer["results"] == []
+    assert answer["matched"] is False
+    assert (answer["compared"], answer["stored"]) == (0, 0)
+
+
+@pytest.mark.parametrize(
+    ("fields", "field"),
+    [
+        ({"top_k": 0}, "top_k"),
+        ({"top_k": 101}, "top_k"),
+        ({"top_k": "three"}, "top_k"),
+        ({"top_k": "NaN"}, "top_k"),
+        ({"top_k": ["1", "2"]}, "top_k"),
+        ({"rank_by": "beauty"}, "rank_by"),
+        ({"exhaustive": "perhaps"}, "exhaustive"),
+        ({"filter": "x" * 65}, "filter"),
+        ({"topk": 3}, "topk"),
+        ({"shape_id": "x"}, "shape_id"),
+    ],
+)
+def test_a_bad_option_is_refused_by_its_name(service: Running, fields: dict[str, str], field: str) -> None:
+    data = small_file(20)
+    problem = assert_problem(query(service.client, data, **fields), 422, "bad-request-fields")
+    assert problem["errors"][0]["field"] == field
+    in_address = service.client.post("/query", params=fields, files={"file": ("bird.off", data)})
+    assert assert_problem(in_address, 422, "bad-request-fields")["errors"][0]["field"] == field
+
+
+@pytest.mark.parametrize(
+    ("body", "field"),
+    [
+        ("{", "body"),
+        ("[]", "body"),
+        ("", "body"),
+        ("[" * 5000, "body"),
+        ("{}", "shape_id"),
+        ('{"shape_id": 3}', "shape_id"),
+        ('{"shape_id": "a", "top_k": 1e999}', "top_k"),
+        ('{"shape_id": "\\ud800"}', "shape_id"),
+    ],
+)
+def test_a_bad_object_is_refused_by_its_field(service: Running, body: str, field: str) -> None:
+    for path in ("/query", "/compare") if field == "body" else ("/query",):
+        answer = service.client.post(path, content=body, headers={"content-type": "application/json"})
+        if path == "/compare" and body.startswith("[["):
+            assert_problem(answer, 400, "bad-request")
+        else:
+            problem = assert_problem(answer, 422, "bad-request-fields")
+            assert problem["errors"][0]["field"] == field or path == "/compare"
+
+
+def test_other_bodies_are_refused(service: Running) -> None:
+    for headers in ({"content-type": "text/plain"}, {"content-type": "application/octet-stream"}, {}):
+        assert_problem(
+            service.client.post("/query", content=b"OFF", headers=headers), 415, "unsupported-media-type"
+        )
+
+
+def test_a_bad_pair_is_refused(service: Running) -> None:
+    assert_problem(service.client.post("/compare", json={"first": "a"}), 422, "bad-request-fields")
+    pair = {"first": "a", "second": "b"}
+    assert_problem(service.client.post("/compare", json=pair), 404, "shape-not-found")
+    problem = assert_problem(
+        service.client.post("/compare", json={**pair, "third": 1}), 422, "bad-request-fields"
+    )
+    assert problem["errors"][0]["field"] == "third"

@@ -1,0 +1,118 @@
+"""Settings: read, refused, and documented."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from core.parameters import DEFAULT, PAPER
+from service.settings import OTHER_VARIABLES, PREFIX, Settings, SettingsError, load_parameters, load_settings
+
+DOCUMENT = Path(__file__).parents[2] / "docs" / "settings.md"
+
+
+@pytest.fixture(autouse=True)
+def no_settings(monkeypatch: pytest.MonkeyPatch) -> None:
+    """None of the environment's own."""
+    for name in Settings.model_fields:
+        monkeypatch.delenv(PREFIX + name.upper(), raising=False)
+
+
+def documented() -> dict[str, str]:
+    """The variables in the document's table, with the default that stands beside each."""
+    rows = re.findall(r"^\| `(ISOSHAPE_\w+)` \| ([^|]+) \| [^|]+ \| [^|]+ \|$", DOCUMENT.read_text(), re.M)
+    return {name: default.strip().strip("`") for name, default in rows}
+
+
+def test_every_setting_is_documented_with_its_default() -> None:
+    fields = {PREFIX + name.upper(): field for name, field in Settings.model_fields.items()}
+    rows = documented()
+    assert set(rows) == set(fields)
+    for name, field in fields.items():
+        if field.default_factory is None:
+            default = field.default
+            said = rows[name]
+            assert type(default)(said) == default, f"{name} is {default!r}, not {said}"
+        assert field.description, name
+
+
+def test_the_document_names_no_variable_that_is_not_known() -> None:
+    named = set(re.findall(r"ISOSHAPE_[A-Z_]+[A-Z]", DOCUMENT.read_text()))
+    assert named == set(documented()) | OTHER_VARIABLES
+
+
+def test_defaults(monkeypatch: pytest.MonkeyPatch) -> None:
+    settings = load_settings()
+    assert settings.database_url == "sqlite:///isoshape-data/isoshape.sqlite3"
+    assert settings.workers >= 1
+    assert load_parameters(settings.pipeline) == DEFAULT
+    assert load_parameters("paper") == PAPER
+
+
+def test_variables_are_read(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ISOSHAPE_WORKERS", "3")
+    monkeypatch.setenv("isoshape_port", "0")
+    settings = load_settings()
+    assert (settings.workers, settings.port) == (3, 0)
+
+
+def test_variables_of_other_parts_are_let_be(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in OTHER_VARIABLES:
+        monkeypatch.setenv(name, "x")
+    load_settings()
+
+
+def test_unknown_variables_are_refused_by_name(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ISOSHAPE_WORKER", "3")
+    monkeypatch.setenv("ISOSHAPE_DATABASE", "x")
+    with pytest.raises(
+        SettingsError, match=r"unknown settings: ISOSHAPE_DATABASE, ISOSHAPE_WORKER;.*ISOSHAPE_WORKERS"
+    ):
+        load_settings()
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("WORKERS", "0"),
+        ("WORKERS", "many"),
+        ("PORT", "70000"),
+        ("TASK_SECONDS", "inf"),
+        ("TASK_SECONDS", "nan"),
+        ("LOCK_SECONDS", "-1"),
+        ("LOG_LEVEL", "loud"),
+        ("MAX_UPLOAD_BYTES", "-5"),
+        ("DATABASE_URL", "archive.sqlite3"),
+        ("DATABASE_URL", "sqlite://"),
+        ("DATABASE_URL", "sqlite:///:memory:"),
+        ("DATABASE_URL", "mysql://localhost/isoshape"),
+    ],
+)
+def test_a_value_out_of_range_is_refused_by_name(
+    monkeypatch: pytest.MonkeyPatch, name: str, value: str
+) -> None:
+    monkeypatch.setenv(PREFIX + name, value)
+    with pytest.raises(SettingsError, match=f"^{PREFIX}{name}: "):
+        load_settings()
+
+
+def test_parameters_come_from_a_file(tmp_path: Path) -> None:
+    path = tmp_path / "parameters.json"
+    path.write_text(DEFAULT.to_json())
+    assert load_parameters(str(path)) == DEFAULT
+
+
+@pytest.mark.parametrize(
+    "content", [b"{", b"[]", b'{"samples": "many"}', b'{"no such parameter": 1}', b"\xff\xfe"]
+)
+def test_a_file_that_holds_no_parameters_is_refused(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "parameters.json"
+    path.write_bytes(content)
+    with pytest.raises(SettingsError, match=r"ISOSHAPE_PIPELINE.*parameters\.json"):
+        load_parameters(str(path))
+
+
+def test_a_pipeline_that_is_no_file_is_refused(tmp_path: Path) -> None:
+    for pipeline in ("fast", str(tmp_path / "missing.json"), str(tmp_path)):
+        with pytest.raises(SettingsError, match="neither default nor paper nor a file"):
+            load_parameters(pipeline)
