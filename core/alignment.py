@@ -76,8 +76,11 @@ def align(points: Floats, targets: Floats, rotation: Floats, rounds: int) -> tup
     for _ in range(rounds):
         turned = points @ rotation
         for i in range(m):
+            own = 0.0
+            for c in range(k):
+                own += turned[i, c] * turned[i, c]
             for j in range(n):
-                cost[i, j] = lengths[j]
+                cost[i, j] = own + lengths[j]
             for c in range(k):
                 x = 2.0 * turned[i, c]
                 for j in range(n):

@@ -59,37 +59,42 @@ def smoothers(points: Floats, first_dimensions: int, stiffness: float) -> Float3
 
 @compiled_fast
 def _nearest(points: Float32s, targets: Float32s, k: int, matches: Ints, squares: Float32s) -> None:
-    """Write the nearest of targets[:, j] to points[i], in k coordinates, to matches[i]; targets: (k, n)."""
+    """Write the nearest of targets[:, j] to points[:, i], in k coordinates, to matches[i]."""
     n = targets.shape[1]
-    for i in range(points.shape[0]):
+    for i in range(points.shape[1]):
+        x = points[0, i]
         for j in range(n):
-            squares[j] = np.float32(0.0)
-        for c in range(k):
-            x = points[i, c]
+            step = x - targets[0, j]
+            squares[j] = step * step
+        for c in range(1, k):
+            x = points[c, i]
             for j in range(n):
                 step = x - targets[c, j]
                 squares[j] += step * step
-        best = squares[0]
-        where = 0
+        least = squares[0]
         for j in range(1, n):
-            if squares[j] < best:
-                best = squares[j]
-                where = j
+            least = min(least, squares[j])
+        where = 0
+        while squares[where] > least:
+            where += 1
         matches[i] = where
 
 
 @compiled_fast
-def _warp(smoother: Float32s, targets: Float32s, matches: Ints, k: int, warped: Float32s) -> None:
-    """Write smoother @ targets[matches], its first k coordinates, to warped."""
+def _warp(
+    smoother: Float32s, targets: Float32s, matches: Ints, k: int, matched: Float32s, warped: Float32s
+) -> None:
+    """Write smoother @ targets[:, matches].T, its first k coordinates, to the rows of `warped`."""
     m = smoother.shape[0]
+    for c in range(k):
+        for j in range(m):
+            matched[c, j] = targets[c, matches[j]]
     for i in range(m):
         for c in range(k):
-            warped[i, c] = np.float32(0.0)
-        for j in range(m):
-            s = smoother[i, j]
-            t = matches[j]
-            for c in range(k):
-                warped[i, c] += s * targets[t, c]
+            total = np.float32(0.0)
+            for j in range(m):
+                total += smoother[i, j] * matched[c, j]
+            warped[c, i] = total
 
 
 @compiled
@@ -154,17 +159,18 @@ def progressive(
     """
     m, k_all = points.shape
     columns = np.ascontiguousarray(targets.T)
-    warped = np.empty((m, k_all), dtype=np.float32)
+    warped = np.empty((k_all, m), dtype=np.float32)
+    matched = np.empty((k_all, m), dtype=np.float32)
     squares = np.empty(targets.shape[0], dtype=np.float32)
     tries = np.empty((starts, m), dtype=np.int64)
     scores = np.empty(starts)
     for s in range(starts):
         for i in range(m):
             for c in range(first):
-                warped[i, c] = -points[i, c] if (s >> c) & 1 else points[i, c]
+                warped[c, i] = -points[i, c] if (s >> c) & 1 else points[i, c]
         _nearest(warped, columns, first, tries[s], squares)
         for _ in range(start_rounds):
-            _warp(operators[0], targets, tries[s], first, warped)
+            _warp(operators[0], columns, tries[s], first, matched, warped)
             _nearest(warped, columns, first, tries[s], squares)
         scores[s] = _signless_correlation(points, targets, tries[s], first)
     order = np.argsort(-scores, kind="mergesort")
@@ -174,7 +180,7 @@ def progressive(
         s = order[place]
         for k in range(first + 1, k_all + 1):
             for _ in range(step_rounds):
-                _warp(operators[k - first], targets, tries[s], k, warped)
+                _warp(operators[k - first], columns, tries[s], k, matched, warped)
                 _nearest(warped, columns, k, tries[s], squares)
         score = _signless_correlation(points, targets, tries[s], k_all)
         if score > best:
