@@ -77,7 +77,10 @@ def command(
     limit: Annotated[
         int | None, typer.Option(min=2, help="Evaluate this many shapes only, spread over the classes.")
     ] = None,
-    workers: Annotated[int | None, typer.Option(min=1, help="Processes. [default: one a processor]")] = None,
+    workers: Annotated[
+        int | None,
+        typer.Option(min=1, envvar="ISOSHAPE_WORKERS", help="Processes. [default: one a processor]"),
+    ] = None,
 ) -> None:
     """Measure retrieval on a labelled collection; the shape itself is left out of its own ranking.
 

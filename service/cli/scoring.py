@@ -115,6 +115,9 @@ def _embed(path: Path) -> Embedding | str:
         return f"{error.kind}: {error}"
     except OSError as error:
         return error.strerror or str(error)
+    except Exception as error:
+        # A fault of the program, on this file: it is named, and costs the run no other file.
+        return f"{type(error).__name__}: {error}"
 
 
 def _score_row(path: Path, i: int) -> Scores:

@@ -50,13 +50,12 @@ def test_a_service_that_cannot_start_says_why(tmp_path: Path) -> None:
         pytest.fail("it started")
 
 
-@pytest.mark.parametrize(("sent", "status"), [(signal.SIGINT, 0), (signal.SIGTERM, -signal.SIGTERM)])
-def test_serve_until_a_signal_and_again(tmp_path: Path, sent: signal.Signals, status: int) -> None:
+def test_serve_until_a_signal_and_again() -> None:
     environment = {**os.environ, "ISOSHAPE_LOG_LEVEL": "error"}
     port = free_port()
     command = [sys.executable, "-P", "-m", "service.cli", "serve", "--port", str(port)]
     names = []
-    for _ in range(2):
+    for sent, status in ((signal.SIGINT, 0), (signal.SIGTERM, -signal.SIGTERM)):
         process = subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True)
         try:
             with Client(f"http://{LOOPBACK}:{port}") as client:
