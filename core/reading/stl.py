@@ -70,14 +70,26 @@ def _blocks(text: bytes) -> Iterator[bytes]:
         closes = text[max(match.start() - 3, 0) : match.start()] == b"end"
         if opened != closes:
             raise MalformedMeshError("a solid of the STL begins or ends inside another")
-        opened = not closes
-        stop = match.start() - 3 * closes
-        while start < stop:
-            cut = text.find(b"endfacet", start + _BLOCK_BYTES, stop)
-            end = stop if cut < 0 else cut + len(b"endfacet")
-            yield text[start:end]
-            start = end
-        start = match.end()
+        if closes:
+            yield from _cut(text, start, match.start() - 3)
+        else:
+            _refuse(text[start : match.start()])
+        start, opened = match.end(), not closes
     if opened:
         raise MalformedMeshError("the last solid of the STL has no end: the file is cut short")
-    yield text[start:]
+    _refuse(text[start:])
+
+
+def _cut(text: bytes, start: int, stop: int) -> Iterator[bytes]:
+    """Cut one solid."""
+    while start < stop:
+        cut = text.find(b"endfacet", start + _BLOCK_BYTES, stop)
+        end = stop if cut < 0 else cut + len(b"endfacet")
+        yield text[start:end]
+        start = end
+
+
+def _refuse(outside: bytes) -> None:
+    """Raise if there is anything outside the solids."""
+    if outside.strip():
+        raise MalformedMeshError("the STL goes on outside its solids")
