@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.alignment import align, procrustes
-from core.assignment import one_to_one
 from core.correspondence import progressive, smoothers
 from core.embedding import Float32s, Spectrum
 from core.mesh import Floats, Ints
@@ -27,6 +26,8 @@ class Prepared:
         The same.
     operators : float32, shape (k - first_dimensions + 1, m, m)
         The spline, factored: see `core.correspondence.smoothers`.
+    warp : float32, shape (m, m)
+        The softer spline in all k dimensions that sim reads the matched points under.
     key : bytes
         A hash of the coordinates, by which a pair is put in order.
     """
@@ -34,6 +35,7 @@ class Prepared:
     points: Floats
     single: Float32s
     operators: Float32s
+    warp: Float32s
     key: bytes
 
 
@@ -64,11 +66,13 @@ class SpectralMatch:
 def prepare(spectrum: Spectrum, parameters: Parameters) -> Prepared:
     """The spectrum with its splines factored."""
     points = np.ascontiguousarray(spectrum.coordinates, dtype=np.float64)
+    single = np.ascontiguousarray(spectrum.coordinates)
     return Prepared(
         points=points,
-        single=np.ascontiguousarray(spectrum.coordinates),
+        single=single,
         operators=smoothers(points, parameters.first_dimensions, parameters.stiffness),
-        key=hashlib.blake2b(np.ascontiguousarray(spectrum.coordinates).tobytes(), digest_size=16).digest(),
+        warp=smoothers(points, parameters.dimensions, parameters.warp_stiffness)[0],
+        key=hashlib.blake2b(single.tobytes(), digest_size=16).digest(),
     )
 
 
@@ -87,8 +91,17 @@ def _search(first: Prepared, second: Prepared, parameters: Parameters) -> Ints:
     )
 
 
+def _warp_distances(source: Prepared, targets: Floats) -> Floats:
+    """How far the warp of the source points ends from the targets it was fitted to, shape (m,)."""
+    return np.asarray(np.linalg.norm(source.warp @ targets - targets, axis=1))
+
+
 def _aligned(first: Prepared, second: Prepared, parameters: Parameters) -> SpectralMatch:
-    """The better of two searches, one from each side, ended in one-to-one pairs; m <= n."""
+    """The better of two searches, one from each side, ended in one-to-one pairs; m <= n.
+
+    CC and SSD read the points after the orthogonal map; sim counts the pairs that the softer spline, either
+    way, brings within gamma: where a smooth map explains the pairs, most are.
+    """
     there, back = _search(first, second, parameters), _search(second, first, parameters)
     starts = (
         procrustes(first.points, second.points[there]),
@@ -97,47 +110,44 @@ def _aligned(first: Prepared, second: Prepared, parameters: Parameters) -> Spect
     found = [align(first.points, second.points, start, parameters.align_rounds) for start in starts]
     cc, matches, rotation = max(found, key=lambda one: float(one[0]))
     x, y = first.points @ rotation, second.points[matches]
-    distances = np.linalg.norm(x - y, axis=1)
-    gamma = effective_distance(first.points, second.points)
-    effective = effective_pairs(distances, matches, gamma)
-    pairs = np.stack([np.arange(len(matches)), matches], axis=1)
+    distances = _warp_distances(first, y)
+    if len(first.points) == len(second.points):
+        inverse = np.argsort(matches)
+        distances = 0.5 * (distances + _warp_distances(second, x[inverse])[matches])
+    effective = distances <= effective_distance(first.points, second.points)
     return SpectralMatch(
-        float(cc),
-        squared_difference(x, y),
-        float(effective.sum() / min(len(first.points), len(second.points))),
-        pairs,
-        distances,
-        effective,
+        cc=float(cc),
+        ssd=squared_difference(x, y),
+        sim=float(effective.mean()),
+        pairs=np.stack([np.arange(len(matches)), matches], axis=1),
+        distances=distances,
+        effective=effective,
     )
 
 
-def _warped(first: Prepared, second: Prepared, parameters: Parameters) -> tuple[float, float, float, Floats]:
-    """The paper's comparison one way: scores of the warped points and their nearest neighbours."""
+def _warped(
+    first: Prepared, second: Prepared, parameters: Parameters
+) -> tuple[float, float, float, Ints, Floats, NDArray[np.bool_]]:
+    """The paper's comparison one way: CC, SSD, sim of the warped points and their nearest neighbours."""
     matches = _search(first, second, parameters)
-    targets = second.points
-    x = first.operators[-1].astype(np.float64) @ targets[matches]
-    y = targets[matches]
+    x = first.operators[-1].astype(np.float64) @ second.points[matches]
+    y = second.points[matches]
     distances = np.linalg.norm(x - y, axis=1)
-    effective = effective_pairs(distances, matches, effective_distance(x, targets))
-    smaller = min(len(first.points), len(targets))
-    return correlation(x, y), squared_difference(x, y), float(effective.sum() / smaller), x
+    effective = effective_pairs(distances, matches, effective_distance(x, second.points))
+    sim = float(effective.sum() / min(len(first.points), len(second.points)))
+    return correlation(x, y), squared_difference(x, y), sim, matches, distances, effective
 
 
 def _nearest(first: Prepared, second: Prepared, parameters: Parameters) -> SpectralMatch:
-    """Both ways of the paper's comparison, averaged; the pairs shown are one-to-one between warped points."""
-    there = _warped(first, second, parameters)
-    back = _warped(second, first, parameters)
-    x, y = there[3], second.points
-    cost = ((x[:, None, :] - y[None, :, :]) ** 2).sum(axis=2)
-    pairs = one_to_one(cost)
-    distances = np.sqrt(cost[pairs[:, 0], pairs[:, 1]])
+    """Both ways of the paper's comparison, averaged; the pairs are those of the smaller cloud."""
+    there, back = _warped(first, second, parameters), _warped(second, first, parameters)
     return SpectralMatch(
-        0.5 * (there[0] + back[0]),
-        0.5 * (there[1] + back[1]),
-        0.5 * (there[2] + back[2]),
-        pairs,
-        distances,
-        distances <= effective_distance(x, y),
+        cc=0.5 * (there[0] + back[0]),
+        ssd=0.5 * (there[1] + back[1]),
+        sim=0.5 * (there[2] + back[2]),
+        pairs=np.stack([np.arange(len(there[3])), there[3]], axis=1),
+        distances=there[4],
+        effective=there[5],
     )
 
 

@@ -55,6 +55,9 @@ class Parameters:
         See `core.correspondence.Search`.
     stiffness : float
         The spline's beta over the mean distance between all pairs of points (the paper: 1).
+    warp_stiffness : float
+        The same for the softer spline under which sim counts effective pairs; with pairs "nearest", sim reads
+        the first spline.
     pairs : "one-to-one" or "nearest"
         Whether the correspondence ends in `core.alignment.align`, and scores read coordinates that it has
         turned; or in nearest neighbours of the warped points, and scores read those.
@@ -92,6 +95,7 @@ class Parameters:
     start_iterations: int = 5
     step_iterations: int = 3
     stiffness: float = 100.0
+    warp_stiffness: float = 0.01
     pairs: Pairs = "one-to-one"
     align_rounds: int = 4
     affinity_values: int = 20
@@ -132,7 +136,8 @@ class Parameters:
                 self.kept_starts, self.start_iterations, self.step_iterations, self.align_rounds
             )
             >= 1,
-            "stiffness must not be negative": 0.0 <= self.stiffness < 1e12,
+            "stiffness and warp_stiffness must be above 0": 0.0 < self.stiffness < 1e12
+            and 0.0 < self.warp_stiffness < 1e12,
             "affinity_values and laplacian_values must be 0 to 100": 0 <= self.affinity_values <= 100
             and 0 <= self.laplacian_values <= 100,
             "affinity_values and laplacian_values must not both be 0": self.affinity_values
