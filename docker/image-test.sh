@@ -176,6 +176,9 @@ pass 'the root is read-only; /data and /tmp can be written to'
 client fill
 pass 'uploads and queries answer'
 
+inside diff -r /opt/isoshape/kernels /tmp/numba >/dev/null || fail 'kernels were compiled again at the start'
+pass 'the kernels that were compiled with the image are those that ran'
+
 stop KILL
 start
 client again

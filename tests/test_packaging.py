@@ -111,11 +111,13 @@ def test_compose_runs_the_image_with_no_more_rights_than_it_needs():
     assert service["cap_drop"] == ["ALL"]
     assert service["security_opt"] == ["no-new-privileges:true"]
     assert all(port.startswith("127.0.0.1:") for port in service["ports"])
-    assert {"mem_limit", "pids_limit"} <= service.keys()
+    assert {"cpus", "mem_limit", "pids_limit"} <= service.keys()
+    # As many workers as processors, unless told: those of the machine, not those that the container may use.
+    assert service["environment"]["ISOSHAPE_WORKERS"] == service["cpus"]
 
 
 def test_compose_and_the_image_ask_after_health_alike():
     service = yaml.safe_load((ROOT / "docker/compose.yaml").read_text())["services"]["isoshape"]
     check = (ROOT / "docker/Dockerfile").read_text().split("HEALTHCHECK", 1)[1]
-    (command,) = re.findall(r"CMD (\[.*\])\nCMD", check)
-    assert ["CMD", *yaml.safe_load(command)] == service["healthcheck"]["test"]
+    command = re.search(r"CMD (\[.*\])\n", check)
+    assert ["CMD", *yaml.safe_load(command[1])] == service["healthcheck"]["test"]

@@ -54,7 +54,8 @@ def configuration(service: dict[str, Any], image: dict[str, Any], root: Path, da
             "terminal": False,
             "user": {"uid": int(user), "gid": int(group)},
             "args": [*(image.get("Entrypoint") or []), *image["Cmd"]],
-            "env": image["Env"],
+            "env": image["Env"]
+            + [f"{name}={value}" for name, value in service.get("environment", {}).items()],
             "cwd": image["WorkingDir"],
             "capabilities": dict.fromkeys(CAPABILITY_SETS, kept),
             "noNewPrivileges": "no-new-privileges:true" in service.get("security_opt", []),
