@@ -152,6 +152,7 @@ def _print(console: Console, reports: list[Report]) -> None:
         title=f"{first.collection}, setting {first.setting}: "
         f"{first.figures.shapes} shapes, {len(first.figures.classes)} classes",
         box=box.SIMPLE_HEAD,
+        collapse_padding=True,
     )
     overall.add_column("rank by")
     for name in MEASURES:
@@ -164,7 +165,7 @@ def _print(console: Console, reports: list[Report]) -> None:
 
 
 def _class_table(report: Report) -> Table:
-    table = Table(title=f"by class, ranked by {report.rank_by}", box=box.SIMPLE_HEAD)
+    table = Table(title=f"by class, ranked by {report.rank_by}", box=box.SIMPLE_HEAD, collapse_padding=True)
     table.add_column("class")
     for name in ("shapes", "NN", "FT", "ST"):
         table.add_column(name, justify="right")

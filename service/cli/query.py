@@ -42,7 +42,7 @@ def print_answer(console: Console, answer: QueryAnswer) -> None:
     if not answer.results:
         console.print("nothing is stored that could be compared")
         return
-    table = Table(box=box.SIMPLE_HEAD)
+    table = Table(box=box.SIMPLE_HEAD, collapse_padding=True)
     table.add_column("rank", justify="right")
     table.add_column("name", overflow="fold")
     table.add_column("tags", overflow="fold")
