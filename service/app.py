@@ -26,6 +26,8 @@ from service.storage.database import Database
 from service.storage.migrate import migrate
 from service.system import VERSION
 
+log = logging.get_logger("app")
+
 
 def create_app(settings: Settings) -> FastAPI:
     """The service under some settings. Nothing is opened or started before its lifespan begins.
@@ -80,7 +82,7 @@ def _start(settings: Settings, parameters: Parameters) -> Parts:
         with database.read() as session:
             index.current(session)
     except BaseException:
-        pool.shutdown(wait=False, cancel_futures=True)
+        pool.kill()
         raise
     work = Work(
         pool,
@@ -89,9 +91,13 @@ def _start(settings: Settings, parameters: Parameters) -> Parts:
         workers=settings.workers,
         waiting=settings.queue_length,
     )
+    about = {"version": VERSION, "pipeline": parameters.name, "fingerprint": parameters.fingerprint}
+    log.info("the service starts", extra={"fields": {**about, "workers": settings.workers}})
     return Parts(settings, database, pool, work, index)
 
 
 def _stop(parts: Parts) -> None:
-    parts.pool.shutdown(wait=True, cancel_futures=True)
+    """Whatever is still at work has no one left to answer to."""
+    parts.pool.kill()
     parts.database.close()
+    log.info("the service has ended")

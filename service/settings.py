@@ -24,7 +24,10 @@ class SettingsError(Exception):
 
 
 def _processors() -> int:
-    return len(os.sched_getaffinity(0))
+    """How many processors this process may use, where the system tells, or else how many there are."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
 
 
 class Settings(BaseSettings):

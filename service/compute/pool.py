@@ -47,8 +47,11 @@ class LocalPool(Executor):
     def __init__(self, workers: int, *, seconds: float, warm: Callable[[], object]) -> None:
         self._tasks: SimpleQueue[_Task | None] = SimpleQueue()
         self._closing = threading.Event()
+        self._abandoned = threading.Event()
         self._submitting = threading.Lock()
-        self._seats = [_Seat(self._tasks, self._closing, seconds, warm) for _ in range(workers)]
+        self._seats = [
+            _Seat(self._tasks, self._closing, self._abandoned, seconds, warm) for _ in range(workers)
+        ]
         for seat in self._seats:
             seat.start()
 
@@ -78,18 +81,27 @@ class LocalPool(Executor):
         return [seat.pid for seat in self._seats if seat.pid is not None]
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Take no more tasks; finish those given, unless they are cancelled; end the processes."""
+        """Take no more tasks; finish those given, or, to cancel them, only those begun; end the processes."""
         with self._submitting:
             self._closing.set()
         if cancel_futures:
+            self._abandoned.set()
             self._cancel_waiting()
-        for seat in self._seats:
+            for seat in self._seats:
+                seat.stop_starting()
+        for _ in self._seats:
             self._tasks.put(None)
-            seat.stop_starting()
         if wait:
             for seat in self._seats:
                 seat.join()
             self._cancel_waiting()
+
+    def kill(self) -> None:
+        """Shut down at once: what was begun raises `WorkerLostError`, what was not is cancelled."""
+        self.shutdown(wait=False, cancel_futures=True)
+        for seat in self._seats:
+            seat.stop_working()
+        self.shutdown(wait=True, cancel_futures=True)
 
     def _cancel_waiting(self) -> None:
         while True:
@@ -111,6 +123,7 @@ class _Seat(threading.Thread):
         self,
         tasks: "SimpleQueue[_Task | None]",
         closing: threading.Event,
+        abandoned: threading.Event,
         seconds: float,
         warm: Callable[[], object],
     ) -> None:
@@ -119,6 +132,7 @@ class _Seat(threading.Thread):
         self.busy = False
         self._tasks = tasks
         self._closing = closing
+        self._abandoned = abandoned
         self._seconds = seconds
         self._warm = warm
         self._process: WorkerProcess | None = None
@@ -145,6 +159,12 @@ class _Seat(threading.Thread):
         """Do not wait for a process that is still warming up."""
         process = self._process
         if self.pid is None and process is not None:
+            process.kill()
+
+    def stop_working(self) -> None:
+        """Do not wait for the task that is being done."""
+        process = self._process
+        if process is not None:
             process.kill()
 
     def _do(self, task: _Task) -> None:
@@ -179,13 +199,17 @@ class _Seat(threading.Thread):
 
     def _fill(self) -> bool:
         """Start a process and warm it; whether that succeeded."""
+        if self._abandoned.is_set():
+            return False
         try:
             self._process = WorkerProcess()
-            if not self._closing.is_set():
-                self._process.send(self._warm, ())
-                self._process.receive(START_SECONDS)
+            # Whoever abandons the pool now sees the process and kills it; whoever did before, did not.
+            if self._abandoned.is_set():
+                self._process.kill()
+            self._process.send(self._warm, ())
+            self._process.receive(START_SECONDS)
         except Exception as error:
-            if not self._closing.is_set():
+            if not self._abandoned.is_set():
                 log.error("a worker process could not be started", exc_info=error)
             self._empty()
             return False

@@ -54,7 +54,9 @@ def embed_file(data: bytes, format: str, limits: Limits, parameters: Parameters)
     read = time.perf_counter()
     embedding = _pipeline(parameters).embed(mesh)
     if not _is_finite(embedding):
-        raise DegenerateMeshError("the mesh has no finite embedding: its surface is too thin or too far away")
+        raise DegenerateMeshError(
+            "the mesh has no finite embedding: its coordinates are too large, or its surface too thin"
+        )
     done = time.perf_counter()
     return Embedded(
         record=embedding_to_bytes(embedding),

@@ -4,9 +4,9 @@ import asyncio
 from collections.abc import Sequence
 
 import numpy as np
-from core.similarity import combined_scores
 from starlette.concurrency import run_in_threadpool
 
+from core.similarity import combined_scores
 from service.logging import get_logger
 from service.parts import Parts
 from service.search import repository

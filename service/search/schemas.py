@@ -1,12 +1,12 @@
 """Searches and comparisons as JSON."""
 
-from typing import Annotated, Any
+from typing import Any
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field
 
 from service.search.ranking import RankBy
 from service.search.records import Answer, Comparison, Found
-from service.shapes.fields import Tags, split_tags
+from service.shapes.fields import ListedTags
 from service.shapes.schemas import SHAPE, Shape
 
 PIPELINE = "3f1c9a7be2d40586"
@@ -34,15 +34,6 @@ PAIR: dict[str, Any] = {
 }
 
 
-def _listed(value: object) -> object:
-    """Tags written as one text, or as a list whose parts may hold commas."""
-    if isinstance(value, str):
-        return split_tags([value])
-    if isinstance(value, list) and all(isinstance(part, str) for part in value):
-        return split_tags(value)
-    return value
-
-
 class QueryOptions(BaseModel):
     """How to search. Each may be given in the address or in the body; in the body it counts."""
 
@@ -56,7 +47,7 @@ class QueryOptions(BaseModel):
     exhaustive: bool = Field(
         default=False, description="Compare with every stored shape, however many there are."
     )
-    filter: Annotated[Tags, BeforeValidator(_listed)] = Field(
+    filter: ListedTags = Field(
         default=[],
         description="Compare only with shapes that have all of these tags: repeated, or separated by commas.",
         examples=[["animal"]],

@@ -3,14 +3,14 @@
 from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Path, Query, Request, Response
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
 from core.reading import FORMATS, format_of
 from service.dependencies import Service
 from service.errors import BadRequestFieldsError, FieldFault
 from service.problems import documented, faults_of
 from service.shapes import files, service
-from service.shapes.fields import base_name, read_metadata, split_tags
+from service.shapes.fields import ListedTags, base_name, clean_text, read_metadata, split_tags
 from service.shapes.pages import read_cursor
 from service.shapes.records import NewShape, ShapeFilter
 from service.shapes.schemas import EmbeddingArrays, Shape, ShapeChanges, ShapeFields, ShapePage
@@ -81,12 +81,12 @@ class Listing(BaseModel):
 
     model_config = ConfigDict(extra="forbid")
 
-    tag: list[str] = Field(
+    tag: ListedTags = Field(
         default=[],
         description="Only shapes that have this tag; all of them, if repeated or separated by commas.",
         examples=[["animal"]],
     )
-    name: str | None = Field(
+    name: Annotated[str, AfterValidator(clean_text)] | None = Field(
         default=None, max_length=255, description="Only shapes with this text in their name, in either case."
     )
     metadata: list[str] = Field(
@@ -108,7 +108,7 @@ class Listing(BaseModel):
             if not (key and equals):
                 raise BadRequestFieldsError(FieldFault("metadata", "must be written key=value"))
             metadata[key] = value
-        return ShapeFilter(tuple(split_tags(self.tag)), self.name, metadata)
+        return ShapeFilter(tuple(self.tag), self.name, metadata)
 
 
 @router.post(

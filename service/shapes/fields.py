@@ -6,7 +6,7 @@ import unicodedata
 from collections.abc import Iterable, Iterator
 from typing import Annotated, Any
 
-from pydantic import AfterValidator, Field, JsonValue
+from pydantic import AfterValidator, BeforeValidator, Field, JsonValue
 
 from service.errors import BadRequestFieldsError, FieldFault
 
@@ -86,6 +86,20 @@ def clean_metadata(metadata: dict[str, Any]) -> dict[str, Any]:
     return metadata
 
 
+def split_tags(values: Iterable[str]) -> list[str]:
+    """Tags written as repeated fields, as one field with commas, or both."""
+    return [tag for value in values for tag in (part.strip() for part in value.split(",")) if tag]
+
+
+def _listed(value: object) -> object:
+    """Tags written as one text, or as a list whose parts may hold commas."""
+    if isinstance(value, str):
+        return split_tags([value])
+    if isinstance(value, list) and all(isinstance(part, str) for part in value):
+        return split_tags(value)
+    return value
+
+
 Name = Annotated[
     str,
     AfterValidator(clean_name),
@@ -104,6 +118,7 @@ Tags = Annotated[
         examples=[["horse", "animal"]],
     ),
 ]
+ListedTags = Annotated[Tags, BeforeValidator(_listed)]
 Metadata = Annotated[
     dict[str, JsonValue],
     AfterValidator(clean_metadata),
@@ -113,11 +128,6 @@ Metadata = Annotated[
         examples=[{"source": "scan", "year": 2024}],
     ),
 ]
-
-
-def split_tags(values: Iterable[str]) -> list[str]:
-    """Tags written as repeated fields, as one field with commas, or both."""
-    return [tag for value in values for tag in (part.strip() for part in value.split(",")) if tag]
 
 
 def read_metadata(text: str) -> dict[str, Any]:

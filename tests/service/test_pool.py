@@ -144,9 +144,28 @@ def test_shutdown_does_not_wait_for_a_worker_that_is_warming_up() -> None:
     waiting = pool.submit(add, 1, 1)
     wait_until(lambda: pool._seats[0]._process, seconds=10)
     start = time.monotonic()
-    pool.shutdown()
+    pool.shutdown(cancel_futures=True)
     assert time.monotonic() - start < 5
     assert waiting.cancelled()
+
+
+def test_leaving_the_block_finishes_what_was_given() -> None:
+    with LocalPool(1, seconds=5, warm=warm) as pool:
+        futures = [pool.submit(add, i, 1) for i in range(5)]
+    assert [future.result() for future in futures] == [1, 2, 3, 4, 5]
+
+
+def test_a_pool_that_is_killed_waits_for_nothing() -> None:
+    pool = LocalPool(1, seconds=600, warm=warm)
+    running, waiting = pool.submit(nap, 600), pool.submit(add, 1, 1)
+    wait_until(running.running, seconds=60)
+    pids = pool.pids()
+    start = time.monotonic()
+    pool.kill()
+    assert time.monotonic() - start < 5
+    assert isinstance(running.exception(), WorkerLostError)
+    assert waiting.cancelled()
+    assert not any(os.path.exists(f"/proc/{pid}") for pid in pids)
 
 
 def _never_warm() -> None:

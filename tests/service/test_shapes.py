@@ -78,6 +78,7 @@ def test_a_bad_parameter_is_refused_by_its_name(
         ({"tag": "anima"}, []),
         ({"name": "BIRD"}, ["bird"]),
         ({"name": "äPFEL"}, ["Äpfel 100%"]),
+        ({"name": "a\u0308pfel"}, ["Äpfel 100%"]),
         ({"name": "0%"}, ["Äpfel 100%"]),
         ({"name": "b_r"}, []),
         ({"metadata": "source=scan"}, ["bird", "chair"]),
