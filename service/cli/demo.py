@@ -15,6 +15,7 @@ from core.gallery import CLASSES, make_shape
 from core.reading import write_mesh
 from service.cli.child import ChildService
 from service.cli.console import fail, output, progress, say
+from service.cli.picture import draw_answers
 from service.cli.server import DEFAULT_PORT, LOOPBACK, PortError, bind, wait_until_ready
 from service.cli.upload import Item, upload_all
 from service.client import Client
@@ -22,6 +23,7 @@ from service.search.schemas import QueryAnswer
 
 POSES = 8
 FOLDER = Path("isoshape-data")
+MADE = "gallery"
 
 
 @dataclass(frozen=True)
@@ -45,6 +47,10 @@ def command(
         typer.Option("--check", help="Fail unless every first neighbour is of the query's class; then end."),
     ] = False,
     port: Annotated[int, typer.Option(min=1, max=65535, help="Port of the service.")] = DEFAULT_PORT,
+    picture: Annotated[
+        Path | None,
+        typer.Option(help="Write a picture of some answers, corresponding points coloured alike."),
+    ] = None,
 ) -> None:
     """Make a gallery of articulated shapes, store it, and query it with poses that are not stored.
 
@@ -65,6 +71,8 @@ def command(
         answered = [_query(client, label) for label in CLASSES]
         _print(answered)
         wrong = [query.name for query in answered if not query.right]
+        if picture is not None:
+            draw_answers(client, [(query.name, query.answer) for query in answered], picture)
         say(f"{len(answered) - len(wrong)} of {len(answered)} first neighbours are of the query's class")
         if check:
             if wrong:
@@ -78,7 +86,7 @@ def _make_gallery() -> list[Item]:
     with progress() as bar:
         for label in bar.track(CLASSES, description="making shapes"):
             for pose in range(POSES):
-                items.append(Item(*_shape(label, pose), tags=(label,)))
+                items.append(Item(*_shape(label, pose), tags=(label, MADE)))
     return items
 
 
@@ -87,21 +95,31 @@ def _shape(label: str, pose: int) -> tuple[str, bytes]:
 
 
 def _store(client: Client, items: Sequence[Item]) -> None:
+    """Store the gallery, and drop what an older version of it left."""
+    kept = set()
     with progress() as bar:
         task = bar.add_task("storing", total=len(items))
         for item, outcome in upload_all(client, items):
             if isinstance(outcome, str):
                 fail(f"{item.origin}: {outcome}")
+            kept.add(outcome.shape.id)
             bar.advance(task)
+    for shape in list(client.shapes(tags=[MADE])):
+        if shape.id not in kept:
+            client.delete(shape.id)
 
 
 def _query(client: Client, label: str) -> Answered:
     name, data = _shape(label, POSES)
-    return Answered(label, name, client.query_file((name, data), top_k=3))
+    return Answered(label, name, client.query_file((name, data), top_k=3, correspondences=True))
 
 
 def _print(answered: list[Answered]) -> None:
-    table = Table(title="the three stored shapes most like a pose that is not stored", box=box.SIMPLE_HEAD)
+    table = Table(
+        title="the three stored shapes most like a pose that is not stored",
+        box=box.SIMPLE_HEAD,
+        collapse_padding=True,
+    )
     table.add_column("query", no_wrap=True)
     table.add_column("rank", justify="right")
     table.add_column("stored shape", no_wrap=True)
