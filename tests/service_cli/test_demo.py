@@ -25,7 +25,7 @@ def small(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("small")
-def test_check_then_again_with_a_query_of_another_class(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_check_then_again_with_another_gallery(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     done = run("demo", "--check", "--port", free_port())
     assert (done.status, done.stderr.splitlines()[-1]) == (
         0,
@@ -38,15 +38,18 @@ def test_check_then_again_with_a_query_of_another_class(run: Run, monkeypatch: p
     assert len([row for row in rows if row and row[-1] in {"same", "other"}]) == 9
     assert Path("isoshape-data/demo.sqlite3").is_file()
 
+    # A gallery of fewer poses, whose query for a cup is a pair of pliers: what is made no more is dropped.
     shape = demo._shape
 
     def misnamed(label: str, pose: int) -> tuple[str, bytes]:
-        return shape("pliers", pose) if (label, pose) == ("cup", 3) else shape(label, pose)
+        return shape("pliers", pose) if (label, pose) == ("cup", 2) else shape(label, pose)
 
     monkeypatch.setattr(demo, "_shape", misnamed)
+    monkeypatch.setattr(demo, "POSES", 2)
     done = run("demo", "--check", "--port", free_port())
     assert done.status == 1
-    assert done.stderr.splitlines()[-1].endswith("the first neighbour is of another class for pliers-03.ply")
+    assert done.stderr.splitlines()[-1].endswith("the first neighbour is of another class for pliers-02.ply")
+    assert done.stdout.count("-02.ply") == 3
 
 
 def test_a_taken_port(run: Run) -> None:
