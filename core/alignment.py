@@ -1,7 +1,7 @@
 """Alignment by an orthogonal map and one-to-one pairs: signs, order and rotation of eigenvectors settled.
 
-The assignment is compiled in this file too: the compiler's cache on disk is renewed when the file of a function
-changes, and would not notice a change in another file that it calls.
+The assignment is compiled in this file too: the compiler's cache on disk is renewed when the file of a
+function changes, and would not notice a change in another file that it calls.
 """
 
 import numpy as np
@@ -10,7 +10,6 @@ from scipy.spatial.distance import cdist
 
 from core.compiled import compiled
 from core.mesh import Floats, Ints
-
 
 TIE = 1e-12
 """Two columns whose reduced costs differ by less are equally good to a row."""
@@ -99,8 +98,9 @@ def _reduce(cost: Floats, price: Floats, row_of: Ints, column_of: Ints) -> None:
 def assign(cost: Floats) -> Ints:
     """A different column for each row so that the sum of the costs chosen is least.
 
-    The reductions and shortest augmenting paths of Jonker and Volgenant (1987). Compiled, so that it can run
-    inside the compiled matching; `scipy.optimize.linear_sum_assignment` is the reference it is tested against.
+    The reductions and shortest augmenting paths of Jonker and Volgenant (1987). Compiled, so that it can
+    run inside the compiled matching; `scipy.optimize.linear_sum_assignment` is the reference that it is
+    tested against.
 
     Parameters
     ----------
