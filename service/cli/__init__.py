@@ -8,7 +8,7 @@ from typing import ParamSpec
 import typer
 
 from core.errors import CoreError
-from service.cli import demo, evaluate, ingest, openapi, query, serve
+from service.cli import demo, evaluate, ingest, openapi, query, sampling, serve
 from service.cli.console import fail
 from service.cli.server import PortError, StartError
 from service.client import ClientError
@@ -50,6 +50,7 @@ app.command("demo")(_in_one_line(demo.command))
 app.command("ingest")(_in_one_line(ingest.command))
 app.command("query")(_in_one_line(query.command))
 app.command("evaluate")(_in_one_line(evaluate.command))
+app.command("sampling")(_in_one_line(sampling.command))
 app.command("openapi")(_in_one_line(openapi.command))
 
 

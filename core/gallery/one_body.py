@@ -1,0 +1,57 @@
+"""One person in several poses, where each pose of `make_shape` is another individual."""
+
+from numpy.random import PCG64, Generator, SeedSequence, default_rng
+
+from core.errors import MeshError, ParameterError
+from core.gallery.people import person
+from core.gallery.surface import surface
+from core.gallery.topology import components, handles, is_closed_manifold
+from core.mesh import Mesh
+
+_PROPORTIONS = 5
+"""How many numbers `person` draws before the first that is of the pose: build, limbs, hips, shoulders."""
+
+_VERTICES = 2500
+_ATTEMPTS = 25
+
+
+class _BodyThenPose(Generator):
+    """Uniform numbers of one stream for the proportions, of another for all that follows."""
+
+    def __init__(self, body: SeedSequence, pose: SeedSequence) -> None:
+        super().__init__(PCG64(pose))
+        self._body = default_rng(body)
+        self._left = _PROPORTIONS
+
+    def uniform(self, low: float = 0.0, high: float = 1.0) -> float:  # type: ignore[override]
+        """One number."""
+        if self._left == 0:
+            return super().uniform(low, high)
+        self._left -= 1
+        return self._body.uniform(low, high)
+
+
+def make_person(body: int, pose: int) -> Mesh:
+    """A person about 1.75 tall, of about 2,500 vertices: watertight, in one piece, faces outward.
+
+    Parameters
+    ----------
+    body : int
+        >= 0; the individual, with its own proportions.
+    pose : int
+        >= 0; the same limbs otherwise turned. The surface is meshed anew for each.
+
+    Raises
+    ------
+    ParameterError
+        A negative body or pose.
+    """
+    if body < 0 or pose < 0:
+        raise ParameterError(f"body and pose must be at least 0, not {body} and {pose}")
+    for attempt in range(_ATTEMPTS):
+        draws = _BodyThenPose(SeedSequence([body]), SeedSequence([body, pose, attempt]))
+        vertices, faces = surface(person(draws), _VERTICES)
+        # Limbs that touch are a short cut for geodesics; they show as one more handle.
+        if is_closed_manifold(faces) and components(faces) == 1 and handles(faces) == 0:
+            return Mesh(vertices, faces)
+    raise MeshError(f"no sound shape of body {body} in {_ATTEMPTS} draws of pose {pose}")

@@ -1,0 +1,1 @@
+"""The evidence on sampling as tables, pictures and a page."""
