@@ -107,10 +107,8 @@ class StorageFullError(ServiceError):
     kind = "storage-full"
 
 
-class ArchiveTooNewError(ServiceError):
-    """The database was written by a newer version of the service."""
-
-    kind = "archive-too-new"
+class ArchiveTooNewError(Exception):
+    """The database was written by a newer version of the service, so this one does not start."""
 
 
 @dataclass(frozen=True)
@@ -153,7 +151,6 @@ PROBLEMS: dict[str, ProblemKind] = {
     "worker-lost": ProblemKind(503, "A worker was lost"),
     "not-ready": ProblemKind(503, "The service is not ready"),
     "storage-unavailable": ProblemKind(503, "The database is not available"),
-    "archive-too-new": ProblemKind(503, "The database is newer than the service"),
     "storage-full": ProblemKind(507, "There is no room left"),
 }
 

@@ -14,7 +14,7 @@ from service.search import service
 from service.search.records import Answer, Options
 from service.search.schemas import CompareAnswer, CompareRequest, QueryAnswer, QueryOptions, StoredQuery
 from service.search.stages import Stages
-from service.shapes.endpoints import FILE_FIELD, FILE_PROBLEMS
+from service.shapes.documentation import FILE_FIELD, FILE_PROBLEMS
 from service.shapes.records import ShapeFilter
 from service.uploads import is_form, is_json, single, uploaded
 

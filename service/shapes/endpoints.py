@@ -10,6 +10,7 @@ from service.dependencies import Service
 from service.errors import BadRequestFieldsError, FieldFault
 from service.problems import documented, faults_of
 from service.shapes import files, service
+from service.shapes.documentation import FILE_PROBLEMS, READ_PROBLEMS, UPLOAD_BODY, WRITE_PROBLEMS
 from service.shapes.fields import ListedTags, base_name, clean_text, read_metadata, split_tags
 from service.shapes.pages import read_cursor
 from service.shapes.records import NewShape, ShapeFilter
@@ -19,61 +20,6 @@ from service.uploads import single, uploaded
 router = APIRouter(tags=["shapes"])
 
 ShapeId = Annotated[str, Path(description="The id of a stored shape.", max_length=64)]
-
-FILE_PROBLEMS = (
-    "bad-request",
-    "bad-request-fields",
-    "body-too-large",
-    "unsupported-media-type",
-    "unknown-format",
-    "empty-file",
-    "malformed-mesh",
-    "non-finite-coordinates",
-    "no-triangles",
-    "degenerate-mesh",
-    "mesh-too-complex",
-    "external-reference",
-    "file-time-limit",
-    "busy",
-    "worker-lost",
-)
-READ_PROBLEMS = ("bad-request-fields", "storage-unavailable")
-WRITE_PROBLEMS = (*READ_PROBLEMS, "storage-full")
-
-FILE_FIELD = {
-    "type": "string",
-    "contentMediaType": "application/octet-stream",
-    "description": f"The mesh. Its name tells the format by the ending: {', '.join(sorted(FORMATS))}.",
-}
-UPLOAD_BODY: dict[str, Any] = {
-    "required": True,
-    "content": {
-        "multipart/form-data": {
-            "schema": {
-                "type": "object",
-                "required": ["file"],
-                "properties": {
-                    "file": FILE_FIELD,
-                    "name": {
-                        "type": "string",
-                        "description": "What to call it: 1 to 255 characters. Unless given, the file's own "
-                        "name, without its folders.",
-                    },
-                    "tags": {
-                        "type": "array",
-                        "items": {"type": "string"},
-                        "description": "Up to 32 tags: the field repeated, one field with commas, or both.",
-                    },
-                    "metadata": {
-                        "type": "string",
-                        "contentMediaType": "application/json",
-                        "description": "A JSON object, as text.",
-                    },
-                },
-            }
-        }
-    },
-}
 
 
 class Listing(BaseModel):

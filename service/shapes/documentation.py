@@ -1,0 +1,60 @@
+"""What the OpenAPI document says of uploads, which the framework cannot read off the endpoints."""
+
+from typing import Any
+
+from core.reading import FORMATS
+
+FILE_PROBLEMS = (
+    "bad-request",
+    "bad-request-fields",
+    "body-too-large",
+    "unsupported-media-type",
+    "unknown-format",
+    "empty-file",
+    "malformed-mesh",
+    "non-finite-coordinates",
+    "no-triangles",
+    "degenerate-mesh",
+    "mesh-too-complex",
+    "external-reference",
+    "file-time-limit",
+    "busy",
+    "worker-lost",
+)
+READ_PROBLEMS = ("bad-request-fields", "storage-unavailable")
+WRITE_PROBLEMS = (*READ_PROBLEMS, "storage-full")
+
+FILE_FIELD = {
+    "type": "string",
+    "contentMediaType": "application/octet-stream",
+    "description": f"The mesh. Its name tells the format by the ending: {', '.join(sorted(FORMATS))}.",
+}
+UPLOAD_BODY: dict[str, Any] = {
+    "required": True,
+    "content": {
+        "multipart/form-data": {
+            "schema": {
+                "type": "object",
+                "required": ["file"],
+                "properties": {
+                    "file": FILE_FIELD,
+                    "name": {
+                        "type": "string",
+                        "description": "What to call it: 1 to 255 characters. Unless given, the file's own "
+                        "name, without its folders.",
+                    },
+                    "tags": {
+                        "type": "array",
+                        "items": {"type": "string"},
+                        "description": "Up to 32 tags: the field repeated, one field with commas, or both.",
+                    },
+                    "metadata": {
+                        "type": "string",
+                        "contentMediaType": "application/json",
+                        "description": "A JSON object, as text.",
+                    },
+                },
+            }
+        }
+    },
+}
