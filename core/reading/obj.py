@@ -1,21 +1,21 @@
 """OBJ: of all that it may hold, the positions (v) and the faces (f)."""
 
 import re
+from itertools import islice
 
 import numpy as np
 
-from core.errors import MalformedMeshError
+from core.errors import MalformedMeshError, MeshTooComplexError
 from core.mesh import Ints
 from core.reading.plain import Limits, Plain, within
 from core.reading.polygons import triangles
 from core.reading.text import face_lines, plain_text, polygons
 
-_COMMENT = re.compile(rb"#[^\n]*")
-_INDENT = re.compile(rb"\n[ \t]+")
 # A newline in front, rather than an anchor, is found by a search for the byte.
-_VERTEX = re.compile(rb"\nv[ \t]([^\n]*)")
-_FACE = re.compile(rb"\nf[ \t]+([^ \t\n][^\n]*)")
-_PART = re.compile(rb"\n(?:o|g|usemtl)[ \t]")
+_VERTEX = re.compile(rb"\n[ \t]*v[ \t]([^\n#]*)")
+_FACE = re.compile(rb"\n[ \t]*f[ \t]+([^ \t\n#][^\n#]*)")
+_PART = re.compile(rb"\n[ \t]*(?:o|g|usemtl)[ \t]")
+_COMMENT_THAT_GOES_ON = re.compile(rb"#[^\n]*\\(?=\n)")
 _TEXTURE_AND_NORMAL = re.compile(rb"/[^ \t\n]*")
 
 
@@ -30,13 +30,13 @@ def check(data: bytes, limits: Limits) -> Plain:
     MeshError
         What is wrong.
     """
-    text = b"\n" + _COMMENT.sub(b"", plain_text(data)).replace(b"\\\n", b" ")
-    if b"\n " in text or b"\n\t" in text:
-        text = _INDENT.sub(b"\n", text)
+    text = b"\n" + plain_text(data)
+    if b"\\\n" in text:
+        within(text.count(b"\\\n"), limits.faces, "lines that go on")
+        # A comment ends with its line all the same: many end in a folder's name.
+        text = _COMMENT_THAT_GOES_ON.sub(b"", text).replace(b"\\\n", b" ")
     within(sum(1 for _ in _PART.finditer(text)), limits.parts, "objects, groups and changes of material")
-    within(text.count(b"\nv ") + text.count(b"\nv\t"), limits.vertices, "vertices")
-    within(text.count(b"\nf ") + text.count(b"\nf\t"), limits.faces, "faces")
-    positions = _VERTEX.findall(text)
+    positions = _lines(_VERTEX, text, limits.vertices, "vertices")
     lengths = {len(line.split()) for line in positions}
     if min(lengths, default=3) < 3:
         raise MalformedMeshError("a vertex has fewer than three coordinates")
@@ -47,9 +47,17 @@ def check(data: bytes, limits: Limits) -> Plain:
     return Plain(plain, "obj", len(positions), len(faces))
 
 
+def _lines(pattern: re.Pattern[bytes], text: bytes, limit: int, things: str) -> list[bytes]:
+    """Return what the lines of one kind hold, if there are not too many."""
+    found = [match[1] for match in islice(pattern.finditer(text), limit + 1)]
+    if len(found) > limit:
+        raise MeshTooComplexError(f"the file has more than {limit} {things}, which is the limit")
+    return found
+
+
 def _faces(text: bytes, vertices: int, limits: Limits) -> Ints:
     """Return triangles of indices counted from 0, shape (f, 3)."""
-    lines = _FACE.findall(text)
+    lines = _lines(_FACE, text, limits.faces, "faces")
     joined = b"\n".join(lines)
     if b"/" in joined:
         if joined.startswith(b"/") or any(bare in joined for bare in (b" /", b"\t/", b"\n/")):

@@ -7,10 +7,9 @@ from core.reading.plain import Limits, Plain, within
 from core.reading.polygons import triangles
 from core.reading.text import counted_polygons, face_lines, plain_text, rows, take
 
-_COMMENT = re.compile(rb"#[^\n]*")
 # ST, C and N announce texture coordinates, colours and normals after the position. 4OFF and nOFF have another
 # number of coordinates, and OFF BINARY is another format.
-_HEADER = re.compile(rb"\s*(?:(?:ST)?C?N?OFF|off)(?![ \t]+BINARY)", re.ASCII)
+_HEADER = re.compile(rb"[ \t]*(?:(?:ST)?C?N?OFF|off)(?![ \t]+BINARY)", re.ASCII)
 
 
 def check(data: bytes, limits: Limits) -> Plain:
@@ -21,12 +20,12 @@ def check(data: bytes, limits: Limits) -> Plain:
     MeshError
         What is wrong.
     """
-    text = _COMMENT.sub(b"", plain_text(data))
-    header = _HEADER.match(text)
+    lines = rows(plain_text(data), comment=b"#")
+    first = next(lines, b"")
+    header = _HEADER.match(first)
     if header is None:
         raise MalformedMeshError("the file does not begin with OFF")
-    lines = rows(text[header.end() :])
-    counts = next(lines, b"").split()
+    counts = first[header.end() :].split() or next(lines, b"").split()
     if len(counts) < 2 or not all(count.isdigit() for count in counts):
         raise MalformedMeshError("the numbers of vertices and faces do not follow the word OFF")
     vertices, polygons = int(counts[0]), int(counts[1])

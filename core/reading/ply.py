@@ -34,9 +34,8 @@ def check(data: bytes, limits: Limits) -> Plain:
     if index is None or not index.length or index.value.startswith("f"):
         raise MalformedMeshError("the faces of the PLY have no list of whole numbers called vertex_indices")
     within(vertex.count, limits.vertices, "vertices")
-    for element in header.elements:
-        if any(p.length for p in element.properties):
-            within(element.count, limits.faces, "faces or other rows with lists")
+    with_lists = [element.count for element in header.elements if any(p.length for p in element.properties)]
+    within(sum(with_lists), limits.faces, "faces and other rows with lists")
     read = _read_text if header.encoding == "ascii" else _read_binary
     positions, corners, sizes = read(data, header, vertex, face, index)
     faces = triangles(corners, sizes, vertex.count, limits)

@@ -96,29 +96,25 @@ def read_header(data: bytes) -> Header:
         line.split() for line in data[start.end() : end.start()].decode("latin-1").split(newline.decode())
     ]
     encoding = ""
-    elements: list[Element] = []
+    elements: list[tuple[str, int, list[Property]]] = []
     for words in lines:
         match words:
             case ["format", form, _] if form in _BYTE_ORDERS:
                 encoding = form
             case ["element", name, count] if count.isdecimal():
-                elements.append(Element(name, int(count), ()))
+                elements.append((name, int(count), []))
             case ["property", *rest] if elements:
-                last = elements[-1]
-                elements[-1] = Element(last.name, last.count, (*last.properties, _property(rest)))
+                elements[-1][2].append(_property(rest))
             case [] | ["comment" | "obj_info", *_]:
                 pass
             case _:
                 raise MalformedMeshError("a line in the header of the PLY makes no sense")
     if not encoding:
         raise MalformedMeshError("the header of the PLY does not say whether it is text or binary")
-    for names in [
-        [element.name for element in elements],
-        *([p.name for p in e.properties] for e in elements),
-    ]:
+    for names in [[name for name, _, _ in elements], *([p.name for p in own] for _, _, own in elements)]:
         if len(set(names)) < len(names):
             raise MalformedMeshError("the header of the PLY declares a name twice")
-    return Header(encoding, tuple(elements), end.end())
+    return Header(encoding, tuple(Element(name, n, tuple(own)) for name, n, own in elements), end.end())
 
 
 def _property(words: list[str]) -> Property:

@@ -82,7 +82,7 @@ def read_mesh(data: bytes, format: str, *, limits: Limits = DEFAULT_LIMITS) -> M
         raise MeshTooComplexError(f"the {name.upper()} takes more memory than there is") from None
     except Exception as error:
         raise MalformedMeshError(
-            f"the {name.upper()} cannot be read: a number is not one, or a part is missing"
+            f"the {name.upper()} cannot be read: a value in it is missing, or is not a number"
         ) from error
     if _degenerate(mesh):
         raise DegenerateMeshError("every face has zero area")

@@ -13,8 +13,7 @@ _FACET_BYTES = 50
 _SOLID = re.compile(rb"solid\b[^\n]*?(?=\bfacet\s+normal\b|\n)")
 _NUMBERS = rb"(?:\s++\S++){3}"
 _FACET = re.compile(
-    rb"\s*+facet\s++normal%(n)b\s++outer\s++loop(?:\s++vertex%(n)b){3}\s++endloop\s++endfacet"
-    % {b"n": _NUMBERS}
+    rb"facet\s++normal%(n)b\s++outer\s++loop(?:\s++vertex%(n)b){3}\s++endloop\s++endfacet" % {b"n": _NUMBERS}
 )
 _BLOCK_BYTES = 1 << 20
 

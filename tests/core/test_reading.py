@@ -195,14 +195,14 @@ class TestEveryFormat:
     def test_limit_of_faces(self, format):
         data = write_mesh(sphere(1), format)
         assert len(read_mesh(data, format, limits=Limits(faces=80)).faces) == 80
-        with pytest.raises(MeshTooComplexError, match="80"):
+        with pytest.raises(MeshTooComplexError, match="limit"):
             read_mesh(data, format, limits=Limits(faces=79))
 
     def test_limit_of_vertices(self, format):
         data = write_mesh(sphere(1), format)
         assert len(read_mesh(data, format, limits=Limits(vertices=42)).faces) == 80
         if format != "stl":
-            with pytest.raises(MeshTooComplexError, match="42"):
+            with pytest.raises(MeshTooComplexError, match="limit"):
                 read_mesh(data, format, limits=Limits(vertices=41))
 
     @pytest.mark.parametrize("part", [1, 10, 50, 84, 99])

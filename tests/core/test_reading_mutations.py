@@ -12,6 +12,7 @@ from core.reading import FORMATS, Limits, read_mesh, write_mesh
 from tests.core.files import CUBE, SQUARES, binary_ply, glb, obj, off, ply, stl
 
 SPHERE = trimesh.creation.icosphere(subdivisions=1)
+MESH = Mesh(SPHERE.vertices, SPHERE.faces)
 # What a search should meet often: words, separators, and the edges of numbers.
 TOKENS = [
     b"\n",
@@ -31,7 +32,7 @@ TOKENS = [
     b"f ",
 ]
 SEEDS = {
-    **{f"{name} written here": (write_mesh(Mesh(SPHERE.vertices, SPHERE.faces), name), name) for name in FORMATS},
+    **{f"{name} written here": (write_mesh(MESH, name), name) for name in FORMATS},
     "stl in text": (stl(SPHERE.triangles[:12]), "stl"),
     "obj of squares": (obj(), "obj"),
     "obj of trimesh": (trimesh.creation.box().export(file_type="obj", include_normals=True).encode(), "obj"),
