@@ -8,7 +8,15 @@ from scipy.sparse.csgraph import connected_components, dijkstra, minimum_spannin
 from scipy.spatial import cKDTree
 
 from core.cleaning import component_labels
+from core.compiled import compiled
 from core.mesh import Floats, Ints, Mesh
+
+TIE = 1e-9
+"""Lengths that differ by less than this part are equal: rounding, which turning the mesh changes, must not
+choose between them. Split edges make many such ties."""
+
+MOST_SHEETS = 6
+"""Where more faces than this share an edge, no way leads straight across it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,10 +63,15 @@ def diagonals(vertices: Floats, faces: Ints) -> tuple[Ints, Floats]:
     low, high = half.min(axis=1), half.max(axis=1)
     order = np.lexsort((high, low))
     low, high, opposite = low[order], high[order], opposite[order]
-    same = (low[1:] == low[:-1]) & (high[1:] == high[:-1])
-    start = np.flatnonzero(same)
+    new = np.ones(len(low), dtype=bool)
+    new[1:] = (low[1:] != low[:-1]) | (high[1:] != high[:-1])
+    edge_of = np.cumsum(new) - 1
+    few = np.bincount(edge_of)[edge_of] <= MOST_SHEETS
+    pairs = [np.flatnonzero((edge_of[i:] == edge_of[:-i]) & few[i:]) for i in range(1, MOST_SHEETS)]
+    start = np.concatenate(pairs)
+    end = np.concatenate([first + i for i, first in enumerate(pairs, start=1)])
     a, b = vertices[low[start]], vertices[high[start]]
-    p, q = opposite[start], opposite[start + 1]
+    p, q = opposite[start], opposite[end]
     axis = b - a
     edge = np.linalg.norm(axis, axis=1)
     axis = axis / edge[:, None]
@@ -68,7 +81,8 @@ def diagonals(vertices: Floats, faces: Ints) -> tuple[Ints, Floats]:
     up_q = np.sqrt(np.maximum(np.einsum("ni,ni->n", vertices[q] - a, vertices[q] - a) - along_q**2, 0.0))
     height = up_p + up_q
     crossing = (along_p * up_q + along_q * up_p) / np.where(height > 0.0, height, 1.0)
-    valid = (height > 0.0) & (crossing > 0.0) & (crossing < edge) & (p != q)
+    inside = (crossing > TIE * edge) & (crossing < (1.0 - TIE) * edge)
+    valid = (height > 0.0) & inside & (p != q)
     lengths = np.hypot(along_p - along_q, height)
     return np.stack([p[valid], q[valid]], axis=1), lengths[valid]
 
@@ -156,6 +170,19 @@ def edge_graph(mesh: Mesh, labels: Ints | None = None, *, unfold: bool = True) -
     return symmetric(edges, np.maximum(lengths, shortest), count)
 
 
+@compiled
+def _settle_ties(
+    indptr: Ints, indices: Ints, lengths: Floats, order: Ints, distance: Floats, region: Ints
+) -> None:
+    """Move each vertex, the nearest first, to the earliest of the samples that are equally near to it."""
+    for v in order:
+        for edge in range(indptr[v], indptr[v + 1]):
+            u = indices[edge]
+            way = distance[u] + lengths[edge]
+            if distance[u] < distance[v] and way <= distance[v] * (1.0 + TIE) and region[u] < region[v]:
+                region[v] = region[u]
+
+
 def sparse_graph(graph: csr_array, samples: Ints) -> SparseGraph:
     """The samples' graph and its minimum spanning tree, by one multi-source Dijkstra.
 
@@ -171,9 +198,10 @@ def sparse_graph(graph: csr_array, samples: Ints) -> SparseGraph:
         Distinct vertices.
     """
     distance, _, source = dijkstra(graph, indices=samples, min_only=True, return_predecessors=True)
-    region = np.full(graph.shape[0], -1, dtype=np.int64)
-    region[samples] = np.arange(len(samples))
-    region = region[source]
+    number = np.full(graph.shape[0], -1, dtype=np.int64)
+    number[samples] = np.arange(len(samples))
+    region = number[source]
+    _settle_ties(graph.indptr, graph.indices, graph.data, np.argsort(distance), distance, region)
     links = graph.tocoo()
     between = region[links.row] < region[links.col]
     u, v = links.row[between], links.col[between]
