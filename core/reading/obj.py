@@ -17,6 +17,8 @@ _FACE = re.compile(rb"\n[ \t]*f[ \t]+([^ \t\n#][^\n#]*)")
 _PART = re.compile(rb"\n[ \t]*(?:o|g|usemtl)[ \t]")
 _COMMENT_THAT_GOES_ON = re.compile(rb"#[^\n]*\\(?=\n)")
 _TEXTURE_AND_NORMAL = re.compile(rb"/[^ \t\n]*")
+# Lines taken at a time, because a substitution keeps every piece it makes until the last.
+_BLOCK = 65_536
 
 
 def check(data: bytes, limits: Limits) -> Plain:
@@ -47,6 +49,16 @@ def check(data: bytes, limits: Limits) -> Plain:
     return Plain(plain, "obj", len(positions), len(faces))
 
 
+def _positions_only(lines: list[bytes]) -> list[bytes]:
+    """Return faces without what follows each vertex behind a slash."""
+    joined = b"\n".join(lines)
+    if b"/" not in joined:
+        return lines
+    if joined.startswith(b"/") or any(bare in joined for bare in (b" /", b"\t/", b"\n/")):
+        raise MalformedMeshError("a face names a texture or a normal without a vertex")
+    return _TEXTURE_AND_NORMAL.sub(b"", joined).split(b"\n")
+
+
 def _lines(pattern: re.Pattern[bytes], text: bytes, limit: int, things: str) -> list[bytes]:
     """Return what the lines of one kind hold, if there are not too many."""
     found = [match[1] for match in islice(pattern.finditer(text), limit + 1)]
@@ -58,11 +70,8 @@ def _lines(pattern: re.Pattern[bytes], text: bytes, limit: int, things: str) -> 
 def _faces(text: bytes, vertices: int, limits: Limits) -> Ints:
     """Return triangles of indices counted from 0, shape (f, 3)."""
     lines = _lines(_FACE, text, limits.faces, "faces")
-    joined = b"\n".join(lines)
-    if b"/" in joined:
-        if joined.startswith(b"/") or any(bare in joined for bare in (b" /", b"\t/", b"\n/")):
-            raise MalformedMeshError("a face names a texture or a normal without a vertex")
-        lines = _TEXTURE_AND_NORMAL.sub(b"", joined).split(b"\n")
+    blocks = (lines[start : start + _BLOCK] for start in range(0, len(lines), _BLOCK))
+    lines = [line for block in blocks for line in _positions_only(block)]
     corners, sizes = polygons(lines)
     if (corners == 0).any():
         raise MalformedMeshError("a face refers to vertex 0, but an OBJ counts from 1")
