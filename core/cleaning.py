@@ -15,8 +15,15 @@ MERGE_TOLERANCE = 1e-7
 coarser than the rounding of float32 files, far finer than any detail."""
 
 COVERED_AREA = 0.999
-"""Parts are kept, largest first, until this part of the area is covered: dust around a scan goes, and the
-many equal parts of an assembly stay."""
+"""Parts are kept, largest first, until this part of the area is covered, and with the last all of its size:
+dust around a scan goes, and the many equal parts of an assembly stay."""
+
+EQUAL_AREA = 1e-6
+"""Areas that differ by less than this part are equal."""
+
+FARTHEST, SMALLEST = 1e30, 1e-30
+"""Limits of a coordinate and of the bounding box's diagonal: products of four lengths are still numbers, and
+positions fit into single precision."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,11 +64,19 @@ def merge_vertices(vertices: Floats) -> tuple[Ints, Ints]:
         One original index a distinct point.
     group : int64, shape (n,)
         The distinct point of each original vertex.
+
+    Raises
+    ------
+    DegenerateMeshError
+        All are one point, or a coordinate is past `FARTHEST`.
     """
+    if float(np.abs(vertices).max()) > FARTHEST:
+        raise DegenerateMeshError(f"vertices lie too far apart to measure: a coordinate is over {FARTHEST:g}")
     low = vertices.min(axis=0)
-    step = float(np.linalg.norm(vertices.max(axis=0) - low)) * MERGE_TOLERANCE
-    if not np.isfinite(step) or step <= 0.0:
-        raise DegenerateMeshError("all vertices are one point, or lie too far apart to measure")
+    diagonal = float(np.linalg.norm(vertices.max(axis=0) - low))
+    if diagonal < SMALLEST:
+        raise DegenerateMeshError("all vertices are one point")
+    step = diagonal * MERGE_TOLERANCE
     keys = np.rint((vertices - low) / step).astype(np.int64)
     order = np.lexsort((np.arange(len(keys)), keys[:, 2], keys[:, 1], keys[:, 0]))
     ordered = keys[order]
@@ -102,7 +117,7 @@ def clean(mesh: Mesh) -> Cleaned:
     Raises
     ------
     DegenerateMeshError
-        Nothing with an area is left.
+        Nothing has an area, or it is too large to measure.
     """
     first, group = merge_vertices(mesh.vertices)
     vertices = mesh.vertices[first]
@@ -113,14 +128,14 @@ def clean(mesh: Mesh) -> Cleaned:
     areas = face_areas(vertices, faces)
     total = float(areas.sum())
     extent = float(np.ptp(vertices, axis=0).max())
-    if not np.isfinite(total) or total <= 1e-12 * extent * extent:
+    if total <= 1e-12 * extent * extent:
         raise DegenerateMeshError("the faces have no area")
     _, labels = component_labels(len(vertices), faces)
     by_component = np.bincount(labels[faces[:, 0]], weights=areas)
     order = np.argsort(-by_component, kind="stable")
     before = np.cumsum(by_component[order]) - by_component[order]
-    kept = np.zeros(len(by_component), dtype=bool)
-    kept[order[before < COVERED_AREA * total]] = True
+    last = by_component[order[before < COVERED_AREA * total][-1]]
+    kept = by_component >= (1.0 - EQUAL_AREA) * last
     faces = faces[kept[labels[faces[:, 0]]]]
     used = np.unique(faces)
     renumber = np.full(len(vertices), -1, dtype=np.int64)
