@@ -17,7 +17,8 @@ class Limits:
     faces : int
         Triangles, after polygons are cut into triangles, instances counted each.
     parts : int
-        Solids of an STL, objects and groups of an OBJ, instances of a GLB. Loose components are not parts.
+        Solids of an STL, objects and groups of an OBJ, primitives of a GLB in every place they are shown. Loose
+        components are not parts.
     """
 
     vertices: int = 2_000_000
