@@ -8,6 +8,9 @@ from core.mesh import Floats, Ints, Mesh
 PASSES = 24
 """Each pass halves what is too long; 24 take any triangle a million times longer than the target."""
 
+TIE = 1e-9
+"""Diagonals that differ by less than this part are equal: the one at the first corner is taken."""
+
 
 def _edge_table(faces: Ints) -> tuple[Ints, Ints]:
     """Distinct edges, shape (e, 2), and for each face the indices of its edges 01, 12, 20, shape (f, 3)."""
@@ -42,7 +45,7 @@ def _split_faces(faces: Ints, middle: Ints, vertices: Floats) -> Ints:
         pieces.append(np.stack([ab, b, bc], axis=1))
         across = np.linalg.norm(vertices[a] - vertices[bc], axis=1)
         other = np.linalg.norm(vertices[ab] - vertices[c], axis=1)
-        short = (across <= other)[:, None]
+        short = (across <= other * (1.0 + TIE))[:, None]
         pieces.append(np.where(short, np.stack([a, ab, bc], axis=1), np.stack([a, ab, c], axis=1)))
         pieces.append(np.where(short, np.stack([a, bc, c], axis=1), np.stack([ab, bc, c], axis=1)))
     three = number == 3

@@ -7,7 +7,7 @@ import numpy as np
 import trimesh
 from scipy.spatial.transform import Rotation
 
-from core.gallery import make_shape
+from core.gallery import CLASSES, make_shape
 from core.mesh import Mesh
 
 
@@ -130,7 +130,7 @@ def decimated(mesh, kept):
     return Mesh(vertices, faces)
 
 
-GALLERY = "bird chair cup fish glasses hand octopus person plane pliers quadruped snake".split()
+GALLERY = CLASSES[:12]
 
 MANY_KINDS = {
     **{label: partial(make_shape, label, 0) for label in GALLERY},
