@@ -73,11 +73,12 @@ def test_the_paper_is_cited():
 
 
 def commands(text):
-    """The command lines of a Markdown text: the lines of its fenced blocks, and its spans of code."""
+    """The command lines of a Markdown text: the lines of its blocks of code, and its spans of code."""
     parts = re.split(r"^```.*\n", text, flags=re.MULTILINE)
-    fenced = [line for block in parts[1::2] for line in block.splitlines()]
-    spans = [span for prose in parts[0::2] for span in re.findall(r"`([^`]+)`", prose)]
-    return fenced + spans
+    found = [line for block in parts[1::2] for line in block.splitlines()]
+    for prose in parts[0::2]:
+        found += re.findall(r"^(?: {4}|\t)(.*)", prose, re.MULTILINE) + re.findall(r"`([^`]+)`", prose)
+    return found
 
 
 def make_targets(command):
@@ -87,9 +88,9 @@ def make_targets(command):
 
 
 def test_make_targets_are_found_in_markdown():
-    text = "Say `make demo CHECK=1`, make no haste.\n```sh\n$ A=b make test types # make tea\nmake\n```\n"
+    text = "Say `make demo CHECK=1`, make no haste.\n```sh\n$ A=b make test types # make tea\nmake\n```\n\n    make clean\n"
     found = {target for line in commands(text) for target in make_targets(line)}
-    assert found == {"demo", "test", "types"}
+    assert found == {"demo", "test", "types", "clean"}
 
 
 def test_the_targets_that_the_readme_names_exist():
