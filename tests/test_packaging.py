@@ -88,7 +88,8 @@ def make_targets(command):
 
 
 def test_make_targets_are_found_in_markdown():
-    text = "Say `make demo CHECK=1`, make no haste.\n```sh\n$ A=b make test types # make tea\nmake\n```\n\n    make clean\n"
+    text = "Say `make demo CHECK=1`, make no haste.\n\n    make clean\n"
+    text += "```sh\n$ A=b make test types # make tea\nmake\n```\n"
     found = {target for line in commands(text) for target in make_targets(line)}
     assert found == {"demo", "test", "types", "clean"}
 
