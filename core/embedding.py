@@ -18,7 +18,7 @@ class Spectrum:
     name : str
         Which operator it comes from, for example "geodesic" or "laplace-beltrami".
     eigenvalues : float32, shape (s,)
-        In the operator's own order: descending for an affinity, ascending for a Laplacian.
+        In the operator's own order: falling magnitude for an affinity, rising for a Laplacian.
     coordinates : float32, shape (m, k)
         Row i is sample i in the k-dimensional spectral domain.
     """

@@ -63,8 +63,13 @@ class SpectralMatch:
         )
 
 
-def prepare(spectrum: Spectrum, parameters: Parameters) -> Prepared:
-    """The spectrum with its splines factored."""
+def spectrum_key(spectrum: Spectrum) -> bytes:
+    """A hash of the coordinates, 16 bytes."""
+    return hashlib.blake2b(np.ascontiguousarray(spectrum.coordinates).tobytes(), digest_size=16).digest()
+
+
+def prepare(spectrum: Spectrum, key: bytes, parameters: Parameters) -> Prepared:
+    """The spectrum, whose `spectrum_key` is `key`, with its splines factored."""
     points = np.ascontiguousarray(spectrum.coordinates, dtype=np.float64)
     single = np.ascontiguousarray(spectrum.coordinates)
     return Prepared(
@@ -72,7 +77,7 @@ def prepare(spectrum: Spectrum, parameters: Parameters) -> Prepared:
         single=single,
         operators=smoothers(points, parameters.first_dimensions, parameters.stiffness),
         warp=smoothers(points, parameters.dimensions, parameters.warp_stiffness)[0],
-        key=hashlib.blake2b(single.tobytes(), digest_size=16).digest(),
+        key=key,
     )
 
 

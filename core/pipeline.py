@@ -24,7 +24,7 @@ from core.graph import (
 )
 from core.laplacian import laplace_beltrami
 from core.lewis import lewis_weights
-from core.matching import Prepared, SpectralMatch, match_spectra, prepare
+from core.matching import Prepared, SpectralMatch, match_spectra, prepare, spectrum_key
 from core.mesh import Floats, Ints, Mesh
 from core.parameters import Parameters
 from core.sampling import covering, keyed_uniform, random_draw, sort_and_cut
@@ -78,7 +78,7 @@ class Pipeline:
     def __init__(self, parameters: Parameters) -> None:
         self.parameters = parameters
         self.fingerprint = parameters.fingerprint
-        self._prepared: OrderedDict[int, tuple[Spectrum, Prepared]] = OrderedDict()
+        self._prepared: OrderedDict[bytes, Prepared] = OrderedDict()
         self._prepared_bytes = 0
 
     def normalise(self, mesh: Mesh) -> tuple[Mesh, Cleaned, Frame]:
@@ -185,15 +185,16 @@ class Pipeline:
 
     def prepared(self, spectrum: Spectrum) -> Prepared:
         """The spectrum with its splines factored, from memory when it was met before."""
-        known = self._prepared.get(id(spectrum))
+        key = spectrum_key(spectrum)
+        known = self._prepared.get(key)
         if known is not None:
-            self._prepared.move_to_end(id(spectrum))
-            return known[1]
-        ready = prepare(spectrum, self.parameters)
-        self._prepared[id(spectrum)] = (spectrum, ready)
+            self._prepared.move_to_end(key)
+            return known
+        ready = prepare(spectrum, key, self.parameters)
+        self._prepared[key] = ready
         self._prepared_bytes += ready.operators.nbytes
         while self._prepared_bytes > PREPARED_BYTES and len(self._prepared) > 1:
-            _, (_, dropped) = self._prepared.popitem(last=False)
+            _, dropped = self._prepared.popitem(last=False)
             self._prepared_bytes -= dropped.operators.nbytes
         return ready
 

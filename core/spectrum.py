@@ -36,7 +36,10 @@ def distance_affinity(distances: Floats) -> Floats:
 
 
 def leading_eigenpairs(affinity: Floats, count: int) -> tuple[Floats, Floats]:
-    """The `count` largest eigenvalues, descending, and their unit eigenvectors (W = Q L Q^T).
+    """The `count` eigenvalues of largest magnitude, that first, and their unit eigenvectors (W = Q L Q^T).
+
+    A Gaussian affinity has no negative eigenvalues. Distances along a tree have one positive eigenvalue, and
+    what tells of the shape is in the large negative ones; the largest by sign would be noise.
 
     Each eigenvector's sign makes the sum of its cubes positive, so that the order of the samples does not
     choose it.
@@ -48,10 +51,10 @@ def leading_eigenpairs(affinity: Floats, count: int) -> tuple[Floats, Floats]:
     """
     size = len(affinity)
     if size < SPARSE_FROM:
-        values, vectors = eigh(affinity, subset_by_index=(size - count, size - 1), check_finite=False)
+        values, vectors = eigh(affinity, check_finite=False)
     else:
-        values, vectors = eigsh(affinity, k=count, which="LA", v0=np.ones(size))
-    order = np.argsort(-values, kind="stable")
+        values, vectors = eigsh(affinity, k=count, which="LM", v0=np.ones(size))
+    order = np.argsort(-np.abs(values), kind="stable")[:count]
     return values[order], oriented(vectors[:, order])
 
 
@@ -75,12 +78,11 @@ def spectral_coordinates(values: Floats, vectors: Floats, power: float) -> Float
 
 
 def affinity_signature(values: Floats, count: int) -> Floats:
-    """Logarithms of the leading eigenvalues over their mean on the diagonal (their number m): shape (s,).
+    """Logarithms of the leading eigenvalues' magnitudes over their number m, shape (s,).
 
-    For a Gaussian affinity the eigenvalues sum to m, so they are comparable between sample counts. Values
-    that are not positive (the literal affinity has them) count as the smallest that can be told from 0.
+    A Gaussian affinity's eigenvalues sum to m, so they are comparable between sample counts.
     """
-    return np.asarray(np.log(np.maximum(values / count, 1e-6)))
+    return np.asarray(np.log(np.maximum(np.abs(values) / count, 1e-6)))
 
 
 def laplacian_signature(values: Floats) -> Floats:
