@@ -26,6 +26,7 @@ class Version(BaseModel):
     model_config = ConfigDict(
         json_schema_extra={
             "example": {
+                "service": "isoshape",
                 "version": VERSION,
                 "pipeline": "default",
                 "fingerprint": "3f1c9a7be2d40586",
@@ -34,6 +35,7 @@ class Version(BaseModel):
         }
     )
 
+    service: Literal["isoshape"] = "isoshape"
     version: str = Field(description="Of the service.")
     pipeline: str = Field(description="The name of the pipeline's parameters.")
     fingerprint: str = Field(description="A hash of these parameters and of the method's version.")

@@ -45,7 +45,7 @@ def candidates(parts: Parts, query: Query, options: Options) -> Candidates:
             meant = shapes_repository.numbers(session, options.filter)
             chosen &= np.isin(signed.shapes, np.array(meant, dtype=np.int64))
     if stored > len(signed.shapes):
-        log.warning(
+        log.info(
             "%d of %d stored shapes have no embedding of the pipeline in use and are not searched",
             stored - len(signed.shapes),
             stored,
