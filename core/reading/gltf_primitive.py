@@ -6,7 +6,7 @@ import numpy as np
 
 from core.errors import MalformedMeshError
 from core.mesh import Floats, Ints
-from core.reading.gltf_accessor import read_indices, read_positions
+from core.reading.gltf_accessor import count_elements, read_indices, read_positions
 from core.reading.gltf_document import Document, Entry, entries, whole
 
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6
@@ -29,9 +29,9 @@ def _source(primitive: Entry) -> tuple[object, object]:
 
 
 def count_triangles(document: Document, primitive: Entry, mode: int) -> int:
-    """Return how many triangles a primitive declares, before anything of it is read."""
+    """Return how many triangles a primitive has, before any of them is made."""
     indices, positions = _source(primitive)
-    count = whole(document.entry("accessors", positions if indices is None else indices), "count")
+    count = count_elements(document, positions if indices is None else indices)
     if mode == _TRIANGLES and count % 3:
         raise MalformedMeshError(
             f"a primitive of the GLB has {count} corners, which do not make whole triangles"
@@ -49,7 +49,7 @@ def read_triangles(document: Document, primitive: Entry, mode: int) -> tuple[Flo
     faces : int64, shape (f, 3)
     """
     indices, positions = _source(primitive)
-    count = whole(document.entry("accessors", positions), "count")
+    count = count_elements(document, positions)
     corners = np.arange(count) if indices is None else read_indices(document, indices)
     if len(corners) and corners.max() >= count:
         raise MalformedMeshError(

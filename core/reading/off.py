@@ -3,7 +3,7 @@
 import re
 
 from core.errors import MalformedMeshError
-from core.reading.plain import Limits, Plain, within
+from core.reading.plain import Limits, Plain, declared
 from core.reading.polygons import triangles
 from core.reading.text import counted_polygons, face_lines, plain_text, rows, take
 
@@ -29,8 +29,8 @@ def check(data: bytes, limits: Limits) -> Plain:
     if len(counts) < 2 or not all(count.isdigit() for count in counts):
         raise MalformedMeshError("the numbers of vertices and faces do not follow the word OFF")
     vertices, polygons = int(counts[0]), int(counts[1])
-    within(vertices, limits.vertices, "vertices")
-    within(polygons, limits.faces, "faces")
+    declared(vertices, len(data), limits.vertices, "vertices")
+    declared(polygons, len(data), limits.faces, "faces")
     positions = take(lines, vertices, "vertices")
     if any(len(line.split()) < 3 for line in positions):
         raise MalformedMeshError("a vertex has fewer than three coordinates")

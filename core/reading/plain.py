@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from core.errors import MeshTooComplexError
+from core.errors import MalformedMeshError, MeshTooComplexError
 
 
 @dataclass(frozen=True)
@@ -17,8 +17,8 @@ class Limits:
     faces : int
         Triangles, after polygons are cut into triangles, instances counted each.
     parts : int
-        Solids of an STL, objects and groups of an OBJ, primitives of a GLB in every place they are shown. Loose
-        components are not parts.
+        Solids of an STL, objects and groups of an OBJ, primitives of a GLB in every place they are shown.
+        Loose components are not parts.
     """
 
     vertices: int = 2_000_000
@@ -45,6 +45,30 @@ class Plain:
     format: str
     vertices: int
     faces: int
+
+
+def declared(count: int, size: int, limit: int, things: str) -> None:
+    """Check a number of rows that a file declares before anything is made for them.
+
+    Parameters
+    ----------
+    count : int
+        Of `things`, in the plural.
+    size : int
+        Bytes of the file. A row takes at least one.
+    limit : int
+        The largest number that is read.
+
+    Raises
+    ------
+    MalformedMeshError
+        The file cannot hold so many.
+    MeshTooComplexError
+        It could, but they are more than the limit.
+    """
+    if count > size:
+        raise MalformedMeshError(f"the file declares {count} {things}, more than its {size} bytes can hold")
+    within(count, limit, things)
 
 
 def within(count: int, limit: int, things: str) -> None:

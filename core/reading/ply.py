@@ -7,7 +7,7 @@ import numpy as np
 
 from core.errors import MalformedMeshError, NoTrianglesError
 from core.mesh import Ints
-from core.reading.plain import Limits, Plain, within
+from core.reading.plain import Limits, Plain, declared
 from core.reading.ply_binary import end_of_rows, read_lists
 from core.reading.ply_header import Element, Header, Property, read_header
 from core.reading.polygons import triangles
@@ -33,9 +33,9 @@ def check(data: bytes, limits: Limits) -> Plain:
     index = face.property("vertex_indices", "vertex_index")
     if index is None or not index.length or index.value.startswith("f"):
         raise MalformedMeshError("the faces of the PLY have no list of whole numbers called vertex_indices")
-    within(vertex.count, limits.vertices, "vertices")
+    declared(vertex.count, len(data), limits.vertices, "vertices")
     with_lists = [element.count for element in header.elements if any(p.length for p in element.properties)]
-    within(sum(with_lists), limits.faces, "faces and other rows with lists")
+    declared(sum(with_lists), len(data), limits.faces, "faces and other rows with lists")
     read = _read_text if header.encoding == "ascii" else _read_binary
     positions, corners, sizes = read(data, header, vertex, face, index)
     faces = triangles(corners, sizes, vertex.count, limits)
