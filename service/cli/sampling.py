@@ -28,6 +28,9 @@ from service.sampling.tables import TextTable, all_tables
 
 DRAWN = "person"
 BODY_POSES = 4
+LONGEST_WORD = 20
+"""Words up to so many letters are never broken in a narrow terminal; paths may be."""
+
 Source = tuple[str, Callable[[], Mesh]]
 
 
@@ -142,12 +145,15 @@ def _object(study: Study) -> dict[str, object]:
 def _print(tables: Sequence[TextTable]) -> None:
     console = output()
     for text in tables:
-        table = Table(title=text.title, caption=text.shows, box=box.SIMPLE_HEAD, caption_justify="left")
+        table = Table(title=text.title, box=box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
         for i, column in enumerate(text.columns):
-            table.add_column(column, justify="right" if i else "left", overflow="fold")
+            words = [word for cell in (column, *(row[i] for row in text.rows)) for word in cell.split()]
+            width = min(max(map(len, words)), LONGEST_WORD)
+            table.add_column(column, justify="right" if i else "left", overflow="fold", min_width=width)
         for row in text.rows:
             table.add_row(*row)
         console.print(table)
+        console.print(text.shows, end="\n\n")
 
 
 def _write(folder: Path, text: str, drawn: Surface, study: Study, poses: Sequence[Surface]) -> None:

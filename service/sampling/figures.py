@@ -64,7 +64,7 @@ def ratio_figure(surface: Surface) -> bytes:
         for axes, tau in zip(row, TAUS, strict=False):
             samples = surface.select(method, surface.count(tau))
             picture.draw(axes, samples, size=6)
-            axes.set_title(f"{title_of(method)}, tau {tau}", fontsize=8)
+            axes.set_title(f"{title_of(method)}\ntau {tau}", fontsize=8)
             histograms.append(distance_histogram(surface.between(samples)))
         _bars(row[-1], histograms, [f"tau {tau}" for tau in TAUS], ["#9ecae1", "#4292c6", "#08306b"], whole)
     return _png(figure)

@@ -36,8 +36,8 @@ _TERMS = (
     f"{COMPARED_TAU} Poisson disk needs to do as well; the paper claims more than 1 for its own.",
     "**Noise**: Gaussian, on each coordinate of each vertex of the cleaned mesh, then all steps anew. "
     "Its standard deviation is given as a share of the shape's size, the diagonal of its bounding box "
-    f"along the axes of the normal frame; so the paper's delta is read, {DELTAS[0]}. *overlap*: the share "
-    f"of the samples that stay where they were, the surface being cut into {REGIONS} regions. *overlap, "
+    f"along the axes of the normal frame; so the paper's delta is read, {DELTAS[0]}. *kept*: the share "
+    f"of the samples that stay where they were, the surface being cut into {REGIONS} regions. *kept if "
     "even*: the same for an even spread in place of the noisy samples; only what lies above it says that "
     "preferred places are kept.",
     f"**Poses**: one body otherwise bent, each pose a mesh of its own, at tau {ROBUST_TAU}; beside it, "

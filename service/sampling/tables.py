@@ -1,6 +1,6 @@
 """The evidence as tables of text, each with a sentence on what it shows."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -95,11 +95,7 @@ def steadiness_table(shapes: Sequence[ShapeEvidence]) -> TextTable:
         "Fig. 3a: pairs of samples in five ranges of normalised geodesic distance, per cent",
         ("selection", *(f"tau {tau}" for tau in TAUS), "between taus", "from surface"),
         tuple(rows),
-        "The histogram changes least with tau under "
-        + _best(between, min, "{:.3f}")
-        + ", most under "
-        + _best(between, max, "{:.3f}")
-        + f"; under the paper's own, {_own(between, '{:.3f}')}.",
+        f"The change between taus is {_ends(between, 3)}.",
     )
 
 
@@ -121,7 +117,7 @@ def quality_table(shapes: Sequence[ShapeEvidence]) -> TextTable:
                 f"{_mean([one.mean_gap for one in found]):.4f}",
                 f"{_mean([one.evenness for one in found]):.2f}",
                 percent(np.mean([one.histogram for one in found], axis=0)),
-                f"{np.median(ratios):.3g}" if ratios else "exact",
+                _ratio(ratios),
             )
         )
     samples = sum(shape.quality[0].samples for shape in shapes)
@@ -129,11 +125,7 @@ def quality_table(shapes: Sequence[ShapeEvidence]) -> TextTable:
         f"Fig. 3b: methods with the same number of samples (tau {COMPARED_TAU}, {samples} in all)",
         ("selection", "largest gap", "mean gap", "evenness", "histogram", "fit / best"),
         tuple(rows),
-        "The largest gap is smallest under "
-        + _best(gaps, min, "{:.3f}")
-        + ", largest under "
-        + _best(gaps, max, "{:.3f}")
-        + f"; under the paper's own, {_own(gaps, '{:.3f}')}.",
+        f"The widest gap is {_ends(gaps, 3)}.",
     )
 
 
@@ -154,16 +146,16 @@ def rebuilt_table(shapes: Sequence[ShapeEvidence]) -> TextTable:
         ("selection", *(f"tau {tau}" for tau in CURVE_TAUS), "as Poisson disk with"),
         tuple(rows),
         f"At tau {COMPARED_TAU}, of the selections by Lewis weight, {title_of(METHODS[best])} keeps the "
-        f"surface best, as Poisson disk does with {share} as many samples; the paper's own, "
-        f"{title_of(PAPER_METHOD)}, as it does with {own} as many.",
+        f"surface best, as Poisson disk does with {share} as many samples; {_name(PAPER_METHOD)}, as it does "
+        f"with {own} as many.",
     )
 
 
 def noise_table(shapes: Sequence[ShapeEvidence]) -> TextTable:
     """Fig. 3c: samples with and without noise."""
-    rows, overlaps = [], []
+    rows, overlaps, evens = [], [], []
     for method in METHODS:
-        cells = []
+        changes, overlap = [], []
         for delta in DELTAS:
             found = [
                 row
@@ -171,21 +163,20 @@ def noise_table(shapes: Sequence[ShapeEvidence]) -> TextTable:
                 for row in shape.noise
                 if (row.method, row.delta) == (method.name, delta)
             ]
-            cells += [_mean([row.histogram_change for row in found]), _mean([row.overlap for row in found])]
-        even = _mean([row.even_overlap for row in found])
-        overlaps.append(cells[1])
-        rows.append((title_of(method), *_decimals(cells, 3), f"{even:.3f}"))
-    heads = [
-        head for delta in DELTAS for head in (f"change, {100 * delta:g} %", f"overlap, {100 * delta:g} %")
-    ]
+            changes.append(_mean([row.histogram_change for row in found]))
+            overlap.append(_mean([row.overlap for row in found]))
+        evens.append(_mean([row.even_overlap for row in found]))
+        overlaps.append(overlap[0])
+        rows.append((title_of(method), *_decimals([*changes, *overlap, evens[-1]], 3)))
+    heads = [f"{what} {100 * delta:g} %" for what in ("change", "kept") for delta in DELTAS]
+    own = METHODS.index(PAPER_METHOD)
     return TextTable(
-        f"Fig. 3c: Gaussian noise, tau {ROBUST_TAU}: change of the histogram, and overlap of the regions",
-        ("selection", *heads, "overlap, even"),
+        f"Fig. 3c: Gaussian noise, tau {ROBUST_TAU}: change of the histogram, and samples kept",
+        ("selection", *heads, "kept if even"),
         tuple(rows),
         f"At the paper's noise of {100 * DELTAS[0]:g} % between {100 * min(overlaps):.0f} and "
-        f"{100 * max(overlaps):.0f} % of the samples stay in their regions, most under "
-        + _best(overlaps, max, "{:.3f}")
-        + ".",
+        f"{100 * max(overlaps):.0f} % of the samples stay in their regions; under {_name(PAPER_METHOD)}, "
+        f"{100 * overlaps[own]:.0f} %, where an even spread would share {100 * evens[own]:.0f} %.",
     )
 
 
@@ -201,11 +192,7 @@ def pose_table(study: Study) -> TextTable:
         f"Fig. 3c: change of the histogram between poses of one body and between shapes, tau {ROBUST_TAU}",
         ("selection", "poses, mean", "poses, largest", "shapes, mean", "shapes, largest"),
         tuple(rows),
-        "Poses of one body differ least, against what different shapes do, under "
-        + _best(shares, min, "{:.2f}")
-        + ", most under "
-        + _best(shares, max, "{:.2f}")
-        + "."
+        f"The mean change between poses, over that between shapes, is {_ends(shares, 2)}."
         if shares
         else "There is nothing to hold it against: name poses of one body, and two shapes or more.",
     )
@@ -223,13 +210,26 @@ def _pairs(found: Floats) -> tuple[str, str]:
     return (f"{found.mean():.3f}", f"{found.max():.3f}") if len(found) else ("", "")
 
 
-def _best(values: Sequence[float], which: Callable[[Sequence[float]], float], form: str) -> str:
-    value = which(values)
-    return f"{title_of(METHODS[list(values).index(value)])} ({form.format(value)})"
+def _ratio(ratios: Sequence[float]) -> str:
+    """Their median; of shapes that are fitted exactly there is none."""
+    if not ratios:
+        return "exact"
+    median = float(np.median(ratios))
+    return f"{median:.2f}" if median < 100.0 else f"{median:.0f}"
 
 
-def _own(values: Sequence[float], form: str) -> str:
-    return f"{title_of(PAPER_METHOD)}, {form.format(values[METHODS.index(PAPER_METHOD)])}"
+def _name(method: Method) -> str:
+    """The method's name in a sentence."""
+    return f"the paper's own, {title_of(method)}" if method == PAPER_METHOD else title_of(method)
+
+
+def _ends(values: Sequence[float], digits: int) -> str:
+    """The methods of the smallest and the largest value, and the paper's where it is neither."""
+    order = np.argsort(values, kind="stable").tolist()
+    low, high = (f"{_name(METHODS[i])} ({values[i]:.{digits}f})" for i in (order[0], order[-1]))
+    own = METHODS.index(PAPER_METHOD)
+    between = f", {values[own]:.{digits}f} under {_name(PAPER_METHOD)}" if own in order[1:-1] else ""
+    return f"smallest under {low}, largest under {high}{between}"
 
 
 def _as_many(error: float, reference: Floats) -> str:
