@@ -27,6 +27,7 @@ from core.sampling_robustness import (
 from core.sampling_study import study_pose, study_shape, variations
 from core.sampling_surface import METHODS, OURS, Method, Surface
 from core.sampling_trials import CURVE_TAUS, DEGREES, TAUS
+from core.subdivision import refine
 
 
 @pytest.fixture(scope="module")
@@ -44,6 +45,13 @@ def make_small(patch):
 
 def names(methods):
     return [method.name for method in methods]
+
+
+def test_a_large_mesh_is_simplified_first():
+    large = refine(make_shape("cup", 0), 4500)
+    assert len(large.vertices) > sampling_surface.EVIDENCE.decimate_above
+    wanted = sampling_surface.EVIDENCE.decimate_to
+    assert len(Surface.of(large).mesh.vertices) == pytest.approx(wanted, rel=0.1)
 
 
 # Selections
