@@ -6,9 +6,11 @@ from itertools import combinations
 
 import numpy as np
 from scipy.spatial import cKDTree
+from scipy.special import ndtri
 
 from core.farthest import farthest_points
 from core.mesh import Floats, Ints, Mesh
+from core.sampling import keyed_uniform
 from core.sampling_evidence import distance_histogram, region_shares, total_variation
 from core.sampling_surface import METHODS, Method, Surface
 
@@ -16,6 +18,9 @@ DELTAS = (0.0015, 0.005, 0.01)
 ROBUST_TAU = 0.3
 REGIONS = 50
 """The surface is cut into so many about equal regions, to see where the samples are."""
+
+_LEAST = 1e-12
+"""Uniform numbers are kept so far from 0 and 1, where the normal quantile is infinite."""
 
 
 @dataclass(frozen=True)
@@ -51,10 +56,15 @@ def size_of(surface: Surface) -> float:
 
 
 def noisy(surface: Surface, delta: float, seed: int = 0) -> Surface:
-    """The cleaned mesh with Gaussian noise of `delta` times its size on each coordinate, made ready anew."""
-    random = np.random.default_rng([seed, round(1e6 * delta)])
-    shift = delta * size_of(surface) * random.standard_normal(surface.cleaned.vertices.shape)
-    return Surface.of(Mesh(surface.cleaned.vertices + shift, surface.cleaned.faces))
+    """The cleaned mesh with Gaussian noise of `delta` times its size on each coordinate, made ready anew.
+
+    The noise is keyed to where a vertex is, like `core.sampling.keyed_uniform`, and larger with delta alone.
+    """
+    vertices = surface.cleaned.vertices
+    places = surface.frame.apply(vertices)
+    uniform = np.stack([keyed_uniform(places, 3 * seed + axis) for axis in range(3)], axis=1)
+    shift = delta * size_of(surface) * ndtri(np.clip(uniform, _LEAST, 1.0 - _LEAST))
+    return Surface.of(Mesh(vertices + shift, surface.cleaned.faces))
 
 
 def regions_of(surface: Surface, count: int = REGIONS) -> Ints:

@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
+from textwrap import fill
 from typing import Annotated
 
 import typer
@@ -28,9 +29,6 @@ from service.sampling.tables import TextTable, all_tables
 
 DRAWN = "person"
 BODY_POSES = 4
-LONGEST_WORD = 20
-"""Words up to so many letters are never broken in a narrow terminal; paths may be."""
-
 Source = tuple[str, Callable[[], Mesh]]
 
 
@@ -147,9 +145,9 @@ def _print(tables: Sequence[TextTable]) -> None:
     for text in tables:
         table = Table(title=text.title, box=box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
         for i, column in enumerate(text.columns):
-            words = [word for cell in (column, *(row[i] for row in text.rows)) for word in cell.split()]
-            width = min(max(map(len, words)), LONGEST_WORD)
-            table.add_column(column, justify="right" if i else "left", overflow="fold", min_width=width)
+            # The head no wider than what is below it, where its words allow.
+            width = max(len(cell) for cell in (*column.split(), *(row[i] for row in text.rows)))
+            table.add_column(fill(column, width), justify="right" if i else "left", overflow="fold")
         for row in text.rows:
             table.add_row(*row)
         console.print(table)

@@ -127,6 +127,15 @@ def test_noise_has_the_deviation_that_it_says(surface, monkeypatch):
     assert (noisy(surface, 0.0002, seed=1).cleaned.vertices != found).any()
 
 
+def test_noise_does_not_hang_on_the_order_of_the_vertices(surface, monkeypatch):
+    make_small(monkeypatch)
+    order = np.random.default_rng(7).permutation(len(surface.cleaned.vertices))
+    place = np.argsort(order)
+    shuffled = Surface.of(Mesh(surface.cleaned.vertices[order], place[surface.cleaned.faces]))
+    away, _ = cKDTree(noisy(surface, 0.01).cleaned.vertices).query(noisy(shuffled, 0.01).cleaned.vertices)
+    assert away.max() < 1e-9 * size_of(surface)
+
+
 def test_regions_are_of_the_nearest_centre_and_none_is_empty(surface):
     regions = regions_of(surface)
     assert np.unique(regions).tolist() == list(range(REGIONS))
