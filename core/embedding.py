@@ -16,7 +16,7 @@ class Spectrum:
     Attributes
     ----------
     name : str
-        Which operator it comes from, for example "geodesic" or "laplace-beltrami".
+        Which operator it comes from: "affinity" or "laplace-beltrami".
     eigenvalues : float32, shape (s,)
         In the operator's own order: falling magnitude for an affinity, rising for a Laplacian.
     coordinates : float32, shape (m, k)
@@ -131,7 +131,7 @@ class Match:
     correspondence : int32, shape (p, 2)
         Pairs (sample of the first shape, sample of the second), in the first spectrum.
     distances : float32, shape (p,)
-        Distance between the two points of each pair in the spectral domain, after alignment.
+        Distance between the two points of each pair in the spectral domain, under the warp that sim reads.
     effective : bool, shape (p,)
         Whether that distance is at most gamma (below Eq. 19) and the pair one-to-one.
     """

@@ -27,7 +27,8 @@ class Prepared:
     operators : float32, shape (k - first_dimensions + 1, m, m)
         The spline, factored: see `core.correspondence.smoothers`.
     warp : float32, shape (m, m)
-        The softer spline in all k dimensions that sim reads the matched points under.
+        The softer spline in all k dimensions that sim reads one-to-one pairs under; with pairs "nearest" it
+        is the last of `operators`.
     key : bytes
         A hash of the coordinates, by which a pair is put in order.
     """
@@ -37,6 +38,11 @@ class Prepared:
     operators: Float32s
     warp: Float32s
     key: bytes
+
+    @property
+    def nbytes(self) -> int:
+        """Memory held, in bytes."""
+        return self.points.nbytes + self.single.nbytes + self.operators.nbytes + self.warp.nbytes
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,11 +78,15 @@ def prepare(spectrum: Spectrum, key: bytes, parameters: Parameters) -> Prepared:
     """The spectrum, whose `spectrum_key` is `key`, with its splines factored."""
     points = np.ascontiguousarray(spectrum.coordinates, dtype=np.float64)
     single = np.ascontiguousarray(spectrum.coordinates)
+    operators = smoothers(points, parameters.first_dimensions, parameters.stiffness)
+    soft = parameters.pairs == "one-to-one"
     return Prepared(
         points=points,
         single=single,
-        operators=smoothers(points, parameters.first_dimensions, parameters.stiffness),
-        warp=smoothers(points, parameters.dimensions, parameters.warp_stiffness)[0],
+        operators=operators,
+        warp=smoothers(points, parameters.dimensions, parameters.warp_stiffness)[0]
+        if soft
+        else operators[-1],
         key=key,
     )
 
@@ -135,7 +145,7 @@ def _warped(
 ) -> tuple[float, float, float, Ints, Floats, NDArray[np.bool_]]:
     """The paper's comparison one way: CC, SSD, sim of the warped points and their nearest neighbours."""
     matches = _search(first, second, parameters)
-    x = first.operators[-1].astype(np.float64) @ second.points[matches]
+    x = first.warp.astype(np.float64) @ second.points[matches]
     y = second.points[matches]
     distances = np.linalg.norm(x - y, axis=1)
     effective = effective_pairs(distances, matches, effective_distance(x, second.points))

@@ -128,14 +128,21 @@ class Parameters:
             "sample_cap must be 0 or at least dimensions + 2": self.sample_cap == 0
             or self.sample_cap >= self.dimensions + 2,
             "width must be positive": 0.0 < self.width < 1e6,
+            "eigenvalue_power must be 0 to 4": 0.0 <= self.eigenvalue_power <= 4.0,
+            "seed must be 0 to 2^62": 0 <= self.seed <= 2**62,
             "first_dimensions must be 2 to 6 and at most dimensions": 2
             <= self.first_dimensions
             <= min(6, self.dimensions)
             or (not self.sign_starts and self.first_dimensions == self.dimensions),
-            "iteration and start counts must be at least 1": min(
-                self.kept_starts, self.start_iterations, self.step_iterations, self.align_rounds
-            )
-            >= 1,
+            "iteration and start counts must be 1 to 1,000": all(
+                1 <= count <= 1000
+                for count in (
+                    self.kept_starts,
+                    self.start_iterations,
+                    self.step_iterations,
+                    self.align_rounds,
+                )
+            ),
             "stiffness and warp_stiffness must be above 0": 0.0 < self.stiffness < 1e12
             and 0.0 < self.warp_stiffness < 1e12,
             "affinity_values and laplacian_values must be 0 to 100": 0 <= self.affinity_values <= 100

@@ -64,6 +64,20 @@ def measure(mesh: Mesh, cleaned: Cleaned, frame: Frame) -> Facts:
     )
 
 
+def simplify(mesh: Mesh, vertices: int) -> Mesh:
+    """A mesh in its normal frame with about so many vertices, by quadric error (Garland and Heckbert 1997).
+
+    Coordinates are rounded to six decimals first: on flat parts every collapse costs nothing, and the last
+    bits, which change with the pose, would choose among them.
+    """
+    points, faces = fast_simplification.simplify(
+        np.round(mesh.vertices, 6),
+        mesh.faces.astype(np.int32),
+        target_reduction=1.0 - vertices / len(mesh.vertices),
+    )
+    return clean(Mesh(points, faces)).mesh
+
+
 class Pipeline:
     """The method under one set of parameters.
 
@@ -88,16 +102,19 @@ class Pipeline:
         frame = normal_frame(cleaned.mesh)
         normal = Mesh(frame.apply(cleaned.mesh.vertices), cleaned.mesh.faces)
         if wanted.decimate_above and len(normal.vertices) > wanted.decimate_above:
-            kept = wanted.decimate_to / len(normal.vertices)
-            vertices, faces = fast_simplification.simplify(
-                normal.vertices, normal.faces.astype(np.int32), target_reduction=1.0 - kept
-            )
-            normal = clean(Mesh(vertices, faces)).mesh
-        needed = max(wanted.refine_vertices, 0 if wanted.samples else self._least_for_tau())
+            normal = simplify(normal, wanted.decimate_to)
+        needed = max(wanted.refine_vertices, self._least_vertices())
         return (refine(normal, needed) if len(normal.vertices) < needed else normal), cleaned, frame
 
-    def _least_for_tau(self) -> int:
-        return int(np.ceil(4 * (self.parameters.dimensions + 2) / self.parameters.tau))
+    def _least_vertices(self) -> int:
+        """Vertices under which there would be too few samples, or too few eigenvalues for the signature.
+
+        `refine` makes edges of up to one and a half even sides, so it may make 2.25 times fewer than asked.
+        """
+        wanted = self.parameters
+        samples = max(wanted.dimensions + 2, wanted.affinity_values)
+        asked = wanted.samples or int(np.ceil(samples / wanted.tau))
+        return int(np.ceil(2.5 * max(asked, samples, wanted.laplacian_values + 2)))
 
     def sample(self, mesh: Mesh, graph: csr_array) -> Ints:
         """Sample vertices of a mesh in its normal frame, shape (m,)."""
@@ -169,7 +186,9 @@ class Pipeline:
                 affinity = distance_affinity(distances)
             count = min(max(wanted.dimensions + 1, wanted.affinity_values), len(samples))
             values, vectors = leading_eigenpairs(affinity, count)
-            signature.append(affinity_signature(values[: wanted.affinity_values], len(samples)))
+            short = max(0, wanted.affinity_values - len(values))
+            listed = np.pad(values, (0, short))[: wanted.affinity_values]
+            signature.append(affinity_signature(listed, len(samples)))
             kept = slice(1, wanted.dimensions + 1)
             points = spectral_coordinates(values[kept], vectors[:, kept], wanted.eigenvalue_power)
             spectra.append(Spectrum("affinity", values.astype(np.float32), points.astype(np.float32)))
@@ -192,10 +211,10 @@ class Pipeline:
             return known
         ready = prepare(spectrum, key, self.parameters)
         self._prepared[key] = ready
-        self._prepared_bytes += ready.operators.nbytes
+        self._prepared_bytes += ready.nbytes
         while self._prepared_bytes > PREPARED_BYTES and len(self._prepared) > 1:
             _, dropped = self._prepared.popitem(last=False)
-            self._prepared_bytes -= dropped.operators.nbytes
+            self._prepared_bytes -= dropped.nbytes
         return ready
 
     def _matches(self, first: Embedding, second: Embedding) -> list[SpectralMatch]:

@@ -55,4 +55,4 @@ def combined_scores(cc: Floats, distances: Floats) -> Floats:
         spread = float(values.std()) if values.size else 0.0
         return (values - values.mean()) / spread if spread > 1e-12 else np.zeros_like(values)
 
-    return np.asarray(-(standard(np.log(1.0 - np.asarray(cc) + 1e-4)) + standard(np.asarray(distances))))
+    return np.asarray(0.0 - standard(np.log(1.0 - np.asarray(cc) + 1e-4)) - standard(np.asarray(distances)))
