@@ -1,0 +1,228 @@
+"""Parameters: the fingerprint, JSON and back, and the ranges."""
+
+import json
+import re
+import subprocess
+import sys
+from dataclasses import asdict, fields, replace
+
+import pytest
+
+from core.errors import ParameterError
+from core.parameters import DEFAULT, PAPER, Parameters
+
+OTHER = {
+    "refine_vertices": 2001,
+    "decimate_above": 50_000,
+    "decimate_to": 19_000,
+    "degree": 7,
+    "epsilon": 0.02,
+    "normalise_weights": False,
+    "selection": "random-draw",
+    "coverage_power": 0.5,
+    "seed": 1,
+    "samples": 101,
+    "tau": 0.4,
+    "sample_cap": 300,
+    "unfold": False,
+    "distances": "geodesic",
+    "affinity": "distance",
+    "width": 1.6,
+    "operators": ("laplace-beltrami", "affinity"),
+    "dimensions": 7,
+    "eigenvalue_power": 0.25,
+    "first_dimensions": 4,
+    "sign_starts": False,
+    "kept_starts": 4,
+    "start_iterations": 6,
+    "step_iterations": 4,
+    "stiffness": 10.0,
+    "warp_stiffness": 0.02,
+    "pairs": "nearest",
+    "align_rounds": 5,
+    "affinity_values": 21,
+    "laplacian_values": 16,
+    "match_threshold": 0.8,
+}
+
+OUT_OF_RANGE = [
+    ("refine_vertices", -1),
+    ("refine_vertices", 100_001),
+    ("decimate_to", 499),
+    ("decimate_to", 40_000),
+    ("degree", 0),
+    ("degree", 13),
+    ("epsilon", 0.0),
+    ("epsilon", 0.15),
+    ("coverage_power", -0.1),
+    ("coverage_power", 4.1),
+    ("seed", -1),
+    ("seed", 2**62 + 1),
+    ("samples", 7),
+    ("samples", 10_001),
+    ("tau", 0.0),
+    ("tau", 1.01),
+    ("sample_cap", 7),
+    ("width", 0.0),
+    ("width", 1e6),
+    ("dimensions", 1),
+    ("dimensions", 51),
+    ("eigenvalue_power", -0.5),
+    ("eigenvalue_power", 5.0),
+    ("first_dimensions", 1),
+    ("first_dimensions", 7),
+    ("kept_starts", 0),
+    ("start_iterations", 1001),
+    ("step_iterations", 0),
+    ("align_rounds", 0),
+    ("stiffness", 0.0),
+    ("warp_stiffness", 1e12),
+    ("affinity_values", 101),
+    ("laplacian_values", -1),
+    ("match_threshold", 1.5),
+    ("selection", "best"),
+    ("distances", "straight"),
+    ("affinity", "cosine"),
+    ("pairs", "all"),
+    ("operators", []),
+    ("operators", ["affinity", "graph"]),
+]
+
+WRONG_TYPES = [
+    ("name", 3),
+    ("degree", True),
+    ("degree", 6.0),
+    ("degree", "6"),
+    ("degree", None),
+    ("tau", True),
+    ("tau", "0.3"),
+    ("tau", [0.3]),
+    ("unfold", 1),
+    ("unfold", "true"),
+    ("selection", 1),
+    ("operators", "affinity"),
+    ("operators", [1]),
+    ("operators", {"affinity": 1}),
+]
+
+
+def test_every_field_but_the_name_has_another_value_here():
+    assert set(OTHER) == {field.name for field in fields(Parameters)} - {"name"}
+
+
+def test_a_fingerprint_is_sixteen_hexadecimal_digits():
+    for parameters in (DEFAULT, PAPER):
+        assert re.fullmatch("[0-9a-f]{16}", parameters.fingerprint)
+
+
+def test_the_name_is_no_part_of_the_fingerprint():
+    assert replace(DEFAULT, name="mine").fingerprint == DEFAULT.fingerprint
+
+
+@pytest.mark.parametrize("field", OTHER)
+def test_each_other_field_changes_the_fingerprint(field):
+    assert replace(DEFAULT, **{field: OTHER[field]}).fingerprint != DEFAULT.fingerprint
+
+
+def test_fingerprints_of_all_these_differ():
+    changed = [replace(DEFAULT, **{field: value}).fingerprint for field, value in OTHER.items()]
+    assert len({DEFAULT.fingerprint, PAPER.fingerprint, *changed}) == len(OTHER) + 2
+
+
+def test_another_process_has_the_same_fingerprints():
+    code = "from core.parameters import *; print(DEFAULT.fingerprint, PAPER.fingerprint)"
+    for seed in ("1", "2"):
+        out = subprocess.run(
+            [sys.executable, "-c", code],
+            env={"PYTHONHASHSEED": seed, "PYTHONPATH": ":".join(sys.path)},
+            capture_output=True,
+            text=True,
+            check=True,
+        ).stdout
+        assert out.split() == [DEFAULT.fingerprint, PAPER.fingerprint]
+
+
+@pytest.mark.parametrize("parameters", [DEFAULT, PAPER, replace(DEFAULT, name="other", **OTHER)])
+def test_json_and_back(parameters):
+    back = Parameters.from_json(parameters.to_json())
+    assert back == parameters
+    assert back.fingerprint == parameters.fingerprint
+
+
+def test_json_names_every_field():
+    assert set(json.loads(DEFAULT.to_json())) == {field.name for field in fields(Parameters)}
+
+
+def test_fields_that_are_not_named_are_the_defaults():
+    assert Parameters.from_json("{}") == DEFAULT
+    assert Parameters.from_json('{"degree": 4, "name": "four"}') == replace(DEFAULT, degree=4, name="four")
+
+
+def test_a_whole_number_is_read_as_a_float_where_one_is_wanted():
+    whole = Parameters.from_json('{"tau": 1, "width": 2}')
+    assert whole == Parameters.from_json('{"tau": 1.0, "width": 2.0}')
+    assert whole.fingerprint == Parameters.from_json('{"tau": 1.0, "width": 2.0}').fingerprint
+
+
+@pytest.mark.parametrize("text", ["", "{", "degree: 4", '{"degree": }', "\x00"])
+def test_what_is_not_json_is_refused(text):
+    with pytest.raises(ParameterError, match="not JSON"):
+        Parameters.from_json(text)
+
+
+@pytest.mark.parametrize("text", ["[]", '[{"degree": 4}]', "3", "null", '"degree"', "true"])
+def test_what_is_no_object_is_refused(text):
+    with pytest.raises(ParameterError, match="JSON object"):
+        Parameters.from_json(text)
+
+
+@pytest.mark.parametrize("name", ["degrees", "", "fingerprint", "__class__", "from_json"])
+def test_an_unknown_name_is_refused_and_the_known_are_told(name):
+    with pytest.raises(ParameterError, match=r"unknown parameter .*known are name, refine_vertices"):
+        Parameters.from_json(json.dumps({name: 1}))
+
+
+@pytest.mark.parametrize(("field", "value"), WRONG_TYPES)
+def test_a_wrong_type_is_refused(field, value):
+    with pytest.raises(ParameterError, match=field):
+        Parameters.from_json(json.dumps({field: value}))
+
+
+@pytest.mark.parametrize(("field", "value"), OUT_OF_RANGE)
+def test_a_value_out_of_range_is_refused(field, value):
+    with pytest.raises(ParameterError):
+        Parameters.from_json(json.dumps({field: value}))
+    with pytest.raises(ParameterError):
+        replace(DEFAULT, **{field: value})
+
+
+FLOATS = [field.name for field in fields(Parameters) if isinstance(getattr(DEFAULT, field.name), float)]
+
+
+@pytest.mark.parametrize("field", FLOATS)
+@pytest.mark.parametrize("value", ["NaN", "Infinity", "-Infinity"])
+def test_what_is_not_a_number_is_refused(field, value):
+    with pytest.raises(ParameterError):
+        Parameters.from_json(f'{{"{field}": {value}}}')
+
+
+def test_a_signature_must_hold_something():
+    with pytest.raises(ParameterError, match="both be 0"):
+        replace(DEFAULT, affinity_values=0, laplacian_values=0)
+
+
+def test_limits_themselves_are_allowed():
+    replace(DEFAULT, degree=12, tau=1.0, samples=8, match_threshold=-1.0, seed=2**62)
+    replace(DEFAULT, decimate_above=0, decimate_to=0, sample_cap=8, affinity_values=0)
+    replace(DEFAULT, sign_starts=False, dimensions=20, first_dimensions=20)
+
+
+def test_many_first_dimensions_need_that_no_signs_are_tried():
+    with pytest.raises(ParameterError, match="first_dimensions"):
+        replace(DEFAULT, sign_starts=True, dimensions=20, first_dimensions=20)
+
+
+def test_both_named_settings_are_valid_and_named():
+    assert (DEFAULT.name, PAPER.name) == ("default", "paper")
+    for parameters in (DEFAULT, PAPER):
+        assert Parameters(**asdict(parameters)) == parameters
