@@ -1,0 +1,342 @@
+"""The whole method: what an embedding holds, facts in closed form, odd meshes, and the same bytes again."""
+
+import hashlib
+import subprocess
+import sys
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+import trimesh
+from scipy.spatial import cKDTree
+
+import core.pipeline
+from core.embedding import Embedding
+from core.errors import DegenerateMeshError, IncompatibleEmbeddingsError
+from core.gallery import make_shape
+from core.mesh import Mesh
+from core.parameters import DEFAULT, PAPER
+from core.pipeline import Pipeline
+from core.records import embedding_to_bytes
+from tests.core.shapes import blob, box, folded, icosphere, joined, rectangle, shifted, soup
+
+SETTINGS = {"default": DEFAULT, "paper": PAPER}
+
+SHAPES = [("spider", 0), ("spider", 1), ("hand", 0)]
+
+
+@cache
+def embedded_by(setting):
+    """A pipeline, and embeddings of the shapes under it."""
+    pipeline = Pipeline(SETTINGS[setting])
+    return pipeline, [pipeline.embed(make_shape(*shape)) for shape in SHAPES]
+
+
+@pytest.fixture(params=SETTINGS)
+def embedded(request):
+    return embedded_by(request.param)
+
+
+def facts(mesh):
+    return Pipeline(PAPER).embed(mesh).facts
+
+
+def to_surface(points, mesh):
+    """At most how far each point lies from the surface: to the nearest of the forty triangles about it."""
+    triangles = mesh.vertices[mesh.faces]
+    about = cKDTree(triangles.mean(axis=1)).query(points, k=40)[1].ravel()
+    repeated = np.repeat(points.astype(np.float64), 40, axis=0)
+    gaps = np.linalg.norm(trimesh.triangles.closest_point(triangles[about], repeated) - repeated, axis=1)
+    return gaps.reshape(-1, 40).min(axis=1)
+
+
+def test_fields_have_their_shapes_and_types(embedded):
+    pipeline, embeddings = embedded
+    wanted = pipeline.parameters
+    for made in embeddings:
+        m, edges = len(made.positions), len(made.graph_edges)
+        assert made.fingerprint == wanted.fingerprint
+        for array, kind, shape in (
+            (made.positions, np.float32, (m, 3)),
+            (made.vertices, np.int32, (m,)),
+            (made.graph_edges, np.int32, (edges, 2)),
+            (made.graph_lengths, np.float32, (edges,)),
+            (made.tree_edges, np.int32, (m - 1, 2)),
+            (made.signature, np.float32, (wanted.affinity_values + wanted.laplacian_values,)),
+        ):
+            assert array.dtype == kind
+            assert array.shape == shape
+        assert tuple(spectrum.name for spectrum in made.spectra) == wanted.operators
+        for spectrum in made.spectra:
+            assert spectrum.coordinates.shape == (m, wanted.dimensions)
+            assert spectrum.coordinates.dtype == spectrum.eigenvalues.dtype == np.float32
+            assert len(spectrum.eigenvalues) >= wanted.dimensions
+
+
+def test_coordinates_are_centred_and_of_unit_radius(embedded):
+    for made in embedded[1]:
+        for spectrum in made.spectra:
+            points = spectrum.coordinates.astype(np.float64)
+            assert points.mean(axis=0) == pytest.approx(0.0, abs=1e-5)
+            assert np.sqrt((points**2).sum(axis=1).mean()) == pytest.approx(1.0, abs=1e-5)
+
+
+def test_samples_lie_on_the_surface_and_beside_their_vertex(embedded):
+    for made, shape in zip(embedded[1], SHAPES, strict=True):
+        mesh = make_shape(*shape)
+        assert to_surface(made.positions, mesh).max() < 1e-5 * made.facts.scale
+        gaps = np.linalg.norm(made.positions[:, None] - mesh.vertices[None], axis=2)
+        own = gaps[np.arange(len(gaps)), made.vertices]
+        assert own == pytest.approx(gaps.min(axis=1), abs=1e-5 * made.facts.scale)
+        assert len(np.unique(made.positions, axis=0)) == len(made.positions)
+
+
+def test_the_tree_spans_the_samples_and_is_part_of_the_graph(embedded):
+    for made in embedded[1]:
+        m = len(made.positions)
+        assert (made.graph_edges[:, 0] < made.graph_edges[:, 1]).all()
+        edges = set(map(tuple, made.graph_edges.tolist()))
+        assert len(edges) == len(made.graph_edges)
+        assert set(map(tuple, made.tree_edges.tolist())) <= edges
+        tree = trimesh.graph.connected_components(made.tree_edges, nodes=np.arange(m))
+        assert len(tree) == 1
+        assert (made.graph_lengths > 0.0).all()
+
+
+def test_a_sparse_edge_is_no_shorter_than_the_straight_line(embedded):
+    for made in embedded[1]:
+        ends = made.positions[made.graph_edges].astype(np.float64) / made.facts.scale
+        straight = np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)
+        assert (made.graph_lengths >= straight * (1.0 - 1e-4)).all()
+
+
+def test_score_is_match_and_both_ways_agree(embedded):
+    pipeline, embeddings = embedded
+    for query in embeddings:
+        scores = pipeline.score(query, embeddings)
+        for i, candidate in enumerate(embeddings):
+            found = pipeline.match(query, candidate)
+            assert (scores.cc[i], scores.ssd[i], scores.sim[i]) == (found.cc, found.ssd, found.sim)
+            back = pipeline.match(candidate, query)
+            assert (back.cc, back.ssd, back.sim) == (found.cc, found.ssd, found.sim)
+            assert found.correspondence.dtype == np.int32
+            assert len(found.correspondence) == len(found.distances) == len(found.effective)
+
+
+def test_a_shape_is_most_like_itself(embedded):
+    pipeline, embeddings = embedded
+    scores = pipeline.score(embeddings[0], embeddings)
+    assert scores.cc[0] == pytest.approx(1.0, abs=1e-6)
+    assert scores.ssd[0] == pytest.approx(0.0, abs=1e-6)
+    assert scores.sim[0] == pytest.approx(1.0, abs=1e-6)
+    assert (scores.cc[1:] < scores.cc[0]).all()
+
+
+def test_another_pose_is_more_alike_than_another_shape():
+    pipeline, (spider, moved, hand) = embedded_by("default")
+    scores = pipeline.score(spider, [moved, hand])
+    assert scores.cc[0] > scores.cc[1]
+
+
+def test_no_candidates_no_scores(embedded):
+    pipeline, embeddings = embedded
+    scores = pipeline.score(embeddings[0], [])
+    assert scores.cc.shape == scores.ssd.shape == scores.sim.shape == (0,)
+
+
+def test_embeddings_of_other_parameters_are_refused(embedded):
+    pipeline, (first, second, _) = embedded
+    other = replace(second, fingerprint="0" * 16)
+    for pair in ((first, other), (other, first)):
+        with pytest.raises(IncompatibleEmbeddingsError):
+            pipeline.match(*pair)
+        with pytest.raises(IncompatibleEmbeddingsError):
+            pipeline.score(pair[0], [pair[1]])
+
+
+def test_signature_distances_are_euclidean(embedded):
+    pipeline, embeddings = embedded
+    matrix = np.stack([made.signature for made in embeddings])
+    found = pipeline.signature_distances(embeddings[0].signature, matrix)
+    expected = [np.linalg.norm(row - matrix[0].astype(np.float64)) for row in matrix.astype(np.float64)]
+    assert found == pytest.approx(expected, abs=1e-12)
+    assert found[0] == 0.0
+
+
+def test_what_is_kept_of_met_shapes_is_bounded_and_changes_no_score(embedded, monkeypatch):
+    pipeline, embeddings = embedded
+    expected = pipeline.score(embeddings[0], embeddings)
+    one = pipeline.prepared(embeddings[0].spectra[0]).nbytes
+    monkeypatch.setattr(core.pipeline, "PREPARED_BYTES", int(2.5 * one))
+    small = Pipeline(pipeline.parameters)
+    for _ in range(2):
+        scores = small.score(embeddings[0], embeddings)
+        assert np.array_equal(scores.cc, expected.cc)
+        assert np.array_equal(scores.ssd, expected.ssd)
+        assert np.array_equal(scores.sim, expected.sim)
+        held = sum(ready.nbytes for ready in small._prepared.values())
+        assert held == small._prepared_bytes
+        assert 0 < held <= 2.5 * one
+
+
+def test_a_met_spectrum_is_factored_once(embedded):
+    pipeline, embeddings = embedded
+    spectrum = embeddings[0].spectra[0]
+    assert pipeline.prepared(spectrum) is pipeline.prepared(spectrum)
+
+
+def test_the_same_mesh_gives_the_same_bytes_in_another_process(embedded):
+    pipeline, embeddings = embedded
+    code = (
+        "import hashlib\n"
+        "from core import parameters\n"
+        "from core.gallery import make_shape\n"
+        "from core.pipeline import Pipeline\n"
+        "from core.records import embedding_to_bytes\n"
+        f"pipeline = Pipeline(parameters.{pipeline.parameters.name.upper()})\n"
+        f"made = pipeline.embed(make_shape{SHAPES[0]})\n"
+        "print(hashlib.sha256(embedding_to_bytes(made)).hexdigest())\n"
+    )
+    out = subprocess.run(
+        [sys.executable, "-c", code],
+        env={"PYTHONPATH": ":".join(sys.path), "PYTHONHASHSEED": "7"},
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout
+    assert out.strip() == hashlib.sha256(embedding_to_bytes(embeddings[0])).hexdigest()
+
+
+@pytest.mark.parametrize(
+    ("changes", "count"),
+    [
+        ({"samples": 0, "tau": 0.3, "sample_cap": 0}, round(0.3 * 642)),
+        ({"samples": 0, "tau": 0.5, "sample_cap": 0}, 321),
+        ({"samples": 0, "tau": 1.0, "sample_cap": 0}, 642),
+        ({"samples": 0, "tau": 0.3, "sample_cap": 50}, 50),
+        ({"samples": 0, "tau": 0.1, "sample_cap": 400}, 64),
+        ({"samples": 60, "tau": 0.3, "sample_cap": 0}, 60),
+    ],
+)
+def test_as_many_samples_as_asked(changes, count):
+    assert len(Pipeline(replace(PAPER, **changes)).embed(blob(3)).positions) == count
+
+
+def test_the_default_takes_its_fixed_number_of_samples(embedded):
+    pipeline, embeddings = embedded
+    for made, shape in zip(embeddings, SHAPES, strict=True):
+        by_ratio = min(400, round(0.3 * len(make_shape(*shape).vertices)))
+        assert len(made.positions) == (100 if pipeline.parameters is DEFAULT else by_ratio)
+
+
+def test_facts_of_a_box():
+    found = facts(box(3, 2, 1))
+    assert (found.vertices, found.faces) == (8, 12)
+    assert found.area == pytest.approx(22.0)
+    assert found.volume == pytest.approx(6.0)
+    assert (found.components, found.merged_vertices, found.dropped_faces) == (1, 0, 0)
+    assert (found.boundary_edges, found.nonmanifold_edges) == (0, 0)
+
+
+def test_the_scale_of_a_sphere_is_its_radius():
+    assert facts(icosphere(4, 5.0)).scale == pytest.approx(5.0, rel=0.01)
+
+
+def test_the_scale_of_a_sheet_is_its_root_mean_square_radius():
+    found = facts(rectangle(3, 2, 18, 12))
+    assert found.scale == pytest.approx(np.sqrt((3**2 + 2**2) / 12.0))
+    assert found.area == pytest.approx(6.0)
+    assert found.volume == pytest.approx(0.0, abs=1e-12)
+    assert found.boundary_edges == 2 * (18 + 12)
+
+
+def test_an_open_box_has_its_lid_s_edges_as_boundary():
+    whole = box(3, 2, 1)
+    normals = trimesh.triangles.normals(whole.vertices[whole.faces])[0]
+    found = facts(Mesh(whole.vertices, whole.faces[normals[:, 2] < 0.5]))
+    assert (found.faces, found.boundary_edges) == (10, 4)
+    assert found.area == pytest.approx(22.0 - 6.0)
+
+
+def test_a_soup_is_merged_and_what_repeats_is_dropped():
+    found = facts(soup(box(3, 2, 1), 1.0))
+    assert (found.vertices, found.merged_vertices, found.boundary_edges) == (36, 28, 0)
+    whole = box(3, 2, 1)
+    repeated = Mesh(whole.vertices, np.concatenate([whole.faces, whole.faces[:2, [1, 2, 0]], [[0, 0, 1]]]))
+    assert (facts(repeated).faces, facts(repeated).dropped_faces) == (15, 3)
+    assert facts(repeated).area == pytest.approx(22.0)
+
+
+def test_parts_are_counted():
+    assert facts(joined(*(shifted(box(1, 1, 1), (3 * i, 0, 0)) for i in range(4)))).components == 4
+
+
+def test_an_edge_of_three_faces_is_told():
+    assert (facts(folded()).nonmanifold_edges, facts(folded()).boundary_edges) == (1, 6)
+
+
+def cylinder():
+    whole = trimesh.creation.cylinder(radius=1.0, height=3.0, sections=24)
+    normals = trimesh.triangles.normals(whole.vertices[whole.faces])[0]
+    return Mesh(whole.vertices, whole.faces[np.abs(normals[:, 2]) < 0.5])
+
+
+TETRAHEDRON = Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+
+ODD = {
+    "single triangle": Mesh([[0, 0, 0], [2, 0, 0], [0, 1, 0]], [[0, 1, 2]]),
+    "coplanar square": rectangle(1, 1, 1, 1),
+    "open cylinder": cylinder(),
+    "three sheets on an edge": folded(),
+    "two loose tetrahedra": joined(TETRAHEDRON, shifted(TETRAHEDRON, (5, 0, 0))),
+    "cube": box(1, 1, 1),
+    "loose triangles": Mesh(
+        np.random.default_rng(5).normal(size=(600, 3)), np.arange(600, dtype=np.int64).reshape(-1, 3)
+    ),
+    "needle": Mesh([[0, 0, 0], [1, 0, 0], [0.5, 1e-4, 0]], [[0, 1, 2]]),
+    "needle on a cube": joined(box(1, 1, 1), Mesh([[3, 0, 0], [9, 0, 0], [6, 1e-5, 0]], [[0, 1, 2]])),
+}
+
+
+@pytest.mark.parametrize("setting", SETTINGS)
+@pytest.mark.parametrize("kind", ODD)
+def test_odd_meshes_are_embedded(kind, setting):
+    pipeline = Pipeline(SETTINGS[setting])
+    made = pipeline.embed(ODD[kind])
+    assert isinstance(made, Embedding)
+    for array in (made.positions, made.graph_lengths, made.signature):
+        assert np.isfinite(array).all()
+    for spectrum in made.spectra:
+        assert np.isfinite(spectrum.coordinates).all()
+        assert np.isfinite(spectrum.eigenvalues).all()
+    assert len(made.positions) >= pipeline.parameters.dimensions + 2
+    assert pipeline.match(made, made).cc == pytest.approx(1.0, abs=1e-6)
+
+
+FLAT = {
+    "a line": Mesh([[0, 0, 0], [1, 1, 1], [3, 3, 3]], [[0, 1, 2]]),
+    "a point": Mesh([[1, 2, 3]] * 3, [[0, 1, 2]]),
+    "a corner twice": Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 0, 1], [1, 2, 2]]),
+}
+
+
+@pytest.mark.parametrize("setting", SETTINGS)
+@pytest.mark.parametrize("kind", FLAT)
+def test_meshes_without_an_area_are_refused(kind, setting):
+    with pytest.raises(DegenerateMeshError):
+        Pipeline(SETTINGS[setting]).embed(FLAT[kind])
+
+
+def test_a_mesh_above_the_limit_is_simplified_and_one_below_is_not():
+    wanted = replace(DEFAULT, refine_vertices=0, decimate_above=1000, decimate_to=600)
+    pipeline = Pipeline(wanted)
+    large, small = blob(subdivisions=4), blob(subdivisions=3)
+    assert 540 <= len(pipeline.normalise(large)[0].vertices) <= 660
+    assert len(pipeline.normalise(small)[0].vertices) == len(small.vertices)
+    kept = Pipeline(replace(wanted, decimate_above=0)).normalise(large)[0]
+    assert len(kept.vertices) == len(large.vertices)
+    made = pipeline.embed(large)
+    assert made.facts.vertices == len(large.vertices)
+    assert to_surface(made.positions, large).max() < 0.02 * made.facts.scale
+    assert pipeline.score(made, [pipeline.embed(small)]).cc[0] > 0.95
