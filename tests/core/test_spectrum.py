@@ -1,0 +1,159 @@
+"""Affinities, their leading eigenpairs, and the embedding of the samples."""
+
+import numpy as np
+import pytest
+from scipy.spatial.distance import pdist, squareform
+
+from core import spectrum
+from core.errors import ParameterError
+from core.spectrum import (
+    affinity_signature,
+    distance_affinity,
+    gaussian_affinity,
+    laplacian_signature,
+    leading_eigenpairs,
+    oriented,
+    spectral_coordinates,
+)
+
+
+def distances(count=40, seed=0):
+    return squareform(pdist(np.random.default_rng(seed).normal(size=(count, 3))))
+
+
+def symmetric_matrix(count=30, seed=0):
+    matrix = np.random.default_rng(seed).normal(size=(count, count))
+    return 0.5 * (matrix + matrix.T)
+
+
+@pytest.mark.parametrize("width", [0.3, 1.0])
+def test_gaussian_affinity_entry_by_entry(width):
+    table = distances()
+    affinity = gaussian_affinity(table, width)
+    spread = width * pdist(np.random.default_rng(0).normal(size=(40, 3))).mean()
+    for i, j in ((0, 1), (3, 7), (39, 12)):
+        assert affinity[i, j] == pytest.approx(np.exp(-(table[i, j] ** 2) / (2.0 * spread**2)))
+    np.testing.assert_array_equal(np.diag(affinity), 1.0)
+    np.testing.assert_array_equal(affinity, affinity.T)
+    assert np.linalg.eigvalsh(affinity).min() > -1e-12
+
+
+@pytest.mark.parametrize("width", [0.0, -1.0, float("nan")])
+def test_a_width_that_is_not_positive(width):
+    with pytest.raises(ParameterError):
+        gaussian_affinity(distances(), width)
+
+
+def test_distance_affinity_entry_by_entry():
+    table = np.array([[0.0, 1.0, 2.0], [1.0, 0.0, 3.0], [2.0, 3.0, 0.0]])
+    expected = np.array([[1.0, 0.5, 1.0], [0.5, 1.0, 1.5], [1.0, 1.5, 1.0]])
+    np.testing.assert_allclose(distance_affinity(table), expected)
+    np.testing.assert_array_equal(np.diag(table), 0.0)
+
+
+@pytest.mark.parametrize("factor", [1e-3, 40.0])
+def test_affinities_do_not_know_the_scale(factor):
+    table = distances()
+    np.testing.assert_allclose(gaussian_affinity(factor * table, 0.5), gaussian_affinity(table, 0.5))
+    np.testing.assert_allclose(distance_affinity(factor * table), distance_affinity(table))
+
+
+def test_leading_eigenpairs_are_the_largest_by_magnitude():
+    matrix = symmetric_matrix()
+    values, vectors = leading_eigenpairs(matrix, 8)
+    every = np.linalg.eigvalsh(matrix)
+    expected = every[np.argsort(-np.abs(every))][:8]
+    assert (expected < 0.0).any()
+    assert (expected > 0.0).any()
+    np.testing.assert_allclose(values, expected)
+    np.testing.assert_allclose(matrix @ vectors, vectors * values, atol=1e-10)
+    np.testing.assert_allclose(vectors.T @ vectors, np.eye(8), atol=1e-12)
+    assert ((vectors**3).sum(axis=0) > 0.0).all()
+
+
+@pytest.mark.parametrize("make", [symmetric_matrix, lambda: gaussian_affinity(distances(), 0.5)])
+def test_the_sparse_solver_agrees_with_the_dense_one(make, monkeypatch):
+    matrix = make()
+    dense = leading_eigenpairs(matrix, 6)
+    monkeypatch.setattr(spectrum, "SPARSE_FROM", 0)
+    sparse = leading_eigenpairs(matrix, 6)
+    np.testing.assert_allclose(sparse[0], dense[0], rtol=1e-9)
+    np.testing.assert_allclose(sparse[1], dense[1], atol=1e-7)
+
+
+def test_many_samples_go_to_the_sparse_solver():
+    table = distances(spectrum.SPARSE_FROM)
+    affinity = gaussian_affinity(table, 0.5)
+    values, vectors = leading_eigenpairs(affinity, 6)
+    np.testing.assert_allclose(values, np.linalg.eigvalsh(affinity)[::-1][:6], rtol=1e-9)
+    np.testing.assert_allclose(affinity @ vectors, vectors * values, atol=1e-7)
+
+
+def test_the_order_of_the_samples_does_not_choose_a_sign():
+    affinity = gaussian_affinity(distances(), 0.5)
+    order = np.random.default_rng(1).permutation(40)
+    _, vectors = leading_eigenpairs(affinity, 6)
+    _, moved = leading_eigenpairs(affinity[np.ix_(order, order)], 6)
+    np.testing.assert_allclose(moved, vectors[order], atol=1e-9)
+
+
+def test_oriented_turns_only_what_leans_the_wrong_way():
+    vectors = np.array([[2.0, -2.0, 0.0, 1.0], [-1.0, 1.0, 0.0, -1.0]])
+    expected = np.array([[2.0, 2.0, 0.0, 1.0], [-1.0, -1.0, 0.0, -1.0]])
+    np.testing.assert_array_equal(oriented(vectors), expected)
+    np.testing.assert_array_equal(oriented(oriented(vectors)), expected)
+
+
+@pytest.mark.parametrize("power", [-0.5, 0.0, 0.5, 1.0])
+def test_coordinates_are_centred_and_of_unit_radius(power):
+    values, vectors = leading_eigenpairs(gaussian_affinity(distances(), 0.5), 6)
+    points = spectral_coordinates(values, vectors, power)
+    np.testing.assert_allclose(points.mean(axis=0), 0.0, atol=1e-12)
+    assert (points**2).sum(axis=1).mean() == pytest.approx(1.0)
+    centred = vectors - vectors.mean(axis=0)
+    ratio = points / centred
+    np.testing.assert_allclose(ratio, np.broadcast_to(ratio[0], ratio.shape), rtol=1e-6)
+    np.testing.assert_allclose(ratio[0] / ratio[0, 0], (values / values[0]) ** power, rtol=1e-6)
+
+
+def test_power_one_half_restores_points_from_their_inner_products():
+    """Classical scaling: the eigenvectors of the centred inner products are the points, but for a turn."""
+    points = np.random.default_rng(2).normal(size=(25, 3)) * [3.0, 2.0, 1.0]
+    points -= points.mean(axis=0)
+    found = spectral_coordinates(*leading_eigenpairs(points @ points.T, 3), 0.5)
+    radius = np.sqrt((points**2).sum(axis=1).mean())
+    np.testing.assert_allclose(pdist(found), pdist(points) / radius, rtol=1e-9)
+
+
+def test_negative_eigenvalues_count_by_magnitude():
+    values, vectors = leading_eigenpairs(symmetric_matrix(), 5)
+    np.testing.assert_array_equal(
+        spectral_coordinates(values, vectors, 0.5), spectral_coordinates(np.abs(values), vectors, 0.5)
+    )
+
+
+def test_signature_of_the_identity_and_of_the_constant_kernel():
+    np.testing.assert_allclose(affinity_signature(leading_eigenpairs(np.eye(50), 7)[0], 50), -np.log(50.0))
+    constant = affinity_signature(leading_eigenpairs(np.ones((50, 50)), 3)[0], 50)
+    np.testing.assert_allclose(constant, [0.0, np.log(1e-6), np.log(1e-6)], atol=1e-12)
+
+
+def test_signature_does_not_know_the_scale_or_the_number_of_copies():
+    table = distances()
+
+    def signature(distance):
+        affinity = gaussian_affinity(distance, 0.5)
+        return affinity_signature(leading_eigenpairs(affinity, 6)[0], len(affinity))
+
+    np.testing.assert_allclose(signature(7.0 * table), signature(table))
+    kernel = gaussian_affinity(table, 0.5)
+    once = affinity_signature(leading_eigenpairs(kernel, 6)[0], 40)
+    thrice = affinity_signature(leading_eigenpairs(np.tile(kernel, (3, 3)), 6)[0], 120)
+    np.testing.assert_allclose(thrice, once)
+
+
+def test_laplacian_signature():
+    values = np.array([2.0, 2.0, 6.0, 12.0])
+    np.testing.assert_allclose(laplacian_signature(values), np.log([1.0, 1.0, 3.0, 6.0]))
+    np.testing.assert_allclose(laplacian_signature(values / 81.0), laplacian_signature(values))
+    assert np.isfinite(laplacian_signature(np.array([0.0, 1.0, 2.0]))).all()
