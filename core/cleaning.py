@@ -9,6 +9,7 @@ from scipy.sparse.csgraph import connected_components
 
 from core.errors import DegenerateMeshError
 from core.mesh import Floats, Ints, Mesh
+from core.ordering import canonical_order
 
 MERGE_TOLERANCE = 1e-7
 """Vertices whose coordinates agree after rounding to this part of the bounding box's diagonal are one:
@@ -108,9 +109,22 @@ def component_labels(count: int, faces: Ints) -> tuple[int, Ints]:
     return int(number), labels.astype(np.int64)
 
 
+def _ordered(vertices: Floats, faces: Ints) -> Mesh:
+    """The mesh with its vertices in their canonical order, and its faces in that of their corners."""
+    areas = face_areas(vertices, faces)
+    order = canonical_order(vertices, faces, areas @ vertices[faces].mean(axis=1) / areas.sum())
+    place = np.empty(len(order), dtype=np.int64)
+    place[order] = np.arange(len(order))
+    faces = place[faces]
+    turns = (np.argmin(faces, axis=1)[:, None] + np.arange(3)) % 3
+    faces = np.take_along_axis(faces, turns, axis=1)
+    return Mesh(vertices[order], faces[np.lexsort(faces.T[::-1])])
+
+
 def clean(mesh: Mesh) -> Cleaned:
     """The mesh without duplicate vertices, degenerate or repeated faces, loose vertices and negligible parts.
 
+    Vertices and faces come in an order that is the shape's own, not the file's: see `core.ordering`.
     Slivers of zero area stay while they join other faces: they carry no weight but keep the surface
     connected.
 
@@ -140,7 +154,7 @@ def clean(mesh: Mesh) -> Cleaned:
     used = np.unique(faces)
     renumber = np.full(len(vertices), -1, dtype=np.int64)
     renumber[used] = np.arange(len(used))
-    cleaned = Mesh(vertices[used], renumber[faces])
+    cleaned = _ordered(vertices[used], renumber[faces])
     components, labels = component_labels(len(used), cleaned.faces)
     return Cleaned(
         mesh=cleaned,

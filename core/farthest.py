@@ -6,6 +6,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from core.compiled import compiled
 from core.mesh import Floats, Ints
+from core.ordering import TIE
 
 
 @compiled
@@ -73,16 +74,18 @@ def _select(indptr: Ints, indices: Ints, lengths: Floats, weights: Floats, first
     for i in range(len(samples)):
         samples[i] = node
         _relax(indptr, indices, lengths, node, distance, heap_key, heap_node)
-        best = -1.0
+        best = 0.0
         for v in range(count):
-            score = distance[v] * weights[v]
-            if score > best:
-                best = score
-                node = v
+            best = max(best, distance[v] * weights[v])
+        node = 0
+        while distance[node] * weights[node] < best * (1.0 - TIE):
+            node += 1
 
 
 def farthest_points(graph: csr_array, count: int, first: int, weights: Floats | None = None) -> Ints:
     """Samples chosen one by one, each where distance to those before it, times weight, is largest.
+
+    Of vertices equally far, but for rounding, the first is taken.
 
     Parameters
     ----------
@@ -118,5 +121,6 @@ def farthest_points_reference(
     samples = [first]
     for _ in range(min(count, graph.shape[0]) - 1):
         distance = np.minimum(distance, dijkstra(graph, indices=samples[-1]))
-        samples.append(int(np.argmax(distance * weights)))
+        score = distance * weights
+        samples.append(int(np.argmax(score >= (1.0 - TIE) * score.max())))
     return np.array(samples, dtype=np.int64)

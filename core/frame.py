@@ -3,16 +3,24 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from core.cleaning import face_areas
 from core.mesh import Floats, Mesh
+from core.ordering import TIE, independent
 
-TIE = 0.02
+TIED = 0.02
 """Axes are tied when their second moments differ by less than this part of the larger one: then a small
 change of the surface may swap them, and a rule decides instead."""
 
 VANISHING = 0.02
-"""An angular moment below this part of the radial one counts as zero."""
+"""A moment of the plane below this part of its radius' power counts as zero."""
+
+ORDERS = (3, 5, 2, 4, 6, 7, 8)
+"""Orders of the plane's moments, in the order they are asked."""
+
+SYMMETRIC = 1e-5
+"""A third moment below this part of the cubed scale is rounding, and says nothing of an axis' sign."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,32 +50,74 @@ class Frame:
         return np.asarray(points * self.scale @ self.axes + self.centre)
 
 
-def _moments(mesh: Mesh) -> tuple[Floats, Floats, float]:
-    """Centroid, second-moment matrix about it by area (exact for flat faces), and the area."""
-    corners = mesh.vertices[mesh.faces]
-    areas = face_areas(mesh.vertices, mesh.faces)
-    total = float(areas.sum())
-    centre = np.asarray((areas[:, None] * corners.mean(axis=1)).sum(axis=0) / total)
-    corners = corners - centre
+def _mean_power(values: Floats | NDArray[np.complex128], areas: Floats, order: int) -> complex:
+    """Mean over the surface of a power of a linear function, from its values at the corners, shape (f, 3).
+
+    Exact on flat faces, so the same for every tessellation: over one triangle it is 2 / ((m + 1)(m + 2))
+    times the complete homogeneous symmetric polynomial of degree m of the three values.
+    """
+    terms = [np.ones_like(values[:, 0])]
+    for _ in range(order):
+        terms.append(terms[-1] * values[:, 0])
+    for corner in (1, 2):
+        for i in range(1, order + 1):
+            terms[i] = terms[i] + values[:, corner] * terms[i - 1]
+    return complex(2.0 / ((order + 1) * (order + 2)) * (areas @ terms[order]) / areas.sum())
+
+
+def _second_moments(corners: Floats, areas: Floats) -> Floats:
+    """Mean of p p^T over the surface, exact on flat faces, shape (3, 3)."""
     sums = corners.sum(axis=1)
     second = np.einsum("f,fci,fcj->ij", areas, corners, corners) + np.einsum("f,fi,fj->ij", areas, sums, sums)
-    return centre, np.asarray(second / (12.0 * total)), total
+    return np.asarray(second / (12.0 * areas.sum()))
 
 
-def _turn(points: Floats, weights: Floats, u: Floats, v: Floats) -> Floats:
-    """A direction in the plane of two tied axes, from the lowest angular moment that does not vanish.
+def _farthest(offsets: Floats) -> Floats:
+    """The longest row, of equal ones the first, as a unit vector."""
+    squares = np.einsum("ni,ni->n", offsets, offsets)
+    row = offsets[np.argmax(squares >= (1.0 - TIE) * squares.max())]
+    return np.asarray(row / np.linalg.norm(row))
 
-    The m-th moment, sum of w r^m exp(i m theta), turns with the shape; its phase over m is a direction, the
-    same up to the symmetry that the moment itself has. A body of revolution has none, and any will do.
+
+def _ordered_sum(mesh: Mesh) -> Floats:
+    """A vector from the vertices' order, to decide between directions that are alike on the surface."""
+    return np.asarray(independent(np.arange(len(mesh.vertices))) @ mesh.vertices)
+
+
+def _sign(mesh: Mesh, areas: Floats, axis: Floats) -> float:
+    """1 or -1: to which side of the centroid the surface leans along an axis."""
+    skew = _mean_power((mesh.vertices @ axis)[mesh.faces], areas, 3).real
+    if abs(skew) < SYMMETRIC:
+        skew = float(_ordered_sum(mesh) @ axis)
+    return -1.0 if skew < 0.0 else 1.0
+
+
+def _turn(mesh: Mesh, areas: Floats, normal: Floats) -> Floats:
+    """A direction across `normal` that turns with the shape, where the plane's own axes are tied.
+
+    `mesh` is centred. The m-th moment of the plane, the mean of (u + iv)^m, has a phase, and 1/m of it is a
+    direction up to turns by 1/m of a circle; among these a slanting line's moments choose. Where all of the
+    plane's vanish, as on a body of revolution, it is the direction of the vertex farthest from the axis.
     """
-    plane = (points @ u) + 1j * (points @ v)
-    for order in (3, 5, 2, 4, 6, 7, 8):
-        moment = complex((weights * plane**order).sum())
-        size = float((weights * np.abs(plane) ** order).sum())
-        if abs(moment) > VANISHING * size:
-            angle = np.angle(moment) / order
-            return np.asarray(np.cos(angle) * u + np.sin(angle) * v)
-    return u
+    across = mesh.vertices - np.outer(mesh.vertices @ normal, normal)
+    u = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
+    u /= np.linalg.norm(u)
+    v = np.cross(normal, u)
+    radius = float(np.sqrt(np.trace(_second_moments(across[mesh.faces], areas))))
+    plane = (across @ u + 1j * (across @ v)) / radius
+    for order in ORDERS:
+        moment = _mean_power(plane[mesh.faces], areas, order)
+        if abs(moment) > VANISHING:
+            angles = (np.angle(moment) + 2.0 * np.pi * np.arange(order)) / order
+            directions = np.outer(np.cos(angles), u) + np.outer(np.sin(angles), v)
+            slants = 0.6 * _sign(mesh, areas, normal) * normal + 0.8 * directions
+            values = [(mesh.vertices @ slant)[mesh.faces] for slant in slants]
+            leans = np.array(
+                [sum(_mean_power(value, areas, n).real for n in (3, 4, 5, 6)) for value in values]
+            )
+            alike = directions[leans >= leans.max() - SYMMETRIC]
+            return np.asarray(alike[np.argmax(alike @ _ordered_sum(mesh))])
+    return _farthest(across)
 
 
 def normal_frame(mesh: Mesh) -> Frame:
@@ -76,29 +126,22 @@ def normal_frame(mesh: Mesh) -> Frame:
     Tied axes: where all three are, x points to the surface's farthest point; where two are, `_turn` picks the
     first of them. Signs come from the third moments, so that a turned copy gets the turned frame.
     """
-    centre, second, _ = _moments(mesh)
-    scale = float(np.sqrt(np.trace(second)))
     areas = face_areas(mesh.vertices, mesh.faces)
-    points = (mesh.vertices[mesh.faces].mean(axis=1) - centre) / scale
-    weights = areas / areas.sum()
+    centre = np.asarray(areas @ mesh.vertices[mesh.faces].mean(axis=1) / areas.sum())
+    second = _second_moments(mesh.vertices[mesh.faces] - centre, areas)
+    scale = float(np.sqrt(np.trace(second)))
+    unit = Mesh((mesh.vertices - centre) / scale, mesh.faces)
     values, vectors = np.linalg.eigh(second)
     values, axes = values[::-1], vectors.T[::-1].copy()
-    tied = values[:-1] - values[1:] < TIE * values[:-1]
+    tied = values[:-1] - values[1:] < TIED * values[:-1]
     if tied.all():
-        offsets = mesh.vertices - centre
-        axes[0] = offsets[np.argmax(np.einsum("ni,ni->n", offsets, offsets))]
-        axes[0] /= np.linalg.norm(axes[0])
-        helper = np.eye(3)[np.argmin(np.abs(axes[0]))]
-        axes[1] = np.cross(axes[0], helper)
-        axes[1] /= np.linalg.norm(axes[1])
-        axes[2] = np.cross(axes[0], axes[1])
-        tied[0] = False
-    if tied[0]:
-        axes[0] = _turn(points, weights, axes[0], axes[1])
+        axes[0] = _farthest(unit.vertices)
+    if tied[1]:
+        axes[1] = _turn(unit, areas, axes[0])
+    elif tied[0]:
+        axes[0] = _turn(unit, areas, axes[2])
         axes[1] = np.cross(axes[2], axes[0])
-    elif tied[1]:
-        axes[1] = _turn(points, weights, axes[1], axes[2])
-    skew = weights @ (points @ axes[:2].T) ** 3
-    axes[:2] *= np.where(skew < 0.0, -1.0, 1.0)[:, None]
+    for i in (0, 1):
+        axes[i] *= _sign(unit, areas, axes[i])
     axes[2] = np.cross(axes[0], axes[1])
     return Frame(centre=centre, axes=axes, scale=scale)

@@ -10,9 +10,10 @@ from scipy.spatial import cKDTree
 from core.cleaning import component_labels
 from core.compiled import compiled
 from core.mesh import Floats, Ints, Mesh
+from core.ordering import TIE, settled
 
-TIE = 1e-9
-"""Lengths that differ by less than this part are equal: rounding, which turning the mesh changes, must not
+ROUNDING = 1e-9
+"""Path lengths that differ by less than this part are equal: rounding, which changes with the pose, must not
 choose between them. Split edges make many such ties."""
 
 MOST_SHEETS = 6
@@ -30,7 +31,7 @@ class SparseGraph:
     lengths : float64, shape (e,)
         Shortest way through the two regions, d(u) + |uv| + d(v) (Mehlhorn 1988).
     tree : int64, shape (m - 1,)
-        Which edges form the minimum spanning tree.
+        Which edges form the minimum spanning tree; of equal ones the first.
     """
 
     edges: Ints
@@ -91,41 +92,36 @@ def bridges(vertices: Floats, labels: Ints) -> Ints:
     """Vertex pairs that join all components by their shortest Euclidean gaps, shape (components - 1, 2).
 
     Boruvka's rounds: each component's nearest vertex outside it. Components differ in some bit of their
-    number, so nearest neighbours between the two halves of each bit find it exactly.
+    number, so nearest neighbours between the two halves of each bit find it exactly. Of equal gaps that of
+    the earliest vertices is taken.
     """
     labels = labels.copy()
     chosen: list[Ints] = []
+    everything = cKDTree(vertices)
     number = int(labels.max()) + 1
     while number > 1:
         gap = np.full(len(vertices), np.inf)
-        other = np.zeros(len(vertices), dtype=np.int64)
         for bit in range((number - 1).bit_length()):
             side = (labels >> bit) & 1 == 1
-            for mine in (np.flatnonzero(side), np.flatnonzero(~side)):
-                theirs = np.flatnonzero(~side) if side[mine[0]] else np.flatnonzero(side)
-                distance, index = cKDTree(vertices[theirs]).query(vertices[mine])
-                nearer = distance < gap[mine]
-                gap[mine[nearer]] = distance[nearer]
-                other[mine[nearer]] = theirs[index[nearer]]
-        order = np.lexsort((gap, labels))
+            for mine, theirs in ((side, ~side), (~side, side)):
+                distance = cKDTree(vertices[theirs]).query(vertices[mine])[0]
+                gap[mine] = np.minimum(gap[mine], distance)
+        rank = settled(np.log(gap))
+        order = np.lexsort((rank, labels))
         lead = order[np.unique(labels[order], return_index=True)[1]]
-        pairs = np.stack([lead, other[lead]], axis=1)
-        merged = coo_array(
-            (gap[lead] + np.finfo(float).tiny, (labels[pairs[:, 0]], labels[pairs[:, 1]])),
-            shape=(number, number),
-        ).tocsr()
-        keep = minimum_spanning_tree(merged.maximum(merged.T)).tocoo()
-        wanted = set(zip(keep.row.tolist(), keep.col.tolist(), strict=True))
-        for pair in pairs.tolist():
-            ends = (int(labels[pair[0]]), int(labels[pair[1]]))
-            for link in (ends, ends[::-1]):
-                if link in wanted:
-                    wanted.discard(link)
-                    chosen.append(np.array(pair, dtype=np.int64))
-                    break
-        number, group = connected_components(merged, directed=False)
+        lead = lead[np.argsort(rank[lead], kind="stable")]
+        near = everything.query_ball_point(vertices[lead], gap[lead] * (1.0 + TIE))
+        pairs = np.array(
+            [[v, min(u for u in ball if labels[u] != labels[v])] for v, ball in zip(lead, near, strict=True)]
+        )
+        ends = labels[pairs]
+        place = np.arange(1, number + 1)
+        links = coo_array((place, (ends[:, 0], ends[:, 1])), shape=(number, number)).tocsr()
+        tree = minimum_spanning_tree(links.maximum(links.T))
+        chosen.append(pairs[np.sort(tree.data.astype(np.int64)) - 1])
+        number, group = connected_components(tree, directed=False)
         labels = group.astype(np.int64)[labels]
-    return np.array(chosen, dtype=np.int64).reshape(-1, 2)
+    return np.concatenate([np.empty((0, 2), dtype=np.int64), *chosen])
 
 
 def symmetric(edges: Ints, lengths: Floats, count: int) -> csr_array:
@@ -179,7 +175,7 @@ def _settle_ties(
         for edge in range(indptr[v], indptr[v + 1]):
             u = indices[edge]
             way = distance[u] + lengths[edge]
-            if distance[u] < distance[v] and way <= distance[v] * (1.0 + TIE) and region[u] < region[v]:
+            if distance[u] < distance[v] and way <= distance[v] * (1.0 + ROUNDING) and region[u] < region[v]:
                 region[v] = region[u]
 
 
@@ -214,10 +210,11 @@ def sparse_graph(graph: csr_array, samples: Ints) -> SparseGraph:
     half = upper.row < upper.col
     edges = np.stack([upper.row[half], upper.col[half]], axis=1).astype(np.int64)
     lengths = upper.data[half]
-    tree = minimum_spanning_tree(proposals).tocoo()
-    key = edges[:, 0] * len(samples) + edges[:, 1]
-    wanted = np.minimum(tree.row, tree.col).astype(np.int64) * len(samples) + np.maximum(tree.row, tree.col)
-    return SparseGraph(edges=edges, lengths=lengths, tree=np.sort(np.searchsorted(key, wanted)))
+    shortest_first = np.argsort(settled(lengths, ROUNDING), kind="stable")
+    place = np.empty(len(edges), dtype=np.int64)
+    place[shortest_first] = np.arange(1, len(edges) + 1)
+    tree = minimum_spanning_tree(csr_array((place, edges.T), shape=proposals.shape))
+    return SparseGraph(edges, lengths, tree=np.sort(shortest_first[tree.data.astype(np.int64) - 1]))
 
 
 def tree_distances(graph: SparseGraph, count: int) -> Floats:

@@ -9,6 +9,10 @@ from scipy.linalg import qr
 from core.errors import ParameterError
 from core.mesh import Floats
 
+ROUNDING = 1e-12
+"""A fit whose squared residuals are below this part of the points' squares is exact: what is left is the
+rounding of a file in single precision, and would choose the samples of a flat shape."""
+
 
 @dataclass(frozen=True, eq=False)
 class LewisWeights:
@@ -133,6 +137,7 @@ def lewis_weights(
         residual = basis @ solution - z
     squares = residual**2
     missed = float(squares.sum())
-    share = squares / missed if missed > 1e-18 * max(float((z**2).sum()), 1e-300) else np.zeros_like(squares)
+    exact = missed <= ROUNDING * float((points**2).sum())
+    share = np.zeros_like(squares) if exact else squares / missed
     terms = (leverage / rank, share) if normalise else (probability, share * r2)
     return LewisWeights(leverage=leverage, residual=residual, weights=np.maximum(*terms))

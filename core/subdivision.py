@@ -4,12 +4,10 @@ import numpy as np
 
 from core.cleaning import face_areas
 from core.mesh import Floats, Ints, Mesh
+from core.ordering import TIE
 
 PASSES = 24
 """Each pass halves what is too long; 24 take any triangle a million times longer than the target."""
-
-TIE = 1e-9
-"""Diagonals that differ by less than this part are equal: the one at the first corner is taken."""
 
 
 def _edge_table(faces: Ints) -> tuple[Ints, Ints]:
@@ -21,7 +19,10 @@ def _edge_table(faces: Ints) -> tuple[Ints, Ints]:
 
 
 def _split_faces(faces: Ints, middle: Ints, vertices: Floats) -> Ints:
-    """Faces after their marked edges got a midpoint; `middle` is (f, 3), -1 where the edge stays."""
+    """Faces after their marked edges got a midpoint; `middle` is (f, 3), -1 where the edge stays.
+
+    A face with two is cut along the shorter diagonal; of equal ones, that at the earlier vertex.
+    """
     marked = middle >= 0
     number = marked.sum(axis=1)
     pieces = [faces[number == 0]]
@@ -45,7 +46,8 @@ def _split_faces(faces: Ints, middle: Ints, vertices: Floats) -> Ints:
         pieces.append(np.stack([ab, b, bc], axis=1))
         across = np.linalg.norm(vertices[a] - vertices[bc], axis=1)
         other = np.linalg.norm(vertices[ab] - vertices[c], axis=1)
-        short = (across <= other * (1.0 + TIE))[:, None]
+        equal = np.abs(across - other) <= TIE * other
+        short = np.where(equal, a < c, across < other)[:, None]
         pieces.append(np.where(short, np.stack([a, ab, bc], axis=1), np.stack([a, ab, c], axis=1)))
         pieces.append(np.where(short, np.stack([a, bc, c], axis=1), np.stack([ab, bc, c], axis=1)))
     three = number == 3
