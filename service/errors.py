@@ -107,6 +107,10 @@ class StorageFullError(ServiceError):
     kind = "storage-full"
 
 
+class SignatureLengthError(ServiceError):
+    """The method gave a mesh a signature of another length than all others have."""
+
+
 class ArchiveTooNewError(Exception):
     """The database was written by a newer version of the service, so this one does not start."""
 

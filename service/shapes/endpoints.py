@@ -19,6 +19,8 @@ from service.uploads import single, uploaded
 
 router = APIRouter(tags=["shapes"])
 
+METADATA_FILTERS = 32
+
 ShapeId = Annotated[str, Path(description="The id of a stored shape.", max_length=64)]
 
 
@@ -37,6 +39,7 @@ class Listing(BaseModel):
     )
     metadata: list[str] = Field(
         default=[],
+        max_length=METADATA_FILTERS,
         description="Only shapes whose metadata holds this, as key=value; all of them, if repeated. "
         "A value that is not text is written as in JSON.",
         examples=[["source=scan"]],
@@ -48,13 +51,13 @@ class Listing(BaseModel):
 
     def filter(self) -> ShapeFilter:
         """What the parameters say of the shapes."""
-        metadata = {}
+        metadata = []
         for pair in self.metadata:
             key, equals, value = pair.partition("=")
             if not (key and equals):
                 raise BadRequestFieldsError(FieldFault("metadata", "must be written key=value"))
-            metadata[key] = value
-        return ShapeFilter(tuple(self.tag), self.name, metadata)
+            metadata.append((key, value))
+        return ShapeFilter(tuple(self.tag), self.name, tuple(metadata))
 
 
 @router.post(
@@ -144,6 +147,7 @@ def delete_shape(shape_id: ShapeId, parts: Service) -> None:
         service.remove(session, parts.fingerprint, shape_id)
 
 
+@router.head("/shapes/{shape_id}/file", include_in_schema=False)
 @router.get(
     "/shapes/{shape_id}/file",
     response_class=Response,
@@ -161,14 +165,15 @@ def delete_shape(shape_id: ShapeId, parts: Service) -> None:
     },
 )
 def read_file(shape_id: ShapeId, request: Request, parts: Service) -> Response:
-    """The very bytes that were uploaded."""
+    """The very bytes that were uploaded. HEAD gives the headers alone."""
     with parts.database.read() as session:
         shape = service.get(session, parts.fingerprint, shape_id)
         tag = files.entity_tag(shape.sha256)
         if files.is_known(request.headers.get("If-None-Match"), tag):
             return Response(status_code=304, headers={"ETag": tag})
-        data = service.get_file(session, shape_id)
+        data = b"" if request.method == "HEAD" else service.get_file(session, shape_id)
     headers = {
+        "Content-Length": str(shape.size),
         "ETag": tag,
         "Content-Disposition": files.disposition(shape.name, shape.format),
         "X-Content-Type-Options": "nosniff",

@@ -2,7 +2,7 @@
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from datetime import datetime
 from functools import cached_property
 from typing import Any
@@ -57,11 +57,14 @@ class Changes:
 
 @dataclass(frozen=True)
 class ShapeFilter:
-    """Which shapes are meant: those that have every tag, every plain value, and the text in their name."""
+    """Which shapes are meant: those that have every tag, the text in their name, and every plain value.
+
+    `metadata` holds pairs of key and value.
+    """
 
     tags: tuple[str, ...] = ()
     name: str | None = None
-    metadata: Mapping[str, str] = field(default_factory=dict)
+    metadata: tuple[tuple[str, str], ...] = ()
 
     @property
     def is_empty(self) -> bool:

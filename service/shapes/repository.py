@@ -5,6 +5,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC, datetime
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
 from sqlalchemy import Select, delete, func, select, update
 
 from service.compute.tasks import Embedded
@@ -117,6 +119,16 @@ def is_embedded(session: ReadSession, fingerprint: str, sha256: str, format: str
         )
     )
     return session.scalar(query) is not None
+
+
+def latest_signature(session: ReadSession, fingerprint: str) -> NDArray[np.float32] | None:
+    """The signature that one pipeline made last of those that are stored."""
+    return session.scalar(
+        select(EmbeddingRow.signature)
+        .where(EmbeddingRow.fingerprint == fingerprint)
+        .order_by(EmbeddingRow.number.desc())
+        .limit(1)
+    )
 
 
 def add_blob(session: WriteSession, data: bytes, sha256: str) -> int:
@@ -236,7 +248,7 @@ def _matching(shapes: ShapeFilter) -> Select[int]:
     query = select(ShapeRow.number)
     for tag in shapes.tags:
         query = query.where(ShapeRow.number.in_(select(TagRow.shape_number).where(TagRow.tag == tag)))
-    for key, value in shapes.metadata.items():
+    for key, value in shapes.metadata:
         same = select(MetadataRow.shape_number).where(MetadataRow.key == key, MetadataRow.value == value)
         query = query.where(ShapeRow.number.in_(same))
     if shapes.name:

@@ -9,7 +9,7 @@ from starlette.concurrency import run_in_threadpool
 from core.embedding import Embedding
 from core.records import embedding_from_bytes
 from service.compute.tasks import Embedded
-from service.errors import NameTakenError, NotEmbeddedError, ShapeNotFoundError
+from service.errors import NameTakenError, NotEmbeddedError, ShapeNotFoundError, SignatureLengthError
 from service.parts import Parts
 from service.shapes import repository
 from service.shapes.records import Changes, NewShape, Page, ShapeFilter, ShapeRecord, Stored
@@ -123,6 +123,7 @@ def _store(database: Database, fingerprint: str, new: NewShape, embedded: Embedd
             return None
         blob_number = repository.add_blob(session, new.data, new.sha256)
         if embedded is not None and not embedding_is_there:
+            _check_signature(session, fingerprint, embedded)
             repository.add_embedding(session, blob_number, new.format, fingerprint, embedded)
         present = repository.same(session, fingerprint, new)
         if present is not None:
@@ -130,3 +131,12 @@ def _store(database: Database, fingerprint: str, new: NewShape, embedded: Embedd
         facts = repository.facts_on(session, blob_number, new.format) if embedded is None else embedded.facts
         number = repository.add_shape(session, blob_number, new, facts or {})
         return Stored(repository.records(session, fingerprint, [number])[0], created=True)
+
+
+def _check_signature(session: ReadSession, fingerprint: str, embedded: Embedded) -> None:
+    """Refuse a longer or shorter signature: those of one pipeline are searched as one matrix."""
+    stored = repository.latest_signature(session, fingerprint)
+    if stored is not None and len(stored) != len(embedded.signature):
+        raise SignatureLengthError(
+            f"the signature has {len(embedded.signature)} numbers, and those that are stored {len(stored)}"
+        )

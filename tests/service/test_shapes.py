@@ -59,11 +59,15 @@ def test_a_cursor_that_was_not_given_is_refused(service: Running, cursor: str) -
         ({"limit": "many"}, "limit"),
         ({"metadata": "year"}, "metadata"),
         ({"metadata": "=2024"}, "metadata"),
+        ({"metadata": ["a=b"] * 33}, "metadata"),
+        ({"metadata": [f"k{i}=v" for i in range(1100)]}, "metadata"),
+        ({"tag": [f"t{i}" for i in range(33)]}, "tag"),
+        ({"tag": ",".join(f"t{i}" for i in range(1100))}, "tag"),
         ({"tags": "animal"}, "tags"),
     ],
 )
 def test_a_bad_parameter_is_refused_by_its_name(
-    service: Running, params: dict[str, str | int], field: str
+    service: Running, params: dict[str, str | int | list[str]], field: str
 ) -> None:
     problem = assert_problem(service.client.get("/shapes", params=params), 422, "bad-request-fields")
     assert problem["errors"][0]["field"] == field
@@ -83,6 +87,9 @@ def test_a_bad_parameter_is_refused_by_its_name(
         ({"name": "b_r"}, []),
         ({"metadata": "source=scan"}, ["bird", "chair"]),
         ({"metadata": ["source=scan", "year=2024"]}, ["bird"]),
+        ({"metadata": ["source=scan", "source=drawing"]}, []),
+        ({"metadata": ["source=drawing", "source=scan"]}, []),
+        ({"metadata": ["source=scan"] * 32}, ["bird", "chair"]),
         ({"metadata": "checked=true"}, ["chair"]),
         ({"metadata": "note=null"}, ["chair"]),
         ({"metadata": "ratio=0.5"}, ["chair"]),
@@ -253,6 +260,11 @@ def test_a_file_has_its_media_type_and_is_not_sent_twice(
         again = service.client.get(address, headers={"if-none-match": known})
         assert (again.status_code, again.content, again.headers["etag"]) == (304, b"", tag)
     assert service.client.get(address, headers={"if-none-match": '"other"'}).status_code == 200
+    head = service.client.head(address)
+    assert (head.status_code, head.content) == (200, b"")
+    for header in ("content-length", "content-type", "content-disposition", "etag"):
+        assert head.headers[header] == answer.headers[header]
+    assert service.client.head(address, headers={"if-none-match": tag}).status_code == 304
 
 
 def test_the_embedding_is_the_one_that_is_stored(service: Running) -> None:
