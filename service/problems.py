@@ -67,7 +67,7 @@ def problem_response(
     headers = dict(headers or {})
     if retry_after is not None:
         headers["Retry-After"] = str(retry_after)
-    if row.status == 413:
+    if row.status in {413, 507}:
         # Otherwise the server reads, and drops, the rest of a body that may have no end.
         headers["Connection"] = "close"
     return JSONResponse(
@@ -135,6 +135,8 @@ def documented(*kinds: str) -> dict[int | str, dict[str, Any]]:
 
 async def _service_error(_request: Request, error: Exception) -> JSONResponse:
     assert isinstance(error, ServiceError)
+    if PROBLEMS[error.kind].status == 500:
+        log.error("the service failed", exc_info=error)
     faults = error.faults if isinstance(error, BadRequestFieldsError) else ()
     return problem_response(error.kind, str(error), retry_after=error.retry_after, faults=faults)
 

@@ -1,13 +1,20 @@
 """Reading a form with one file."""
 
+import errno
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 
 from fastapi import Request
-from starlette.datastructures import UploadFile
+from starlette.datastructures import FormData, UploadFile
 
-from service.errors import BadRequestFieldsError, FieldFault, FileTooLargeError, UnsupportedBodyError
+from service.errors import (
+    BadRequestFieldsError,
+    FieldFault,
+    FileTooLargeError,
+    StorageFullError,
+    UnsupportedBodyError,
+)
 
 FIELD_BYTES = 64 * 1024
 
@@ -45,10 +52,13 @@ async def uploaded(request: Request, *, max_bytes: int, max_fields: int) -> Asyn
         There is no file in the field `file`, or a file in another.
     FileTooLargeError
         The file has more than `max_bytes`.
+    StorageFullError
+        There is no room on disk for the file.
     """
     if not is_form(request):
         raise UnsupportedBodyError("the body must be multipart/form-data with the mesh in the field 'file'")
-    async with request.form(max_files=1, max_fields=max_fields, max_part_size=FIELD_BYTES) as form:
+    form = await _parsed(request, max_fields=max_fields)
+    try:
         file: UploadFile | None = None
         fields: dict[str, list[str]] = {}
         for name, value in form.multi_items():
@@ -63,6 +73,17 @@ async def uploaded(request: Request, *, max_bytes: int, max_fields: int) -> Asyn
         if (file.size or 0) > max_bytes:
             raise FileTooLargeError(f"the file has {file.size} bytes; at most {max_bytes} bytes are taken")
         yield Form(file.filename or "", fields, file)
+    finally:
+        await form.close()
+
+
+async def _parsed(request: Request, *, max_fields: int) -> FormData:
+    try:
+        return await request.form(max_files=1, max_fields=max_fields, max_part_size=FIELD_BYTES)
+    except OSError as error:
+        if error.errno in {errno.ENOSPC, errno.EDQUOT}:
+            raise StorageFullError("there is no room for the upload in the temporary folder") from error
+        raise
 
 
 def is_form(request: Request) -> bool:

@@ -56,7 +56,7 @@ QUERY_BODY: dict[str, Any] = {
     summary="Find the shapes most like one",
     response_description="The most alike, first of all by cc.",
     responses=documented(
-        *FILE_PROBLEMS, "shape-not-found", "not-embedded", "time-limit", "storage-unavailable"
+        *FILE_PROBLEMS, "shape-not-found", "not-embedded", "time-limit", "storage-unavailable", "storage-full"
     ),
     openapi_extra=QUERY_BODY,
 )

@@ -24,6 +24,8 @@ def translated() -> Iterator[None]:
     except IntegrityError:
         raise
     except (DatabaseError, InterfaceError) as error:
+        # A statement may be long, and the values in it are not the log's business.
+        error.statement = None
         log.error("the database failed", exc_info=error)
         if _is_full(error.orig):
             raise StorageFullError("the disk, or the room the database may use, is full") from error

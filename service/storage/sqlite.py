@@ -29,6 +29,7 @@ def open_sqlite(url: URL, *, lock_seconds: float) -> Engine:
         url,
         connect_args={"timeout": lock_seconds, "isolation_level": None},
         pool_size=8,
+        hide_parameters=True,
         max_overflow=64,
     )
     event.listen(engine, "connect", _prepare)

@@ -1,5 +1,6 @@
 """The database: what is written survives, what fails is said, and what is newer is left alone."""
 
+import logging
 import sqlite3
 import threading
 from collections.abc import Iterator
@@ -216,3 +217,16 @@ def test_a_signature_comes_back_bit_for_bit(database: Database) -> None:
         assert session.scalars(select(ArchiveRow.revision)).one() == 0
     assert back.dtype == np.float32
     np.testing.assert_array_equal(back, signature)
+
+
+def test_a_failure_is_logged_without_what_was_asked(
+    database: Database, caplog: pytest.LogCaptureFixture
+) -> None:
+    statement, values = text("SELECT no_column FROM blobs WHERE sha256 = :value"), {"value": "xyzzy"}
+    with pytest.raises(StorageUnavailableError), database.read() as session:
+        session.execute(statement, values)
+    (record,) = [record for record in caplog.records if record.message == "the database failed"]
+    logged = logging.Formatter().format(record)
+    assert "no such column" in logged
+    assert "WHERE sha256" not in logged
+    assert "xyzzy" not in logged

@@ -1,13 +1,22 @@
 """Storing files: what comes back, what is kept once, and what is refused."""
 
+import dataclasses
+import errno
 import hashlib
 import json
+import os
+import tempfile
 from datetime import UTC, datetime, timedelta
+from tempfile import SpooledTemporaryFile
+from typing import IO, Any
 
 import pytest
+import trimesh
 
-from core.reading import FORMATS, read_mesh
-from tests.service.support import Running, assert_problem, small_file, upload
+from core.mesh import Mesh
+from core.reading import FORMATS, read_mesh, write_mesh
+from service.compute.tasks import Embedded
+from tests.service.support import Running, assert_problem, query, small_file, upload
 
 
 def test_a_stored_shape_is_what_was_sent(service: Running) -> None:
@@ -156,3 +165,69 @@ def test_a_form_takes_one_file_and_few_fields(service: Running) -> None:
     assert "fields" in assert_problem(many, 400, "bad-request")["detail"]
     long = upload(service.client, data, "bird.off", metadata="x" * 70_000)
     assert_problem(long, 400, "bad-request")
+
+
+@pytest.mark.parametrize("send", [upload, query])
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EDQUOT])
+def test_no_room_for_the_upload_is_said(
+    service: Running, monkeypatch: pytest.MonkeyPatch, send: Any, number: int
+) -> None:
+    def full(*_arguments: object) -> None:
+        raise OSError(number, os.strerror(number))
+
+    data = small_file(0) + b"\n" * (2 * 1024 * 1024)
+    with monkeypatch.context() as patch:
+        patch.setattr(SpooledTemporaryFile, "rollover", full)
+        assert_problem(send(service.client, data, "large.off"), 507, "storage-full")
+        patch.setattr(SpooledTemporaryFile, "rollover", _fail)
+        assert_problem(send(service.client, data, "large.off"), 500, "internal-error")
+    assert send(service.client, data, "large.off").status_code in {200, 201}
+
+
+@pytest.mark.parametrize("size", [2 * 1024 * 1024, 1024 * 1024 + 1])
+def test_a_full_temporary_folder_is_said(
+    service: Running, monkeypatch: pytest.MonkeyPatch, size: int
+) -> None:
+    def full(*_arguments: object, **_options: object) -> IO[bytes]:
+        return open("/dev/full", "w+b")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(tempfile, "TemporaryFile", full)
+        assert_problem(upload(service.client, b"x" * size, "large.off"), 507, "storage-full")
+
+
+def _fail(*_arguments: object) -> None:
+    raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+
+def test_a_mesh_that_is_simplified_is_stored_and_found(service: Running) -> None:
+    ball = trimesh.creation.icosphere(subdivisions=6)
+    points = ball.vertices * (1 + 0.2 * ball.vertices[:, :1] ** 2 + 0.1 * ball.vertices[:, 1:2])
+    assert len(points) > service.parts.work.pipeline.parameters.decimate_above > 0
+    for name, coordinates in (("ball", ball.vertices), ("pear", points)):
+        data = write_mesh(Mesh(coordinates, ball.faces), "stl")
+        answer = upload(service.client, data, f"{name}.stl")
+        assert answer.status_code == 201, answer.text
+        assert answer.json()["facts"]["faces"] == len(ball.faces)
+        found = query(service.client, data, f"{name}.stl").json()["results"]
+        assert found[0]["shape"]["id"] == answer.json()["id"]
+
+
+def test_a_signature_of_another_length_is_not_stored(
+    service: Running, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kept = service.store(small_file(0))
+    work = service.parts.work
+    embed = work.embed
+
+    async def shorter(data: bytes, format: str) -> Embedded:
+        embedded = await embed(data, format)
+        return dataclasses.replace(embedded, signature=embedded.signature[:-1])
+
+    with monkeypatch.context() as patch:
+        patch.setattr(work, "embed", shorter)
+        answer = upload(service.client, small_file(1), "short.off")
+    assert "signature" in assert_problem(answer, 500, "internal-error")["detail"]
+    assert _rows(service) == {"shapes": 1, "blobs": 1, "embeddings": 1}
+    results = query(service.client, small_file(0)).json()["results"]
+    assert [result["shape"]["id"] for result in results] == [kept["id"]]
