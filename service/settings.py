@@ -1,6 +1,8 @@
 """The settings of the service: environment variables that begin with ISOSHAPE_."""
 
+import json
 import os
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
@@ -145,7 +147,7 @@ def load_settings() -> Settings:
 
 
 def load_parameters(pipeline: str) -> Parameters:
-    """The parameters that the setting `pipeline` names.
+    """The parameters that the setting `pipeline` names; a file that gives them no name gives its own.
 
     Raises
     ------
@@ -156,10 +158,12 @@ def load_parameters(pipeline: str) -> Parameters:
     if pipeline in named:
         return named[pipeline]
     try:
-        return Parameters.from_json(Path(pipeline).read_text(encoding="utf-8"))
+        text = Path(pipeline).read_text(encoding="utf-8")
+        parameters = Parameters.from_json(text)
     except (OSError, UnicodeDecodeError) as error:
         raise SettingsError(
             f"{PREFIX}PIPELINE: neither default nor paper nor a file that can be read: {pipeline!r}: {error}"
         ) from error
     except ParameterError as error:
         raise SettingsError(f"{PREFIX}PIPELINE: {pipeline}: {error}") from error
+    return parameters if "name" in json.loads(text) else replace(parameters, name=Path(pipeline).stem)

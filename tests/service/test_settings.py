@@ -4,11 +4,14 @@ import re
 from pathlib import Path
 
 import pytest
+import yaml
 
 from core.parameters import DEFAULT, PAPER
 from service.settings import OTHER_VARIABLES, PREFIX, Settings, SettingsError, load_parameters, load_settings
 
-DOCUMENT = Path(__file__).parents[2] / "docs" / "settings.md"
+ROOT = Path(__file__).parents[2]
+DOCUMENT = ROOT / "docs" / "settings.md"
+COMPOSE = ROOT / "docker" / "compose.yaml"
 
 
 @pytest.fixture(autouse=True)
@@ -102,6 +105,16 @@ def test_parameters_come_from_a_file(tmp_path: Path) -> None:
     assert load_parameters(str(path)) == DEFAULT
 
 
+def test_parameters_without_a_name_are_called_as_their_file(tmp_path: Path) -> None:
+    path = tmp_path / "few samples.json"
+    path.write_text('{"samples": 60}')
+    parameters = load_parameters(str(path))
+    assert (parameters.name, parameters.samples) == ("few samples", 60)
+    path.write_text('{"samples": 60, "name": "sixty"}')
+    assert load_parameters(str(path)).name == "sixty"
+    assert load_parameters(str(path)).fingerprint == parameters.fingerprint
+
+
 @pytest.mark.parametrize(
     "content", [b"{", b"[]", b'{"samples": "many"}', b'{"no such parameter": 1}', b"\xff\xfe"]
 )
@@ -116,3 +129,16 @@ def test_a_pipeline_that_is_no_file_is_refused(tmp_path: Path) -> None:
     for pipeline in ("fast", str(tmp_path / "missing.json"), str(tmp_path)):
         with pytest.raises(SettingsError, match="neither default nor paper nor a file"):
             load_parameters(pipeline)
+
+
+def test_uploads_in_the_container_fit_its_temporary_folder(monkeypatch: pytest.MonkeyPatch) -> None:
+    service = yaml.safe_load(COMPOSE.read_text())["services"]["isoshape"]
+    for name, value in service["environment"].items():
+        monkeypatch.setenv(name, str(value))
+    settings = load_settings()
+    (room,) = re.findall(r"^/tmp:size=(\d+)m,", service["tmpfs"][0])
+    (memory,) = re.findall(r"^(\d+)g$", service["mem_limit"])
+    inside = settings.workers + settings.queue_length
+    largest = settings.max_upload_bytes / 2**20
+    assert inside * largest <= int(room)
+    assert int(room) + (inside + 21 * settings.workers) * largest + 1000 <= 1024 * int(memory)
