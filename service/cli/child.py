@@ -1,13 +1,29 @@
 """The service in a process of its own, for as long as a command lasts."""
 
 import os
+import signal
 import subprocess
 import sys
-from collections.abc import Mapping
-from types import TracebackType
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from types import FrameType, TracebackType
 from typing import Self
 
 from service.cli.server import GRACEFUL_SHUTDOWN_SECONDS, LOOPBACK
+
+
+@contextmanager
+def sigterm_exits() -> Iterator[None]:
+    """Have SIGTERM raise SystemExit, so that `with` blocks end what they started. For the main thread."""
+
+    def leave(number: int, _frame: FrameType | None) -> None:
+        raise SystemExit(128 + number)
+
+    before = signal.signal(signal.SIGTERM, leave)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 class ChildService:

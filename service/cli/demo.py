@@ -13,7 +13,7 @@ from rich.table import Table
 
 from core.gallery import CLASSES, make_shape
 from core.reading import write_mesh
-from service.cli.child import ChildService
+from service.cli.child import ChildService, sigterm_exits
 from service.cli.console import fail, output, progress, say
 from service.cli.picture import draw_answers
 from service.cli.server import DEFAULT_PORT, LOOPBACK, PortError, bind, wait_until_ready
@@ -64,7 +64,7 @@ def command(
     settings = {"ISOSHAPE_DATABASE_URL": f"sqlite:///{FOLDER / 'demo.sqlite3'}"}
     if "ISOSHAPE_LOG_LEVEL" not in os.environ:
         settings["ISOSHAPE_LOG_LEVEL"] = "warning"
-    with ChildService(port, settings) as child, Client(child.url) as client:
+    with sigterm_exits(), ChildService(port, settings) as child, Client(child.url) as client:
         items = _make_gallery()
         wait_until_ready(client, child.ended)
         _store(client, items)
