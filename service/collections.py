@@ -48,7 +48,8 @@ def find_meshes(paths: Sequence[Path]) -> Found:
 
     A file that is named, or listed in `labels.csv`, is taken whatever its ending and whether or not it
     exists: reading it will say what is wrong. Of a folder given, the files directly in it have no class, and
-    those further down that of the folder directly in it, by its name; `labels.csv` goes before either.
+    those further down that of the folder directly in it, by its name; `labels.csv` goes before either. A file
+    given has the class that `labels.csv` beside it gives, or none.
 
     Raises
     ------
@@ -57,11 +58,14 @@ def find_meshes(paths: Sequence[Path]) -> Found:
     """
     files: dict[Path, MeshFile] = {}
     ignored = 0
+    beside: dict[Path, dict[Path, str | None]] = {}
     for path in paths:
         if path.is_dir():
             found = _scan(path, None, frozenset())
         elif path.exists():
-            found = Found((MeshFile(path, None),), 0)
+            if path.parent not in beside:
+                beside[path.parent] = _labels_in(path.parent)
+            found = Found((MeshFile(path, beside[path.parent].get(path.resolve())),), 0)
         else:
             raise CollectionError(f"{path}: there is no such file or folder")
         ignored += found.ignored
@@ -116,6 +120,13 @@ def _scan(folder: Path, label: str | None, above: frozenset[Path]) -> Found:
         else:
             ignored += 1
     return Found(tuple(files), ignored)
+
+
+def _labels_in(folder: Path) -> dict[Path, str | None]:
+    labels = folder / LABELS_FILE
+    if not labels.is_file():
+        return {}
+    return {file.path.resolve(): file.label for file in _read_labels(labels)}
 
 
 def _read_labels(labels: Path) -> list[MeshFile]:

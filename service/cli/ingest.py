@@ -23,8 +23,9 @@ def command(
     """Store mesh files under their own names. A file's class becomes a tag.
 
     The class is the one that labels.csv (columns file and class) in the file's folder gives, or else the name
-    of the class folder, directly below the folder given. What is there already, the same bytes under the same
-    name, stays as it is: the command may be run again. A file that is refused does not stop the others.
+    of the class folder, directly below the folder given; a file given itself has none but that of labels.csv.
+    What is there already, the same bytes under the same name, stays as it is: the command may be run again. A
+    file that is refused does not stop the others.
     """
     found = find_meshes(paths)
     if not found.files:

@@ -60,6 +60,15 @@ def test_named_files_come_once_and_without_class(tmp_path: Path) -> None:
     assert len(find_meshes(paths).files) == 3
 
 
+def test_a_named_file_has_the_class_that_labels_beside_it_give(tmp_path: Path) -> None:
+    write(tmp_path, cup__labels_csv="file,class\n1.off,Mug\n", cup__1_off="", cup__2_off="", bird__3_off="")
+    paths = [tmp_path / "cup" / "2.off", tmp_path / "bird" / ".." / "cup" / "1.off", tmp_path / "bird/3.off"]
+    assert [file.label for file in find_meshes(paths).files] == [None, "Mug", None]
+    write(tmp_path, cup__labels_csv="nothing of use")
+    with pytest.raises(CollectionError, match="first line"):
+        find_meshes(paths)
+
+
 def test_a_link_to_a_folder_above_ends(tmp_path: Path) -> None:
     write(tmp_path, cup__a_off="")
     (tmp_path / "cup" / "loop").symlink_to(tmp_path)

@@ -64,6 +64,14 @@ def test_a_single_file_and_files_of_other_formats(archive: Client, tmp_path: Pat
     assert archive.page().total == 1
 
 
+def test_a_single_file_of_a_labelled_folder(archive: Client, tmp_path: Path, run: Run) -> None:
+    for name in ("one.off", "two.off"):
+        (tmp_path / name).write_bytes(mesh_bytes("cup", 0))
+    (tmp_path / "labels.csv").write_text("file,class\none.off,Cup\n", encoding="utf-8")
+    assert run("ingest", tmp_path / "one.off", tmp_path / "two.off").status == 0
+    assert {shape.name: shape.tags for shape in archive.shapes()} == {"one.off": ["Cup"], "two.off": []}
+
+
 def test_nothing_to_store(tmp_path: Path, run: Run) -> None:
     done = run("ingest", tmp_path)
     assert done.status == 1
