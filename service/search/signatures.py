@@ -42,8 +42,9 @@ class SignatureIndex:
                 self._revision, self._room, self._length = 0, _NONE, 0
             if revision > self._revision:
                 added = repository.signed_since(session, self._fingerprint, self._revision)
-                removed = repository.removed_since(session, self._revision)
-                self._drop(np.concatenate([removed, added.shapes]))
+                if self._revision:  # an index that holds nothing has nothing to drop
+                    removed = repository.removed_since(session, self._revision)
+                    self._drop(np.concatenate([removed, added.shapes]))
                 self._append(added)
                 self._revision = revision
             return self._used()

@@ -5,13 +5,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from service.compute.tasks import Embedded
+from service.search import signatures
 from service.search.repository import Signed, signed_since
 from service.search.signatures import SignatureIndex
 from service.shapes import repository
 from service.shapes.records import NewShape
-from service.storage.database import Database
+from service.storage.database import Database, ReadSession
 from service.storage.migrate import migrate
 
 FINGERPRINT = "f" * 16
@@ -115,3 +117,25 @@ def test_an_archive_that_went_back_in_time_is_read_anew(database: Database) -> N
         connection.exec_driver_sql("UPDATE archive SET revision = 3")
         connection.exec_driver_sql("DELETE FROM shapes WHERE number > 2")
     assert rows(current(database, index)) == before[:2]
+
+
+def test_an_index_that_holds_nothing_does_not_read_what_was_removed(
+    database: Database, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for content in range(3):
+        store(database, content, "name")
+    remove(database, 1, "name")
+    asked = []
+    removed_since = signatures.repository.removed_since
+
+    def counted(session: ReadSession, since: int) -> NDArray[np.int64]:
+        asked.append(since)
+        return removed_since(session, since)
+
+    monkeypatch.setattr(signatures.repository, "removed_since", counted)
+    index = SignatureIndex(FINGERPRINT)
+    assert current(database, index).signatures[:, 0].tolist() == [0, 2]
+    assert asked == []
+    remove(database, 2, "name")
+    assert current(database, index).signatures[:, 0].tolist() == [0]
+    assert len(asked) == 1
