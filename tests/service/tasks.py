@@ -4,6 +4,7 @@ import os
 import signal
 import threading
 import time
+from pathlib import Path
 
 from core.errors import EmptyFileError
 from service.compute.worker import THREADS
@@ -26,6 +27,13 @@ def add(a: int, b: int) -> int:
 def nap(seconds: float) -> None:
     """Sleep."""
     time.sleep(seconds)
+
+
+def meet(mine: str, other: str) -> None:
+    """Leave a file, and wait for that of another task."""
+    Path(mine).touch()
+    while not Path(other).exists():
+        time.sleep(0.01)
 
 
 def nap_instead(*_arguments: object) -> None:
