@@ -25,8 +25,10 @@ async def healthz() -> Health:
     return Health()
 
 
-@router.get("/readyz", summary="Can it do its work?", responses=documented("not-ready"))
-async def readyz(parts: Service) -> Response:
+@router.get(
+    "/readyz", summary="Can it do its work?", response_model=Readiness, responses=documented("not-ready")
+)
+async def readyz(parts: Service) -> Readiness | Response:
     """Asks the database for a row, and a worker for an answer."""
     faults = []
     try:
@@ -37,7 +39,7 @@ async def readyz(parts: Service) -> Response:
         faults.append("no worker process is ready yet")
     if faults:
         return problem_response("not-ready", "; ".join(faults), retry_after=1)
-    return Response(Readiness().model_dump_json(), media_type="application/json")
+    return Readiness()
 
 
 @router.get("/version", summary="Which version is it?")

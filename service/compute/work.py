@@ -33,7 +33,6 @@ class Work:
         self, executor: Executor, pipeline: Pipeline, limits: Limits, *, workers: int, waiting: int
     ) -> None:
         self.pipeline = pipeline
-        self.workers = workers
         self._executor = executor
         self._limits = limits
         self._room = workers + waiting

@@ -85,7 +85,10 @@ class Pair(BaseModel):
 
     first: Point
     second: Point
-    distance: float = Field(description="Between them in the spectral domain, after alignment.")
+    distance: float = Field(
+        description="Between them in the spectral domain after a soft thin-plate spline, the one that sim is "
+        "read with; the mean of both ways, first to second and second to first."
+    )
     effective: bool = Field(description="Whether the pair is near and one to one, and so counts for sim.")
 
 

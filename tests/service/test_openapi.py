@@ -109,3 +109,11 @@ def test_the_service_tells_of_itself(shared: Running) -> None:
     assert told["pipeline"] == "default"
     assert told["fingerprint"] == shared.parts.fingerprint
     assert told["version"] == document()["info"]["version"]
+
+
+def test_operations_have_ids_of_their_own_and_say_what_they_answer() -> None:
+    operations = [each for path in document()["paths"].values() for each in path.values()]
+    ids = [operation["operationId"] for operation in operations]
+    assert len(set(ids)) == len(ids)
+    ready = document()["paths"]["/readyz"]["get"]["responses"]["200"]
+    assert ready["content"]["application/json"]["schema"] == {"$ref": "#/components/schemas/Readiness"}
