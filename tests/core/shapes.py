@@ -125,7 +125,7 @@ def subdivided(mesh):
 def decimated(mesh, kept):
     """Simplified by quadrics to about so many of its faces."""
     vertices, faces = fast_simplification.simplify(
-        mesh.vertices, mesh.faces.astype(np.int32), target_reduction=1.0 - kept
+        mesh.vertices.copy(), mesh.faces.astype(np.int32), target_reduction=1.0 - kept
     )
     return Mesh(vertices, faces)
 
