@@ -6,7 +6,10 @@ from scipy.sparse.csgraph import dijkstra
 
 from core.compiled import compiled
 from core.mesh import Floats, Ints
-from core.ordering import TIE
+
+TIE = 1e-6
+"""Scores that differ by less than this part of the largest are equal. Not imported: a compiled function keeps
+the value, and the cache of compiled code would not notice a change in another file."""
 
 
 @compiled

@@ -75,7 +75,7 @@ def diagonals(vertices: Floats, faces: Ints) -> tuple[Ints, Floats]:
     p, q = opposite[start], opposite[end]
     axis = b - a
     edge = np.linalg.norm(axis, axis=1)
-    axis = axis / edge[:, None]
+    axis = axis / np.where(edge > 0.0, edge, 1.0)[:, None]
     along_p = np.einsum("ni,ni->n", vertices[p] - a, axis)
     along_q = np.einsum("ni,ni->n", vertices[q] - a, axis)
     up_p = np.sqrt(np.maximum(np.einsum("ni,ni->n", vertices[p] - a, vertices[p] - a) - along_p**2, 0.0))

@@ -111,6 +111,8 @@ class Parameters:
             raise ParameterError(f"pairs must be one of {', '.join(get_args(Pairs))}")
         if not self.operators or any(name not in get_args(Operator) for name in self.operators):
             raise ParameterError(f"operators must be one or more of {', '.join(get_args(Operator))}")
+        if len(set(self.operators)) < len(self.operators):
+            raise ParameterError("operators must differ")
         self._check_ranges()
 
     def _check_ranges(self) -> None:
@@ -179,7 +181,7 @@ class Parameters:
         """
         try:
             values = json.loads(text)
-        except json.JSONDecodeError as error:
+        except (ValueError, RecursionError) as error:
             raise ParameterError(f"not JSON: {error}") from error
         if not isinstance(values, dict):
             raise ParameterError("parameters must be a JSON object")
@@ -196,7 +198,10 @@ class Parameters:
             if not good:
                 raise ParameterError(f"{name} must be of the kind of {known[name]!r}, not {value!r}")
             if wanted is float:
-                values[name] = float(value)
+                try:
+                    values[name] = float(value)
+                except OverflowError as error:
+                    raise ParameterError(f"{name} is too large") from error
         return cls(**values)
 
 

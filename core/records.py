@@ -58,5 +58,5 @@ def embedding_from_bytes(data: bytes) -> Embedding:
                 for i, name in enumerate(header["spectra"])
             ),
         )
-    except (SafetensorError, KeyError, TypeError, ValueError) as error:
+    except (SafetensorError, KeyError, TypeError, ValueError, RecursionError) as error:
         raise BadRecordError(f"not an embedding: {error}") from error

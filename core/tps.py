@@ -49,6 +49,8 @@ class ThinPlateSpline:
             raise ParameterError(f"beta must not be negative, but is {beta}")
         if count < dimensions + 2:
             raise ParameterError(f"a spline in {dimensions} dimensions needs {dimensions + 2} points")
+        if beta == 0.0 and len(np.unique(source, axis=0)) < count:
+            raise ParameterError("points coincide, so beta must be positive")
         self.source = source
         self.beta = beta
         affine = np.concatenate([np.ones((count, 1)), source], axis=1)
@@ -62,7 +64,7 @@ class ThinPlateSpline:
         try:
             self._factor = cho_factor(0.5 * (inner + inner.T), check_finite=False)
         except LinAlgError as error:
-            raise ParameterError("points coincide, so beta must be positive") from error
+            raise ParameterError("points nearly coincide, so beta must be larger") from error
 
     def fit(self, targets: Floats) -> tuple[Floats, Floats]:
         """Coefficients of Eq. 15 for targets of shape (m, d).

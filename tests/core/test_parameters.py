@@ -226,3 +226,16 @@ def test_both_named_settings_are_valid_and_named():
     assert (DEFAULT.name, PAPER.name) == ("default", "paper")
     for parameters in (DEFAULT, PAPER):
         assert Parameters(**asdict(parameters)) == parameters
+
+
+@pytest.mark.parametrize(
+    "text", ['{"tau": 1' + "0" * 400 + "}", '{"seed": ' + "1" * 5000 + "}", "[" * 100000]
+)
+def test_monstrous_json_is_refused(text: str) -> None:
+    with pytest.raises(ParameterError):
+        Parameters.from_json(text)
+
+
+def test_an_operator_is_named_once() -> None:
+    with pytest.raises(ParameterError, match="differ"):
+        replace(DEFAULT, operators=("affinity", "affinity"))

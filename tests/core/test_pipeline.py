@@ -294,6 +294,9 @@ ODD = {
     "loose triangles": Mesh(
         np.random.default_rng(5).normal(size=(600, 3)), np.arange(600, dtype=np.int64).reshape(-1, 3)
     ),
+    "sliver between two sheets": Mesh(
+        [[0, 0, 0], [1, 0, 0], [0.5, 0, 0], [0.4, 1, 0], [0.6, -1, 0]], [[0, 1, 3], [0, 2, 1], [0, 4, 2]]
+    ),
     "needle": Mesh([[0, 0, 0], [1, 0, 0], [0.5, 1e-4, 0]], [[0, 1, 2]]),
     "needle on a cube": joined(box(1, 1, 1), Mesh([[3, 0, 0], [9, 0, 0], [6, 1e-5, 0]], [[0, 1, 2]])),
 }

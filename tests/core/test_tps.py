@@ -149,3 +149,15 @@ def test_coinciding_points_go_to_one_place_at_a_positive_beta(dimensions, seed):
     warped = spline.transform(source, *spline.fit(cloud(30, 2, 99)))
     np.testing.assert_allclose(warped[17], warped[4], atol=1e-9)
     np.testing.assert_allclose(warped, spline.smoother() @ cloud(30, 2, 99), atol=1e-8)
+
+
+@pytest.mark.parametrize("dimensions", DIMENSIONS)
+@pytest.mark.parametrize("seed", range(6))
+def test_coinciding_points_need_a_positive_beta(dimensions, seed):
+    source = cloud(30, dimensions, seed)
+    source[17] = source[4]
+    with pytest.raises(ParameterError):
+        ThinPlateSpline(source, 0.0)
+    spline = ThinPlateSpline(source, 0.5)
+    warped = spline.transform(source, *spline.fit(cloud(30, 2, 99)))
+    np.testing.assert_allclose(warped[17], warped[4], atol=1e-9)
