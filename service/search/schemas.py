@@ -86,8 +86,8 @@ class Pair(BaseModel):
     first: Point
     second: Point
     distance: float = Field(
-        description="Between them in the spectral domain after a soft thin-plate spline, the one that sim is "
-        "read with; the mean of both ways, first to second and second to first."
+        description="Between them in the spectral domain after the thin-plate spline that sim is read with: "
+        "with the default pipeline a soft one, and the mean of both ways if the shapes have as many samples."
     )
     effective: bool = Field(description="Whether the pair is near and one to one, and so counts for sim.")
 
