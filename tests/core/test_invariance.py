@@ -1,4 +1,4 @@
-"""What must not change an answer: pose, place, size, the order of the file, how it is meshed, and who asks."""
+"""What must not change an answer: pose, place, size, order of the file, meshing, and who asks."""
 
 from dataclasses import replace
 from functools import cache
