@@ -195,7 +195,7 @@ class Pipeline:
         if "laplace-beltrami" in wanted.operators or wanted.laplacian_values:
             values, functions = laplace_beltrami(surface, max(wanted.dimensions, wanted.laplacian_values))
             signature.append(laplacian_signature(values[: wanted.laplacian_values]))
-            chosen = oriented(functions[samples, : wanted.dimensions])
+            chosen = oriented(values, functions[samples], wanted.dimensions)
             points = spectral_coordinates(values[: wanted.dimensions], chosen, -wanted.eigenvalue_power)
             spectra.append(Spectrum("laplace-beltrami", values.astype(np.float32), points.astype(np.float32)))
         spectra = [spectrum for spectrum in spectra if spectrum.name in wanted.operators]

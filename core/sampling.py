@@ -7,11 +7,15 @@ from scipy.sparse import csr_array
 
 from core.farthest import farthest_points
 from core.mesh import Floats, Ints
+from core.ordering import settled
+
+ROUNDING = 1e-9
+"""Weights that differ by less than this part of the largest are equal."""
 
 
 def sort_and_cut(weights: Floats, count: int) -> Ints:
-    """The `count` points of largest weight, largest first (the paper's selection); ties by order."""
-    return np.argsort(-weights, kind="stable")[:count].astype(np.int64)
+    """The `count` points of largest weight, the largest first (the paper's selection); ties by order."""
+    return np.argsort(-settled(weights, ROUNDING), kind="stable")[:count].astype(np.int64)
 
 
 def keyed_uniform(points: Floats, seed: int, digits: int = 4) -> Floats:
@@ -87,5 +91,5 @@ def covering(graph: csr_array, points: Floats, weights: Floats, count: int, powe
         >= 0.
     """
     relative = np.clip((weights / weights.mean()) ** power, 0.25, 4.0)
-    first = int(np.argmax(np.einsum("ni,ni->n", points, points)))
+    first = int(np.argmax(settled(np.linalg.norm(points, axis=1))))
     return farthest_points(graph, count, first, relative)

@@ -10,6 +10,9 @@ from core.mesh import Floats
 SPARSE_FROM = 600
 """From so many samples on, the leading eigenpairs come from the iterative solver: the dense one costs m^3."""
 
+EQUAL_VALUES = 1e-4
+"""Eigenvalues, and sums of cubes, that differ by less than this part are equal."""
+
 
 def gaussian_affinity(distances: Floats, width: float) -> Floats:
     """W = exp(-d^2 / 2 s^2), s = `width` times the mean distance; ones on the diagonal, shape (m, m).
@@ -41,8 +44,7 @@ def leading_eigenpairs(affinity: Floats, count: int) -> tuple[Floats, Floats]:
     A Gaussian affinity has no negative eigenvalues. Distances along a tree have one positive eigenvalue, and
     what tells of the shape is in the large negative ones; the largest by sign would be noise.
 
-    Each eigenvector's sign makes the sum of its cubes positive, so that the order of the samples does not
-    choose it.
+    Signs, and directions where eigenvalues are equal, are those of `oriented`.
 
     Returns
     -------
@@ -54,14 +56,49 @@ def leading_eigenpairs(affinity: Floats, count: int) -> tuple[Floats, Floats]:
         values, vectors = eigh(affinity, check_finite=False)
     else:
         values, vectors = eigsh(affinity, k=count, which="LM", v0=np.ones(size))
-    order = np.argsort(-np.abs(values), kind="stable")[:count]
-    return values[order], oriented(vectors[:, order])
+    order = np.argsort(-np.abs(values), kind="stable")
+    return values[order[:count]], oriented(values[order], vectors[:, order], count)
 
 
-def oriented(vectors: Floats) -> Floats:
-    """Columns turned so that the sum of their cubes is not negative."""
-    signs = np.where((vectors**3).sum(axis=0) < 0.0, -1.0, 1.0)
-    return np.asarray(vectors * signs)
+def oriented(values: Floats, vectors: Floats, count: int) -> Floats:
+    """The first `count` eigenvectors, with signs and, where eigenvalues are equal, directions of their own.
+
+    A vector is turned so that the sum of its cubes is positive. Where that vanishes, as for an odd function
+    on a symmetric shape, and where several share an eigenvalue, rounding would choose, so the rows decide:
+    the first row that is large in the shared space lies along its first vector, the next row that is large
+    in what is left along the second, and so on.
+
+    Parameters
+    ----------
+    values : float64, shape (s,)
+        In order.
+    vectors : float64, shape (m, s)
+        Some more than `count` where that would part equal ones.
+    count : int
+
+    Returns
+    -------
+    float64, shape (m, count)
+    """
+    result = vectors.copy()
+    sizes = np.abs(values)
+    far = np.abs(np.diff(values)) > EQUAL_VALUES * np.maximum(sizes[1:], sizes[:-1])
+    for shared in np.split(np.arange(len(values)), np.flatnonzero(far) + 1):
+        if shared[0] >= count:
+            break
+        cubes = vectors[:, shared] ** 3
+        if len(shared) == 1 and abs(cubes.sum()) > EQUAL_VALUES * np.abs(cubes).sum():
+            result[:, shared] *= np.sign(cubes.sum())
+            continue
+        rest = vectors[:, shared]
+        turn = np.empty((len(shared), 0))
+        for _ in shared:
+            lengths = np.linalg.norm(rest, axis=1)
+            row = rest[np.argmax(lengths > 0.5 * lengths.max())]
+            turn = np.c_[turn, row / np.linalg.norm(row)]
+            rest = vectors[:, shared] - vectors[:, shared] @ turn @ turn.T
+        result[:, shared] = vectors[:, shared] @ turn
+    return result[:, :count]
 
 
 def spectral_coordinates(values: Floats, vectors: Floats, power: float) -> Floats:

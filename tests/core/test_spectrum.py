@@ -97,11 +97,31 @@ def test_the_order_of_the_samples_does_not_choose_a_sign():
     np.testing.assert_allclose(moved, vectors[order], atol=1e-9)
 
 
-def test_oriented_turns_only_what_leans_the_wrong_way():
-    vectors = np.array([[2.0, -2.0, 0.0, 1.0], [-1.0, 1.0, 0.0, -1.0]])
-    expected = np.array([[2.0, 2.0, 0.0, 1.0], [-1.0, -1.0, 0.0, -1.0]])
-    np.testing.assert_array_equal(oriented(vectors), expected)
-    np.testing.assert_array_equal(oriented(oriented(vectors)), expected)
+def test_a_vector_that_leans_the_wrong_way_is_turned():
+    vectors = np.array([[2.0, -2.0, 1.0], [-1.0, 1.0, -0.5]])
+    expected = np.array([[2.0, 2.0, 1.0], [-1.0, -1.0, -0.5]])
+    np.testing.assert_array_equal(oriented(np.array([3.0, 2.0, 1.0]), vectors, 3), expected)
+
+
+def test_an_odd_vector_is_turned_by_its_first_large_row():
+    odd = np.array([0.1, -0.7, 0.7, -0.1])[:, None]
+    for sign in (-1.0, 1.0):
+        np.testing.assert_allclose(oriented(np.ones(1), sign * odd, 1), -odd)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_vectors_of_equal_eigenvalues_do_not_hang_on_how_they_were_mixed(seed):
+    rng = np.random.default_rng(seed)
+    vectors = np.linalg.qr(rng.normal(size=(40, 6)))[0]
+    values = np.array([5.0, 3.0, 3.0, 3.0, 2.0, 1.0])
+    expected = oriented(values, vectors, 6)
+    np.testing.assert_allclose(expected.T @ expected, np.eye(6), atol=1e-12)
+    np.testing.assert_allclose(expected @ expected.T, vectors @ vectors.T, atol=1e-12)
+    mixed = vectors.copy()
+    mixed[:, 1:4] = vectors[:, 1:4] @ np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    mixed *= [1.0, 1.0, 1.0, 1.0, -1.0, -1.0]
+    np.testing.assert_allclose(oriented(values, mixed, 6), expected, atol=1e-12)
+    np.testing.assert_allclose(oriented(values, mixed, 3), expected[:, :3], atol=1e-12)
 
 
 @pytest.mark.parametrize("power", [-0.5, 0.0, 0.5, 1.0])
