@@ -54,6 +54,12 @@ def test_a_lock_answers_every_requirement(lock, requirements):
         assert all(requirement.specifier.contains(version) for version in versions), requirement
 
 
+def test_the_tests_have_the_peers():
+    extras = PROJECT["optional-dependencies"]
+    assert extras["peers"]
+    assert set(extras["peers"]) <= set(extras["dev"])
+
+
 def test_what_is_tested_is_what_runs():
     tested = pins(TESTS)
     assert {name: tested.get(name) for name in pins(RUNTIME)} == pins(RUNTIME)

@@ -1,32 +1,31 @@
 """`isoshape evaluate`: how well a labelled collection is retrieved, each shape a query against all others."""
 
 import json
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Literal
 
-import numpy as np
 import typer
 from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from core.embedding import Embedding
 from core.evaluation import Evaluation, evaluate
-from core.parameters import DEFAULT, PAPER, Parameters
-from core.pipeline import Pipeline
-from core.similarity import combined_scores
-from service.cli.console import fail, output, progress, say
+from core.parameters import DEFAULT, PAPER
+from service.cli.console import fail, output
+from service.cli.retrieval import Ranking, evaluate_ranking, score_collection, score_rival
 from service.cli.sample import spread
-from service.cli.scoring import PairScores, default_workers, embed_files, score_pairs, worker_pool
+from service.cli.scoring import default_workers
 from service.collections import read_collection
+from service.rivals.methods import Method
 
 MEASURES = ("nn", "ft", "st", "e", "dcg", "map")
 
 
-class Ranking(StrEnum):
-    """What the others are ranked by."""
+class RankBy(StrEnum):
+    """A ranking, or all."""
 
     CC = "cc"
     SSD = "ssd"
@@ -37,7 +36,7 @@ class Ranking(StrEnum):
 
 @dataclass(frozen=True)
 class Report:
-    """One evaluation and what it is of."""
+    """One evaluation and what it is of; `setting` names the parameters, or another method."""
 
     collection: str
     setting: str
@@ -65,8 +64,12 @@ def command(
     setting: Annotated[
         Literal["paper", "default"], typer.Option(help="Parameters of the method.")
     ] = "default",
+    method: Annotated[
+        Literal["isoshape", "shapedna", "icp", "mds"],
+        typer.Option(help="Isoshape, or another method, which has one distance and no settings."),
+    ] = "isoshape",
     rank_by: Annotated[
-        list[Ranking] | None, typer.Option(help="Ranking; may be given several times. [default: cc]")
+        list[RankBy] | None, typer.Option(help="Ranking; may be given several times. [default: cc]")
     ] = None,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print one object (a list of them for several rankings).")
@@ -86,18 +89,28 @@ def command(
 
     NN nearest neighbour, FT and ST first and second tier, E the E-measure of the first 32, DCG discounted
     cumulative gain, MAP mean average precision (Shilane et al. 2004). Ties count against the ranking.
+
+    The other methods, on the same meshes: ShapeDNA (Reuter et al. 2006) by LaPy, ICP (Besl and McKay 1992) by
+    trimesh, MDS (Elad and Kimmel 2003) by scikit-learn; two of them want `pip install isoshape[peers]`.
     """
+    if method != "isoshape" and (rank_by or uncapped or setting != "default"):
+        fail(f"--method {method} has no --setting, --rank-by or --uncapped", status=2)
     files = read_collection(folder)
     if limit is not None:
         files = spread(files, limit)
-    parameters = PAPER if setting == "paper" else DEFAULT
-    if uncapped:
-        parameters = replace(parameters, sample_cap=0)
-    labels, scores = _score(files, parameters, workers or default_workers())
-    reports = [
-        Report(folder.resolve().name, setting, ranking.value, _evaluate(scores, labels, ranking))
-        for ranking in _rankings(rank_by or [Ranking.CC])
-    ]
+    name = folder.resolve().name
+    if method == "isoshape":
+        parameters = PAPER if setting == "paper" else DEFAULT
+        if uncapped:
+            parameters = replace(parameters, sample_cap=0)
+        labels, scores = score_collection(files, parameters, workers or default_workers())
+        reports = [
+            Report(name, setting, ranking.value, evaluate_ranking(scores, labels, ranking))
+            for ranking in _rankings(rank_by or [RankBy.CC])
+        ]
+    else:
+        labels, distances = score_rival(files, Method(method), workers or default_workers())
+        reports = [Report(name, method, "distance", evaluate(distances, labels, larger_is_closer=False))]
     if as_json:
         objects = [report.as_json() for report in reports]
         typer.echo(json.dumps(objects[0] if len(objects) == 1 else objects))
@@ -107,49 +120,17 @@ def command(
         fail(f"{len(files) - len(labels)} of {len(files)} files could not be used")
 
 
-def _rankings(chosen: list[Ranking]) -> list[Ranking]:
-    if Ranking.ALL in chosen:
-        return [ranking for ranking in Ranking if ranking is not Ranking.ALL]
-    return list(dict.fromkeys(chosen))
-
-
-def _score(
-    files: list[tuple[Path, str]], parameters: Parameters, workers: int
-) -> tuple[list[str], PairScores]:
-    """Labels and scores of the files that can be used; each of the others is named."""
-    labels: list[str] = []
-    embeddings: list[Embedding] = []
-    with worker_pool(parameters, workers) as pool, progress() as bar:
-        task = bar.add_task("embedding", total=len(files))
-        results = embed_files(pool, [path for path, _ in files], lambda n: bar.advance(task, n))
-        for (path, label), result in zip(files, results, strict=True):
-            if isinstance(result, str):
-                say(f"{path}: {result}")
-            else:
-                labels.append(label)
-                embeddings.append(result)
-        if not embeddings:
-            fail("no file could be used")
-        pairs = len(embeddings) * (len(embeddings) - 1) // 2
-        scoring = bar.add_task("matching pairs", total=pairs)
-        scores = score_pairs(pool, Pipeline(parameters), embeddings, lambda n: bar.advance(scoring, n))
-    return labels, scores
-
-
-def _evaluate(scores: PairScores, labels: list[str], ranking: Ranking) -> Evaluation:
-    if ranking is Ranking.COMBINED:
-        pairs = ~np.eye(len(labels), dtype=bool)
-        matrix = np.zeros(pairs.shape)
-        matrix[pairs] = combined_scores(scores.cc[pairs], scores.distances[pairs])
-    else:
-        matrix = {Ranking.CC: scores.cc, Ranking.SSD: scores.ssd, Ranking.SIM: scores.sim}[ranking]
-    return evaluate(matrix, labels, larger_is_closer=ranking is not Ranking.SSD)
+def _rankings(chosen: Sequence[RankBy]) -> list[Ranking]:
+    if RankBy.ALL in chosen:
+        return list(Ranking)
+    return [Ranking(choice) for choice in dict.fromkeys(chosen)]
 
 
 def _print(console: Console, reports: list[Report]) -> None:
     first = reports[0]
+    kind = "method" if first.rank_by == "distance" else "setting"
     overall = Table(
-        title=f"{first.collection}, setting {first.setting}: "
+        title=f"{first.collection}, {kind} {first.setting}: "
         f"{first.figures.shapes} shapes, {len(first.figures.classes)} classes",
         box=box.SIMPLE_HEAD,
         collapse_padding=True,

@@ -118,7 +118,21 @@ def test_no_module_imports_itself_by_a_detour(package: str) -> None:
 def test_only_reading_imports_trimesh() -> None:
     users = {m for m, imported in imports().items() if any(within(name, "trimesh") for name in imported)}
     assert users
-    assert all(within(module, "core.reading") for module in users)
+    # And the comparison with trimesh's own method.
+    assert all(within(module, "core.reading") or module == "service.rivals.icp" for module in users)
+
+
+def test_what_only_comparisons_need_is_imported_by_them_alone() -> None:
+    for package in ("lapy", "sklearn"):
+        users = {m for m, imported in imports().items() if any(within(name, package) for name in imported)}
+        assert users
+        assert all(within(module, "service.rivals") for module in users)
+
+
+def test_other_methods_are_for_the_command_line_alone() -> None:
+    for module, imported in imports().items():
+        if any(within(name, "service.rivals") for name in imported):
+            assert within(module, "service.rivals") or within(module, "service.cli"), module
 
 
 @pytest.mark.parametrize(
