@@ -38,6 +38,7 @@ fi
 mkdir -p "$kept"
 exec 9>"$kept/lock"
 flock 9
+unset ISOSHAPE_API_KEY ISOSHAPE_API_KEYS ISOSHAPE_READ_KEYS
 export BUILDAH_ISOLATION=chroot
 export BUILDAH="buildah --root $kept/storage --runroot $work/run"
 
@@ -116,6 +117,11 @@ user=$("$python" -c 'import json, sys; print(json.load(open(sys.argv[1]))["Docke
 # A new volume takes what the image has there: its owner and its mode.
 cp -a "$root/data" "$work/data"
 mkdir "$work/bundle"
+if "$python" docker/test/bundle.py docker/compose.yaml "$work/image.json" "$root" "$work/data" "$work/bundle" 2>"$work/refused"
+then fail 'the compose file asks for no key'; fi
+grep -q '^ISOSHAPE_API_KEYS: ' "$work/refused" || fail "the compose file was refused for another reason: $(<"$work/refused")"
+read -r ISOSHAPE_API_KEY ISOSHAPE_API_KEYS < <("$python" -m service.cli key | awk '{print $2}' | xargs)
+export ISOSHAPE_API_KEY ISOSHAPE_API_KEYS
 "$python" docker/test/bundle.py docker/compose.yaml "$work/image.json" "$root" "$work/data" "$work/bundle"
 mapfile -t health < <("$python" -c '
 import sys, yaml
@@ -144,6 +150,10 @@ stop() {
 start
 nsenter --target "$pid" --net -- curl --silent --show-error --fail --max-time 10 http://127.0.0.1:8000/readyz >/dev/null
 pass '/readyz answers'
+keyless=$(nsenter --target "$pid" --net -- curl --silent --output /dev/null --write-out '%{http_code}' --max-time 10 \
+    http://127.0.0.1:8000/shapes)
+[[ $keyless == 401 ]] || fail "a request without a key is answered $keyless"
+pass 'a request without a key is answered 401'
 
 "$python" - "$pid" <<'END' || fail 'a process of the service may do more than it should'
 import sys

@@ -10,6 +10,9 @@ from starlette.concurrency import run_in_threadpool
 from core.parameters import Parameters
 from core.pipeline import Pipeline
 from service import logging
+from service.access.endpoints import router as session_router
+from service.access.gate import Gate
+from service.access.middleware import AccessControl
 from service.compute.pool import LocalPool
 from service.compute.tasks import warm
 from service.compute.work import Work
@@ -38,11 +41,12 @@ def create_app(settings: Settings) -> FastAPI:
         The file of parameters cannot be used.
     """
     parameters = load_parameters(settings.pipeline)
+    gate = Gate(settings)
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         logging.configure(settings.log_level)
-        app.state.parts = await run_in_threadpool(_start, settings, parameters)
+        app.state.parts = await run_in_threadpool(_start, settings, parameters, gate)
         try:
             yield
         finally:
@@ -59,7 +63,9 @@ def create_app(settings: Settings) -> FastAPI:
     )
     app.include_router(search_router)
     app.include_router(shapes_router)
+    app.include_router(session_router)
     app.include_router(service_router)
+    app.add_middleware(AccessControl, gate=gate)
     app.add_middleware(BodyLimit, file_bytes=settings.max_upload_bytes)
     app.add_middleware(RequestContext)
     handle_problems(app)
@@ -72,7 +78,7 @@ def app_from_environment() -> FastAPI:
     return create_app(load_settings())
 
 
-def _start(settings: Settings, parameters: Parameters) -> Parts:
+def _start(settings: Settings, parameters: Parameters, gate: Gate) -> Parts:
     """Open the database and bring it up to date; the workers warm up meanwhile, and for some time after."""
     pool = LocalPool(settings.workers, seconds=settings.task_seconds, warm=partial(warm, parameters))
     try:
@@ -93,7 +99,7 @@ def _start(settings: Settings, parameters: Parameters) -> Parts:
     )
     about = {"version": VERSION, "pipeline": parameters.name, "fingerprint": parameters.fingerprint}
     log.info("the service starts", extra={"fields": {**about, "workers": settings.workers}})
-    return Parts(settings, database, pool, work, index)
+    return Parts(settings, database, pool, work, index, gate)
 
 
 def _stop(parts: Parts) -> None:

@@ -34,9 +34,9 @@ File = str | Path | tuple[str, bytes]
 
 Model = TypeVar("Model", bound=BaseModel)
 
-# How often to try again when the service answers 503, by the kind of problem. A file that killed its worker
-# may do so again, so it has one more chance only.
-RETRIES = {"busy": 5, "storage-unavailable": 3, "not-ready": 5, "worker-lost": 1}
+# How often to try again when the service answers 429 or 503, by the kind of problem. A file that killed its
+# worker may do so again, so it has one more chance only.
+RETRIES = {"busy": 5, "rate-limit": 5, "storage-unavailable": 3, "not-ready": 5, "worker-lost": 1}
 LONGEST_WAIT_SECONDS = 30.0
 # A large mesh may wait for a worker and then be worked on for minutes.
 TIMEOUT = httpx.Timeout(600.0, connect=10.0)
@@ -97,23 +97,31 @@ class Client:
     ----------
     url : str
         For example "http://127.0.0.1:8000".
+    key : str, optional
+        Where the service asks for one.
     transport : httpx.BaseTransport, optional
         How to get there, instead of the network.
     timeout : httpx.Timeout, optional
         Ten minutes for an answer, unless given.
 
-    Every method raises `ProblemError`, `UnreachableError` or `UnexpectedAnswerError`.
+    Making one raises `ClientError` where the key cannot be sent; every method `ProblemError`,
+    `UnreachableError` or `UnexpectedAnswerError`.
     """
 
     def __init__(
         self,
         url: str,
         *,
+        key: str | None = None,
         transport: httpx.BaseTransport | None = None,
         timeout: httpx.Timeout = TIMEOUT,
     ) -> None:
+        key = (key or "").strip()
+        if not (key.isascii() and key.isprintable()):
+            raise ClientError("the key holds characters that no key has")
+        headers = {"Authorization": f"Bearer {key}"} if key else {}
         try:
-            self._http = httpx.Client(base_url=url, transport=transport, timeout=timeout)
+            self._http = httpx.Client(base_url=url, headers=headers, transport=transport, timeout=timeout)
         except httpx.InvalidURL as error:
             raise UnreachableError(f"{url!r} is not an address: {error}") from error
         self.url = url

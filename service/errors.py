@@ -3,12 +3,19 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
+CHALLENGE = 'Bearer realm="isoshape"'
+
 
 class ServiceError(Exception):
     """Base of every error the service raises on purpose; `kind` is its row in `PROBLEMS`."""
 
     kind: ClassVar[str] = "internal-error"
-    retry_after: ClassVar[int | None] = None
+    retry_after: int | None = None
+
+    @property
+    def headers(self) -> dict[str, str]:
+        """What the answer's header says beside."""
+        return {}
 
 
 @dataclass(frozen=True)
@@ -53,6 +60,48 @@ class NotEmbeddedError(ServiceError):
         super().__init__(
             f"shape {shape_id!r} was embedded with another pipeline; upload its file again to embed it anew"
         )
+
+
+class UnauthorizedError(ServiceError):
+    """The request shows no key, or one that the service does not know."""
+
+    kind = "unauthorized"
+
+    def __init__(self, message: str, *, wrong: bool = False) -> None:
+        super().__init__(message)
+        self.wrong = wrong
+
+    @property
+    def headers(self) -> dict[str, str]:
+        """The challenge of RFC 6750."""
+        return {"WWW-Authenticate": CHALLENGE + (', error="invalid_token"' if self.wrong else "")}
+
+
+class ForbiddenError(ServiceError):
+    """The key may not do this."""
+
+    kind = "forbidden"
+
+    @property
+    def headers(self) -> dict[str, str]:
+        """The challenge of RFC 6750."""
+        return {"WWW-Authenticate": CHALLENGE + ', error="insufficient_scope"'}
+
+
+class CrossSiteError(ServiceError):
+    """A page of another site makes a browser send the request."""
+
+    kind = "cross-site"
+
+
+class RateLimitError(ServiceError):
+    """The key has made more requests than it may."""
+
+    kind = "rate-limit"
+
+    def __init__(self, message: str, *, retry_after: int) -> None:
+        super().__init__(message)
+        self.retry_after = retry_after
 
 
 class UnsupportedBodyError(ServiceError):
@@ -140,6 +189,10 @@ PROBLEMS: dict[str, ProblemKind] = {
     # the request's
     "bad-request": ProblemKind(400, "The request cannot be read"),
     "bad-request-fields": ProblemKind(422, "Fields of the request cannot be used"),
+    "unauthorized": ProblemKind(401, "A key of this service is needed"),
+    "forbidden": ProblemKind(403, "The key may not do this"),
+    "cross-site": ProblemKind(403, "Pages of other sites may not do this"),
+    "rate-limit": ProblemKind(429, "The key has made too many requests"),
     "not-found": ProblemKind(404, "There is nothing at this address"),
     "shape-not-found": ProblemKind(404, "There is no such shape"),
     "method-not-allowed": ProblemKind(405, "The address does not answer this method"),

@@ -10,6 +10,7 @@ from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from service.access.middleware import KEY_IN_SCOPE
 from service.errors import FileTooLargeError
 from service.logging import get_logger, request_id
 from service.problems import problem_response
@@ -61,12 +62,15 @@ class RequestContext:
                 response = problem_response("internal-error", "the service failed; its log says more")
                 await response(scope, receive, send_with_id)
         finally:
-            fields = {
+            fields: dict[str, object] = {
                 "method": scope["method"],
                 "path": scope["path"],
                 "status": status,
                 "milliseconds": round(1e3 * (time.perf_counter() - start), 1),
             }
+            if KEY_IN_SCOPE in scope:
+                # Enough of the digest to tell keys apart; the key cannot be had from it.
+                fields["key"] = scope[KEY_IN_SCOPE][:8]
             level = logging.DEBUG if scope["path"] in PROBES else logging.INFO
             log.log(level, "request", extra={"fields": fields})
             request_id.reset(token)

@@ -8,7 +8,9 @@ from fastapi import FastAPI
 from fastapi.openapi.utils import get_openapi
 from pydantic.json_schema import models_json_schema
 
-from service.problems import Problem
+from service.access.rules import SAFE_METHODS, needed
+from service.access.sessions import COOKIE
+from service.problems import Problem, documented
 from service.settings import Settings
 
 DESCRIPTION = """\
@@ -19,6 +21,9 @@ compared is the shape as one would measure it along its surface.
 * **POST /query** finds the stored shapes most like a file, or like a stored shape.
 * **POST /compare** compares two stored shapes point by point.
 
+A service may ask for a key, in `Authorization: Bearer` or `X-API-Key`. There are two kinds: one may do
+everything, the other may read, query and compare.
+
 Every error is a problem document (`application/problem+json`, RFC 9457), whose `type` never changes. Every
 answer has an `X-Request-ID`: your own, if you send one, and the one to look for in the logs.
 """
@@ -26,12 +31,24 @@ answer has an `X-Request-ID`: your own, if you send one, and the one to look for
 TAGS = [
     {"name": "search", "description": "Which shapes are alike."},
     {"name": "shapes", "description": "What is stored."},
+    {"name": "session", "description": "Signing in, for the page."},
     {"name": "service", "description": "The service itself."},
 ]
 
+SCHEMES = {
+    "bearer": {"type": "http", "scheme": "bearer", "description": "A key, where the service asks for one."},
+    "header": {"type": "apiKey", "in": "header", "name": "X-API-Key", "description": "The same."},
+    "session": {
+        "type": "apiKey",
+        "in": "cookie",
+        "name": COOKIE,
+        "description": "What POST /session sets in a browser.",
+    },
+}
+
 
 def describe(app: FastAPI) -> None:
-    """Have the app's document hold what the framework does not see: the form of problems."""
+    """Have the app's document hold what the framework does not see: the form of problems, and who may ask."""
 
     def openapi() -> dict[str, Any]:
         if app.openapi_schema is None:
@@ -47,10 +64,27 @@ def describe(app: FastAPI) -> None:
                 [(Problem, "serialization")], ref_template="#/components/schemas/{model}"
             )
             schema["components"]["schemas"].update(problem["$defs"])
+            schema["components"]["securitySchemes"] = SCHEMES
+            for path, operations in schema["paths"].items():
+                for method, operation in operations.items():
+                    _say_who_may_ask(method.upper(), path, operation)
             app.openapi_schema = schema
         return app.openapi_schema
 
     app.openapi = openapi  # type: ignore[method-assign]
+
+
+def _say_who_may_ask(method: str, path: str, operation: dict[str, Any]) -> None:
+    """Write into an operation which keys it takes, and how it refuses others."""
+    level = needed(method, path)
+    operation["security"] = [] if level is None else [{name: []} for name in SCHEMES]
+    kinds = [] if method in SAFE_METHODS else ["cross-site"]
+    if level is not None:
+        kinds += ["unauthorized", "rate-limit"]
+    if level == "full":
+        kinds += ["forbidden"]
+    for status, response in documented(*kinds).items():
+        operation["responses"][str(status)] = response
 
 
 def document() -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from service.access.gate import Gate
 from service.compute.pool import LocalPool
 from service.compute.work import Work
 from service.search.signatures import SignatureIndex
@@ -18,6 +19,7 @@ class Parts:
     pool: LocalPool
     work: Work
     index: SignatureIndex
+    gate: Gate
 
     @property
     def fingerprint(self) -> str:

@@ -75,6 +75,14 @@ def problem_response(
     )
 
 
+def problem_of(error: ServiceError) -> JSONResponse:
+    """The problem document of one of the service's errors."""
+    faults = error.faults if isinstance(error, BadRequestFieldsError) else ()
+    return problem_response(
+        error.kind, str(error), retry_after=error.retry_after, faults=faults, headers=error.headers
+    )
+
+
 def faults_of(errors: Sequence[Any]) -> list[FieldFault]:
     """The faults in what pydantic reports, each named by its field as the client wrote it."""
     faults = []
@@ -123,12 +131,16 @@ def documented(*kinds: str) -> dict[int | str, dict[str, Any]]:
                 "request_id": "7f9c0e1d",
             },
         }
-        if row.status == 503:
+        if row.status in {429, 503}:
             response["headers"] = {
                 "Retry-After": {
                     "description": "Seconds to wait before trying again.",
                     "schema": {"type": "integer"},
                 }
+            }
+        if row.status == 401:
+            response["headers"] = {
+                "WWW-Authenticate": {"description": "Bearer (RFC 6750).", "schema": {"type": "string"}}
             }
     return responses
 
@@ -137,8 +149,7 @@ async def _service_error(_request: Request, error: Exception) -> JSONResponse:
     assert isinstance(error, ServiceError)
     if PROBLEMS[error.kind].status == 500:
         log.error("the service failed", exc_info=error)
-    faults = error.faults if isinstance(error, BadRequestFieldsError) else ()
-    return problem_response(error.kind, str(error), retry_after=error.retry_after, faults=faults)
+    return problem_of(error)
 
 
 async def _core_error(_request: Request, error: Exception) -> JSONResponse:

@@ -2,12 +2,13 @@
 
 import json
 import os
+import re
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 from pydantic import Field, PositiveInt, ValidationError, field_validator
-from pydantic_settings import BaseSettings, SettingsConfigDict
+from pydantic_settings import BaseSettings, NoDecode, SettingsConfigDict
 from sqlalchemy import make_url
 from sqlalchemy.exc import ArgumentError
 
@@ -18,7 +19,11 @@ from core.reading import DEFAULT_LIMITS, Limits
 PREFIX = "ISOSHAPE_"
 
 # Read by other parts of the project, so not a mistake in the environment of a service.
-OTHER_VARIABLES = frozenset({"ISOSHAPE_DATA", "ISOSHAPE_URL"})
+OTHER_VARIABLES = frozenset({"ISOSHAPE_API_KEY", "ISOSHAPE_DATA", "ISOSHAPE_URL"})
+
+Digests = Annotated[tuple[str, ...], NoDecode]
+
+_DIGEST = re.compile(r"[0-9a-f]{64}")
 
 
 class SettingsError(Exception):
@@ -35,7 +40,9 @@ def _processors() -> int:
 class Settings(BaseSettings):
     """What an operator may choose. `docs/settings.md` says what each is for."""
 
-    model_config = SettingsConfigDict(env_prefix=PREFIX, extra="forbid", frozen=True)
+    model_config = SettingsConfigDict(
+        env_prefix=PREFIX, extra="forbid", frozen=True, hide_input_in_errors=True
+    )
 
     database_url: str = Field(
         default="sqlite:///isoshape-data/isoshape.sqlite3",
@@ -51,6 +58,19 @@ class Settings(BaseSettings):
         ge=0,
         le=65535,
         description="The port that `isoshape serve` listens on; 0 is any free one.",
+    )
+    api_keys: Digests = Field(
+        default=(),
+        description="SHA-256 digests of the keys that may do everything, separated by commas.",
+    )
+    read_keys: Digests = Field(
+        default=(),
+        description="SHA-256 digests of the keys that may read, query and compare, separated by commas.",
+    )
+    rate_limit: int = Field(
+        default=1_200,
+        ge=0,
+        description="Requests that a key may make at once, and then a minute; 0 is no limit.",
     )
     log_level: Literal["debug", "info", "warning", "error"] = Field(
         default="info", description="The least severe messages that are logged."
@@ -114,6 +134,24 @@ class Settings(BaseSettings):
         ):
             raise ValueError("must name an SQLite file, as in sqlite:///folder/file.sqlite3")
         return database_url
+
+    @field_validator("api_keys", "read_keys", mode="before")
+    @classmethod
+    def _are_digests(cls, value: object) -> object:
+        if not isinstance(value, str):
+            return value
+        digests = tuple(part.strip().lower() for part in value.split(",") if part.strip())
+        if not all(_DIGEST.fullmatch(digest) for digest in digests):
+            raise ValueError(
+                "must be SHA-256 digests of keys, of 64 hexadecimal digits each, separated by commas; "
+                "`isoshape key` makes a key and prints its digest"
+            )
+        return digests
+
+    @property
+    def has_keys(self) -> bool:
+        """Whether requests need a key."""
+        return bool(self.api_keys or self.read_keys)
 
     @property
     def limits(self) -> Limits:

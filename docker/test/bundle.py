@@ -8,6 +8,8 @@ and are not set here.
 """
 
 import json
+import os
+import re
 import sys
 from pathlib import Path
 from typing import Any
@@ -30,6 +32,24 @@ KERNEL = [
 HIDDEN = [f"/proc/{name}" for name in ("acpi", "kcore", "keys", "latency_stats", "sched_debug", "timer_list")]
 FIXED = ["/proc/bus", "/proc/fs", "/proc/irq", "/proc/sys", "/proc/sysrq-trigger"]
 CAPABILITY_SETS = ("bounding", "effective", "inheritable", "permitted", "ambient")
+
+
+# ${NAME:?what to say when it is missing} and ${NAME:-what stands for it}, as Compose reads them.
+VARIABLE = re.compile(r"\$\{(\w+):([?-])([^}]*)\}")
+
+
+def interpolated(value: str) -> str:
+    """A value of the compose file with the variables of this environment in it."""
+
+    def replaced(found: re.Match[str]) -> str:
+        name, kind, text = found.groups()
+        if given := os.environ.get(name):
+            return given
+        if kind == "?":
+            raise SystemExit(f"{name}: {text}")
+        return text
+
+    return VARIABLE.sub(replaced, value)
 
 
 def mounts(service: dict[str, Any], data: Path) -> list[dict[str, Any]]:
@@ -55,7 +75,9 @@ def configuration(service: dict[str, Any], image: dict[str, Any], root: Path, da
             "user": {"uid": int(user), "gid": int(group)},
             "args": [*(image.get("Entrypoint") or []), *image["Cmd"]],
             "env": image["Env"]
-            + [f"{name}={value}" for name, value in service.get("environment", {}).items()],
+            + [
+                f"{name}={interpolated(str(value))}" for name, value in service.get("environment", {}).items()
+            ],
             "cwd": image["WorkingDir"],
             "capabilities": dict.fromkeys(CAPABILITY_SETS, kept),
             "noNewPrivileges": "no-new-privileges:true" in service.get("security_opt", []),

@@ -1,9 +1,11 @@
 """Use the service in the container as a client does: ``client.py fill`` it, later ``client.py again``.
 
-Run inside the container's network, where the service answers on the loopback address.
+Run inside the container's network, where the service answers on the loopback address. The environment
+holds ``ISOSHAPE_API_KEY``.
 """
 
 import json
+import os
 import sys
 import time
 from typing import Any
@@ -65,5 +67,6 @@ def again(client: httpx.Client) -> None:
 
 
 if __name__ == "__main__":
-    with httpx.Client(base_url="http://127.0.0.1:8000", timeout=120) as session:
+    headers = {"Authorization": f"Bearer {os.environ['ISOSHAPE_API_KEY']}"}
+    with httpx.Client(base_url="http://127.0.0.1:8000", headers=headers, timeout=120) as session:
         {"fill": fill, "again": again}[sys.argv[1]](session)

@@ -8,7 +8,7 @@ from typing import ParamSpec
 import typer
 
 from core.errors import CoreError
-from service.cli import demo, evaluate, ingest, openapi, query, sampling, serve
+from service.cli import demo, evaluate, ingest, key, openapi, query, sampling, serve
 from service.cli.console import fail
 from service.cli.server import PortError, StartError
 from service.client import ClientError
@@ -51,6 +51,7 @@ app.command("ingest")(_in_one_line(ingest.command))
 app.command("query")(_in_one_line(query.command))
 app.command("evaluate")(_in_one_line(evaluate.command))
 app.command("sampling")(_in_one_line(sampling.command))
+app.command("key")(_in_one_line(key.command))
 app.command("openapi")(_in_one_line(openapi.command))
 
 

@@ -17,6 +17,7 @@ from service.cli.child import ChildService, sigterm_exits
 from service.cli.console import fail, output, progress, say
 from service.cli.picture import draw_answers
 from service.cli.server import DEFAULT_PORT, LOOPBACK, PortError, bind, wait_until_ready
+from service.cli.target import Key
 from service.cli.upload import Item, upload_all
 from service.client import Client
 from service.search.schemas import QueryAnswer
@@ -51,6 +52,7 @@ def command(
         Path | None,
         typer.Option(help="Write a picture of some answers, corresponding points coloured alike."),
     ] = None,
+    key: Key = None,
 ) -> None:
     """Make a gallery of articulated shapes, store it, and query it with poses that are not stored.
 
@@ -64,7 +66,7 @@ def command(
     settings = {"ISOSHAPE_DATABASE_URL": f"sqlite:///{FOLDER / 'demo.sqlite3'}"}
     if "ISOSHAPE_LOG_LEVEL" not in os.environ:
         settings["ISOSHAPE_LOG_LEVEL"] = "warning"
-    with sigterm_exits(), ChildService(port, settings) as child, Client(child.url) as client:
+    with sigterm_exits(), ChildService(port, settings) as child, Client(child.url, key=key) as client:
         items = _make_gallery()
         wait_until_ready(client, child.ended)
         _store(client, items)
@@ -78,7 +80,7 @@ def command(
             if wrong:
                 fail(f"the first neighbour is of another class for {', '.join(wrong)}")
             return
-        _offer(child, _save_query())
+        _offer(child, _save_query(), needs_key=key is not None)
 
 
 def _make_gallery() -> list[Item]:
@@ -149,8 +151,9 @@ def _save_query() -> Path:
     return path
 
 
-def _offer(child: ChildService, query: Path) -> None:
+def _offer(child: ChildService, query: Path, *, needs_key: bool) -> None:
     say(f"The service runs at {child.url} until Ctrl-C. Its documentation: {child.url}/docs. Try:")
-    output().print(f"curl -F file=@{query} {child.url}/query", soft_wrap=True)
+    header = '-H "X-API-Key: $ISOSHAPE_API_KEY" ' if needs_key else ""
+    output().print(f"curl {header}-F file=@{query} {child.url}/query", soft_wrap=True)
     with suppress(KeyboardInterrupt):
         fail(f"the service ended with status {child.wait()}")

@@ -7,7 +7,7 @@ import typer
 
 from core.reading import FORMATS
 from service.cli.console import fail, output, progress, say
-from service.cli.target import Url, service_at
+from service.cli.target import Key, Url, service_at
 from service.cli.upload import AT_ONCE, Item, upload_all
 from service.collections import MeshFile, find_meshes
 from service.shapes.fields import TAG_CHARACTERS
@@ -18,6 +18,7 @@ def command(
     *,
     tag: Annotated[list[str] | None, typer.Option(help="Give every file this tag too; repeatable.")] = None,
     url: Url = None,
+    key: Key = None,
     at_once: Annotated[int, typer.Option(min=1, max=64, help="Uploads under way at a time.")] = AT_ONCE,
 ) -> None:
     """Store mesh files under their own names. A file's class becomes a tag.
@@ -33,7 +34,7 @@ def command(
     items = [Item(file.path.name, file.path, _tags(file, tag or [])) for file in found.files]
     created = present = 0
     refused: list[tuple[str, str]] = []
-    with service_at(url) as client, progress() as bar:
+    with service_at(url, key) as client, progress() as bar:
         task = bar.add_task("storing", total=len(items))
         for item, outcome in upload_all(client, items, at_once):
             if isinstance(outcome, str):

@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.table import Table
 
 from service.cli.console import output, say
-from service.cli.target import Url, service_at
+from service.cli.target import Key, Url, service_at
 from service.search.ranking import RankBy
 from service.search.schemas import QueryAnswer
 
@@ -24,10 +24,11 @@ def command(
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the service's answer as it is.")] = False,
     url: Url = None,
+    key: Key = None,
 ) -> None:
     """Find the stored shapes most like a mesh file."""
     mesh = (file.name, file.read_bytes())
-    with service_at(url) as client:
+    with service_at(url, key) as client:
         answer = client.query_file(mesh, top_k=top_k, rank_by=rank_by, filter=tag or [])
     if as_json:
         typer.echo(answer.model_dump_json(exclude_none=True))

@@ -5,8 +5,8 @@ from typing import Annotated
 import typer
 
 from service.cli.console import say
-from service.cli.server import bind, run
-from service.settings import load_settings
+from service.cli.server import bind, is_loopback, run
+from service.settings import SettingsError, load_settings
 
 
 def command(
@@ -17,13 +17,22 @@ def command(
         int | None, typer.Option(min=0, max=65535, help="Port. [default: ISOSHAPE_PORT or 8000; 0: any free]")
     ] = None,
 ) -> None:
-    """Serve the archive over HTTP until Ctrl-C. Settings are ISOSHAPE_* variables of the environment."""
+    """Serve the archive over HTTP until Ctrl-C. Settings are ISOSHAPE_* variables of the environment.
+
+    An address that other machines reach is not listened on unless there is a key.
+    """
     # Here, so that commands that run no service do not wait for its imports.
     from service.app import create_app  # noqa: PLC0415
 
     settings = load_settings()
     with bind(host or settings.host, settings.port if port is None else port) as bound:
         address = bound.getsockname()
+        if not (settings.has_keys or is_loopback(address[0])):
+            raise SettingsError(
+                f"{address[0]} can be reached from other machines, where anybody could change the archive: "
+                "set ISOSHAPE_API_KEYS to the SHA-256 of a key (`isoshape key` makes one and prints both), "
+                "or listen on 127.0.0.1"
+            )
         name = f"[{address[0]}]" if ":" in address[0] else address[0]
         say(f"Isoshape listens on http://{name}:{address[1]}")
         run(create_app(settings), bound)

@@ -1,5 +1,6 @@
 """The service as this process runs it: in the foreground, or in a thread for one command."""
 
+import ipaddress
 import socket
 import threading
 import time
@@ -50,6 +51,11 @@ def bind(host: str, port: int) -> socket.socket:
     return bound
 
 
+def is_loopback(address: str) -> bool:
+    """Whether a bound address is reached from this machine alone."""
+    return ipaddress.ip_address(address).is_loopback
+
+
 def run(app: ASGIApp, bound: socket.socket) -> None:
     """Serve the app on the socket until a signal ends it.
 
@@ -67,8 +73,10 @@ def run(app: ASGIApp, bound: socket.socket) -> None:
 
 
 @contextmanager
-def in_thread(app: ASGIApp) -> Iterator[Client]:
+def in_thread(app: ASGIApp, key: str | None = None) -> Iterator[Client]:
     """Run the app, its lifespan and its workers on a free loopback port; yields a client once it is ready.
+
+    The client sends the key, if one is given.
 
     Raises
     ------
@@ -86,7 +94,7 @@ def in_thread(app: ASGIApp) -> Iterator[Client]:
                 if not thread.is_alive():
                     raise StartError(f"the service could not start: {watched.error}")
                 time.sleep(0.01)
-            with Client(f"http://{LOOPBACK}:{port}") as client:
+            with Client(f"http://{LOOPBACK}:{port}", key=key) as client:
                 wait_until_ready(client, ended=lambda: not thread.is_alive())
                 yield client
         finally:

@@ -9,9 +9,10 @@ import typer
 from sqlalchemy.engine import make_url
 from sqlalchemy.exc import ArgumentError
 
+from service.access.keys import digest_of, new_key
 from service.cli.console import say
 from service.cli.server import DEFAULT_PORT, LOOPBACK, in_thread
-from service.client import Client, ClientError
+from service.client import Client, ClientError, ProblemError
 from service.settings import Settings, load_settings
 
 Url = Annotated[
@@ -23,12 +24,21 @@ Url = Annotated[
     ),
 ]
 
+Key = Annotated[
+    str | None,
+    typer.Option(
+        envvar="ISOSHAPE_API_KEY",
+        help="The key to send, where the service asks for one. Better in the environment: others see what "
+        "is in the command line.",
+    ),
+]
+
 # A local service answers at once, or is none.
 PROBE = httpx.Timeout(2.0)
 
 
 @contextmanager
-def service_at(url: str | None) -> Iterator[Client]:
+def service_at(url: str | None, key: str | None = None) -> Iterator[Client]:
     """A client of the service that is meant, after one line that says which it is.
 
     A database is reached through the whole service, run by this process for as long as the command lasts.
@@ -36,23 +46,23 @@ def service_at(url: str | None) -> Iterator[Client]:
     Raises
     ------
     ClientError
-        There is no such service at the address given.
+        There is no such service at the address given, or it wants another key.
     StartError
         The database cannot be opened.
     SettingsError
         The environment is wrong.
     """
     if url:
-        with Client(url) as client:
+        with Client(url, key=key) as client:
             client.version()
             say(f"using the service at {url}")
             yield client
         return
     settings = load_settings()
     local = f"http://{LOOPBACK}:{DEFAULT_PORT}"
-    if "database_url" not in settings.model_fields_set and _answers(local):
+    if "database_url" not in settings.model_fields_set and _answers(local, key):
         say(f"using the service at {local}")
-        with Client(local) as client:
+        with Client(local, key=key) as client:
             yield client
         return
     say(f"using the database {_shown(settings.database_url)}")
@@ -60,10 +70,12 @@ def service_at(url: str | None) -> Iterator[Client]:
         yield client
 
 
-def _answers(url: str) -> bool:
+def _answers(url: str, key: str | None) -> bool:
     try:
-        with Client(url, timeout=PROBE) as client:
+        with Client(url, key=key, timeout=PROBE) as client:
             client.version()
+    except ProblemError:
+        raise
     except ClientError:
         return False
     return True
@@ -76,7 +88,10 @@ def _own_service(settings: Settings) -> Iterator[Client]:
 
     if "log_level" not in settings.model_fields_set:
         settings = settings.model_copy(update={"log_level": "error"})
-    with in_thread(create_app(settings)) as client:
+    # Other users of this machine reach its port too.
+    key = new_key()
+    settings = settings.model_copy(update={"api_keys": (digest_of(key),), "read_keys": (), "rate_limit": 0})
+    with in_thread(create_app(settings), key) as client:
         yield client
 
 

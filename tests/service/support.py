@@ -53,7 +53,7 @@ def settings_in(folder: Path, **values: Any) -> Settings:
 
 
 @contextmanager
-def serving(settings: Settings, *, ready: bool = True) -> Iterator[Running]:
+def serving(settings: Settings, *, ready: bool = True, key: str | None = None) -> Iterator[Running]:
     """The service under some settings, from start to end; waits for its workers unless told not to."""
     app = create_app(settings)
     server = uvicorn.Server(uvicorn.Config(app, port=0, log_config=None, access_log=False, lifespan="on"))
@@ -63,7 +63,8 @@ def serving(settings: Settings, *, ready: bool = True) -> Iterator[Running]:
         wait_until(lambda: server.started or not thread.is_alive(), seconds=60)
         assert server.started, "the service did not start"
         port = server.servers[0].sockets[0].getsockname()[1]
-        with httpx.Client(base_url=f"http://127.0.0.1:{port}", timeout=120) as client:
+        headers = {} if key is None else {"authorization": f"Bearer {key}"}
+        with httpx.Client(base_url=f"http://127.0.0.1:{port}", headers=headers, timeout=120) as client:
             if ready:
                 wait_until(lambda: client.get("/readyz").status_code == 200, seconds=180)
             yield Running(client, app.state.parts)
@@ -126,5 +127,5 @@ def assert_problem(answer: httpx.Response, status: int, kind: str) -> dict[str, 
     assert problem["detail"]
     assert problem["request_id"] == answer.headers["x-request-id"]
     assert problem["instance"] == f"urn:isoshape:request:{problem['request_id']}"
-    assert ("retry-after" in answer.headers) == (status == 503)
+    assert ("retry-after" in answer.headers) == (status in {429, 503})
     return problem

@@ -1,6 +1,7 @@
 """Settings: read, refused, and documented."""
 
 import re
+import traceback
 from pathlib import Path
 
 import pytest
@@ -59,6 +60,25 @@ def test_variables_are_read(monkeypatch: pytest.MonkeyPatch) -> None:
     assert (settings.workers, settings.port) == (3, 0)
 
 
+def test_digests_are_separated_by_commas(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert not load_settings().has_keys
+    monkeypatch.setenv("ISOSHAPE_API_KEYS", "")
+    assert not load_settings().has_keys
+    monkeypatch.setenv("ISOSHAPE_API_KEYS", f" {'A' * 64} ,{'b' * 64},")
+    assert load_settings().api_keys == ("a" * 64, "b" * 64)
+    assert load_settings().has_keys
+    monkeypatch.delenv("ISOSHAPE_API_KEYS")
+    monkeypatch.setenv("ISOSHAPE_READ_KEYS", "0" * 64)
+    assert load_settings().has_keys
+
+
+def test_a_key_in_the_place_of_its_digest_is_not_repeated(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ISOSHAPE_API_KEYS", "isoshape_secret")
+    with pytest.raises(SettingsError, match="64 hexadecimal digits") as refused:
+        load_settings()
+    assert "isoshape_secret" not in "".join(traceback.format_exception(refused.value))
+
+
 def test_variables_of_other_parts_are_let_be(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in OTHER_VARIABLES:
         monkeypatch.setenv(name, "x")
@@ -85,6 +105,10 @@ def test_unknown_variables_are_refused_by_name(monkeypatch: pytest.MonkeyPatch) 
         ("LOCK_SECONDS", "-1"),
         ("LOG_LEVEL", "loud"),
         ("MAX_UPLOAD_BYTES", "-5"),
+        ("RATE_LIMIT", "-1"),
+        ("API_KEYS", "isoshape_a-key-itself"),
+        ("API_KEYS", "0" * 63),
+        ("READ_KEYS", "0" * 64 + "," + "g" * 64),
         ("DATABASE_URL", "archive.sqlite3"),
         ("DATABASE_URL", "sqlite://"),
         ("DATABASE_URL", "sqlite:///:memory:"),
@@ -133,8 +157,14 @@ def test_a_pipeline_that_is_no_file_is_refused(tmp_path: Path) -> None:
 
 def test_uploads_in_the_container_fit_its_temporary_folder(monkeypatch: pytest.MonkeyPatch) -> None:
     service = yaml.safe_load(COMPOSE.read_text())["services"]["isoshape"]
-    for name, value in service["environment"].items():
-        monkeypatch.setenv(name, str(value))
+    values = {name: str(value) for name, value in service["environment"].items()}
+    # A key must be given, and a read-only one may.
+    assert values["ISOSHAPE_API_KEYS"].startswith("${ISOSHAPE_API_KEYS:?")
+    assert values["ISOSHAPE_READ_KEYS"] == "${ISOSHAPE_READ_KEYS:-}"
+    for name, value in values.items():
+        if "$" in value:
+            continue
+        monkeypatch.setenv(name, value)
     settings = load_settings()
     (room,) = re.findall(r"^/tmp:size=(\d+)m,", service["tmpfs"][0])
     (memory,) = re.findall(r"^(\d+)g$", service["mem_limit"])

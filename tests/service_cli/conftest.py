@@ -22,7 +22,17 @@ POSES = 3
 @pytest.fixture(autouse=True)
 def environment(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """No setting of the tester's own, one worker, and an empty working folder."""
-    for name in ("DATABASE_URL", "URL", "PIPELINE", "LOG_LEVEL", "HOST", "PORT"):
+    for name in (
+        "DATABASE_URL",
+        "URL",
+        "PIPELINE",
+        "LOG_LEVEL",
+        "HOST",
+        "PORT",
+        "API_KEY",
+        "API_KEYS",
+        "READ_KEYS",
+    ):
         monkeypatch.delenv(f"ISOSHAPE_{name}", raising=False)
     monkeypatch.setenv("ISOSHAPE_WORKERS", "1")
     (tmp_path / "cwd").mkdir()

@@ -183,7 +183,7 @@ def test_a_service_that_was_busy_gets_the_whole_file_again() -> None:
 
 
 def test_retried_kinds_are_temporary_ones() -> None:
-    assert {PROBLEMS[kind].status for kind in RETRIES} == {503}
+    assert {PROBLEMS[kind].status for kind in RETRIES} == {429, 503}
 
 
 def test_query_arguments_are_the_services_own() -> None:
