@@ -8,7 +8,18 @@ from typing import ParamSpec
 import typer
 
 from core.errors import CoreError
-from service.cli import demo, evaluate, ingest, key, openapi, query, sampling, serve
+from service.cli import (
+    ablation,
+    demo,
+    evaluate,
+    ingest,
+    key,
+    openapi,
+    query,
+    sampling,
+    serve,
+    table2,
+)
 from service.cli.console import fail
 from service.cli.server import PortError, StartError
 from service.client import ClientError
@@ -50,6 +61,8 @@ app.command("demo")(_in_one_line(demo.command))
 app.command("ingest")(_in_one_line(ingest.command))
 app.command("query")(_in_one_line(query.command))
 app.command("evaluate")(_in_one_line(evaluate.command))
+app.command("ablation")(_in_one_line(ablation.command))
+app.command("table2")(_in_one_line(table2.command))
 app.command("sampling")(_in_one_line(sampling.command))
 app.command("key")(_in_one_line(key.command))
 app.command("openapi")(_in_one_line(openapi.command))

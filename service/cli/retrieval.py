@@ -47,10 +47,7 @@ def score_rival(
     files: Sequence[tuple[Path, str]], method: Method, workers: int
 ) -> tuple[list[str], NDArray[np.float64]]:
     """Labels of the files that another method can use, and its distances between them, shape (n, n)."""
-    try:
-        load(method)
-    except MissingPeerError as error:
-        fail(str(error), status=2)
+    ready(method)
     with worker_pool(DEFAULT, workers) as pool, progress() as bar:
         task = bar.add_task(f"{method}: describing", total=len(files))
         found = describe_files(pool, method, [path for path, _ in files], lambda n: bar.advance(task, n))
@@ -59,6 +56,14 @@ def score_rival(
         comparing = bar.add_task(f"{method}: comparing pairs", total=pairs)
         distances = distance_matrix(pool, method, described, lambda n: bar.advance(comparing, n))
     return labels, distances
+
+
+def ready(method: Method) -> None:
+    """End the command where the method's library is not installed."""
+    try:
+        load(method)
+    except MissingPeerError as error:
+        fail(str(error), status=2)
 
 
 def usable(

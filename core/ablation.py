@@ -1,0 +1,105 @@
+"""What each step away from the paper's own setting is worth: the settings between `paper` and `default`."""
+
+from dataclasses import dataclass, fields, replace
+from typing import Literal
+
+from core.parameters import DEFAULT, PAPER, Parameters
+
+Block = Literal["alone", "together", "without"]
+
+
+@dataclass(frozen=True)
+class Change:
+    """Parameters that change as one, from their value in `paper` to that in `default`."""
+
+    title: str
+    fields: tuple[str, ...]
+
+
+NAMED = (
+    Change("even mesh: long edges split, large meshes simplified", ("refine_vertices", "decimate_above")),
+    Change(
+        "samples: 100, covering, weights of Eqs. 11 and 12 normalised",
+        ("selection", "coverage_power", "samples", "sample_cap", "normalise_weights"),
+    ),
+    Change("distances along the graph, across faces", ("distances", "unfold")),
+    Change("Gaussian affinity, eigenvalue scaling", ("affinity", "width", "eigenvalue_power")),
+    Change("stiff spline", ("stiffness",)),
+    Change(
+        "progressive dimension, eight signs",
+        (
+            "dimensions",
+            "first_dimensions",
+            "sign_starts",
+            "kept_starts",
+            "start_iterations",
+            "step_iterations",
+        ),
+    ),
+    Change("two-sided one-to-one pairs, orthogonal map", ("pairs", "align_rounds", "warp_stiffness")),
+    Change("Laplace-Beltrami embedding too", ("operators", "affinity_values", "laplacian_values")),
+)
+"""In the order in which they are added up. `changes` gives these, and whatever they leave out."""
+
+SIGNATURE = "signature too: ranked by combined"
+"""The last step changes the ranking and no parameter."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of the table: `parameters` ranked by `rank_by`."""
+
+    block: Block
+    title: str
+    parameters: Parameters
+    rank_by: Literal["cc", "combined"]
+
+
+def changes() -> tuple[Change, ...]:
+    """The steps from `paper` to `default`: those of `NAMED`, then one of what they leave out, if anything."""
+    named = {name for change in NAMED for name in change.fields} | {"name"}
+    rest = tuple(
+        field.name
+        for field in fields(Parameters)
+        if field.name not in named and getattr(PAPER, field.name) != getattr(DEFAULT, field.name)
+    )
+    return (*NAMED, Change(f"the rest of default: {', '.join(rest)}", rest)) if rest else NAMED
+
+
+def rows(*, without: bool = False) -> tuple[Row, ...]:
+    """`paper`, each change on it alone, the changes added up to `default`, each with its ranking.
+
+    Parameters
+    ----------
+    without : bool
+        Whether a third block follows: `default` with each change taken back.
+
+    Raises
+    ------
+    ParameterError
+        A change alone gives no valid parameters.
+    """
+    steps = changes()
+    alone = [Row("alone", step.title, _taken(PAPER, DEFAULT, step), "cc") for step in steps]
+    together: list[Row] = []
+    so_far = PAPER
+    for step in steps:
+        so_far = _taken(so_far, DEFAULT, step)
+        together.append(Row("together", step.title, so_far, "cc"))
+    found = [
+        Row("alone", "paper", PAPER, "cc"),
+        *alone,
+        Row("alone", SIGNATURE, PAPER, "combined"),
+        Row("together", "paper", PAPER, "cc"),
+        *together,
+        Row("together", SIGNATURE, so_far, "combined"),
+    ]
+    if without:
+        found.append(Row("without", "default", DEFAULT, "cc"))
+        found += [Row("without", step.title, _taken(DEFAULT, PAPER, step), "cc") for step in steps]
+    return tuple(found)
+
+
+def _taken(parameters: Parameters, source: Parameters, change: Change) -> Parameters:
+    """The parameters with the change's fields as they are in `source`."""
+    return replace(parameters, **{name: getattr(source, name) for name in change.fields})
