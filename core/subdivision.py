@@ -10,7 +10,7 @@ PASSES = 24
 """Each pass halves what is too long; 24 take any triangle a million times longer than the target."""
 
 
-def _edge_table(faces: Ints) -> tuple[Ints, Ints]:
+def edge_table(faces: Ints) -> tuple[Ints, Ints]:
     """Distinct edges, shape (e, 2), and for each face the indices of its edges 01, 12, 20, shape (f, 3)."""
     ends = np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
     key = ends[:, 0] * (int(faces.max()) + 1) + ends[:, 1]
@@ -18,7 +18,7 @@ def _edge_table(faces: Ints) -> tuple[Ints, Ints]:
     return ends[first], inverse.reshape(-1, 3)
 
 
-def _split_faces(faces: Ints, middle: Ints, vertices: Floats) -> Ints:
+def split_faces(faces: Ints, middle: Ints, vertices: Floats) -> Ints:
     """Faces after their marked edges got a midpoint; `middle` is (f, 3), -1 where the edge stays.
 
     A face with two is cut along the shorter diagonal; of equal ones, that at the earlier vertex.
@@ -71,7 +71,7 @@ def split_long_edges(mesh: Mesh, longest: float, most: int) -> Mesh:
     """
     vertices, faces = mesh.vertices, mesh.faces
     for _ in range(PASSES):
-        edges, of_face = _edge_table(faces)
+        edges, of_face = edge_table(faces)
         length = np.linalg.norm(vertices[edges[:, 0]] - vertices[edges[:, 1]], axis=1)
         long = np.flatnonzero(length > longest)
         if len(long) == 0 or len(vertices) + len(long) > most:
@@ -79,7 +79,7 @@ def split_long_edges(mesh: Mesh, longest: float, most: int) -> Mesh:
         middle = np.full(len(edges), -1, dtype=np.int64)
         middle[long] = len(vertices) + np.arange(len(long))
         vertices = np.concatenate([vertices, vertices[edges[long]].mean(axis=1)])
-        faces = _split_faces(faces, middle[of_face], vertices)
+        faces = split_faces(faces, middle[of_face], vertices)
     return mesh if faces is mesh.faces else Mesh(vertices, faces)
 
 

@@ -16,6 +16,7 @@ from service.cli import (
     key,
     openapi,
     query,
+    robustness,
     sampling,
     serve,
     table2,
@@ -64,6 +65,7 @@ app.command("evaluate")(_in_one_line(evaluate.command))
 app.command("ablation")(_in_one_line(ablation.command))
 app.command("table2")(_in_one_line(table2.command))
 app.command("sampling")(_in_one_line(sampling.command))
+app.command("robustness")(_in_one_line(robustness.command))
 app.command("key")(_in_one_line(key.command))
 app.command("openapi")(_in_one_line(openapi.command))
 

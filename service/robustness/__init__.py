@@ -1,0 +1,1 @@
+"""Retrieval of perturbed queries as a table, pictures and a page."""
