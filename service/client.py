@@ -36,7 +36,14 @@ Model = TypeVar("Model", bound=BaseModel)
 
 # How often to try again when the service answers 429 or 503, by the kind of problem. A file that killed its
 # worker may do so again, so it has one more chance only.
-RETRIES = {"busy": 5, "rate-limit": 5, "storage-unavailable": 3, "not-ready": 5, "worker-lost": 1}
+RETRIES = {
+    "busy": 5,
+    "rate-limit": 5,
+    "not-ready": 5,
+    "shutting-down": 3,
+    "storage-unavailable": 3,
+    "worker-lost": 1,
+}
 LONGEST_WAIT_SECONDS = 30.0
 # A large mesh may wait for a worker and then be worked on for minutes.
 TIMEOUT = httpx.Timeout(600.0, connect=10.0)

@@ -143,6 +143,17 @@ class WorkerLostError(ServiceError):
     retry_after = 1
 
 
+class TaskGivenUpError(WorkerLostError):
+    """The worker process was stopped because no one waited for its answer any more."""
+
+
+class ShuttingDownError(ServiceError):
+    """The service ends before it could answer."""
+
+    kind = "shutting-down"
+    retry_after = 5
+
+
 class StorageUnavailableError(ServiceError):
     """The database cannot be reached, is locked, or cannot be written."""
 
@@ -206,6 +217,7 @@ PROBLEMS: dict[str, ProblemKind] = {
     "busy": ProblemKind(503, "The service is busy"),
     "time-limit": ProblemKind(503, "The work took too long"),
     "worker-lost": ProblemKind(503, "A worker was lost"),
+    "shutting-down": ProblemKind(503, "The service is shutting down"),
     "not-ready": ProblemKind(503, "The service is not ready"),
     "storage-unavailable": ProblemKind(503, "The database is not available"),
     "storage-full": ProblemKind(507, "There is no room left"),

@@ -1,5 +1,6 @@
 """What every request passes through: an id and a line in the log, and a limit on its body."""
 
+import asyncio
 import logging
 import re
 import time
@@ -11,9 +12,9 @@ from starlette.requests import ClientDisconnect
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from service.access.middleware import KEY_IN_SCOPE
-from service.errors import FileTooLargeError
+from service.errors import FileTooLargeError, ShuttingDownError
 from service.logging import get_logger, request_id
-from service.problems import problem_response
+from service.problems import problem_of, problem_response
 
 HEADER = "X-Request-ID"
 
@@ -29,7 +30,7 @@ _ACCEPTABLE_ID = re.compile(r"[A-Za-z0-9._-]{1,64}")
 
 
 class RequestContext:
-    """Gives a request its id, logs its end, and answers 500 where nothing else has answered."""
+    """Gives a request its id, logs its end, and answers 500 or 503 where nothing else has answered."""
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app
@@ -56,6 +57,14 @@ class RequestContext:
             await self._app(scope, receive, send_with_id)
         except ClientDisconnect:
             log.info("the client went away")
+        except asyncio.CancelledError:
+            # The server was asked to stop, and waits no longer.
+            if status:
+                raise
+            error = ShuttingDownError(
+                "the work was not finished in time; whether it changed anything is open"
+            )
+            await problem_of(error)(scope, receive, send_with_id)
         except Exception as error:
             log.error("the service failed", exc_info=error)
             if status == 0:

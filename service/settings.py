@@ -90,6 +90,10 @@ class Settings(BaseSettings):
         allow_inf_nan=False,
         description="The longest that one task may run in a worker before the worker is replaced.",
     )
+    shutdown_seconds: PositiveInt = Field(
+        default=10,
+        description="How long `isoshape serve`, asked to stop, goes on with requests that are at work.",
+    )
     lock_seconds: float = Field(
         default=10.0,
         gt=0,

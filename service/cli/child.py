@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from types import FrameType, TracebackType
 from typing import Self
 
-from service.cli.server import GRACEFUL_SHUTDOWN_SECONDS, LOOPBACK
+from service.cli.server import LOOPBACK, SHUTDOWN_SECONDS
 
 
 @contextmanager
@@ -59,7 +59,7 @@ class ChildService:
     ) -> None:
         self._process.terminate()
         try:
-            self._process.wait(2 * GRACEFUL_SHUTDOWN_SECONDS)
+            self._process.wait(2 * SHUTDOWN_SECONDS)
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()

@@ -35,4 +35,4 @@ def command(
             )
         name = f"[{address[0]}]" if ":" in address[0] else address[0]
         say(f"Isoshape listens on http://{name}:{address[1]}")
-        run(create_app(settings), bound)
+        run(create_app(settings), bound, shutdown_seconds=settings.shutdown_seconds)

@@ -14,9 +14,9 @@ from service.client import Client
 
 LOOPBACK = "127.0.0.1"
 DEFAULT_PORT = 8000
-# Long enough for a query under way; without it one idle connection keeps the process from ending.
-GRACEFUL_SHUTDOWN_SECONDS = 10
 READY_SECONDS = 300.0
+# Of a service that one command uses, and which is asked for nothing any more.
+SHUTDOWN_SECONDS = 10
 
 
 class PortError(Exception):
@@ -56,8 +56,8 @@ def is_loopback(address: str) -> bool:
     return ipaddress.ip_address(address).is_loopback
 
 
-def run(app: ASGIApp, bound: socket.socket) -> None:
-    """Serve the app on the socket until a signal ends it.
+def run(app: ASGIApp, bound: socket.socket, *, shutdown_seconds: int) -> None:
+    """Serve the app on the socket until a signal ends it; requests at work then have some seconds more.
 
     Raises
     ------
@@ -65,7 +65,7 @@ def run(app: ASGIApp, bound: socket.socket) -> None:
         The app's lifespan failed.
     """
     watched = _Watched(app)
-    server = uvicorn.Server(_config(watched))
+    server = uvicorn.Server(_config(watched, shutdown_seconds))
     with suppress(KeyboardInterrupt):
         _serve(server, bound)
     if not server.started:
@@ -84,7 +84,7 @@ def in_thread(app: ASGIApp, key: str | None = None) -> Iterator[Client]:
         The app's lifespan failed.
     """
     watched = _Watched(app)
-    server = uvicorn.Server(_config(watched))
+    server = uvicorn.Server(_config(watched, SHUTDOWN_SECONDS))
     with bind(LOOPBACK, 0) as bound:
         port = bound.getsockname()[1]
         thread = threading.Thread(target=_serve, args=(server, bound), name="isoshape service")
@@ -124,7 +124,7 @@ def _serve(server: uvicorn.Server, bound: socket.socket) -> None:
         server.run(sockets=[bound])
 
 
-def _config(app: ASGIApp) -> uvicorn.Config:
+def _config(app: ASGIApp, shutdown_seconds: int) -> uvicorn.Config:
     # The service logs its requests and their errors itself.
     return uvicorn.Config(
         app,
@@ -132,7 +132,7 @@ def _config(app: ASGIApp) -> uvicorn.Config:
         log_config=None,
         log_level="critical",
         access_log=False,
-        timeout_graceful_shutdown=GRACEFUL_SHUTDOWN_SECONDS,
+        timeout_graceful_shutdown=shutdown_seconds,
     )
 
 

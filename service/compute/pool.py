@@ -7,9 +7,9 @@ time, so that a process which dies, or is killed at the time limit, costs one ta
 
 import os
 import threading
+import time
 from collections.abc import Callable
 from concurrent.futures import CancelledError, Executor, Future
-from dataclasses import dataclass
 from queue import Empty, SimpleQueue
 from typing import Any
 
@@ -22,13 +22,35 @@ log = get_logger("compute")
 START_SECONDS = 180.0
 RESTART_SECONDS = 1.0
 PING_SECONDS = 2.0
+# About what a new process takes to start.
+GIVEN_UP_SECONDS = 2.0
 
 
-@dataclass(frozen=True)
-class _Task:
-    future: Future[Any]
-    function: Callable[..., Any]
-    arguments: tuple[Any, ...]
+class _Task(Future[Any]):
+    """A call, and the future of its answer.
+
+    Cancelled before it is begun, it lets go of its arguments at once, though its place in the queue stays.
+    Cancelled later it may go on for a while, since ending the process costs more than a short call.
+    """
+
+    def __init__(self, function: Callable[..., Any], arguments: tuple[Any, ...]) -> None:
+        super().__init__()
+        self.function = function
+        self.arguments = arguments
+        self._given_up_at: float | None = None
+
+    def cancel(self) -> bool:
+        """Whether the call will not be made; one that is being made is given up."""
+        if super().cancel():
+            self.arguments = ()
+            return True
+        if self._given_up_at is None:
+            self._given_up_at = time.monotonic()
+        return False
+
+    def given_up(self) -> bool:
+        """Whether it has had its time since it was cancelled."""
+        return self._given_up_at is not None and time.monotonic() >= self._given_up_at + GIVEN_UP_SECONDS
 
 
 class LocalPool(Executor):
@@ -56,15 +78,18 @@ class LocalPool(Executor):
             seat.start()
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:  # noqa: ANN401
-        """Have `fn(*args)` called in a worker. Function, arguments and result must pickle; no keywords."""
+        """Have `fn(*args)` called in a worker. Function, arguments and result must pickle; no keywords.
+
+        The future may be cancelled while the call is made: its process is replaced unless it ends shortly.
+        """
         if kwargs:
             raise TypeError("tasks take positional arguments only")
-        future: Future[Any] = Future()
+        task = _Task(fn, args)
         with self._submitting:
             if self._closing.is_set():
                 raise RuntimeError("the pool is shut down")
-            self._tasks.put(_Task(future, fn, args))
-        return future
+            self._tasks.put(task)
+        return task
 
     def ready(self) -> bool:
         """Whether a worker can be had: an idle one answers, or one is alive and at work."""
@@ -110,7 +135,7 @@ class LocalPool(Executor):
             except Empty:
                 return
             if task is not None:
-                task.future.cancel()
+                task.cancel()
 
 
 class _Seat(threading.Thread):
@@ -150,10 +175,12 @@ class _Seat(threading.Thread):
             if task is None:
                 self._empty()
                 return
-            if task.future.set_running_or_notify_cancel():
+            if task.set_running_or_notify_cancel():
                 self.busy = True
                 self._do(task)
                 self.busy = False
+            # Not kept until the next one comes: its arguments may be large.
+            del task
 
     def stop_starting(self) -> None:
         """Do not wait for a process that is still warming up."""
@@ -171,15 +198,15 @@ class _Seat(threading.Thread):
         """Have the task done and its future settled."""
         try:
             process = self._hand_over(task)
-            answer = process.receive(self._seconds)
+            answer = process.receive(self._seconds, task.given_up)
         except (WorkerLostError, TaskTimeLimitError) as error:
             log.warning("a worker process is replaced: %s", error)
             self._empty()
-            task.future.set_exception(error)
+            task.set_exception(error)
         except Exception as error:
-            task.future.set_exception(error)
+            task.set_exception(error)
         else:
-            task.future.set_result(answer)
+            task.set_result(answer)
 
     def _hand_over(self, task: _Task) -> WorkerProcess:
         """The process that has the task. One that died while idle had begun nothing, so another gets it."""
@@ -230,5 +257,5 @@ class _Seat(threading.Thread):
             return
         if task is None:
             self._tasks.put(None)
-        elif task.future.set_running_or_notify_cancel():
-            task.future.set_exception(WorkerLostError("no worker process could be started"))
+        elif task.set_running_or_notify_cancel():
+            task.set_exception(WorkerLostError("no worker process could be started"))

@@ -1,12 +1,15 @@
 """One worker process, and calls to it."""
 
 import multiprocessing
+import time
 from collections.abc import Callable
 from multiprocessing.connection import Connection
 from typing import Any
 
 from service.compute.worker import serve
-from service.errors import TaskTimeLimitError, WorkerLostError
+from service.errors import TaskGivenUpError, TaskTimeLimitError, WorkerLostError
+
+ASK_SECONDS = 0.25
 
 # Spawned, not forked: a fork of a process with threads may hold a lock that no one will ever release.
 _spawn = multiprocessing.get_context("spawn")
@@ -45,19 +48,25 @@ class WorkerProcess:
         except OSError as error:
             raise WorkerLostError("the worker process had died") from error
 
-    def receive(self, seconds: float) -> Any:  # noqa: ANN401
-        """What the function returned there, or raised.
+    def receive(self, seconds: float, given_up: Callable[[], bool] = lambda: False) -> Any:  # noqa: ANN401
+        """What the function returned there, or raised; `given_up` is asked now and then.
 
         Raises
         ------
         TaskTimeLimitError
             It took longer than `seconds`, and may still go on.
+        TaskGivenUpError
+            No one waits for it any more; it may still go on.
         WorkerLostError
             The process died.
         """
+        end = time.monotonic() + seconds
         try:
-            if not self._connection.poll(seconds):
-                raise TaskTimeLimitError(f"the work took longer than the limit of {seconds:g} s")
+            while not self._connection.poll(max(0.0, min(ASK_SECONDS, end - time.monotonic()))):
+                if time.monotonic() >= end:
+                    raise TaskTimeLimitError(f"the work took longer than the limit of {seconds:g} s")
+                if given_up():
+                    raise TaskGivenUpError("no one waits for the work any more")
             done, answer = self._connection.recv()
         except (EOFError, OSError) as error:
             raise WorkerLostError("the worker process died before it had answered; try again") from error

@@ -7,6 +7,7 @@ from pydantic import BaseModel, ValidationError
 
 from core.reading import format_of
 from service.dependencies import Service
+from service.disconnect import while_connected
 from service.errors import BadRequestFieldsError, FieldFault, UnsupportedBodyError
 from service.parts import Parts
 from service.problems import documented, faults_of
@@ -83,16 +84,17 @@ async def query(request: Request, parts: Service) -> QueryAnswer:
         "shape-not-found",
         "not-embedded",
         "busy",
+        "shutting-down",
         "worker-lost",
         "time-limit",
         "storage-unavailable",
     ),
 )
-async def compare(pair: CompareRequest, parts: Service) -> CompareAnswer:
+async def compare(pair: CompareRequest, request: Request, parts: Service) -> CompareAnswer:
     """How alike two stored shapes are, and which of their points correspond."""
     stages = Stages()
     with parts.work.admitted():
-        comparison = await service.compare(parts, pair.first, pair.second, stages)
+        comparison = await while_connected(request, service.compare(parts, pair.first, pair.second, stages))
     return CompareAnswer.of(comparison, pipeline=parts.fingerprint, milliseconds=stages.so_far())
 
 
@@ -105,8 +107,15 @@ async def _with_file(request: Request, parts: Parts, address: dict[str, list[str
         mesh_format = format_of(form.filename)
         stages = Stages()
         with parts.work.admitted():
-            wanted = await service.by_file(parts, await form.bytes(), mesh_format, stages)
-            answer = await service.search(parts, wanted, _options(options, parts, exclude_self=False), stages)
+            data = await form.bytes()
+
+            async def found() -> Answer:
+                wanted = await service.by_file(parts, data, mesh_format, stages)
+                return await service.search(
+                    parts, wanted, _options(options, parts, exclude_self=False), stages
+                )
+
+            answer = await while_connected(request, found())
     return _answer(answer, parts, stages)
 
 
@@ -120,8 +129,12 @@ async def _with_id(request: Request, parts: Parts, address: dict[str, list[str]]
     options = _validated(StoredQuery, {**_values(address), **body})
     stages = Stages()
     with parts.work.admitted():
-        wanted = await service.by_id(parts, options.shape_id, stages)
-        answer = await service.search(parts, wanted, _options(options, parts, exclude_self=True), stages)
+
+        async def found() -> Answer:
+            wanted = await service.by_id(parts, options.shape_id, stages)
+            return await service.search(parts, wanted, _options(options, parts, exclude_self=True), stages)
+
+        answer = await while_connected(request, found())
     return _answer(answer, parts, stages)
 
 

@@ -19,6 +19,7 @@ FILE_PROBLEMS = (
     "external-reference",
     "file-time-limit",
     "busy",
+    "shutting-down",
     "worker-lost",
 )
 READ_PROBLEMS = ("bad-request-fields", "storage-unavailable")

@@ -7,6 +7,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 
 from core.reading import FORMATS, format_of
 from service.dependencies import Service
+from service.disconnect import while_connected
 from service.errors import BadRequestFieldsError, FieldFault
 from service.problems import documented, faults_of
 from service.shapes import files, service
@@ -95,7 +96,7 @@ async def create_shape(request: Request, response: Response, parts: Service) -> 
                 tags=tuple(fields.tags),
                 metadata=fields.metadata,
             )
-            stored = await service.ingest(parts, new)
+            stored = await while_connected(request, service.ingest(parts, new))
     response.status_code = 201 if stored.created else 200
     response.headers["Location"] = f"/shapes/{stored.shape.id}"
     return Shape.of(stored.shape)

@@ -26,6 +26,7 @@ class Running:
 
     client: httpx.Client
     parts: Parts
+    server: uvicorn.Server
 
     def store(self, data: bytes, filename: str = "shape.off", **fields: Any) -> dict[str, Any]:
         """Upload a file; the record."""
@@ -56,7 +57,16 @@ def settings_in(folder: Path, **values: Any) -> Settings:
 def serving(settings: Settings, *, ready: bool = True, key: str | None = None) -> Iterator[Running]:
     """The service under some settings, from start to end; waits for its workers unless told not to."""
     app = create_app(settings)
-    server = uvicorn.Server(uvicorn.Config(app, port=0, log_config=None, access_log=False, lifespan="on"))
+    server = uvicorn.Server(
+        uvicorn.Config(
+            app,
+            port=0,
+            log_config=None,
+            access_log=False,
+            lifespan="on",
+            timeout_graceful_shutdown=settings.shutdown_seconds,
+        )
+    )
     thread = threading.Thread(target=server.run)
     thread.start()
     try:
@@ -67,7 +77,7 @@ def serving(settings: Settings, *, ready: bool = True, key: str | None = None) -
         with httpx.Client(base_url=f"http://127.0.0.1:{port}", headers=headers, timeout=120) as client:
             if ready:
                 wait_until(lambda: client.get("/readyz").status_code == 200, seconds=180)
-            yield Running(client, app.state.parts)
+            yield Running(client, app.state.parts, server)
     finally:
         server.should_exit = True
         thread.join()

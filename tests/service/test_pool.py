@@ -12,7 +12,7 @@ import pytest
 
 from core.errors import EmptyFileError
 from service.compute.pool import LocalPool
-from service.errors import TaskTimeLimitError, WorkerLostError
+from service.errors import TaskGivenUpError, TaskTimeLimitError, WorkerLostError
 from tests.service.support import wait_until
 from tests.service.tasks import (
     add,
@@ -110,6 +110,37 @@ def test_a_cancelled_task_is_not_begun(pool: LocalPool) -> None:
     assert waiting.cancel()
     wait(blocking)
     assert pool.submit(add, 1, 1).result() == 2
+
+
+def test_a_cancelled_task_lets_go_of_its_arguments(pool: LocalPool) -> None:
+    blocking = [pool.submit(nap, 0.5) for _ in range(2)]
+    waiting = pool.submit(add, b"x" * 1_000_000, b"")
+    assert waiting.cancel()
+    assert waiting.cancel()
+    assert waiting.arguments == ()  # type: ignore[attr-defined]
+    wait(blocking)
+
+
+def test_a_task_that_is_cancelled_while_it_runs_is_stopped() -> None:
+    with LocalPool(1, seconds=600, warm=warm) as pool:
+        slow, next_one = pool.submit(nap, 600), pool.submit(add, 1, 1)
+        wait_until(slow.running, seconds=60)
+        before = pool.pids()
+        assert not slow.cancel()
+        assert next_one.result(timeout=60) == 2
+        assert isinstance(slow.exception(), TaskGivenUpError)
+        assert pool.pids() != before
+
+
+def test_a_cancelled_task_that_ends_shortly_leaves_the_process() -> None:
+    with LocalPool(1, seconds=600, warm=warm) as pool:
+        short = pool.submit(nap, 0.2)
+        wait_until(short.running, seconds=60)
+        before = pool.pids()
+        assert not short.cancel()
+        assert pool.submit(add, 1, 1).result(timeout=60) == 2
+        assert short.result() is None
+        assert pool.pids() == before
 
 
 def test_ready_while_idle_and_while_busy(pool: LocalPool) -> None:
