@@ -33,7 +33,9 @@ def curves_figure(study: Study) -> bytes:
         row[0].set_ylabel("NN", fontsize=8)
     grid[0, 0].set_ylim(0.0, 1.02)
     handles, names = grid[0, 0].get_legend_handles_labels()
-    figure.legend(handles, names, loc="outside lower center", ncols=4, fontsize=8, frameon=False)
+    figure.legend(
+        handles, names, loc="outside lower center", ncols=min(4, 2 * width), fontsize=8, frameon=False
+    )
     data = BytesIO()
     # Without the drawing program's version, so that the file changes only when the picture does.
     figure.savefig(data, format="png", dpi=88, metadata={"Software": None}, pil_kwargs={"optimize": True})
