@@ -17,6 +17,7 @@ from service.compute.pool import LocalPool
 from service.compute.tasks import warm
 from service.compute.work import Work
 from service.endpoints import router as service_router
+from service.metrics import Metrics
 from service.middleware import BodyLimit, RequestContext
 from service.openapi import DESCRIPTION, TAGS, describe
 from service.parts import Parts
@@ -42,11 +43,12 @@ def create_app(settings: Settings) -> FastAPI:
     """
     parameters = load_parameters(settings.pipeline)
     gate = Gate(settings)
+    metrics = Metrics()
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         logging.configure(settings.log_level)
-        app.state.parts = await run_in_threadpool(_start, settings, parameters, gate)
+        app.state.parts = await run_in_threadpool(_start, settings, parameters, gate, metrics)
         try:
             yield
         finally:
@@ -67,7 +69,7 @@ def create_app(settings: Settings) -> FastAPI:
     app.include_router(service_router)
     app.add_middleware(AccessControl, gate=gate)
     app.add_middleware(BodyLimit, file_bytes=settings.max_upload_bytes)
-    app.add_middleware(RequestContext)
+    app.add_middleware(RequestContext, metrics=metrics)
     handle_problems(app)
     describe(app)
     return app
@@ -78,11 +80,16 @@ def app_from_environment() -> FastAPI:
     return create_app(load_settings())
 
 
-def _start(settings: Settings, parameters: Parameters, gate: Gate) -> Parts:
+def _start(settings: Settings, parameters: Parameters, gate: Gate, metrics: Metrics) -> Parts:
     """Open the database and bring it up to date; the workers warm up meanwhile, and for some time after."""
-    pool = LocalPool(settings.workers, seconds=settings.task_seconds, warm=partial(warm, parameters))
+    pool = LocalPool(
+        settings.workers,
+        seconds=settings.task_seconds,
+        warm=partial(warm, parameters),
+        replaced=lambda cause: metrics.worker_replacements.labels(cause).inc(),
+    )
     try:
-        database = Database(settings.database_url, lock_seconds=settings.lock_seconds)
+        database = Database(settings.database_url, lock_seconds=settings.lock_seconds, metrics=metrics)
         migrate(database)
         index = SignatureIndex(parameters.fingerprint)
         with database.read() as session:
@@ -99,7 +106,23 @@ def _start(settings: Settings, parameters: Parameters, gate: Gate) -> Parts:
     )
     about = {"version": VERSION, "pipeline": parameters.name, "fingerprint": parameters.fingerprint}
     log.info("the service starts", extra={"fields": {**about, "workers": settings.workers}})
-    return Parts(settings, database, pool, work, index, gate)
+    _watch(metrics, pool, work, index)
+    return Parts(settings, database, pool, work, index, gate, metrics)
+
+
+def _watch(metrics: Metrics, pool: LocalPool, work: Work, index: SignatureIndex) -> None:
+    """Have the metrics show the state of things."""
+    watch = metrics.watch
+    watch("queue_requests", "Requests that are at work or wait for a worker.", lambda: work.inside)
+    watch("queue_room", "How many may be, before the next is answered 503.", lambda: work.room)
+    about = "Worker processes by what they do."
+    watch("workers", about, pool.idle, state="idle")
+    watch("workers", about, pool.busy, state="busy")
+    watch("workers", about, pool.starting, state="starting")
+    watch("tasks_waiting", "Tasks that no worker has taken yet.", pool.waiting)
+    watch(
+        "indexed_shapes", "Shapes whose signatures are in memory, as of the last query.", lambda: len(index)
+    )
 
 
 def _stop(parts: Parts) -> None:

@@ -1,7 +1,8 @@
 """The addresses that tell of the service itself."""
 
-from fastapi import APIRouter, Response
-from fastapi.responses import RedirectResponse
+from fastapi import APIRouter, Request, Response
+from fastapi.responses import PlainTextResponse, RedirectResponse
+from prometheus_client.exposition import choose_encoder
 from starlette.concurrency import run_in_threadpool
 
 from core.parameters import METHOD_VERSION
@@ -40,6 +41,18 @@ async def readyz(parts: Service) -> Readiness | Response:
     if faults:
         return problem_response("not-ready", "; ".join(faults), retry_after=1)
     return Readiness()
+
+
+@router.get(
+    "/metrics",
+    summary="What has it done, and how long did it take?",
+    response_class=PlainTextResponse,
+    responses={200: {"description": "Metrics in the text format of Prometheus, or that of OpenMetrics."}},
+)
+def read_metrics(request: Request, parts: Service) -> Response:
+    """For Prometheus: requests, stages, the queue, the workers and the database."""
+    encode, media_type = choose_encoder(request.headers.get("accept", ""))
+    return Response(encode(parts.metrics.registry), media_type=media_type)
 
 
 @router.get("/version", summary="Which version is it?")

@@ -14,12 +14,16 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from service.access.middleware import KEY_IN_SCOPE
 from service.errors import FileTooLargeError, ShuttingDownError
 from service.logging import get_logger, request_id
-from service.problems import problem_of, problem_response
+from service.metrics import METHODS, OTHER, Metrics
+from service.problems import KIND_IN_SCOPE, problem_of, problem_response
 
 HEADER = "X-Request-ID"
 
 # Asked every few seconds, and of no interest while they answer.
 PROBES = frozenset({"/healthz", "/readyz"})
+
+# No answer: the client had gone. The number is the one that proxies use.
+CLIENT_GONE = 499
 
 FORM_OVERHEAD = 1024 * 1024
 SMALL_BODY_BYTES = 1024 * 1024
@@ -30,10 +34,11 @@ _ACCEPTABLE_ID = re.compile(r"[A-Za-z0-9._-]{1,64}")
 
 
 class RequestContext:
-    """Gives a request its id, logs its end, and answers 500 or 503 where nothing else has answered."""
+    """Gives a request its id, logs and counts its end, and answers 500 or 503 where nothing else has."""
 
-    def __init__(self, app: ASGIApp) -> None:
+    def __init__(self, app: ASGIApp, metrics: Metrics) -> None:
         self._app = app
+        self._metrics = metrics
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Serve one request."""
@@ -45,6 +50,7 @@ class RequestContext:
         token = request_id.set(identifier)
         status = 0
         start = time.perf_counter()
+        self._metrics.requests_in_progress.inc()
 
         async def send_with_id(message: Message) -> None:
             nonlocal status
@@ -57,6 +63,7 @@ class RequestContext:
             await self._app(scope, receive, send_with_id)
         except ClientDisconnect:
             log.info("the client went away")
+            status = status or CLIENT_GONE
         except asyncio.CancelledError:
             # The server was asked to stop, and waits no longer.
             if status:
@@ -71,18 +78,33 @@ class RequestContext:
                 response = problem_response("internal-error", "the service failed; its log says more")
                 await response(scope, receive, send_with_id)
         finally:
+            seconds = time.perf_counter() - start
+            self._count(scope, status, seconds)
             fields: dict[str, object] = {
                 "method": scope["method"],
                 "path": scope["path"],
                 "status": status,
-                "milliseconds": round(1e3 * (time.perf_counter() - start), 1),
+                "milliseconds": round(1e3 * seconds, 1),
             }
+            if KIND_IN_SCOPE in scope:
+                fields["problem"] = scope[KIND_IN_SCOPE]
             if KEY_IN_SCOPE in scope:
                 # Enough of the digest to tell keys apart; the key cannot be had from it.
                 fields["key"] = scope[KEY_IN_SCOPE][:8]
             level = logging.DEBUG if scope["path"] in PROBES else logging.INFO
             log.log(level, "request", extra={"fields": fields})
             request_id.reset(token)
+
+    def _count(self, scope: Scope, status: int, seconds: float) -> None:
+        """Count a request by its route: the addresses themselves are without end."""
+        metrics = self._metrics
+        method = scope["method"] if scope["method"] in METHODS else OTHER
+        route = getattr(scope.get("route"), "path", OTHER)
+        metrics.requests_in_progress.dec()
+        metrics.requests.labels(method, route, str(status)).inc()
+        metrics.request_seconds.labels(method, route).observe(seconds)
+        if KIND_IN_SCOPE in scope:
+            metrics.problems.labels(scope[KIND_IN_SCOPE]).inc()
 
 
 class BodyLimit:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from service.access.gate import Gate
 from service.compute.pool import LocalPool
 from service.compute.work import Work
+from service.metrics import Metrics
 from service.search.signatures import SignatureIndex
 from service.settings import Settings
 from service.storage.database import Database
@@ -20,6 +21,7 @@ class Parts:
     work: Work
     index: SignatureIndex
     gate: Gate
+    metrics: Metrics
 
     @property
     def fingerprint(self) -> str:

@@ -8,6 +8,7 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
 from pydantic import BaseModel, Field
 from starlette.exceptions import HTTPException
+from starlette.types import Receive, Scope, Send
 
 from core.errors import CoreError
 from service.errors import BY_STATUS, PROBLEMS, BadRequestFieldsError, FieldFault, ServiceError
@@ -16,6 +17,7 @@ from service.logging import get_logger, request_id
 MEDIA_TYPE = "application/problem+json"
 TYPE_PREFIX = "urn:isoshape:problem:"
 INSTANCE_PREFIX = "urn:isoshape:request:"
+KIND_IN_SCOPE = "isoshape.problem"
 
 log = get_logger("problems")
 
@@ -44,6 +46,21 @@ class Problem(BaseModel):
     errors: list[Fault] | None = Field(default=None, description="Field by field, where fields are at fault.")
 
 
+class ProblemResponse(JSONResponse):
+    """A problem document, whose kind is left in the scope of its request: for the log and the metrics."""
+
+    media_type = MEDIA_TYPE
+
+    def __init__(self, problem: Problem, kind: str, headers: dict[str, str]) -> None:
+        super().__init__(problem.model_dump(exclude_none=True), problem.status, headers=headers)
+        self.kind = kind
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Send it."""
+        scope[KIND_IN_SCOPE] = self.kind
+        await super().__call__(scope, receive, send)
+
+
 def problem_response(
     kind: str,
     detail: str,
@@ -70,9 +87,7 @@ def problem_response(
     if row.status in {413, 507}:
         # Otherwise the server reads, and drops, the rest of a body that may have no end.
         headers["Connection"] = "close"
-    return JSONResponse(
-        problem.model_dump(exclude_none=True), row.status, headers=headers, media_type=MEDIA_TYPE
-    )
+    return ProblemResponse(problem, kind, headers)
 
 
 def problem_of(error: ServiceError) -> JSONResponse:

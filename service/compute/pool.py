@@ -14,7 +14,7 @@ from queue import Empty, SimpleQueue
 from typing import Any
 
 from service.compute.process import WorkerProcess
-from service.errors import TaskTimeLimitError, WorkerLostError
+from service.errors import TaskGivenUpError, TaskTimeLimitError, WorkerLostError
 from service.logging import get_logger
 
 log = get_logger("compute")
@@ -24,6 +24,7 @@ RESTART_SECONDS = 1.0
 PING_SECONDS = 2.0
 # About what a new process takes to start.
 GIVEN_UP_SECONDS = 2.0
+CAUSES = {WorkerLostError: "died", TaskTimeLimitError: "time-limit", TaskGivenUpError: "given-up"}
 
 
 class _Task(Future[Any]):
@@ -64,15 +65,26 @@ class LocalPool(Executor):
         The longest a task may run. Its process is then killed and its future raises `TaskTimeLimitError`.
     warm : callable
         Called in each new process before it takes a task; what it returns is dropped.
+    replaced : callable
+        Told, in a thread of the pool, whenever a process is replaced because of its task, and why: "died",
+        "time-limit" or "given-up".
     """
 
-    def __init__(self, workers: int, *, seconds: float, warm: Callable[[], object]) -> None:
+    def __init__(
+        self,
+        workers: int,
+        *,
+        seconds: float,
+        warm: Callable[[], object],
+        replaced: Callable[[str], object] = lambda cause: None,
+    ) -> None:
         self._tasks: SimpleQueue[_Task | None] = SimpleQueue()
         self._closing = threading.Event()
         self._abandoned = threading.Event()
         self._submitting = threading.Lock()
         self._seats = [
-            _Seat(self._tasks, self._closing, self._abandoned, seconds, warm) for _ in range(workers)
+            _Seat(self._tasks, self._closing, self._abandoned, seconds, warm, replaced)
+            for _ in range(workers)
         ]
         for seat in self._seats:
             seat.start()
@@ -104,6 +116,22 @@ class LocalPool(Executor):
     def pids(self) -> list[int]:
         """The process ids of the workers that are warm."""
         return [seat.pid for seat in self._seats if seat.pid is not None]
+
+    def idle(self) -> int:
+        """How many workers have no task."""
+        return sum(seat.pid is not None and not seat.busy for seat in self._seats)
+
+    def busy(self) -> int:
+        """How many workers have one."""
+        return sum(seat.pid is not None and seat.busy for seat in self._seats)
+
+    def starting(self) -> int:
+        """How many are not warm yet."""
+        return sum(seat.pid is None for seat in self._seats)
+
+    def waiting(self) -> int:
+        """How many tasks no worker has taken yet."""
+        return self._tasks.qsize()
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """Take no more tasks; finish those given, or, to cancel them, only those begun; end the processes."""
@@ -151,6 +179,7 @@ class _Seat(threading.Thread):
         abandoned: threading.Event,
         seconds: float,
         warm: Callable[[], object],
+        replaced: Callable[[str], object],
     ) -> None:
         super().__init__(daemon=True, name="isoshape-worker")
         self.pid: int | None = None
@@ -160,6 +189,7 @@ class _Seat(threading.Thread):
         self._abandoned = abandoned
         self._seconds = seconds
         self._warm = warm
+        self._replaced = replaced
         self._process: WorkerProcess | None = None
 
     def run(self) -> None:
@@ -201,6 +231,7 @@ class _Seat(threading.Thread):
             answer = process.receive(self._seconds, task.given_up)
         except (WorkerLostError, TaskTimeLimitError) as error:
             log.warning("a worker process is replaced: %s", error)
+            self._replaced(CAUSES[type(error)])
             self._empty()
             task.set_exception(error)
         except Exception as error:

@@ -38,6 +38,16 @@ class Work:
         self._room = workers + waiting
         self._inside = 0
 
+    @property
+    def inside(self) -> int:
+        """How many requests are at work or wait."""
+        return self._inside
+
+    @property
+    def room(self) -> int:
+        """How many may be."""
+        return self._room
+
     @contextmanager
     def admitted(self) -> Iterator[None]:
         """Count a request in, and out at the end.

@@ -60,4 +60,5 @@ def candidates(parts: Parts, query: Query, options: Options) -> Candidates:
     if not options.exhaustive and len(places) >= options.shortlist_from:
         nearest = np.lexsort((signed.shapes[places], distances))[: options.shortlist_length]
         places, distances = places[nearest], distances[nearest]
+        parts.metrics.queries_shortlisted.inc()
     return Candidates(signed.shapes[places], signed.embeddings[places], distances, stored)

@@ -14,9 +14,9 @@ from service.problems import documented, faults_of
 from service.search import service
 from service.search.records import Answer, Options
 from service.search.schemas import CompareAnswer, CompareRequest, QueryAnswer, QueryOptions, StoredQuery
-from service.search.stages import Stages
 from service.shapes.documentation import FILE_FIELD, FILE_PROBLEMS
 from service.shapes.records import ShapeFilter
+from service.stages import Stages
 from service.uploads import is_form, is_json, single, uploaded
 
 router = APIRouter(tags=["search"])
@@ -95,6 +95,7 @@ async def compare(pair: CompareRequest, request: Request, parts: Service) -> Com
     stages = Stages()
     with parts.work.admitted():
         comparison = await while_connected(request, service.compare(parts, pair.first, pair.second, stages))
+    parts.metrics.stages("compare", stages.milliseconds)
     return CompareAnswer.of(comparison, pipeline=parts.fingerprint, milliseconds=stages.so_far())
 
 
@@ -139,6 +140,7 @@ async def _with_id(request: Request, parts: Parts, address: dict[str, list[str]]
 
 
 def _answer(answer: Answer, parts: Parts, stages: Stages) -> QueryAnswer:
+    parts.metrics.stages("query", stages.milliseconds)
     return QueryAnswer.of(
         answer,
         threshold=parts.work.pipeline.parameters.match_threshold,

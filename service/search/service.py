@@ -12,10 +12,10 @@ from service.search.candidates import candidates
 from service.search.comparing import compare_with
 from service.search.ranking import Compared, ranked
 from service.search.records import Answer, Comparison, Found, Options, Query
-from service.search.stages import Stages
 from service.shapes import repository as shapes_repository
 from service.shapes import service as shapes_service
 from service.shapes.records import ShapeRecord, sha256
+from service.stages import Stages
 
 
 async def by_file(parts: Parts, data: bytes, format: str, stages: Stages) -> Query:
@@ -47,6 +47,7 @@ async def search(parts: Parts, query: Query, options: Options, stages: Stages) -
     """The stored shapes most like the query."""
     with stages.stage("shortlist"):
         chosen = await run_in_threadpool(candidates, parts, query, options)
+    parts.metrics.query_compared.observe(len(chosen.shapes))
     with stages.stage("compare"):
         compared = await compare_with(parts, query, chosen)
     with stages.stage("results"):

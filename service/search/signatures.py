@@ -33,6 +33,10 @@ class SignatureIndex:
         self._room = _NONE
         self._length = 0
 
+    def __len__(self) -> int:
+        """How many shapes it holds, as of the last query."""
+        return self._length
+
     def current(self, session: ReadSession) -> Signed:
         """The shapes and signatures as the session sees them."""
         with self._lock:

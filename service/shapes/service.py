@@ -13,6 +13,7 @@ from service.errors import NameTakenError, NotEmbeddedError, ShapeNotFoundError,
 from service.parts import Parts
 from service.shapes import repository
 from service.shapes.records import Changes, NewShape, Page, ShapeFilter, ShapeRecord, Stored
+from service.stages import Stages
 from service.storage.database import Database, ReadSession, WriteSession
 
 
@@ -23,16 +24,21 @@ async def ingest(parts: Parts, new: NewShape) -> Stored:
     together: once this returns, they are durable, and the next query sees them.
     """
     database, fingerprint = parts.database, parts.fingerprint
+    stages = Stages()
     present, needed = await run_in_threadpool(_look_up, database, fingerprint, new)
     if present is not None and not needed:
         return Stored(present, created=False)
     embedded = await parts.work.embed(new.data, new.format) if needed else None
-    stored = await run_in_threadpool(_store, database, fingerprint, new, embedded)
+    with stages.stage("store"):
+        stored = await run_in_threadpool(_store, database, fingerprint, new, embedded)
     if stored is None:
         # The embedding that was there has gone meanwhile, with the last shape that had it.
         embedded = await parts.work.embed(new.data, new.format)
-        stored = await run_in_threadpool(_store, database, fingerprint, new, embedded)
+        with stages.stage("store"):
+            stored = await run_in_threadpool(_store, database, fingerprint, new, embedded)
     assert stored is not None
+    made = {} if embedded is None else embedded.milliseconds
+    parts.metrics.stages("upload", {**made, **stages.milliseconds})
     return stored
 
 

@@ -7,7 +7,8 @@ from contextlib import contextmanager
 from sqlalchemy import Connection, make_url, select
 from sqlalchemy.orm import Session
 
-from service.errors import StorageUnavailableError
+from service.errors import StorageFullError, StorageUnavailableError
+from service.metrics import Metrics
 from service.storage.failures import translated
 from service.storage.sqlite import WRITES, open_sqlite
 from service.storage.tables import ArchiveRow
@@ -30,9 +31,12 @@ class Database:
         An SQLAlchemy URL of an SQLite file.
     lock_seconds : float
         The longest wait for another writer, in this process or another.
+    metrics : Metrics, optional
+        Where sessions and failures are counted.
     """
 
-    def __init__(self, url: str, *, lock_seconds: float) -> None:
+    def __init__(self, url: str, *, lock_seconds: float, metrics: Metrics | None = None) -> None:
+        self._metrics = metrics or Metrics()
         self._lock_seconds = lock_seconds
         self._one_writer = threading.Lock()
         self._engine = open_sqlite(make_url(url), lock_seconds=lock_seconds)
@@ -41,13 +45,19 @@ class Database:
     @contextmanager
     def read(self) -> Iterator[ReadSession]:
         """A session that reads."""
-        with translated(), ReadSession(self._engine) as session:
+        with self._measured("read"), translated(), ReadSession(self._engine) as session:
             yield session
 
     @contextmanager
     def write(self) -> Iterator[WriteSession]:
         """A session that is committed when the block ends well, and rolled back when it raises."""
-        with self._turn(), translated(), WriteSession(self._writing_engine) as session, session.begin():
+        with (
+            self._measured("write"),
+            self._turn(),
+            translated(),
+            WriteSession(self._writing_engine) as session,
+            session.begin(),
+        ):
             yield session
 
     @contextmanager
@@ -70,6 +80,17 @@ class Database:
     def close(self) -> None:
         """Close every connection."""
         self._engine.dispose()
+
+    @contextmanager
+    def _measured(self, session: str) -> Iterator[None]:
+        """Count the session, from its wait for other writers on, and how it failed."""
+        metrics = self._metrics
+        with metrics.database_sessions.track_inprogress(), metrics.database_seconds.labels(session).time():
+            try:
+                yield
+            except (StorageFullError, StorageUnavailableError) as error:
+                metrics.database_failures.labels(error.kind).inc()
+                raise
 
     @contextmanager
     def _turn(self) -> Iterator[None]:

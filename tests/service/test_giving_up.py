@@ -89,6 +89,9 @@ def test_the_work_of_a_client_that_goes_away_is_stopped(
         # The process has ten minutes for a task, and is replaced long before.
         wait_until(lambda: pool.pids() not in ([], before), seconds=60)
     wait_until(lambda: "the client went away" in caplog.messages, seconds=5)
+    wait_until(
+        lambda: any(getattr(each, "fields", {}).get("status") == 499 for each in caplog.records), seconds=5
+    )
     assert "gone.off" not in names(single)
     assert single.client.post(path, **body).status_code in {200, 201}
     for shape in single.client.get("/shapes", params={"name": "gone"}).json()["shapes"]:

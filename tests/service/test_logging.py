@@ -48,6 +48,14 @@ def test_every_request_is_logged_once_with_its_id(shared: Running, lines: io.Str
     assert line["request_id"] == "find-me"
     assert (line["method"], line["path"], line["status"]) == ("GET", "/shapes", 200)
     assert line["milliseconds"] > 0
+    assert "problem" not in line
+
+
+def test_a_problem_is_logged_by_its_kind(shared: Running, lines: io.StringIO) -> None:
+    shared.client.get("/shapes/none", headers={"x-request-id": "no-shape"})
+    wait_until(lambda: "no-shape" in lines.getvalue(), seconds=5)
+    (line,) = [json.loads(line) for line in lines.getvalue().splitlines() if "no-shape" in line]
+    assert (line["status"], line["problem"]) == (404, "shape-not-found")
 
 
 def test_nothing_of_what_was_sent_is_logged(shared: Running, lines: io.StringIO) -> None:
