@@ -35,7 +35,7 @@ class GalleryShape:
 
 
 @dataclass(frozen=True)
-class _Kind:
+class Kind:
     """How a class is built, and the handles (genus) of its surface when no limbs touch."""
 
     build: Callable[[Generator], list[Part]]
@@ -43,24 +43,29 @@ class _Kind:
 
 
 _KINDS = {
-    "bird": _Kind(bird),
-    "chair": _Kind(chair),
-    "cup": _Kind(cup, handles=1),
-    "fish": _Kind(fish),
-    "glasses": _Kind(glasses, handles=2),
-    "hand": _Kind(hand),
-    "octopus": _Kind(octopus),
-    "person": _Kind(person),
-    "plane": _Kind(plane),
-    "pliers": _Kind(pliers),
-    "quadruped": _Kind(quadruped),
-    "snake": _Kind(snake),
-    "spider": _Kind(spider),
-    "teddy": _Kind(teddy),
+    "bird": Kind(bird),
+    "chair": Kind(chair),
+    "cup": Kind(cup, handles=1),
+    "fish": Kind(fish),
+    "glasses": Kind(glasses, handles=2),
+    "hand": Kind(hand),
+    "octopus": Kind(octopus),
+    "person": Kind(person),
+    "plane": Kind(plane),
+    "pliers": Kind(pliers),
+    "quadruped": Kind(quadruped),
+    "snake": Kind(snake),
+    "spider": Kind(spider),
+    "teddy": Kind(teddy),
 }
 
 CLASSES: tuple[str, ...] = tuple(_KINDS)
 """The class names, in the order of the gallery."""
+
+
+def kind_of(label: str) -> Kind:
+    """How one of `CLASSES` is built."""
+    return _KINDS[label]
 
 
 def make_shape(label: str, pose: int, *, seed: int = 0) -> Mesh:
@@ -96,7 +101,7 @@ def make_shape(label: str, pose: int, *, seed: int = 0) -> Mesh:
         vertices, faces = surface(kind.build(rng), target)
         # Limbs that touch are a short cut for geodesics; they show as one more handle.
         if is_closed_manifold(faces) and components(faces) == 1 and handles(faces) == kind.handles:
-            return Mesh(_placed(vertices, rng), faces)
+            return Mesh(placed(vertices, rng), faces)
     raise MeshError(f"no sound shape of class {label} in {_ATTEMPTS} draws")
 
 
@@ -115,7 +120,7 @@ def make_gallery(poses: int = 8, *, seed: int = 0) -> Iterator[GalleryShape]:
             yield GalleryShape(label, f"{label}-{pose:02d}", make_shape(label, pose, seed=seed))
 
 
-def _placed(vertices: Floats, rng: Generator) -> Floats:
+def placed(vertices: Floats, rng: Generator) -> Floats:
     """Turn, scale by 0.1 to 100 and move by up to five units of the new scale."""
     turn = rotation("z", rng.uniform(0.0, 360.0))
     tilt = rotation("x", rng.uniform(-30.0, 30.0)) @ turn

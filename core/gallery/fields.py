@@ -28,12 +28,18 @@ class Field:
         Thinnest extent, which a grid has to resolve.
     distance : callable
         Signed distances, shape (n,), of points of shape (n, 3).
+    frame : Frame
+        Fixed to the solid: moves as it does from pose to pose. A bone's is at its start, x along it.
+    round : bool
+        Whether the frame's turn about x says nothing, the solid being round about it.
     """
 
     low: Floats
     high: Floats
     thickness: float
     distance: Callable[[Floats], Floats]
+    frame: Frame
+    round: bool = False
 
 
 def capsule(start: Floats, end: Floats, radii: tuple[float, float], across: Floats, squash: float) -> Field:
@@ -59,7 +65,8 @@ def capsule(start: Floats, end: Floats, radii: tuple[float, float], across: Floa
         return gap / np.maximum(slope, 1.0)
 
     low, high = np.minimum(start - first, end - last), np.maximum(start + first, end + last)
-    return Field(low, high, (first + last) / squash, distance)
+    frame = Frame(start, _axes_along(end - start, across))
+    return Field(low, high, (first + last) / squash, distance, frame, round=squash == 1.0)
 
 
 def ellipsoid(frame: Frame, radii: Floats) -> Field:
@@ -72,7 +79,7 @@ def ellipsoid(frame: Frame, radii: Floats) -> Field:
         return np.where(level > 1e-6, level * (level - 1.0) / np.maximum(slope, _TINY), -least)
 
     reach = np.linalg.norm(frame.axes * radii, axis=1)
-    return Field(frame.origin - reach, frame.origin + reach, 2.0 * least, distance)
+    return Field(frame.origin - reach, frame.origin + reach, 2.0 * least, distance, frame)
 
 
 def box(frame: Frame, half: Floats, rounding: float) -> Field:
@@ -84,7 +91,7 @@ def box(frame: Frame, half: Floats, rounding: float) -> Field:
         return _lengths(np.maximum(beyond, 0.0)) + inside - rounding
 
     reach = np.abs(frame.axes) @ half
-    return Field(frame.origin - reach, frame.origin + reach, 2.0 * float(half.min()), distance)
+    return Field(frame.origin - reach, frame.origin + reach, 2.0 * float(half.min()), distance, frame)
 
 
 def plate(frame: Frame, outline: Floats, half: float) -> Field:
@@ -96,7 +103,7 @@ def plate(frame: Frame, outline: Floats, half: float) -> Field:
         return np.hypot(sideways, local[:, 2]) - half
 
     corners = frame.origin + outline @ frame.axes[:, :2].T
-    return Field(corners.min(axis=0) - half, corners.max(axis=0) + half, 2.0 * half, distance)
+    return Field(corners.min(axis=0) - half, corners.max(axis=0) + half, 2.0 * half, distance, frame)
 
 
 def turned(frame: Frame, profile: Floats, rounding: float) -> Field:
@@ -113,7 +120,7 @@ def turned(frame: Frame, profile: Floats, rounding: float) -> Field:
     axis = frame.axes[:, 2]
     ends = frame.origin + np.outer([profile[:, 1].min(), profile[:, 1].max()], axis)
     sideways = float(profile[:, 0].max()) * np.sqrt(np.maximum(1.0 - axis**2, 0.0)) + rounding
-    return Field(ends.min(axis=0) - sideways, ends.max(axis=0) + sideways, 2.0 * rounding, distance)
+    return Field(ends.min(axis=0) - sideways, ends.max(axis=0) + sideways, 2.0 * rounding, distance, frame)
 
 
 def polygon_distance(points: Floats, outline: Floats) -> Floats:
@@ -135,3 +142,15 @@ def polygon_distance(points: Floats, outline: Floats) -> Floats:
 def _lengths(rows: Floats) -> Floats:
     lengths: Floats = np.sqrt(np.einsum("ij,ij->i", rows, rows))
     return lengths
+
+
+def _axes_along(direction: Floats, across: Floats) -> Floats:
+    """Orthonormal columns, shape (3, 3): x along a direction, z as near `across` as that allows."""
+    length = float(np.linalg.norm(direction))
+    x = direction / length if length > _TINY else np.eye(3)[0]
+    z = across - (across @ x) * x
+    if np.linalg.norm(z) < 1e-6:
+        least = np.eye(3)[np.argmin(np.abs(x))]
+        z = least - (least @ x) * x
+    z = z / np.linalg.norm(z)
+    return np.stack([x, np.cross(z, x), z], axis=1)

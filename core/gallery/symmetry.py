@@ -1,0 +1,59 @@
+"""The symmetries that a body of each class has at rest.
+
+At rest a creature looks along x, y is its left and z is up. A hand and pliers stand upright, so that x is
+across the palm and the flat of the jaws. What a class has beyond the symmetries stated (the eyes of an
+octopus, the place of a thumb) is smaller than the limbs are thick.
+"""
+
+from itertools import product
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from core.gallery.frames import rotation
+from core.mesh import Floats, Ints
+
+_SIDES = np.diag([1.0, -1.0, 1.0])
+_FLAT = np.diag([-1.0, 1.0, 1.0])
+_UPSIDE = np.diag([1.0, 1.0, -1.0])
+_ARMS = 8
+
+_OCTOPUS = [
+    rotation("z", 360.0 / _ARMS * turn) @ mirror
+    for turn, mirror in product(range(_ARMS), (np.eye(3), _SIDES))
+]
+
+_BOTH = {
+    "hand": [np.eye(3), _FLAT],
+    "octopus": _OCTOPUS,
+    "pliers": [np.eye(3), _SIDES, _FLAT, _FLAT @ _SIDES],
+    "snake": [np.eye(3), _SIDES, _UPSIDE, _UPSIDE @ _SIDES],
+}
+
+
+def symmetries(label: str) -> Floats:
+    """Orthogonal maps of a body at rest onto itself, the identity first, shape (g, 3, 3).
+
+    Left and right for every class but the hand, whose palm and back are alike; pliers are alike from both
+    faces too, a snake from above and below, and an octopus from each of its eight arms.
+    """
+    return np.array(_BOTH.get(label, [np.eye(3), _SIDES]))
+
+
+def symmetric_partners(label: str, vertices: Floats, rest: Floats) -> Ints:
+    """The vertex of a body at rest nearest to each point's image under each symmetry.
+
+    Parameters
+    ----------
+    label : str
+    vertices : float64, shape (n, 3)
+        On the same body at rest: its own vertices, or those of another mesh of it.
+    rest : float64, shape (m, 3)
+
+    Returns
+    -------
+    int64, shape (g, n)
+        The first row is of the identity.
+    """
+    tree = cKDTree(rest)
+    return np.array([tree.query(vertices @ turn.T)[1] for turn in symmetries(label)], dtype=np.int64)
