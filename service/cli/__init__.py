@@ -10,8 +10,11 @@ import typer
 from core.errors import CoreError
 from service.cli import (
     ablation,
+    classify,
+    correspondence,
     demo,
     evaluate,
+    figures,
     ingest,
     key,
     openapi,
@@ -64,6 +67,9 @@ app.command("query")(_in_one_line(query.command))
 app.command("evaluate")(_in_one_line(evaluate.command))
 app.command("ablation")(_in_one_line(ablation.command))
 app.command("table2")(_in_one_line(table2.command))
+app.command("classify")(_in_one_line(classify.command))
+app.command("figures")(_in_one_line(figures.command))
+app.command("correspondence")(_in_one_line(correspondence.command))
 app.command("sampling")(_in_one_line(sampling.command))
 app.command("robustness")(_in_one_line(robustness.command))
 app.command("key")(_in_one_line(key.command))

@@ -1,0 +1,1 @@
+"""The paper's figures, drawn anew from meshes, matches and scores."""
