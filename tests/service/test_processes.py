@@ -17,7 +17,7 @@ from tests.service.support import query, small_file, upload, wait_until
 
 @contextmanager
 def server(folder: Path, **settings: str) -> Iterator[tuple[subprocess.Popen[bytes], httpx.Client]]:
-    """A uvicorn process on an archive in a folder; killed at the end if it still runs."""
+    """`isoshape serve` on an archive in a folder; killed at the end if it still runs."""
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
@@ -26,14 +26,9 @@ def server(folder: Path, **settings: str) -> Iterator[tuple[subprocess.Popen[byt
         "ISOSHAPE_WORKERS": "2",
         **settings,
     }
-    command = [sys.executable, "-m", "uvicorn", "--factory", "service.app:app_from_environment"]
+    command = [sys.executable, "-P", "-m", "service.cli", "serve", "--port", str(port)]
     with (folder / "log.txt").open("ab") as log:
-        process = subprocess.Popen(
-            [*command, "--port", str(port), "--log-level", "warning"],
-            env=environment,
-            stdout=log,
-            stderr=log,
-        )
+        process = subprocess.Popen(command, env=environment, stdout=log, stderr=log)
     try:
         with httpx.Client(base_url=f"http://127.0.0.1:{port}", timeout=120) as client:
             wait_until(lambda: answers(client), seconds=180)

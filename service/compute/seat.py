@@ -1,0 +1,173 @@
+"""One place of a pool: a thread, and the worker process that it hands tasks to."""
+
+import threading
+import time
+from collections.abc import Callable
+from concurrent.futures import Future
+from queue import Empty, SimpleQueue
+from typing import Any
+
+from service.compute.process import WorkerProcess
+from service.errors import TaskGivenUpError, TaskTimeLimitError, WorkerLostError
+from service.logging import get_logger
+
+log = get_logger("compute")
+
+START_SECONDS = 180.0
+RESTART_SECONDS = 1.0
+# About what a new process takes to start.
+GIVEN_UP_SECONDS = 2.0
+CAUSES = {WorkerLostError: "died", TaskTimeLimitError: "time-limit", TaskGivenUpError: "given-up"}
+
+
+class Task(Future[Any]):
+    """A call, and the future of its answer.
+
+    Cancelled before it is begun, it lets go of its arguments at once, though its place in the queue stays.
+    Cancelled later it may go on for a while, since ending the process costs more than a short call.
+    """
+
+    def __init__(self, function: Callable[..., Any], arguments: tuple[Any, ...]) -> None:
+        super().__init__()
+        self.function = function
+        self.arguments = arguments
+        self._given_up_at: float | None = None
+
+    def cancel(self) -> bool:
+        """Whether the call will not be made; one that is being made is given up."""
+        if super().cancel():
+            self.arguments = ()
+            return True
+        if self._given_up_at is None:
+            self._given_up_at = time.monotonic()
+        return False
+
+    def given_up(self) -> bool:
+        """Whether it has had its time since it was cancelled."""
+        return self._given_up_at is not None and time.monotonic() >= self._given_up_at + GIVEN_UP_SECONDS
+
+
+class Seat(threading.Thread):
+    """A place for one worker process at a time, and the thread that hands it tasks.
+
+    `pid` is that of the process once it is warm; `busy` is whether it has a task.
+    """
+
+    def __init__(
+        self,
+        tasks: "SimpleQueue[Task | None]",
+        closing: threading.Event,
+        abandoned: threading.Event,
+        seconds: float,
+        warm: Callable[[], object],
+        replaced: Callable[[str], object],
+    ) -> None:
+        super().__init__(daemon=True, name="isoshape-worker")
+        self.pid: int | None = None
+        self.busy = False
+        self._tasks = tasks
+        self._closing = closing
+        self._abandoned = abandoned
+        self._seconds = seconds
+        self._warm = warm
+        self._replaced = replaced
+        self._process: WorkerProcess | None = None
+
+    def run(self) -> None:
+        """Do tasks until the end of the queue."""
+        while True:
+            if self._process is None and not self._fill():
+                if self._closing.is_set():
+                    return
+                self._refuse_one()
+                self._closing.wait(RESTART_SECONDS)
+                continue
+            task = self._tasks.get()
+            if task is None:
+                self._empty()
+                return
+            if task.set_running_or_notify_cancel():
+                self.busy = True
+                self._do(task)
+                self.busy = False
+            # Not kept until the next one comes: its arguments may be large.
+            del task
+
+    def stop_starting(self) -> None:
+        """Do not wait for a process that is still warming up."""
+        process = self._process
+        if self.pid is None and process is not None:
+            process.kill()
+
+    def stop_working(self) -> None:
+        """Do not wait for the task that is being done."""
+        process = self._process
+        if process is not None:
+            process.kill()
+
+    def _do(self, task: Task) -> None:
+        """Have the task done and its future settled."""
+        try:
+            process = self._hand_over(task)
+            answer = process.receive(self._seconds, task.given_up)
+        except (WorkerLostError, TaskTimeLimitError) as error:
+            log.warning("a worker process is replaced: %s", error)
+            self._replaced(CAUSES[type(error)])
+            self._empty()
+            task.set_exception(error)
+        except Exception as error:
+            task.set_exception(error)
+        else:
+            task.set_result(answer)
+
+    def _hand_over(self, task: Task) -> WorkerProcess:
+        """The process that has the task. One that died while idle had begun nothing, so another gets it."""
+        process = self._process
+        if process is not None and process.alive():
+            try:
+                process.send(task.function, task.arguments)
+            except WorkerLostError:
+                pass
+            else:
+                return process
+        self._empty()
+        if not self._fill() or self._process is None:
+            raise WorkerLostError("no worker process could be started")
+        self._process.send(task.function, task.arguments)
+        return self._process
+
+    def _fill(self) -> bool:
+        """Start a process and warm it; whether that succeeded."""
+        if self._abandoned.is_set():
+            return False
+        try:
+            self._process = WorkerProcess()
+            # Whoever abandons the pool now sees the process and kills it; whoever did before, did not.
+            if self._abandoned.is_set():
+                self._process.kill()
+            self._process.send(self._warm, ())
+            self._process.receive(START_SECONDS)
+        except Exception as error:
+            if not self._abandoned.is_set():
+                log.error("a worker process could not be started", exc_info=error)
+            self._empty()
+            return False
+        self.pid = self._process.pid
+        return True
+
+    def _empty(self) -> None:
+        self.pid = None
+        if self._process is not None:
+            self._process.end()
+            self._process = None
+
+    def _refuse_one(self) -> None:
+        """No process starts: let waiting requests have an answer rather than wait for ever."""
+        try:
+            task = self._tasks.get_nowait()
+        except Empty:
+            return
+        if task is None:
+            self._tasks.put(None)
+        elif task.set_running_or_notify_cancel():
+            task.set_exception(WorkerLostError("no worker process could be started"))
