@@ -50,6 +50,12 @@ class Cleaned:
     dropped_faces: int
 
 
+def vertex_areas(vertices: Floats, faces: Ints) -> Floats:
+    """A third of the area of the faces about each vertex, shape (n,)."""
+    third = np.repeat(face_areas(vertices, faces) / 3.0, 3)
+    return np.bincount(faces.ravel(), weights=third, minlength=len(vertices)).astype(np.float64)
+
+
 def face_areas(vertices: Floats, faces: Ints) -> Floats:
     """Area of each face, shape (f,)."""
     a, b, c = vertices[faces[:, 0]], vertices[faces[:, 1]], vertices[faces[:, 2]]

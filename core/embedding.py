@@ -19,8 +19,8 @@ class Spectrum:
         Which operator it comes from: "affinity" or "laplace-beltrami".
     eigenvalues : float32, shape (s,)
         In the operator's own order: falling magnitude for an affinity, rising for a Laplacian.
-    coordinates : float32, shape (m, k)
-        Row i is sample i in the k-dimensional spectral domain.
+    coordinates : float32, shape (d, k)
+        Row i is point i in the k-dimensional spectral domain; the first m are the samples.
     """
 
     name: str
@@ -84,6 +84,8 @@ class Embedding:
         Length of each edge, in units of `facts.scale`.
     tree_edges : int32, shape (m - 1, 2)
         The minimum spanning tree, part of the graph.
+    regions : int32, shape (d,)
+        The sample nearest to each embedded point; the first m points are the samples themselves.
     signature : float32, shape (s,)
         What shapes are shortlisted by; compared by Euclidean distance.
     spectra : tuple of Spectrum
@@ -97,6 +99,7 @@ class Embedding:
     graph_edges: Int32s
     graph_lengths: Float32s
     tree_edges: Int32s
+    regions: Int32s
     signature: Float32s
     spectra: tuple[Spectrum, ...]
 

@@ -32,11 +32,14 @@ class SparseGraph:
         Shortest way through the two regions, d(u) + |uv| + d(v) (Mehlhorn 1988).
     tree : int64, shape (m - 1,)
         Which edges form the minimum spanning tree; of equal ones the first.
+    regions: int64, shape (n,)
+        The sample nearest to each vertex, by its place among the samples; of equally near ones the first.
     """
 
     edges: Ints
     lengths: Floats
     tree: Ints
+    regions: Ints
 
 
 def mesh_edges(faces: Ints) -> Ints:
@@ -214,7 +217,9 @@ def sparse_graph(graph: csr_array, samples: Ints) -> SparseGraph:
     place = np.empty(len(edges), dtype=np.int64)
     place[shortest_first] = np.arange(1, len(edges) + 1)
     tree = minimum_spanning_tree(csr_array((place, edges.T), shape=proposals.shape))
-    return SparseGraph(edges, lengths, tree=np.sort(shortest_first[tree.data.astype(np.int64) - 1]))
+    return SparseGraph(
+        edges, lengths, tree=np.sort(shortest_first[tree.data.astype(np.int64) - 1]), regions=region
+    )
 
 
 def tree_distances(graph: SparseGraph, count: int) -> Floats:
@@ -230,5 +235,10 @@ def graph_distances(graph: SparseGraph, count: int) -> Floats:
 
 def geodesic_distances(graph: csr_array, samples: Ints) -> Floats:
     """Path lengths between the samples over the whole mesh, shape (m, m): one search a sample."""
-    distances = np.asarray(dijkstra(graph, indices=samples))[:, samples]
+    distances = geodesics(graph, samples)[samples]
     return np.asarray(np.minimum(distances, distances.T))
+
+
+def geodesics(graph: csr_array, samples: Ints) -> Floats:
+    """Path lengths over the mesh from every vertex to the samples, shape (n, m): one search a sample."""
+    return np.ascontiguousarray(dijkstra(graph, indices=samples).T)

@@ -8,10 +8,11 @@ from numpy.typing import NDArray
 
 from core.alignment import align, procrustes
 from core.correspondence import progressive, smoothers
-from core.embedding import Float32s, Spectrum
+from core.embedding import Float32s, Int32s, Spectrum
 from core.mesh import Floats, Ints
 from core.parameters import Parameters
 from core.similarity import correlation, effective_distance, effective_pairs, squared_difference
+from core.sliding import Cloud, cloud, slide
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,20 +22,23 @@ class Prepared:
     Attributes
     ----------
     points : float64, shape (m, k)
-        Centred, unit root mean square radius.
+        The samples.
     single : float32, shape (m, k)
         The same.
+    cloud : Cloud
+        All embedded points: centred, unit root mean square radius.
     operators : float32, shape (k - first_dimensions + 1, m, m)
         The spline, factored: see `core.correspondence.smoothers`.
     warp : float32, shape (m, m)
         The softer spline in all k dimensions that sim reads one-to-one pairs under; with pairs "nearest" it
         is the last of `operators`.
     key : bytes
-        A hash of the coordinates, by which a pair is put in order.
+        `spectrum_key`, by which a pair is put in order.
     """
 
     points: Floats
     single: Float32s
+    cloud: Cloud
     operators: Float32s
     warp: Float32s
     key: bytes
@@ -42,7 +46,7 @@ class Prepared:
     @property
     def nbytes(self) -> int:
         """Memory held, in bytes."""
-        return self.points.nbytes + self.single.nbytes + self.operators.nbytes + self.warp.nbytes
+        return self.cloud.nbytes + self.single.nbytes + self.operators.nbytes + self.warp.nbytes
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,22 +73,31 @@ class SpectralMatch:
         )
 
 
-def spectrum_key(spectrum: Spectrum) -> bytes:
-    """A hash of the coordinates, 16 bytes."""
-    return hashlib.blake2b(np.ascontiguousarray(spectrum.coordinates).tobytes(), digest_size=16).digest()
+def spectrum_key(spectrum: Spectrum, regions: Int32s) -> bytes:
+    """A hash of the coordinates and of the samples that the points belong to, 16 bytes."""
+    state = hashlib.blake2b(np.ascontiguousarray(spectrum.coordinates).tobytes(), digest_size=16)
+    state.update(np.ascontiguousarray(regions).tobytes())
+    return state.digest()
 
 
-def prepare(spectrum: Spectrum, key: bytes, parameters: Parameters) -> Prepared:
-    """The spectrum, whose `spectrum_key` is `key`, with its splines factored."""
+def prepare(
+    spectrum: Spectrum, regions: Int32s, edges: Int32s, key: bytes, parameters: Parameters
+) -> Prepared:
+    """The spectrum, whose `spectrum_key` is `key`, with its splines factored.
+
+    Regions and edges are the embedding's `regions` and `graph_edges`.
+    """
     points = np.ascontiguousarray(spectrum.coordinates, dtype=np.float64)
-    single = np.ascontiguousarray(spectrum.coordinates)
-    operators = smoothers(points, parameters.first_dimensions, parameters.stiffness)
+    near = cloud(points, regions.astype(np.int64), edges.astype(np.int64))
+    samples = points[: int(regions.max()) + 1]
+    operators = smoothers(samples, parameters.first_dimensions, parameters.stiffness)
     soft = parameters.pairs == "one-to-one"
     return Prepared(
-        points=points,
-        single=single,
+        points=samples,
+        single=samples.astype(np.float32),
+        cloud=near,
         operators=operators,
-        warp=smoothers(points, parameters.dimensions, parameters.warp_stiffness)[0]
+        warp=smoothers(samples, parameters.dimensions, parameters.warp_stiffness)[0]
         if soft
         else operators[-1],
         key=key,
@@ -114,21 +127,32 @@ def _warp_distances(source: Prepared, targets: Floats) -> Floats:
 def _aligned(first: Prepared, second: Prepared, parameters: Parameters) -> SpectralMatch:
     """The better of two searches, one from each side, ended in one-to-one pairs; m <= n.
 
-    CC and SSD read the points after the orthogonal map; sim counts the pairs that the softer spline, either
-    way, brings within gamma: where a smooth map explains the pairs, most are.
+    A cloud against itself is not searched: where a shape has symmetries, rounding could find one of them.
+
+    Then partners slide off the samples (`core.sliding`). CC and SSD read those pairs after the orthogonal
+    map; sim counts the samples that the softer spline, either way, brings within gamma of their partners:
+    where a smooth map explains the pairs, most are.
     """
-    there, back = _search(first, second, parameters), _search(second, first, parameters)
-    starts = (
-        procrustes(first.points, second.points[there]),
-        procrustes(first.points[back], second.points),
-    )
+    if first.key == second.key:
+        starts = [np.eye(first.points.shape[1])]
+    else:
+        there, back = _search(first, second, parameters), _search(second, first, parameters)
+        starts = [
+            procrustes(first.points, second.points[there]),
+            procrustes(first.points[back], second.points),
+        ]
     found = [align(first.points, second.points, start, parameters.align_rounds) for start in starts]
     cc, matches, rotation = max(found, key=lambda one: float(one[0]))
-    x, y = first.points @ rotation, second.points[matches]
-    distances = _warp_distances(first, y)
+    if parameters.slide_rounds:
+        slid = slide(first.cloud, second.cloud, matches, rotation, parameters.slide_rounds)
+        cc, x, y = slid.cc, slid.x, slid.y
+    else:
+        x, y = np.tile(first.points @ rotation, (2, 1)), np.tile(second.points[matches], (2, 1))
+    m = len(matches)
+    distances = _warp_distances(first, y[:m])
     if len(first.points) == len(second.points):
         inverse = np.argsort(matches)
-        distances = 0.5 * (distances + _warp_distances(second, x[inverse])[matches])
+        distances = 0.5 * (distances + _warp_distances(second, x[m:][inverse])[matches])
     effective = distances <= effective_distance(first.points, second.points)
     return SpectralMatch(
         cc=float(cc),

@@ -39,6 +39,10 @@ class Parameters:
         Sparse ratio in (0, 1]: samples over vertices.
     sample_cap : int
         The most samples that tau may ask for; 0 for no cap.
+    points : int
+        So many points are embedded in all, the samples the first of them, for `core.sliding`; 0 for the
+        samples alone, as it is where selection, distances or affinity are not "covering", "geodesic" and
+        "gaussian".
     unfold : bool
         Whether shortest paths may cross pairs of faces besides following edges.
     distances : "tree", "graph" or "geodesic"
@@ -51,6 +55,9 @@ class Parameters:
         k, after the near-constant eigenvector.
     eigenvalue_power : float
         Coordinates carry |eigenvalue| to this power (a Laplacian's to minus it); the paper's is 0.
+    taper : bool
+        Whether coordinates fade out towards the first eigenvalue left out: see
+        `core.spectrum.spectral_coordinates`.
     first_dimensions, sign_starts, kept_starts, start_iterations, step_iterations
         See `core.correspondence.Search`.
     stiffness : float
@@ -63,6 +70,8 @@ class Parameters:
         turned; or in nearest neighbours of the warped points, and scores read those.
     align_rounds : int
         At most so many rounds of rotation and one-to-one pairs.
+    slide_rounds : int
+        See `core.sliding.slide`; 0 leaves partners at the samples.
     affinity_values, laplacian_values : int
         Eigenvalues of each kind in the signature.
     match_threshold : float
@@ -82,13 +91,15 @@ class Parameters:
     samples: int = 100
     tau: float = 0.3
     sample_cap: int = 0
+    points: int = 500
     unfold: bool = True
-    distances: Distances = "graph"
+    distances: Distances = "geodesic"
     affinity: Affinity = "gaussian"
     width: float = 1.5
     operators: tuple[Operator, ...] = ("affinity", "laplace-beltrami")
-    dimensions: int = 6
+    dimensions: int = 8
     eigenvalue_power: float = 0.5
+    taper: bool = True
     first_dimensions: int = 3
     sign_starts: bool = True
     kept_starts: int = 3
@@ -98,6 +109,7 @@ class Parameters:
     warp_stiffness: float = 0.01
     pairs: Pairs = "one-to-one"
     align_rounds: int = 4
+    slide_rounds: int = 2
     affinity_values: int = 20
     laplacian_values: int = 15
     match_threshold: float = 0.9
@@ -126,6 +138,7 @@ class Parameters:
             "dimensions must be 2 to 50": 2 <= self.dimensions <= 50,
             "samples must be 0, or at least dimensions + 2, and at most 10,000": self.samples == 0
             or self.dimensions + 2 <= self.samples <= 10_000,
+            "points must be 0 to 20,000": 0 <= self.points <= 20_000,
             "tau must be above 0 and at most 1": 0.0 < self.tau <= 1.0,
             "sample_cap must be 0 or at least dimensions + 2": self.sample_cap == 0
             or self.sample_cap >= self.dimensions + 2,
@@ -145,6 +158,7 @@ class Parameters:
                     self.align_rounds,
                 )
             ),
+            "slide_rounds must be 0 to 1,000": 0 <= self.slide_rounds <= 1000,
             "stiffness and warp_stiffness must be above 0": 0.0 < self.stiffness < 1e12
             and 0.0 < self.warp_stiffness < 1e12,
             "affinity_values and laplacian_values must be 0 to 100": 0 <= self.affinity_values <= 100
@@ -217,12 +231,14 @@ PAPER = Parameters(
     samples=0,
     tau=0.3,
     sample_cap=400,
+    points=0,
     unfold=False,
     distances="tree",
     affinity="distance",
     operators=("affinity",),
     dimensions=3,
     eigenvalue_power=0.0,
+    taper=False,
     first_dimensions=3,
     sign_starts=False,
     kept_starts=1,

@@ -10,33 +10,24 @@ from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 from threadpoolctl import threadpool_limits
 
-from core.cleaning import Cleaned, clean, face_areas
-from core.embedding import Embedding, Facts, Match, Scores, Spectrum
+from core.cleaning import Cleaned, clean, face_areas, vertex_areas
+from core.embedding import Embedding, Facts, Match, Scores
 from core.errors import DegenerateMeshError, IncompatibleEmbeddingsError
 from core.frame import Frame, normal_frame
 from core.graph import (
     SparseGraph,
     edge_graph,
-    geodesic_distances,
+    geodesics,
     graph_distances,
     sparse_graph,
     tree_distances,
 )
-from core.laplacian import laplace_beltrami
 from core.lewis import lewis_weights
 from core.matching import Prepared, SpectralMatch, match_spectra, prepare, spectrum_key
 from core.mesh import Floats, Ints, Mesh
 from core.parameters import Parameters
 from core.sampling import covering, keyed_uniform, random_draw, sort_and_cut
-from core.spectrum import (
-    affinity_signature,
-    distance_affinity,
-    gaussian_affinity,
-    laplacian_signature,
-    leading_eigenpairs,
-    oriented,
-    spectral_coordinates,
-)
+from core.spectra import Points, spectra_of
 from core.subdivision import refine
 
 PREPARED_BYTES = 128 * 1024 * 1024
@@ -116,8 +107,11 @@ class Pipeline:
         asked = wanted.samples or int(np.ceil(samples / wanted.tau))
         return int(np.ceil(2.5 * max(asked, samples, wanted.laplacian_values + 2)))
 
-    def sample(self, mesh: Mesh, graph: csr_array) -> Ints:
-        """Sample vertices of a mesh in its normal frame, shape (m,)."""
+    def sample(self, mesh: Mesh, graph: csr_array) -> tuple[Ints, int]:
+        """The vertices that are embedded, shape (d,), and how many of them, the first, are the samples.
+
+        The mesh is in its normal frame.
+        """
         wanted = self.parameters
         count = wanted.samples or round(wanted.tau * len(mesh.vertices))
         count = min(count, wanted.sample_cap or count, len(mesh.vertices))
@@ -134,15 +128,23 @@ class Pipeline:
             else None,
         ).weights
         if wanted.selection == "sort-and-cut":
-            return sort_and_cut(weights, count)
+            return sort_and_cut(weights, count), count
         if drawn:
-            return random_draw(weights, count, keyed_uniform(mesh.vertices, wanted.seed))
-        return covering(graph, mesh.vertices, weights, count, wanted.coverage_power)
+            return random_draw(weights, count, keyed_uniform(mesh.vertices, wanted.seed)), count
+        more = wanted.distances == "geodesic" and wanted.affinity == "gaussian"
+        points = min(max(wanted.points if more else 0, count), len(mesh.vertices))
+        return covering(graph, mesh.vertices, weights, points, wanted.coverage_power), count
 
-    def distances(self, graph: csr_array, samples: Ints, sparse: SparseGraph) -> Floats:
-        """Distances between the samples as the parameters say, shape (m, m)."""
+    def distances(self, graph: csr_array, points: Ints, samples: Ints, sparse: SparseGraph) -> Floats:
+        """Distances from the points, the samples first, to the samples as the parameters say, shape (d, m).
+
+        Along the tree and the sparse graph, between the samples alone.
+        """
         if self.parameters.distances == "geodesic":
-            return geodesic_distances(graph, samples)
+            between = geodesics(graph, samples)[points]
+            core = between[: len(samples)]
+            core[:] = np.minimum(core, core.T)
+            return between
         along = tree_distances if self.parameters.distances == "tree" else graph_distances
         return along(sparse, len(samples))
 
@@ -157,9 +159,18 @@ class Pipeline:
         with threadpool_limits(limits=1):
             surface, cleaned, frame = self.normalise(mesh)
             graph = edge_graph(surface, unfold=self.parameters.unfold)
-            samples = self.sample(surface, graph)
+            points, count = self.sample(surface, graph)
+            samples = points[:count]
             sparse = sparse_graph(graph, samples)
-            spectra, signature = self._spectra(surface, samples, self.distances(graph, samples, sparse))
+            areas = np.bincount(
+                sparse.regions, weights=vertex_areas(surface.vertices, surface.faces), minlength=count
+            )
+            embedded = Points(
+                vertices=points,
+                distances=self.distances(graph, points, samples, sparse),
+                areas=areas / areas.sum(),
+            )
+            spectra, signature = spectra_of(surface, embedded, self.parameters)
         positions = frame.invert(surface.vertices[samples])
         return Embedding(
             fingerprint=self.fingerprint,
@@ -169,47 +180,20 @@ class Pipeline:
             graph_edges=sparse.edges.astype(np.int32),
             graph_lengths=sparse.lengths.astype(np.float32),
             tree_edges=sparse.edges[sparse.tree].astype(np.int32),
+            regions=sparse.regions[points].astype(np.int32),
             signature=signature.astype(np.float32),
             spectra=spectra,
         )
 
-    def _spectra(
-        self, surface: Mesh, samples: Ints, distances: Floats
-    ) -> tuple[tuple[Spectrum, ...], Floats]:
-        wanted = self.parameters
-        spectra: list[Spectrum] = []
-        signature: list[Floats] = []
-        if "affinity" in wanted.operators or wanted.affinity_values:
-            if wanted.affinity == "gaussian":
-                affinity = gaussian_affinity(distances, wanted.width)
-            else:
-                affinity = distance_affinity(distances)
-            count = min(max(wanted.dimensions + 1, wanted.affinity_values), len(samples))
-            values, vectors = leading_eigenpairs(affinity, count)
-            short = max(0, wanted.affinity_values - len(values))
-            listed = np.pad(values, (0, short))[: wanted.affinity_values]
-            signature.append(affinity_signature(listed, len(samples)))
-            kept = slice(1, wanted.dimensions + 1)
-            points = spectral_coordinates(values[kept], vectors[:, kept], wanted.eigenvalue_power)
-            spectra.append(Spectrum("affinity", values.astype(np.float32), points.astype(np.float32)))
-        if "laplace-beltrami" in wanted.operators or wanted.laplacian_values:
-            values, functions = laplace_beltrami(surface, max(wanted.dimensions, wanted.laplacian_values))
-            signature.append(laplacian_signature(values[: wanted.laplacian_values]))
-            chosen = oriented(values, functions[samples], wanted.dimensions)
-            points = spectral_coordinates(values[: wanted.dimensions], chosen, -wanted.eigenvalue_power)
-            spectra.append(Spectrum("laplace-beltrami", values.astype(np.float32), points.astype(np.float32)))
-        spectra = [spectrum for spectrum in spectra if spectrum.name in wanted.operators]
-        spectra.sort(key=lambda spectrum: wanted.operators.index(spectrum.name))
-        return tuple(spectra), np.concatenate(signature)
-
-    def prepared(self, spectrum: Spectrum) -> Prepared:
-        """The spectrum with its splines factored, from memory when it was met before."""
-        key = spectrum_key(spectrum)
+    def prepared(self, embedding: Embedding, number: int) -> Prepared:
+        """One of the embedding's spectra with its splines factored, from memory when it was met before."""
+        spectrum = embedding.spectra[number]
+        key = spectrum_key(spectrum, embedding.regions)
         known = self._prepared.get(key)
         if known is not None:
             self._prepared.move_to_end(key)
             return known
-        ready = prepare(spectrum, key, self.parameters)
+        ready = prepare(spectrum, embedding.regions, embedding.graph_edges, key, self.parameters)
         self._prepared[key] = ready
         self._prepared_bytes += ready.nbytes
         while self._prepared_bytes > PREPARED_BYTES and len(self._prepared) > 1:
@@ -223,8 +207,10 @@ class Pipeline:
                 raise IncompatibleEmbeddingsError(
                     f"embedding {embedding.fingerprint} under pipeline {self.fingerprint}"
                 )
-        pairs = zip(first.spectra, second.spectra, strict=True)
-        return [match_spectra(self.prepared(a), self.prepared(b), self.parameters) for a, b in pairs]
+        return [
+            match_spectra(self.prepared(first, i), self.prepared(second, i), self.parameters)
+            for i in range(len(first.spectra))
+        ]
 
     def score(self, query: Embedding, candidates: Sequence[Embedding]) -> Scores:
         """CC, SSD and sim of one shape with each of several: the means over their spectra.

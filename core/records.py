@@ -25,6 +25,7 @@ def embedding_to_bytes(embedding: Embedding) -> bytes:
         "graph_edges": embedding.graph_edges,
         "graph_lengths": embedding.graph_lengths,
         "tree_edges": embedding.tree_edges,
+        "regions": embedding.regions,
         "signature": embedding.signature,
     }
     for i, spectrum in enumerate(embedding.spectra):
@@ -52,6 +53,7 @@ def embedding_from_bytes(data: bytes) -> Embedding:
             graph_edges=arrays["graph_edges"],
             graph_lengths=arrays["graph_lengths"],
             tree_edges=arrays["tree_edges"],
+            regions=arrays["regions"],
             signature=arrays["signature"],
             spectra=tuple(
                 Spectrum(name, arrays[f"eigenvalues_{i}"], arrays[f"coordinates_{i}"])

@@ -1,7 +1,7 @@
 """Affinity of the samples, its eigenvectors, and the k-dimensional embedding (section 3.3)."""
 
 import numpy as np
-from scipy.linalg import eigh
+from scipy.linalg import eigh, svd
 from scipy.sparse.linalg import eigsh
 
 from core.errors import ParameterError
@@ -14,8 +14,19 @@ EQUAL_VALUES = 1e-4
 """Eigenvalues, and sums of cubes, that differ by less than this part are equal."""
 
 
-def gaussian_affinity(distances: Floats, width: float) -> Floats:
-    """W = exp(-d^2 / 2 s^2), s = `width` times the mean distance; ones on the diagonal, shape (m, m).
+FADED = 1e-6
+"""A tapered column keeps so much of the largest squared weight: the spline needs every dimension."""
+
+
+def gaussian_affinity(distances: Floats, width: float, areas: Floats | None = None) -> Floats:
+    """W = exp(-d^2 / 2 s^2), s = `width` times the mean distance; ones where the distance is 0.
+
+    Parameters
+    ----------
+    distances : float64, shape (m, m), or (d, m) with areas
+    width : float
+    areas : float64, shape (m,), optional
+        Shares that weigh the columns in the mean; without them it is that of distinct samples.
 
     Raises
     ------
@@ -25,7 +36,9 @@ def gaussian_affinity(distances: Floats, width: float) -> Floats:
     if not width > 0.0:
         raise ParameterError(f"the affinity's width must be positive, not {width}")
     count = len(distances)
-    mean = float(distances.sum()) / (count * (count - 1))
+    mean = (
+        float(distances.sum()) / (count * (count - 1)) if areas is None else float((distances @ areas).mean())
+    )
     return np.asarray(np.exp(-(distances**2) / (2.0 * (width * mean) ** 2)))
 
 
@@ -58,6 +71,34 @@ def leading_eigenpairs(affinity: Floats, count: int) -> tuple[Floats, Floats]:
         values, vectors = eigsh(affinity, k=count, which="LM", v0=np.ones(size))
     order = np.argsort(-np.abs(values), kind="stable")
     return values[order[:count]], oriented(values[order], vectors[:, order], count)
+
+
+def sampled_eigenpairs(affinity: Floats, areas: Floats, count: int) -> tuple[Floats, Floats]:
+    """Eigenpairs of the affinity as an operator on the surface, read at more points than the samples.
+
+    The operator (W f)(p) is the integral of W(p, q) f(q) over the surface; the samples, each standing for the
+    area of its region, are the quadrature (Nystrom). The singular pairs of W(point, sample) sqrt(area) are
+    those of W W^T, so where the samples happen to lie, and how many lie where, matters to second order: the
+    leading functions of one shape meshed twice agree far better than those of a matrix between samples.
+
+    Parameters
+    ----------
+    affinity : float64, shape (d, m)
+        Between points spread evenly over the surface, and the samples.
+    areas : float64, shape (m,)
+        Share of the surface that is nearest to each sample; they sum to 1.
+    count : int
+        At most m.
+
+    Returns
+    -------
+    float64, shape (count,)
+        Falling. 1 for the constant affinity.
+    float64, shape (d, count)
+        Orthonormal columns, signs and directions those of `oriented`.
+    """
+    left, values, _ = svd(affinity * np.sqrt(areas), full_matrices=False, check_finite=False)
+    return values[:count] / np.sqrt(len(affinity)), oriented(values, left, count)
 
 
 def oriented(values: Floats, vectors: Floats, count: int) -> Floats:
@@ -101,25 +142,42 @@ def oriented(values: Floats, vectors: Floats, count: int) -> Floats:
     return result[:, :count]
 
 
-def spectral_coordinates(values: Floats, vectors: Floats, power: float) -> Floats:
+def spectral_coordinates(values: Floats, vectors: Floats, power: float, *, taper: bool = False) -> Floats:
     """Rows of the eigenvectors as points of the spectral domain, shape (m, k).
 
     Each column is multiplied by its eigenvalue's magnitude to the `power` (0: the paper's plain
     eigenvectors; 1/2: kernel principal components; -1/2 for a Laplacian: the global point signature).
     The cloud is then centred and scaled to unit root mean square radius.
+
+    Where the last eigenvalue kept is close to the first left out, a small change of the shape swaps their
+    vectors. Tapered, the square of each weight is lessened by that of the first eigenvalue left out, so that
+    the last columns fade to nothing as the two come together.
+
+    Parameters
+    ----------
+    values : float64, shape (s,), s >= k
+        In order of importance; tapering needs s > k.
+    vectors : float64, shape (m, k)
+    power : float
+    taper : bool
     """
+    kept = vectors.shape[1]
     floor = 1e-9 * float(np.abs(values).max())
-    points = vectors * np.maximum(np.abs(values), floor) ** power
+    squares = np.maximum(np.abs(values), floor) ** (2.0 * power)
+    if taper:
+        squares = np.maximum(squares - squares[kept], FADED * squares.max())
+    points = vectors * np.sqrt(squares[:kept])
     points = points - points.mean(axis=0)
     return np.asarray(points / np.sqrt((points**2).sum(axis=1).mean()))
 
 
-def affinity_signature(values: Floats, count: int) -> Floats:
-    """Logarithms of the leading eigenvalues' magnitudes over their number m, shape (s,).
+def affinity_signature(values: Floats) -> Floats:
+    """Logarithms of the leading eigenvalues' magnitudes, shape (s,).
 
-    A Gaussian affinity's eigenvalues sum to m, so they are comparable between sample counts.
+    They must be over the number of samples, or of the operator on the surface: then a Gaussian affinity's sum
+    to 1 or less, and they are comparable whatever the number.
     """
-    return np.asarray(np.log(np.maximum(np.abs(values) / count, 1e-6)))
+    return np.asarray(np.log(np.maximum(np.abs(values), 1e-6)))
 
 
 def laplacian_signature(values: Floats) -> Floats:

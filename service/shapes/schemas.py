@@ -139,11 +139,13 @@ class ShapeChanges(BaseModel):
 
 
 class SpectrumArrays(BaseModel):
-    """One spectral embedding of the samples."""
+    """One spectral embedding of the points."""
 
     name: str
     eigenvalues: list[float]
-    coordinates: list[list[float]] = Field(description="Row i is sample i in the spectral domain.")
+    coordinates: list[list[float]] = Field(
+        description="Row i is point i in the spectral domain; the first points are the samples."
+    )
 
     @classmethod
     def of(cls, spectrum: Spectrum) -> "SpectrumArrays":
@@ -164,6 +166,7 @@ class EmbeddingArrays(BaseModel):
     graph_edges: list[list[int]] = Field(description="Pairs of samples that the sparse graph joins.")
     graph_lengths: list[float] = Field(description="Length of each edge, in units of the shape's scale.")
     tree_edges: list[list[int]] = Field(description="The minimum spanning tree.")
+    regions: list[int] = Field(description="The sample nearest to each embedded point.")
     signature: list[float] = Field(description="What shapes are shortlisted by.")
     spectra: list[SpectrumArrays]
 
@@ -172,7 +175,15 @@ class EmbeddingArrays(BaseModel):
         """The JSON of an embedding."""
         arrays: dict[str, Any] = {
             name: getattr(embedding, name).tolist()
-            for name in ("positions", "vertices", "graph_edges", "graph_lengths", "tree_edges", "signature")
+            for name in (
+                "positions",
+                "vertices",
+                "graph_edges",
+                "graph_lengths",
+                "tree_edges",
+                "regions",
+                "signature",
+            )
         }
         return cls(
             pipeline=embedding.fingerprint,

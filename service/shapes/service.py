@@ -104,6 +104,7 @@ def as_npz(embedding: Embedding) -> bytes:
         "graph_edges": embedding.graph_edges,
         "graph_lengths": embedding.graph_lengths,
         "tree_edges": embedding.tree_edges,
+        "regions": embedding.regions,
         "signature": embedding.signature,
     }
     for spectrum in embedding.spectra:

@@ -1,13 +1,17 @@
 """Matching two spectra: the same both ways, perfect against itself, bounded, with clouds of any two sizes."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from core.alignment import procrustes
 from core.embedding import Spectrum
 from core.gallery import make_shape
 from core.matching import match_spectra, prepare, spectrum_key
 from core.parameters import DEFAULT, PAPER
 from core.pipeline import Pipeline
+from core.similarity import correlation
 
 SETTINGS = {"default": DEFAULT, "paper": PAPER}
 
@@ -24,7 +28,10 @@ def by_hand(parameters, count, seed):
 
 
 def ready(spectrum, parameters):
-    return prepare(spectrum, spectrum_key(spectrum), parameters)
+    """A cloud of samples alone, each touching the next."""
+    regions = np.arange(len(spectrum.coordinates), dtype=np.int32)
+    edges = np.stack([regions[:-1], regions[1:]], axis=1)
+    return prepare(spectrum, regions, edges, spectrum_key(spectrum, regions), parameters)
 
 
 @pytest.fixture(scope="module", params=SETTINGS)
@@ -32,9 +39,9 @@ def prepared(request):
     """A setting and the first spectra of several shapes under it, factored; then clouds made by hand."""
     parameters = SETTINGS[request.param]
     pipeline = Pipeline(parameters)
-    spectra = [pipeline.embed(make_shape(*shape)).spectra[0] for shape in SHAPES]
-    spectra += [by_hand(parameters, count, count) for count in (60, 45, 100)]
-    return parameters, [ready(spectrum, parameters) for spectrum in spectra]
+    clouds = [pipeline.prepared(pipeline.embed(make_shape(*shape)), 0) for shape in SHAPES]
+    clouds += [ready(by_hand(parameters, count, count), parameters) for count in (60, 45, 100)]
+    return parameters, clouds
 
 
 def identical(one, other):
@@ -149,12 +156,26 @@ def test_the_prepared_cloud_is_the_spectrum_and_its_splines(prepared):
         assert cloud.operators.shape == (stages, m, m)
         assert cloud.warp.shape == (m, m)
         assert np.array_equal(cloud.points, cloud.single.astype(np.float64))
+        assert np.array_equal(cloud.points, cloud.cloud.points[:m])
         assert cloud.nbytes >= m * m * 4 * stages
 
 
-def test_the_key_is_of_the_coordinates_alone():
+def test_the_key_is_of_the_coordinates_and_the_regions():
     one, other = by_hand(DEFAULT, 30, 1), by_hand(DEFAULT, 30, 2)
     named = Spectrum("laplace-beltrami", one.eigenvalues * 2, one.coordinates.copy())
-    assert spectrum_key(one) == spectrum_key(named)
-    assert spectrum_key(one) != spectrum_key(other)
-    assert len(spectrum_key(one)) == 16
+    regions = np.arange(30, dtype=np.int32)
+    assert spectrum_key(one, regions) == spectrum_key(named, regions)
+    assert spectrum_key(one, regions) != spectrum_key(other, regions)
+    assert spectrum_key(one, regions) != spectrum_key(one, regions % 20)
+    assert len(spectrum_key(one, regions)) == 16
+
+
+def test_without_sliding_scores_read_the_pairs_of_samples():
+    still = replace(DEFAULT, slide_rounds=0)
+    first, second = (ready(by_hand(DEFAULT, 50, seed), still) for seed in (1, 2))
+    found = match_spectra(first, second, still)
+    pairs = found.pairs
+    x, y = first.points[pairs[:, 0]], second.points[pairs[:, 1]]
+    turned = x @ procrustes(x, y)
+    assert found.cc == pytest.approx(correlation(turned, y), abs=1e-9)
+    assert match_spectra(first, second, DEFAULT).cc > found.cc

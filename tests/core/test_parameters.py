@@ -24,13 +24,15 @@ OTHER = {
     "samples": 101,
     "tau": 0.4,
     "sample_cap": 300,
+    "points": 600,
     "unfold": False,
-    "distances": "geodesic",
+    "distances": "graph",
     "affinity": "distance",
     "width": 1.6,
     "operators": ("laplace-beltrami", "affinity"),
     "dimensions": 7,
     "eigenvalue_power": 0.25,
+    "taper": False,
     "first_dimensions": 4,
     "sign_starts": False,
     "kept_starts": 4,
@@ -40,6 +42,7 @@ OTHER = {
     "warp_stiffness": 0.02,
     "pairs": "nearest",
     "align_rounds": 5,
+    "slide_rounds": 3,
     "affinity_values": 21,
     "laplacian_values": 16,
     "match_threshold": 0.8,
@@ -58,11 +61,13 @@ OUT_OF_RANGE = [
     ("coverage_power", 4.1),
     ("seed", -1),
     ("seed", 2**62 + 1),
-    ("samples", 7),
+    ("samples", 9),
     ("samples", 10_001),
     ("tau", 0.0),
     ("tau", 1.01),
-    ("sample_cap", 7),
+    ("sample_cap", 9),
+    ("points", -1),
+    ("points", 20_001),
     ("width", 0.0),
     ("width", 1e6),
     ("dimensions", 1),
@@ -75,6 +80,8 @@ OUT_OF_RANGE = [
     ("start_iterations", 1001),
     ("step_iterations", 0),
     ("align_rounds", 0),
+    ("slide_rounds", -1),
+    ("slide_rounds", 1001),
     ("stiffness", 0.0),
     ("warp_stiffness", 1e12),
     ("affinity_values", 101),
@@ -212,8 +219,9 @@ def test_a_signature_must_hold_something():
 
 
 def test_limits_themselves_are_allowed():
-    replace(DEFAULT, degree=12, tau=1.0, samples=8, match_threshold=-1.0, seed=2**62)
-    replace(DEFAULT, decimate_above=0, decimate_to=0, sample_cap=8, affinity_values=0)
+    replace(DEFAULT, degree=12, tau=1.0, samples=10, match_threshold=-1.0, seed=2**62)
+    replace(DEFAULT, decimate_above=0, decimate_to=0, sample_cap=10, affinity_values=0)
+    replace(DEFAULT, points=0, slide_rounds=0)
     replace(DEFAULT, sign_starts=False, dimensions=20, first_dimensions=20)
 
 

@@ -63,13 +63,14 @@ def test_fields_have_their_shapes_and_types(embedded):
             (made.graph_edges, np.int32, (edges, 2)),
             (made.graph_lengths, np.float32, (edges,)),
             (made.tree_edges, np.int32, (m - 1, 2)),
+            (made.regions, np.int32, (max(m, wanted.points),)),
             (made.signature, np.float32, (wanted.affinity_values + wanted.laplacian_values,)),
         ):
             assert array.dtype == kind
             assert array.shape == shape
         assert tuple(spectrum.name for spectrum in made.spectra) == wanted.operators
         for spectrum in made.spectra:
-            assert spectrum.coordinates.shape == (m, wanted.dimensions)
+            assert spectrum.coordinates.shape == (len(made.regions), wanted.dimensions)
             assert spectrum.coordinates.dtype == spectrum.eigenvalues.dtype == np.float32
             assert len(spectrum.eigenvalues) >= wanted.dimensions
 
@@ -80,6 +81,13 @@ def test_coordinates_are_centred_and_of_unit_radius(embedded):
             points = spectrum.coordinates.astype(np.float64)
             assert points.mean(axis=0) == pytest.approx(0.0, abs=1e-5)
             assert np.sqrt((points**2).sum(axis=1).mean()) == pytest.approx(1.0, abs=1e-5)
+
+
+def test_every_point_belongs_to_a_sample_and_every_sample_to_itself(embedded):
+    for made in embedded[1]:
+        m = len(made.positions)
+        assert np.array_equal(made.regions[:m], np.arange(m))
+        assert 0 <= made.regions.min() <= made.regions.max() < m
 
 
 def test_samples_lie_on_the_surface_and_beside_their_vertex(embedded):
@@ -167,7 +175,7 @@ def test_signature_distances_are_euclidean(embedded):
 def test_what_is_kept_of_met_shapes_is_bounded_and_changes_no_score(embedded, monkeypatch):
     pipeline, embeddings = embedded
     expected = pipeline.score(embeddings[0], embeddings)
-    one = pipeline.prepared(embeddings[0].spectra[0]).nbytes
+    one = pipeline.prepared(embeddings[0], 0).nbytes
     monkeypatch.setattr(core.pipeline, "PREPARED_BYTES", int(2.5 * one))
     small = Pipeline(pipeline.parameters)
     for _ in range(2):
@@ -182,8 +190,7 @@ def test_what_is_kept_of_met_shapes_is_bounded_and_changes_no_score(embedded, mo
 
 def test_a_met_spectrum_is_factored_once(embedded):
     pipeline, embeddings = embedded
-    spectrum = embeddings[0].spectra[0]
-    assert pipeline.prepared(spectrum) is pipeline.prepared(spectrum)
+    assert pipeline.prepared(embeddings[0], 0) is pipeline.prepared(embeddings[0], 0)
 
 
 def test_the_same_mesh_gives_the_same_bytes_in_another_process(embedded):

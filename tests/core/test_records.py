@@ -36,12 +36,13 @@ def embedding(*, samples=12, spectra=2, seed=0):
         graph_edges=np.concatenate([edges, [[0, samples - 1]]]).astype(np.int32),
         graph_lengths=rng.random(samples).astype(np.float32),
         tree_edges=edges,
+        regions=np.arange(2 * samples, dtype=np.int32) % samples,
         signature=rng.random(9).astype(np.float32),
         spectra=tuple(
             Spectrum(
                 name,
                 rng.random(5 + i).astype(np.float32),
-                rng.normal(size=(samples, 4 + i)).astype(np.float32),
+                rng.normal(size=(2 * samples, 4 + i)).astype(np.float32),
             )
             for i, name in enumerate(("affinity", "laplace-beltrami")[:spectra])
         ),

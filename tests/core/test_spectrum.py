@@ -13,6 +13,7 @@ from core.spectrum import (
     laplacian_signature,
     leading_eigenpairs,
     oriented,
+    sampled_eigenpairs,
     spectral_coordinates,
 )
 
@@ -145,6 +146,37 @@ def test_power_one_half_restores_points_from_their_inner_products():
     np.testing.assert_allclose(pdist(found), pdist(points) / radius, rtol=1e-9)
 
 
+def test_tapered_weights_are_what_the_eigenvalues_have_over_the_first_left_out():
+    values, vectors = leading_eigenpairs(gaussian_affinity(distances(), 0.5), 6)
+    points = spectral_coordinates(values, vectors[:, :5], 0.5, taper=True)
+    weights = np.sqrt(values[:5] - values[5])
+    expected = (vectors[:, :5] - vectors[:, :5].mean(axis=0)) * weights
+    scale = points[0, 0] / expected[0, 0]
+    np.testing.assert_allclose(points, expected * scale, rtol=1e-9)
+
+
+@pytest.mark.parametrize("power", [0.5, -0.5])
+def test_a_swap_at_the_cut_hardly_changes_tapered_coordinates(power):
+    """Two vectors whose eigenvalues cross at the cut: plain coordinates jump, tapered ones do not."""
+    vectors = np.linalg.qr(np.random.default_rng(3).normal(size=(40, 4)))[0]
+    values = np.array([9.0, 5.0, 2.001, 2.0]) if power > 0 else np.array([1.0, 2.0, 3.0, 3.001])
+    swapped = vectors[:, [0, 1, 3, 2]]
+
+    def jump(taper):
+        one = spectral_coordinates(values, vectors[:, :3], power, taper=taper)
+        other = spectral_coordinates(values, swapped[:, :3], power, taper=taper)
+        return np.sqrt(((one - other) ** 2).sum(axis=1).mean())
+
+    assert jump(taper=True) < 0.05 < 0.4 < jump(taper=False)
+
+
+def test_tapered_coordinates_keep_a_column_whose_eigenvalue_is_repeated_at_the_cut():
+    vectors = np.linalg.qr(np.random.default_rng(4).normal(size=(40, 4)))[0]
+    points = spectral_coordinates(np.array([4.0, 2.0, 1.0, 1.0]), vectors[:, :3], 0.5, taper=True)
+    widths = np.linalg.norm(points, axis=0)
+    assert 0.0 < widths[2] < 2e-3 * widths[0]
+
+
 def test_negative_eigenvalues_count_by_magnitude():
     values, vectors = leading_eigenpairs(symmetric_matrix(), 5)
     np.testing.assert_array_equal(
@@ -153,8 +185,8 @@ def test_negative_eigenvalues_count_by_magnitude():
 
 
 def test_signature_of_the_identity_and_of_the_constant_kernel():
-    np.testing.assert_allclose(affinity_signature(leading_eigenpairs(np.eye(50), 7)[0], 50), -np.log(50.0))
-    constant = affinity_signature(leading_eigenpairs(np.ones((50, 50)), 3)[0], 50)
+    np.testing.assert_allclose(affinity_signature(leading_eigenpairs(np.eye(50), 7)[0] / 50), -np.log(50.0))
+    constant = affinity_signature(leading_eigenpairs(np.ones((50, 50)), 3)[0] / 50)
     np.testing.assert_allclose(constant, [0.0, np.log(1e-6), np.log(1e-6)], atol=1e-12)
 
 
@@ -163,12 +195,12 @@ def test_signature_does_not_know_the_scale_or_the_number_of_copies():
 
     def signature(distance):
         affinity = gaussian_affinity(distance, 0.5)
-        return affinity_signature(leading_eigenpairs(affinity, 6)[0], len(affinity))
+        return affinity_signature(leading_eigenpairs(affinity, 6)[0] / len(affinity))
 
     np.testing.assert_allclose(signature(7.0 * table), signature(table))
     kernel = gaussian_affinity(table, 0.5)
-    once = affinity_signature(leading_eigenpairs(kernel, 6)[0], 40)
-    thrice = affinity_signature(leading_eigenpairs(np.tile(kernel, (3, 3)), 6)[0], 120)
+    once = affinity_signature(leading_eigenpairs(kernel, 6)[0] / 40)
+    thrice = affinity_signature(leading_eigenpairs(np.tile(kernel, (3, 3)), 6)[0] / 120)
     np.testing.assert_allclose(thrice, once)
 
 
@@ -177,3 +209,49 @@ def test_laplacian_signature():
     np.testing.assert_allclose(laplacian_signature(values), np.log([1.0, 1.0, 3.0, 6.0]))
     np.testing.assert_allclose(laplacian_signature(values / 81.0), laplacian_signature(values))
     assert np.isfinite(laplacian_signature(np.array([0.0, 1.0, 2.0]))).all()
+
+
+def test_sampled_eigenpairs_are_the_operator_squared_by_quadrature():
+    """On all points as samples, each with the same share, they are the eigenpairs of the affinity over m."""
+    affinity = gaussian_affinity(distances(), 1.5)
+    count = len(affinity)
+    values, vectors = sampled_eigenpairs(affinity, np.full(count, 1.0 / count), 5)
+    expected, functions = leading_eigenpairs(affinity, 5)
+    np.testing.assert_allclose(values, np.abs(expected) / count, rtol=1e-9)
+    np.testing.assert_allclose(vectors, functions, atol=1e-6)
+
+
+def test_the_constant_affinity_has_the_value_one_whatever_the_shares():
+    shares = np.random.default_rng(1).dirichlet(np.ones(30))
+    values, vectors = sampled_eigenpairs(np.ones((80, 30)), shares, 3)
+    np.testing.assert_allclose(values, [1.0, 0.0, 0.0], atol=1e-12)
+    np.testing.assert_allclose(vectors[:, 0], 80.0**-0.5, rtol=1e-9)
+
+
+def test_sampled_eigenvalues_hardly_hang_on_which_samples_are_drawn():
+    """A circle: the kernel's eigenvalues are known from all its points; 40 uneven samples find them."""
+    angles = np.linspace(0.0, 2.0 * np.pi, 400, endpoint=False)
+
+    def kernel(columns):
+        gaps = np.abs(angles[:, None] - columns)
+        return np.exp(-0.5 * np.minimum(gaps, 2.0 * np.pi - gaps) ** 2)
+
+    truth = np.sort(np.linalg.eigvalsh(kernel(angles)))[::-1][:5] / 400
+    for seed in range(3):
+        drawn = np.sort(np.random.default_rng(seed).uniform(0.0, 2.0 * np.pi, 40))
+        gaps = np.diff(np.r_[drawn[-1] - 2.0 * np.pi, drawn, drawn[0] + 2.0 * np.pi])
+        shares = (gaps[:-1] + gaps[1:]) / (4.0 * np.pi)
+        values, _ = sampled_eigenpairs(kernel(drawn), shares, 5)
+        np.testing.assert_allclose(values, truth, rtol=0.05)
+        between = np.abs(drawn[:, None] - drawn)
+        plain = np.linalg.eigvalsh(np.exp(-0.5 * np.minimum(between, 2.0 * np.pi - between) ** 2))
+        assert np.abs(plain[::-1][:5] / 40 / truth - 1.0).max() > 3.0 * np.abs(values / truth - 1.0).max()
+
+
+def test_the_width_of_an_uneven_sampling_is_that_of_the_surface():
+    table = distances()
+    shares = np.random.default_rng(2).dirichlet(np.ones(len(table)))
+    mean = (table @ shares).mean()
+    np.testing.assert_allclose(
+        gaussian_affinity(table, 0.7, shares), np.exp(-(table**2) / (2.0 * (0.7 * mean) ** 2)), rtol=1e-12
+    )

@@ -279,7 +279,15 @@ def test_the_embedding_is_the_one_that_is_stored(service: Running) -> None:
     assert archive.headers["content-type"] == "application/zip"
     arrays = np.load(io.BytesIO(archive.content))
     assert told["pipeline"] == stored.fingerprint
-    for name in ("positions", "vertices", "graph_edges", "graph_lengths", "tree_edges", "signature"):
+    for name in (
+        "positions",
+        "vertices",
+        "graph_edges",
+        "graph_lengths",
+        "tree_edges",
+        "regions",
+        "signature",
+    ):
         np.testing.assert_array_equal(np.array(told[name], dtype=arrays[name].dtype), getattr(stored, name))
         np.testing.assert_array_equal(arrays[name], getattr(stored, name))
     assert [spectrum["name"] for spectrum in told["spectra"]] == [s.name for s in stored.spectra]
