@@ -5,6 +5,7 @@ function changes, and would not notice a change in another file that it calls.
 """
 
 import numpy as np
+from scipy.linalg import block_diag, orthogonal_procrustes
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
@@ -182,57 +183,82 @@ def assign(cost: Floats) -> Ints:
 
 
 @compiled
-def _cross(points: Floats, targets: Floats, matches: Ints) -> tuple[Floats, float, float]:
-    """Sum of points[i] targets[matches[i]]^T about the two means, and the two centred square sums."""
-    m, k = points.shape
-    mean_x = np.zeros(k)
-    mean_y = np.zeros(k)
-    for i in range(m):
-        for a in range(k):
-            mean_x[a] += points[i, a] / m
-            mean_y[a] += targets[matches[i], a] / m
-    cross = np.zeros((k, k))
-    first = 0.0
-    second = 0.0
-    for i in range(m):
-        for a in range(k):
-            x = points[i, a] - mean_x[a]
-            y = targets[matches[i], a] - mean_y[a]
-            first += x * x
-            second += y * y
-            for b in range(k):
-                cross[a, b] += x * (targets[matches[i], b] - mean_y[b])
-    return cross, first, second
+def fit(points: Floats, targets: Floats, matches: Ints, blocks: int) -> tuple[float, Floats]:
+    """The orthogonal map, one for each block of columns, that brings points closest to their matches.
 
-
-@compiled
-def align(points: Floats, targets: Floats, rotation: Floats, rounds: int) -> tuple[float, Ints, Floats]:
-    """One-to-one pairs and the orthogonal map, alternated from a first map.
-
-    Eigenvectors are determined up to sign, and up to rotation where eigenvalues are equal or swap order (the
-    arms of an octopus, a body of revolution). The orthogonal map that brings matched points closest
-    (Procrustes: R = U V^T of their cross-covariance) undoes all of these; coordinates that carry their
-    eigenvalue's weight make mixing unlike ones costly. Then the pairs are chosen anew as the one-to-one
-    correspondence of least total squared distance. Many-to-one nearest neighbours would let every point slide
-    onto a few targets and every two shapes correlate.
+    Procrustes: R = U V^T of the centred cross-covariance U S V^T. The columns fall into `blocks` spectral
+    domains of k each; R keeps each domain to itself.
 
     Parameters
     ----------
-    points : float64, shape (m, k), m <= n
-    targets : float64, shape (n, k)
-    rotation : float64, shape (k, k)
-        Where to start: points @ rotation lies near targets.
-    rounds : int
-        At most; it stops when the pairs stay.
+    points : float64, shape (m, blocks k)
+    targets : float64, shape (n, blocks k)
+    matches : int64, shape (m,)
+        A row of targets for each point.
+    blocks : int
 
     Returns
     -------
     cc : float
-        Correlation of the matched coordinates after the map: the trace norm of the centred cross-covariance
-        over the root of the product of the centred square sums.
+        Correlation of the matched coordinates after the map (the trace of S over the root of the product of
+        the centred square sums), the mean over the blocks; a block that is one point counts 0.
+    rotation : float64, shape (blocks k, blocks k)
+        Block diagonal: points @ rotation lies on targets[matches].
+    """
+    m, columns = points.shape
+    k = columns // blocks
+    x = points.copy()
+    y = np.empty_like(x)
+    for i in range(m):
+        y[i] = targets[matches[i]]
+    for c in range(columns):
+        x[:, c] -= x[:, c].mean()
+        y[:, c] -= y[:, c].mean()
+    cross = x.T @ y
+    rotation = np.zeros((columns, columns))
+    cc = 0.0
+    for low in range(0, columns, k):
+        high = low + k
+        left, values, right = np.linalg.svd(np.ascontiguousarray(cross[low:high, low:high]))
+        rotation[low:high, low:high] = left @ right
+        size = np.sqrt((x[:, low:high] ** 2).sum() * (y[:, low:high] ** 2).sum())
+        if size > 0.0:
+            cc += min(1.0, values.sum() / size) / blocks
+    return cc, rotation
+
+
+@compiled
+def align(
+    points: Floats, targets: Floats, rotation: Floats, rounds: int, blocks: int
+) -> tuple[float, Ints, Floats]:
+    """One-to-one pairs and the orthogonal map, alternated from a first map.
+
+    Eigenvectors are determined up to sign, and up to rotation where eigenvalues are equal or swap order (the
+    arms of an octopus, a body of revolution). The orthogonal map that brings matched points closest (`fit`)
+    undoes all of these; coordinates that carry their eigenvalue's weight make mixing unlike ones costly. Then
+    the pairs are chosen anew as the one-to-one correspondence of least total squared distance. Many-to-one
+    nearest neighbours would let every point slide onto a few targets and every two shapes correlate.
+
+    Several embeddings stand side by side as blocks of columns: each has its own map, and all share one
+    correspondence, which has to be right in every one of them.
+
+    Parameters
+    ----------
+    points : float64, shape (m, blocks k), m <= n
+    targets : float64, shape (n, blocks k)
+    rotation : float64, shape (blocks k, blocks k)
+        Where to start: points @ rotation lies near targets.
+    rounds : int
+        At most; it stops when the pairs stay.
+    blocks : int
+
+    Returns
+    -------
+    cc : float
+        As of `fit`.
     matches : int64, shape (m,)
         All different.
-    rotation : float64, shape (k, k)
+    rotation : float64, shape (blocks k, blocks k)
         points @ rotation lies on targets.
     """
     m, k = points.shape
@@ -265,32 +291,32 @@ def align(points: Floats, targets: Floats, rotation: Floats, rounds: int) -> tup
             matches[i] = chosen[i]
         if same:
             break
-        cross, first, second = _cross(points, targets, matches)
-        left, values, right = np.linalg.svd(cross)
-        rotation = left @ right
-        if first > 0.0 and second > 0.0:
-            cc = min(1.0, values.sum() / np.sqrt(first * second))
+        cc, rotation = fit(points, targets, matches, blocks)
     return cc, matches, rotation
 
 
-def procrustes(points: Floats, targets: Floats) -> Floats:
-    """The orthogonal map, shape (k, k), that brings paired points closest: points @ R lies on targets."""
-    x, y = points - points.mean(axis=0), targets - targets.mean(axis=0)
-    left, _, right = np.linalg.svd(x.T @ y)
-    return np.asarray(left @ right)
+def fit_reference(points: Floats, targets: Floats, matches: Ints, blocks: int) -> tuple[float, Floats]:
+    """What `fit` finds, by SciPy."""
+    maps: list[Floats] = []
+    scores: list[float] = []
+    for x, y in zip(np.split(points, blocks, 1), np.split(targets[matches], blocks, 1), strict=True):
+        rotation, trace = orthogonal_procrustes(x - x.mean(axis=0), y - y.mean(axis=0))
+        size = np.sqrt(((x - x.mean(axis=0)) ** 2).sum() * ((y - y.mean(axis=0)) ** 2).sum())
+        maps.append(rotation)
+        scores.append(trace / size if size > 0.0 else 0.0)
+    return float(np.mean(scores)), np.asarray(block_diag(*maps))
 
 
 def align_reference(
-    points: Floats, targets: Floats, rotation: Floats, rounds: int
+    points: Floats, targets: Floats, rotation: Floats, rounds: int, blocks: int
 ) -> tuple[float, Ints, Floats]:
     """What `align` finds, by SciPy."""
     matches = np.full(len(points), -1, dtype=np.int64)
+    cc = 0.0
     for _ in range(rounds):
         chosen = linear_sum_assignment(cdist(points @ rotation, targets, "sqeuclidean"))[1]
         if (chosen == matches).all():
             break
         matches = chosen
-        rotation = procrustes(points, targets[matches])
-    x = (points - points.mean(axis=0)) @ rotation
-    y = targets[matches] - targets[matches].mean(axis=0)
-    return float((x * y).sum() / np.sqrt((x**2).sum() * (y**2).sum())), matches, rotation
+        cc, rotation = fit_reference(points, targets, matches, blocks)
+    return cc, matches, rotation

@@ -89,7 +89,7 @@ class Embedding:
     signature : float32, shape (s,)
         What shapes are shortlisted by; compared by Euclidean distance.
     spectra : tuple of Spectrum
-        One or several embeddings of the same samples. The correspondence shown is that of the first.
+        One or several embeddings of the same points.
     """
 
     fingerprint: str
@@ -132,9 +132,10 @@ class Match:
     cc, ssd, sim : float
         As in `Scores`.
     correspondence : int32, shape (p, 2)
-        Pairs (sample of the first shape, sample of the second), in the first spectrum.
+        Pairs (sample of the first shape, sample of the second).
     distances : float32, shape (p,)
-        Distance between the two points of each pair in the spectral domain, under the warp that sim reads.
+        Distance between the two points of each pair in the first spectral domain, under the warp that sim
+        reads.
     effective : bool, shape (p,)
         Whether that distance is at most gamma (below Eq. 19) and the pair one-to-one.
     """

@@ -1,4 +1,4 @@
-"""Two embeddings matched: alignment, correspondence and scores in one spectral domain."""
+"""Two embeddings matched: one correspondence, alignment and scores in all their spectral domains."""
 
 import hashlib
 from dataclasses import dataclass
@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from core.alignment import align, procrustes
+from core.alignment import align, fit
 from core.correspondence import progressive, smoothers
-from core.embedding import Float32s, Int32s, Spectrum
+from core.embedding import Embedding, Float32s
 from core.mesh import Floats, Ints
 from core.parameters import Parameters
 from core.similarity import correlation, effective_distance, effective_pairs, squared_difference
@@ -16,42 +16,64 @@ from core.sliding import Cloud, cloud, slide
 
 
 @dataclass(frozen=True, eq=False)
-class Prepared:
-    """What matching needs of one spectrum, computed once and used for every other shape.
+class Domain:
+    """The samples in one spectral domain, with their splines.
 
     Attributes
     ----------
     points : float64, shape (m, k)
-        The samples.
     single : float32, shape (m, k)
         The same.
-    cloud : Cloud
-        All embedded points: centred, unit root mean square radius.
     operators : float32, shape (k - first_dimensions + 1, m, m)
         The spline, factored: see `core.correspondence.smoothers`.
     warp : float32, shape (m, m)
         The softer spline in all k dimensions that sim reads one-to-one pairs under; with pairs "nearest" it
         is the last of `operators`.
-    key : bytes
-        `spectrum_key`, by which a pair is put in order.
     """
 
     points: Floats
     single: Float32s
-    cloud: Cloud
     operators: Float32s
     warp: Float32s
-    key: bytes
 
     @property
     def nbytes(self) -> int:
         """Memory held, in bytes."""
-        return self.cloud.nbytes + self.single.nbytes + self.operators.nbytes + self.warp.nbytes
+        return self.points.nbytes + self.single.nbytes + self.operators.nbytes + self.warp.nbytes
 
 
 @dataclass(frozen=True, eq=False)
-class SpectralMatch:
-    """One pair in one spectral domain; fields as in `core.embedding.Match`."""
+class Prepared:
+    """What matching needs of one shape, computed once and used for every other shape.
+
+    Attributes
+    ----------
+    domains : tuple of Domain
+        One a spectrum.
+    cloud : Cloud
+        All embedded points, the coordinates of the spectra side by side: shape (d, b k).
+    key : bytes
+        `embedding_key`, by which a pair is put in order.
+    """
+
+    domains: tuple[Domain, ...]
+    cloud: Cloud
+    key: bytes
+
+    @property
+    def samples(self) -> Floats:
+        """The samples, shape (m, b k)."""
+        return self.cloud.points[: len(self.domains[0].points)]
+
+    @property
+    def nbytes(self) -> int:
+        """Memory held, in bytes."""
+        return self.cloud.nbytes + sum(domain.nbytes for domain in self.domains)
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """One pair of shapes; fields as in `core.embedding.Match`."""
 
     cc: float
     ssd: float
@@ -60,10 +82,10 @@ class SpectralMatch:
     distances: Floats
     effective: NDArray[np.bool_]
 
-    def swapped(self) -> "SpectralMatch":
+    def swapped(self) -> "Found":
         """The same match seen from the other shape."""
         order = np.lexsort((self.pairs[:, 0], self.pairs[:, 1]))
-        return SpectralMatch(
+        return Found(
             self.cc,
             self.ssd,
             self.sim,
@@ -73,38 +95,40 @@ class SpectralMatch:
         )
 
 
-def spectrum_key(spectrum: Spectrum, regions: Int32s) -> bytes:
+def embedding_key(embedding: Embedding) -> bytes:
     """A hash of the coordinates and of the samples that the points belong to, 16 bytes."""
-    state = hashlib.blake2b(np.ascontiguousarray(spectrum.coordinates).tobytes(), digest_size=16)
-    state.update(np.ascontiguousarray(regions).tobytes())
+    state = hashlib.blake2b(np.ascontiguousarray(embedding.regions).tobytes(), digest_size=16)
+    for spectrum in embedding.spectra:
+        state.update(np.ascontiguousarray(spectrum.coordinates).tobytes())
     return state.digest()
 
 
-def prepare(
-    spectrum: Spectrum, regions: Int32s, edges: Int32s, key: bytes, parameters: Parameters
-) -> Prepared:
-    """The spectrum, whose `spectrum_key` is `key`, with its splines factored.
-
-    Regions and edges are the embedding's `regions` and `graph_edges`.
-    """
-    points = np.ascontiguousarray(spectrum.coordinates, dtype=np.float64)
-    near = cloud(points, regions.astype(np.int64), edges.astype(np.int64))
-    samples = points[: int(regions.max()) + 1]
-    operators = smoothers(samples, parameters.first_dimensions, parameters.stiffness)
-    soft = parameters.pairs == "one-to-one"
+def prepare(embedding: Embedding, key: bytes, parameters: Parameters) -> Prepared:
+    """The embedding, whose `embedding_key` is `key`, with its splines factored."""
+    regions = embedding.regions.astype(np.int64)
+    samples = int(regions.max()) + 1
+    clouds = [spectrum.coordinates.astype(np.float64) for spectrum in embedding.spectra]
     return Prepared(
-        points=samples,
-        single=samples.astype(np.float32),
-        cloud=near,
-        operators=operators,
-        warp=smoothers(samples, parameters.dimensions, parameters.warp_stiffness)[0]
-        if soft
-        else operators[-1],
+        domains=tuple(_domain(np.ascontiguousarray(points[:samples]), parameters) for points in clouds),
+        cloud=cloud(np.concatenate(clouds, axis=1), regions, embedding.graph_edges.astype(np.int64)),
         key=key,
     )
 
 
-def _search(first: Prepared, second: Prepared, parameters: Parameters) -> Ints:
+def _domain(points: Floats, parameters: Parameters) -> Domain:
+    operators = smoothers(points, parameters.first_dimensions, parameters.stiffness)
+    soft = parameters.pairs == "one-to-one"
+    return Domain(
+        points=points,
+        single=points.astype(np.float32),
+        operators=operators,
+        warp=smoothers(points, parameters.dimensions, parameters.warp_stiffness)[0]
+        if soft
+        else operators[-1],
+    )
+
+
+def _search(first: Domain, second: Domain, parameters: Parameters) -> Ints:
     return np.asarray(
         progressive(
             first.single,
@@ -119,53 +143,69 @@ def _search(first: Prepared, second: Prepared, parameters: Parameters) -> Ints:
     )
 
 
-def _warp_distances(source: Prepared, targets: Floats) -> Floats:
+def _starts(first: Prepared, second: Prepared, parameters: Parameters) -> list[Floats]:
+    """Orthogonal maps to begin from: of a search in each domain from each side.
+
+    A cloud against itself is not searched: where a shape has symmetries, rounding could find one of them.
+    """
+    x, y = first.samples, second.samples
+    if first.key == second.key:
+        return [np.eye(x.shape[1])]
+    maps: list[Floats] = []
+    for one, other in zip(first.domains, second.domains, strict=True):
+        maps.append(fit(x, y, _search(one, other, parameters), len(first.domains))[1])
+        back = fit(y, x, _search(other, one, parameters), len(first.domains))[1]
+        maps.append(np.ascontiguousarray(back.T))
+    return maps
+
+
+def _warp_distances(source: Domain, targets: Floats) -> Floats:
     """How far the warp of the source points ends from the targets it was fitted to, shape (m,)."""
     return np.asarray(np.linalg.norm(source.warp @ targets - targets, axis=1))
 
 
-def _aligned(first: Prepared, second: Prepared, parameters: Parameters) -> SpectralMatch:
-    """The better of two searches, one from each side, ended in one-to-one pairs; m <= n.
-
-    A cloud against itself is not searched: where a shape has symmetries, rounding could find one of them.
+def _aligned(first: Prepared, second: Prepared, parameters: Parameters) -> Found:
+    """The best of several searches ended in one-to-one pairs, the same in all domains; m <= n.
 
     Then partners slide off the samples (`core.sliding`). CC and SSD read those pairs after the orthogonal
     map; sim counts the samples that the softer spline, either way, brings within gamma of their partners:
-    where a smooth map explains the pairs, most are.
+    where a smooth map explains the pairs, most are. All three are means over the domains.
     """
-    if first.key == second.key:
-        starts = [np.eye(first.points.shape[1])]
-    else:
-        there, back = _search(first, second, parameters), _search(second, first, parameters)
-        starts = [
-            procrustes(first.points, second.points[there]),
-            procrustes(first.points[back], second.points),
-        ]
-    found = [align(first.points, second.points, start, parameters.align_rounds) for start in starts]
-    cc, matches, rotation = max(found, key=lambda one: float(one[0]))
-    if parameters.slide_rounds:
-        slid = slide(first.cloud, second.cloud, matches, rotation, parameters.slide_rounds)
-        cc, x, y = slid.cc, slid.x, slid.y
-    else:
-        x, y = np.tile(first.points @ rotation, (2, 1)), np.tile(second.points[matches], (2, 1))
+    blocks = len(first.domains)
+    x, y = first.samples, second.samples
+    found = [
+        align(x, y, start, parameters.align_rounds, blocks) for start in _starts(first, second, parameters)
+    ]
+    _, matches, rotation = max(found, key=lambda one: float(one[0]))
+    slid = slide(first.cloud, second.cloud, matches, rotation, parameters.slide_rounds, blocks)
     m = len(matches)
-    distances = _warp_distances(first, y[:m])
-    if len(first.points) == len(second.points):
-        inverse = np.argsort(matches)
-        distances = 0.5 * (distances + _warp_distances(second, x[m:][inverse])[matches])
-    effective = distances <= effective_distance(first.points, second.points)
-    return SpectralMatch(
-        cc=float(cc),
-        ssd=squared_difference(x, y),
-        sim=float(effective.mean()),
-        pairs=np.stack([np.arange(len(matches)), matches], axis=1),
-        distances=distances,
-        effective=effective,
+    inverse = np.argsort(matches) if len(x) == len(y) else None
+    ssd: list[float] = []
+    near: list[tuple[Floats, NDArray[np.bool_]]] = []
+    for one, other, ends, targets in zip(
+        first.domains,
+        second.domains,
+        np.split(slid.x, blocks, axis=1),
+        np.split(slid.y, blocks, axis=1),
+        strict=True,
+    ):
+        ssd.append(squared_difference(ends, targets))
+        distances = _warp_distances(one, targets[:m])
+        if inverse is not None:
+            distances = 0.5 * (distances + _warp_distances(other, ends[m:][inverse])[matches])
+        near.append((distances, distances <= effective_distance(one.points, other.points)))
+    return Found(
+        cc=slid.cc,
+        ssd=float(np.mean(ssd)),
+        sim=float(np.mean([effective.mean() for _, effective in near])),
+        pairs=np.stack([np.arange(m), matches], axis=1),
+        distances=near[0][0],
+        effective=near[0][1],
     )
 
 
 def _warped(
-    first: Prepared, second: Prepared, parameters: Parameters
+    first: Domain, second: Domain, parameters: Parameters
 ) -> tuple[float, float, float, Ints, Floats, NDArray[np.bool_]]:
     """The paper's comparison one way: CC, SSD, sim of the warped points and their nearest neighbours."""
     matches = _search(first, second, parameters)
@@ -177,26 +217,32 @@ def _warped(
     return correlation(x, y), squared_difference(x, y), sim, matches, distances, effective
 
 
-def _nearest(first: Prepared, second: Prepared, parameters: Parameters) -> SpectralMatch:
-    """Both ways of the paper's comparison, averaged; the pairs are those of the smaller cloud."""
-    there, back = _warped(first, second, parameters), _warped(second, first, parameters)
-    return SpectralMatch(
-        cc=0.5 * (there[0] + back[0]),
-        ssd=0.5 * (there[1] + back[1]),
-        sim=0.5 * (there[2] + back[2]),
-        pairs=np.stack([np.arange(len(there[3])), there[3]], axis=1),
-        distances=there[4],
-        effective=there[5],
+def _nearest(first: Prepared, second: Prepared, parameters: Parameters) -> Found:
+    """Both ways of the paper's comparison in each domain, averaged.
+
+    The pairs are those of the smaller cloud in the first domain.
+    """
+    there = [_warped(*pair, parameters) for pair in zip(first.domains, second.domains, strict=True)]
+    back = [_warped(*pair, parameters) for pair in zip(second.domains, first.domains, strict=True)]
+    cc, ssd, sim = np.mean([one[:3] for one in there + back], axis=0)
+    _, _, _, matches, distances, effective = there[0]
+    return Found(
+        cc=float(cc),
+        ssd=float(ssd),
+        sim=float(sim),
+        pairs=np.stack([np.arange(len(matches)), matches], axis=1),
+        distances=distances,
+        effective=effective,
     )
 
 
-def match_spectra(first: Prepared, second: Prepared, parameters: Parameters) -> SpectralMatch:
-    """Scores and correspondence of two clouds, the same whichever comes first.
+def match_prepared(first: Prepared, second: Prepared, parameters: Parameters) -> Found:
+    """Scores and correspondence of two shapes, the same whichever comes first.
 
     The pair is put in an order of its own (the smaller cloud, then the smaller hash), so that both ways round
     the same numbers are computed.
     """
-    turned = (len(first.points), first.key) > (len(second.points), second.key)
+    turned = (len(first.samples), first.key) > (len(second.samples), second.key)
     pair = (second, first) if turned else (first, second)
     compare = _aligned if parameters.pairs == "one-to-one" else _nearest
     found = compare(*pair, parameters)

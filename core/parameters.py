@@ -50,7 +50,8 @@ class Parameters:
     affinity : "gaussian" or "distance", width : float
         See `core.spectrum`.
     operators : tuple of "affinity" and "laplace-beltrami"
-        One embedding of the samples each; scores are their mean, the correspondence is the first's.
+        One embedding each. With pairs "one-to-one" all share one correspondence; with "nearest" each has its
+        own and the first's is shown. Scores are the means over them.
     dimensions : int
         k, after the near-constant eigenvector.
     eigenvalue_power : float
@@ -97,7 +98,7 @@ class Parameters:
     affinity: Affinity = "gaussian"
     width: float = 1.5
     operators: tuple[Operator, ...] = ("affinity", "laplace-beltrami")
-    dimensions: int = 8
+    dimensions: int = 10
     eigenvalue_power: float = 0.5
     taper: bool = True
     first_dimensions: int = 3

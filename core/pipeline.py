@@ -23,7 +23,7 @@ from core.graph import (
     tree_distances,
 )
 from core.lewis import lewis_weights
-from core.matching import Prepared, SpectralMatch, match_spectra, prepare, spectrum_key
+from core.matching import Found, Prepared, embedding_key, match_prepared, prepare
 from core.mesh import Floats, Ints, Mesh
 from core.parameters import Parameters
 from core.sampling import covering, keyed_uniform, random_draw, sort_and_cut
@@ -185,15 +185,14 @@ class Pipeline:
             spectra=spectra,
         )
 
-    def prepared(self, embedding: Embedding, number: int) -> Prepared:
-        """One of the embedding's spectra with its splines factored, from memory when it was met before."""
-        spectrum = embedding.spectra[number]
-        key = spectrum_key(spectrum, embedding.regions)
+    def prepared(self, embedding: Embedding) -> Prepared:
+        """The embedding with its splines factored, from memory when it was met before."""
+        key = embedding_key(embedding)
         known = self._prepared.get(key)
         if known is not None:
             self._prepared.move_to_end(key)
             return known
-        ready = prepare(spectrum, embedding.regions, embedding.graph_edges, key, self.parameters)
+        ready = prepare(embedding, key, self.parameters)
         self._prepared[key] = ready
         self._prepared_bytes += ready.nbytes
         while self._prepared_bytes > PREPARED_BYTES and len(self._prepared) > 1:
@@ -201,16 +200,13 @@ class Pipeline:
             self._prepared_bytes -= dropped.nbytes
         return ready
 
-    def _matches(self, first: Embedding, second: Embedding) -> list[SpectralMatch]:
+    def _match(self, first: Embedding, second: Embedding) -> Found:
         for embedding in (first, second):
             if embedding.fingerprint != self.fingerprint:
                 raise IncompatibleEmbeddingsError(
                     f"embedding {embedding.fingerprint} under pipeline {self.fingerprint}"
                 )
-        return [
-            match_spectra(self.prepared(first, i), self.prepared(second, i), self.parameters)
-            for i in range(len(first.spectra))
-        ]
+        return match_prepared(self.prepared(first), self.prepared(second), self.parameters)
 
     def score(self, query: Embedding, candidates: Sequence[Embedding]) -> Scores:
         """CC, SSD and sim of one shape with each of several: the means over their spectra.
@@ -221,14 +217,15 @@ class Pipeline:
             An embedding was made with other parameters.
         """
         with threadpool_limits(limits=1):
-            found = [self._matches(query, candidate) for candidate in candidates]
-        means = np.array(
-            [np.mean([(one.cc, one.ssd, one.sim) for one in spectra], axis=0) for spectra in found]
-        ).reshape(-1, 3)
-        return Scores(cc=means[:, 0], ssd=means[:, 1], sim=means[:, 2])
+            found = [self._match(query, candidate) for candidate in candidates]
+        return Scores(
+            cc=np.array([one.cc for one in found], dtype=np.float64),
+            ssd=np.array([one.ssd for one in found], dtype=np.float64),
+            sim=np.array([one.sim for one in found], dtype=np.float64),
+        )
 
     def match(self, first: Embedding, second: Embedding) -> Match:
-        """Two shapes compared: the scores of `score`, and the correspondence in the first spectrum.
+        """Two shapes compared: the scores of `score`, and the correspondence.
 
         Raises
         ------
@@ -236,15 +233,14 @@ class Pipeline:
             An embedding was made with other parameters.
         """
         with threadpool_limits(limits=1):
-            found = self._matches(first, second)
-        shown = found[0]
+            found = self._match(first, second)
         return Match(
-            cc=float(np.mean([one.cc for one in found])),
-            ssd=float(np.mean([one.ssd for one in found])),
-            sim=float(np.mean([one.sim for one in found])),
-            correspondence=shown.pairs.astype(np.int32),
-            distances=shown.distances.astype(np.float32),
-            effective=shown.effective,
+            cc=found.cc,
+            ssd=found.ssd,
+            sim=found.sim,
+            correspondence=found.pairs.astype(np.int32),
+            distances=found.distances.astype(np.float32),
+            effective=found.effective,
         )
 
     def signature_distances(

@@ -9,10 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from core.alignment import procrustes
+from core.alignment import fit, fit_reference
 from core.compiled import compiled
 from core.mesh import Floats, Ints
-from core.similarity import correlation
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,44 +74,13 @@ def _closest(points: Floats, x: Floats, near: Ints) -> int:
 
 
 @compiled
-def _slide(
-    first: Floats,
-    first_offsets: Ints,
-    first_near: Ints,
-    second: Floats,
-    second_offsets: Ints,
-    second_near: Ints,
-    matches: Ints,
-    rotation: Floats,
-    rounds: int,
-) -> tuple[float, Ints, Ints, Floats]:
-    """CC, the partners in the second, the sources in the first, and the map: see `slide`."""
-    m = len(matches)
-    k = first.shape[1]
-    partners = np.empty(m, dtype=np.int64)
-    sources = np.empty(m, dtype=np.int64)
-    x = np.empty((2 * m, k))
-    y = np.empty((2 * m, k))
-    cc = 0.0
-    for _ in range(rounds):
-        turned = first[:m] @ rotation
-        back = second @ np.ascontiguousarray(rotation.T)
-        for i in range(m):
-            j = matches[i]
-            partners[i] = _closest(second, turned[i], second_near[second_offsets[j] : second_offsets[j + 1]])
-            sources[i] = _closest(first, back[j], first_near[first_offsets[i] : first_offsets[i + 1]])
-            x[i] = first[i]
-            y[i] = second[partners[i]]
-            x[m + i] = first[sources[i]]
-            y[m + i] = second[j]
-        for c in range(k):
-            x[:, c] -= x[:, c].mean()
-            y[:, c] -= y[:, c].mean()
-        left, values, right = np.linalg.svd(np.ascontiguousarray(x.T) @ y)
-        rotation = left @ right
-        size = np.sqrt((x * x).sum() * (y * y).sum())
-        cc = min(1.0, values.sum() / size) if size > 0.0 else 0.0
-    return cc, partners, sources, rotation
+def _partners(points: Floats, offsets: Ints, near: Ints, samples: Ints, x: Floats) -> Ints:
+    """For each row of x the closest of the points near the sample that `samples` names, shape (m,)."""
+    found = np.empty(len(x), dtype=np.int64)
+    for i in range(len(x)):
+        s = samples[i]
+        found[i] = _closest(points, x[i], near[offsets[s] : offsets[s + 1]])
+    return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,8 +90,8 @@ class Slid:
     Attributes
     ----------
     cc : float
-        Correlation of the 2 m pairs, in [-1, 1].
-    x, y : float64, shape (2 m, k)
+        Correlation of the 2 m pairs, the mean over the blocks, in [0, 1].
+    x, y : float64, shape (2 m, blocks k)
         Both ends of each pair: first the samples of the first shape and their partners, then the sources
         and the samples of the second shape that `matches` names.
     """
@@ -133,44 +101,46 @@ class Slid:
     y: Floats
 
 
-def slide(first: Cloud, second: Cloud, matches: Ints, rotation: Floats, rounds: int) -> Slid:
+def slide(first: Cloud, second: Cloud, matches: Ints, rotation: Floats, rounds: int, blocks: int) -> Slid:
     """Each sample's partner moved to the nearest embedded point about it, both ways, and the map fitted anew.
 
     Parameters
     ----------
     first, second : Cloud
+        Of `blocks` embeddings side by side, as for `core.alignment.align`.
     matches : int64, shape (m,)
         A sample of the second for each of the first, all different.
-    rotation : float64, shape (k, k)
+    rotation : float64, shape (blocks k, blocks k)
         Orthogonal: first.points @ rotation lies near second.points.
     rounds : int
-        How often partners and map are fitted in turn, at least 1.
+        How often partners and map are fitted in turn; 0 leaves the partners at the samples.
+    blocks : int
     """
-    cc, partners, sources, rotation = _slide(
-        first.points,
-        first.offsets,
-        first.near,
-        second.points,
-        second.offsets,
-        second.near,
-        matches,
-        rotation,
-        rounds,
-    )
-    samples = first.points[: len(matches)]
-    return Slid(
-        cc=float(cc),
-        x=np.concatenate([samples, first.points[sources]]) @ rotation,
-        y=np.concatenate([second.points[partners], second.points[matches]]),
-    )
+    m = len(matches)
+    own = np.arange(m)
+    x = np.concatenate([first.points[:m], first.points[:m]])
+    y = np.concatenate([second.points[matches], second.points[matches]])
+    pairs = np.arange(2 * m)
+    cc, fitted = fit(x, y, pairs, blocks)
+    if not rounds:
+        rotation = fitted
+    for _ in range(rounds):
+        turned = first.points[:m] @ rotation
+        back = second.points[matches] @ np.ascontiguousarray(rotation.T)
+        y[:m] = second.points[_partners(second.points, second.offsets, second.near, matches, turned)]
+        x[m:] = first.points[_partners(first.points, first.offsets, first.near, own, back)]
+        cc, rotation = fit(x, y, pairs, blocks)
+    return Slid(cc=cc, x=x @ rotation, y=y)
 
 
-def slide_reference(first: Cloud, second: Cloud, matches: Ints, rotation: Floats, rounds: int) -> Slid:
-    """What `slide` finds, in plain NumPy."""
+def slide_reference(
+    first: Cloud, second: Cloud, matches: Ints, rotation: Floats, rounds: int, blocks: int
+) -> Slid:
+    """What `slide` finds for one round or more, in plain NumPy."""
     m = len(matches)
     near_first = [first.near[first.offsets[i] : first.offsets[i + 1]] for i in range(m)]
     near_second = [second.near[second.offsets[j] : second.offsets[j + 1]] for j in matches]
-    x, y = first.points[:m], second.points[matches]
+    cc, x, y = 0.0, first.points[:m], second.points[matches]
     for _ in range(rounds):
         partners = [
             near[np.argmin(((second.points[near] - point) ** 2).sum(axis=1))]
@@ -182,5 +152,5 @@ def slide_reference(first: Cloud, second: Cloud, matches: Ints, rotation: Floats
         ]
         x = np.concatenate([first.points[:m], first.points[sources]])
         y = np.concatenate([second.points[partners], second.points[matches]])
-        rotation = procrustes(x, y)
-    return Slid(correlation(x @ rotation, y), x @ rotation, y)
+        cc, rotation = fit_reference(x, y, np.arange(2 * m), blocks)
+    return Slid(cc, x @ rotation, y)

@@ -175,7 +175,7 @@ def test_signature_distances_are_euclidean(embedded):
 def test_what_is_kept_of_met_shapes_is_bounded_and_changes_no_score(embedded, monkeypatch):
     pipeline, embeddings = embedded
     expected = pipeline.score(embeddings[0], embeddings)
-    one = pipeline.prepared(embeddings[0], 0).nbytes
+    one = pipeline.prepared(embeddings[0]).nbytes
     monkeypatch.setattr(core.pipeline, "PREPARED_BYTES", int(2.5 * one))
     small = Pipeline(pipeline.parameters)
     for _ in range(2):
@@ -188,9 +188,9 @@ def test_what_is_kept_of_met_shapes_is_bounded_and_changes_no_score(embedded, mo
         assert 0 < held <= 2.5 * one
 
 
-def test_a_met_spectrum_is_factored_once(embedded):
+def test_a_met_embedding_is_factored_once(embedded):
     pipeline, embeddings = embedded
-    assert pipeline.prepared(embeddings[0], 0) is pipeline.prepared(embeddings[0], 0)
+    assert pipeline.prepared(embeddings[0]) is pipeline.prepared(embeddings[0])
 
 
 def test_the_same_mesh_gives_the_same_bytes_in_another_process(embedded):

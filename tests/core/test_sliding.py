@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 from core.gallery import make_shape
-from core.matching import match_spectra
+from core.matching import match_prepared
 from core.mesh import Mesh
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
@@ -40,13 +40,14 @@ def test_near_a_sample_are_the_points_of_its_region_and_of_those_that_touch_it()
 
 @pytest.mark.parametrize("seed", range(6))
 @pytest.mark.parametrize("rounds", [1, 2, 5])
-def test_the_compiled_slide_is_the_reference(seed, rounds):
+@pytest.mark.parametrize("blocks", [1, 2])
+def test_the_compiled_slide_is_the_reference(seed, rounds, blocks):
     rng = np.random.default_rng(seed)
     first, second = cloud(*scattered(10 + seed)), cloud(*scattered(20 + seed, samples=36, points=120))
     matches = rng.permutation(36)[:30]
     rotation = turn(seed)
-    found = slide(first, second, matches, rotation, rounds)
-    expected = slide_reference(first, second, matches, rotation, rounds)
+    found = slide(first, second, matches, rotation, rounds, blocks)
+    expected = slide_reference(first, second, matches, rotation, rounds, blocks)
     assert found.cc == pytest.approx(expected.cc, abs=1e-9)
     np.testing.assert_allclose(found.x, expected.x, atol=1e-9)
     np.testing.assert_array_equal(found.y, expected.y)
@@ -61,7 +62,7 @@ def test_one_cloud_with_other_samples_is_matched_exactly(seed):
     rotation = turn(seed)
     first = cloud(points, regions, everyone)
     second = cloud((points @ rotation)[order], np.r_[np.arange(12), regions[12:]], everyone)
-    found = slide(first, second, np.arange(12), rotation, 2)
+    found = slide(first, second, np.arange(12), rotation, 2, 1)
     assert found.cc == pytest.approx(1.0, abs=1e-9)
     np.testing.assert_allclose(found.x, found.y, atol=1e-9)
 
@@ -71,14 +72,14 @@ def test_clouds_of_one_place_correlate_to_nothing():
     regions = np.arange(6)
     edges = np.stack([regions[:-1], regions[1:]], axis=1)
     flat = cloud(still, regions, edges)
-    assert slide(flat, flat, regions, np.eye(3), 2).cc == 0.0
+    assert slide(flat, flat, regions, np.eye(3), 2, 1).cc == 0.0
 
 
 def test_sliding_brings_a_shape_meshed_anew_closer_to_itself():
     pipeline = Pipeline(DEFAULT)
     mesh = make_shape("hand", 0)
     finer = Mesh(*trimesh.remesh.subdivide(mesh.vertices, mesh.faces))
-    clouds = [pipeline.prepared(pipeline.embed(shape), 0) for shape in (mesh, finer)]
-    slid = match_spectra(*clouds, DEFAULT).cc
-    still = match_spectra(*clouds, replace(DEFAULT, slide_rounds=0)).cc
+    clouds = [pipeline.prepared(pipeline.embed(shape)) for shape in (mesh, finer)]
+    slid = match_prepared(*clouds, DEFAULT).cc
+    still = match_prepared(*clouds, replace(DEFAULT, slide_rounds=0)).cc
     assert 1.0 - slid < 0.5 * (1.0 - still)
