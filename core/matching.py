@@ -22,24 +22,24 @@ class Domain:
     Attributes
     ----------
     points : float64, shape (m, k)
-    single : float32, shape (m, k)
-        The same.
-    operators : float32, shape (k - first_dimensions + 1, m, m)
-        The spline, factored: see `core.correspondence.smoothers`.
+    searched : float32, shape (s, j)
+        The first samples and dimensions, where the search goes.
+    operators : float32, shape (j - first_dimensions + 1, s, s)
+        Their spline, factored: see `core.correspondence.smoothers`.
     warp : float32, shape (m, m)
         The softer spline in all k dimensions that sim reads one-to-one pairs under; with pairs "nearest" it
         is the last of `operators`.
     """
 
     points: Floats
-    single: Float32s
+    searched: Float32s
     operators: Float32s
     warp: Float32s
 
     @property
     def nbytes(self) -> int:
         """Memory held, in bytes."""
-        return self.points.nbytes + self.single.nbytes + self.operators.nbytes + self.warp.nbytes
+        return self.points.nbytes + self.searched.nbytes + self.operators.nbytes + self.warp.nbytes
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,11 +116,14 @@ def prepare(embedding: Embedding, key: bytes, parameters: Parameters) -> Prepare
 
 
 def _domain(points: Floats, parameters: Parameters) -> Domain:
-    operators = smoothers(points, parameters.first_dimensions, parameters.stiffness)
     soft = parameters.pairs == "one-to-one"
+    rows = parameters.search_samples if soft and parameters.search_samples else len(points)
+    columns = parameters.search_dimensions if soft and parameters.search_dimensions else points.shape[1]
+    searched = np.ascontiguousarray(points[:rows, :columns])
+    operators = smoothers(searched, parameters.first_dimensions, parameters.stiffness)
     return Domain(
         points=points,
-        single=points.astype(np.float32),
+        searched=searched.astype(np.float32),
         operators=operators,
         warp=smoothers(points, parameters.dimensions, parameters.warp_stiffness)[0]
         if soft
@@ -129,10 +132,11 @@ def _domain(points: Floats, parameters: Parameters) -> Domain:
 
 
 def _search(first: Domain, second: Domain, parameters: Parameters) -> Ints:
+    """A sample of the second for each searched one of the first (Eq. 17)."""
     return np.asarray(
         progressive(
-            first.single,
-            second.single,
+            first.searched,
+            second.searched,
             first.operators,
             parameters.first_dimensions,
             2**parameters.first_dimensions if parameters.sign_starts else 1,
@@ -153,9 +157,11 @@ def _starts(first: Prepared, second: Prepared, parameters: Parameters) -> list[F
         return [np.eye(x.shape[1])]
     maps: list[Floats] = []
     for one, other in zip(first.domains, second.domains, strict=True):
-        maps.append(fit(x, y, _search(one, other, parameters), len(first.domains))[1])
-        back = fit(y, x, _search(other, one, parameters), len(first.domains))[1]
-        maps.append(np.ascontiguousarray(back.T))
+        there = _search(one, other, parameters)
+        maps.append(fit(x[: len(there)], y, there, len(first.domains))[1])
+        back = _search(other, one, parameters)
+        turned = fit(y[: len(back)], x, back, len(first.domains))[1]
+        maps.append(np.ascontiguousarray(turned.T))
     return maps
 
 

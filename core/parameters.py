@@ -59,6 +59,9 @@ class Parameters:
     taper : bool
         Whether coordinates fade out towards the first eigenvalue left out: see
         `core.spectrum.spectral_coordinates`.
+    search_samples, search_dimensions : int
+        With pairs "one-to-one", the search for where to begin the alignment goes over so many of the samples,
+        and up to so many dimensions; 0 for all of them, as it is with "nearest".
     first_dimensions, sign_starts, kept_starts, start_iterations, step_iterations
         See `core.correspondence.Search`.
     stiffness : float
@@ -101,6 +104,8 @@ class Parameters:
     dimensions: int = 10
     eigenvalue_power: float = 0.5
     taper: bool = True
+    search_samples: int = 64
+    search_dimensions: int = 6
     first_dimensions: int = 3
     sign_starts: bool = True
     kept_starts: int = 3
@@ -146,6 +151,12 @@ class Parameters:
             "width must be positive": 0.0 < self.width < 1e6,
             "eigenvalue_power must be 0 to 4": 0.0 <= self.eigenvalue_power <= 4.0,
             "seed must be 0 to 2^62": 0 <= self.seed <= 2**62,
+            "search_dimensions must be 0 or at least first_dimensions, and at most 50": self.search_dimensions
+            == 0
+            or self.first_dimensions <= self.search_dimensions <= 50,
+            "search_samples must be 0 or at least dimensions + 2, and at most 10,000": self.search_samples
+            == 0
+            or self.dimensions + 2 <= self.search_samples <= 10_000,
             "first_dimensions must be 2 to 6 and at most dimensions": 2
             <= self.first_dimensions
             <= min(6, self.dimensions)
@@ -240,6 +251,8 @@ PAPER = Parameters(
     dimensions=3,
     eigenvalue_power=0.0,
     taper=False,
+    search_samples=0,
+    search_dimensions=0,
     first_dimensions=3,
     sign_starts=False,
     kept_starts=1,

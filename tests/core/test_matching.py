@@ -185,19 +185,21 @@ def test_one_correspondence_has_to_suit_every_domain():
 
 def test_the_prepared_cloud_is_the_spectra_and_their_splines(prepared):
     parameters, clouds = prepared
-    stages = parameters.dimensions - parameters.first_dimensions + 1
     for cloud in clouds:
         m = len(cloud.samples)
+        rows = min(m, parameters.search_samples or m)
+        columns = parameters.search_dimensions or parameters.dimensions
+        stages = columns - parameters.first_dimensions + 1
         assert len(cloud.domains) == len(parameters.operators)
         assert np.array_equal(cloud.samples, cloud.cloud.points[:m])
         for place, domain in enumerate(cloud.domains):
-            columns = slice(place * parameters.dimensions, (place + 1) * parameters.dimensions)
-            assert domain.single.dtype == domain.operators.dtype == np.float32
-            assert domain.operators.shape == (stages, m, m)
+            own = slice(place * parameters.dimensions, (place + 1) * parameters.dimensions)
+            assert domain.searched.dtype == domain.operators.dtype == np.float32
+            assert domain.operators.shape == (stages, rows, rows)
             assert domain.warp.shape == (m, m)
-            assert np.array_equal(domain.points, domain.single.astype(np.float64))
-            assert np.array_equal(domain.points, cloud.samples[:, columns])
-        assert cloud.nbytes >= m * m * 4 * stages * len(cloud.domains)
+            assert np.array_equal(domain.points, cloud.samples[:, own])
+            assert np.array_equal(domain.searched, domain.points[:rows, :columns].astype(np.float32))
+        assert cloud.nbytes >= rows * rows * 4 * stages * len(cloud.domains)
 
 
 def test_the_key_is_of_the_coordinates_and_the_regions():

@@ -30,9 +30,11 @@ OTHER = {
     "affinity": "distance",
     "width": 1.6,
     "operators": ("laplace-beltrami", "affinity"),
-    "dimensions": 7,
+    "dimensions": 9,
     "eigenvalue_power": 0.25,
     "taper": False,
+    "search_samples": 65,
+    "search_dimensions": 5,
     "first_dimensions": 4,
     "sign_starts": False,
     "kept_starts": 4,
@@ -61,11 +63,11 @@ OUT_OF_RANGE = [
     ("coverage_power", 4.1),
     ("seed", -1),
     ("seed", 2**62 + 1),
-    ("samples", 9),
+    ("samples", 11),
     ("samples", 10_001),
     ("tau", 0.0),
     ("tau", 1.01),
-    ("sample_cap", 9),
+    ("sample_cap", 11),
     ("points", -1),
     ("points", 20_001),
     ("width", 0.0),
@@ -74,6 +76,10 @@ OUT_OF_RANGE = [
     ("dimensions", 51),
     ("eigenvalue_power", -0.5),
     ("eigenvalue_power", 5.0),
+    ("search_samples", 11),
+    ("search_samples", 10_001),
+    ("search_dimensions", 2),
+    ("search_dimensions", 51),
     ("first_dimensions", 1),
     ("first_dimensions", 7),
     ("kept_starts", 0),
@@ -219,15 +225,15 @@ def test_a_signature_must_hold_something():
 
 
 def test_limits_themselves_are_allowed():
-    replace(DEFAULT, degree=12, tau=1.0, samples=10, match_threshold=-1.0, seed=2**62)
-    replace(DEFAULT, decimate_above=0, decimate_to=0, sample_cap=10, affinity_values=0)
+    replace(DEFAULT, degree=12, tau=1.0, samples=12, search_samples=12, match_threshold=-1.0, seed=2**62)
+    replace(DEFAULT, decimate_above=0, decimate_to=0, sample_cap=12, affinity_values=0)
     replace(DEFAULT, points=0, slide_rounds=0)
-    replace(DEFAULT, sign_starts=False, dimensions=20, first_dimensions=20)
+    replace(DEFAULT, sign_starts=False, dimensions=20, first_dimensions=20, search_dimensions=0)
 
 
 def test_many_first_dimensions_need_that_no_signs_are_tried():
     with pytest.raises(ParameterError, match="first_dimensions"):
-        replace(DEFAULT, sign_starts=True, dimensions=20, first_dimensions=20)
+        replace(DEFAULT, sign_starts=True, dimensions=20, first_dimensions=20, search_dimensions=20)
 
 
 def test_both_named_settings_are_valid_and_named():
