@@ -112,12 +112,12 @@ class Parameters:
     start_iterations: int = 5
     step_iterations: int = 3
     stiffness: float = 100.0
-    warp_stiffness: float = 0.01
+    warp_stiffness: float = 0.1
     pairs: Pairs = "one-to-one"
     align_rounds: int = 4
     slide_rounds: int = 2
-    affinity_values: int = 20
-    laplacian_values: int = 15
+    affinity_values: int = 0
+    laplacian_values: int = 30
     match_threshold: float = 0.9
 
     def __post_init__(self) -> None:
