@@ -37,7 +37,10 @@ NAMED = (
         ),
     ),
     Change("two-sided one-to-one pairs, orthogonal map", ("pairs", "align_rounds", "warp_stiffness")),
-    Change("Laplace-Beltrami embedding too", ("operators", "affinity_values", "laplacian_values")),
+    Change(
+        "Laplace-Beltrami embedding too, and its eigenvalues and terms of form in the signature",
+        ("operators", "affinity_values", "laplacian_values", "form"),
+    ),
 )
 """In the order in which they are added up. `changes` gives these, and whatever they leave out."""
 

@@ -78,6 +78,8 @@ class Parameters:
         See `core.sliding.slide`; 0 leaves partners at the samples.
     affinity_values, laplacian_values : int
         Eigenvalues of each kind in the signature.
+    form : bool
+        Whether the signature holds the terms of `core.form` as well.
     match_threshold : float
         A query whose best CC is below has no match (Algorithm 3's unmatched shapes).
     """
@@ -118,6 +120,7 @@ class Parameters:
     slide_rounds: int = 2
     affinity_values: int = 0
     laplacian_values: int = 30
+    form: bool = True
     match_threshold: float = 0.9
 
     def __post_init__(self) -> None:
@@ -262,5 +265,6 @@ PAPER = Parameters(
     pairs="nearest",
     affinity_values=20,
     laplacian_values=0,
+    form=False,
 )
 """As literal as the text allows, with the errata of the README's table "How the paper is read"."""

@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 from threadpoolctl import threadpool_limits
 
 from core.cleaning import Cleaned, clean, face_areas, vertex_areas
+from core.combination import CALIBRATED, signature_evidence
 from core.embedding import Embedding, Facts, Match, Scores
 from core.errors import DegenerateMeshError, IncompatibleEmbeddingsError
 from core.frame import Frame, normal_frame
@@ -249,3 +250,25 @@ class Pipeline:
         """Euclidean distances from one signature, shape (s,), to each row of a matrix (n, s): shape (n,)."""
         steps = signatures.astype(np.float64) - query.astype(np.float64)
         return np.asarray(np.sqrt((steps**2).sum(axis=1)))
+
+    def evidence(
+        self, cc: Floats, query: NDArray[np.float32], signatures: NDArray[np.float32]
+    ) -> NDArray[np.float64]:
+        """What `combined` reads, shape (c, 3): see `core.combination.evidence`; arguments as there."""
+        return signature_evidence(cc, query, signatures, form=self.parameters.form)
+
+    def combined(
+        self, cc: Floats, query: NDArray[np.float32], signatures: NDArray[np.float32]
+    ) -> NDArray[np.float64]:
+        """The chance that one shape and each of c others are of one class, shape (c,), in [0, 1].
+
+        Calibrated for the default setting; under any other it is an order and no more.
+
+        Parameters
+        ----------
+        cc : float64, shape (c,)
+            As `score` gives it.
+        query : float32, shape (s,)
+        signatures : float32, shape (c, s)
+        """
+        return CALIBRATED.chance(self.evidence(cc, query, signatures))

@@ -21,7 +21,6 @@ from core.perturbation import (
     separate_parts,
     subdivide,
 )
-from core.similarity import combined_scores
 
 TAU = "tau"
 TAUS = (0.1, 0.2, 0.3, 0.4, 0.6, 0.8)
@@ -152,24 +151,22 @@ def tau_parameters(tau: float) -> Parameters:
 
 
 def nearest_neighbour(
-    cc: Floats, distances: Floats, scored: NDArray[np.bool_], labels: Sequence[str]
+    cc: Floats, combined: Floats, scored: NDArray[np.bool_], labels: Sequence[str]
 ) -> Retrieval:
     """NN of `core.evaluation`, row i of each array being query i and column j stored shape j.
 
     Parameters
     ----------
-    cc, distances : float64, shape (n, n)
-        CC, and distance between signatures; not symmetric, since only the query is perturbed. The diagonal
-        is not read.
+    cc, combined : float64, shape (n, n)
+        Not symmetric, since only the query is perturbed. The diagonal is not read.
     scored : bool, shape (n, n)
         Where the two hold scores. A shape that was not scored is the last answer; a query without any finds
         nothing.
     labels : sequence of n str
     """
     pairs = scored & ~np.eye(len(labels), dtype=bool)
-    values = {"cc": cc[pairs], "combined": combined_scores(cc[pairs], distances[pairs])}
     shares = {}
-    for name, found in values.items():
+    for name, found in (("cc", cc[pairs]), ("combined", combined[pairs])):
         matrix = np.full(cc.shape, found.min(initial=0.0) - 1.0)
         matrix[pairs] = found
         shares[name] = evaluate(matrix, labels, larger_is_closer=True).nn

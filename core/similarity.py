@@ -1,4 +1,4 @@
-"""SSD, CC and sim of matched points (Eqs. 18-20), and the provisional combination with the signature."""
+"""SSD, CC and sim of matched points (Eqs. 18-20)."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,17 +42,3 @@ def effective_pairs(distances: Floats, matches: NDArray[np.int64], gamma: float)
     first = np.zeros(len(matches), dtype=bool)
     first[order[np.unique(matches[order], return_index=True)[1]]] = True
     return np.asarray(near & first)
-
-
-def combined_scores(cc: Floats, distances: Floats) -> Floats:
-    """CC and signature distance in one score, larger for more alike; arrays of one shape in, that shape out.
-
-    Minus the sum of the z-scores of log(1 - cc) and of the signature distance, over the values given: an
-    order among them and no more. Where a term does not vary it counts 0.
-    """
-
-    def standard(values: Floats) -> Floats:
-        spread = float(values.std()) if values.size else 0.0
-        return (values - values.mean()) / spread if spread > 1e-12 else np.zeros_like(values)
-
-    return np.asarray(0.0 - standard(np.log(1.0 - np.asarray(cc) + 1e-4)) - standard(np.asarray(distances)))

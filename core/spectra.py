@@ -4,7 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from core.cleaning import face_areas
 from core.embedding import Spectrum
+from core.form import FORM_SHARE, form_terms
 from core.laplacian import laplace_beltrami
 from core.mesh import Floats, Ints, Mesh
 from core.parameters import Parameters
@@ -53,7 +55,7 @@ def spectra_of(surface: Mesh, points: Points, wanted: Parameters) -> tuple[tuple
     -------
     tuple of Spectrum
         In the order of `wanted.operators`.
-    float64, shape (affinity_values + laplacian_values,)
+    float64, shape (affinity_values + laplacian_values,), and three terms of form behind if they are wanted
     """
     spectra: list[Spectrum] = []
     signature: list[Floats] = []
@@ -68,12 +70,15 @@ def spectra_of(surface: Mesh, points: Points, wanted: Parameters) -> tuple[tuple
         spectra.append(Spectrum("affinity", values.astype(np.float32), coordinates))
     if "laplace-beltrami" in wanted.operators or wanted.laplacian_values:
         values, functions = laplace_beltrami(surface, max(wanted.dimensions + 1, wanted.laplacian_values))
-        signature.append(laplacian_signature(values[: wanted.laplacian_values]))
+        area = float(face_areas(surface.vertices, surface.faces).sum())
+        signature.append(laplacian_signature(values[: wanted.laplacian_values], area))
         chosen = oriented(values, functions[points.vertices], wanted.dimensions)
         coordinates = spectral_coordinates(
             values, chosen, -wanted.eigenvalue_power, taper=wanted.taper
         ).astype(np.float32)
         spectra.append(Spectrum("laplace-beltrami", values.astype(np.float32), coordinates))
+    if wanted.form:
+        signature.append(FORM_SHARE * form_terms(surface))
     spectra = [spectrum for spectrum in spectra if spectrum.name in wanted.operators]
     spectra.sort(key=lambda spectrum: wanted.operators.index(spectrum.name))
     return tuple(spectra), np.concatenate(signature)

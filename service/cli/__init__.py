@@ -10,6 +10,7 @@ import typer
 from core.errors import CoreError
 from service.cli import (
     ablation,
+    calibrate,
     classify,
     correspondence,
     demo,
@@ -65,6 +66,7 @@ app.command("demo")(_in_one_line(demo.command))
 app.command("ingest")(_in_one_line(ingest.command))
 app.command("query")(_in_one_line(query.command))
 app.command("evaluate")(_in_one_line(evaluate.command))
+app.command("calibrate")(_in_one_line(calibrate.command))
 app.command("ablation")(_in_one_line(ablation.command))
 app.command("table2")(_in_one_line(table2.command))
 app.command("classify")(_in_one_line(classify.command))

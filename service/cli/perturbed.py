@@ -60,7 +60,7 @@ def clean_retrieval(pool: Executor, gallery: Gallery, done: Done) -> Retrieval:
     """Each clean shape as a query against all others."""
     scores = score_pairs(pool, Pipeline(DEFAULT), gallery.embeddings, done)
     everything = np.ones(scores.cc.shape, dtype=bool)
-    return nearest_neighbour(scores.cc, scores.distances, everything, gallery.labels)
+    return nearest_neighbour(scores.cc, scores.combined, everything, gallery.labels)
 
 
 @contextmanager
@@ -86,7 +86,7 @@ def perturbed_level(
     runs, own, unusable = [], [], []
     count = len(gallery.files)
     for seed in range(1 if amount in kind.certain else seeds):
-        cc, distances = np.zeros((count, count)), np.zeros((count, count))
+        cc, combined = np.zeros((count, count)), np.zeros((count, count))
         scored = np.zeros((count, count), dtype=bool)
         query = partial(_query, stored, kind.name, amount, seed)
         futures = {pool.submit(query, path): i for i, path in enumerate(gallery.files)}
@@ -95,10 +95,10 @@ def perturbed_level(
             if isinstance(row, str):
                 tell(f"{gallery.files[i]}, {kind.title} {100 * amount:g} %: {row}")
             else:
-                cc[i], distances[i] = row
+                cc[i], combined[i] = row
                 scored[i] = True
             done(1)
-        runs.append(nearest_neighbour(cc, distances, scored, gallery.labels))
+        runs.append(nearest_neighbour(cc, combined, scored, gallery.labels))
         mine = np.diagonal(cc)[np.diagonal(scored)]
         own.append(float(mine.mean()) if len(mine) else 0.0)
         unusable.append(count - len(mine))
@@ -109,7 +109,7 @@ def tau_level(gallery: Gallery, tau: float, workers: int, tell: Told, done: Done
     """Gallery and queries embedded anew under a sparse ratio; `done` is told of each shape twice."""
     parameters = tau_parameters(tau)
     count = len(gallery.files)
-    cc, distances = np.zeros((count, count)), np.zeros((count, count))
+    cc, combined = np.zeros((count, count)), np.zeros((count, count))
     scored = np.zeros((count, count), dtype=bool)
     with worker_pool(parameters, workers) as pool:
         files = list(zip(gallery.files, gallery.labels, strict=True))
@@ -118,9 +118,9 @@ def tau_level(gallery: Gallery, tau: float, workers: int, tell: Told, done: Done
             scores = score_pairs(pool, Pipeline(parameters), found.embeddings, lambda _: None)
             places = [gallery.files.index(path) for path in found.files]
             grid = np.ix_(places, places)
-            cc[grid], distances[grid], scored[grid] = scores.cc, scores.distances, True
+            cc[grid], combined[grid], scored[grid] = scores.cc, scores.combined, True
     done(count)
-    run = nearest_neighbour(cc, distances, scored, gallery.labels)
+    run = nearest_neighbour(cc, combined, scored, gallery.labels)
     return Level(TAU, tau, (run,), (), (count - len(found.files),))
 
 
@@ -130,7 +130,7 @@ def seed_of(path: Path, seed: int) -> int:
 
 
 def _query(stored: Path, kind: str, amount: float, seed: int, path: Path) -> tuple[Floats, Floats] | str:
-    """CC and signature distance of a perturbed file to the whole gallery, each (n,), or why there is none."""
+    """CC and combined of a perturbed file with the whole gallery, each (n,), or why there is none."""
     perturb = next(each.perturb for each in KINDS if each.name == kind)
     pipeline, gallery = _pipeline(), _load(stored)
     try:
@@ -142,7 +142,8 @@ def _query(stored: Path, kind: str, amount: float, seed: int, path: Path) -> tup
         # A fault of the program, on this mesh: it is named, and costs the run no other.
         return f"{type(error).__name__}: {error}"
     signatures = np.stack([embedding.signature for embedding in gallery])
-    return pipeline.score(query, gallery).cc, pipeline.signature_distances(query.signature, signatures)
+    cc = pipeline.score(query, gallery).cc
+    return cc, pipeline.combined(cc, query.signature, signatures)
 
 
 @lru_cache(maxsize=1)

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from core.evaluation import Evaluation, evaluate
 from core.parameters import DEFAULT, Parameters
 from core.pipeline import Pipeline
-from core.similarity import combined_scores
 from service.cli.console import fail, progress, say
 from service.cli.scoring import PairScores, embed_files, score_pairs, worker_pool
 from service.rivals.methods import Method, MissingPeerError, load
@@ -93,9 +92,9 @@ def evaluate_ranking(scores: PairScores, labels: Sequence[str], ranking: Ranking
 
 def ranked(scores: PairScores, ranking: Ranking) -> NDArray[np.float64]:
     """The scores of all pairs that a ranking reads, shape (n, n): distances for SSD, else similarities."""
-    if ranking is Ranking.COMBINED:
-        pairs = ~np.eye(len(scores.cc), dtype=bool)
-        matrix = np.zeros(pairs.shape)
-        matrix[pairs] = combined_scores(scores.cc[pairs], scores.distances[pairs])
-        return matrix
-    return {Ranking.CC: scores.cc, Ranking.SSD: scores.ssd, Ranking.SIM: scores.sim}[ranking]
+    return {
+        Ranking.CC: scores.cc,
+        Ranking.SSD: scores.ssd,
+        Ranking.SIM: scores.sim,
+        Ranking.COMBINED: scores.combined,
+    }[ranking]

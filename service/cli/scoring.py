@@ -31,20 +31,23 @@ R = TypeVar("R")
 
 @dataclass(frozen=True, eq=False)
 class PairScores:
-    """Scores of all pairs of n shapes, each array of shape (n, n) and symmetric.
+    """Scores of all pairs of n shapes, each an array of shape (n, n), symmetric.
 
     Attributes
     ----------
     cc, ssd, sim : float64
         As in `core.embedding.Scores`; the diagonal holds a shape against itself.
-    distances : float64
-        Between signatures.
+    combined : float64
+        As in `core.pipeline.Pipeline.combined`.
+    signatures : float32, shape (n, s)
+        Of the shapes themselves.
     """
 
     cc: Floats
     ssd: Floats
     sim: Floats
-    distances: Floats
+    combined: Floats
+    signatures: NDArray[np.float32]
 
 
 _pipeline: Pipeline
@@ -76,12 +79,12 @@ def score_pairs(
 ) -> PairScores:
     """Scores of all pairs; each pair is scored once, since scores are symmetric."""
     n = len(embeddings)
-    signatures = np.stack([embedding.signature for embedding in embeddings])
     scores = PairScores(
         cc=np.eye(n),
         ssd=np.zeros((n, n)),
         sim=np.eye(n),
-        distances=np.stack([pipeline.signature_distances(row, signatures) for row in signatures]),
+        combined=np.zeros((n, n)),
+        signatures=np.stack([embedding.signature for embedding in embeddings]),
     )
     with TemporaryDirectory() as folder:
         # A file, so that each worker reads all embeddings once, and not once a row.
@@ -92,6 +95,8 @@ def score_pairs(
                 matrix = getattr(scores, name)
                 matrix[i, i + 1 :] = matrix[i + 1 :, i] = getattr(row, name)
             done(n - 1 - i)
+    for i, signature in enumerate(scores.signatures):
+        scores.combined[i] = pipeline.combined(scores.cc[i], signature, scores.signatures)
     return scores
 
 

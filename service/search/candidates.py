@@ -23,15 +23,17 @@ class Candidates:
     ----------
     shapes, embeddings : int64, shape (c,)
         The numbers of the shapes, and of their embeddings.
-    distances : float64, shape (c,)
-        Of each signature from the query's.
+    signature : float32, shape (s,)
+        The query's.
+    signatures : float32, shape (c, s)
     stored : int
         How many shapes there are in all.
     """
 
     shapes: NDArray[np.int64]
     embeddings: NDArray[np.int64]
-    distances: NDArray[np.float64]
+    signature: NDArray[np.float32]
+    signatures: NDArray[np.float32]
     stored: int
 
 
@@ -53,12 +55,17 @@ def candidates(parts: Parts, query: Query, options: Options) -> Candidates:
     if options.exclude_self:
         chosen &= ~np.isin(signed.shapes, np.array(sorted(query.itself), dtype=np.int64))
     places = np.flatnonzero(chosen)
-    distances = np.empty(0)
-    if len(places):
-        signature = embedding_from_bytes(query.record).signature
-        distances = parts.work.pipeline.signature_distances(signature, signed.signatures[places])
+    signature = embedding_from_bytes(query.record).signature
     if not options.exhaustive and len(places) >= options.shortlist_from:
+        distances = parts.work.pipeline.signature_distances(signature, signed.signatures[places])
         nearest = np.lexsort((signed.shapes[places], distances))[: options.shortlist_length]
-        places, distances = places[nearest], distances[nearest]
+        places = places[nearest]
         parts.metrics.queries_shortlisted.inc()
-    return Candidates(signed.shapes[places], signed.embeddings[places], distances, stored)
+    return Candidates(
+        shapes=signed.shapes[places],
+        embeddings=signed.embeddings[places],
+        signature=signature,
+        # Where nothing is stored yet, the index knows of no length.
+        signatures=signed.signatures[places].reshape(len(places), len(signature)),
+        stored=stored,
+    )

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 import numpy as np
 from starlette.concurrency import run_in_threadpool
 
-from core.similarity import combined_scores
 from service.logging import get_logger
 from service.parts import Parts
 from service.search import repository
@@ -55,7 +54,7 @@ async def compare_with(parts: Parts, query: Query, candidates: Candidates) -> Co
         cc=cc[known],
         ssd=ssd[known],
         sim=sim[known],
-        combined=combined_scores(cc[known], candidates.distances[known]),
+        combined=parts.work.pipeline.combined(cc[known], candidates.signature, candidates.signatures[known]),
     )
 
 

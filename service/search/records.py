@@ -31,11 +31,12 @@ class Query:
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """Two embeddings and their match."""
+    """Two embeddings, their match, and the chance that they are of one class."""
 
     first: Embedding
     second: Embedding
     match: Match
+    combined: float
 
 
 @dataclass(frozen=True, eq=False)

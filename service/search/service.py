@@ -112,4 +112,6 @@ async def _results(
 
 async def _match(work: Work, first: bytes, second: bytes) -> Comparison:
     match = await work.match(first, second)
-    return Comparison(embedding_from_bytes(first), embedding_from_bytes(second), match)
+    one, other = embedding_from_bytes(first), embedding_from_bytes(second)
+    combined = work.pipeline.combined(np.array([match.cc]), one.signature, other.signature[None])
+    return Comparison(one, other, match, combined=float(combined[0]))

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from core.form import TERMS
 from core.mesh import Mesh
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
@@ -64,7 +65,8 @@ def test_every_file_is_read_and_embedded(folder, part):
     for path in files:
         embedding = PIPELINE.embed(read(path))
         assert len(embedding.positions) == DEFAULT.samples, path.name
-        assert len(embedding.signature) == DEFAULT.affinity_values + DEFAULT.laplacian_values, path.name
+        length = DEFAULT.affinity_values + DEFAULT.laplacian_values + TERMS
+        assert len(embedding.signature) == length, path.name
         for array in (embedding.signature, *(spectrum.coordinates for spectrum in embedding.spectra)):
             assert np.isfinite(array).all(), path.name
 

@@ -47,6 +47,7 @@ OTHER = {
     "slide_rounds": 3,
     "affinity_values": 21,
     "laplacian_values": 16,
+    "form": False,
     "match_threshold": 0.8,
 }
 

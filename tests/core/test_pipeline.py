@@ -14,6 +14,7 @@ from scipy.spatial import cKDTree
 import core.pipeline
 from core.embedding import Embedding
 from core.errors import DegenerateMeshError, IncompatibleEmbeddingsError
+from core.form import TERMS
 from core.gallery import make_shape
 from core.mesh import Mesh
 from core.parameters import DEFAULT, PAPER
@@ -56,6 +57,7 @@ def test_fields_have_their_shapes_and_types(embedded):
     wanted = pipeline.parameters
     for made in embeddings:
         m, edges = len(made.positions), len(made.graph_edges)
+        signature = wanted.affinity_values + wanted.laplacian_values + (TERMS if wanted.form else 0)
         assert made.fingerprint == wanted.fingerprint
         for array, kind, shape in (
             (made.positions, np.float32, (m, 3)),
@@ -64,7 +66,7 @@ def test_fields_have_their_shapes_and_types(embedded):
             (made.graph_lengths, np.float32, (edges,)),
             (made.tree_edges, np.int32, (m - 1, 2)),
             (made.regions, np.int32, (max(m, wanted.points),)),
-            (made.signature, np.float32, (wanted.affinity_values + wanted.laplacian_values,)),
+            (made.signature, np.float32, (signature,)),
         ):
             assert array.dtype == kind
             assert array.shape == shape

@@ -21,32 +21,25 @@ from tests.core.shapes import blob, box, subdivided
 LABELS = ["a", "a", "b", "b"]
 FINDS_ALL = np.array([[0.1, 0.9, 0.3, 0.2], [0.8, 0.1, 0.7, 0.6], [0.2, 0.3, 0.1, 0.9], [0.5, 0.4, 0.6, 0.1]])
 EVERYWHERE = np.ones((4, 4), dtype=bool)
-NO_DISTANCE = np.ones((4, 4))
 
 
 def test_rows_are_queries_and_the_diagonal_is_not_read():
-    assert nearest_neighbour(FINDS_ALL, NO_DISTANCE, EVERYWHERE, LABELS) == Retrieval(1.0, 1.0)
+    assert nearest_neighbour(FINDS_ALL, FINDS_ALL, EVERYWHERE, LABELS) == Retrieval(1.0, 1.0)
     turned = FINDS_ALL.copy()
     turned[1] = [0.1, 0.99, 0.7, 0.6]
-    assert nearest_neighbour(turned, NO_DISTANCE, EVERYWHERE, LABELS) == Retrieval(0.75, 0.75)
-
-
-def test_signatures_enter_the_combined_score_alone():
-    # By far the nearest signature is one of the other class, for the first query and no other.
-    distances = NO_DISTANCE.copy()
-    distances[0, 2] = -100.0
-    assert nearest_neighbour(FINDS_ALL, distances, EVERYWHERE, LABELS) == Retrieval(1.0, 0.75)
+    assert nearest_neighbour(turned, FINDS_ALL, EVERYWHERE, LABELS) == Retrieval(0.75, 1.0)
+    assert nearest_neighbour(FINDS_ALL, turned, EVERYWHERE, LABELS) == Retrieval(1.0, 0.75)
 
 
 def test_what_is_not_scored_is_no_answer():
     scored = EVERYWHERE.copy()
     scored[3] = False
-    assert nearest_neighbour(FINDS_ALL, NO_DISTANCE, scored, LABELS) == Retrieval(0.75, 0.75)
+    assert nearest_neighbour(FINDS_ALL, FINDS_ALL, scored, LABELS) == Retrieval(0.75, 0.75)
     # Without its fellow in the gallery the second query finds nothing of its class either.
     scored[1, 0] = False
-    assert nearest_neighbour(FINDS_ALL, NO_DISTANCE, scored, LABELS) == Retrieval(0.5, 0.5)
+    assert nearest_neighbour(FINDS_ALL, FINDS_ALL, scored, LABELS) == Retrieval(0.5, 0.5)
     nothing = np.zeros((4, 4), dtype=bool)
-    assert nearest_neighbour(FINDS_ALL, NO_DISTANCE, nothing, LABELS) == Retrieval(0.0, 0.0)
+    assert nearest_neighbour(FINDS_ALL, FINDS_ALL, nothing, LABELS) == Retrieval(0.0, 0.0)
 
 
 def test_mean_and_ends_over_the_seeds():

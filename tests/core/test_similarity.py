@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from core.similarity import (
-    combined_scores,
     correlation,
     effective_distance,
     effective_pairs,
@@ -88,43 +87,3 @@ def test_effective_pairs_are_one_to_one_and_as_many_as_targets_reached(seed):
     effective = effective_pairs(distances, matches, 0.5)
     assert len(np.unique(matches[effective])) == effective.sum()
     assert set(matches[effective]) == set(matches[distances <= 0.5])
-
-
-def test_higher_cc_and_smaller_distance_score_higher():
-    cc = np.array([0.99, 0.9, 0.5, 0.1])
-    distances = np.array([0.1, 0.2, 0.5, 0.9])
-    scores = combined_scores(cc, distances)
-    assert scores.shape == (4,)
-    assert (np.diff(scores) < 0.0).all()
-    assert scores.mean() == pytest.approx(0.0, abs=1e-12)
-
-
-def test_the_order_given_does_not_change_the_scores():
-    rng = np.random.default_rng(5)
-    cc, distances = rng.random(20), rng.random(20)
-    order = rng.permutation(20)
-    assert combined_scores(cc[order], distances[order]) == pytest.approx(
-        combined_scores(cc, distances)[order]
-    )
-
-
-def test_two_candidates_score_by_hand():
-    scores = combined_scores(np.array([0.9, 0.5]), np.array([1.0, 3.0]))
-    assert scores == pytest.approx([2.0, -2.0])
-
-
-def test_a_term_that_does_not_vary_counts_nothing():
-    varied = np.array([0.3, 0.7, 0.2])
-    scores = combined_scores(np.full(3, 0.8), varied)
-    assert scores == pytest.approx(-(varied - varied.mean()) / varied.std())
-    assert (np.argsort(combined_scores(varied, np.full(3, 4.0))) == np.argsort(varied)).all()
-    assert combined_scores(np.full(3, 0.8), np.full(3, 4.0)).tolist() == [0.0, 0.0, 0.0]
-
-
-def test_a_perfect_cc_has_a_finite_score():
-    assert np.isfinite(combined_scores(np.array([1.0, 0.0]), np.array([0.0, 1.0]))).all()
-
-
-def test_none_and_one():
-    assert combined_scores(np.empty(0), np.empty(0)).shape == (0,)
-    assert combined_scores(np.array([0.9]), np.array([0.4])).tolist() == [0.0]

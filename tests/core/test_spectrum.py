@@ -185,9 +185,10 @@ def test_negative_eigenvalues_count_by_magnitude():
 
 
 def test_signature_of_the_identity_and_of_the_constant_kernel():
-    np.testing.assert_allclose(affinity_signature(leading_eigenpairs(np.eye(50), 7)[0] / 50), -np.log(50.0))
+    identity = affinity_signature(leading_eigenpairs(np.eye(50), 7)[0] / 50)
+    np.testing.assert_allclose(identity, -np.log(50.0) / np.sqrt(7.0))
     constant = affinity_signature(leading_eigenpairs(np.ones((50, 50)), 3)[0] / 50)
-    np.testing.assert_allclose(constant, [0.0, np.log(1e-6), np.log(1e-6)], atol=1e-12)
+    np.testing.assert_allclose(constant, np.log([1.0, 1e-6, 1e-6]) / np.sqrt(3.0), atol=1e-12)
 
 
 def test_signature_does_not_know_the_scale_or_the_number_of_copies():
@@ -206,9 +207,18 @@ def test_signature_does_not_know_the_scale_or_the_number_of_copies():
 
 def test_laplacian_signature():
     values = np.array([2.0, 2.0, 6.0, 12.0])
-    np.testing.assert_allclose(laplacian_signature(values), np.log([1.0, 1.0, 3.0, 6.0]))
-    np.testing.assert_allclose(laplacian_signature(values / 81.0), laplacian_signature(values))
-    assert np.isfinite(laplacian_signature(np.array([0.0, 1.0, 2.0]))).all()
+    found = laplacian_signature(values, 5.0)
+    np.testing.assert_allclose(found, np.log([10.0, 10.0, 30.0, 60.0]) / 2.0)
+    # Nine times as long: eigenvalues fall, and the area rises, by the square.
+    np.testing.assert_allclose(laplacian_signature(values / 81.0, 81.0 * 5.0), found)
+    assert np.isfinite(laplacian_signature(np.array([0.0, 1.0, 2.0]), 5.0)).all()
+    assert affinity_signature(np.empty(0)).shape == laplacian_signature(np.empty(0), 5.0).shape == (0,)
+
+
+def test_the_distance_of_laplacian_signatures_is_a_mean_of_logarithms():
+    first, second = np.random.default_rng(0).uniform(1.0, 9.0, size=(2, 8))
+    apart = np.linalg.norm(laplacian_signature(first, 3.0) - laplacian_signature(second, 3.0))
+    assert apart == pytest.approx(np.sqrt((np.log(first / second) ** 2).mean()))
 
 
 def test_sampled_eigenpairs_are_the_operator_squared_by_quadrature():

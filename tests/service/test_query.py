@@ -106,13 +106,26 @@ def test_matched_says_whether_the_best_cc_of_all_reaches_the_threshold(stocked: 
     assert none["matched"] is False
 
 
-def test_combined_is_the_sum_of_z_scores_over_what_was_compared(stocked: Running) -> None:
-    results = query(stocked.client, small_file(20), top_k=100).json()["results"]
-    combined = np.array([result["combined"] for result in results])
-    assert np.isfinite(combined).all()
-    assert combined.sum() == pytest.approx(0, abs=1e-6)
+def test_combined_is_the_pipelines_and_the_same_in_every_answer(stocked: Running) -> None:
+    pipeline = stocked.parts.work.pipeline
+    stored = {s["name"]: s["id"] for s in stocked.client.get("/shapes").json()["shapes"]}
+    signatures = {
+        shape: np.array(stocked.client.get(f"/shapes/{shape}/embedding").json()["signature"], np.float32)
+        for shape in stored.values()
+    }
+    bird = stored["bird-first.off"]
+    body = {"shape_id": bird, "top_k": 100, "exclude_self": False, "rank_by": "combined"}
+    results = stocked.client.post("/query", json=body).json()["results"]
+    assert results[0]["shape"]["id"] == bird
+    for result in results:
+        other = signatures[result["shape"]["id"]]
+        (expected,) = pipeline.combined(np.array([result["cc"]]), signatures[bird], other[None])
+        assert 0.0 <= result["combined"] <= 1.0
+        assert result["combined"] == pytest.approx(expected, abs=1e-9)
     alone = query(stocked.client, small_file(20), filter="bird,first").json()["results"]
-    assert [result["combined"] for result in alone] == [0]
+    together = query(stocked.client, small_file(20), top_k=100).json()["results"]
+    (same,) = [result for result in together if result["shape"]["id"] == alone[0]["shape"]["id"]]
+    assert alone[0]["combined"] == pytest.approx(same["combined"], abs=1e-9)
 
 
 def test_correspondences_are_those_of_the_comparison(stocked: Running) -> None:
@@ -126,7 +139,7 @@ def test_correspondences_are_those_of_the_comparison(stocked: Running) -> None:
             "/compare", json={"first": bird, "second": result["shape"]["id"]}
         ).json()
         assert compared["correspondence"] == result["correspondence"]
-        for measure in ("cc", "ssd", "sim"):
+        for measure in ("cc", "ssd", "sim", "combined"):
             assert compared[measure] == pytest.approx(result[measure], abs=1e-9)
 
 
@@ -134,7 +147,7 @@ def test_a_comparison_gives_both_ends_of_each_pair(stocked: Running) -> None:
     shapes = {s["name"]: s for s in stocked.client.get("/shapes").json()["shapes"]}
     first, second = shapes["bird-first.off"]["id"], shapes["bird-second.off"]["id"]
     answer = stocked.client.post("/compare", json={"first": first, "second": second}).json()
-    assert set(answer) == {"cc", "ssd", "sim", "correspondence", "pipeline", "milliseconds"}
+    assert set(answer) == {"cc", "ssd", "sim", "combined", "correspondence", "pipeline", "milliseconds"}
     assert answer["correspondence"]
     for end, shape_id in (("first", first), ("second", second)):
         embedding = stocked.client.get(f"/shapes/{shape_id}/embedding").json()

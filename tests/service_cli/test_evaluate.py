@@ -13,7 +13,6 @@ from core.evaluation import evaluate
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
 from core.reading import format_of, read_mesh
-from core.similarity import combined_scores
 from service.cli.sample import spread
 from service.cli.scoring import embed_files, score_pairs, worker_pool
 from service.collections import read_collection
@@ -46,11 +45,8 @@ def test_every_ranking_from_one_run(collection: Path, embeddings: list[Embedding
     rows = [pipeline.score(embedding, embeddings) for embedding in embeddings]
     cc = np.stack([row.cc for row in rows])
     signatures = np.stack([embedding.signature for embedding in embeddings])
-    distances = np.stack([pipeline.signature_distances(row, signatures) for row in signatures])
-    pairs = [(i, j) for i in range(len(cc)) for j in range(len(cc)) if i != j]
-    combined = np.zeros_like(cc)
-    combined[tuple(zip(*pairs, strict=True))] = combined_scores(
-        np.array([cc[pair] for pair in pairs]), np.array([distances[pair] for pair in pairs])
+    combined = np.stack(
+        [pipeline.combined(row, own, signatures) for row, own in zip(cc, signatures, strict=True)]
     )
     matrices = {
         "cc": cc,
@@ -85,7 +81,9 @@ def test_pairs_are_scored_once_and_mirrored(pool: Executor, embeddings: list[Emb
         assert scores.cc[i] == pytest.approx(row.cc, abs=1e-9)
         assert scores.ssd[i] == pytest.approx(row.ssd, abs=1e-9)
         assert scores.sim[i] == pytest.approx(row.sim, abs=1e-9)
-    assert (scores.distances == scores.distances.T).all()
+        chances = pipeline.combined(row.cc, embedding.signature, scores.signatures)
+        assert scores.combined[i] == pytest.approx(chances, abs=1e-6)
+    assert (scores.combined == scores.combined.T).all()
 
 
 def test_workers_give_the_same_embedding_and_name_what_is_bad(

@@ -53,8 +53,13 @@ def test_noise_against_a_plain_loop(collection: Path, run: Run) -> None:
 
     def retrieval(queries):
         cc = np.stack([pipeline.score(query, gallery).cc for query in queries])
-        distances = np.stack([pipeline.signature_distances(query.signature, signatures) for query in queries])
-        return cc, nearest_neighbour(cc, distances, everywhere, labels)
+        combined = np.stack(
+            [
+                pipeline.combined(row, query.signature, signatures)
+                for row, query in zip(cc, queries, strict=True)
+            ]
+        )
+        return cc, nearest_neighbour(cc, combined, everywhere, labels)
 
     assert study["clean"] == pytest.approx(vars(retrieval(gallery)[1]))
     for seed in (0, 1):

@@ -1,0 +1,83 @@
+"""`combined`: CC and the signature in one number, the chance that two shapes are of one class."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import expit
+
+from core.form import FORM_SHARE, TERMS
+from core.mesh import Floats
+
+NEAR = 0.1
+"""Spectra whose logarithms differ by so much, root mean square, tell as much for one shape as against it."""
+
+FAINT_CC, FAINT_SPECTRUM, FAINT_FORM = 0.02, 0.02, 0.05
+"""Added before logarithms are taken: smaller differences are those of one body's poses and meshes."""
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """A logistic model: chance = 1 / (1 + exp(-(intercept + slopes . evidence))).
+
+    Attributes
+    ----------
+    intercept : float
+    slopes : tuple of float
+        One a column of `evidence`. Below 0: what differs more is less likely of one class.
+    """
+
+    intercept: float
+    slopes: tuple[float, ...]
+
+    def chance(self, evidence: Floats) -> Floats:
+        """From evidence, shape (..., 3), to numbers in [0, 1], shape (...)."""
+        return np.asarray(expit(self.intercept + (evidence * np.array(self.slopes)).sum(axis=-1)))
+
+
+CALIBRATED = Calibration(intercept=-15.2956, slopes=(-4.0027, -0.1030, -0.8425))
+"""By `isoshape calibrate psb shrec11`, on every second model of each: see docs/calibration.md."""
+
+
+def evidence(cc: Floats, spectral: Floats, form: Floats) -> Floats:
+    """What speaks against one class, as logarithms; arrays of one shape in, that shape and (3,) behind out.
+
+    The nearer the spectra are, the less all else counts. f = s^2 / (s^2 + NEAR^2) rises with the spectral
+    distance s from 0 to 1; with d the distance of form, the columns are log(f (1 - cc) + FAINT_CC),
+    log(f + FAINT_SPECTRUM) and log(f d + FAINT_FORM). Poses of one body have nearly equal spectra, while their
+    correspondence may stray, and how much of its hull a body fills hangs on its pose.
+
+    Parameters
+    ----------
+    cc : float64
+        In [-1, 1].
+    spectral, form : float64
+        Distances between the parts of two signatures, >= 0.
+    """
+    far = spectral**2 / (spectral**2 + NEAR**2)
+    return np.stack(
+        [
+            np.log(far * (1.0 - cc) + FAINT_CC),
+            np.log(far + FAINT_SPECTRUM),
+            np.log(far * form + FAINT_FORM),
+        ],
+        axis=-1,
+    )
+
+
+def signature_evidence(
+    cc: Floats, query: NDArray[np.float32], signatures: NDArray[np.float32], *, form: bool
+) -> Floats:
+    """`evidence` of one shape against c others, shape (c, 3).
+
+    Parameters
+    ----------
+    cc : float64, shape (c,)
+    query : float32, shape (s,)
+    signatures : float32, shape (c, s)
+        Eigenvalues first, and with `form` the terms of form behind, as `core.spectra` puts them.
+    """
+    steps = np.asarray(signatures, dtype=np.float64) - np.asarray(query, dtype=np.float64)
+    values = steps.shape[1] - TERMS if form else steps.shape[1]
+    spectral = np.linalg.norm(steps[:, :values], axis=1)
+    return evidence(cc, spectral, np.linalg.norm(steps[:, values:], axis=1) / FORM_SHARE)

@@ -1,0 +1,1 @@
+"""How well `combined` is calibrated, as a picture and a page."""

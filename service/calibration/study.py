@@ -1,0 +1,106 @@
+"""What a calibration on labelled collections found."""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+
+import numpy as np
+
+from core.calibration import Collection, Reliability, fit, leave_class_out, reliability
+from core.combination import Calibration
+from core.evaluation import Evaluation, evaluate
+from core.mesh import Floats
+
+UPPER = 5
+"""The bins from this one on hold the pairs that are called more likely of one class than not."""
+
+
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """One collection: its pairs as the fits without their query's class judge them.
+
+    Attributes
+    ----------
+    name : str
+    shapes, classes : int
+    figures : Evaluation
+        Ranked by those chances.
+    reliability : Reliability
+    """
+
+    name: str
+    shapes: int
+    classes: int
+    figures: Evaluation
+    reliability: Reliability
+
+
+@dataclass(frozen=True, eq=False)
+class Study:
+    """The model of all pairs, and how models without each class do on it.
+
+    Attributes
+    ----------
+    model : Calibration
+    collections : tuple of Judged
+    together : Reliability
+        Of all collections, each with the same weight.
+    """
+
+    model: Calibration
+    collections: tuple[Judged, ...]
+    together: Reliability
+
+    def as_json(self) -> dict[str, object]:
+        """The object that `--json` prints."""
+        return {
+            **asdict(self.model),
+            "together": _numbers(self.together),
+            "collections": [
+                {
+                    "name": one.name,
+                    "shapes": one.shapes,
+                    "classes": one.classes,
+                    **{name: getattr(one.figures, name) for name in ("nn", "ft", "st")},
+                    **_numbers(one.reliability),
+                }
+                for one in self.collections
+            ],
+        }
+
+
+def study(names: Sequence[str], collections: Sequence[Collection]) -> Study:
+    """Fit to all, and judge each class by the fit without it.
+
+    Raises
+    ------
+    ParameterError
+        Without some class, all pairs are of one kind.
+    """
+    chances = leave_class_out(collections)
+    return Study(
+        model=fit(collections),
+        collections=tuple(
+            _judged(name, collection, given)
+            for name, collection, given in zip(names, collections, chances, strict=True)
+        ),
+        together=reliability(collections, chances),
+    )
+
+
+def _judged(name: str, collection: Collection, chances: Floats) -> Judged:
+    return Judged(
+        name=name,
+        shapes=len(collection.labels),
+        classes=len(set(collection.labels)),
+        figures=evaluate(chances, collection.labels, larger_is_closer=True),
+        reliability=reliability([collection], [chances]),
+    )
+
+
+def _numbers(found: Reliability) -> dict[str, object]:
+    return {
+        "base_rate": found.base_rate,
+        "error": found.error,
+        "error_upper": found.error_above(UPPER),
+        **{key: np.asarray(getattr(found, key)).tolist() for key in ("share", "said", "found")},
+    }
