@@ -44,8 +44,8 @@ def evidence(cc: Floats, spectral: Floats, form: Floats) -> Floats:
 
     The nearer the spectra are, the less all else counts. f = s^2 / (s^2 + NEAR^2) rises with the spectral
     distance s from 0 to 1; with d the distance of form, the columns are log(f (1 - cc) + FAINT_CC),
-    log(f + FAINT_SPECTRUM) and log(f d + FAINT_FORM). Poses of one body have nearly equal spectra, while their
-    correspondence may stray, and how much of its hull a body fills hangs on its pose.
+    log(f + FAINT_SPECTRUM) and log(f d + FAINT_FORM). Poses of one body have nearly equal spectra, while
+    their correspondence may stray, and how much of its hull a body fills hangs on its pose.
 
     Parameters
     ----------

@@ -12,7 +12,7 @@ from core.mesh import Floats, Mesh
 
 TERMS = 3
 
-FORM_SHARE = 0.25
+FORM_SHARE = 0.1
 """What terms of form are multiplied by in a signature, so that its plain distance heeds eigenvalues first."""
 
 LEAST_VOLUME = 1e-3
