@@ -49,6 +49,8 @@ def page(study: Study, command: str) -> str:
         f"error, the mean over pairs of how far the share found in its bin of {BINS} is from the mean chance "
         "given. Most pairs are plainly of two classes, so it is told apart for the pairs given more than "
         f"{UPPER / BINS:g}. **NN, FT, ST**: retrieval by those chances.",
+        "A class is wider in one collection than in another (all chairs, or one body's poses), and one model "
+        "serves all: each alone strays further than all together.",
         "A chance hangs on the base rate: in an archive where fewer pairs are of one class than here, "
         "`combined` is too high, by about the ratio of the odds. Its order is the same.",
         _table(("combined", "share of pairs", "mean given", "found of one class"), _bins(study.together)),
