@@ -81,7 +81,9 @@ class Parameters:
     form : bool
         Whether the signature holds the terms of `core.form` as well.
     match_threshold : float
-        A query whose best CC is below has no match (Algorithm 3's unmatched shapes).
+        A query whose best CC is below has no match (Algorithm 3's unmatched shapes). `isoshape classify`
+        finds the best for a collection: 0.980 for half of PSB, 0.985 for the made gallery, 0.992 for half of
+        SHREC'11.
     """
 
     name: str = "default"
@@ -121,7 +123,7 @@ class Parameters:
     affinity_values: int = 0
     laplacian_values: int = 30
     form: bool = True
-    match_threshold: float = 0.9
+    match_threshold: float = 0.98
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "operators", tuple(self.operators))
