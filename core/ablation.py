@@ -22,7 +22,7 @@ NAMED = (
         "samples: 100, covering, weights of Eqs. 11 and 12 normalised",
         ("selection", "coverage_power", "samples", "sample_cap", "normalise_weights"),
     ),
-    Change("distances along the graph, across faces", ("distances", "unfold")),
+    Change("geodesic distances, across faces", ("distances", "unfold")),
     Change("Gaussian affinity, eigenvalue scaling", ("affinity", "width", "eigenvalue_power")),
     Change("stiff spline", ("stiffness",)),
     Change(
@@ -34,9 +34,16 @@ NAMED = (
             "kept_starts",
             "start_iterations",
             "step_iterations",
+            "search_samples",
+            "search_dimensions",
         ),
     ),
     Change("two-sided one-to-one pairs, orthogonal map", ("pairs", "align_rounds", "warp_stiffness")),
+    Change("coordinates tapered at the cut", ("taper",)),
+    Change(
+        "500 points embedded, the samples their quadrature; partners between the samples",
+        ("points", "slide_rounds"),
+    ),
     Change(
         "Laplace-Beltrami embedding too, and its eigenvalues and terms of form in the signature",
         ("operators", "affinity_values", "laplacian_values", "form"),

@@ -124,9 +124,7 @@ class Pipeline:
             degree=wanted.degree,
             epsilon=wanted.epsilon,
             normalise=wanted.normalise_weights,
-            random=keyed_uniform(mesh.vertices, wanted.seed + 1)
-            if wanted.selection == "random-draw"
-            else None,
+            random=keyed_uniform(mesh.vertices, wanted.seed + 1) if drawn else None,
         ).weights
         if wanted.selection == "sort-and-cut":
             return sort_and_cut(weights, count), count

@@ -121,9 +121,9 @@ def slide(first: Cloud, second: Cloud, matches: Ints, rotation: Floats, rounds: 
     x = np.concatenate([first.points[:m], first.points[:m]])
     y = np.concatenate([second.points[matches], second.points[matches]])
     pairs = np.arange(2 * m)
-    cc, fitted = fit(x, y, pairs, blocks)
+    cc = 0.0
     if not rounds:
-        rotation = fitted
+        cc, rotation = fit(x, y, pairs, blocks)
     for _ in range(rounds):
         turned = first.points[:m] @ rotation
         back = second.points[matches] @ np.ascontiguousarray(rotation.T)

@@ -11,6 +11,7 @@ from core.ablation import Row, rows
 from core.evaluation import Evaluation
 from core.parameters import PAPER
 from service.cli.console import fail, say
+from service.cli.options import Workers
 from service.cli.retrieval import Ranking, evaluate_ranking, score_collection
 from service.cli.sample import spread
 from service.cli.scoring import default_workers
@@ -62,10 +63,7 @@ def command(
     limit: Annotated[
         int | None, typer.Option(min=2, help="So many shapes of each folder only, spread over the classes.")
     ] = None,
-    workers: Annotated[
-        int | None,
-        typer.Option(min=1, envvar="ISOSHAPE_WORKERS", help="Processes. [default: one a processor]"),
-    ] = None,
+    workers: Workers = None,
 ) -> None:
     """Measure retrieval as `evaluate` does, under the paper's setting and each change to it, as Markdown.
 

@@ -17,6 +17,7 @@ from core.pipeline import Pipeline
 from service.calibration.page import COLUMNS, constants, page, summary
 from service.calibration.study import Study, study
 from service.cli.console import fail, output
+from service.cli.options import Workers
 from service.cli.retrieval import score_collection
 from service.cli.sample import spread
 from service.cli.scoring import PairScores, default_workers
@@ -35,10 +36,7 @@ def command(
     limit: Annotated[
         int | None, typer.Option(min=4, help="So many shapes of each folder only, spread over the classes.")
     ] = None,
-    workers: Annotated[
-        int | None,
-        typer.Option(min=1, envvar="ISOSHAPE_WORKERS", help="Processes. [default: one a processor]"),
-    ] = None,
+    workers: Workers = None,
 ) -> None:
     """Fit the chance that two shapes are of one class, and print the constants for core/combination.py.
 

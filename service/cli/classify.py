@@ -13,6 +13,7 @@ from core.classification import Classification, classify
 from core.parameters import DEFAULT
 from core.reading import format_of, read_mesh
 from service.cli.console import fail, output
+from service.cli.options import Workers
 from service.cli.retrieval import Ranking, ranked, score_collection
 from service.cli.sample import spread
 from service.cli.scoring import default_workers
@@ -32,10 +33,7 @@ def command(
     limit: Annotated[
         int | None, typer.Option(min=6, help="Take this many shapes only, spread over the classes.")
     ] = None,
-    workers: Annotated[
-        int | None,
-        typer.Option(min=1, envvar="ISOSHAPE_WORKERS", help="Processes. [default: one a processor]"),
-    ] = None,
+    workers: Workers = None,
 ) -> None:
     """Give each shape the class of its first neighbour among the others, or leave it unmatched.
 

@@ -13,6 +13,7 @@ from core.correspondence_study import MOST_ERROR, BodyEvidence, study_body
 from core.gallery import CLASSES
 from core.parameters import DEFAULT
 from service.cli.console import fail, output, progress
+from service.cli.options import Workers
 from service.cli.scoring import default_workers, worker_pool
 
 
@@ -30,10 +31,7 @@ def command(
         bool, typer.Option("--check", help=f"Fail where a class's mean error is above {MOST_ERROR}.")
     ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print all numbers as one object.")] = False,
-    workers: Annotated[
-        int | None,
-        typer.Option(min=1, envvar="ISOSHAPE_WORKERS", help="Processes. [default: one a processor]"),
-    ] = None,
+    workers: Workers = None,
 ) -> None:
     """Measure correspondences on made bodies, whose poses have the same vertices in the same order.
 

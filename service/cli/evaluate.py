@@ -15,6 +15,7 @@ from rich.table import Table
 from core.evaluation import Evaluation, evaluate
 from core.parameters import DEFAULT, PAPER
 from service.cli.console import fail, output
+from service.cli.options import Workers
 from service.cli.retrieval import Ranking, evaluate_ranking, score_collection, score_rival
 from service.cli.sample import spread
 from service.cli.scoring import default_workers
@@ -80,10 +81,7 @@ def command(
     limit: Annotated[
         int | None, typer.Option(min=2, help="Evaluate this many shapes only, spread over the classes.")
     ] = None,
-    workers: Annotated[
-        int | None,
-        typer.Option(min=1, envvar="ISOSHAPE_WORKERS", help="Processes. [default: one a processor]"),
-    ] = None,
+    workers: Workers = None,
 ) -> None:
     """Measure retrieval on a labelled collection; the shape itself is left out of its own ranking.
 

@@ -17,6 +17,7 @@ from core.mesh import Mesh
 from core.parameters import DEFAULT
 from core.reading import format_of, read_mesh, write_mesh
 from service.cli.console import fail, output, progress
+from service.cli.options import Workers
 from service.cli.retrieval import Ranking, evaluate_ranking, score_collection
 from service.cli.sample import spread
 from service.cli.scoring import default_workers
@@ -42,10 +43,7 @@ def command(
     limit: Annotated[
         int | None, typer.Option(min=6, help="Take this many shapes only, spread over the classes.")
     ] = None,
-    workers: Annotated[
-        int | None,
-        typer.Option(min=1, envvar="ISOSHAPE_WORKERS", help="Processes. [default: one a processor]"),
-    ] = None,
+    workers: Workers = None,
 ) -> None:
     """Draw samples (Fig. 3), an eigenmap (Fig. 5), a match (Fig. 6), answers (Table 3), classes (Fig. 10).
 

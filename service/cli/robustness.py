@@ -13,6 +13,7 @@ from rich.table import Table
 from core.parameters import DEFAULT
 from core.robustness import KINDS, TAU, TAUS, Study
 from service.cli.console import fail, output, progress, say
+from service.cli.options import Workers
 from service.cli.perturbed import clean_gallery, clean_retrieval, on_disk, perturbed_level, tau_level
 from service.cli.sample import spread
 from service.cli.scoring import default_workers, worker_pool
@@ -38,10 +39,7 @@ def command(
     limit: Annotated[
         int | None, typer.Option(min=2, help="Take this many shapes only, spread over the classes.")
     ] = None,
-    workers: Annotated[
-        int | None,
-        typer.Option(min=1, envvar="ISOSHAPE_WORKERS", help="Processes. [default: one a processor]"),
-    ] = None,
+    workers: Workers = None,
 ) -> None:
     """Measure retrieval with perturbed queries against the clean collection; Fig. 9 of the paper.
 

@@ -13,6 +13,7 @@ from core.evaluation import Evaluation, evaluate
 from core.parameters import DEFAULT, PAPER
 from core.published import ALL_CATEGORIES, METHODS, TABLE_2, Category
 from service.cli.console import fail
+from service.cli.options import Workers
 from service.cli.retrieval import Ranking, evaluate_ranking, ready, score_collection, score_rival
 from service.cli.sample import spread
 from service.cli.scoring import default_workers
@@ -55,10 +56,7 @@ def command(
     limit: Annotated[
         int | None, typer.Option(min=2, help="Evaluate this many shapes only, spread over the classes.")
     ] = None,
-    workers: Annotated[
-        int | None,
-        typer.Option(min=1, envvar="ISOSHAPE_WORKERS", help="Processes. [default: one a processor]"),
-    ] = None,
+    workers: Workers = None,
 ) -> None:
     """Compare with the paper's Table 2: the share of a class' shapes whose first neighbour is of their class.
 
