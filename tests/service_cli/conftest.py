@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 from core.gallery import make_shape
 from core.reading import write_mesh
 from service.app import create_app
-from service.cli import app
+from service.cli.commands import command_line
 from service.cli.server import in_thread
 from service.client import Client
 from service.settings import Settings
@@ -88,7 +88,7 @@ def run() -> Run:
     """Run `isoshape` with arguments; an error that no command expects is raised."""
 
     def run(*arguments: object) -> Result:
-        done = CliRunner().invoke(app, [str(argument) for argument in arguments])
+        done = CliRunner().invoke(command_line(), [str(argument) for argument in arguments])
         if done.exception is not None and not isinstance(done.exception, SystemExit):
             raise done.exception
         return Result(done.exit_code, done.stdout, done.stderr)
