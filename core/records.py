@@ -1,9 +1,13 @@
 """Embeddings as bytes (the safetensors format), and back."""
 
 import json
-from dataclasses import asdict
+import math
+from collections.abc import Iterator
+from dataclasses import asdict, fields
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from safetensors import SafetensorError
 from safetensors.numpy import load, save
 
@@ -40,12 +44,13 @@ def embedding_from_bytes(data: bytes) -> Embedding:
     Raises
     ------
     BadRecordError
-        The bytes are not such a record.
+        The bytes are not such a record: not of the format, or an array has not the shape or type that
+        `core.embedding.Embedding` gives, a number that is not finite, or an index of nothing.
     """
     try:
         arrays = load(data)
         header = json.loads(arrays["header"].tobytes())
-        return Embedding(
+        embedding = Embedding(
             fingerprint=header["fingerprint"],
             facts=Facts(**header["facts"]),
             positions=arrays["positions"],
@@ -62,3 +67,66 @@ def embedding_from_bytes(data: bytes) -> Embedding:
         )
     except (SafetensorError, KeyError, TypeError, ValueError, RecursionError) as error:
         raise BadRecordError(f"not an embedding: {error}") from error
+    fault = next(_faults(embedding), None)
+    if fault is not None:
+        raise BadRecordError(f"not an embedding: {fault}")
+    return embedding
+
+
+def _faults(embedding: Embedding) -> Iterator[str]:
+    """What is wrong with the arrays and the header's values; later ones suppose that earlier ones hold."""
+    yield from _header_faults(embedding)
+    m, e, d = (
+        array.shape[0] if array.ndim else 0
+        for array in (embedding.positions, embedding.graph_edges, embedding.regions)
+    )
+    if not 1 <= m <= d:
+        yield f"{d} points of {m} samples"
+    yield from _array_faults("positions", embedding.positions, np.float32, (m, 3))
+    yield from _array_faults("vertices", embedding.vertices, np.int32, (m,))
+    yield from _array_faults("graph_edges", embedding.graph_edges, np.int32, (e, 2))
+    yield from _array_faults("graph_lengths", embedding.graph_lengths, np.float32, (e,))
+    yield from _array_faults("tree_edges", embedding.tree_edges, np.int32, (m - 1, 2))
+    yield from _array_faults("regions", embedding.regions, np.int32, (d,))
+    yield from _array_faults("signature", embedding.signature, np.float32, (None,))
+    for spectrum in embedding.spectra:
+        yield from _array_faults(f"{spectrum.name} eigenvalues", spectrum.eigenvalues, np.float32, (None,))
+        yield from _array_faults(f"{spectrum.name} coordinates", spectrum.coordinates, np.float32, (d, None))
+    for name, indices, end in (
+        ("vertices", embedding.vertices, embedding.facts.vertices),
+        ("graph_edges", embedding.graph_edges, m),
+        ("tree_edges", embedding.tree_edges, m),
+        ("regions", embedding.regions, m),
+    ):
+        if indices.size and not (indices.min() >= 0 and indices.max() < end):
+            yield f"{name} has an index out of range"
+    if not np.array_equal(embedding.regions[:m], np.arange(m)):
+        yield "the first points are not the samples"
+
+
+def _header_faults(embedding: Embedding) -> Iterator[str]:
+    if not isinstance(embedding.fingerprint, str):
+        yield "the fingerprint is not text"
+    for field in fields(Facts):
+        value = getattr(embedding.facts, field.name)
+        good = isinstance(value, int) or (field.type is float and isinstance(value, float))
+        if isinstance(value, bool) or not good or not 0 <= value < math.inf:
+            yield f"{field.name} is {value!r}"
+    names = [spectrum.name for spectrum in embedding.spectra]
+    if not names or not all(isinstance(name, str) for name in names) or len(set(names)) < len(names):
+        yield f"the spectra are {names!r}"
+
+
+def _array_faults(
+    name: str, array: NDArray[Any], dtype: type[np.generic], shape: tuple[int | None, ...]
+) -> Iterator[str]:
+    """What is wrong with one array; a None in the shape is any length but 0."""
+    if array.dtype != dtype:
+        yield f"{name} is of type {array.dtype}, not {np.dtype(dtype)}"
+    fits = array.ndim == len(shape) and all(
+        have == want or (want is None and have > 0) for have, want in zip(array.shape, shape, strict=True)
+    )
+    if not fits:
+        yield f"{name} has the shape {array.shape}"
+    elif array.dtype == np.float32 and not np.isfinite(array).all():
+        yield f"{name} has a number that is not finite"

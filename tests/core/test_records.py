@@ -1,7 +1,7 @@
 """Records: an embedding to bytes and back, and bytes that are none."""
 
 import json
-from dataclasses import fields, replace
+from dataclasses import asdict, fields, replace
 
 import numpy as np
 import pytest
@@ -9,6 +9,9 @@ from safetensors.numpy import load, save
 
 from core.embedding import Embedding, Facts, Spectrum
 from core.errors import BadRecordError
+from core.gallery import make_shape
+from core.parameters import DEFAULT, PAPER
+from core.pipeline import Pipeline
 from core.records import embedding_from_bytes, embedding_to_bytes
 
 FACTS = Facts(
@@ -150,5 +153,96 @@ def test_a_record_without_one_of_its_arrays_is_refused(missing):
 def test_a_header_that_is_not_one_is_refused(header):
     arrays = load(embedding_to_bytes(embedding()))
     arrays["header"] = np.frombuffer(header, dtype=np.uint8)
+    with pytest.raises(BadRecordError):
+        embedding_from_bytes(save(arrays))
+
+
+def test_the_embeddings_that_the_pipeline_makes_are_records():
+    for parameters in (DEFAULT, PAPER):
+        for number in range(3):
+            made = Pipeline(parameters).embed(make_shape("octopus", number))
+            back = embedding_from_bytes(embedding_to_bytes(made))
+            assert embedding_to_bytes(back) == embedding_to_bytes(made)
+
+
+def changed(name, change):
+    arrays = load(embedding_to_bytes(embedding()))
+    arrays[name] = np.array(change(arrays[name].copy()), order="C")
+    return save(arrays)
+
+
+@pytest.mark.parametrize("name", [*ARRAYS, "eigenvalues_0", "coordinates_1"])
+def test_an_array_of_another_type_or_shape_is_refused(name):
+    other = {"float32": np.float64, "int32": np.int64}
+    with pytest.raises(BadRecordError, match=r"float64|int64"):
+        embedding_from_bytes(changed(name, lambda array: array.astype(other[array.dtype.name])))
+    for change in (
+        lambda array: array[None],
+        lambda array: array[..., 0],
+        lambda array: array[:0],
+        lambda array: array.reshape(-1)[:1].reshape(()),
+    ):
+        with pytest.raises(BadRecordError):
+            embedding_from_bytes(changed(name, change))
+
+
+@pytest.mark.parametrize("name", [name for name in ARRAYS if name != "signature"] + ["coordinates_0"])
+def test_an_array_that_is_shorter_than_the_others_is_refused(name):
+    with pytest.raises(BadRecordError):
+        embedding_from_bytes(changed(name, lambda array: array[:-1]))
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize(
+    "name", ["positions", "graph_lengths", "signature", "eigenvalues_1", "coordinates_0"]
+)
+def test_a_number_that_is_not_finite_is_refused(name, value):
+    def spoil(array):
+        array.reshape(-1)[-1] = value
+        return array
+
+    with pytest.raises(BadRecordError, match="not finite"):
+        embedding_from_bytes(changed(name, spoil))
+
+
+@pytest.mark.parametrize("index", [-1, 12, 120, 2**31 - 1])
+@pytest.mark.parametrize("name", ["vertices", "graph_edges", "tree_edges", "regions"])
+def test_an_index_of_nothing_is_refused(name, index):
+    def spoil(array):
+        array.reshape(-1)[-1] = index
+        return array
+
+    if name == "vertices" and 0 <= index < FACTS.vertices:
+        embedding_from_bytes(changed(name, spoil))
+    else:
+        with pytest.raises(BadRecordError, match="out of range"):
+            embedding_from_bytes(changed(name, spoil))
+
+
+def test_points_that_do_not_begin_with_the_samples_are_refused():
+    with pytest.raises(BadRecordError, match="samples"):
+        embedding_from_bytes(changed("regions", lambda array: array[::-1]))
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"fingerprint": 7},
+        {"fingerprint": None},
+        {"spectra": ["affinity", "affinity"]},
+        {"spectra": [["affinity"], "laplace-beltrami"]},
+        {"spectra": []},
+        {"facts": {**asdict(FACTS), "area": float("nan")}},
+        {"facts": {**asdict(FACTS), "scale": "1"}},
+        {"facts": {**asdict(FACTS), "faces": 1.5}},
+        {"facts": {**asdict(FACTS), "faces": True}},
+        {"facts": {**asdict(FACTS), "components": -1}},
+        {"facts": {**asdict(FACTS), "volume": float("inf")}},
+    ],
+)
+def test_a_header_with_a_value_of_the_wrong_kind_is_refused(change):
+    arrays = load(embedding_to_bytes(embedding()))
+    header = json.loads(arrays["header"].tobytes()) | change
+    arrays["header"] = np.frombuffer(json.dumps(header).encode(), dtype=np.uint8)
     with pytest.raises(BadRecordError):
         embedding_from_bytes(save(arrays))
