@@ -13,6 +13,7 @@ from service import logging
 from service.access.endpoints import router as session_router
 from service.access.gate import Gate
 from service.access.middleware import AccessControl
+from service.compute import sandbox
 from service.compute.pool import LocalPool
 from service.compute.tasks import warm
 from service.compute.work import Work
@@ -88,6 +89,13 @@ def _start(settings: Settings, parameters: Parameters, gate: Gate, metrics: Metr
         warm=partial(warm, parameters),
         replaced=lambda cause: metrics.worker_replacements.labels(cause).inc(),
     )
+    readers = LocalPool(
+        settings.workers,
+        seconds=settings.task_seconds,
+        warm=partial(sandbox.enter, settings.read_memory_bytes),
+        replaced=lambda cause: metrics.worker_replacements.labels(cause).inc(),
+        tasks_each=sandbox.FILES_EACH,
+    )
     try:
         database = Database(settings.database_url, lock_seconds=settings.lock_seconds, metrics=metrics)
         migrate(database)
@@ -95,30 +103,36 @@ def _start(settings: Settings, parameters: Parameters, gate: Gate, metrics: Metr
         with database.read() as session:
             index.current(session)
     except BaseException:
+        readers.kill()
         pool.kill()
         raise
     work = Work(
         pool,
+        readers,
         Pipeline(parameters),
         settings.limits,
+        read_seconds=settings.read_seconds,
         workers=settings.workers,
         waiting=settings.queue_length,
     )
     about = {"version": VERSION, "pipeline": parameters.name, "fingerprint": parameters.fingerprint}
     log.info("the service starts", extra={"fields": {**about, "workers": settings.workers}})
-    _watch(metrics, pool, work, index)
-    return Parts(settings, database, pool, work, index, gate, metrics)
+    _watch(metrics, pool, readers, work, index)
+    return Parts(settings, database, pool, readers, work, index, gate, metrics)
 
 
-def _watch(metrics: Metrics, pool: LocalPool, work: Work, index: SignatureIndex) -> None:
+def _watch(metrics: Metrics, pool: LocalPool, readers: LocalPool, work: Work, index: SignatureIndex) -> None:
     """Have the metrics show the state of things."""
     watch = metrics.watch
     watch("queue_requests", "Requests that are at work or wait for a worker.", lambda: work.inside)
     watch("queue_room", "How many may be, before the next is answered 503.", lambda: work.room)
-    about = "Worker processes by what they do."
-    watch("workers", about, pool.idle, state="idle")
-    watch("workers", about, pool.busy, state="busy")
-    watch("workers", about, pool.starting, state="starting")
+    for name, about, processes in (
+        ("workers", "Worker processes by what they do.", pool),
+        ("readers", "Processes that read uploads by what they do.", readers),
+    ):
+        watch(name, about, processes.idle, state="idle")
+        watch(name, about, processes.busy, state="busy")
+        watch(name, about, processes.starting, state="starting")
     watch("tasks_waiting", "Tasks that no worker has taken yet.", pool.waiting)
     watch(
         "indexed_shapes", "Shapes whose signatures are in memory, as of the last query.", lambda: len(index)
@@ -127,6 +141,7 @@ def _watch(metrics: Metrics, pool: LocalPool, work: Work, index: SignatureIndex)
 
 def _stop(parts: Parts) -> None:
     """Whatever is still at work has no one left to answer to."""
+    parts.readers.kill()
     parts.pool.kill()
     parts.database.close()
     log.info("the service has ended")

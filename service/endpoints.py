@@ -32,6 +32,8 @@ async def healthz() -> Health:
 async def readyz(parts: Service) -> Readiness | Response:
     """Asks the database for a row, and a worker for an answer."""
     faults = []
+    if not await run_in_threadpool(parts.readers.ready):
+        faults.append("no process that reads uploads is ready yet")
     try:
         await run_in_threadpool(parts.database.ping)
     except ServiceError as error:

@@ -18,6 +18,7 @@ class Parts:
     settings: Settings
     database: Database
     pool: LocalPool
+    readers: LocalPool
     work: Work
     index: SignatureIndex
     gate: Gate

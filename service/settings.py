@@ -90,6 +90,17 @@ class Settings(BaseSettings):
         allow_inf_nan=False,
         description="The longest that one task may run in a worker before the worker is replaced.",
     )
+    read_seconds: float = Field(
+        default=30.0,
+        gt=0,
+        allow_inf_nan=False,
+        description="The processor time that reading one file may take.",
+    )
+    read_memory_bytes: int = Field(
+        default=3 * 1024**3,
+        ge=512 * 1024**2,
+        description="The address space of a process that reads uploads.",
+    )
     shutdown_seconds: PositiveInt = Field(
         default=10,
         description="How long `isoshape serve`, asked to stop, goes on with requests that are at work.",

@@ -32,6 +32,8 @@ class LocalPool(Executor):
     replaced : callable
         Told, in a thread of the pool, whenever a process is replaced because of its task, and why: "died",
         "time-limit" or "given-up".
+    tasks_each : int or None
+        A process is replaced, while none waits for it, after so many tasks; None is never.
     """
 
     def __init__(
@@ -41,13 +43,15 @@ class LocalPool(Executor):
         seconds: float,
         warm: Callable[[], object],
         replaced: Callable[[str], object] = lambda cause: None,
+        tasks_each: int | None = None,
     ) -> None:
         self._tasks: SimpleQueue[Task | None] = SimpleQueue()
         self._closing = threading.Event()
         self._abandoned = threading.Event()
         self._submitting = threading.Lock()
         self._seats = [
-            Seat(self._tasks, self._closing, self._abandoned, seconds, warm, replaced) for _ in range(workers)
+            Seat(self._tasks, self._closing, self._abandoned, seconds, warm, replaced, tasks_each)
+            for _ in range(workers)
         ]
         for seat in self._seats:
             seat.start()

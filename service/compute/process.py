@@ -1,6 +1,7 @@
 """One worker process, and calls to it."""
 
 import multiprocessing
+import signal
 import time
 from collections.abc import Callable
 from multiprocessing.connection import Connection
@@ -54,7 +55,7 @@ class WorkerProcess:
         Raises
         ------
         TaskTimeLimitError
-            It took longer than `seconds`, and may still go on.
+            It took longer than `seconds`, and may still go on; or it used up its processor time, and is over.
         TaskGivenUpError
             No one waits for it any more; it may still go on.
         WorkerLostError
@@ -69,6 +70,9 @@ class WorkerProcess:
                     raise TaskGivenUpError("no one waits for the work any more")
             done, answer = self._connection.recv()
         except (EOFError, OSError) as error:
+            self._process.join(ASK_SECONDS)
+            if self._process.exitcode == -signal.SIGXCPU:
+                raise TaskTimeLimitError("the work took more processor time than the limit") from error
             raise WorkerLostError("the worker process died before it had answered; try again") from error
         if not done:
             raise answer

@@ -61,6 +61,7 @@ class Seat(threading.Thread):
         seconds: float,
         warm: Callable[[], object],
         replaced: Callable[[str], object],
+        tasks_each: int | None,
     ) -> None:
         super().__init__(daemon=True, name="isoshape-worker")
         self.pid: int | None = None
@@ -71,6 +72,8 @@ class Seat(threading.Thread):
         self._seconds = seconds
         self._warm = warm
         self._replaced = replaced
+        self._tasks_each = tasks_each
+        self._tasks_done = 0
         self._process: WorkerProcess | None = None
 
     def run(self) -> None:
@@ -90,6 +93,8 @@ class Seat(threading.Thread):
                 self.busy = True
                 self._do(task)
                 self.busy = False
+                if self._tasks_done == self._tasks_each:
+                    self._empty()
             # Not kept until the next one comes: its arguments may be large.
             del task
 
@@ -116,8 +121,10 @@ class Seat(threading.Thread):
             self._empty()
             task.set_exception(error)
         except Exception as error:
+            self._tasks_done += 1
             task.set_exception(error)
         else:
+            self._tasks_done += 1
             task.set_result(answer)
 
     def _hand_over(self, task: Task) -> WorkerProcess:
@@ -142,6 +149,7 @@ class Seat(threading.Thread):
             return False
         try:
             self._process = WorkerProcess()
+            self._tasks_done = 0
             # Whoever abandons the pool now sees the process and kills it; whoever did before, did not.
             if self._abandoned.is_set():
                 self._process.kill()

@@ -51,18 +51,30 @@ def embed_file(data: bytes, format: str, limits: Limits, parameters: Parameters)
     """
     start = time.perf_counter()
     mesh = read_mesh(data, format, limits=limits)
-    read = time.perf_counter()
+    read = 1e3 * (time.perf_counter() - start)
+    return embed_mesh(mesh, parameters, read)
+
+
+def embed_mesh(mesh: Mesh, parameters: Parameters, read: float) -> Embedded:
+    """Embed a mesh that took `read` milliseconds to read.
+
+    Raises
+    ------
+    MeshError
+        The mesh cannot be used; the subclass says why.
+    """
+    start = time.perf_counter()
     embedding = _pipeline(parameters).embed(mesh)
     if not _is_finite(embedding):
         raise DegenerateMeshError(
             "the mesh has no finite embedding: its coordinates are too large, or its surface too thin"
         )
-    done = time.perf_counter()
+    embed = 1e3 * (time.perf_counter() - start)
     return Embedded(
         record=embedding_to_bytes(embedding),
         signature=embedding.signature,
         facts=asdict(embedding.facts),
-        milliseconds={"read": 1e3 * (read - start), "embed": 1e3 * (done - read)},
+        milliseconds={"read": read, "embed": embed},
     )
 
 

@@ -1,15 +1,22 @@
 """The heavy work as the rest of the service sees it: awaited, bounded, and in the service's own errors."""
 
 import asyncio
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
 from contextlib import contextmanager
+from typing import ParamSpec, TypeVar
 
 from core.embedding import Match, Scores
+from core.errors import MeshTooComplexError
+from core.mesh import Mesh
 from core.pipeline import Pipeline
 from core.reading import Limits
-from service.compute.tasks import Embedded, embed_file, match_records, score_records
+from service.compute.sandbox import Readable, read_file
+from service.compute.tasks import Embedded, embed_mesh, match_records, score_records
 from service.errors import BusyError, FileTimeLimitError, TaskTimeLimitError
+
+P = ParamSpec("P")
+R = TypeVar("R")
 
 
 class Work:
@@ -18,11 +25,15 @@ class Work:
     Parameters
     ----------
     executor : Executor
-        Where it is done.
+        Where it is done, but for the reading of files.
+    readers : Executor
+        Where files are read: processes that `sandbox.enter` has confined.
     pipeline : Pipeline
         The workers make their own from its parameters.
     limits : Limits
         What a file may hold.
+    read_seconds : float
+        The processor time that reading a file may take.
     workers : int
         How many tasks the executor does at a time.
     waiting : int
@@ -30,11 +41,21 @@ class Work:
     """
 
     def __init__(
-        self, executor: Executor, pipeline: Pipeline, limits: Limits, *, workers: int, waiting: int
+        self,
+        executor: Executor,
+        readers: Executor,
+        pipeline: Pipeline,
+        limits: Limits,
+        *,
+        read_seconds: float,
+        workers: int,
+        waiting: int,
     ) -> None:
         self.pipeline = pipeline
         self._executor = executor
+        self._readers = readers
         self._limits = limits
+        self._read_seconds = read_seconds
         self._room = workers + waiting
         self._inside = 0
 
@@ -67,11 +88,17 @@ class Work:
 
     async def embed(self, data: bytes, format: str) -> Embedded:
         """Read a file and embed its mesh."""
-        task = self._executor.submit(embed_file, data, format, self._limits, self.pipeline.parameters)
+        reading = self._readers.submit(read_file, data, format, self._limits, self._read_seconds)
         try:
-            return await asyncio.wrap_future(task)
+            read: Readable = await asyncio.wrap_future(reading)
+            embedding = self._executor.submit(
+                embed_mesh, read.mesh, self.pipeline.parameters, read.milliseconds
+            )
+            return await asyncio.wrap_future(embedding)
         except TaskTimeLimitError as error:
             raise FileTimeLimitError(str(error)) from error
+        except MemoryError as error:
+            raise MeshTooComplexError("the mesh takes more memory than there is") from error
 
     async def score(self, query: bytes, records: Sequence[bytes]) -> Scores:
         """How alike the query is to each of c records: arrays of shape (c,), NaN where one cannot be read."""
@@ -84,3 +111,19 @@ class Work:
         return await asyncio.wrap_future(
             self._executor.submit(match_records, first, second, self.pipeline.parameters)
         )
+
+    async def read(self, data: bytes, format: str) -> Mesh:
+        """Read the mesh of a file."""
+        reading = self._readers.submit(read_file, data, format, self._limits, self._read_seconds)
+        try:
+            found: Readable = await asyncio.wrap_future(reading)
+        except TaskTimeLimitError as error:
+            raise FileTimeLimitError(str(error)) from error
+        return found.mesh
+
+    async def do(self, function: Callable[P, R], *arguments: P.args, **named: P.kwargs) -> R:
+        """What a function, which the workers import by its name, makes of the arguments."""
+        try:
+            return await asyncio.wrap_future(self._executor.submit(function, *arguments, **named))
+        except TaskTimeLimitError as error:
+            raise FileTimeLimitError(str(error)) from error

@@ -66,8 +66,8 @@ def names(running: Running) -> list[str]:
 @pytest.mark.parametrize(
     ("task", "path"),
     [
-        ("embed_file", "/shapes"),
-        ("embed_file", "/query"),
+        ("embed_mesh", "/shapes"),
+        ("embed_mesh", "/query"),
         ("score_records", "/query"),
         ("match_records", "/compare"),
     ],
@@ -78,7 +78,7 @@ def test_the_work_of_a_client_that_goes_away_is_stopped(
     pool, work = single.parts.pool, single.parts.work
     (first,) = single.client.get("/shapes", params={"name": "first"}).json()["shapes"]
     body = {
-        "embed_file": file_form(small_file(1), "gone.off"),
+        "embed_mesh": file_form(small_file(1), "gone.off"),
         "score_records": {"json": {"shape_id": first["id"], "exclude_self": False}},
         "match_records": {"json": {"first": first["id"], "second": first["id"]}},
     }[task]
@@ -106,7 +106,7 @@ def test_a_client_that_goes_away_while_it_waits_leaves_the_queue(
 ) -> None:
     pool, work = single.parts.pool, single.parts.work
     with monkeypatch.context() as patch:
-        patch.setattr(work_module, "embed_file", nap_instead)
+        patch.setattr(work_module, "embed_mesh", nap_instead)
         with send(single, "/query", **file_form(small_file(2), "works.off")):
             wait_until(lambda: at_work(pool), seconds=60)
             for number in (3, 4):
@@ -166,7 +166,7 @@ def test_a_service_that_is_asked_to_stop_refuses_what_it_cannot_finish(
 ) -> None:
     settings = settings_in(tmp_path, workers=1, shutdown_seconds=1)
     with serving(settings) as running, ThreadPoolExecutor(2) as others:
-        monkeypatch.setattr(work_module, "embed_file", nap_instead)
+        monkeypatch.setattr(work_module, "embed_mesh", nap_instead)
         half_sent = send(running, "/shapes", part=0.5, **file_form(small_file(2), "half sent.off"))
         sent = [
             others.submit(upload, running.client, small_file(0), "at work.off"),

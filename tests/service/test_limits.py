@@ -98,7 +98,7 @@ def test_work_that_takes_too_long_is_stopped_and_the_worker_replaced(
 ) -> None:
     before = strict.parts.pool.pids()
     with monkeypatch.context() as patch:
-        patch.setattr(work_module, "embed_file", nap_instead)
+        patch.setattr(work_module, "embed_mesh", nap_instead)
         problem = assert_problem(upload(strict.client, small_file(1), "slow.off"), 422, "file-time-limit")
     assert f"{TASK_SECONDS} s" in problem["detail"]
     wait_until(strict.parts.pool.pids, seconds=60)
@@ -122,7 +122,7 @@ def test_more_requests_than_may_wait_are_turned_away(
     strict: Running, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with monkeypatch.context() as patch, ThreadPoolExecutor(1) as others:
-        patch.setattr(work_module, "embed_file", nap_instead)
+        patch.setattr(work_module, "embed_mesh", nap_instead)
         first = others.submit(upload, strict.client, small_file(2), "first.off")
         wait_until(lambda: strict.parts.work._inside, seconds=10)
         shape = strict.client.get("/shapes").json()["shapes"][0]
@@ -146,7 +146,7 @@ def test_a_worker_that_is_killed_at_work_costs_one_request(
     wait_until(strict.parts.pool.pids, seconds=60)
     killer = threading.Timer(1, lambda: os.kill(strict.parts.pool.pids()[0], signal.SIGKILL))
     with monkeypatch.context() as patch:
-        patch.setattr(work_module, "embed_file", nap_instead)
+        patch.setattr(work_module, "embed_mesh", nap_instead)
         killer.start()
         assert_problem(upload(strict.client, small_file(4), "killed.off"), 503, "worker-lost")
     killer.join()

@@ -154,7 +154,7 @@ def test_queue_and_workers(running: Running, monkeypatch: pytest.MonkeyPatch) ->
         return bool(killed)
 
     with monkeypatch.context() as patch, ThreadPoolExecutor(1) as other:
-        patch.setattr(work_module, "embed_file", nap_instead)
+        patch.setattr(work_module, "embed_mesh", nap_instead)
         sent = other.submit(upload, running.client, small_file(5), "killed.off")
         wait_until(kill, seconds=60)
         assert sent.result().status_code == 503
