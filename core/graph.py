@@ -231,14 +231,3 @@ def tree_distances(graph: SparseGraph, count: int) -> Floats:
 def graph_distances(graph: SparseGraph, count: int) -> Floats:
     """Path lengths between the samples along the sparse graph, shape (m, m)."""
     return np.asarray(dijkstra(symmetric(graph.edges, graph.lengths, count)))
-
-
-def geodesic_distances(graph: csr_array, samples: Ints) -> Floats:
-    """Path lengths between the samples over the whole mesh, shape (m, m): one search a sample."""
-    distances = geodesics(graph, samples)[samples]
-    return np.asarray(np.minimum(distances, distances.T))
-
-
-def geodesics(graph: csr_array, samples: Ints) -> Floats:
-    """Path lengths over the mesh from every vertex to the samples, shape (n, m): one search a sample."""
-    return np.ascontiguousarray(dijkstra(graph, indices=samples).T)

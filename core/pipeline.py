@@ -15,10 +15,10 @@ from core.combination import CALIBRATED, signature_evidence
 from core.embedding import Embedding, Facts, Match, Scores
 from core.errors import DegenerateMeshError, IncompatibleEmbeddingsError
 from core.frame import Frame, normal_frame
+from core.geodesics import geodesics
 from core.graph import (
     SparseGraph,
     edge_graph,
-    geodesics,
     graph_distances,
     sparse_graph,
     tree_distances,
@@ -140,7 +140,7 @@ class Pipeline:
         Along the tree and the sparse graph, between the samples alone.
         """
         if self.parameters.distances == "geodesic":
-            between = geodesics(graph, samples)[points]
+            between = geodesics(graph, samples, points)
             core = between[: len(samples)]
             core[:] = np.minimum(core, core.T)
             return between

@@ -13,7 +13,8 @@ from sklearn.manifold import MDS
 from core.cleaning import clean
 from core.farthest import farthest_points
 from core.frame import normal_frame
-from core.graph import edge_graph, geodesic_distances
+from core.geodesics import geodesic_distances
+from core.graph import edge_graph
 from core.mesh import Mesh
 from core.subdivision import refine
 from service.rivals.icp import closest_motion

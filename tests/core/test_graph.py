@@ -8,11 +8,11 @@ from scipy.sparse.csgraph import connected_components, dijkstra, minimum_spannin
 from scipy.spatial.distance import cdist
 
 from core.cleaning import clean, component_labels
+from core.geodesics import geodesic_distances
 from core.graph import (
     bridges,
     diagonals,
     edge_graph,
-    geodesic_distances,
     graph_distances,
     mesh_edges,
     sparse_graph,
