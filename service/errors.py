@@ -171,7 +171,11 @@ class SignatureLengthError(ServiceError):
     """The method gave a mesh a signature of another length than all others have."""
 
 
-class ArchiveTooNewError(Exception):
+class ArchiveError(Exception):
+    """An archive cannot be opened, checked, backed up or restored; the message says why."""
+
+
+class ArchiveTooNewError(ArchiveError):
     """The database was written by a newer version of the service, so this one does not start."""
 
 

@@ -13,6 +13,7 @@ from service.cli.console import fail
 from service.cli.server import PortError, StartError
 from service.client import ClientError
 from service.collections import CollectionError
+from service.errors import ArchiveError, ServiceError
 from service.settings import SettingsError
 
 COMMANDS = (
@@ -29,6 +30,9 @@ COMMANDS = (
     "correspondence",
     "sampling",
     "robustness",
+    "check",
+    "backup",
+    "restore",
     "key",
     "openapi",
 )
@@ -46,7 +50,7 @@ def _in_one_line(command: Callable[Arguments, None]) -> Callable[Arguments, None
             command(*args, **options)
         except (PortError, SettingsError) as error:
             fail(str(error), status=2)
-        except (ClientError, CollectionError, CoreError, StartError) as error:
+        except (ArchiveError, ClientError, CollectionError, CoreError, ServiceError, StartError) as error:
             fail(str(error))
         except BrokenExecutor:
             fail("a worker process died; there may be too little memory for so many")

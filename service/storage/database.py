@@ -10,7 +10,8 @@ from sqlalchemy.orm import Session
 from service.errors import StorageFullError, StorageUnavailableError
 from service.metrics import Metrics
 from service.storage.failures import translated
-from service.storage.sqlite import WRITES, open_sqlite
+from service.storage.lock import ArchiveLock
+from service.storage.sqlite import WRITES, open_sqlite, path_of
 from service.storage.tables import ArchiveRow
 
 
@@ -40,6 +41,7 @@ class Database:
         self._lock_seconds = lock_seconds
         self._one_writer = threading.Lock()
         self._engine = open_sqlite(make_url(url), lock_seconds=lock_seconds)
+        self._lock = ArchiveLock(path_of(url))
         self._writing_engine = self._engine.execution_options(**{WRITES: True})
 
     @contextmanager
@@ -78,8 +80,9 @@ class Database:
             session.scalars(select(ArchiveRow.revision)).one()
 
     def close(self) -> None:
-        """Close every connection."""
+        """Close every connection, and let others put another archive in the place of this one."""
         self._engine.dispose()
+        self._lock.release()
 
     @contextmanager
     def _measured(self, session: str) -> Iterator[None]:

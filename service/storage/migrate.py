@@ -1,5 +1,6 @@
 """Bring a database to the version of this code."""
 
+from collections.abc import Iterable
 from pathlib import Path
 
 from alembic import command
@@ -21,19 +22,32 @@ def migrate(database: Database) -> None:
     ArchiveTooNewError
         A newer version of the service has changed the database in ways this one does not know.
     """
+    config = _config()
+    with database.connect() as connection:
+        check_known(MigrationContext.configure(connection).get_current_heads())
+        config.attributes["connection"] = connection
+        command.upgrade(config, "head")
+
+
+def check_known(versions: Iterable[str]) -> None:
+    """Raise unless this code knows the versions that a database says it has.
+
+    Raises
+    ------
+    ArchiveTooNewError
+    """
+    known = {script.revision for script in ScriptDirectory.from_config(_config()).walk_revisions()}
+    unknown = sorted(set(versions) - known)
+    if unknown:
+        raise ArchiveTooNewError(
+            f"the database has version {', '.join(unknown)}, which this Isoshape does not know: it was "
+            f"written by a newer one. Use that one, or restore a backup made before the upgrade."
+        )
+
+
+def _config() -> Config:
     config = Config()
     # Alembic reads the value as a template, in which a percent sign is doubled.
     config.set_main_option("script_location", str(_FOLDER).replace("%", "%%"))
     config.set_main_option("path_separator", "os")
-    scripts = ScriptDirectory.from_config(config)
-    known = {script.revision for script in scripts.walk_revisions()}
-    with database.connect() as connection:
-        present = MigrationContext.configure(connection).get_current_heads()
-        unknown = sorted(set(present) - known)
-        if unknown:
-            raise ArchiveTooNewError(
-                f"the database has version {', '.join(unknown)}, which this Isoshape does not know: it was "
-                f"written by a newer one. Use that one, or restore a backup made before the upgrade."
-            )
-        config.attributes["connection"] = connection
-        command.upgrade(config, "head")
+    return config

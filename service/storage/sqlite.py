@@ -4,12 +4,19 @@ from pathlib import Path
 from sqlite3 import sqlite_version_info
 from typing import Any
 
-from sqlalchemy import Connection, Engine, create_engine, event
+from sqlalchemy import Connection, Engine, create_engine, event, make_url
 from sqlalchemy.engine import URL
 
 from service.errors import StorageUnavailableError
 
 WRITES = "isoshape_writes"
+
+
+def path_of(url: str) -> Path:
+    """The file that an SQLAlchemy URL of SQLite names."""
+    database = make_url(url).database
+    assert database is not None
+    return Path(database)
 
 
 def open_sqlite(url: URL, *, lock_seconds: float) -> Engine:

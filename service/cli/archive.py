@@ -1,0 +1,25 @@
+"""What the commands on an archive's file share."""
+
+from pathlib import Path
+
+from service.cli.console import output
+from service.settings import load_settings
+from service.storage.checking import Report
+from service.storage.sqlite import path_of
+
+
+def archive_in_use() -> Path:
+    """The file that ISOSHAPE_DATABASE_URL names, or the one that a service without it would use."""
+    return path_of(load_settings().database_url)
+
+
+def print_counts(report: Report) -> None:
+    """Print what an archive holds."""
+    console = output()
+    console.print(
+        f"{report.shapes} shapes on {report.blobs} files of {report.bytes} bytes, "
+        f"{report.embeddings} embeddings",
+        soft_wrap=True,
+    )
+    for fingerprint, count in sorted(report.pipelines.items()):
+        console.print(f"pipeline {fingerprint}: {count} embeddings", soft_wrap=True)

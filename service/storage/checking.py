@@ -1,0 +1,170 @@
+"""Whether an archive is whole: its file, its references, its blobs and its embeddings.
+
+Plain SQL on columns that every version of the archive has, so that an older one is checked as it stands.
+Blobs and embeddings are read in batches, each in a transaction of its own: a service may write in between.
+"""
+
+import hashlib
+import sqlite3
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from core.embedding import Embedding
+from core.errors import BadRecordError
+from core.records import embedding_from_bytes
+from service.storage.archive_file import check_version, connect, reason
+
+# What a batch may hold is read while writers wait.
+BLOBS_AT_ONCE = 8
+EMBEDDINGS_AT_ONCE = 256
+MOST_INTEGRITY_FAULTS = 100
+
+REFERENCES = {
+    "blob {} has no shape": """
+        SELECT number FROM blobs
+        WHERE NOT EXISTS (SELECT 1 FROM shapes WHERE shapes.blob_number = blobs.number)""",
+    "shape {} has no embedding": """
+        SELECT id FROM shapes
+        WHERE NOT EXISTS (SELECT 1 FROM embeddings WHERE embeddings.blob_number = shapes.blob_number
+                          AND embeddings.format = shapes.format)""",
+    "embedding {} has no shape": """
+        SELECT number FROM embeddings
+        WHERE NOT EXISTS (SELECT 1 FROM shapes WHERE shapes.blob_number = embeddings.blob_number
+                          AND shapes.format = embeddings.format)""",
+    "shape {} is there, and is among those that were deleted": """
+        SELECT id FROM shapes JOIN removals ON removals.shape_number = shapes.number""",
+    "shape {} has a revision that the archive has not reached": """
+        SELECT id FROM shapes WHERE revision > (SELECT max(revision) FROM archive)""",
+    "the removal of shape number {} has a revision that the archive has not reached": """
+        SELECT shape_number FROM removals WHERE revision > (SELECT max(revision) FROM archive)""",
+    "the archive has {} rows about itself, not one": """
+        SELECT n FROM (SELECT count(*) AS n FROM archive) WHERE n <> 1""",
+}
+"""What must not be there, and the query that finds it."""
+
+
+@dataclass
+class Report:
+    """What an archive holds, and what is wrong with it.
+
+    Attributes
+    ----------
+    shapes, blobs, embeddings : int
+        How many were seen.
+    bytes : int
+        Of all blobs.
+    pipelines : dict
+        How many embeddings each fingerprint has.
+    faults : list of str
+        Each with the name of what it is found in; none for an archive that is whole.
+    """
+
+    shapes: int = 0
+    blobs: int = 0
+    embeddings: int = 0
+    bytes: int = 0
+    pipelines: dict[str, int] = field(default_factory=dict)
+    faults: list[str] = field(default_factory=list)
+
+
+def check(path: Path, *, lock_seconds: float) -> Report:
+    """Check the archive in a file, which a service may be using.
+
+    Raises
+    ------
+    ArchiveError
+        There is no archive to check, or a newer version wrote it.
+    """
+    report = Report()
+    with closing(connect(path, lock_seconds=lock_seconds)) as connection:
+        check_version(connection, path)
+        for part in (_file, _references, _blobs, _embeddings):
+            try:
+                part(connection, report)
+            except sqlite3.Error as error:
+                report.faults.append(f"the file cannot be read: {reason(error)}")
+    return report
+
+
+def _file(connection: sqlite3.Connection, report: Report) -> None:
+    """SQLite's own check of pages, indexes and constraints, and the foreign keys."""
+    for (said,) in connection.execute(f"PRAGMA integrity_check({MOST_INTEGRITY_FAULTS})"):
+        if said != "ok":
+            report.faults.append(f"the file: {said}")
+    for table, row, parent, _ in connection.execute("PRAGMA foreign_key_check"):
+        report.faults.append(f"{table} row {row} refers to a row of {parent} that is not there")
+
+
+def _references(connection: sqlite3.Connection, report: Report) -> None:
+    """What foreign keys do not say; one transaction sees all of it."""
+    connection.execute("BEGIN")
+    try:
+        (report.shapes,) = connection.execute("SELECT count(*) FROM shapes").fetchone()
+        for fault, query in REFERENCES.items():
+            report.faults.extend(fault.format(name) for (name,) in connection.execute(query))
+    finally:
+        connection.execute("ROLLBACK")
+
+
+def _blobs(connection: sqlite3.Connection, report: Report) -> None:
+    def check_blob(number: int, sha256: str, size: int, data: bytes) -> Iterator[str]:
+        report.blobs += 1
+        report.bytes += len(data)
+        if len(data) != size:
+            yield f"blob {number} has {len(data)} bytes, not {size}"
+        if hashlib.sha256(data).hexdigest() != sha256:
+            yield f"blob {number} does not have the SHA-256 {sha256}"
+
+    _each(connection, "blobs", "sha256, size, data", BLOBS_AT_ONCE, check_blob, report)
+
+
+def _embeddings(connection: sqlite3.Connection, report: Report) -> None:
+    forms: dict[str, object] = {}
+
+    def check_embedding(number: int, fingerprint: str, signature: bytes, record: bytes) -> Iterator[str]:
+        report.embeddings += 1
+        report.pipelines[fingerprint] = report.pipelines.get(fingerprint, 0) + 1
+        try:
+            embedding = embedding_from_bytes(record)
+        except BadRecordError as error:
+            yield f"embedding {number} cannot be read: {error}"
+            return
+        if embedding.fingerprint != fingerprint:
+            yield f"embedding {number} is of {embedding.fingerprint}, and stored as one of {fingerprint}"
+        if not np.array_equal(np.frombuffer(signature, np.uint8), embedding.signature.view(np.uint8)):
+            yield f"embedding {number} has a signature beside it that is not its own"
+        if forms.setdefault(fingerprint, _form(embedding)) != _form(embedding):
+            yield f"embedding {number} has other dimensions than the first of {fingerprint}"
+
+    columns = "fingerprint, signature, record"
+    _each(connection, "embeddings", columns, EMBEDDINGS_AT_ONCE, check_embedding, report)
+
+
+def _form(embedding: Embedding) -> object:
+    """What all embeddings of one pipeline have alike."""
+    return len(embedding.signature), [(each.name, each.coordinates.shape[1]) for each in embedding.spectra]
+
+
+def _each(
+    connection: sqlite3.Connection,
+    table: str,
+    columns: str,
+    at_once: int,
+    faults_of: Callable[..., Iterator[str]],
+    report: Report,
+) -> None:
+    """Check the rows of a table, in the order of their numbers."""
+    query = f"SELECT number, {columns} FROM {table} WHERE number > ? ORDER BY number LIMIT ?"
+    last, more = -1, True
+    while more:
+        more = False
+        for row in connection.execute(query, (last, at_once)):
+            more, last = True, row[0]
+            try:
+                report.faults.extend(faults_of(*row))
+            except (TypeError, AttributeError):
+                report.faults.append(f"{table} row {last} has a value of the wrong kind")

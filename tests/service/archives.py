@@ -1,0 +1,49 @@
+"""Archives made without a service, to be checked, copied and spoilt."""
+
+import sqlite3
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from functools import cache
+from pathlib import Path
+
+from core.parameters import DEFAULT
+from core.reading import Limits
+from service.compute.tasks import Embedded, embed_file
+from service.shapes.records import NewShape
+from service.shapes.service import _store
+from service.storage.database import Database
+from service.storage.migrate import migrate
+from tests.service.support import small_file
+
+
+@cache
+def embedded(number: int) -> Embedded:
+    return embed_file(small_file(number), "off", Limits(), DEFAULT)
+
+
+def make_archive(path: Path, *numbers: int) -> Path:
+    """An archive that holds the small files of these numbers, each under its number."""
+    database = Database(f"sqlite:///{path}", lock_seconds=5)
+    migrate(database)
+    for number in numbers:
+        new = NewShape(small_file(number), "off", str(number), (f"tag {number}",), {"number": number})
+        assert _store(database, DEFAULT.fingerprint, new, embedded(number))
+    database.close()
+    return path
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[sqlite3.Connection]:
+    """The file, as whoever knows no rules would open it: without foreign keys, each statement for itself."""
+    with closing(sqlite3.connect(path, isolation_level=None)) as connection:
+        yield connection
+
+
+def change(path: Path, statement: str, *values: object) -> None:
+    with opened(path) as connection:
+        connection.execute(statement, values)
+
+
+def names(path: Path) -> list[str]:
+    with opened(path) as connection:
+        return [name for (name,) in connection.execute("SELECT name FROM shapes ORDER BY number")]

@@ -1,0 +1,205 @@
+"""`isoshape check`: an archive that is whole, and every way in which one is not."""
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from safetensors.numpy import load, save
+from typer.testing import CliRunner, Result
+
+from core.parameters import DEFAULT
+from service.cli.commands import command_line
+from service.errors import ArchiveError, ArchiveTooNewError
+from service.storage.checking import Report, check
+from tests.service.archives import change, embedded, make_archive, opened
+from tests.service.support import small_file
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return make_archive(tmp_path_factory.mktemp("whole") / "archive.sqlite3", 0, 1, 2)
+
+
+@pytest.fixture
+def archive(whole: Path, tmp_path: Path) -> Path:
+    """A copy to spoil."""
+    return Path(shutil.copy(whole, tmp_path / "archive.sqlite3"))
+
+
+def faults(path: Path) -> list[str]:
+    return check(path, lock_seconds=1).faults
+
+
+def test_what_is_whole_has_no_faults_and_is_counted(whole: Path) -> None:
+    assert check(whole, lock_seconds=1) == Report(
+        shapes=3,
+        blobs=3,
+        embeddings=3,
+        bytes=sum(len(small_file(number)) for number in range(3)),
+        pipelines={DEFAULT.fingerprint: 3},
+        faults=[],
+    )
+
+
+def spoilt(change: Callable[[dict[str, np.ndarray]], object]) -> bytes:
+    """The second shape's record with some arrays changed."""
+    arrays = {name: array.copy() for name, array in load(embedded(1).record).items()}
+    change(arrays)
+    return save(arrays)
+
+
+def set_nan(arrays: dict[str, np.ndarray]) -> None:
+    arrays["coordinates_1"][7, 2] = np.nan
+
+
+def set_double(arrays: dict[str, np.ndarray]) -> None:
+    arrays["positions"] = arrays["positions"].astype(np.float64)
+
+
+def set_short(arrays: dict[str, np.ndarray]) -> None:
+    arrays["regions"] = arrays["regions"][:-1]
+
+
+def set_dimensions(arrays: dict[str, np.ndarray]) -> None:
+    arrays["coordinates_0"] = np.ascontiguousarray(arrays["coordinates_0"][:, :-1])
+
+
+def set_fingerprint(arrays: dict[str, np.ndarray]) -> None:
+    text = arrays["header"].tobytes().replace(DEFAULT.fingerprint.encode(), b"0" * 16)
+    arrays["header"] = np.frombuffer(text, np.uint8)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "fault"),
+    [
+        (set_nan, "embedding 2 cannot be read: not an embedding: laplace-beltrami coordinates"),
+        (set_double, "embedding 2 cannot be read: not an embedding: positions is of type float64"),
+        (set_short, "embedding 2 cannot be read: not an embedding: affinity coordinates has the shape"),
+        (set_dimensions, f"embedding 2 has other dimensions than the first of {DEFAULT.fingerprint}"),
+        (set_fingerprint, "embedding 2 is of 0000000000000000, and stored as one of"),
+    ],
+)
+def test_a_spoilt_embedding_is_named(
+    archive: Path, spoil: Callable[[dict[str, np.ndarray]], object], fault: str
+) -> None:
+    change(archive, "UPDATE embeddings SET record = ? WHERE number = 2", spoilt(spoil))
+    (found,) = faults(archive)
+    assert found.startswith(fault)
+
+
+@pytest.mark.parametrize(
+    ("statement", "expected"),
+    [
+        ("UPDATE embeddings SET record = x'00' WHERE number = 3", ["embedding 3 cannot be read"]),
+        ("UPDATE embeddings SET record = 'text' WHERE number = 3", ["embedding 3 cannot be read"]),
+        ("UPDATE embeddings SET signature = 'text' WHERE number = 3", ["embeddings row 3 has a value"]),
+        ("UPDATE embeddings SET signature = x'00000000' WHERE number = 1", ["embedding 1 has a signature"]),
+        ("UPDATE blobs SET data = x'00' WHERE number = 1", ["blob 1 has 1 bytes", "blob 1 does not have"]),
+        (
+            "UPDATE blobs SET data = 'text' WHERE number = 1",
+            ["blob 1 has 4 bytes", "blobs row 1 has a value"],
+        ),
+        ("UPDATE blobs SET size = 5 WHERE number = 2", ["blob 2 has"]),
+        (
+            "DELETE FROM blobs WHERE number = 2",
+            ["shapes row 2 refers to a row of blobs", "embeddings row 2 refers to a row of blobs"],
+        ),
+        (
+            "INSERT INTO blobs SELECT 9, '00', size, data FROM blobs WHERE number = 1",
+            ["blob 9 has no shape", "blob 9 does not have the SHA-256"],
+        ),
+        ("UPDATE shape_tags SET shape_number = 77 WHERE shape_number = 3", ["shape_tags row 3 refers"]),
+        ("UPDATE shape_metadata SET shape_number = 77 WHERE shape_number = 3", ["shape_metadata row 3"]),
+        ("UPDATE embeddings SET format = 'ply' WHERE number = 3", ["shape ", "embedding 3 has no shape"]),
+        ("INSERT INTO removals VALUES (2, 3)", ["shape "]),
+        ("INSERT INTO removals VALUES (99, 99)", ["the removal of shape number 99"]),
+        ("UPDATE shapes SET revision = 1000 WHERE number = 1", ["shape "]),
+        ("DELETE FROM archive", ["the archive has 0 rows about itself"]),
+        ("INSERT INTO archive VALUES (2, 0)", ["the archive has 2 rows about itself"]),
+    ],
+)
+def test_a_spoilt_row_is_named(archive: Path, statement: str, expected: list[str]) -> None:
+    change(archive, statement)
+    found = faults(archive)
+    assert len(found) == len(expected), found
+    for beginning in expected:
+        assert any(fault.startswith(beginning) for fault in found), found
+
+
+def test_a_flipped_bit_of_a_file_is_found(archive: Path) -> None:
+    data = bytearray(small_file(1))
+    data[100] ^= 1
+    change(archive, "UPDATE blobs SET data = ? WHERE number = 2", bytes(data))
+    assert [fault.split(" the SHA-256")[0] for fault in faults(archive)] == ["blob 2 does not have"]
+
+
+def found_out(path: Path) -> bool:
+    """Whether there are faults, or so many that it is no archive any more."""
+    try:
+        return bool(faults(path))
+    except ArchiveError:
+        return True
+
+
+def test_no_page_can_be_lost_unnoticed(whole: Path, archive: Path) -> None:
+    """Nor ends the check in an error of its own. Free pages hold nothing, and there are none after VACUUM."""
+    change(archive, "VACUUM")
+    good = archive.read_bytes()
+    with opened(archive) as connection:
+        (size,) = connection.execute("PRAGMA page_size").fetchone()
+    noise = np.random.default_rng(0).bytes(size)
+    for start in range(0, len(good), size):
+        archive.write_bytes(good[:start] + noise + good[start + size :])
+        assert found_out(archive), f"page {start // size}"
+    archive.write_bytes(good)
+    assert faults(archive) == []
+
+
+def test_a_file_cut_short_is_found(archive: Path) -> None:
+    good = archive.read_bytes()
+    for share in (0.3, 0.6, 0.9):
+        archive.write_bytes(good[: int(len(good) * share)])
+        assert found_out(archive)
+
+
+def test_what_is_no_archive_is_refused_and_left_alone(tmp_path: Path, archive: Path) -> None:
+    missing, other, empty = tmp_path / "missing", tmp_path / "text", tmp_path / "empty"
+    other.write_text("no database " * 1000)
+    empty.touch()
+    for path in (missing, other, empty, tmp_path):
+        with pytest.raises(ArchiveError):
+            check(path, lock_seconds=1)
+    assert not missing.exists()
+    assert empty.stat().st_size == 0
+    change(archive, "UPDATE alembic_version SET version_num = '9999'")
+    with pytest.raises(ArchiveTooNewError, match="9999"):
+        check(archive, lock_seconds=1)
+
+
+def run(*arguments: object) -> Result:
+    return CliRunner().invoke(command_line(["check"]), ["check", *map(str, arguments)])
+
+
+def test_the_command_prints_counts_and_faults_and_its_status_tells(
+    archive: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("ISOSHAPE_DATABASE_URL", f"sqlite:///{archive}")
+    done = run()
+    assert done.exit_code == 0, done.output
+    assert f"pipeline {DEFAULT.fingerprint}: 3 embeddings" in done.stdout
+    assert done.stdout.startswith("3 shapes on 3 files of ")
+    change(archive, "UPDATE blobs SET size = 5 WHERE number = 2")
+    done = run(archive)
+    assert done.exit_code == 1
+    assert "blob 2 has " in done.stdout
+    done = run("--json")
+    assert done.exit_code == 1
+    told = json.loads(done.stdout)
+    assert (told["archive"], told["shapes"], told["blobs"]) == (str(archive), 3, 3)
+    assert [fault.split(" has ")[0] for fault in told["faults"]] == ["blob 2"]
+    done = run(archive.with_name("missing"))
+    assert done.exit_code == 1
+    assert "there is no archive at" in done.stderr
