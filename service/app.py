@@ -21,7 +21,9 @@ from service.endpoints import router as service_router
 from service.metrics import Metrics
 from service.middleware import BodyLimit, RequestContext
 from service.openapi import DESCRIPTION, TAGS, describe
+from service.page.endpoints import router as page_router
 from service.parts import Parts
+from service.pictures.endpoints import router as pictures_router
 from service.problems import handle_problems
 from service.search.endpoints import router as search_router
 from service.search.signatures import SignatureIndex
@@ -63,11 +65,16 @@ def create_app(settings: Settings) -> FastAPI:
         openapi_tags=TAGS,
         lifespan=lifespan,
         redirect_slashes=False,
+        # The framework's own pages take their scripts from a public server.
+        docs_url=None,
+        redoc_url=None,
     )
     app.include_router(search_router)
     app.include_router(shapes_router)
     app.include_router(session_router)
     app.include_router(service_router)
+    app.include_router(pictures_router)
+    app.include_router(page_router)
     app.add_middleware(AccessControl, gate=gate)
     app.add_middleware(BodyLimit, file_bytes=settings.max_upload_bytes)
     app.add_middleware(RequestContext, metrics=metrics)

@@ -1,7 +1,7 @@
 """The addresses that tell of the service itself."""
 
 from fastapi import APIRouter, Request, Response
-from fastapi.responses import PlainTextResponse, RedirectResponse
+from fastapi.responses import PlainTextResponse
 from prometheus_client.exposition import choose_encoder
 from starlette.concurrency import run_in_threadpool
 
@@ -12,12 +12,6 @@ from service.problems import documented, problem_response
 from service.system import VERSION, Health, Readiness, Version
 
 router = APIRouter(tags=["service"])
-
-
-@router.get("/", include_in_schema=False)
-async def index() -> RedirectResponse:
-    """Send a browser to the documentation."""
-    return RedirectResponse("/docs")
 
 
 @router.get("/healthz", summary="Is the process alive?")
@@ -32,14 +26,14 @@ async def healthz() -> Health:
 async def readyz(parts: Service) -> Readiness | Response:
     """Asks the database for a row, and a worker for an answer."""
     faults = []
-    if not await run_in_threadpool(parts.readers.ready):
-        faults.append("no process that reads uploads is ready yet")
     try:
         await run_in_threadpool(parts.database.ping)
     except ServiceError as error:
         faults.append(str(error))
     if not await run_in_threadpool(parts.pool.ready):
         faults.append("no worker process is ready yet")
+    if not await run_in_threadpool(parts.readers.ready):
+        faults.append("no process that reads uploads is ready yet")
     if faults:
         return problem_response("not-ready", "; ".join(faults), retry_after=1)
     return Readiness()

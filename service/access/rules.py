@@ -13,8 +13,6 @@ PUBLIC = frozenset(
     {
         ("GET", "/"),
         ("GET", "/docs"),
-        ("GET", "/docs/oauth2-redirect"),
-        ("GET", "/redoc"),
         ("GET", "/openapi.json"),
         ("GET", "/healthz"),
         ("GET", "/readyz"),
@@ -23,13 +21,18 @@ PUBLIC = frozenset(
     }
 )
 
+# The files of the page, which hold no data.
+PAGE_FILES = "/page/"
+
 # They send something, and change nothing that is stored.
-READING_POSTS = frozenset({"/query", "/compare", "/session"})
+READING_POSTS = frozenset({"/query", "/compare", "/preview", "/session"})
 
 
 def needed(method: str, path: str) -> Level | None:
     """The level that a request needs; None for one that anybody may make."""
     if ("GET" if method == "HEAD" else method, path) in PUBLIC:
+        return None
+    if method in SAFE_METHODS and path.startswith(PAGE_FILES):
         return None
     if method in SAFE_METHODS or (method == "POST" and path in READING_POSTS):
         return "read"

@@ -17,6 +17,7 @@ from core.parameters import Parameters
 from core.pipeline import Pipeline
 from core.reading import Limits, read_mesh, write_mesh
 from core.records import embedding_from_bytes, embedding_to_bytes
+from service.pictures.thumbnail import SIZES, draw
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,6 +119,7 @@ def warm(parameters: Parameters) -> None:
     record = embed_file(data, "ply", limits, parameters).record
     score_records(record, [record], parameters)
     match_records(record, record, parameters)
+    draw(_bumpy_sheet(), "ply", SIZES[0])
     threadpool_limits(1)
 
 

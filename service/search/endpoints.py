@@ -1,18 +1,21 @@
 """The addresses /query and /compare."""
 
-from typing import Any, TypeVar
+from typing import Annotated, Any, Literal, TypeVar
 
-from fastapi import APIRouter, Request
+from fastapi import APIRouter, Query, Request, Response
 from pydantic import BaseModel, ValidationError
 
 from core.reading import format_of
 from service.dependencies import Service
 from service.disconnect import while_connected
 from service.errors import BadRequestFieldsError, FieldFault, UnsupportedBodyError
+from service.page.answers import comparing_page
 from service.parts import Parts
+from service.pictures import service as pictures
+from service.pictures.glb import MEDIA_TYPE
 from service.problems import documented, faults_of
 from service.search import service
-from service.search.records import Answer, Options
+from service.search.records import Answer, Comparison, Options
 from service.search.schemas import CompareAnswer, CompareRequest, QueryAnswer, QueryOptions, StoredQuery
 from service.shapes.documentation import FILE_FIELD, FILE_PROBLEMS
 from service.shapes.records import ShapeFilter
@@ -77,25 +80,59 @@ async def query(request: Request, parts: Service) -> QueryAnswer:
 @router.post(
     "/compare",
     summary="Compare two stored shapes",
-    responses=documented(
-        "bad-request",
-        "bad-request-fields",
-        "body-too-large",
-        "shape-not-found",
-        "not-embedded",
-        "busy",
-        "shutting-down",
-        "worker-lost",
-        "time-limit",
-        "storage-unavailable",
-    ),
+    response_model=CompareAnswer,
+    responses={
+        200: {
+            "description": "The scores and the points; or a GLB with both meshes; or a page that shows them.",
+            "content": {
+                MEDIA_TYPE: {"schema": {"type": "string", "contentMediaType": MEDIA_TYPE}},
+                "text/html": {"schema": {"type": "string"}},
+            },
+        },
+        **documented(
+            "bad-request",
+            "bad-request-fields",
+            "body-too-large",
+            "shape-not-found",
+            "not-embedded",
+            "busy",
+            "shutting-down",
+            "worker-lost",
+            "time-limit",
+            "file-time-limit",
+            "storage-unavailable",
+        ),
+    },
 )
-async def compare(pair: CompareRequest, request: Request, parts: Service) -> CompareAnswer:
+async def compare(
+    pair: CompareRequest,
+    request: Request,
+    parts: Service,
+    format: Annotated[
+        Literal["json", "glb", "html"],
+        Query(
+            description="glb is both meshes side by side, points that correspond coloured alike; html a page "
+            "that shows them in a browser that may ask this service for the two shapes."
+        ),
+    ] = "json",
+) -> CompareAnswer | Response:
     """How alike two stored shapes are, and which of their points correspond."""
     stages = Stages()
+
+    async def compared() -> tuple[Comparison, bytes]:
+        found = await service.compare(parts, pair.first, pair.second, stages)
+        if format != "glb":
+            return found, b""
+        with stages.stage("draw"):
+            return found, await pictures.coloured(parts, pair.first, pair.second, found)
+
     with parts.work.admitted():
-        comparison = await while_connected(request, service.compare(parts, pair.first, pair.second, stages))
+        comparison, glb = await while_connected(request, compared())
     parts.metrics.stages("compare", stages.milliseconds)
+    if format == "glb":
+        return Response(glb, media_type=MEDIA_TYPE)
+    if format == "html":
+        return comparing_page(pair.first, pair.second)
     return CompareAnswer.of(comparison, pipeline=parts.fingerprint, milliseconds=stages.so_far())
 
 
@@ -169,6 +206,7 @@ def _options(given: QueryOptions, parts: Parts, *, exclude_self: bool) -> Option
         filter=ShapeFilter(tags=tuple(given.filter)),
         exclude_self=exclude_self if given.exclude_self is None else given.exclude_self,
         correspondences=given.correspondences,
+        embedding=given.embedding,
         shortlist_from=parts.settings.shortlist_from,
         shortlist_length=parts.settings.shortlist_length,
     )

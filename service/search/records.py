@@ -17,6 +17,7 @@ class Options:
     filter: ShapeFilter
     exclude_self: bool
     correspondences: bool
+    embedding: bool
     shortlist_from: int
     shortlist_length: int
 
@@ -53,9 +54,13 @@ class Found:
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """What a search found; `best_cc` is the highest of all that were compared, if any were."""
+    """What a search found.
+
+    `best_cc` is the highest of all that were compared, if any were; `embedding` the query's, if asked for.
+    """
 
     found: list[Found]
     best_cc: float | None
     compared: int
     stored: int
+    embedding: Embedding | None

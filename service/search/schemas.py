@@ -7,7 +7,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from service.search.ranking import RankBy
 from service.search.records import Answer, Comparison, Found
 from service.shapes.fields import ListedTags
-from service.shapes.schemas import SHAPE, Shape
+from service.shapes.schemas import SHAPE, EmbeddingArrays, Shape
 
 PIPELINE = "3f1c9a7be2d40586"
 MILLISECONDS: dict[str, Any] = {
@@ -64,6 +64,9 @@ class QueryOptions(BaseModel):
     )
     correspondences: bool = Field(
         default=False, description="Give with each result the points of the two shapes that correspond."
+    )
+    embedding: bool = Field(
+        default=False, description="Give the query's own embedding, as of a stored shape /embedding does."
     )
 
 
@@ -137,6 +140,7 @@ class QueryAnswer(BaseModel):
     stored: int = Field(description="How many shapes are stored.")
     pipeline: str = Field(description="Fingerprint of the pipeline that made and compared the embeddings.")
     milliseconds: dict[str, float] = Field(description="How long each stage took, and all of it.")
+    embedding: EmbeddingArrays | None = Field(default=None, description="Of the query, if asked for.")
 
     @classmethod
     def of(
@@ -150,6 +154,7 @@ class QueryAnswer(BaseModel):
             stored=answer.stored,
             pipeline=pipeline,
             milliseconds=milliseconds,
+            embedding=None if answer.embedding is None else EmbeddingArrays.of(answer.embedding),
         )
 
 

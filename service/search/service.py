@@ -58,6 +58,7 @@ async def search(parts: Parts, query: Query, options: Options, stages: Stages) -
         best_cc=float(compared.cc.max()) if len(compared.cc) else None,
         compared=len(compared.shapes),
         stored=chosen.stored,
+        embedding=embedding_from_bytes(query.record) if options.embedding else None,
     )
 
 

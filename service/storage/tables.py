@@ -123,3 +123,15 @@ class ArchiveRow(Table):
 
     number: Mapped[int] = mapped_column(primary_key=True, autoincrement=False)
     revision: Mapped[int]
+
+
+class ThumbnailRow(Table):
+    """A picture of a blob read in one format, `size` pixels a side; `drawing` tells how it was drawn."""
+
+    __tablename__ = "thumbnails"
+
+    blob_number: Mapped[int] = mapped_column(ForeignKey("blobs.number", ondelete="CASCADE"), primary_key=True)
+    format: Mapped[str] = mapped_column(String(8), primary_key=True)
+    size: Mapped[int] = mapped_column(primary_key=True, autoincrement=False)
+    drawing: Mapped[int]
+    data: Mapped[bytes] = mapped_column(LargeBinary)

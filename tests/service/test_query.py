@@ -22,7 +22,9 @@ def test_an_answer_has_the_names_that_scripts_rely_on(stocked: Running) -> None:
     answer = query(stocked.client, small_file(20))
     assert answer.status_code == 200, answer.text
     body = answer.json()
-    assert set(body) == {"results", "matched", "compared", "stored", "pipeline", "milliseconds"}
+    names = {"results", "matched", "compared", "stored", "pipeline", "milliseconds"}
+    assert set(body) == {*names, "embedding"}
+    assert body["embedding"] is None
     assert (body["compared"], body["stored"]) == (8, 8)
     assert body["pipeline"] == stocked.client.get("/version").json()["fingerprint"]
     assert [result["rank"] for result in body["results"]] == [1, 2, 3]

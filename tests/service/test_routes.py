@@ -25,12 +25,11 @@ OPEN = {
     # Not in the document: where it is shown.
     ("GET", "/"),
     ("GET", "/docs"),
-    ("GET", "/docs/oauth2-redirect"),
-    ("GET", "/redoc"),
+    ("GET", "/page/{name:path}"),
     ("GET", "/openapi.json"),
 }
 # Beside GET and HEAD. Any other method changes something.
-READING = {("POST", "/query"), ("POST", "/compare"), ("POST", "/session")}
+READING = {("POST", "/query"), ("POST", "/compare"), ("POST", "/preview"), ("POST", "/session")}
 
 DOCUMENTED = {
     (method.upper(), path): operation

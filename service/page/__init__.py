@@ -1,0 +1,1 @@
+"""The page at /, what it is made of, and the documentation of the interface at /docs."""

@@ -1,0 +1,94 @@
+// Asking which stored shapes are alike: with a file, or with a stored shape.
+
+import { address, ask, askWith, send } from "./api.js";
+import { storedGlb } from "./comparison.js";
+import { byId, listed, onDrop, showTrouble } from "./dom.js";
+import { showResults } from "./results.js";
+
+/** @import { Answer } from "./types.js" */
+
+const chosen = byId("find-file", HTMLInputElement);
+const progress = byId("find-progress", HTMLElement);
+const stage = byId("find-stage", HTMLElement);
+const bar = byId("find-bar", HTMLProgressElement);
+const trouble = byId("find-trouble", HTMLElement);
+
+/** @type {AbortController | null} */
+let running = null;
+
+function options() {
+  return {
+    top_k: byId("find-count", HTMLSelectElement).value,
+    rank_by: byId("find-rank", HTMLSelectElement).value,
+    filter: listed(byId("find-tags", HTMLInputElement).value),
+    correspondences: "true",
+    embedding: "true",
+  };
+}
+
+/** @param {number} share Of the file that has gone; 1 for all. */
+function went(share) {
+  if (share < 1) {
+    stage.textContent = "Uploading";
+    bar.value = share;
+  } else {
+    stage.textContent = "Embedding and comparing";
+    bar.removeAttribute("value");
+  }
+}
+
+/**
+ * @param {string} name
+ * @param {() => Promise<ArrayBuffer>} glb
+ * @param {(signal: AbortSignal) => Promise<Answer>} query
+ */
+async function run(name, glb, query) {
+  running?.abort();
+  const own = (running = new AbortController());
+  showTrouble(trouble);
+  progress.hidden = false;
+  try {
+    const answer = await query(own.signal);
+    progress.hidden = true;
+    await showResults({ name, glb }, answer, findStored);
+  } catch (error) {
+    if (!own.signal.aborted) showTrouble(trouble, error);
+  } finally {
+    if (running === own) progress.hidden = true;
+  }
+}
+
+/** @param {File} file */
+export function findFile(file) {
+  const form = new FormData();
+  form.append("file", file);
+  return run(
+    file.name,
+    async () => (await ask(address("preview"), { method: "POST", body: form })).arrayBuffer(),
+    async (signal) => {
+      went(0);
+      return (await send(address("query", options()), form, went, signal)).body;
+    },
+  );
+}
+
+/** @param {string} id @param {string} name */
+export function findStored(id, name) {
+  return run(name, () => storedGlb(id), (signal) => {
+    went(1);
+    return askWith(address("query", options()), { shape_id: id }, signal);
+  });
+}
+
+chosen.addEventListener("change", () => {
+  const file = chosen.files?.[0];
+  if (file) findFile(file);
+  // So that the same file may be chosen again.
+  chosen.value = "";
+});
+onDrop(byId("find-drop", HTMLElement), (files) => findFile(files[0]));
+byId("find-form", HTMLFormElement).addEventListener("submit", (event) => event.preventDefault());
+byId("find-stop", HTMLButtonElement).addEventListener("click", () => {
+  running?.abort();
+  progress.hidden = true;
+});

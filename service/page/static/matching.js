@@ -1,0 +1,76 @@
+// Which points of a query and of one result correspond, and their colours.
+
+import { placed } from "./glb.js";
+import { coloursOfPoints } from "./paint.js";
+
+/** @import { Model } from "./glb.js" */
+/** @import { Colour } from "./paint.js" */
+/** @import { Pair } from "./types.js" */
+
+/**
+ * Points of one shape that have partners.
+ * @typedef {object} Ends
+ * @property {number[]} samples Rows of the shape's embedding, rising.
+ * @property {number[]} vertices The file's vertex at each.
+ * @property {number[][]} points As the model has them.
+ * @property {Colour[]} colours
+ * @property {boolean[]} effective Whether any of its pairs counts for sim.
+ */
+
+/**
+ * @param {Pair[]} pairs
+ * @param {"first" | "second"} side
+ * @param {Model} model
+ * @returns {Ends}
+ */
+function endsOf(pairs, side, model) {
+  /** @type {Map<number, Pair>} */
+  const best = new Map();
+  for (const pair of pairs) {
+    const known = best.get(pair[side].sample);
+    if (!known || (pair.effective && !known.effective)) best.set(pair[side].sample, pair);
+  }
+  const found = [...best.values()].sort((a, b) => a[side].sample - b[side].sample);
+  return {
+    samples: found.map((pair) => pair[side].sample),
+    vertices: found.map((pair) => pair[side].vertex),
+    points: found.map((pair) => placed(model, pair[side].position)),
+    colours: [],
+    effective: found.map((pair) => pair.effective),
+  };
+}
+
+/**
+ * The query's points that have a partner in any result, coloured by where they lie.
+ * @param {Pair[]} pairs Of all results.
+ * @param {Model} model
+ */
+export function queryEnds(pairs, model) {
+  const ends = endsOf(pairs, "first", model);
+  ends.colours = coloursOfPoints(model, ends.points);
+  return ends;
+}
+
+/**
+ * A result's points, each in the colour of its partner.
+ * @param {Pair[]} pairs
+ * @param {Model} model
+ * @param {Ends} query
+ */
+export function resultEnds(pairs, model, query) {
+  const ends = endsOf(pairs, "second", model);
+  const colours = new Map(query.samples.map((sample, i) => [sample, query.colours[i]]));
+  ends.colours = ends.samples.map((sample) => {
+    const own = pairs.filter((pair) => pair.second.sample === sample);
+    const partner = own.find((pair) => pair.effective) ?? own[0];
+    return /** @type {Colour} */ (colours.get(partner.first.sample));
+  });
+  return ends;
+}
+
+/**
+ * The places in `samples` of some rows of the embedding.
+ * @param {Ends} ends
+ * @param {number[]} rows
+ */
+export const placesOf = (ends, rows) => rows.map((row) => ends.samples.indexOf(row)).filter((place) => place >= 0);

@@ -1,0 +1,72 @@
+// Storing many files, each with its own progress and outcome.
+
+import { address, send } from "./api.js";
+import { byId, make, onDrop } from "./dom.js";
+import { reload } from "./gallery.js";
+
+const AT_ONCE = 2;
+
+const chosen = byId("store-files", HTMLInputElement);
+const list = byId("uploads", HTMLUListElement);
+const told = byId("store-told", HTMLElement);
+
+/** @type {(() => Promise<void>)[]} */
+const waiting = [];
+let active = 0;
+const outcomes = { stored: 0, there: 0, failed: 0 };
+
+/** @param {File[]} files */
+function store(files) {
+  const tags = byId("store-tags", HTMLInputElement).value.trim();
+  for (const file of files) waiting.push(job(file, tags));
+  for (let i = active; i < AT_ONCE; i++) work();
+}
+
+/**
+ * Show a file in the list; what is returned sends it.
+ * @param {File} file
+ * @param {string} tags
+ */
+function job(file, tags) {
+  const bar = make("progress", { max: 1, value: 0, ariaLabel: `Progress of ${file.name}` });
+  const outcome = make("span", {}, "waits");
+  list.append(make("li", {}, make("span", { className: "name" }, file.name), bar, outcome));
+  return async () => {
+    const form = new FormData();
+    form.append("file", file);
+    if (tags) form.append("tags", tags);
+    try {
+      const { status } = await send(address("shapes"), form, (share) => {
+        bar.value = share;
+        outcome.textContent = share < 1 ? "uploading" : "embedding";
+        if (share === 1) bar.removeAttribute("value");
+      });
+      bar.value = 1;
+      outcome.textContent = status === 201 ? "stored" : "was stored already";
+      outcomes[status === 201 ? "stored" : "there"]++;
+    } catch (error) {
+      bar.hidden = true;
+      outcome.className = "bad";
+      outcome.textContent = error instanceof Error ? error.message : String(error);
+      outcomes.failed++;
+    }
+  };
+}
+
+async function work() {
+  active++;
+  for (let next = waiting.shift(); next; next = waiting.shift()) {
+    await next();
+    const { stored, there, failed } = outcomes;
+    told.textContent = `${stored} stored, ${there} stored already, ${failed} not stored, ${waiting.length} waiting`;
+  }
+  active--;
+  if (active === 0) reload();
+}
+
+chosen.addEventListener("change", () => {
+  store([...(chosen.files ?? [])]);
+  chosen.value = "";
+});
+onDrop(byId("store-drop", HTMLElement), store);
+byId("store-form", HTMLFormElement).addEventListener("submit", (event) => event.preventDefault());

@@ -1,0 +1,19 @@
+// What the service answers with, for the type checker; openapi/openapi.json says more.
+
+/**
+ * @typedef {{ vertices: number, faces: number }} Facts
+ * @typedef {{ id: string, name: string, tags: string[], format: string, facts: Facts }} Shape
+ * @typedef {{ shapes: Shape[], total: number, next_cursor: string | null }} ShapePage
+ * @typedef {{ sample: number, vertex: number, position: number[] }} Point
+ * @typedef {{ first: Point, second: Point, distance: number, effective: boolean }} Pair
+ * @typedef {{ cc: number, ssd: number, sim: number, combined: number }} Scores
+ * @typedef {Scores & { rank: number, shape: Shape, correspondence: Pair[] }} Result
+ * @typedef {{ name: string, eigenvalues: number[], coordinates: number[][] }} Spectrum
+ * @typedef {{ positions: number[][], spectra: Spectrum[] }} Embedding
+ * @typedef {{ results: Result[], matched: boolean, compared: number, stored: number, embedding: Embedding | null,
+ *             milliseconds: Record<string, number> }} Answer
+ * @typedef {Scores & { correspondence: Pair[] }} Comparison
+ * @typedef {{ access: "none" | "read" | "full", signed_in: boolean }} Session
+ */
+
+export {};

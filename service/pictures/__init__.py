@@ -1,0 +1,1 @@
+"""Pictures of shapes: thumbnails, and meshes as browsers show them."""

@@ -1,0 +1,70 @@
+"""A mesh as a small picture."""
+
+from io import BytesIO
+
+import numpy as np
+from PIL import Image
+
+from core.mesh import Floats, Mesh
+from service.pictures.raster import NOTHING, nearest_triangles
+from service.pictures.view import camera, frame, upright
+
+SIZES = (64, 128, 256, 512)
+
+# Counted up when the same mesh gives another picture, so that stored ones are drawn anew.
+DRAWING = 1
+
+_SURFACE = np.array([126.0, 158.0, 201.0])
+_TOWARDS_LIGHT = np.array([-0.35, 0.62, 0.70])
+_FINER = 2
+
+
+def draw(mesh: Mesh, format: str, size: int) -> bytes:
+    """A PNG of `size` pixels a side: the mesh lit from the upper left, on nothing (transparent).
+
+    The same mesh always gives the same bytes.
+    """
+    middle, half = frame(mesh.vertices)
+    seen_from = camera() @ upright(format)
+    points = (mesh.vertices - middle) / half @ seen_from.T
+    low, high = points.min(axis=0), points.max(axis=0)
+    fine = size * _FINER
+    # A margin of 4 % on each side.
+    scale = 0.92 * fine / (float((high - low)[:2].max()) or 1.0)
+    points = (points - 0.5 * (low + high)) * scale
+    points[:, 0] += 0.5 * fine
+    points[:, 1] = 0.5 * fine - points[:, 1]
+    corners = points[mesh.faces]
+    seen = nearest_triangles(corners, fine)
+    hit = seen != NOTHING
+    colours = np.zeros((fine, fine, 4))
+    colours[hit] = np.hstack([np.outer(_light(corners), _SURFACE), np.full((len(corners), 1), 255.0)])[
+        seen[hit]
+    ]
+    return _png(_coarser(colours))
+
+
+def _light(corners: Floats) -> Floats:
+    """How bright each triangle is, in [0, 1], from whichever side it is seen."""
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals[:, 1] *= -1.0
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+    # Whichever way its corners go round, the side that is seen faces the eye.
+    normals *= np.where(normals[:, 2:] < 0.0, -1.0, 1.0)
+    return np.asarray(0.40 + 0.60 * np.clip(normals @ _TOWARDS_LIGHT, 0.0, 1.0))
+
+
+def _coarser(colours: Floats) -> Floats:
+    """The mean of each block of pixels; what is seen counts for the colour, and all for the opacity."""
+    size = len(colours) // _FINER
+    blocks = colours.reshape(size, _FINER, size, _FINER, 4).sum(axis=(1, 3))
+    opaque = blocks[..., 3:] / 255.0
+    blocks[..., :3] /= np.maximum(opaque, 1.0)
+    blocks[..., 3] /= _FINER**2
+    return np.asarray(blocks)
+
+
+def _png(colours: Floats) -> bytes:
+    file = BytesIO()
+    Image.fromarray(np.rint(colours).astype(np.uint8), "RGBA").save(file, "PNG", compress_level=6)
+    return file.getvalue()
