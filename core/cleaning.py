@@ -4,12 +4,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
+from core.compiled import compiled, constant
+from core.edges import component_labels, starts_of
 from core.errors import DegenerateMeshError
 from core.mesh import Floats, Ints, Mesh
 from core.ordering import canonical_order
+from core.radix import lexical_order
 
 MERGE_TOLERANCE = 1e-7
 """Vertices whose coordinates agree after rounding to this part of the bounding box's diagonal are one:
@@ -58,8 +59,46 @@ def vertex_areas(vertices: Floats, faces: Ints) -> Floats:
 
 def face_areas(vertices: Floats, faces: Ints) -> Floats:
     """Area of each face, shape (f,)."""
-    a, b, c = vertices[faces[:, 0]], vertices[faces[:, 1]], vertices[faces[:, 2]]
-    return np.asarray(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1))
+    return _face_areas(constant(vertices), constant(faces))
+
+
+@compiled
+def _face_areas(vertices: Floats, faces: Ints) -> Floats:
+    areas = np.empty(len(faces))
+    for f in range(len(faces)):
+        a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+        ux, uy, uz = (
+            vertices[b, 0] - vertices[a, 0],
+            vertices[b, 1] - vertices[a, 1],
+            vertices[b, 2] - vertices[a, 2],
+        )
+        vx, vy, vz = (
+            vertices[c, 0] - vertices[a, 0],
+            vertices[c, 1] - vertices[a, 1],
+            vertices[c, 2] - vertices[a, 2],
+        )
+        x, y, z = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+        areas[f] = 0.5 * np.sqrt(x * x + y * y + z * z)
+    return areas
+
+
+def centroid(vertices: Floats, faces: Ints, areas: Floats) -> Floats:
+    """Centroid of the surface from its faces' areas, shape (3,)."""
+    return _centroid(constant(vertices), constant(faces), areas)
+
+
+@compiled
+def _centroid(vertices: Floats, faces: Ints, areas: Floats) -> Floats:
+    total = 0.0
+    centre = np.zeros(3)
+    for f in range(len(faces)):
+        total += areas[f]
+        for axis in range(3):
+            corners = 0.0
+            for i in range(3):
+                corners += vertices[faces[f, i], axis]
+            centre[axis] += areas[f] * corners / 3.0
+    return centre / total
 
 
 def merge_vertices(vertices: Floats) -> tuple[Ints, Ints]:
@@ -85,10 +124,8 @@ def merge_vertices(vertices: Floats) -> tuple[Ints, Ints]:
         raise DegenerateMeshError("all vertices are one point")
     step = diagonal * MERGE_TOLERANCE
     keys = np.rint((vertices - low) / step).astype(np.int64)
-    order = np.lexsort((np.arange(len(keys)), keys[:, 2], keys[:, 1], keys[:, 0]))
-    ordered = keys[order]
-    new = np.ones(len(order), dtype=bool)
-    new[1:] = (ordered[1:] != ordered[:-1]).any(axis=1)
+    order = lexical_order(*keys.T)
+    new = starts_of(*keys[order].T)
     group = np.empty(len(order), dtype=np.int64)
     group[order] = np.cumsum(new) - 1
     return order[new], group
@@ -96,35 +133,37 @@ def merge_vertices(vertices: Floats) -> tuple[Ints, Ints]:
 
 def _distinct_faces(faces: Ints) -> NDArray[np.bool_]:
     """True for faces with three different corners, the first of each set of faces on the same corners."""
-    corners = np.sort(faces, axis=1)
-    proper = (corners[:, 0] != corners[:, 1]) & (corners[:, 1] != corners[:, 2])
-    order = np.lexsort((np.arange(len(corners)), corners[:, 2], corners[:, 1], corners[:, 0]))
-    ordered = corners[order]
-    again = np.zeros(len(order), dtype=bool)
-    again[1:] = (ordered[1:] == ordered[:-1]).all(axis=1)
+    low, high = faces.min(axis=1), faces.max(axis=1)
+    middle = faces.sum(axis=1) - low - high
+    proper = (low != middle) & (middle != high)
+    order = lexical_order(low, middle, high)
+    again = ~starts_of(low[order], middle[order], high[order])
     proper[order[again]] = False
     return np.asarray(proper)
 
 
-def component_labels(count: int, faces: Ints) -> tuple[int, Ints]:
-    """Connected components of the vertices through the faces' edges: their number, and each vertex's own."""
-    rows = np.concatenate([faces[:, 0], faces[:, 1]])
-    columns = np.concatenate([faces[:, 1], faces[:, 2]])
-    links = coo_array((np.ones(len(rows), dtype=np.int8), (rows, columns)), shape=(count, count))
-    number, labels = connected_components(links.tocsr(), directed=False)
-    return int(number), labels.astype(np.int64)
+@compiled
+def _renumbered(faces: Ints, place: Ints) -> Ints:
+    """The faces with each vertex at its place, turned so that the first of the three leads."""
+    result = np.empty_like(faces)
+    for f in range(len(faces)):
+        a, b, c = place[faces[f, 0]], place[faces[f, 1]], place[faces[f, 2]]
+        if b < a and b < c:
+            a, b, c = b, c, a
+        elif c < a:
+            a, b, c = c, a, b
+        result[f, 0], result[f, 1], result[f, 2] = a, b, c
+    return result
 
 
 def _ordered(vertices: Floats, faces: Ints) -> Mesh:
     """The mesh with its vertices in their canonical order, and its faces in that of their corners."""
     areas = face_areas(vertices, faces)
-    order = canonical_order(vertices, faces, areas @ vertices[faces].mean(axis=1) / areas.sum())
+    order = canonical_order(vertices, faces, centroid(vertices, faces, areas))
     place = np.empty(len(order), dtype=np.int64)
     place[order] = np.arange(len(order))
-    faces = place[faces]
-    turns = (np.argmin(faces, axis=1)[:, None] + np.arange(3)) % 3
-    faces = np.take_along_axis(faces, turns, axis=1)
-    return Mesh(vertices[order], faces[np.lexsort(faces.T[::-1])])
+    faces = _renumbered(faces, place)
+    return Mesh(vertices[order], faces[lexical_order(*faces.T)])
 
 
 def clean(mesh: Mesh) -> Cleaned:
@@ -157,9 +196,10 @@ def clean(mesh: Mesh) -> Cleaned:
     last = by_component[order[before < COVERED_AREA * total][-1]]
     kept = by_component >= (1.0 - EQUAL_AREA) * last
     faces = faces[kept[labels[faces[:, 0]]]]
-    used = np.unique(faces)
-    renumber = np.full(len(vertices), -1, dtype=np.int64)
-    renumber[used] = np.arange(len(used))
+    mask = np.zeros(len(vertices), dtype=bool)
+    mask[faces.ravel()] = True
+    used = np.flatnonzero(mask)
+    renumber = np.cumsum(mask) - 1
     cleaned = _ordered(vertices[used], renumber[faces])
     components, labels = component_labels(len(used), cleaned.faces)
     return Cleaned(

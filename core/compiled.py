@@ -3,10 +3,22 @@
 from collections.abc import Callable
 from typing import ParamSpec, TypeVar, cast
 
+import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 P = ParamSpec("P")
 R = TypeVar("R")
+
+
+T = TypeVar("T", bound=np.generic)
+
+
+def constant(array: NDArray[T]) -> NDArray[T]:
+    """A view that cannot be written to: arrays that can and cannot be would each compile a function anew."""
+    view = np.ascontiguousarray(array).view()
+    view.flags.writeable = False
+    return view
 
 
 def compiled(function: Callable[P, R]) -> Callable[P, R]:

@@ -7,10 +7,11 @@ from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import connected_components, dijkstra, minimum_spanning_tree
 from scipy.spatial import cKDTree
 
-from core.cleaning import component_labels
 from core.compiled import compiled
+from core.edges import HalfEdges, component_labels, half_edges, starts_of
 from core.mesh import Floats, Ints, Mesh
 from core.ordering import TIE, settled
+from core.radix import lexical_order
 
 ROUNDING = 1e-9
 """Path lengths that differ by less than this part are equal: rounding, which changes with the pose, must not
@@ -42,15 +43,7 @@ class SparseGraph:
     regions: Ints
 
 
-def mesh_edges(faces: Ints) -> Ints:
-    """Distinct edges of the faces, i < j, shape (e, 2)."""
-    ends = np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
-    count = int(faces.max()) + 1
-    key = np.unique(ends[:, 0] * count + ends[:, 1])
-    return np.stack([key // count, key % count], axis=1)
-
-
-def diagonals(vertices: Floats, faces: Ints) -> tuple[Ints, Floats]:
+def diagonals(vertices: Floats, faces: Ints, sides: HalfEdges | None = None) -> tuple[Ints, Floats]:
     """Straight ways across pairs of neighbouring faces.
 
     Two faces on an edge are unfolded into a plane; where the segment between their far corners crosses the
@@ -62,15 +55,11 @@ def diagonals(vertices: Floats, faces: Ints) -> tuple[Ints, Floats]:
     ends : int64, shape (d, 2)
     lengths : float64, shape (d,)
     """
-    half = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
-    opposite = faces[:, [2, 0, 1]].reshape(-1)
-    low, high = half.min(axis=1), half.max(axis=1)
-    order = np.lexsort((high, low))
-    low, high, opposite = low[order], high[order], opposite[order]
-    new = np.ones(len(low), dtype=bool)
-    new[1:] = (low[1:] != low[:-1]) | (high[1:] != high[:-1])
-    edge_of = np.cumsum(new) - 1
-    few = np.bincount(edge_of)[edge_of] <= MOST_SHEETS
+    sides = sides or half_edges(faces)
+    opposite = faces[:, [2, 0, 1]].ravel()[sides.order]
+    low, high = sides.low, sides.high
+    edge_of = np.repeat(np.arange(len(sides.first)), sides.sheets)
+    few = (sides.sheets <= MOST_SHEETS)[edge_of]
     pairs = [np.flatnonzero((edge_of[i:] == edge_of[:-i]) & few[i:]) for i in range(1, MOST_SHEETS)]
     start = np.concatenate(pairs)
     end = np.concatenate([first + i for i, first in enumerate(pairs, start=1)])
@@ -130,11 +119,10 @@ def bridges(vertices: Floats, labels: Ints) -> Ints:
 def symmetric(edges: Ints, lengths: Floats, count: int) -> csr_array:
     """The graph as a symmetric sparse matrix, shape (count, count); of parallel edges the shortest counts."""
     low, high = edges.min(axis=1), edges.max(axis=1)
-    order = np.lexsort((lengths, high, low))
-    low, high, lengths = low[order], high[order], lengths[order]
-    first = np.ones(len(order), dtype=bool)
-    first[1:] = (low[1:] != low[:-1]) | (high[1:] != high[:-1])
-    low, high, lengths = low[first], high[first], lengths[first]
+    order = lexical_order(low, high)
+    low, high = low[order], high[order]
+    first = np.flatnonzero(starts_of(low, high))
+    low, high, lengths = low[first], high[first], np.minimum.reduceat(lengths[order], first)
     rows, columns = np.concatenate([low, high]), np.concatenate([high, low])
     matrix = coo_array((np.concatenate([lengths, lengths]), (rows, columns)), shape=(count, count)).tocsr()
     matrix.sort_indices()
@@ -157,13 +145,13 @@ def edge_graph(mesh: Mesh, labels: Ints | None = None, *, unfold: bool = True) -
     csr_array, shape (n, n), symmetric, connected
     """
     count = len(mesh.vertices)
-    edges = mesh_edges(mesh.faces)
+    sides = half_edges(mesh.faces)
     if labels is None:
         _, labels = component_labels(count, mesh.faces)
-    edges = np.concatenate([edges, bridges(mesh.vertices, labels)])
+    edges = np.concatenate([sides.edges, bridges(mesh.vertices, labels)])
     lengths = np.linalg.norm(mesh.vertices[edges[:, 0]] - mesh.vertices[edges[:, 1]], axis=1)
     if unfold:
-        ends, across = diagonals(mesh.vertices, mesh.faces)
+        ends, across = diagonals(mesh.vertices, mesh.faces, sides)
         edges, lengths = np.concatenate([edges, ends]), np.concatenate([lengths, across])
     shortest = 1e-12 * float(lengths.max())
     return symmetric(edges, np.maximum(lengths, shortest), count)

@@ -4,6 +4,7 @@ import numpy as np
 from scipy.sparse import coo_array
 
 from core.mesh import Floats, Ints
+from core.radix import lexical_order
 
 TIE = 1e-5
 """Lengths that differ by less than this part of the largest are equal: so far may rounding to the single
@@ -38,7 +39,7 @@ def independent(ranks: Ints) -> Floats:
 
 def _split(ranks: Ints, values: Floats, tolerance: float = TIE) -> Ints:
     """Ranks by the ranks given, then by the values."""
-    order = np.lexsort((values, ranks))
+    order = lexical_order(ranks, values)
     ranked, sorted_values = ranks[order], values[order]
     step = np.zeros(len(order), dtype=np.int64)
     gap = tolerance * float(np.abs(values).max(initial=0.0))

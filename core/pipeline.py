@@ -12,6 +12,7 @@ from threadpoolctl import threadpool_limits
 
 from core.cleaning import Cleaned, clean, face_areas, vertex_areas
 from core.combination import CALIBRATED, signature_evidence
+from core.edges import half_edges
 from core.embedding import Embedding, Facts, Match, Scores
 from core.errors import DegenerateMeshError, IncompatibleEmbeddingsError
 from core.frame import Frame, normal_frame
@@ -40,8 +41,7 @@ def measure(mesh: Mesh, cleaned: Cleaned, frame: Frame) -> Facts:
     faces = cleaned.mesh.faces
     corners = frame.apply(cleaned.mesh.vertices)[faces]
     volume = np.einsum("ij,ij->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6.0
-    ends = np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
-    _, uses = np.unique(ends[:, 0] * len(cleaned.mesh.vertices) + ends[:, 1], return_counts=True)
+    sheets = half_edges(faces).sheets
     return Facts(
         vertices=len(mesh.vertices),
         faces=len(mesh.faces),
@@ -51,8 +51,8 @@ def measure(mesh: Mesh, cleaned: Cleaned, frame: Frame) -> Facts:
         components=cleaned.components,
         merged_vertices=cleaned.merged_vertices,
         dropped_faces=cleaned.dropped_faces,
-        boundary_edges=int((uses == 1).sum()),
-        nonmanifold_edges=int((uses > 2).sum()),
+        boundary_edges=int((sheets == 1).sum()),
+        nonmanifold_edges=int((sheets > 2).sum()),
     )
 
 

@@ -3,6 +3,7 @@
 import numpy as np
 
 from core.cleaning import face_areas
+from core.edges import half_edges
 from core.mesh import Floats, Ints, Mesh
 from core.ordering import TIE
 
@@ -12,10 +13,10 @@ PASSES = 24
 
 def edge_table(faces: Ints) -> tuple[Ints, Ints]:
     """Distinct edges, shape (e, 2), and for each face the indices of its edges 01, 12, 20, shape (f, 3)."""
-    ends = np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
-    key = ends[:, 0] * (int(faces.max()) + 1) + ends[:, 1]
-    _, first, inverse = np.unique(key, return_index=True, return_inverse=True)
-    return ends[first], inverse.reshape(-1, 3)
+    sides = half_edges(faces)
+    of_side = np.empty(len(sides.order), dtype=np.int64)
+    of_side[sides.order] = np.repeat(np.arange(len(sides.first)), sides.sheets)
+    return sides.edges, of_side.reshape(-1, 3)
 
 
 def split_faces(faces: Ints, middle: Ints, vertices: Floats) -> Ints:

@@ -6,6 +6,7 @@ from numpy.random import SeedSequence, default_rng
 
 from core.cleaning import face_areas
 from core.correspondence_study import surface_distances
+from core.edges import half_edges
 from core.errors import MeshError, ParameterError
 from core.gallery import CLASSES, bodies, fields
 from core.gallery.bodies import make_body
@@ -14,7 +15,6 @@ from core.gallery.frames import rotation
 from core.gallery.skinning import skinned, turns, weights
 from core.gallery.symmetry import symmetries
 from core.gallery.topology import components, is_closed_manifold
-from core.graph import mesh_edges
 
 MOST_STRETCH = 0.35
 """Joints are bent in a few edges, so that some of theirs are longer or shorter."""
@@ -30,7 +30,7 @@ def test_a_pose_is_the_same_surface_bent(made, label):
     body = made[label]
     assert is_closed_manifold(body.rest.faces)
     assert components(body.rest.faces) == 1
-    ends = mesh_edges(body.rest.faces)
+    ends = half_edges(body.rest.faces).edges
     lengths = np.linalg.norm(np.diff(body.rest.vertices[ends], axis=1)[:, 0], axis=1)
     areas = face_areas(body.rest.vertices, body.rest.faces)
     for pose in range(3):
@@ -81,7 +81,7 @@ def test_partners_on_another_mesh_are_where_the_vertices_are(made):
     row = body.partners(other)[0]
     assert len(row) == len(body.rest.vertices)
     gaps = np.linalg.norm(body.rest.vertices - other.rest.vertices[row], axis=1)
-    ends = mesh_edges(other.rest.faces)
+    ends = half_edges(other.rest.faces).edges
     assert gaps.max() < np.linalg.norm(np.diff(other.rest.vertices[ends], axis=1), axis=2).max()
     # The same pose on both meshes: the partners stay together.
     first, second = body.posed(3), other.posed(3)

@@ -3,10 +3,12 @@
 import numpy as np
 import pytest
 
-from core.cleaning import clean, component_labels, face_areas
+from core.cleaning import centroid, clean, face_areas
+from core.edges import component_labels
 from core.errors import DegenerateMeshError
 from core.mesh import Mesh
 from tests.core.shapes import (
+    MANY_KINDS,
     SAME_SHAPE,
     blob,
     box,
@@ -163,3 +165,13 @@ def test_works_at_any_scale_a_file_may_have(factor):
 def test_refuses_what_is_too_large_to_measure(factor):
     with pytest.raises(DegenerateMeshError, match="too far apart"):
         clean(scaled(icosphere(1), factor))
+
+
+@pytest.mark.parametrize("kind", MANY_KINDS)
+def test_compiled_areas_and_centroid_are_the_plain_ones(kind):
+    mesh = MANY_KINDS[kind]()
+    a, b, c = (mesh.vertices[corner] for corner in mesh.faces.T)
+    areas = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    np.testing.assert_allclose(face_areas(mesh.vertices, mesh.faces), areas, rtol=1e-12, atol=1e-15)
+    centre = areas @ (a + b + c) / 3.0 / areas.sum()
+    np.testing.assert_allclose(centroid(mesh.vertices, mesh.faces, areas), centre, atol=1e-12)

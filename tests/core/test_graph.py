@@ -7,14 +7,14 @@ import pytest
 from scipy.sparse.csgraph import connected_components, dijkstra, minimum_spanning_tree
 from scipy.spatial.distance import cdist
 
-from core.cleaning import clean, component_labels
+from core.cleaning import clean
+from core.edges import component_labels, half_edges
 from core.geodesics import geodesic_distances
 from core.graph import (
     bridges,
     diagonals,
     edge_graph,
     graph_distances,
-    mesh_edges,
     sparse_graph,
     tree_distances,
 )
@@ -107,12 +107,12 @@ def test_sparse_graph_of_a_mesh_full_of_ties_does_not_hang_on_how_it_is_given(se
 
 
 def test_edges_of_a_square():
-    assert mesh_edges(SQUARE.faces).tolist() == [[0, 1], [0, 2], [0, 3], [1, 2], [2, 3]]
+    assert half_edges(SQUARE.faces).edges.tolist() == [[0, 1], [0, 2], [0, 3], [1, 2], [2, 3]]
 
 
 def test_edges_of_a_closed_surface():
     ball = icosphere(2)
-    assert len(mesh_edges(ball.faces)) == 3 * len(ball.faces) // 2
+    assert len(half_edges(ball.faces).edges) == 3 * len(ball.faces) // 2
 
 
 def test_diagonal_across_a_square():
@@ -168,7 +168,7 @@ def test_paths_are_nearer_to_the_geodesics_with_diagonals():
 def test_lengths_are_those_of_the_edges():
     ball = blob(subdivisions=2)
     graph = edge_graph(ball, unfold=False)
-    edges = mesh_edges(ball.faces)
+    edges = half_edges(ball.faces).edges
     expected = np.linalg.norm(ball.vertices[edges[:, 0]] - ball.vertices[edges[:, 1]], axis=1)
     np.testing.assert_allclose(graph[edges[:, 0], edges[:, 1]], expected)
     assert graph.nnz == 2 * len(edges)

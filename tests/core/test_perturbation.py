@@ -5,8 +5,9 @@ import pytest
 import trimesh
 from trimesh.proximity import closest_point_naive
 
-from core.cleaning import clean, component_labels, face_areas
+from core.cleaning import clean, face_areas
 from core.decimation import MOST_WORK, SHORT, cluster_vertices, decimate
+from core.edges import component_labels
 from core.errors import ParameterError
 from core.gallery import make_shape
 from core.mesh import Mesh

@@ -5,7 +5,7 @@ import pytest
 from trimesh.proximity import closest_point_naive
 
 from core.cleaning import face_areas
-from core.graph import mesh_edges
+from core.edges import half_edges
 from core.mesh import Mesh
 from core.subdivision import refine, split_long_edges
 from tests.core.shapes import (
@@ -37,7 +37,7 @@ def area(mesh):
 
 
 def edge_lengths(mesh):
-    edges = mesh_edges(mesh.faces)
+    edges = half_edges(mesh.faces).edges
     return np.linalg.norm(mesh.vertices[edges[:, 0]] - mesh.vertices[edges[:, 1]], axis=1)
 
 
@@ -70,8 +70,8 @@ def test_what_is_closed_stays_closed_with_its_volume(mesh):
 def test_an_open_surface_gets_no_new_holes(mesh):
     cut = split_long_edges(mesh, 0.11 * edge_lengths(mesh).max(), 10**6)
     assert faces_on_edges(cut.faces) == sorted({*faces_on_edges(mesh.faces), 2})
-    assert len(cut.vertices) - len(mesh_edges(cut.faces)) + len(cut.faces) == len(mesh.vertices) - len(
-        mesh_edges(mesh.faces)
+    assert len(cut.vertices) - len(half_edges(cut.faces).edges) + len(cut.faces) == len(mesh.vertices) - len(
+        half_edges(mesh.faces).edges
     ) + len(mesh.faces)
 
 
@@ -110,7 +110,7 @@ def test_edges_of_an_even_mesh_are_those_of_that_many_vertices():
 def test_edges_as_long_as_each_other_are_cut_alike_however_the_mesh_is_given():
     # Isosceles triangles: which diagonal is the shorter one is a tie wherever two edges are cut.
     mesh = Mesh([[0, 0, 0], [1, 0, 0], [0.5, 2, 0], [0.5, -2, 0]], [[0, 1, 2], [0, 3, 1]])
-    expected = mesh_edges(split_long_edges(mesh, 1.5, 100).faces)
+    expected = half_edges(split_long_edges(mesh, 1.5, 100).faces).edges
     for seed in range(20):
         found = split_long_edges(turned(faces_shuffled(mesh, seed), seed), 1.5, 100)
-        assert mesh_edges(found.faces).tolist() == expected.tolist()
+        assert half_edges(found.faces).edges.tolist() == expected.tolist()
