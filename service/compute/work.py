@@ -13,7 +13,7 @@ from core.pipeline import Pipeline
 from core.reading import Limits
 from service.compute.sandbox import Readable, read_file
 from service.compute.tasks import Embedded, embed_mesh, match_records, score_records
-from service.errors import BusyError, FileTimeLimitError, TaskTimeLimitError
+from service.errors import BusyError, FileTimeLimitError, TaskTimeLimitError, WorkerLostError
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -102,15 +102,17 @@ class Work:
 
     async def score(self, query: bytes, records: Sequence[bytes]) -> Scores:
         """How alike the query is to each of c records: arrays of shape (c,), NaN where one cannot be read."""
-        return await asyncio.wrap_future(
-            self._executor.submit(score_records, query, records, self.pipeline.parameters)
-        )
+        with _short_of_memory():
+            return await asyncio.wrap_future(
+                self._executor.submit(score_records, query, records, self.pipeline.parameters)
+            )
 
     async def match(self, first: bytes, second: bytes) -> Match:
         """Compare two records."""
-        return await asyncio.wrap_future(
-            self._executor.submit(match_records, first, second, self.pipeline.parameters)
-        )
+        with _short_of_memory():
+            return await asyncio.wrap_future(
+                self._executor.submit(match_records, first, second, self.pipeline.parameters)
+            )
 
     async def read(self, data: bytes, format: str) -> Mesh:
         """Read the mesh of a file."""
@@ -127,3 +129,12 @@ class Work:
             return await asyncio.wrap_future(self._executor.submit(function, *arguments, **named))
         except TaskTimeLimitError as error:
             raise FileTimeLimitError(str(error)) from error
+
+
+@contextmanager
+def _short_of_memory() -> Iterator[None]:
+    """What is stored could be compared once, and can be again: no fault of the request."""
+    try:
+        yield
+    except MemoryError as error:
+        raise WorkerLostError("a worker has too little memory now; try again") from error

@@ -1,8 +1,10 @@
 """The loop of a worker process. It imports nothing heavy, so that the threads are set before anything is."""
 
+import multiprocessing
 import os
 import pickle
 import signal
+import threading
 import traceback
 from multiprocessing.connection import Connection
 from typing import Any
@@ -20,6 +22,7 @@ def serve(connection: "Connection[Any, Any]") -> None:
         os.environ[name] = "1"
     # An interrupt from the terminal reaches every process of the group; the parent decides what it means.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
     while True:
         try:
             function, arguments = connection.recv()
@@ -30,6 +33,14 @@ def serve(connection: "Connection[Any, Any]") -> None:
         except Exception as error:
             answer = _failure(error)
         connection.send_bytes(answer)
+
+
+def _end_with_parent() -> None:
+    """Do not go on with a task whose parent was killed: no one is left to stop it, or to wait for it."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
 
 
 def _failure(error: Exception) -> bytes:

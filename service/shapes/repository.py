@@ -7,11 +7,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from sqlalchemy import Select, delete, func, select, update
+from sqlalchemy import Select, delete, func, literal, select, update
 
 from service.compute.tasks import Embedded
 from service.shapes.fields import plain_values
 from service.shapes.records import Changes, NewShape, ShapeFilter, ShapeRecord
+from service.storage.columns import UtcDateTime
 from service.storage.database import ReadSession, WriteSession
 from service.storage.tables import (
     ArchiveRow,
@@ -193,7 +194,9 @@ def facts_on(session: ReadSession, blob_number: int, format: str) -> dict[str, A
 
 def change(session: WriteSession, number: int, changes: Changes) -> None:
     """Write the changes."""
-    values: dict[str, Any] = {"updated_at": datetime.now(UTC)}
+    # A clock that was set back does not make a shape older than it is.
+    now = literal(datetime.now(UTC), UtcDateTime())
+    values: dict[str, Any] = {"updated_at": func.max(ShapeRow.updated_at, now)}
     if changes.name is not None:
         values |= {"name": changes.name, "folded_name": changes.name.casefold()}
     if changes.metadata is not None:

@@ -7,6 +7,7 @@ import time
 from pathlib import Path
 
 from core.errors import EmptyFileError
+from service.compute.pool import LocalPool
 from service.compute.worker import THREADS
 
 
@@ -71,3 +72,18 @@ def raise_oddly() -> None:
 def environment() -> dict[str, object]:
     """What the worker was given."""
     return {"pid": os.getpid(), "threads": {name: os.environ[name] for name in THREADS}}
+
+
+def run_out_of_memory(*_arguments: object) -> bytes:
+    """Ask for more memory than there is, whatever was asked."""
+    return bytes(1 << 62)
+
+
+def serve_until_killed() -> None:
+    """What a process does that is to be killed: it gives two workers long tasks, and prints their ids."""
+    pool = LocalPool(2, seconds=600, warm=warm)
+    for future in [pool.submit(nap, 600) for _ in range(2)]:
+        while not future.running():
+            time.sleep(0.01)
+    print(*pool.pids(), flush=True)
+    time.sleep(600)

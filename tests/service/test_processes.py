@@ -31,7 +31,8 @@ def server(folder: Path, **settings: str) -> Iterator[tuple[subprocess.Popen[byt
         process = subprocess.Popen(command, env=environment, stdout=log, stderr=log)
     try:
         with httpx.Client(base_url=f"http://127.0.0.1:{port}", timeout=120) as client:
-            wait_until(lambda: answers(client), seconds=180)
+            wait_until(lambda: answers(client) or process.poll() is not None, seconds=180)
+            assert process.poll() is None, f"the service ended: {(folder / 'log.txt').read_text()}"
             yield process, client
     finally:
         process.kill()

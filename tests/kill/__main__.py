@@ -1,0 +1,49 @@
+"""`python -m tests.kill --cycles 200`: kill the service so many times, and fail if anything is lost."""
+
+import argparse
+import statistics
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from tests.kill.cycles import Cycle, run_cycle, verify
+from tests.kill.ledger import Ledger
+from tests.service.test_processes import server
+
+
+def main() -> int:
+    """Run the cycles; 1 at the first fault, with the archive kept."""
+    parser = argparse.ArgumentParser(prog="python -m tests.kill", description=__doc__)
+    parser.add_argument("--cycles", type=int, default=200)
+    parser.add_argument("--seed", type=int, default=0, help="of the moments, and of what is written")
+    options = parser.parse_args()
+    folder = Path(tempfile.mkdtemp(prefix="isoshape-kill-"))
+    ledger, cycles, began = Ledger(), list[Cycle](), time.monotonic()
+    for number in range(options.cycles):
+        cycle = run_cycle(folder, ledger, options.seed * 1_000_000 + number)
+        cycles.append(cycle)
+        if cycle.faults:
+            return fail(folder, f"cycle {number}", cycle.faults)
+    with server(folder) as (_, client):
+        faults = verify(client, folder, ledger)
+    if faults:
+        return fail(folder, "the end", faults)
+    starts = sorted(cycle.start_seconds for cycle in cycles)
+    print(f"{len(cycles)} kills in {time.monotonic() - began:.0f} s, seed {options.seed}")
+    print(f"{ledger.uploads} uploads and {ledger.deletions} deletions acknowledged: none lost, none torn")
+    print(f"{ledger.found} uploads that were not acknowledged were there, whole")
+    print(f"{sum(cycle.journal for cycle in cycles)} kills in the middle of a commit, rolled back")
+    print(f"ready after {statistics.median(starts):.1f} s (median), {starts[-1]:.1f} s at most")
+    print(f"workers ended within {max(cycle.orphan_seconds for cycle in cycles):.1f} s of the kill")
+    return 0
+
+
+def fail(folder: Path, where: str, faults: list[str]) -> int:
+    """Say what is wrong, and where the archive is."""
+    print(f"{where}: {len(faults)} faults; the archive is in {folder}", *faults, sep="\n", file=sys.stderr)
+    return 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
