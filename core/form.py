@@ -7,8 +7,9 @@ Computer Graphics and Applications 22(3), 2002: ratios of a shape to its convex 
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
-from core.cleaning import face_areas
-from core.mesh import Floats, Mesh
+from core.cleaning import centroid, face_areas
+from core.compiled import compiled, constant
+from core.mesh import Floats, Ints, Mesh
 
 TERMS = 3
 
@@ -30,13 +31,27 @@ def form_terms(mesh: Mesh) -> Floats:
     faces = mesh.faces
     areas = face_areas(mesh.vertices, faces)
     area = float(areas.sum())
-    points = mesh.vertices - areas @ mesh.vertices[faces].mean(axis=1) / area
-    corners = points[faces]
-    signed = np.einsum("ij,ij->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6.0
+    points = mesh.vertices - centroid(mesh.vertices, faces, areas)
     hull_volume, hull_area = _hull(points)
     least = LEAST_VOLUME * area**1.5
-    volume = abs(float(signed)) + least
+    volume = abs(signed_volume(points, faces)) + least
     return np.log([area**1.5 / volume, (hull_volume + least) / volume, area / hull_area])
+
+
+def signed_volume(vertices: Floats, faces: Ints) -> float:
+    """The sum of the tetrahedra between the origin and each face; negative where they face inwards."""
+    return _signed_volume(constant(vertices), constant(faces))
+
+
+@compiled
+def _signed_volume(vertices: Floats, faces: Ints) -> float:
+    total = 0.0
+    for f in range(len(faces)):
+        a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+        total += vertices[a, 0] * (vertices[b, 1] * vertices[c, 2] - vertices[b, 2] * vertices[c, 1])
+        total += vertices[a, 1] * (vertices[b, 2] * vertices[c, 0] - vertices[b, 0] * vertices[c, 2])
+        total += vertices[a, 2] * (vertices[b, 0] * vertices[c, 1] - vertices[b, 1] * vertices[c, 0])
+    return total / 6.0
 
 
 def _hull(points: Floats) -> tuple[float, float]:

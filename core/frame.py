@@ -5,9 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from core.cleaning import face_areas
-from core.mesh import Floats, Mesh
+from core.cleaning import centroid, face_areas
+from core.compiled import compiled, constant
+from core.mesh import Floats, Ints, Mesh
 from core.ordering import TIE, independent
+
+Complexes = NDArray[np.complex128]
 
 TIED = 0.02
 """Axes are tied when their second moments differ by less than this part of the larger one: then a small
@@ -50,26 +53,53 @@ class Frame:
         return np.asarray(points * self.scale @ self.axes + self.centre)
 
 
-def _mean_power(values: Floats | NDArray[np.complex128], areas: Floats, order: int) -> complex:
-    """Mean over the surface of a power of a linear function, from its values at the corners, shape (f, 3).
+def _mean_power(values: Floats | Complexes, faces: Ints, areas: Floats, order: int) -> complex:
+    """Mean over the surface of a power of a linear function, from its values at the vertices, shape (n,).
 
     Exact on flat faces, so the same for every tessellation: over one triangle it is 2 / ((m + 1)(m + 2))
     times the complete homogeneous symmetric polynomial of degree m of the three values.
     """
-    terms = [np.ones_like(values[:, 0])]
-    for _ in range(order):
-        terms.append(terms[-1] * values[:, 0])
-    for corner in (1, 2):
-        for i in range(1, order + 1):
-            terms[i] = terms[i] + values[:, corner] * terms[i - 1]
-    return complex(2.0 / ((order + 1) * (order + 2)) * (areas @ terms[order]) / areas.sum())
+    total = _power_sum(values.astype(np.complex128), constant(faces), areas, order)
+    return complex(2.0 / ((order + 1) * (order + 2)) * total / areas.sum())
 
 
-def _second_moments(corners: Floats, areas: Floats) -> Floats:
+@compiled
+def _power_sum(values: Complexes, faces: Ints, areas: Floats, order: int) -> np.complex128:
+    """The sum over faces of area times the polynomial."""
+    total = np.complex128(0.0)
+    terms = np.empty(order + 1, dtype=np.complex128)
+    for f in range(len(faces)):
+        terms[:] = 0.0
+        terms[0] = 1.0
+        for corner in range(3):
+            value = values[faces[f, corner]]
+            for i in range(1, order + 1):
+                terms[i] += value * terms[i - 1]
+        total += areas[f] * terms[order]
+    return total
+
+
+def _second_moments(vertices: Floats, faces: Ints, areas: Floats) -> Floats:
     """Mean of p p^T over the surface, exact on flat faces, shape (3, 3)."""
-    sums = corners.sum(axis=1)
-    second = np.einsum("f,fci,fcj->ij", areas, corners, corners) + np.einsum("f,fi,fj->ij", areas, sums, sums)
-    return np.asarray(second / (12.0 * areas.sum()))
+    upper = _second_sum(constant(vertices), constant(faces), areas)
+    return np.asarray((upper + upper.T - np.diag(np.diag(upper))) / (12.0 * areas.sum()))
+
+
+@compiled
+def _second_sum(vertices: Floats, faces: Ints, areas: Floats) -> Floats:
+    """The sum over faces of 12 times the area times the mean of p p^T, the upper triangle, shape (3, 3)."""
+    second = np.zeros((3, 3))
+    for f in range(len(faces)):
+        a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+        for i in range(3):
+            total = vertices[a, i] + vertices[b, i] + vertices[c, i]
+            for j in range(i, 3):
+                here = vertices[a, i] * vertices[a, j]
+                here += vertices[b, i] * vertices[b, j]
+                here += vertices[c, i] * vertices[c, j]
+                here += total * (vertices[a, j] + vertices[b, j] + vertices[c, j])
+                second[i, j] += areas[f] * here
+    return second
 
 
 def _farthest(offsets: Floats) -> Floats:
@@ -86,7 +116,7 @@ def _ordered_sum(mesh: Mesh) -> Floats:
 
 def _sign(mesh: Mesh, areas: Floats, axis: Floats) -> float:
     """1 or -1: to which side of the centroid the surface leans along an axis."""
-    skew = _mean_power((mesh.vertices @ axis)[mesh.faces], areas, 3).real
+    skew = _mean_power(mesh.vertices @ axis, mesh.faces, areas, 3).real
     if abs(skew) < SYMMETRIC:
         skew = float(_ordered_sum(mesh) @ axis)
     return -1.0 if skew < 0.0 else 1.0
@@ -103,17 +133,17 @@ def _turn(mesh: Mesh, areas: Floats, normal: Floats) -> Floats:
     u = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
     u /= np.linalg.norm(u)
     v = np.cross(normal, u)
-    radius = float(np.sqrt(np.trace(_second_moments(across[mesh.faces], areas))))
+    radius = float(np.sqrt(np.trace(_second_moments(across, mesh.faces, areas))))
     plane = (across @ u + 1j * (across @ v)) / radius
     for order in ORDERS:
-        moment = _mean_power(plane[mesh.faces], areas, order)
+        moment = _mean_power(plane, mesh.faces, areas, order)
         if abs(moment) > VANISHING:
             angles = (np.angle(moment) + 2.0 * np.pi * np.arange(order)) / order
             directions = np.outer(np.cos(angles), u) + np.outer(np.sin(angles), v)
             slants = 0.6 * _sign(mesh, areas, normal) * normal + 0.8 * directions
-            values = [(mesh.vertices @ slant)[mesh.faces] for slant in slants]
+            values = [mesh.vertices @ slant for slant in slants]
             leans = np.array(
-                [sum(_mean_power(value, areas, n).real for n in (3, 4, 5, 6)) for value in values]
+                [sum(_mean_power(value, mesh.faces, areas, n).real for n in (3, 4, 5, 6)) for value in values]
             )
             alike = directions[leans >= leans.max() - SYMMETRIC]
             return np.asarray(alike[np.argmax(alike @ _ordered_sum(mesh))])
@@ -127,8 +157,8 @@ def normal_frame(mesh: Mesh) -> Frame:
     first of them. Signs come from the third moments, so that a turned copy gets the turned frame.
     """
     areas = face_areas(mesh.vertices, mesh.faces)
-    centre = np.asarray(areas @ mesh.vertices[mesh.faces].mean(axis=1) / areas.sum())
-    second = _second_moments(mesh.vertices[mesh.faces] - centre, areas)
+    centre = centroid(mesh.vertices, mesh.faces, areas)
+    second = _second_moments(mesh.vertices - centre, mesh.faces, areas)
     scale = float(np.sqrt(np.trace(second)))
     unit = Mesh((mesh.vertices - centre) / scale, mesh.faces)
     values, vectors = np.linalg.eigh(second)

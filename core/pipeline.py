@@ -15,6 +15,7 @@ from core.combination import CALIBRATED, signature_evidence
 from core.edges import half_edges
 from core.embedding import Embedding, Facts, Match, Scores
 from core.errors import DegenerateMeshError, IncompatibleEmbeddingsError
+from core.form import signed_volume
 from core.frame import Frame, normal_frame
 from core.geodesics import geodesics
 from core.graph import (
@@ -39,8 +40,7 @@ PREPARED_BYTES = 128 * 1024 * 1024
 def measure(mesh: Mesh, cleaned: Cleaned, frame: Frame) -> Facts:
     """Facts of a mesh as it was read, its cleaned form and its frame."""
     faces = cleaned.mesh.faces
-    corners = frame.apply(cleaned.mesh.vertices)[faces]
-    volume = np.einsum("ij,ij->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6.0
+    volume = signed_volume(frame.apply(cleaned.mesh.vertices), faces)
     sheets = half_edges(faces).sheets
     return Facts(
         vertices=len(mesh.vertices),

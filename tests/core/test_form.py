@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from core.form import LEAST_VOLUME, form_terms
+from core.form import LEAST_VOLUME, form_terms, signed_volume
 from core.gallery import make_shape
 from core.mesh import Mesh
 from tests.core.shapes import box, icosphere, joined, rectangle, scaled, shifted, soup, turned
@@ -57,3 +57,10 @@ def test_a_soup_is_nearly_the_surface_and_an_open_one_is_finite():
     heights = mesh.vertices[mesh.faces][:, :, 2].mean(axis=1)
     half = Mesh(mesh.vertices, mesh.faces[heights > np.median(heights)])
     assert np.isfinite(form_terms(half)).all()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_closed_surfaces_volume_is_the_same_about_any_point(seed):
+    mesh = shifted(turned(box(1.0, 2.0, 3.0), seed), np.random.default_rng(seed).normal(size=3))
+    assert signed_volume(mesh.vertices, mesh.faces) == pytest.approx(6.0, rel=1e-12)
+    assert signed_volume(mesh.vertices, mesh.faces[:, ::-1]) == pytest.approx(-6.0, rel=1e-12)

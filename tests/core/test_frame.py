@@ -5,8 +5,8 @@ import pytest
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from core.cleaning import clean
-from core.frame import normal_frame
+from core.cleaning import clean, face_areas
+from core.frame import _mean_power, _second_moments, normal_frame
 from core.mesh import Mesh
 from tests.core.shapes import (
     SAME_SHAPE,
@@ -177,3 +177,30 @@ def test_a_lean_decides_the_sign_of_an_axis():
         frame = normal_frame(Mesh(arrow.vertices @ turn.T, arrow.faces))
         tail = normal_frame(arrow).apply(np.array([[-2.0, 0, 0]]))
         np.testing.assert_allclose(frame.apply(np.array([[-2.0, 0, 0]]) @ turn.T)[0, 0], tail[0, 0])
+
+
+def plain_mean_power(values, areas, order):
+    """By the polynomial's recurrence over arrays; values at the corners, shape (f, 3)."""
+    terms = [np.ones_like(values[:, 0]), *(np.zeros_like(values[:, 0]) for _ in range(order))]
+    for corner in values.T:
+        for i in range(1, order + 1):
+            terms[i] = terms[i] + corner * terms[i - 1]
+    return 2.0 / ((order + 1) * (order + 2)) * (areas @ terms[order]) / areas.sum()
+
+
+@pytest.mark.parametrize("order", range(1, 9))
+def test_compiled_powers_are_the_plain_ones(order):
+    mesh = blob()
+    areas = face_areas(mesh.vertices, mesh.faces)
+    plane = mesh.vertices[:, 0] + 1j * mesh.vertices[:, 1]
+    for values in (plane, mesh.vertices[:, 2]):
+        wanted = plain_mean_power(values[mesh.faces], areas, order)
+        assert _mean_power(values, mesh.faces, areas, order) == pytest.approx(wanted, rel=1e-10, abs=1e-13)
+
+
+def test_compiled_second_moments_are_by_the_midpoints_rule():
+    mesh = shifted(blob(), (0.3, -0.2, 0.5))
+    areas = face_areas(mesh.vertices, mesh.faces)
+    centre, wanted = second_moments(mesh)
+    found = _second_moments(mesh.vertices - centre, mesh.faces, areas)
+    np.testing.assert_allclose(found, wanted, rtol=1e-12, atol=1e-15)
