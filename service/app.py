@@ -2,20 +2,17 @@
 
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from functools import partial
 
 from fastapi import FastAPI
 from starlette.concurrency import run_in_threadpool
 
 from core.parameters import Parameters
-from core.pipeline import Pipeline
 from service import logging
 from service.access.endpoints import router as session_router
 from service.access.gate import Gate
 from service.access.middleware import AccessControl
-from service.compute import sandbox
 from service.compute.pool import LocalPool
-from service.compute.tasks import warm
+from service.compute.processes import start as start_processes
 from service.compute.work import Work
 from service.endpoints import router as service_router
 from service.metrics import Metrics
@@ -24,9 +21,10 @@ from service.openapi import DESCRIPTION, TAGS, describe
 from service.page.endpoints import router as page_router
 from service.parts import Parts
 from service.pictures.endpoints import router as pictures_router
+from service.pipelines.active import Pipelines
+from service.pipelines.starting import begin
 from service.problems import handle_problems
 from service.search.endpoints import router as search_router
-from service.search.signatures import SignatureIndex
 from service.settings import Settings, load_parameters, load_settings
 from service.shapes.endpoints import router as shapes_router
 from service.storage.database import Database
@@ -90,25 +88,14 @@ def app_from_environment() -> FastAPI:
 
 def _start(settings: Settings, parameters: Parameters, gate: Gate, metrics: Metrics) -> Parts:
     """Open the database and bring it up to date; the workers warm up meanwhile, and for some time after."""
-    pool = LocalPool(
-        settings.workers,
-        seconds=settings.task_seconds,
-        warm=partial(warm, parameters),
-        replaced=lambda cause: metrics.worker_replacements.labels(cause).inc(),
-    )
-    readers = LocalPool(
-        settings.workers,
-        seconds=settings.task_seconds,
-        warm=partial(sandbox.enter, settings.read_memory_bytes),
-        replaced=lambda cause: metrics.worker_replacements.labels(cause).inc(),
-        tasks_each=sandbox.FILES_EACH,
+    pool, readers = start_processes(
+        settings, parameters, lambda cause: metrics.worker_replacements.labels(cause).inc()
     )
     try:
         database = Database(settings.database_url, lock_seconds=settings.lock_seconds, metrics=metrics)
         migrate(database)
-        index = SignatureIndex(parameters.fingerprint)
-        with database.read() as session:
-            index.current(session)
+        pipelines = Pipelines(parameters)
+        begin(pipelines, database)
     except BaseException:
         readers.kill()
         pool.kill()
@@ -116,19 +103,17 @@ def _start(settings: Settings, parameters: Parameters, gate: Gate, metrics: Metr
     work = Work(
         pool,
         readers,
-        Pipeline(parameters),
         settings.limits,
         read_seconds=settings.read_seconds,
         workers=settings.workers,
         waiting=settings.queue_length,
     )
-    about = {"version": VERSION, "pipeline": parameters.name, "fingerprint": parameters.fingerprint}
-    log.info("the service starts", extra={"fields": {**about, "workers": settings.workers}})
-    _watch(metrics, pool, readers, work, index)
-    return Parts(settings, database, pool, readers, work, index, gate, metrics)
+    log.info("the service starts", extra={"fields": {"version": VERSION, "workers": settings.workers}})
+    _watch(metrics, pool, readers, work, pipelines)
+    return Parts(settings, database, pool, readers, work, pipelines, gate, metrics)
 
 
-def _watch(metrics: Metrics, pool: LocalPool, readers: LocalPool, work: Work, index: SignatureIndex) -> None:
+def _watch(metrics: Metrics, pool: LocalPool, readers: LocalPool, work: Work, pipelines: Pipelines) -> None:
     """Have the metrics show the state of things."""
     watch = metrics.watch
     watch("queue_requests", "Requests that are at work or wait for a worker.", lambda: work.inside)
@@ -142,7 +127,9 @@ def _watch(metrics: Metrics, pool: LocalPool, readers: LocalPool, work: Work, in
         watch(name, about, processes.starting, state="starting")
     watch("tasks_waiting", "Tasks that no worker has taken yet.", pool.waiting)
     watch(
-        "indexed_shapes", "Shapes whose signatures are in memory, as of the last query.", lambda: len(index)
+        "indexed_shapes",
+        "Shapes whose signatures are in memory, as of the last query.",
+        lambda: pipelines.indexed,
     )
 
 

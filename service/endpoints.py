@@ -1,5 +1,7 @@
 """The addresses that tell of the service itself."""
 
+from dataclasses import asdict
+
 from fastapi import APIRouter, Request, Response
 from fastapi.responses import PlainTextResponse
 from prometheus_client.exposition import choose_encoder
@@ -9,7 +11,7 @@ from core.parameters import METHOD_VERSION
 from service.dependencies import Service
 from service.errors import ServiceError
 from service.problems import documented, problem_response
-from service.system import VERSION, Health, Readiness, Version
+from service.system import VERSION, Health, PendingPipeline, Readiness, Version
 
 router = APIRouter(tags=["service"])
 
@@ -51,10 +53,23 @@ def read_metrics(request: Request, parts: Service) -> Response:
     return Response(encode(parts.metrics.registry), media_type=media_type)
 
 
-@router.get("/version", summary="Which version is it?")
-async def read_version(parts: Service) -> Version:
-    """The service's version, and the pipeline that its embeddings are made with."""
-    parameters = parts.work.pipeline.parameters
+@router.get(
+    "/version",
+    summary="Which version is it?",
+    responses=documented("pipeline-unavailable", "storage-unavailable"),
+)
+def read_version(parts: Service) -> Version:
+    """The service's version, and the pipeline that the archive is searched by.
+
+    Where the settings name another pipeline, `pending` tells of that one.
+    """
+    with parts.database.read() as session:
+        parameters = parts.pipelines.current(session).pipeline.parameters
+        pending = parts.pipelines.pending(session)
     return Version(
-        version=VERSION, pipeline=parameters.name, fingerprint=parameters.fingerprint, method=METHOD_VERSION
+        version=VERSION,
+        pipeline=parameters.name,
+        fingerprint=parameters.fingerprint,
+        method=METHOD_VERSION,
+        pending=None if pending is None else PendingPipeline(**asdict(pending)),
     )

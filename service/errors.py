@@ -58,7 +58,8 @@ class NotEmbeddedError(ServiceError):
 
     def __init__(self, shape_id: str) -> None:
         super().__init__(
-            f"shape {shape_id!r} was embedded with another pipeline; upload its file again to embed it anew"
+            f"shape {shape_id!r} was embedded with another pipeline only; upload its file again, or have "
+            "`isoshape reembed` embed all that lack an embedding"
         )
 
 
@@ -167,6 +168,13 @@ class StorageFullError(ServiceError):
     kind = "storage-full"
 
 
+class PipelineUnavailableError(ServiceError):
+    """The archive is searched by a pipeline that this version of the service does not have."""
+
+    kind = "pipeline-unavailable"
+    retry_after = 60
+
+
 class SignatureLengthError(ServiceError):
     """The method gave a mesh a signature of another length than all others have."""
 
@@ -223,6 +231,7 @@ PROBLEMS: dict[str, ProblemKind] = {
     "worker-lost": ProblemKind(503, "A worker was lost"),
     "shutting-down": ProblemKind(503, "The service is shutting down"),
     "not-ready": ProblemKind(503, "The service is not ready"),
+    "pipeline-unavailable": ProblemKind(503, "The archive is embedded by a pipeline that is not known"),
     "storage-unavailable": ProblemKind(503, "The database is not available"),
     "storage-full": ProblemKind(507, "There is no room left"),
 }

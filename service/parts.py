@@ -6,7 +6,7 @@ from service.access.gate import Gate
 from service.compute.pool import LocalPool
 from service.compute.work import Work
 from service.metrics import Metrics
-from service.search.signatures import SignatureIndex
+from service.pipelines.active import Pipelines
 from service.settings import Settings
 from service.storage.database import Database
 
@@ -20,11 +20,6 @@ class Parts:
     pool: LocalPool
     readers: LocalPool
     work: Work
-    index: SignatureIndex
+    pipelines: Pipelines
     gate: Gate
     metrics: Metrics
-
-    @property
-    def fingerprint(self) -> str:
-        """Of the pipeline in use."""
-        return self.work.pipeline.fingerprint

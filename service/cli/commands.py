@@ -33,6 +33,7 @@ COMMANDS = (
     "check",
     "backup",
     "restore",
+    "reembed",
     "key",
     "openapi",
 )

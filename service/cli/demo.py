@@ -16,11 +16,13 @@ from core.reading import write_mesh
 from service.cli.child import ChildService, sigterm_exits
 from service.cli.console import fail, output, progress, say
 from service.cli.picture import draw_answers
+from service.cli.reembed import bring_up
 from service.cli.server import DEFAULT_PORT, LOOPBACK, PortError, bind, wait_until_ready
 from service.cli.target import Key
 from service.cli.upload import Item, upload_all
 from service.client import Client
 from service.search.schemas import QueryAnswer
+from service.settings import load_settings
 
 POSES = 8
 FOLDER = Path("isoshape-data")
@@ -63,7 +65,9 @@ def command(
     except PortError as error:
         fail(f"{error}; choose another with --port", status=2)
     FOLDER.mkdir(parents=True, exist_ok=True)
-    settings = {"ISOSHAPE_DATABASE_URL": f"sqlite:///{FOLDER / 'demo.sqlite3'}"}
+    url = f"sqlite:///{FOLDER / 'demo.sqlite3'}"
+    bring_up(load_settings().model_copy(update={"database_url": url}))
+    settings = {"ISOSHAPE_DATABASE_URL": url}
     if "ISOSHAPE_LOG_LEVEL" not in os.environ:
         settings["ISOSHAPE_LOG_LEVEL"] = "warning"
     with sigterm_exits(), ChildService(port, settings) as child, Client(child.url, key=key) as client:

@@ -20,7 +20,7 @@ R = TypeVar("R")
 
 
 class Work:
-    """Embedding and comparing with one pipeline.
+    """Embedding and comparing, each time with the pipeline that is asked for.
 
     Parameters
     ----------
@@ -28,8 +28,6 @@ class Work:
         Where it is done, but for the reading of files.
     readers : Executor
         Where files are read: processes that `sandbox.enter` has confined.
-    pipeline : Pipeline
-        The workers make their own from its parameters.
     limits : Limits
         What a file may hold.
     read_seconds : float
@@ -44,14 +42,12 @@ class Work:
         self,
         executor: Executor,
         readers: Executor,
-        pipeline: Pipeline,
         limits: Limits,
         *,
         read_seconds: float,
         workers: int,
         waiting: int,
     ) -> None:
-        self.pipeline = pipeline
         self._executor = executor
         self._readers = readers
         self._limits = limits
@@ -86,32 +82,30 @@ class Work:
         finally:
             self._inside -= 1
 
-    async def embed(self, data: bytes, format: str) -> Embedded:
+    async def embed(self, data: bytes, format: str, pipeline: Pipeline) -> Embedded:
         """Read a file and embed its mesh."""
         reading = self._readers.submit(read_file, data, format, self._limits, self._read_seconds)
         try:
             read: Readable = await asyncio.wrap_future(reading)
-            embedding = self._executor.submit(
-                embed_mesh, read.mesh, self.pipeline.parameters, read.milliseconds
-            )
+            embedding = self._executor.submit(embed_mesh, read.mesh, pipeline.parameters, read.milliseconds)
             return await asyncio.wrap_future(embedding)
         except TaskTimeLimitError as error:
             raise FileTimeLimitError(str(error)) from error
         except MemoryError as error:
             raise MeshTooComplexError("the mesh takes more memory than there is") from error
 
-    async def score(self, query: bytes, records: Sequence[bytes]) -> Scores:
+    async def score(self, query: bytes, records: Sequence[bytes], pipeline: Pipeline) -> Scores:
         """How alike the query is to each of c records: arrays of shape (c,), NaN where one cannot be read."""
         with _short_of_memory():
             return await asyncio.wrap_future(
-                self._executor.submit(score_records, query, records, self.pipeline.parameters)
+                self._executor.submit(score_records, query, records, pipeline.parameters)
             )
 
-    async def match(self, first: bytes, second: bytes) -> Match:
+    async def match(self, first: bytes, second: bytes, pipeline: Pipeline) -> Match:
         """Compare two records."""
         with _short_of_memory():
             return await asyncio.wrap_future(
-                self._executor.submit(match_records, first, second, self.pipeline.parameters)
+                self._executor.submit(match_records, first, second, pipeline.parameters)
             )
 
     async def read(self, data: bytes, format: str) -> Mesh:

@@ -8,6 +8,7 @@ from service.parts import Parts
 from service.pictures import repository, tasks
 from service.pictures.tasks import FACES, Side
 from service.pictures.thumbnail import DRAWING, draw
+from service.pipelines.active import fingerprint
 from service.search.records import Comparison
 from service.shapes import service as shapes_service
 from service.shapes.records import ShapeRecord
@@ -20,7 +21,7 @@ async def record(parts: Parts, shape_id: str) -> ShapeRecord:
 
     def read() -> ShapeRecord:
         with parts.database.read() as session:
-            return shapes_service.get(session, parts.fingerprint, shape_id)
+            return shapes_service.get(session, fingerprint(session), shape_id)
 
     return await run_in_threadpool(read)
 

@@ -40,7 +40,7 @@ class Candidates:
 def candidates(parts: Parts, query: Query, options: Options) -> Candidates:
     """Those that the filter means, less the query itself, less those that are far by signature."""
     with parts.database.read() as session:
-        signed = parts.index.current(session)
+        signed = query.in_use.index.current(session)
         stored = shapes_repository.count(session, ShapeFilter())
         chosen = np.ones(len(signed.shapes), dtype=bool)
         if not options.filter.is_empty:
@@ -57,7 +57,7 @@ def candidates(parts: Parts, query: Query, options: Options) -> Candidates:
     places = np.flatnonzero(chosen)
     signature = embedding_from_bytes(query.record).signature
     if not options.exhaustive and len(places) >= options.shortlist_from:
-        distances = parts.work.pipeline.signature_distances(signature, signed.signatures[places])
+        distances = query.in_use.pipeline.signature_distances(signature, signed.signatures[places])
         nearest = np.lexsort((signed.shapes[places], distances))[: options.shortlist_length]
         places = places[nearest]
         parts.metrics.queries_shortlisted.inc()

@@ -24,6 +24,7 @@ async def compare_with(parts: Parts, query: Query, candidates: Candidates) -> Co
 
     A candidate that was deleted meanwhile, or whose record cannot be read, is left out.
     """
+    pipeline = query.in_use.pipeline
     embeddings, places = np.unique(candidates.embeddings, return_inverse=True)
     length = max(1, min(CHUNK, -(-len(embeddings) // parts.settings.workers)))
     turns = asyncio.Semaphore(2 * parts.settings.workers)
@@ -35,7 +36,7 @@ async def compare_with(parts: Parts, query: Query, candidates: Candidates) -> Co
             records = await run_in_threadpool(_read, parts.database, wanted)
             present = [start + i for i, number in enumerate(wanted) if number in records]
             found = await parts.work.score(
-                query.record, [records[number] for number in wanted if number in records]
+                query.record, [records[number] for number in wanted if number in records], pipeline
             )
             scores[:, present] = found.cc, found.ssd, found.sim
 
@@ -54,7 +55,7 @@ async def compare_with(parts: Parts, query: Query, candidates: Candidates) -> Co
         cc=cc[known],
         ssd=ssd[known],
         sim=sim[known],
-        combined=parts.work.pipeline.combined(cc[known], candidates.signature, candidates.signatures[known]),
+        combined=pipeline.combined(cc[known], candidates.signature, candidates.signatures[known]),
     )
 
 

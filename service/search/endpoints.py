@@ -13,6 +13,7 @@ from service.page.answers import comparing_page
 from service.parts import Parts
 from service.pictures import service as pictures
 from service.pictures.glb import MEDIA_TYPE
+from service.pipelines.active import InUse
 from service.problems import documented, faults_of
 from service.search import service
 from service.search.records import Answer, Comparison, Options
@@ -60,7 +61,13 @@ QUERY_BODY: dict[str, Any] = {
     summary="Find the shapes most like one",
     response_description="The most alike, first of all by cc.",
     responses=documented(
-        *FILE_PROBLEMS, "shape-not-found", "not-embedded", "time-limit", "storage-unavailable", "storage-full"
+        *FILE_PROBLEMS,
+        "shape-not-found",
+        "not-embedded",
+        "time-limit",
+        "pipeline-unavailable",
+        "storage-unavailable",
+        "storage-full",
     ),
     openapi_extra=QUERY_BODY,
 )
@@ -100,6 +107,7 @@ async def query(request: Request, parts: Service) -> QueryAnswer:
             "worker-lost",
             "time-limit",
             "file-time-limit",
+            "pipeline-unavailable",
             "storage-unavailable",
         ),
     },
@@ -119,21 +127,21 @@ async def compare(
     """How alike two stored shapes are, and which of their points correspond."""
     stages = Stages()
 
-    async def compared() -> tuple[Comparison, bytes]:
-        found = await service.compare(parts, pair.first, pair.second, stages)
+    async def compared(in_use: InUse) -> tuple[Comparison, bytes]:
+        found = await service.compare(parts, pair.first, pair.second, in_use, stages)
         if format != "glb":
             return found, b""
         with stages.stage("draw"):
             return found, await pictures.coloured(parts, pair.first, pair.second, found)
 
     with parts.work.admitted():
-        comparison, glb = await while_connected(request, compared())
+        comparison, glb = await while_connected(request, service.in_one_pipeline(parts, compared))
     parts.metrics.stages("compare", stages.milliseconds)
     if format == "glb":
         return Response(glb, media_type=MEDIA_TYPE)
     if format == "html":
         return comparing_page(pair.first, pair.second)
-    return CompareAnswer.of(comparison, pipeline=parts.fingerprint, milliseconds=stages.so_far())
+    return CompareAnswer.of(comparison, milliseconds=stages.so_far())
 
 
 async def _with_file(request: Request, parts: Parts, address: dict[str, list[str]]) -> QueryAnswer:
@@ -147,13 +155,13 @@ async def _with_file(request: Request, parts: Parts, address: dict[str, list[str
         with parts.work.admitted():
             data = await form.bytes()
 
-            async def found() -> Answer:
-                wanted = await service.by_file(parts, data, mesh_format, stages)
+            async def found(in_use: InUse) -> Answer:
+                wanted = await service.by_file(parts, data, mesh_format, in_use, stages)
                 return await service.search(
                     parts, wanted, _options(options, parts, exclude_self=False), stages
                 )
 
-            answer = await while_connected(request, found())
+            answer = await while_connected(request, service.in_one_pipeline(parts, found))
     return _answer(answer, parts, stages)
 
 
@@ -168,22 +176,17 @@ async def _with_id(request: Request, parts: Parts, address: dict[str, list[str]]
     stages = Stages()
     with parts.work.admitted():
 
-        async def found() -> Answer:
-            wanted = await service.by_id(parts, options.shape_id, stages)
+        async def found(in_use: InUse) -> Answer:
+            wanted = await service.by_id(parts, options.shape_id, in_use, stages)
             return await service.search(parts, wanted, _options(options, parts, exclude_self=True), stages)
 
-        answer = await while_connected(request, found())
+        answer = await while_connected(request, service.in_one_pipeline(parts, found))
     return _answer(answer, parts, stages)
 
 
 def _answer(answer: Answer, parts: Parts, stages: Stages) -> QueryAnswer:
     parts.metrics.stages("query", stages.milliseconds)
-    return QueryAnswer.of(
-        answer,
-        threshold=parts.work.pipeline.parameters.match_threshold,
-        pipeline=parts.fingerprint,
-        milliseconds=stages.so_far(),
-    )
+    return QueryAnswer.of(answer, milliseconds=stages.so_far())
 
 
 def _values(fields: dict[str, list[str]]) -> dict[str, Any]:

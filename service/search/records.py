@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 
 from core.embedding import Embedding, Match
+from core.pipeline import Pipeline
+from service.pipelines.active import InUse
 from service.search.ranking import RankBy
 from service.shapes.records import ShapeFilter, ShapeRecord
 
@@ -24,8 +26,9 @@ class Options:
 
 @dataclass(frozen=True)
 class Query:
-    """What is searched for: an embedding, and the stored shapes that it is itself, by their numbers."""
+    """What is searched for: an embedding, what made it, and the numbers of the stored shapes that it is."""
 
+    in_use: InUse
     record: bytes
     itself: frozenset[int]
 
@@ -34,6 +37,7 @@ class Query:
 class Comparison:
     """Two embeddings, their match, and the chance that they are of one class."""
 
+    pipeline: Pipeline
     first: Embedding
     second: Embedding
     match: Match
@@ -59,6 +63,7 @@ class Answer:
     `best_cc` is the highest of all that were compared, if any were; `embedding` the query's, if asked for.
     """
 
+    pipeline: Pipeline
     found: list[Found]
     best_cc: float | None
     compared: int

@@ -143,16 +143,15 @@ class QueryAnswer(BaseModel):
     embedding: EmbeddingArrays | None = Field(default=None, description="Of the query, if asked for.")
 
     @classmethod
-    def of(
-        cls, answer: Answer, *, threshold: float, pipeline: str, milliseconds: dict[str, float]
-    ) -> "QueryAnswer":
+    def of(cls, answer: Answer, *, milliseconds: dict[str, float]) -> "QueryAnswer":
         """The JSON of an answer."""
         return cls(
             results=[_result(rank, found) for rank, found in enumerate(answer.found, start=1)],
-            matched=answer.best_cc is not None and answer.best_cc >= threshold,
+            matched=answer.best_cc is not None
+            and answer.best_cc >= answer.pipeline.parameters.match_threshold,
             compared=answer.compared,
             stored=answer.stored,
-            pipeline=pipeline,
+            pipeline=answer.pipeline.fingerprint,
             milliseconds=milliseconds,
             embedding=None if answer.embedding is None else EmbeddingArrays.of(answer.embedding),
         )
@@ -198,7 +197,7 @@ class CompareAnswer(BaseModel):
     milliseconds: dict[str, float] = Field(description="How long each stage took, and all of it.")
 
     @classmethod
-    def of(cls, comparison: Comparison, *, pipeline: str, milliseconds: dict[str, float]) -> "CompareAnswer":
+    def of(cls, comparison: Comparison, *, milliseconds: dict[str, float]) -> "CompareAnswer":
         """The JSON of a comparison."""
         match = comparison.match
         return cls(
@@ -207,7 +206,7 @@ class CompareAnswer(BaseModel):
             sim=match.sim,
             combined=comparison.combined,
             correspondence=pairs(comparison),
-            pipeline=pipeline,
+            pipeline=comparison.pipeline.fingerprint,
             milliseconds=milliseconds,
         )
 

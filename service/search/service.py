@@ -1,12 +1,18 @@
 """Finding the stored shapes most like one, and comparing two."""
 
+from collections.abc import Awaitable, Callable
+from typing import TypeVar
+
 import numpy as np
 from numpy.typing import NDArray
 from starlette.concurrency import run_in_threadpool
 
+from core.pipeline import Pipeline
 from core.records import embedding_from_bytes
 from service.compute.work import Work
+from service.errors import NotEmbeddedError
 from service.parts import Parts
+from service.pipelines.active import InUse
 from service.search import repository
 from service.search.candidates import candidates
 from service.search.comparing import compare_with
@@ -17,27 +23,54 @@ from service.shapes import service as shapes_service
 from service.shapes.records import ShapeRecord, sha256
 from service.stages import Stages
 
+Done = TypeVar("Done")
 
-async def by_file(parts: Parts, data: bytes, format: str, stages: Stages) -> Query:
+
+async def in_one_pipeline(parts: Parts, work: Callable[[InUse], Awaitable[Done]]) -> Done:
+    """What work with the pipeline in use gives, done again where the archive went over to another meanwhile.
+
+    The embeddings that it began with may have been deleted under it.
+    """
+
+    def current() -> InUse:
+        with parts.database.read() as session:
+            return parts.pipelines.current(session)
+
+    in_use = await run_in_threadpool(current)
+    while True:
+        try:
+            done = await work(in_use)
+        except NotEmbeddedError:
+            before, in_use = in_use, await run_in_threadpool(current)
+            if in_use is before:
+                raise
+        else:
+            before, in_use = in_use, await run_in_threadpool(current)
+            if in_use is before:
+                return done
+
+
+async def by_file(parts: Parts, data: bytes, format: str, in_use: InUse, stages: Stages) -> Query:
     """The query that a file makes; the shapes with the same bytes are itself."""
-    embedded = await parts.work.embed(data, format)
+    embedded = await parts.work.embed(data, format, in_use.pipeline)
     stages.milliseconds |= embedded.milliseconds
 
     def itself() -> frozenset[int]:
         with parts.database.read() as session:
             return frozenset(repository.numbers_of_bytes(session, sha256(data)))
 
-    return Query(embedded.record, await run_in_threadpool(itself))
+    return Query(in_use, embedded.record, await run_in_threadpool(itself))
 
 
-async def by_id(parts: Parts, shape_id: str, stages: Stages) -> Query:
+async def by_id(parts: Parts, shape_id: str, in_use: InUse, stages: Stages) -> Query:
     """The query that a stored shape makes."""
-    fingerprint = parts.fingerprint
+    fingerprint = in_use.fingerprint
 
     def read() -> Query:
         with parts.database.read() as session:
             number = shapes_service.get(session, fingerprint, shape_id).number
-            return Query(shapes_service.get_record(session, fingerprint, shape_id), frozenset([number]))
+            record = shapes_service.get_record(session, fingerprint, shape_id)
+            return Query(in_use, record, frozenset([number]))
 
     with stages.stage("read"):
         return await run_in_threadpool(read)
@@ -54,6 +87,7 @@ async def search(parts: Parts, query: Query, options: Options, stages: Stages) -
         best = ranked(compared, options.rank_by)[: options.top_k]
         found = await _results(parts, query, compared, best, correspondences=options.correspondences)
     return Answer(
+        pipeline=query.in_use.pipeline,
         found=found,
         best_cc=float(compared.cc.max()) if len(compared.cc) else None,
         compared=len(compared.shapes),
@@ -62,9 +96,9 @@ async def search(parts: Parts, query: Query, options: Options, stages: Stages) -
     )
 
 
-async def compare(parts: Parts, first_id: str, second_id: str, stages: Stages) -> Comparison:
+async def compare(parts: Parts, first_id: str, second_id: str, in_use: InUse, stages: Stages) -> Comparison:
     """Two stored shapes compared."""
-    fingerprint = parts.fingerprint
+    fingerprint = in_use.fingerprint
 
     def read() -> tuple[bytes, bytes]:
         with parts.database.read() as session:
@@ -76,14 +110,15 @@ async def compare(parts: Parts, first_id: str, second_id: str, stages: Stages) -
     with stages.stage("read"):
         first, second = await run_in_threadpool(read)
     with stages.stage("compare"):
-        return await _match(parts.work, first, second)
+        return await _match(parts.work, first, second, in_use.pipeline)
 
 
 async def _results(
     parts: Parts, query: Query, compared: Compared, best: NDArray[np.intp], *, correspondences: bool
 ) -> list[Found]:
     """The best as they are shown; one that was deleted a moment ago is left out."""
-    fingerprint = parts.fingerprint
+    pipeline = query.in_use.pipeline
+    fingerprint = pipeline.fingerprint
 
     def read() -> list[tuple[ShapeRecord, bytes | None]]:
         with parts.database.read() as session:
@@ -105,14 +140,16 @@ async def _results(
                 ssd=float(compared.ssd[place]),
                 sim=float(compared.sim[place]),
                 combined=float(compared.combined[place]),
-                comparison=None if record is None else await _match(parts.work, query.record, record),
+                comparison=None
+                if record is None
+                else await _match(parts.work, query.record, record, pipeline),
             )
         )
     return found
 
 
-async def _match(work: Work, first: bytes, second: bytes) -> Comparison:
-    match = await work.match(first, second)
+async def _match(work: Work, first: bytes, second: bytes, pipeline: Pipeline) -> Comparison:
+    match = await work.match(first, second, pipeline)
     one, other = embedding_from_bytes(first), embedding_from_bytes(second)
-    combined = work.pipeline.combined(np.array([match.cc]), one.signature, other.signature[None])
-    return Comparison(one, other, match, combined=float(combined[0]))
+    combined = pipeline.combined(np.array([match.cc]), one.signature, other.signature[None])
+    return Comparison(pipeline, one, other, match, combined=float(combined[0]))

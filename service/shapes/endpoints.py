@@ -9,6 +9,7 @@ from core.reading import FORMATS, format_of
 from service.dependencies import Service
 from service.disconnect import while_connected
 from service.errors import BadRequestFieldsError, FieldFault
+from service.pipelines.active import fingerprint
 from service.problems import documented, faults_of
 from service.shapes import files, service
 from service.shapes.documentation import FILE_PROBLEMS, READ_PROBLEMS, UPLOAD_BODY, WRITE_PROBLEMS
@@ -111,7 +112,7 @@ def list_shapes(listing: Annotated[Listing, Query()], parts: Service) -> ShapePa
     after = read_cursor(listing.cursor)
     with parts.database.read() as session:
         page = service.list_page(
-            session, parts.fingerprint, listing.filter(), after=after, limit=listing.limit
+            session, fingerprint(session), listing.filter(), after=after, limit=listing.limit
         )
     return ShapePage.of(page)
 
@@ -122,7 +123,7 @@ def list_shapes(listing: Annotated[Listing, Query()], parts: Service) -> ShapePa
 def read_shape(shape_id: ShapeId, parts: Service) -> Shape:
     """The record of a shape: what it is called, and what was measured on its mesh."""
     with parts.database.read() as session:
-        return Shape.of(service.get(session, parts.fingerprint, shape_id))
+        return Shape.of(service.get(session, fingerprint(session), shape_id))
 
 
 @router.patch(
@@ -133,7 +134,7 @@ def read_shape(shape_id: ShapeId, parts: Service) -> Shape:
 def change_shape(shape_id: ShapeId, changes: ShapeChanges, parts: Service) -> Shape:
     """Change name, tags or metadata. Each that is given replaces the old one whole."""
     with parts.database.write() as session:
-        return Shape.of(service.change(session, parts.fingerprint, shape_id, changes.changes()))
+        return Shape.of(service.change(session, fingerprint(session), shape_id, changes.changes()))
 
 
 @router.delete(
@@ -145,7 +146,7 @@ def change_shape(shape_id: ShapeId, changes: ShapeChanges, parts: Service) -> Sh
 def delete_shape(shape_id: ShapeId, parts: Service) -> None:
     """Delete the record, and its file and embedding unless another shape has the same bytes."""
     with parts.database.write() as session:
-        service.remove(session, parts.fingerprint, shape_id)
+        service.remove(session, fingerprint(session), shape_id)
 
 
 @router.head("/shapes/{shape_id}/file", include_in_schema=False)
@@ -168,7 +169,7 @@ def delete_shape(shape_id: ShapeId, parts: Service) -> None:
 def read_file(shape_id: ShapeId, request: Request, parts: Service) -> Response:
     """The very bytes that were uploaded. HEAD gives the headers alone."""
     with parts.database.read() as session:
-        shape = service.get(session, parts.fingerprint, shape_id)
+        shape = service.get(session, fingerprint(session), shape_id)
         tag = files.entity_tag(shape.sha256)
         if files.is_known(request.headers.get("If-None-Match"), tag):
             return Response(status_code=304, headers={"ETag": tag})
@@ -206,7 +207,7 @@ def read_embedding(
 ) -> EmbeddingArrays | Response:
     """What the pipeline in use made of the shape: samples, graph, tree, signature and spectra."""
     with parts.database.read() as session:
-        embedding = service.get_embedding(session, parts.fingerprint, shape_id)
+        embedding = service.get_embedding(session, fingerprint(session), shape_id)
     if format == "json":
         return EmbeddingArrays.of(embedding)
     headers = {"Content-Disposition": f'attachment; filename="{embedding.fingerprint}.npz"'}

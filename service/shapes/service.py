@@ -7,10 +7,12 @@ import numpy as np
 from starlette.concurrency import run_in_threadpool
 
 from core.embedding import Embedding
+from core.pipeline import Pipeline
 from core.records import embedding_from_bytes
 from service.compute.tasks import Embedded
 from service.errors import NameTakenError, NotEmbeddedError, ShapeNotFoundError, SignatureLengthError
 from service.parts import Parts
+from service.pipelines.active import fingerprint as active_fingerprint
 from service.shapes import repository
 from service.shapes.records import Changes, NewShape, Page, ShapeFilter, ShapeRecord, Stored
 from service.stages import Stages
@@ -23,20 +25,16 @@ async def ingest(parts: Parts, new: NewShape) -> Stored:
     The embedding is made before the transaction begins, which then writes bytes, shape and embedding
     together: once this returns, they are durable, and the next query sees them.
     """
-    database, fingerprint = parts.database, parts.fingerprint
     stages = Stages()
-    present, needed = await run_in_threadpool(_look_up, database, fingerprint, new)
-    if present is not None and not needed:
-        return Stored(present, created=False)
-    embedded = await parts.work.embed(new.data, new.format) if needed else None
-    with stages.stage("store"):
-        stored = await run_in_threadpool(_store, database, fingerprint, new, embedded)
-    if stored is None:
-        # The embedding that was there has gone meanwhile, with the last shape that had it.
-        embedded = await parts.work.embed(new.data, new.format)
+    while True:
+        pipeline, present, needed = await run_in_threadpool(_look_up, parts, new)
+        if present is not None and not needed:
+            return Stored(present, created=False)
+        embedded = await parts.work.embed(new.data, new.format, pipeline) if needed else None
         with stages.stage("store"):
-            stored = await run_in_threadpool(_store, database, fingerprint, new, embedded)
-    assert stored is not None
+            stored = await run_in_threadpool(_store, parts.database, pipeline.fingerprint, new, embedded)
+        if stored is not None:
+            break
     made = {} if embedded is None else embedded.milliseconds
     parts.metrics.stages("upload", {**made, **stages.milliseconds})
     return stored
@@ -115,22 +113,30 @@ def as_npz(embedding: Embedding) -> bytes:
     return buffer.getvalue()
 
 
-def _look_up(database: Database, fingerprint: str, new: NewShape) -> tuple[ShapeRecord | None, bool]:
-    """The shape that is there already, and whether the file needs to be embedded."""
-    with database.read() as session:
-        present = repository.same(session, fingerprint, new)
-        return present, not repository.is_embedded(session, fingerprint, new.sha256, new.format)
+def _look_up(parts: Parts, new: NewShape) -> tuple[Pipeline, ShapeRecord | None, bool]:
+    """The pipeline in use, the shape that is there already, and whether the file needs to be embedded."""
+    with parts.database.read() as session:
+        pipeline = parts.pipelines.current(session).pipeline
+        present = repository.same(session, pipeline.fingerprint, new)
+        needed = not repository.is_embedded(session, pipeline.fingerprint, new.sha256, new.format)
+        return pipeline, present, needed
 
 
 def _store(database: Database, fingerprint: str, new: NewShape, embedded: Embedded | None) -> Stored | None:
-    """One transaction; None when the embedding it counted on is not there."""
+    """One transaction; None when it comes too late.
+
+    The archive is searched by another pipeline by now, or the embedding that was there has gone, with the
+    last shape that had it.
+    """
     with database.write() as session:
+        if active_fingerprint(session) != fingerprint:
+            return None
         embedding_is_there = repository.is_embedded(session, fingerprint, new.sha256, new.format)
         if embedded is None and not embedding_is_there:
             return None
         blob_number = repository.add_blob(session, new.data, new.sha256)
         if embedded is not None and not embedding_is_there:
-            _check_signature(session, fingerprint, embedded)
+            check_signature(session, fingerprint, embedded)
             repository.add_embedding(session, blob_number, new.format, fingerprint, embedded)
         present = repository.same(session, fingerprint, new)
         if present is not None:
@@ -140,7 +146,7 @@ def _store(database: Database, fingerprint: str, new: NewShape, embedded: Embedd
         return Stored(repository.records(session, fingerprint, [number])[0], created=True)
 
 
-def _check_signature(session: ReadSession, fingerprint: str, embedded: Embedded) -> None:
+def check_signature(session: ReadSession, fingerprint: str, embedded: Embedded) -> None:
     """Refuse a longer or shorter signature: those of one pipeline are searched as one matrix."""
     stored = repository.latest_signature(session, fingerprint)
     if stored is not None and len(stored) != len(embedded.signature):

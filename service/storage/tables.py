@@ -116,13 +116,28 @@ class RemovalRow(Table):
     revision: Mapped[int] = mapped_column(index=True)
 
 
+class PipelineRow(Table):
+    """A pipeline that made embeddings: the version of the method, and its parameters."""
+
+    __tablename__ = "pipelines"
+
+    fingerprint: Mapped[str] = mapped_column(String(16), primary_key=True)
+    method: Mapped[int]
+    parameters: Mapped[dict[str, Any]] = mapped_column(JSON)
+
+
 class ArchiveRow(Table):
-    """The one row about the archive itself: how many times what is searched has changed."""
+    """The one row about the archive itself.
+
+    `revision` is how many times what is searched has changed; `fingerprint` that of the pipeline it is
+    searched by, none before the first start.
+    """
 
     __tablename__ = "archive"
 
     number: Mapped[int] = mapped_column(primary_key=True, autoincrement=False)
     revision: Mapped[int]
+    fingerprint: Mapped[str | None] = mapped_column(String(16))
 
 
 class ThumbnailRow(Table):

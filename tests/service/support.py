@@ -14,6 +14,7 @@ import numpy as np
 import uvicorn
 
 from core.mesh import Mesh
+from core.pipeline import Pipeline
 from core.reading import write_mesh
 from service.app import create_app
 from service.parts import Parts
@@ -113,6 +114,12 @@ def small_file(number: int, format: str = "off") -> bytes:
             a, b, c, d = i * around + j, i * around + k, (i + 1) * around + j, (i + 1) * around + k
             faces += [[a, c, b], [b, c, d]]
     return write_mesh(Mesh(points, np.array(faces)), format)
+
+
+def pipeline_in_use(running: Running) -> Pipeline:
+    """The pipeline that the service's archive is searched by."""
+    with running.parts.database.read() as session:
+        return running.parts.pipelines.current(session).pipeline
 
 
 def upload(client: httpx.Client, data: bytes, filename: str, **fields: Any) -> httpx.Response:

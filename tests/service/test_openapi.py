@@ -14,7 +14,7 @@ from service.search.schemas import CompareAnswer, QueryAnswer
 from service.settings import PREFIX
 from service.shapes.schemas import EmbeddingArrays, Shape, ShapePage
 from service.system import Health, Readiness, Version
-from tests.service.support import Running
+from tests.service.support import Running, pipeline_in_use
 
 FILE = Path(__file__).parents[2] / "openapi" / "openapi.json"
 MODELS = (
@@ -106,7 +106,7 @@ def test_the_service_tells_of_itself(shared: Running) -> None:
     assert shared.client.get("/readyz").json() == {"status": "ready"}
     told = shared.client.get("/version").json()
     assert told["pipeline"] == "default"
-    assert told["fingerprint"] == shared.parts.fingerprint
+    assert told["fingerprint"] == pipeline_in_use(shared).fingerprint
     assert told["version"] == document()["info"]["version"]
 
 

@@ -3,44 +3,119 @@
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+import pytest
+from sqlalchemy import text
+
+from core.parameters import DEFAULT, PAPER
+from service.errors import PipelineUnavailableError
+from service.pipelines import repository
+from service.pipelines.active import Pipelines, keep
+from service.pipelines.starting import begin
+from service.shapes import repository as shapes_repository
+from service.shapes.records import NewShape
+from service.storage.database import Database
+from service.storage.migrate import migrate
+from tests.service.pipelines import fingerprints, write_parameters
 from tests.service.support import Running, assert_problem, query, serving, settings_in, small_file, upload
 
 
-def test_shapes_of_another_pipeline_are_kept_but_not_compared(tmp_path: Path) -> None:
+def test_an_archive_of_another_pipeline_is_served_as_it_is(tmp_path: Path) -> None:
     with serving(settings_in(tmp_path, workers=1)) as running:
         first = running.store(small_file(0), name="first", tags="old")
         second = running.store(small_file(1), name="second")
-        fingerprint = running.client.get("/version").json()["fingerprint"]
+        before = running.client.get("/version").json()
+        assert before["pending"] is None
+        by_file = query(running.client, small_file(0)).json()["results"]
+        by_id = running.client.post("/query", json={"shape_id": first["id"]}).json()["results"]
     with serving(settings_in(tmp_path, workers=1, pipeline="paper")) as running:
         client = running.client
-        told = client.get("/version").json()
-        assert told["pipeline"] == "paper"
-        assert told["fingerprint"] != fingerprint
+        assert client.get("/version").json() == {
+            **before,
+            "pending": {"name": "paper", "fingerprint": PAPER.fingerprint, "embedded": 0, "files": 2},
+        }
         for shape in (first, second):
-            assert client.get(f"/shapes/{shape['id']}").json() == {**shape, "embedded": False}
-            assert_problem(client.get(f"/shapes/{shape['id']}/embedding"), 409, "not-embedded")
-        answer = query(client, small_file(0)).json()
-        assert (answer["results"], answer["compared"], answer["stored"]) == ([], 0, 2)
-        assert answer["pipeline"] == told["fingerprint"]
-        assert_problem(client.post("/query", json={"shape_id": first["id"]}), 409, "not-embedded")
-        pair = {"first": first["id"], "second": second["id"]}
-        assert_problem(client.post("/compare", json=pair), 409, "not-embedded")
+            assert client.get(f"/shapes/{shape['id']}").json() == shape
+        assert query(client, small_file(0)).json()["results"] == by_file
+        assert client.post("/query", json={"shape_id": first["id"]}).json()["results"] == by_id
+        third = running.store(small_file(2), name="third")
+        answer = query(client, small_file(2)).json()
+        assert answer["results"][0]["shape"]["id"] == third["id"]
+        assert (answer["pipeline"], answer["compared"]) == (before["fingerprint"], 3)
+    assert fingerprints(tmp_path) == [before["fingerprint"]] * 3
 
-        again = upload(client, small_file(0), "x.off", name="first", tags="new")
-        assert again.status_code == 200
-        assert again.json() == {**first, "embedded": True}
-        answer = query(client, small_file(0)).json()
-        assert [result["shape"]["id"] for result in answer["results"]] == [first["id"]]
-        assert (answer["compared"], answer["stored"]) == (1, 2)
+
+def test_an_empty_archive_takes_up_the_pipeline_that_the_settings_name(tmp_path: Path) -> None:
     with serving(settings_in(tmp_path, workers=1)) as running:
-        answer = query(running.client, small_file(0)).json()
+        shape = running.store(small_file(0))
+        assert running.client.delete(f"/shapes/{shape['id']}").status_code == 204
+    with serving(settings_in(tmp_path, workers=1, pipeline="paper")) as running:
+        told = running.client.get("/version").json()
+        assert (told["pipeline"], told["pending"]) == ("paper", None)
+        running.store(small_file(0))
+    assert fingerprints(tmp_path) == [PAPER.fingerprint]
+
+
+def test_a_shape_without_an_embedding_of_the_pipeline_in_use_is_said(tmp_path: Path) -> None:
+    with serving(settings_in(tmp_path, workers=1)) as running:
+        client = running.client
+        lost, kept = (running.store(small_file(number), f"{number}.off") for number in range(2))
+        with running.parts.database.write() as session:
+            session.execute(text("DELETE FROM embeddings WHERE number = 1"))
+    with serving(settings_in(tmp_path, workers=1)) as running:
+        client = running.client
+        assert client.get(f"/shapes/{lost['id']}").json() == {**lost, "embedded": False}
+        assert_problem(client.get(f"/shapes/{lost['id']}/embedding"), 409, "not-embedded")
+        assert_problem(client.post("/query", json={"shape_id": lost["id"]}), 409, "not-embedded")
+        pair = {"first": lost["id"], "second": kept["id"]}
+        problem = assert_problem(client.post("/compare", json=pair), 409, "not-embedded")
+        assert "isoshape reembed" in problem["detail"]
+        answer = query(client, small_file(0)).json()
+        assert (answer["compared"], answer["stored"]) == (1, 2)
+        again = upload(client, small_file(0), "0.off", tags="new")
+        assert (again.status_code, again.json()) == (200, lost)
+        answer = query(client, small_file(0)).json()
         assert (answer["compared"], answer["stored"]) == (2, 2)
-        assert answer["pipeline"] == fingerprint
-        assert running.client.get(f"/shapes/{first['id']}").json() == first
-        assert running.client.delete(f"/shapes/{first['id']}").status_code == 204
-        with running.parts.database.read() as session:
-            left = session.connection().exec_driver_sql("SELECT fingerprint FROM embeddings").scalars().all()
-        assert left == [fingerprint]
+        assert answer["results"][0]["shape"]["id"] == lost["id"]
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ("UPDATE pipelines SET method = 0", "version 0 of the method"),
+        ("UPDATE pipelines SET parameters = json_set(parameters, '$.dimensions', 9)", "does not have"),
+        ("UPDATE pipelines SET parameters = json_set(parameters, '$.newer', 1)", "does not have"),
+        ("DELETE FROM pipelines", "Start with the ISOSHAPE_PIPELINE that made it"),
+    ],
+)
+def test_an_archive_of_an_unknown_pipeline_is_refused_at_the_start(
+    tmp_path: Path, change: str, said: str
+) -> None:
+    few = write_parameters(tmp_path)
+    database = Database(f"sqlite:///{tmp_path}/archive.sqlite3", lock_seconds=1)
+    migrate(database)
+    with database.write() as session:
+        keep(session, few)
+        repository.activate(session, few.fingerprint)
+        new = NewShape(data=b"x", format="off", name="x", tags=(), metadata={})
+        shapes_repository.add_shape(session, shapes_repository.add_blob(session, b"x", new.sha256), new, {})
+        session.execute(text(change))
+    with pytest.raises(PipelineUnavailableError, match=said) as refused:
+        begin(Pipelines(DEFAULT), database)
+    assert "isoshape reembed" in str(refused.value)
+    database.close()
+
+
+def test_parameters_that_are_not_written_down_are_taken_from_the_settings(tmp_path: Path) -> None:
+    few = write_parameters(tmp_path)
+    with serving(settings_in(tmp_path, workers=1, pipeline=str(tmp_path / "few.json"))) as running:
+        running.store(small_file(0))
+        with running.parts.database.write() as session:
+            session.execute(text("DELETE FROM pipelines"))
+    with serving(settings_in(tmp_path, workers=1, pipeline=str(tmp_path / "few.json"))):
+        pass
+    with serving(settings_in(tmp_path, workers=1)) as running:
+        told = running.client.get("/version").json()
+        assert (told["pipeline"], told["fingerprint"]) == ("few", few.fingerprint)
 
 
 def test_many_uploads_of_one_file_make_one_shape(service: Running) -> None:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tests.service.support import Running, query, small_file
+from tests.service.support import Running, pipeline_in_use, query, small_file
 
 RESULT = {"rank", "cc", "ssd", "sim", "combined", "shape", "correspondence"}
 
@@ -98,7 +98,7 @@ def test_options_may_stand_in_the_address_the_form_or_the_object(stocked: Runnin
 
 
 def test_matched_says_whether_the_best_cc_of_all_reaches_the_threshold(stocked: Running) -> None:
-    threshold = stocked.parts.work.pipeline.parameters.match_threshold
+    threshold = pipeline_in_use(stocked).parameters.match_threshold
     for rank_by in ("cc", "ssd"):
         itself = query(stocked.client, small_file(0), top_k=1, rank_by=rank_by).json()
         assert itself["matched"] is True
@@ -109,7 +109,7 @@ def test_matched_says_whether_the_best_cc_of_all_reaches_the_threshold(stocked: 
 
 
 def test_combined_is_the_pipelines_and_the_same_in_every_answer(stocked: Running) -> None:
-    pipeline = stocked.parts.work.pipeline
+    pipeline = pipeline_in_use(stocked)
     stored = {s["name"]: s["id"] for s in stocked.client.get("/shapes").json()["shapes"]}
     signatures = {
         shape: np.array(stocked.client.get(f"/shapes/{shape}/embedding").json()["signature"], np.float32)

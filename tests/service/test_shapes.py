@@ -10,7 +10,7 @@ import pytest
 
 from core.records import embedding_from_bytes
 from service.shapes import repository
-from tests.service.support import Running, assert_problem, small_file, upload
+from tests.service.support import Running, assert_problem, pipeline_in_use, small_file, upload
 
 
 def test_pages_show_every_shape_once_and_in_order(service: Running) -> None:
@@ -270,7 +270,7 @@ def test_a_file_has_its_media_type_and_is_not_sent_twice(
 def test_the_embedding_is_the_one_that_is_stored(service: Running) -> None:
     shape = service.store(small_file(0))
     with service.parts.database.read() as session:
-        record = repository.embedding_of(session, service.parts.fingerprint, shape["id"])
+        record = repository.embedding_of(session, pipeline_in_use(service).fingerprint, shape["id"])
     assert record is not None
     stored = embedding_from_bytes(record)
     address = f"/shapes/{shape['id']}/embedding"

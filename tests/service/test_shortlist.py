@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from service.search.ranking import Compared, RankBy, ranked
-from tests.service.support import Running, query, serving, settings_in, small_file
+from tests.service.support import Running, pipeline_in_use, query, serving, settings_in, small_file
 
 STORED = 12
 
@@ -32,7 +32,7 @@ def test_a_large_collection_is_compared_by_its_nearest_signatures(small_shortlis
         for name, shape_id in shapes.items()
     }
     stacked = np.array(list(signatures.values()))
-    distances = small_shortlist.parts.work.pipeline.signature_distances(signatures["3.off"], stacked)
+    distances = pipeline_in_use(small_shortlist).signature_distances(signatures["3.off"], stacked)
     nearest = sorted(zip(distances, signatures, strict=True))[:4]
     assert {result["shape"]["name"] for result in answer["results"]} == {name for _, name in nearest}
     assert answer["results"][0]["shape"]["name"] == "3.off"

@@ -14,9 +14,10 @@ import pytest
 import trimesh
 
 from core.mesh import Mesh
+from core.pipeline import Pipeline
 from core.reading import FORMATS, read_mesh, write_mesh
 from service.compute.tasks import Embedded
-from tests.service.support import Running, assert_problem, query, small_file, upload
+from tests.service.support import Running, assert_problem, pipeline_in_use, query, small_file, upload
 
 
 def test_a_stored_shape_is_what_was_sent(service: Running) -> None:
@@ -203,7 +204,7 @@ def _fail(*_arguments: object) -> None:
 def test_a_mesh_that_is_simplified_is_stored_and_found(service: Running) -> None:
     ball = trimesh.creation.icosphere(subdivisions=6)
     points = ball.vertices * (1 + 0.2 * ball.vertices[:, :1] ** 2 + 0.1 * ball.vertices[:, 1:2])
-    assert len(points) > service.parts.work.pipeline.parameters.decimate_above > 0
+    assert len(points) > pipeline_in_use(service).parameters.decimate_above > 0
     for name, coordinates in (("ball", ball.vertices), ("pear", points)):
         data = write_mesh(Mesh(coordinates, ball.faces), "stl")
         answer = upload(service.client, data, f"{name}.stl")
@@ -220,8 +221,8 @@ def test_a_signature_of_another_length_is_not_stored(
     work = service.parts.work
     embed = work.embed
 
-    async def shorter(data: bytes, format: str) -> Embedded:
-        embedded = await embed(data, format)
+    async def shorter(data: bytes, format: str, pipeline: Pipeline) -> Embedded:
+        embedded = await embed(data, format, pipeline)
         return dataclasses.replace(embedded, signature=embedded.signature[:-1])
 
     with monkeypatch.context() as patch:

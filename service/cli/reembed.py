@@ -1,0 +1,149 @@
+"""`isoshape reembed`: go over to another pipeline."""
+
+import asyncio
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Annotated
+
+import typer
+
+from core.parameters import Parameters
+from service import logging
+from service.cli.child import sigterm_exits
+from service.cli.console import fail, messages, output, progress, say
+from service.compute.processes import start as start_processes
+from service.compute.work import Work
+from service.pipelines import repository
+from service.pipelines.reembedding import Outcome, Reembedding
+from service.settings import Settings, load_parameters, load_settings
+from service.storage.database import Database
+from service.storage.migrate import migrate
+
+# Where standard error is no terminal, and a bar would be a heap of lines.
+SECONDS_BETWEEN_LINES = 10.0
+
+STOPPED = "stopped; what was made is kept, and the same command goes on from there"
+
+Advance = Callable[[int, int], object]
+
+
+def command(
+    *,
+    prune: Annotated[
+        bool, typer.Option("--prune", help="Then delete the embeddings of all other pipelines.")
+    ] = False,
+    leave_out: Annotated[
+        bool,
+        typer.Option(
+            "--leave-out",
+            help="Go over to the pipeline though some files cannot be embedded by it: no query finds them.",
+        ),
+    ] = False,
+) -> None:
+    """Embed every stored shape by the pipeline that ISOSHAPE_PIPELINE names, then search by that one.
+
+    It works on the database that ISOSHAPE_DATABASE_URL names, also while a service serves it. Until every
+    shape has its new embedding, queries go on with the old ones. It may be stopped at any time, and goes on
+    where it was when it is run again.
+    """
+    settings = load_settings()
+    parameters = load_parameters(settings.pipeline)
+    logging.configure("error" if "log_level" not in settings.model_fields_set else settings.log_level)
+    with sigterm_exits():
+        try:
+            outcome, pruned = reembed(settings, parameters, leave_out=leave_out, prune=prune)
+        except KeyboardInterrupt:
+            fail(STOPPED, status=130)
+        except SystemExit:
+            say(STOPPED)
+            raise
+    output().print(_told(outcome, parameters, pruned), soft_wrap=True)
+    for name, cause in outcome.refused:
+        say(f"{name}: {cause}")
+    if outcome.refused and not outcome.active:
+        fail(
+            "the archive is searched as before, since these shapes have no embedding: delete them, or leave "
+            "them out with --leave-out"
+        )
+
+
+def reembed(
+    settings: Settings, parameters: Parameters, *, leave_out: bool = False, prune: bool = False
+) -> tuple[Outcome, int]:
+    """Go over to a pipeline; what came of it, and how many embeddings of others were deleted."""
+    database = Database(settings.database_url, lock_seconds=settings.lock_seconds)
+    try:
+        migrate(database)
+        with _working(settings, parameters) as work, _shown() as advance:
+            reembedding = Reembedding(database, work, parameters)
+            outcome = asyncio.run(
+                reembedding.run(at_once=settings.workers + 1, leave_out=leave_out, advance=advance)
+            )
+        pruned = reembedding.prune() if prune and outcome.active else 0
+        return outcome, pruned
+    finally:
+        database.close()
+
+
+def bring_up(settings: Settings) -> None:
+    """Have an archive searched by the pipeline that the settings name, if it is not."""
+    parameters = load_parameters(settings.pipeline)
+    database = Database(settings.database_url, lock_seconds=settings.lock_seconds)
+    try:
+        migrate(database)
+        with database.read() as session:
+            active = repository.active(session)
+    finally:
+        database.close()
+    if active not in {None, parameters.fingerprint}:
+        say("embedding what is stored anew, by another pipeline than before")
+        reembed(settings, parameters, leave_out=True, prune=True)
+
+
+@contextmanager
+def _working(settings: Settings, parameters: Parameters) -> Iterator[Work]:
+    """Worker processes of this command's own."""
+    workers, readers = start_processes(settings, parameters)
+    try:
+        yield Work(
+            workers,
+            readers,
+            settings.limits,
+            read_seconds=settings.read_seconds,
+            workers=settings.workers,
+            waiting=0,
+        )
+    finally:
+        readers.kill()
+        workers.kill()
+
+
+@contextmanager
+def _shown() -> Iterator[Advance]:
+    """Shows how far it is: a bar, or a line now and then."""
+    if messages().is_terminal:
+        with progress() as bar:
+            task = bar.add_task("embedding", total=None)
+            yield lambda done, total: bar.update(task, completed=done, total=total)
+        return
+    last = 0.0
+
+    def line(done: int, total: int) -> None:
+        nonlocal last
+        if time.monotonic() - last > SECONDS_BETWEEN_LINES or done == total:
+            last = time.monotonic()
+            say(f"{done} of {total} embedded")
+
+    yield line
+
+
+def _told(outcome: Outcome, parameters: Parameters, pruned: int) -> str:
+    parts = [f"{outcome.made} embedded by pipeline {parameters.name} ({parameters.fingerprint})"]
+    if outcome.refused:
+        parts.append(f"{len(outcome.refused)} cannot be")
+    if outcome.active:
+        parts.append("the archive is searched by it")
+    if pruned:
+        parts.append(f"{pruned} embeddings of other pipelines deleted")
+    return ", ".join(parts)

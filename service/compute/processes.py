@@ -1,0 +1,30 @@
+"""The processes that a service, or a command that does the same work, starts."""
+
+from collections.abc import Callable
+from functools import partial
+
+from core.parameters import Parameters
+from service.compute import sandbox
+from service.compute.pool import LocalPool
+from service.compute.tasks import warm
+from service.settings import Settings
+
+
+def start(
+    settings: Settings, parameters: Parameters, replaced: Callable[[str], object] = lambda cause: None
+) -> tuple[LocalPool, LocalPool]:
+    """Workers, warmed up for these parameters, and readers of uploads; `replaced` is as in `LocalPool`."""
+    workers = LocalPool(
+        settings.workers,
+        seconds=settings.task_seconds,
+        warm=partial(warm, parameters),
+        replaced=replaced,
+    )
+    readers = LocalPool(
+        settings.workers,
+        seconds=settings.task_seconds,
+        warm=partial(sandbox.enter, settings.read_memory_bytes),
+        replaced=replaced,
+        tasks_each=sandbox.FILES_EACH,
+    )
+    return workers, readers

@@ -1,0 +1,1 @@
+"""Which pipeline the archive is searched by, and going over to another."""

@@ -1,0 +1,147 @@
+"""The pipeline that the archive is searched by, which is not always the one that the settings name."""
+
+import json
+import threading
+from dataclasses import asdict, dataclass
+
+from core.errors import ParameterError
+from core.parameters import DEFAULT, METHOD_VERSION, PAPER, Parameters
+from core.pipeline import Pipeline
+from service.errors import PipelineUnavailableError
+from service.logging import get_logger
+from service.pipelines import repository
+from service.pipelines.repository import Written
+from service.search.signatures import SignatureIndex
+from service.storage.database import ReadSession, WriteSession
+
+log = get_logger("pipelines")
+
+REMEDY = "run `isoshape reembed` on the archive"
+
+
+@dataclass(frozen=True, eq=False)
+class InUse:
+    """A pipeline, and the signatures of what it has embedded."""
+
+    pipeline: Pipeline
+    index: SignatureIndex
+
+    @property
+    def fingerprint(self) -> str:
+        """Of the pipeline."""
+        return self.pipeline.fingerprint
+
+
+@dataclass(frozen=True)
+class Pending:
+    """The pipeline that the settings name, while the archive is searched by another.
+
+    `embedded` of `files` have an embedding of it; shapes on the same bytes are one file.
+    """
+
+    name: str
+    fingerprint: str
+    embedded: int
+    files: int
+
+
+class Pipelines:
+    """Follows the database in which pipeline is used: `isoshape reembed` may change that at any time.
+
+    Parameters
+    ----------
+    wanted : Parameters
+        Those that the settings name.
+    """
+
+    def __init__(self, wanted: Parameters) -> None:
+        self.wanted = wanted
+        self._lock = threading.Lock()
+        self._in_use: InUse | None = None
+
+    def begin(self, session: WriteSession) -> None:
+        """Take up the pipeline that the archive has; the wanted one where nothing is stored.
+
+        Raises
+        ------
+        PipelineUnavailableError
+            This version of the service cannot make such embeddings, nor compare them.
+        """
+        fingerprint = repository.active(session)
+        if fingerprint is None or repository.is_empty(session):
+            keep(session, self.wanted)
+            if fingerprint != self.wanted.fingerprint:
+                repository.activate(session, self.wanted.fingerprint)
+        for known in (self.wanted, DEFAULT, PAPER):
+            if known.fingerprint == fingerprint:
+                keep(session, known)
+        self.current(session)
+
+    def current(self, session: ReadSession) -> InUse:
+        """What the archive is searched by, as the session sees it.
+
+        Raises
+        ------
+        PipelineUnavailableError
+            A newer version of the service has taken it over meanwhile.
+        """
+        fingerprint = repository.active(session)
+        assert fingerprint is not None
+        with self._lock:
+            if self._in_use is None or self._in_use.fingerprint != fingerprint:
+                parameters = _parameters(fingerprint, repository.written(session, fingerprint))
+                if self._in_use is not None:
+                    fields = {"pipeline": parameters.name, "fingerprint": fingerprint}
+                    log.info("the archive is searched by another pipeline now", extra={"fields": fields})
+                self._in_use = InUse(Pipeline(parameters), SignatureIndex(fingerprint))
+            return self._in_use
+
+    def pending(self, session: ReadSession) -> Pending | None:
+        """The wanted pipeline, unless it is in use."""
+        if repository.active(session) == self.wanted.fingerprint:
+            return None
+        embedded, files = repository.count_embedded(session, self.wanted.fingerprint)
+        return Pending(self.wanted.name, self.wanted.fingerprint, embedded, files)
+
+    @property
+    def indexed(self) -> int:
+        """How many shapes are in the index in use, as of the last query."""
+        in_use = self._in_use
+        return 0 if in_use is None else len(in_use.index)
+
+
+def fingerprint(session: ReadSession) -> str:
+    """Of the pipeline that the archive is searched by, whether or not this service knows it."""
+    active = repository.active(session)
+    assert active is not None
+    return active
+
+
+def keep(session: WriteSession, parameters: Parameters) -> None:
+    """Have the archive know what a pipeline is."""
+    repository.write(session, parameters.fingerprint, Written(METHOD_VERSION, asdict(parameters)))
+
+
+def _parameters(fingerprint: str, written: Written | None) -> Parameters:
+    """The parameters with a fingerprint."""
+    if written is None:
+        raise PipelineUnavailableError(
+            f"the archive was embedded by pipeline {fingerprint}, of another version of the method or of "
+            "parameters that Isoshape 0.1 did not write down. Start with the ISOSHAPE_PIPELINE that made it, "
+            f"or {REMEDY}"
+        )
+    if written.method != METHOD_VERSION:
+        raise PipelineUnavailableError(
+            f"the archive was embedded by version {written.method} of the method, and this Isoshape has "
+            f"version {METHOD_VERSION}: use the Isoshape that embedded it, or {REMEDY}"
+        )
+    try:
+        parameters = Parameters.from_json(json.dumps(dict(written.parameters)))
+    except ParameterError:
+        parameters = None
+    if parameters is None or parameters.fingerprint != fingerprint:
+        raise PipelineUnavailableError(
+            "the archive was embedded with parameters that this Isoshape does not have: use the Isoshape "
+            f"that embedded it, or {REMEDY}"
+        )
+    return parameters

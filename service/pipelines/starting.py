@@ -1,0 +1,44 @@
+"""What a service does about pipelines when it starts."""
+
+from service.logging import get_logger
+from service.pipelines import repository
+from service.pipelines.active import Pipelines
+from service.storage.database import Database
+
+log = get_logger("pipelines")
+
+
+def begin(pipelines: Pipelines, database: Database) -> None:
+    """Take up the archive's pipeline, read its signatures, and log if it is not the one that was asked for.
+
+    Raises
+    ------
+    PipelineUnavailableError
+        This version of the service does not have it.
+    """
+    with database.write() as session:
+        pipelines.begin(session)
+    with database.read() as session:
+        in_use = pipelines.current(session)
+        in_use.index.current(session)
+        pending = pipelines.pending(session)
+        embedded, files = repository.count_embedded(session, in_use.fingerprint)
+    parameters = in_use.pipeline.parameters
+    fields: dict[str, object] = {"pipeline": parameters.name, "fingerprint": in_use.fingerprint}
+    log.info("the archive is searched by this pipeline", extra={"fields": fields})
+    if pending is not None:
+        log.warning(
+            "the archive is searched by pipeline %s (%s), and not by %s (%s), which the settings name, until "
+            "`isoshape reembed` has made the embeddings of that one",
+            parameters.name,
+            in_use.fingerprint,
+            pending.name,
+            pending.fingerprint,
+        )
+    if embedded < files:
+        log.warning(
+            "%d of %d files have no embedding of the pipeline in use, and are not searched: "
+            "`isoshape reembed` makes them",
+            files - embedded,
+            files,
+        )

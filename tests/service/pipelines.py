@@ -1,0 +1,33 @@
+"""Another pipeline than the default, and what the embeddings in a database are of."""
+
+import sqlite3
+from contextlib import closing
+from pathlib import Path
+
+from core.parameters import Parameters
+from service.settings import load_parameters
+
+
+def write_parameters(folder: Path) -> Parameters:
+    """Parameters called "few", which are in the file few.json of a folder."""
+    path = folder / "few.json"
+    path.write_text('{"samples": 40, "points": 100, "search_samples": 20}')
+    return load_parameters(str(path))
+
+
+def embeddings(folder: Path) -> list[tuple[int, str]]:
+    """The numbers of the embeddings in a folder's archive, and the pipelines that made them."""
+    with closing(sqlite3.connect(folder / "archive.sqlite3")) as connection:
+        return connection.execute("SELECT number, fingerprint FROM embeddings ORDER BY number").fetchall()
+
+
+def fingerprints(folder: Path) -> list[str]:
+    """The pipelines that made the embeddings in a folder's archive."""
+    return [fingerprint for _, fingerprint in embeddings(folder)]
+
+
+def active(folder: Path) -> str:
+    """The pipeline that a folder's archive is searched by."""
+    with closing(sqlite3.connect(folder / "archive.sqlite3")) as connection:
+        (fingerprint,) = connection.execute("SELECT fingerprint FROM archive").fetchone()
+        return str(fingerprint)
