@@ -55,6 +55,8 @@ def run_cycle(folder: Path, ledger: Ledger, seed: int) -> Cycle:
         started = time.monotonic() - began
         faults = verify(client, folder, ledger)
         orphans = workers(process)
+        if not orphans:
+            faults.append("no worker processes are seen")
         enough = ledger.acknowledged + draw.randint(0, MOST_ACKNOWLEDGED)
         load = Load(str(client.base_url), ledger, seed, CLIENTS)
         wait_until(lambda: ledger.acknowledged >= enough or load.faults, seconds=LOAD_SECONDS)
