@@ -30,6 +30,7 @@ COMMANDS = (
     "correspondence",
     "sampling",
     "robustness",
+    "benchmark",
     "check",
     "backup",
     "restore",

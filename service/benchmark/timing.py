@@ -1,0 +1,34 @@
+"""Figures that repeat: a median and its spread."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Spread:
+    """What several measurements of one thing gave.
+
+    Attributes
+    ----------
+    median, low, high : float
+        The middle one, and the quartiles.
+    count : int
+        Of measurements.
+    """
+
+    median: float
+    low: float
+    high: float
+    count: int
+
+    @classmethod
+    def of(cls, values: Sequence[float]) -> "Spread":
+        """The spread of one or more values."""
+        low, median, high = np.percentile(values, [25.0, 50.0, 75.0])
+        return cls(float(median), float(low), float(high), len(values))
+
+    def milliseconds(self) -> str:
+        """Seconds as a cell of a table: median and quartiles in milliseconds."""
+        return f"{1e3 * self.median:,.1f} ({1e3 * self.low:,.1f} to {1e3 * self.high:,.1f})"

@@ -1,0 +1,91 @@
+"""`isoshape benchmark`: what embedding costs, against other software, against size, and against the paper."""
+
+import json
+from enum import StrEnum
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Annotated
+
+import typer
+
+from service.benchmark.embedding import embedding_rows, shapedna
+from service.benchmark.growth import growth_rows
+from service.benchmark.meshes import read_source
+from service.benchmark.page import PLOT, Found, page
+from service.benchmark.table1 import table1_rows
+from service.cli.console import fail, output, progress
+
+
+class Subject(StrEnum):
+    """What can be measured by itself."""
+
+    EMBEDDING = "embedding"
+    GROWTH = "growth"
+    TABLE1 = "table1"
+
+
+def command(
+    folder: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="[DIR]", help="Folder with labels.csv, or of class folders. [default: made shapes]"
+        ),
+    ] = None,
+    *,
+    only: Annotated[
+        list[Subject] | None, typer.Option(help="Measure this alone; repeatable. [default: everything]")
+    ] = None,
+    peers: Annotated[bool, typer.Option("--peers", help="Measure LaPy beside it.")] = False,
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Write benchmark.md and its picture there.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print all numbers as one object.")] = False,
+) -> None:
+    """Measure what embedding costs: by stage, against size up to a million vertices, and against Table 1.
+
+    Each figure is a median of several; where peers are measured too, in turn with them. Measure on a machine
+    that does nothing else, with OMP_NUM_THREADS=1.
+    """
+    subjects = list(dict.fromkeys(only or Subject))
+    peer = None
+    if peers:
+        try:
+            peer = shapedna()
+        except ImportError as error:
+            fail(f"{error.name} is not installed: pip install isoshape[peers]", status=2)
+    source = read_source(folder)
+    found = Found()
+    with progress() as bar, TemporaryDirectory() as scratch:
+        task = bar.add_task("measuring", total=len(subjects))
+        for subject in subjects:
+            match subject:
+                case Subject.EMBEDDING:
+                    found.embedding.extend(embedding_rows(source, peer))
+                case Subject.GROWTH:
+                    found.growth.extend(growth_rows(source, Path(scratch)))
+                case Subject.TABLE1:
+                    found.table1.extend(table1_rows(source))
+            bar.advance(task)
+    asked = " ".join(
+        [
+            "isoshape benchmark",
+            *([folder.resolve().name] if folder else []),
+            *(f"--only {subject}" for subject in subjects if only),
+            *(["--peers"] if peers else []),
+        ]
+    )
+    text = page(found, asked, picture=out is not None)
+    if out is not None:
+        out.mkdir(parents=True, exist_ok=True)
+        (out / "benchmark.md").write_text(text, encoding="utf-8")
+        if found.growth:
+            # Here, since the drawing library takes a second to load.
+            from service.benchmark.plot import growth_plot  # noqa: PLC0415
+
+            (out / PLOT).write_bytes(growth_plot(found.growth))
+    if as_json:
+        typer.echo(json.dumps(found.as_json()))
+    elif out is None:
+        typer.echo(text, nl=False)
+    else:
+        output().print(f"benchmark.md in {out}", soft_wrap=True)

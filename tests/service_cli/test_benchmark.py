@@ -1,0 +1,45 @@
+"""`isoshape benchmark`: its page, its object, and what it is asked."""
+
+import json
+from functools import partial
+
+import pytest
+
+from service.cli import benchmark
+
+
+@pytest.fixture(autouse=True)
+def small(monkeypatch):
+    """One mesh, one turn, two sizes."""
+    few = partial(benchmark.embedding_rows, vertices=1000, meshes=1, repeats=1)
+    monkeypatch.setattr(benchmark, "embedding_rows", few)
+    grown = partial(benchmark.growth_rows, sizes=(800, 1600), repeats=1)
+    monkeypatch.setattr(benchmark, "growth_rows", grown)
+
+
+def test_a_page_and_its_picture(run, collection, tmp_path):
+    done = run("benchmark", collection, "--only", "growth", "--only", "embedding", "--out", tmp_path / "out")
+    assert (done.status, done.stderr) == (0, "")
+    text = (tmp_path / "out" / "benchmark.md").read_text(encoding="utf-8")
+    assert "Made by `isoshape benchmark made --only growth --only embedding`" in text
+    assert text.count("\n## ") == 2
+    assert "LaPy's" not in text
+    assert (tmp_path / "out" / "benchmark-growth.png").read_bytes().startswith(b"\x89PNG\r\n\x1a\n")
+
+
+def test_an_object_with_lapy_beside_it(run, collection):
+    done = run("benchmark", collection, "--only", "embedding", "--peers", "--json")
+    assert (done.status, done.stderr) == (0, "")
+    (row,) = json.loads(done.stdout)["embedding"]
+    assert row["ratio"]["median"] > 0.0
+    assert row["stages"]["read"]["count"] == 1
+
+
+def test_a_peer_that_is_not_installed(run, monkeypatch):
+    def missing():
+        raise ImportError(name="lapy")
+
+    monkeypatch.setattr(benchmark, "shapedna", missing)
+    done = run("benchmark", "--peers")
+    assert (done.status, done.stdout) == (2, "")
+    assert "lapy is not installed: pip install isoshape[peers]" in done.stderr
