@@ -1,10 +1,12 @@
 """One worker process, and calls to it."""
 
 import multiprocessing
+import resource
 import signal
 import time
 from collections.abc import Callable
 from multiprocessing.connection import Connection
+from pathlib import Path
 from typing import Any
 
 from service.compute.worker import serve
@@ -31,6 +33,13 @@ class WorkerProcess:
         """Its process id."""
         assert self._process.pid is not None
         return self._process.pid
+
+    def held(self) -> int:
+        """Bytes that it holds in memory; 0 where the system does not tell."""
+        try:
+            return int(Path(f"/proc/{self.pid}/statm").read_text().split()[1]) * resource.getpagesize()
+        except OSError:
+            return 0
 
     def alive(self) -> bool:
         """Whether the process runs."""

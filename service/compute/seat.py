@@ -15,6 +15,8 @@ log = get_logger("compute")
 
 START_SECONDS = 180.0
 RESTART_SECONDS = 1.0
+# Three times what a warm process needs. Memory that is free, but in pieces, is not given back by itself.
+HELD_BYTES = 768 * 1024**2
 # About what a new process takes to start.
 GIVEN_UP_SECONDS = 2.0
 CAUSES = {WorkerLostError: "died", TaskTimeLimitError: "time-limit", TaskGivenUpError: "given-up"}
@@ -23,7 +25,7 @@ CAUSES = {WorkerLostError: "died", TaskTimeLimitError: "time-limit", TaskGivenUp
 class Task(Future[Any]):
     """A call, and the future of its answer.
 
-    Cancelled before it is begun, it lets go of its arguments at once, though its place in the queue stays.
+    It lets go of its arguments, which may be large, when a process has them, or when it is cancelled before.
     Cancelled later it may go on for a while, since ending the process costs more than a short call.
     """
 
@@ -93,10 +95,15 @@ class Seat(threading.Thread):
                 self.busy = True
                 self._do(task)
                 self.busy = False
-                if self._tasks_done == self._tasks_each:
+                if self._is_spent():
                     self._empty()
             # Not kept until the next one comes: its arguments may be large.
             del task
+
+    def _is_spent(self) -> bool:
+        """Whether the process has done its share, or holds on to what a large task needed."""
+        process = self._process
+        return self._tasks_done == self._tasks_each or (process is not None and process.held() > HELD_BYTES)
 
     def stop_starting(self) -> None:
         """Do not wait for a process that is still warming up."""
@@ -136,11 +143,13 @@ class Seat(threading.Thread):
             except WorkerLostError:
                 pass
             else:
+                task.arguments = ()
                 return process
         self._empty()
         if not self._fill() or self._process is None:
             raise WorkerLostError("no worker process could be started")
         self._process.send(task.function, task.arguments)
+        task.arguments = ()
         return self._process
 
     def _fill(self) -> bool:

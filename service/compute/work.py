@@ -84,15 +84,9 @@ class Work:
 
     async def embed(self, data: bytes, format: str, pipeline: Pipeline) -> Embedded:
         """Read a file and embed its mesh."""
-        reading = self._readers.submit(read_file, data, format, self._limits, self._read_seconds)
-        try:
-            read: Readable = await asyncio.wrap_future(reading)
-            embedding = self._executor.submit(embed_mesh, read.mesh, pipeline.parameters, read.milliseconds)
-            return await asyncio.wrap_future(embedding)
-        except TaskTimeLimitError as error:
-            raise FileTimeLimitError(str(error)) from error
-        except MemoryError as error:
-            raise MeshTooComplexError("the mesh takes more memory than there is") from error
+        with _at_fault():
+            # No name is kept for the mesh, so that it goes once a worker has it.
+            return await self._embedding(await self._reading(data, format), pipeline)
 
     async def score(self, query: bytes, records: Sequence[bytes], pipeline: Pipeline) -> Scores:
         """How alike the query is to each of c records: arrays of shape (c,), NaN where one cannot be read."""
@@ -110,19 +104,34 @@ class Work:
 
     async def read(self, data: bytes, format: str) -> Mesh:
         """Read the mesh of a file."""
-        reading = self._readers.submit(read_file, data, format, self._limits, self._read_seconds)
-        try:
-            found: Readable = await asyncio.wrap_future(reading)
-        except TaskTimeLimitError as error:
-            raise FileTimeLimitError(str(error)) from error
-        return found.mesh
+        with _at_fault():
+            return (await self._reading(data, format)).mesh
 
     async def do(self, function: Callable[P, R], *arguments: P.args, **named: P.kwargs) -> R:
         """What a function, which the workers import by its name, makes of the arguments."""
-        try:
+        with _at_fault():
             return await asyncio.wrap_future(self._executor.submit(function, *arguments, **named))
-        except TaskTimeLimitError as error:
-            raise FileTimeLimitError(str(error)) from error
+
+    def _reading(self, data: bytes, format: str) -> asyncio.Future[Readable]:
+        return asyncio.wrap_future(
+            self._readers.submit(read_file, data, format, self._limits, self._read_seconds)
+        )
+
+    def _embedding(self, read: Readable, pipeline: Pipeline) -> asyncio.Future[Embedded]:
+        return asyncio.wrap_future(
+            self._executor.submit(embed_mesh, read.mesh, pipeline.parameters, read.milliseconds)
+        )
+
+
+@contextmanager
+def _at_fault() -> Iterator[None]:
+    """What takes too much for one file, that file is refused for."""
+    try:
+        yield
+    except TaskTimeLimitError as error:
+        raise FileTimeLimitError(str(error)) from error
+    except MemoryError as error:
+        raise MeshTooComplexError("the mesh takes more memory than there is") from error
 
 
 @contextmanager

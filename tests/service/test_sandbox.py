@@ -16,6 +16,7 @@ from core.errors import MeshTooComplexError
 from core.reading import DEFAULT_LIMITS, FORMATS, read_mesh
 from service.compute import sandbox
 from service.compute.pool import LocalPool
+from service.compute.seat import HELD_BYTES
 from service.errors import TaskTimeLimitError
 from service.settings import Settings
 from tests.core.files import glb
@@ -159,6 +160,22 @@ def test_a_process_is_replaced_after_so_many_tasks() -> None:
         with pytest.raises(TypeError):
             pool.submit(nap, "long").result()
         assert {pool.submit(os.getpid).result() for _ in range(3)} & set(pids) == set()
+
+
+def hold(size: int) -> None:
+    _HELD.append(bytearray(b"x") * size)
+
+
+_HELD: list[bytearray] = []
+
+
+def test_a_process_that_holds_on_to_memory_is_replaced() -> None:
+    with LocalPool(1, seconds=60, warm=warm) as pool:
+        first = pool.submit(os.getpid).result()
+        pool.submit(hold, HELD_BYTES // 8).result()
+        assert pool.submit(os.getpid).result() == first
+        pool.submit(hold, HELD_BYTES).result()
+        assert pool.submit(os.getpid).result() != first
 
 
 def test_a_descriptor_left_open_takes_no_more_bytes(tmp_path: Path) -> None:
