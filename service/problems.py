@@ -8,11 +8,13 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
 from pydantic import BaseModel, Field
 from starlette.exceptions import HTTPException
+from starlette.routing import Match
 from starlette.types import Receive, Scope, Send
 
 from core.errors import CoreError
 from service.errors import BY_STATUS, PROBLEMS, BadRequestFieldsError, FieldFault, ServiceError
 from service.logging import get_logger, request_id
+from service.metrics import METHODS
 
 MEDIA_TYPE = "application/problem+json"
 TYPE_PREFIX = "urn:isoshape:problem:"
@@ -188,4 +190,19 @@ async def _http_error(request: Request, error: Exception) -> JSONResponse:
         "not-found": f"there is nothing at {request.url.path}",
         "method-not-allowed": f"{request.url.path} does not answer {request.method}",
     }.get(kind, str(error.detail))
-    return problem_response(kind, detail, headers=dict(error.headers or {}))
+    headers = dict(error.headers or {})
+    if error.status_code == 405:
+        headers["Allow"] = ", ".join(_answered(request))
+    return problem_response(kind, detail, headers=headers)
+
+
+def _answered(request: Request) -> list[str]:
+    """The methods that an address answers. The framework names those of one of its routes alone."""
+    return [
+        method
+        for method in sorted(METHODS)
+        if any(
+            route.matches({**request.scope, "method": method})[0] is Match.FULL
+            for route in request.app.routes
+        )
+    ]
