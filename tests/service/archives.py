@@ -9,6 +9,8 @@ from pathlib import Path
 from core.parameters import DEFAULT
 from core.reading import Limits
 from service.compute.tasks import Embedded, embed_file
+from service.pipelines.active import Pipelines
+from service.pipelines.starting import begin
 from service.shapes.records import NewShape
 from service.shapes.service import _store
 from service.storage.database import Database
@@ -25,6 +27,7 @@ def make_archive(path: Path, *numbers: int) -> Path:
     """An archive that holds the small files of these numbers, each under its number."""
     database = Database(f"sqlite:///{path}", lock_seconds=5)
     migrate(database)
+    begin(Pipelines(DEFAULT), database)
     for number in numbers:
         new = NewShape(small_file(number), "off", str(number), (f"tag {number}",), {"number": number})
         assert _store(database, DEFAULT.fingerprint, new, embedded(number))

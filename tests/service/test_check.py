@@ -118,7 +118,7 @@ def test_a_spoilt_embedding_is_named(
         ("INSERT INTO removals VALUES (99, 99)", ["the removal of shape number 99"]),
         ("UPDATE shapes SET revision = 1000 WHERE number = 1", ["shape "]),
         ("DELETE FROM archive", ["the archive has 0 rows about itself"]),
-        ("INSERT INTO archive VALUES (2, 0)", ["the archive has 2 rows about itself"]),
+        ("INSERT INTO archive (number, revision) VALUES (2, 0)", ["the archive has 2 rows about itself"]),
     ],
 )
 def test_a_spoilt_row_is_named(archive: Path, statement: str, expected: list[str]) -> None:
