@@ -26,13 +26,15 @@ COMPILE := $(UV) pip compile --quiet --no-config --universal --python-version 3.
 	--generate-hashes --no-annotate --custom-compile-command 'make lock' $(if $(UPGRADE),--upgrade)
 LOCKS := requirements.lock tests/requirements.lock docker/test/requirements.lock
 
-.PHONY: help environment demo test collections-test lint types openapi lock lock-check image-test clean
+.PHONY: help environment demo test collections-test kill-test load-test lint types openapi lock lock-check image-test clean
 
 help:
 	@echo 'make demo               ingest made shapes, query them, print the nearest three (CHECK=1: and check them)'
 	@echo 'make environment        install what runs and tests it into .venv, and no more'
 	@echo 'make test               the test suite'
 	@echo 'make collections-test   the tests on real collections, in the folder that ISOSHAPE_DATA names'
+	@echo 'make kill-test          kill the service 200 times while clients write (CYCLES=20: so many times)'
+	@echo 'make load-test          mixed load for 20 minutes: answers, and the slope of memory (MINUTES=3: so long)'
 	@echo 'make lint               ruff: rules and layout'
 	@echo 'make types              mypy --strict'
 	@echo 'make openapi            write openapi/openapi.json'
@@ -72,6 +74,22 @@ test: $(DEV)
 collections-test: $(DEV)
 	@test -d "$${ISOSHAPE_DATA:-}" || { echo 'ISOSHAPE_DATA must name the folder of collections' >&2; exit 1; }
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n $(WORKERS) -m collections -p tests.no_skips
+
+CYCLES ?= 200
+kill-test: $(DEV)
+	OMP_NUM_THREADS=1 $(BIN)/python -m tests.kill --cycles $(CYCLES)
+
+# locust brings a web server of its own: it stays out of the environment that runs the service and its tests.
+LOCUST := $(VENV)/load
+$(LOCUST)/bin/locust: pyproject.toml $(DEV)
+	$(BIN)/python -m venv --clear $(LOCUST)
+	$(BIN)/python -c 'import tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["project"]["optional-dependencies"]["load"], sep="\n")' \
+		| $(LOCUST)/bin/python -m pip -qq --disable-pip-version-check install --requirement /dev/stdin
+	@touch $@
+
+MINUTES ?= 20
+load-test: $(LOCUST)/bin/locust
+	OMP_NUM_THREADS=1 $(BIN)/python -m tests.load --minutes $(MINUTES) --locust $(LOCUST)/bin/locust
 
 lint: $(DEV)
 	$(BIN)/ruff check .

@@ -1,0 +1,1 @@
+"""Many clients for many minutes: what is answered, and whether memory grows."""

@@ -1,0 +1,93 @@
+"""`python -m tests.load --minutes 20`: mixed load by locust; statuses, times, and the slope of memory."""
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from core.gallery import CLASSES, make_shape
+from core.reading import write_mesh
+from service.storage.checking import check
+from tests.load.memory import Growth, Watch
+from tests.service.support import small_file
+from tests.service.test_processes import server
+
+HERE = Path(__file__).parent
+ROOT = HERE.parents[1]
+MOST_SLOPE = 1.0
+WARM_UP = 0.25
+"""Share of the time in which memory may grow: workers meet every kind of task, pools and caches fill."""
+
+
+def main() -> int:
+    """Run the load; 1 if an answer was wrong, the archive is not whole, or memory grows."""
+    parser = argparse.ArgumentParser(prog="python -m tests.load", description=__doc__)
+    parser.add_argument("--minutes", type=float, default=20)
+    parser.add_argument("--users", type=int, default=8, help="clients at a time")
+    parser.add_argument("--locust", type=Path, default=ROOT / ".venv/load/bin/locust")
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory(prefix="isoshape-load-") as name:
+        folder = Path(name)
+        write_files(folder)
+        # A short queue, so that back-pressure is part of the load.
+        with server(folder, ISOSHAPE_WORKERS="2", ISOSHAPE_QUEUE_LENGTH="4") as (process, client):
+            watch = Watch(process.pid)
+            watch.start()
+            subprocess.run(
+                [
+                    *(options.locust, "--locustfile", HERE / "locustfile.py", "--headless", "--only-summary"),
+                    *("--users", str(options.users), "--spawn-rate", str(options.users)),
+                    *("--run-time", f"{round(60 * options.minutes)}s", "--host", str(client.base_url)),
+                ],
+                env={**os.environ, "ISOSHAPE_LOAD_FILES": str(folder)},
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+                check=False,
+            )
+            watch.stop()
+            stored = client.get("/shapes").json()["total"]
+        counts = json.loads((folder / "counts.json").read_text())
+        faults = check(folder / "archive.sqlite3", lock_seconds=10).faults
+    return report(options.minutes, options.users, counts, watch, stored, faults)
+
+
+def write_files(folder: Path) -> None:
+    """Sixty small meshes and one of each class of the gallery."""
+    for number in range(60):
+        (folder / f"{number}.off").write_bytes(small_file(number))
+    for label in CLASSES:
+        (folder / f"{label}.off").write_bytes(write_mesh(make_shape(label, 0), "off"))
+
+
+def report(
+    minutes: float, users: int, counts: dict[str, Any], watch: Watch, stored: int, faults: list[str]
+) -> int:
+    """Print the tables, and what is wrong."""
+    print(f"{minutes:g} minutes, {users} clients, {stored} shapes at the end\n")
+    print("| request | answers | median ms | 95 % ms |\n|---|---|---:|---:|")
+    for row in counts["rows"]:
+        answers = ", ".join(f"{status}: {count}" for status, count in sorted(row["statuses"].items()))
+        print(f"| {row['request']} | {answers} | {row['median']:.0f} | {row['p95']:.0f} |")
+    print("\n| memory, MiB | after warm-up | at the end | most | a minute |\n|---|---:|---:|---:|---:|")
+    own, workers = watch.growth(60 * minutes * WARM_UP)
+    for name, each in (("service", own), ("workers", workers)):
+        print(f"| {name} | {each.first:.0f} | {each.last:.0f} | {each.most:.0f} | {each.slope:+.2f} |")
+    wrong = [f"{count} times {what}" for what, count in counts["broken"].items()]
+    wrong += [f"isoshape check: {fault}" for fault in faults]
+    wrong += grown("service", own) + grown("workers", workers)
+    for each in wrong:
+        print(each, file=sys.stderr)
+    return 1 if wrong else 0
+
+
+def grown(name: str, growth: Growth) -> list[str]:
+    """What is wrong with how memory grew."""
+    return [f"{name}: {growth.slope:.2f} MiB a minute"] if growth.slope > MOST_SLOPE else []
+
+
+if __name__ == "__main__":
+    sys.exit(main())
