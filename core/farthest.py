@@ -1,6 +1,7 @@
 """Farthest-point selection under graph distance, in one growing pass."""
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
@@ -11,6 +12,9 @@ TIE = 1e-6
 """Scores that differ by less than this part of the largest are equal. Not imported: a compiled function keeps
 the value, and the cache of compiled code would not notice a change in another file."""
 
+BLOCK = 64
+"""Vertices whose largest score is kept."""
+
 
 @compiled
 def _relax(
@@ -19,11 +23,16 @@ def _relax(
     lengths: Floats,
     source: int,
     distance: Floats,
+    changed: NDArray[np.bool_],
     heap_key: Floats,
     heap_node: Ints,
 ) -> None:
-    """Lower `distance` by paths from `source`, visiting only the vertices that come nearer."""
+    """Lower `distance` by paths from `source`, visiting only the vertices that come nearer.
+
+    Their blocks are marked as changed.
+    """
     distance[source] = 0.0
+    changed[source // BLOCK] = True
     heap_key[0] = 0.0
     heap_node[0] = source
     size = 1
@@ -54,6 +63,7 @@ def _relax(
             way = key + lengths[edge]
             if way < distance[other]:
                 distance[other] = way
+                changed[other // BLOCK] = True
                 place = size
                 size += 1
                 while place > 0:
@@ -70,18 +80,31 @@ def _relax(
 @compiled
 def _select(indptr: Ints, indices: Ints, lengths: Floats, weights: Floats, first: int, samples: Ints) -> None:
     count = len(indptr) - 1
+    blocks = (count + BLOCK - 1) // BLOCK
     distance = np.full(count, np.inf)
+    # The largest score in each block of vertices: only those that a path reached are looked through again.
+    largest = np.empty(blocks)
+    changed = np.ones(blocks, dtype=np.bool_)
     heap_key = np.empty(len(indices) + 1)
     heap_node = np.empty(len(indices) + 1, dtype=np.int64)
     node = first
     for i in range(len(samples)):
         samples[i] = node
-        _relax(indptr, indices, lengths, node, distance, heap_key, heap_node)
+        _relax(indptr, indices, lengths, node, distance, changed, heap_key, heap_node)
         best = 0.0
-        for v in range(count):
-            best = max(best, distance[v] * weights[v])
-        node = 0
-        while distance[node] * weights[node] < best * (1.0 - TIE):
+        for b in range(blocks):
+            if changed[b]:
+                changed[b] = False
+                largest[b] = 0.0
+                for v in range(b * BLOCK, min(count, (b + 1) * BLOCK)):
+                    largest[b] = max(largest[b], distance[v] * weights[v])
+            best = max(best, largest[b])
+        least = best * (1.0 - TIE)
+        b = 0
+        while largest[b] < least:
+            b += 1
+        node = b * BLOCK
+        while distance[node] * weights[node] < least:
             node += 1
 
 
