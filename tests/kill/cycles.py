@@ -51,7 +51,7 @@ def run_cycle(folder: Path, ledger: Ledger, seed: int) -> Cycle:
     """
     draw = random.Random(seed)
     began = time.monotonic()
-    with server(folder) as (process, client):
+    with server(folder, ISOSHAPE_WORKERS="1") as (process, client):
         started = time.monotonic() - began
         faults = verify(client, folder, ledger)
         orphans = workers(process)

@@ -1,15 +1,14 @@
 """The slope of memory, of series whose slope is known, and of processes that take a known amount."""
 
-import multiprocessing
 import os
-from multiprocessing.connection import Connection
+import subprocess
+import sys
 
 import numpy as np
 import pytest
 
 from tests.load.__main__ import grown
-from tests.load.memory import MIB, children, growth, resident
-from tests.service.support import wait_until
+from tests.load.memory import children, growth, resident
 
 
 @pytest.mark.parametrize("slope", [0.0, 0.5, 3.0, -2.0])
@@ -23,26 +22,30 @@ def test_a_straight_line_has_its_slope_and_noise_does_not_change_it_much(slope: 
     assert bool(grown("service", noisy)) == (slope > 1)
 
 
+HOLD = """
+held = []
+while amount := input():
+    held.append(b"x" * (int(amount) << 20))
+    print(amount, flush=True)
+"""
+
+
 def test_what_a_process_holds_and_whose_child_it_is() -> None:
-    ours, theirs = multiprocessing.get_context("spawn").Pipe()
-    process = multiprocessing.get_context("spawn").Process(target=_hold, args=(theirs,))
-    process.start()
-    assert process.pid is not None
-    small = ours.recv()
-    assert process.pid in children(os.getpid())
-    ours.send(100)
-    large = ours.recv()
-    assert 95 < large - small < 110
-    assert resident(process.pid) == pytest.approx(large, abs=5)
-    ours.send(None)
-    process.join()
-    wait_until(lambda: process.pid not in children(os.getpid()), seconds=5)
-    assert resident(process.pid) == 0.0
+    with subprocess.Popen(
+        [sys.executable, "-c", HOLD], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdin is not None
+        assert process.stdout is not None
 
+        def hold(mib: int) -> float:
+            print(mib, file=process.stdin, flush=True)
+            assert process.stdout.readline() == f"{mib}\n"
+            return resident(process.pid)
 
-def _hold(connection: "Connection[object, object]") -> None:
-    held = []
-    connection.send(resident(os.getpid()))
-    while (amount := connection.recv()) is not None:
-        held.append(b"x" * (int(str(amount)) * MIB))
-        connection.send(resident(os.getpid()))
+        first = hold(1)
+        assert hold(100) - first == pytest.approx(100, abs=5)
+        assert process.pid in children(os.getpid())
+        print(file=process.stdin, flush=True)
+        process.wait()
+        assert process.pid not in children(os.getpid())
+        assert resident(process.pid) == 0.0
