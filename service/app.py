@@ -15,6 +15,7 @@ from service.compute.pool import LocalPool
 from service.compute.processes import start as start_processes
 from service.compute.work import Work
 from service.endpoints import router as service_router
+from service.idempotency.keys import InFlight
 from service.metrics import Metrics
 from service.middleware import BodyLimit, RequestContext
 from service.openapi import DESCRIPTION, TAGS, describe
@@ -110,7 +111,7 @@ def _start(settings: Settings, parameters: Parameters, gate: Gate, metrics: Metr
     )
     log.info("the service starts", extra={"fields": {"version": VERSION, "workers": settings.workers}})
     _watch(metrics, pool, readers, work, pipelines)
-    return Parts(settings, database, pool, readers, work, pipelines, gate, metrics)
+    return Parts(settings, database, pool, readers, work, pipelines, gate, InFlight(), metrics)
 
 
 def _watch(metrics: Metrics, pool: LocalPool, readers: LocalPool, work: Work, pipelines: Pipelines) -> None:

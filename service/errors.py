@@ -175,6 +175,24 @@ class PipelineUnavailableError(ServiceError):
     retry_after = 60
 
 
+class IdempotencyKeyMalformedError(ServiceError):
+    """The header Idempotency-Key is not as its draft says."""
+
+    kind = "idempotency-key-malformed"
+
+
+class IdempotencyKeyReusedError(ServiceError):
+    """The key has come with another payload before."""
+
+    kind = "idempotency-key-reused"
+
+
+class IdempotencyKeyInFlightError(ServiceError):
+    """The first request with the key has no answer yet."""
+
+    kind = "idempotency-key-in-flight"
+
+
 class SignatureLengthError(ServiceError):
     """The method gave a mesh a signature of another length than all others have."""
 
@@ -211,6 +229,9 @@ PROBLEMS: dict[str, ProblemKind] = {
     "core-error": ProblemKind(500, "The method failed"),
     # the request's
     "bad-request": ProblemKind(400, "The request cannot be read"),
+    "idempotency-key-malformed": ProblemKind(400, "The Idempotency-Key is not a string in quotes"),
+    "idempotency-key-in-flight": ProblemKind(409, "The first request with the Idempotency-Key is at work"),
+    "idempotency-key-reused": ProblemKind(422, "The Idempotency-Key was used for another request"),
     "bad-request-fields": ProblemKind(422, "Fields of the request cannot be used"),
     "unauthorized": ProblemKind(401, "A key of this service is needed"),
     "forbidden": ProblemKind(403, "The key may not do this"),

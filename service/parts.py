@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from service.access.gate import Gate
 from service.compute.pool import LocalPool
 from service.compute.work import Work
+from service.idempotency.keys import InFlight
 from service.metrics import Metrics
 from service.pipelines.active import Pipelines
 from service.settings import Settings
@@ -22,4 +23,5 @@ class Parts:
     work: Work
     pipelines: Pipelines
     gate: Gate
+    in_flight: InFlight
     metrics: Metrics

@@ -111,6 +111,13 @@ class Settings(BaseSettings):
         allow_inf_nan=False,
         description="The longest wait for the database's lock before the answer is 503.",
     )
+    idempotency_hours: float = Field(
+        default=24.0,
+        gt=0,
+        le=24 * 366,
+        allow_inf_nan=False,
+        description="How long the answer to an upload with an Idempotency-Key is kept.",
+    )
     max_upload_bytes: PositiveInt = Field(
         default=128 * 1024 * 1024, description="The largest file that may be uploaded."
     )

@@ -3,6 +3,7 @@
 from typing import Any
 
 from core.reading import FORMATS
+from service.idempotency.keys import HEADER, REPLAYED
 
 FILE_PROBLEMS = (
     "bad-request",
@@ -29,6 +30,24 @@ FILE_FIELD = {
     "type": "string",
     "contentMediaType": "application/octet-stream",
     "description": f"The mesh. Its name tells the format by the ending: {', '.join(sorted(FORMATS))}.",
+}
+IDEMPOTENCY_PROBLEMS = ("idempotency-key-malformed", "idempotency-key-reused", "idempotency-key-in-flight")
+
+IDEMPOTENCY_KEY: dict[str, Any] = {
+    "name": HEADER,
+    "in": "header",
+    "required": False,
+    "description": "Names the upload, so that it may be sent again: a string in double quotes, as a UUID "
+    "(draft-ietf-httpapi-idempotency-key-header). The same key with the same file and fields has the first "
+    "answer again, for as long as the service keeps it; with others it is refused. An upload that stored "
+    "nothing has no answer to keep, and is tried anew.",
+    "schema": {"type": "string", "examples": ['"8e03978e-40d5-43e8-bc93-6894a57f9324"']},
+}
+REPLAYED_HEADER: dict[str, Any] = {
+    REPLAYED: {
+        "description": "`true` where this is the answer to an earlier request with the Idempotency-Key.",
+        "schema": {"type": "string", "const": "true"},
+    }
 }
 UPLOAD_BODY: dict[str, Any] = {
     "required": True,

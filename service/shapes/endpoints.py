@@ -1,23 +1,35 @@
 """The addresses under /shapes."""
 
+from datetime import UTC, datetime, timedelta
 from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Path, Query, Request, Response
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
 from core.reading import FORMATS, format_of
+from service.access.middleware import KEY_IN_SCOPE
 from service.dependencies import Service
 from service.disconnect import while_connected
 from service.errors import BadRequestFieldsError, FieldFault
+from service.idempotency.keys import HEADER, REPLAYED, payload_of, read_key
+from service.idempotency.records import Claim
 from service.pipelines.active import fingerprint
 from service.problems import documented, faults_of
 from service.shapes import files, service
-from service.shapes.documentation import FILE_PROBLEMS, READ_PROBLEMS, UPLOAD_BODY, WRITE_PROBLEMS
+from service.shapes.documentation import (
+    FILE_PROBLEMS,
+    IDEMPOTENCY_KEY,
+    IDEMPOTENCY_PROBLEMS,
+    READ_PROBLEMS,
+    REPLAYED_HEADER,
+    UPLOAD_BODY,
+    WRITE_PROBLEMS,
+)
 from service.shapes.fields import ListedTags, base_name, clean_text, read_metadata, split_tags
 from service.shapes.pages import read_cursor
-from service.shapes.records import NewShape, ShapeFilter
+from service.shapes.records import NewShape, ShapeFilter, Stored
 from service.shapes.schemas import EmbeddingArrays, Shape, ShapeChanges, ShapeFields, ShapePage
-from service.uploads import single, uploaded
+from service.uploads import Form, single, uploaded
 
 router = APIRouter(tags=["shapes"])
 
@@ -66,17 +78,20 @@ class Listing(BaseModel):
     "/shapes",
     status_code=201,
     summary="Store a mesh",
+    response_model=Shape,
     response_description="Stored. It is durable, and the next query sees it.",
     responses={
         200: {
             "model": Shape,
             "description": "The same bytes are stored under this name already; this is that shape.",
+            "headers": REPLAYED_HEADER,
         },
-        **documented(*FILE_PROBLEMS, *WRITE_PROBLEMS),
+        201: {"headers": REPLAYED_HEADER},
+        **documented(*FILE_PROBLEMS, *IDEMPOTENCY_PROBLEMS, *WRITE_PROBLEMS),
     },
-    openapi_extra={"requestBody": UPLOAD_BODY},
+    openapi_extra={"parameters": [IDEMPOTENCY_KEY], "requestBody": UPLOAD_BODY},
 )
-async def create_shape(request: Request, response: Response, parts: Service) -> Shape:
+async def create_shape(request: Request, parts: Service) -> Response:
     """Read the file, embed its mesh, and store both with a name, tags and metadata.
 
     The same bytes may be stored under several names: they, and their embedding, are kept once. The same bytes
@@ -84,6 +99,7 @@ async def create_shape(request: Request, response: Response, parts: Service) -> 
     repetition are not looked at.
     """
     settings = parts.settings
+    key = read_key(request.headers.getlist(HEADER))
     async with uploaded(
         request, max_bytes=settings.max_upload_bytes, max_fields=settings.max_form_fields
     ) as form:
@@ -97,10 +113,14 @@ async def create_shape(request: Request, response: Response, parts: Service) -> 
                 tags=tuple(fields.tags),
                 metadata=fields.metadata,
             )
-            stored = await while_connected(request, service.ingest(parts, new))
-    response.status_code = 201 if stored.created else 200
-    response.headers["Location"] = f"/shapes/{stored.shape.id}"
-    return Shape.of(stored.shape)
+            claim = None if key is None else _claim(request, parts, key, new, form)
+            with parts.in_flight.taken(claim):
+                done = await while_connected(request, service.ingest(parts, new, claim))
+    answer = service.answer_of(done) if isinstance(done, Stored) else done
+    headers = {"Location": answer.location}
+    if answer is done:
+        headers[REPLAYED] = "true"
+    return Response(answer.body, answer.status, headers=headers, media_type="application/json")
 
 
 @router.get("/shapes", summary="List shapes", responses=documented(*READ_PROBLEMS))
@@ -212,6 +232,15 @@ def read_embedding(
         return EmbeddingArrays.of(embedding)
     headers = {"Content-Disposition": f'attachment; filename="{embedding.fingerprint}.npz"'}
     return Response(service.as_npz(embedding), media_type="application/zip", headers=headers)
+
+
+def _claim(request: Request, parts: Service, key: str, new: NewShape, form: Form) -> Claim:
+    return Claim(
+        scope=request.scope.get(KEY_IN_SCOPE, ""),
+        key=key,
+        payload=payload_of(new.sha256, form.filename, form.fields),
+        expires_at=datetime.now(UTC) + timedelta(hours=parts.settings.idempotency_hours),
+    )
 
 
 def _fields(form: dict[str, list[str]], filename: str) -> ShapeFields:

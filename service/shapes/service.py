@@ -1,6 +1,7 @@
 """What can be done with shapes."""
 
 import io
+from datetime import UTC, datetime
 from typing import Any
 
 import numpy as np
@@ -11,28 +12,43 @@ from core.pipeline import Pipeline
 from core.records import embedding_from_bytes
 from service.compute.tasks import Embedded
 from service.errors import NameTakenError, NotEmbeddedError, ShapeNotFoundError, SignatureLengthError
+from service.idempotency import repository as idempotency
+from service.idempotency.records import Claim, Kept
 from service.parts import Parts
 from service.pipelines.active import fingerprint as active_fingerprint
 from service.shapes import repository
 from service.shapes.records import Changes, NewShape, Page, ShapeFilter, ShapeRecord, Stored
+from service.shapes.schemas import Shape
 from service.stages import Stages
 from service.storage.database import Database, ReadSession, WriteSession
 
 
-async def ingest(parts: Parts, new: NewShape) -> Stored:
+async def ingest(parts: Parts, new: NewShape, claim: Claim | None = None) -> Stored | Kept:
     """Store a file under a name, unless the same bytes are stored under it already.
 
     The embedding is made before the transaction begins, which then writes bytes, shape and embedding
-    together: once this returns, they are durable, and the next query sees them.
+    together, and for a claim the answer: once this returns, they are durable, and the next query sees them.
+    Where the claim has an answer, that is what is returned, and nothing is done.
+
+    Raises
+    ------
+    IdempotencyKeyReusedError
+        The claim's key has come with another payload before.
     """
     stages = Stages()
+    if claim is not None:
+        kept = await run_in_threadpool(_answer_to, parts.database, claim)
+        if kept is not None:
+            return kept
     while True:
         pipeline, present, needed = await run_in_threadpool(_look_up, parts, new)
-        if present is not None and not needed:
+        if present is not None and not needed and claim is None:
             return Stored(present, created=False)
         embedded = await parts.work.embed(new.data, new.format, pipeline) if needed else None
         with stages.stage("store"):
-            stored = await run_in_threadpool(_store, parts.database, pipeline.fingerprint, new, embedded)
+            stored = await run_in_threadpool(
+                _store, parts.database, pipeline.fingerprint, new, embedded, claim
+            )
         if stored is not None:
             break
     made = {} if embedded is None else embedded.milliseconds
@@ -122,13 +138,25 @@ def _look_up(parts: Parts, new: NewShape) -> tuple[Pipeline, ShapeRecord | None,
         return pipeline, present, needed
 
 
-def _store(database: Database, fingerprint: str, new: NewShape, embedded: Embedded | None) -> Stored | None:
+def _answer_to(database: Database, claim: Claim) -> Kept | None:
+    with database.read() as session:
+        return idempotency.answer_to(session, claim, datetime.now(UTC))
+
+
+def _store(
+    database: Database, fingerprint: str, new: NewShape, embedded: Embedded | None, claim: Claim | None
+) -> Stored | Kept | None:
     """One transaction; None when it comes too late.
 
     The archive is searched by another pipeline by now, or the embedding that was there has gone, with the
     last shape that had it.
     """
     with database.write() as session:
+        now = datetime.now(UTC)
+        # Another process, or a request that was given up, may have answered meanwhile.
+        kept = None if claim is None else idempotency.answer_to(session, claim, now)
+        if kept is not None:
+            return kept
         if active_fingerprint(session) != fingerprint:
             return None
         embedding_is_there = repository.is_embedded(session, fingerprint, new.sha256, new.format)
@@ -140,10 +168,25 @@ def _store(database: Database, fingerprint: str, new: NewShape, embedded: Embedd
             repository.add_embedding(session, blob_number, new.format, fingerprint, embedded)
         present = repository.same(session, fingerprint, new)
         if present is not None:
-            return Stored(present, created=False)
-        facts = repository.facts_on(session, blob_number, new.format) if embedded is None else embedded.facts
-        number = repository.add_shape(session, blob_number, new, facts or {})
-        return Stored(repository.records(session, fingerprint, [number])[0], created=True)
+            stored = Stored(present, created=False)
+        else:
+            facts = (
+                repository.facts_on(session, blob_number, new.format) if embedded is None else embedded.facts
+            )
+            number = repository.add_shape(session, blob_number, new, facts or {})
+            stored = Stored(repository.records(session, fingerprint, [number])[0], created=True)
+        if claim is not None:
+            idempotency.keep(session, claim, answer_of(stored), now)
+        return stored
+
+
+def answer_of(stored: Stored) -> Kept:
+    """How an upload is answered: 201 where it made the shape, 200 where the shape was there."""
+    return Kept(
+        status=201 if stored.created else 200,
+        location=f"/shapes/{stored.shape.id}",
+        body=Shape.of(stored.shape).model_dump_json(),
+    )
 
 
 def check_signature(session: ReadSession, fingerprint: str, embedded: Embedded) -> None:

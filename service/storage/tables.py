@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from sqlalchemy import JSON, ForeignKey, Index, LargeBinary, String, UniqueConstraint
+from sqlalchemy import JSON, ForeignKey, Index, LargeBinary, String, Text, UniqueConstraint
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
 
 from service.storage.columns import Float32Vector, UtcDateTime
@@ -124,6 +124,23 @@ class PipelineRow(Table):
     fingerprint: Mapped[str] = mapped_column(String(16), primary_key=True)
     method: Mapped[int]
     parameters: Mapped[dict[str, Any]] = mapped_column(JSON)
+
+
+class IdempotencyKeyRow(Table):
+    """The answer to a request that had an Idempotency-Key, for the next one that has it.
+
+    `scope` is the digest of the API key that sent it, or empty; `payload` is a hash of what was sent.
+    """
+
+    __tablename__ = "idempotency_keys"
+
+    scope: Mapped[str] = mapped_column(String(64), primary_key=True)
+    key: Mapped[str] = mapped_column(String(255), primary_key=True)
+    payload: Mapped[str] = mapped_column(String(64))
+    status: Mapped[int]
+    location: Mapped[str] = mapped_column(String(255))
+    body: Mapped[str] = mapped_column(Text)
+    expires_at: Mapped[datetime] = mapped_column(UtcDateTime, index=True)
 
 
 class ArchiveRow(Table):
