@@ -19,14 +19,16 @@ PIP := $(BIN)/python -m pip -qq --disable-pip-version-check
 PACKAGES := $(VENV)/.packages
 RUNTIME := $(VENV)/.runtime
 DEV := $(VENV)/.dev
+BROWSER := $(VENV)/.browser
+NODE := tests/page/node_modules/.package-lock.json
 
 # uv reads no configuration here, so that the lock files never depend on, or tell of, the machine they were made on.
 UV ?= $(BIN)/uv
 COMPILE := $(UV) pip compile --quiet --no-config --universal --python-version 3.11 --fork-strategy fewest \
 	--generate-hashes --no-annotate --custom-compile-command 'make lock' $(if $(UPGRADE),--upgrade)
-LOCKS := requirements.lock tests/requirements.lock docker/test/requirements.lock
+LOCKS := requirements.lock tests/requirements.lock tests/browser/requirements.lock docker/test/requirements.lock
 
-.PHONY: help environment demo test collections-test kill-test load-test lint types openapi lock lock-check image-test clean
+.PHONY: help environment demo test collections-test kill-test load-test lint types openapi lock lock-check image-test page-lint page-vendor browser-test screenshots clean
 
 help:
 	@echo 'make demo               ingest made shapes, query them, print the nearest three (CHECK=1: and check them)'
@@ -41,6 +43,10 @@ help:
 	@echo 'make lock               bring the lock files up to pyproject.toml (UPGRADE=1: and to the newest releases)'
 	@echo 'make lock-check         fail unless the lock files answer pyproject.toml'
 	@echo 'make image-test         build the image and run it as it is deployed (root, Debian, no Docker engine needed)'
+	@echo 'make page-lint          check the scripts of the page with tsc, and that what others wrote is what it says (npm)'
+	@echo 'make page-vendor        bundle what others wrote into the page (npm)'
+	@echo 'make browser-test       the page in Chromium, which is installed if it is not there (root, Debian)'
+	@echo 'make screenshots        draw docs/page-*.png (needs what browser-test needs)'
 	@echo 'make clean              remove what these made'
 
 # The environment, made anew whenever its lock changes. Three files mark how far it is: the locked packages, this
@@ -106,6 +112,7 @@ openapi: $(RUNTIME)
 lock: $(if $(filter $(BIN)/uv,$(UV)),$(DEV))
 	$(COMPILE) pyproject.toml --output-file requirements.lock
 	$(COMPILE) pyproject.toml --extra dev --constraint requirements.lock --output-file tests/requirements.lock
+	$(COMPILE) pyproject.toml --extra browser --constraint tests/requirements.lock --output-file tests/browser/requirements.lock
 	$(COMPILE) docker/test/requirements.in --constraint requirements.lock --output-file docker/test/requirements.lock
 
 # Hashes are left out of the comparison: a project may add a file to a release long after it. pip checks them at install.
@@ -120,6 +127,31 @@ lock-check: $(DEV)
 image-test: $(DEV)
 	docker/image-test.sh
 
+$(NODE): tests/page/package-lock.json
+	cd tests/page && npm ci --ignore-scripts --no-audit --no-fund --silent
+	@touch $@
+
+page-vendor: $(NODE)
+	tests/page/vendor.sh service/page/static/vendor
+
+page-lint: $(NODE)
+	cd tests/page && node_modules/.bin/tsc --project .
+	@scratch=$$(mktemp -d); trap 'rm -rf "$$scratch"' EXIT; tests/page/vendor.sh "$$scratch"; \
+	diff --recursive --brief --exclude=README.md --exclude=three.d.ts "$$scratch" service/page/static/vendor || { \
+		echo 'the page has other files than its lock names: make page-vendor' >&2; exit 1; }
+
+$(BROWSER): tests/browser/requirements.lock $(DEV)
+	$(PIP) install --require-hashes --requirement tests/browser/requirements.lock
+	@command -v chromium >/dev/null || { apt-get update -qq && \
+		apt-get install -qq --no-install-recommends chromium fonts-dejavu-core >/dev/null; }
+	@touch $@
+
+browser-test: $(BROWSER)
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest tests/browser -p tests.no_skips
+
+screenshots: $(BROWSER)
+	OMP_NUM_THREADS=1 $(BIN)/python -m tests.browser.screenshots docs
+
 clean:
-	rm -rf $(VENV) build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	rm -rf $(VENV) tests/page/node_modules build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
 	find core service tests docker -name __pycache__ -prune -exec rm -rf {} +

@@ -117,7 +117,7 @@ async function remove(shape, own) {
     own.remove();
     total--;
     tell();
-    /** @type {HTMLElement | null | undefined} */ (next?.querySelector("button:last-child"))?.focus();
+    /** @type {HTMLElement | null | undefined} */ (next?.querySelector(".buttons button:last-child"))?.focus();
     showTrouble(trouble);
   } catch (error) {
     showTrouble(trouble, error);

@@ -32,6 +32,7 @@ let shown = null;
 export async function showResults(asked, answer, findAlike) {
   const { results } = answer;
   shown = null;
+  delete cards.dataset.painted;
   section.hidden = false;
   byId("results-summary", HTMLElement).textContent = summary(asked.name, answer);
   const query = card(asked.name, ["the query"], null);
@@ -59,10 +60,17 @@ export async function showResults(asked, answer, findAlike) {
       (text) => (told.textContent = text),
     );
     shown.showPoints(points.checked);
-    await shown.paint(paint.value);
+    await repaint();
   } catch (error) {
     showTrouble(trouble, error);
   }
+}
+
+/** Colour the shapes as chosen, and tell when that is done. */
+async function repaint() {
+  const how = paint.value;
+  await shown?.paint(how);
+  cards.dataset.painted = how;
 }
 
 /** @param {string} name @param {Answer} answer */
@@ -83,7 +91,7 @@ function kept(load) {
   return () => (loaded ??= load());
 }
 
-paint.addEventListener("change", () => shown?.paint(paint.value).catch((error) => showTrouble(trouble, error)));
+paint.addEventListener("change", () => repaint().catch((error) => showTrouble(trouble, error)));
 points.addEventListener("change", () => shown?.showPoints(points.checked));
 byId("previous-point", HTMLButtonElement).addEventListener("click", () => shown?.step(-1));
 byId("next-point", HTMLButtonElement).addEventListener("click", () => shown?.step(1));

@@ -1,0 +1,168 @@
+"""What is stored: looked through, searched, stored in bulk, deleted; and signing in."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Browser, expect
+
+from service.access.keys import digest_of
+from tests.browser.conftest import watch
+from tests.browser.support import Visit, file_in, made, stock
+from tests.service.support import Running, serving, settings_in, small_file
+
+MANY = 500
+KEY, READ_KEY = "isoshape_full-key", "isoshape_read-key"
+
+
+def test_the_gallery_goes_on_as_one_scrolls(visit: Visit, service: Running) -> None:
+    for number in range(MANY):
+        service.store(small_file(1), f"ball-{number:03d}.off", tags="ball")
+    page = visit.open()
+    assert page.locator("#gallery li").count() < 200
+    for _ in range(200):
+        if page.locator("#gallery li").count() == MANY + 6:
+            break
+        page.mouse.wheel(0, 3000)
+        page.wait_for_timeout(50)
+    names = page.locator("#gallery .name").all_text_contents()
+    assert len(names) == len(set(names)) == MANY + 6
+    expect(page.locator("#gallery-told")).to_have_text(f"{MANY + 6} of {MANY + 6} shown")
+    # The last one's picture is there.
+    page.locator("#gallery li").last.scroll_into_view_if_needed()
+    expect(page.locator("#gallery li").last.locator("img")).to_have_js_property("naturalWidth", 256)
+    page.fill("#gallery-name", "BALL-49")
+    expect(page.locator("#gallery li")).to_have_count(10)
+    page.fill("#gallery-name", "")
+    page.fill("#gallery-tags", "glasses")
+    expect(page.locator("#gallery li")).to_have_count(3)
+    page.fill("#gallery-tags", "no such tag")
+    expect(page.locator("#gallery li")).to_have_count(0)
+    expect(page.locator("#gallery-told")).to_have_text("No stored shape is meant.")
+
+
+def test_many_files_are_stored_and_a_bad_one_is_told_of(
+    visit: Visit, service: Running, tmp_path: Path
+) -> None:
+    files = []
+    for number in range(4):
+        files.append(tmp_path / f"new-{number}.off")
+        files[-1].write_bytes(small_file(number))
+    bad = tmp_path / "bad.off"
+    bad.write_text("not a mesh")
+    visit.expected = ["422"]
+    page = visit.open()
+    page.fill("#store-tags", "new, bulk")
+    page.set_input_files("#store-files", [files[0], bad, *files[1:]])
+    outcome = "4 stored, 0 stored already, 1 not stored, 0 waiting"
+    expect(page.locator("#store-told")).to_have_text(outcome)
+    rows = page.locator("#uploads li")
+    assert rows.count() == 5
+    assert rows.nth(0).locator("progress").get_attribute("value") == "1"
+    detail = service.client.post("/shapes", files={"file": ("bad.off", b"not a mesh")}).json()["detail"]
+    assert detail in rows.nth(1).inner_text()
+    stored = service.client.get("/shapes", params={"tag": "bulk"}).json()["shapes"]
+    assert sorted(shape["name"] for shape in stored) == [file.name for file in files]
+    assert all(shape["tags"] == ["new", "bulk"] for shape in stored)
+    expect(page.locator("#gallery li")).to_have_count(10)
+
+
+def test_a_shape_is_deleted_only_when_that_is_confirmed(visit: Visit, service: Running) -> None:
+    page = visit.open()
+    button = page.get_by_role("button", name="Delete glasses-1.ply")
+    button.click()
+    assert "glasses-1.ply" in page.inner_text("#deletion-text")
+    page.get_by_role("button", name="Keep").click()
+    button.click()
+    page.keyboard.press("Escape")
+    assert service.client.get("/shapes").json()["total"] == 6
+    button.click()
+    page.locator("#deletion").get_by_role("button", name="Delete").click()
+    button.wait_for(state="detached")
+    assert page.inner_text("#gallery-told") == "5 of 5 shown"
+    names = [shape["name"] for shape in service.client.get("/shapes").json()["shapes"]]
+    assert "glasses-1.ply" not in names
+    assert len(names) == 5
+
+
+def test_a_shape_alone(visit: Visit) -> None:
+    page = visit.open()
+    page.get_by_role("link", name="fish-1.ply").click()
+    page.wait_for_selector("#cards canvas[data-drawn]")
+    assert page.title() == "fish-1.ply"
+    assert "vertices" in page.inner_text("#cards")
+    page.get_by_role("link", name="All shapes").click()
+    page.wait_for_selector("#gallery li")
+
+
+def test_a_comparison_as_a_page(visit: Visit, service: Running) -> None:
+    shapes = service.client.get("/shapes", params={"tag": "fish"}).json()["shapes"]
+    page = visit.open()
+    # A form of another kind cannot send JSON, so the page is put in place of this one.
+    page.route(
+        "**/compare?format=html",
+        lambda route: route.continue_(
+            method="POST",
+            post_data={"first": shapes[0]["id"], "second": shapes[1]["id"]},
+            headers={"content-type": "application/json"},
+        ),
+    )
+    page.goto(f"{visit.here}/compare?format=html")
+    expect(page.locator("#cards canvas[data-drawn]")).to_have_count(2)
+    assert page.inner_text("#title") == f"{shapes[0]['name']} and {shapes[1]['name']}"
+    assert "CC" in page.inner_text("#cards")
+
+
+def test_the_documentation_is_drawn(visit: Visit) -> None:
+    visit.page.goto(f"{visit.here}/docs")
+    visit.page.wait_for_selector(".opblock")
+    assert visit.page.locator(".opblock").count() > 10
+
+
+@pytest.fixture(scope="module")
+def locked(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
+    """A service with keys, holding shapes."""
+    keys = {"api_keys": (digest_of(KEY),), "read_keys": (digest_of(READ_KEY),)}
+    with serving(settings_in(tmp_path_factory.mktemp("locked"), workers=1, **keys), key=KEY) as running:
+        stock(running)
+        yield running
+
+
+@pytest.mark.parametrize(("key", "may_store"), [(KEY, True), (READ_KEY, False)])
+def test_signing_in_with_a_key(
+    browser: Browser, locked: Running, tmp_path: Path, key: str, may_store: bool
+) -> None:
+    context = browser.new_context()
+    page = context.new_page()
+    faults: list[str] = []
+    watch(page, faults)
+    visit = Visit(page, str(locked.client.base_url))
+    visit.open()
+    assert page.locator("#gallery li").count() == 0
+    assert page.is_hidden("#inside")
+    page.fill("#key", "isoshape_wrong")
+    page.keyboard.press("Enter")
+    page.wait_for_selector("#sign-in-trouble:not([hidden])")
+    assert "none of this service's" in page.inner_text("#sign-in-trouble")
+    page.fill("#key", key)
+    page.keyboard.press("Enter")
+    page.wait_for_selector("#gallery li")
+    assert page.is_visible("#store") == may_store
+    assert (page.get_by_role("button", name="Delete fish-0.ply").count() == 1) == may_store
+    page.set_input_files("#find-file", file_in(tmp_path))
+    expect(page.locator("#cards canvas[data-drawn]")).to_have_count(4)
+    page.click("#sign-out")
+    page.wait_for_selector("#sign-in:not([hidden])")
+    assert page.locator("#gallery li").count() == 0
+    # The wrong key is the only thing that went wrong.
+    assert all("401" in fault for fault in faults)
+    context.close()
+
+
+def test_the_same_files_again_are_told_to_be_there(visit: Visit, tmp_path: Path) -> None:
+    path = tmp_path / "fish-0.ply"
+    path.write_bytes(made("fish", 0))
+    page = visit.open()
+    page.set_input_files("#store-files", [path])
+    outcome = "0 stored, 1 stored already, 0 not stored, 0 waiting"
+    expect(page.locator("#store-told")).to_have_text(outcome)
