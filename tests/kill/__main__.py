@@ -1,6 +1,7 @@
 """`python -m tests.kill --cycles 200`: kill the service so many times, and fail if anything is lost."""
 
 import argparse
+import shutil
 import statistics
 import sys
 import tempfile
@@ -25,10 +26,13 @@ def main() -> int:
         cycles.append(cycle)
         if cycle.faults:
             return fail(folder, f"cycle {number}", cycle.faults)
+        if len(cycles) % 10 == 0:
+            print(f"{len(cycles)} of {options.cycles} kills", file=sys.stderr)
     with server(folder) as (_, client):
         faults = verify(client, folder, ledger)
     if faults:
         return fail(folder, "the end", faults)
+    shutil.rmtree(folder)
     starts = sorted(cycle.start_seconds for cycle in cycles)
     print(f"{len(cycles)} kills in {time.monotonic() - began:.0f} s, seed {options.seed}")
     print(f"{ledger.uploads} uploads and {ledger.deletions} deletions acknowledged: none lost, none torn")

@@ -27,8 +27,13 @@ def count(name, response, exception, **_):
     statuses[name][status] += 1
     if exception is not None:
         broken[f"{name}: {exception!r}"] += 1
-    elif status >= 500 and not (status == 503 and "retry-after" in response.headers):
+    elif status >= 500 and not is_back_pressure(response):
         broken[f"{name}: {status} {response.text[:200]}"] += 1
+
+
+def is_back_pressure(response):
+    """Whether the queue was full, and the client was told when to come back."""
+    return response.json()["type"] == "urn:isoshape:problem:busy" and "retry-after" in response.headers
 
 
 @events.quitting.add_listener
