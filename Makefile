@@ -20,15 +20,17 @@ PACKAGES := $(VENV)/.packages
 RUNTIME := $(VENV)/.runtime
 DEV := $(VENV)/.dev
 BROWSER := $(VENV)/.browser
+SUPPLY := $(VENV)/supply
 NODE := tests/page/node_modules/.package-lock.json
 
 # uv reads no configuration here, so that the lock files never depend on, or tell of, the machine they were made on.
 UV ?= $(BIN)/uv
 COMPILE := $(UV) pip compile --quiet --no-config --universal --python-version 3.11 --fork-strategy fewest \
 	--generate-hashes --no-annotate --custom-compile-command 'make lock' $(if $(UPGRADE),--upgrade)
-LOCKS := requirements.lock tests/requirements.lock tests/browser/requirements.lock docker/test/requirements.lock
+LOCKS := requirements.lock tests/requirements.lock tests/browser/requirements.lock docker/test/requirements.lock \
+	tests/supply/requirements.lock
 
-.PHONY: help environment demo test collections-test kill-test load-test lint types openapi lock lock-check image-test page-lint page-vendor browser-test screenshots clean
+.PHONY: help environment demo test collections-test kill-test load-test lint types openapi lock lock-check image-test page-lint page-vendor browser-test screenshots sbom audit clean
 
 help:
 	@echo 'make demo               ingest made shapes, query them, print the nearest three (CHECK=1: and check them)'
@@ -47,6 +49,8 @@ help:
 	@echo 'make page-vendor        bundle what others wrote into the page (npm)'
 	@echo 'make browser-test       the page in Chromium, which is installed if it is not there (root, Debian)'
 	@echo 'make screenshots        draw docs/page-*.png (needs what browser-test needs)'
+	@echo 'make sbom               write build/isoshape.cdx.json: what is installed, as a CycloneDX bill of materials'
+	@echo 'make audit              ask the package index for vulnerabilities of what is installed'
 	@echo 'make clean              remove what these made'
 
 # The environment, made anew whenever its lock changes. Three files mark how far it is: the locked packages, this
@@ -114,11 +118,12 @@ lock: $(if $(filter $(BIN)/uv,$(UV)),$(DEV))
 	$(COMPILE) pyproject.toml --extra dev --constraint requirements.lock --output-file tests/requirements.lock
 	$(COMPILE) pyproject.toml --extra browser --constraint tests/requirements.lock --output-file tests/browser/requirements.lock
 	$(COMPILE) docker/test/requirements.in --constraint requirements.lock --output-file docker/test/requirements.lock
+	$(COMPILE) tests/supply/requirements.in --output-file tests/supply/requirements.lock
 
 # Hashes are left out of the comparison: a project may add a file to a release long after it. pip checks them at install.
 lock-check: $(DEV)
 	@scratch=$$(mktemp -d); trap 'rm -rf "$$scratch"' EXIT; \
-	tar -c pyproject.toml docker/test/requirements.in $(LOCKS) | tar -x -C "$$scratch"; \
+	tar -c pyproject.toml docker/test/requirements.in tests/supply/requirements.in $(LOCKS) | tar -x -C "$$scratch"; \
 	$(MAKE) --silent --no-print-directory -C "$$scratch" -f "$(CURDIR)/Makefile" UV="$(CURDIR)/$(BIN)/uv" UPGRADE= lock; \
 	for lock in $(LOCKS); do diff <(grep -F == $$lock) <(grep -F == "$$scratch/$$lock") || { \
 		echo "$$lock is behind pyproject.toml: make lock" >&2; exit 1; }; done; \
@@ -151,6 +156,20 @@ browser-test: $(BROWSER)
 
 screenshots: $(BROWSER)
 	OMP_NUM_THREADS=1 $(BIN)/python -m tests.browser.screenshots docs
+
+# Tools about the packages, in an environment of their own: what they need is no business of the packages.
+$(SUPPLY)/.installed: tests/supply/requirements.lock $(PACKAGES)
+	$(BIN)/python -m venv --clear $(SUPPLY)
+	$(SUPPLY)/bin/python -m pip -qq --disable-pip-version-check install --require-hashes --requirement $<
+	@touch $@
+
+sbom: $(SUPPLY)/.installed
+	@mkdir -p build
+	$(SUPPLY)/bin/python -W ignore -m cyclonedx_py requirements requirements.lock --pyproject pyproject.toml \
+		--output-reproducible --output-file build/isoshape.cdx.json
+
+audit: $(SUPPLY)/.installed
+	@$(SUPPLY)/bin/python tests/supply/audit.py requirements.lock
 
 clean:
 	rm -rf $(VENV) tests/page/node_modules build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
