@@ -1,0 +1,98 @@
+"""`isoshape serve` as a process of its own, and what it and its children hold in memory."""
+
+import os
+import socket
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import TracebackType
+
+import httpx
+
+from tests.service.support import wait_until
+
+LIMIT_SECONDS = 180.0
+"""The longest that a file may be worked on: the service's own limits of time are shorter together."""
+
+_PAGE = os.sysconf("SC_PAGE_SIZE")
+
+
+@contextmanager
+def server(folder: Path, **settings: str) -> Iterator[tuple[int, httpx.Client]]:
+    """The service on an archive in a folder, two workers, other settings by default; its id, a client."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    environment = {key: value for key, value in os.environ.items() if not key.startswith("ISOSHAPE_")} | {
+        "ISOSHAPE_DATABASE_URL": f"sqlite:///{folder}/archive.sqlite3",
+        "ISOSHAPE_WORKERS": "2",
+        "ISOSHAPE_LOG_LEVEL": "warning",
+        **settings,
+    }
+    command = [sys.executable, "-P", "-m", "service.cli", "serve", "--port", str(port)]
+    with (folder / "log.txt").open("ab") as log:
+        process = subprocess.Popen(command, env=environment, cwd=folder, stdout=log, stderr=log)
+    try:
+        with httpx.Client(base_url=f"http://127.0.0.1:{port}", timeout=LIMIT_SECONDS) as client:
+            wait_until(lambda: _answers(process, client), seconds=180)
+            yield process.pid, client
+    finally:
+        process.terminate()
+        try:
+            process.wait(timeout=30)
+        finally:
+            process.kill()
+            process.wait()
+
+
+def _answers(process: subprocess.Popen[bytes], client: httpx.Client) -> bool:
+    """Whether the service is ready."""
+    assert process.poll() is None, "the service ended"
+    try:
+        return client.get("/readyz").status_code == 200
+    except httpx.TransportError:
+        return False
+
+
+def memory(pid: int) -> int:
+    """Bytes that a process and its descendants hold in memory; what they share is counted for each."""
+    total, waiting = 0, [pid]
+    while waiting:
+        each = Path(f"/proc/{waiting.pop()}")
+        try:
+            total += int((each / "statm").read_text().split()[1]) * _PAGE
+            waiting += [
+                int(child)
+                for task in (each / "task").iterdir()
+                for child in (task / "children").read_text().split()
+            ]
+        except (FileNotFoundError, ProcessLookupError):
+            continue  # it has ended meanwhile
+    return total
+
+
+class Peak:
+    """The most memory that a process and its descendants hold at once, looked at fifty times a second."""
+
+    def __init__(self, pid: int) -> None:
+        self.bytes = memory(pid)
+        self._pid = pid
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._watch, daemon=True)
+
+    def __enter__(self) -> "Peak":
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._over.set()
+        self._thread.join()
+
+    def _watch(self) -> None:
+        while not self._over.wait(0.02):
+            self.bytes = max(self.bytes, memory(self._pid))
