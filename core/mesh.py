@@ -25,7 +25,7 @@ class Mesh:
     Raises
     ------
     MalformedMeshError
-        Wrong shapes, or an index outside 0 .. n - 1.
+        Wrong shapes, or an index that is not whole or outside 0 .. n - 1.
     NonFiniteCoordinatesError
         A coordinate is NaN or infinite.
     NoTrianglesError
@@ -37,7 +37,10 @@ class Mesh:
 
     def __post_init__(self) -> None:
         vertices = np.array(self.vertices, dtype=np.float64, order="C")
-        faces = np.array(self.faces, dtype=np.int64, order="C")
+        given = np.asarray(self.faces)
+        if given.dtype.kind == "f" and not ((given == np.trunc(given)) & (abs(given) < 2.0**53)).all():
+            raise MalformedMeshError("a face refers to a vertex by a number that is not whole")
+        faces = np.array(given, dtype=np.int64, order="C")
         if vertices.ndim != 2 or vertices.shape[1] != 3:
             raise MalformedMeshError(f"vertices must have shape (n, 3), not {vertices.shape}")
         if faces.size == 0:

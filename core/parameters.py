@@ -127,6 +127,11 @@ class Parameters:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "operators", tuple(self.operators))
+        for each in fields(self):
+            value = getattr(self, each.name)
+            # 1 and 1.0 are equal, and must have one fingerprint.
+            if each.type is float and isinstance(value, int) and not isinstance(value, bool):
+                object.__setattr__(self, each.name, _as_float(each.name, value))
         for field, allowed in (("selection", Selection), ("distances", Distances), ("affinity", Affinity)):
             if getattr(self, field) not in get_args(allowed):
                 raise ParameterError(f"{field} must be one of {', '.join(get_args(allowed))}")
@@ -228,12 +233,14 @@ class Parameters:
                 good = isinstance(value, list) and all(isinstance(entry, str) for entry in value)
             if not good:
                 raise ParameterError(f"{name} must be of the kind of {known[name]!r}, not {value!r}")
-            if wanted is float:
-                try:
-                    values[name] = float(value)
-                except OverflowError as error:
-                    raise ParameterError(f"{name} is too large") from error
         return cls(**values)
+
+
+def _as_float(name: str, value: int) -> float:
+    try:
+        return float(value)
+    except OverflowError as error:
+        raise ParameterError(f"{name} is too large") from error
 
 
 DEFAULT = Parameters()

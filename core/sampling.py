@@ -57,8 +57,9 @@ def draw_scale(weights: Floats, count: int) -> float:
 def random_draw(weights: Floats, count: int, uniform: Floats) -> Ints:
     """A seeded draw of exactly `count` points with inclusion probabilities min(1, c q_i).
 
-    Sequential Poisson sampling (Ohlsson 1998): the points of smallest u_i / p_i. Without the fixed size a
-    point would be kept when u_i < p_i; with it the probabilities hold to first order.
+    Pareto sampling (Rosen 1997): the points of smallest u_i (1 - p_i) / (p_i (1 - u_i)). Without the fixed
+    size a point would be kept when u_i < p_i, which is where that is below 1; with it the probabilities hold
+    nearly. Points of p_i = 1 come first, so that each is drawn.
 
     Parameters
     ----------
@@ -69,8 +70,9 @@ def random_draw(weights: Floats, count: int, uniform: Floats) -> Ints:
         Numbers in [0, 1), one a point.
     """
     probability = np.minimum(1.0, draw_scale(weights, count) * weights)
-    ratio = uniform / np.maximum(probability, np.finfo(float).tiny)
-    return np.argsort(ratio, kind="stable")[:count].astype(np.int64)
+    # Points of no weight come last, in an order of their own.
+    ratio = uniform * (1.0 - probability) / (np.maximum(probability, 1e-200) * (1.0 - uniform))
+    return np.lexsort((uniform, ratio))[:count].astype(np.int64)
 
 
 def covering(graph: csr_array, points: Floats, weights: Floats, count: int, power: float) -> Ints:

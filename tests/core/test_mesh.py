@@ -21,6 +21,15 @@ def test_takes_lists():
     assert Mesh(CORNERS, [[0, 1, 2]]).faces.shape == (1, 3)
 
 
+def test_takes_whole_numbers_as_indices_whatever_their_type():
+    assert Mesh(CORNERS, np.array([[0.0, 1.0, 2.0]], dtype=np.float32)).faces.tolist() == [[0, 1, 2]]
+
+
+def test_the_message_says_that_an_index_is_not_whole():
+    with pytest.raises(MeshError, match="not whole"):
+        Mesh(CORNERS, [[0, 1, 1.5]])
+
+
 @pytest.mark.parametrize("order", ["C", "F"])
 def test_arrays_are_contiguous(order):
     mesh = Mesh(np.array(CORNERS, order=order), np.array([[0, 1, 2], [2, 1, 0]], order=order))
@@ -56,6 +65,11 @@ def test_is_frozen(name):
         pytest.param(CORNERS, [[0, 1, 3]], MalformedMeshError, id="index one too large"),
         pytest.param(CORNERS, [[0, 1, 2**62]], MalformedMeshError, id="index far too large"),
         pytest.param(CORNERS, [[0, 1, -1]], MalformedMeshError, id="negative index"),
+        pytest.param(CORNERS, [[0, 1, 1.5]], MalformedMeshError, id="fractional index"),
+        pytest.param(CORNERS, [[0, 1, -0.5]], MalformedMeshError, id="fraction that would be cut to 0"),
+        pytest.param(CORNERS, [[0, 1, np.nan]], MalformedMeshError, id="index not a number"),
+        pytest.param(CORNERS, [[0, 1, np.inf]], MalformedMeshError, id="index infinite"),
+        pytest.param(CORNERS, [[0, 1, 1e300]], MalformedMeshError, id="index past all integers"),
         pytest.param(CORNERS, [[0, 1]], MalformedMeshError, id="two corners"),
         pytest.param(CORNERS, [[0, 1, 2, 0]], MalformedMeshError, id="four corners"),
         pytest.param(CORNERS, [0, 1, 2], MalformedMeshError, id="faces not a table"),

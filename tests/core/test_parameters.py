@@ -178,6 +178,21 @@ def test_a_whole_number_is_read_as_a_float_where_one_is_wanted():
     assert whole.fingerprint == Parameters.from_json('{"tau": 1.0, "width": 2.0}').fingerprint
 
 
+@pytest.mark.parametrize(
+    ("field", "whole"),
+    [("tau", 1), ("width", 2), ("coverage_power", 0), ("stiffness", 100), ("match_threshold", -1)],
+)
+def test_a_whole_number_and_the_same_as_a_float_have_one_fingerprint(field, whole):
+    one, other = (replace(DEFAULT, **{field: value}) for value in (whole, float(whole)))
+    assert one.fingerprint == other.fingerprint
+    assert one.to_json() == other.to_json()
+
+
+def test_a_whole_number_past_all_floats_is_refused():
+    with pytest.raises(ParameterError, match="too large"):
+        replace(DEFAULT, stiffness=10**400)
+
+
 @pytest.mark.parametrize("text", ["", "{", "degree: 4", '{"degree": }', "\x00"])
 def test_what_is_not_json_is_refused(text):
     with pytest.raises(ParameterError, match="not JSON"):
