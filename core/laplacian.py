@@ -14,6 +14,10 @@ from core.mesh import Floats, Mesh
 DENSE_BELOW = 200
 """Under this many vertices the dense eigensolver is the faster one."""
 
+MORE = 4
+"""Eigenvalues that the iterative solver finds beyond those wanted. Of several equal ones (a ball's) only
+rounding brings in the second and the third; a search that is over early has missed some of the last."""
+
 
 def tufted(mesh: Mesh) -> tuple[csc_array, Floats]:
     """The cotangent Laplacian, shape (n, n), and vertex areas of any mesh, by robust-laplacian."""
@@ -83,8 +87,7 @@ def laplace_beltrami(mesh: Mesh, count: int) -> tuple[Floats, Floats]:
         values, vectors = eigh(scaled.toarray(), subset_by_index=(0, count), check_finite=False)
     else:
         # A small negative shift makes the factor positive definite, so no pivots need be sought; the start
-        # vector is fixed, so that the same mesh gives the same bytes. Iterated to the last digit: a looser
-        # residual misses the third of three equal eigenvalues (a ball's), which only rounding brings in.
+        # vector is fixed, so that the same mesh gives the same bytes.
         shift = -0.01 / float(areas.sum())
         factor = splu(
             csc_array(scaled - shift * diags_array(np.ones(size))),
@@ -94,11 +97,11 @@ def laplace_beltrami(mesh: Mesh, count: int) -> tuple[Floats, Floats]:
         )
         values, vectors = eigsh(
             scaled,
-            k=count + 1,
+            k=count + 1 + MORE,
             sigma=shift,
             v0=np.sqrt(areas),
             OPinv=LinearOperator(scaled.shape, matvec=factor.solve, dtype=np.float64),
         )
-        order = np.argsort(values, kind="stable")
+        order = np.argsort(values, kind="stable")[: count + 1]
         values, vectors = values[order], vectors[:, order]
     return np.maximum(values[1:], 0.0), root[:, None] * vectors[:, 1:]

@@ -5,10 +5,11 @@ import pytest
 from scipy.linalg import eigh
 
 from core import laplacian as module
-from core.cleaning import face_areas
+from core.cleaning import clean, face_areas
 from core.laplacian import laplace_beltrami, laplacian
 from tests.core.shapes import (
     MANY_KINDS,
+    SAME_SHAPE,
     blob,
     icosphere,
     joined,
@@ -121,3 +122,13 @@ def test_the_same_mesh_gives_the_same_bytes():
     first, second = (laplace_beltrami(blob(), 6) for _ in range(2))
     np.testing.assert_array_equal(first[0], second[0])
     np.testing.assert_array_equal(first[1], second[1])
+
+
+@pytest.mark.parametrize("change", [None, *SAME_SHAPE])
+def test_of_equal_eigenvalues_none_is_missed(change):
+    """Two balls, linked, have each ball's seven and nine times; an eigensolver may end before the last."""
+    pair = joined(shifted(icosphere(3), (2.0, 0.0, 0.0)), shifted(icosphere(3), (-2.0, 0.0, 0.0)))
+    pair = clean(pair if change is None else SAME_SHAPE[change](pair)).mesh
+    stiffness, areas = laplacian(pair)
+    dense = eigh(stiffness.toarray(), np.diag(areas), eigvals_only=True, subset_by_index=(1, 30))
+    np.testing.assert_allclose(laplace_beltrami(pair, 30)[0], dense, rtol=1e-6)
