@@ -17,7 +17,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self, TypedDict, TypeVar, Unpack
+from typing import Any, Literal, Self, TypedDict, TypeVar, Unpack
 from urllib.parse import quote
 
 import httpx
@@ -92,9 +92,16 @@ class QueryArguments(TypedDict, total=False):
     top_k: int
     rank_by: RankBy
     exhaustive: bool
+    tag: Sequence[str]
+    name: str
+    metadata: Sequence[str]
     filter: Sequence[str]
+    exclude: Sequence[str]
+    min_cc: float
+    scale: Literal["ignore", "respect"]
     exclude_self: bool
     correspondences: bool
+    embedding: bool
 
 
 class Client:
@@ -231,8 +238,8 @@ class Client:
     def query_shape(self, shape_id: str, **options: Unpack[QueryArguments]) -> QueryAnswer:
         """The stored shapes most like a stored one."""
         body: dict[str, Any] = {"shape_id": shape_id, **options}
-        if "filter" in body:
-            body["filter"] = list(body["filter"])
+        for name in {"exclude", "filter", "metadata", "tag"} & set(body):
+            body[name] = list(body[name])
         return _parse(QueryAnswer, self._send("POST", "/query", json=body))
 
     def compare(self, first: str, second: str) -> CompareAnswer:
@@ -297,12 +304,12 @@ def _named_bytes(file: File) -> tuple[str, bytes]:
     return path.name, path.read_bytes()
 
 
-def _field(value: object) -> str:
-    """A query option as a form's field."""
+def _field(value: object) -> str | list[str]:
+    """A query option as a form's field, a list as a field that is repeated."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, Sequence) and not isinstance(value, str):
-        return ",".join(value)
+        return list(value)
     return str(value)
 
 

@@ -156,7 +156,7 @@ def _save_query() -> Path:
 
 
 def _offer(child: ChildService, query: Path, *, needs_key: bool) -> None:
-    say(f"The service runs at {child.url} until Ctrl-C. Its documentation: {child.url}/docs. Try:")
+    say(f"The service runs until Ctrl-C. Its page: {child.url}/. Its documentation: {child.url}/docs. Try:")
     header = '-H "X-API-Key: $ISOSHAPE_API_KEY" ' if needs_key else ""
     output().print(f"curl {header}-F file=@{query} {child.url}/query", soft_wrap=True)
     with suppress(KeyboardInterrupt):

@@ -1,6 +1,6 @@
 """Which of the stored shapes a query is compared with."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,12 +39,17 @@ class Candidates:
 
 def candidates(parts: Parts, query: Query, options: Options) -> Candidates:
     """Those that the filter means, less the query itself, less those that are far by signature."""
+    embedding = embedding_from_bytes(query.record)
+    wanted = options.filter
+    if options.sizes is not None:
+        area, most = embedding.facts.area, options.sizes**2
+        wanted = replace(wanted, area=(area / most, area * most))
     with parts.database.read() as session:
         signed = query.in_use.index.current(session)
         stored = shapes_repository.count(session, ShapeFilter())
         chosen = np.ones(len(signed.shapes), dtype=bool)
-        if not options.filter.is_empty:
-            meant = shapes_repository.numbers(session, options.filter)
+        if not wanted.is_empty:
+            meant = shapes_repository.numbers(session, wanted)
             chosen &= np.isin(signed.shapes, np.array(meant, dtype=np.int64))
     if stored > len(signed.shapes):
         log.info(
@@ -55,7 +60,7 @@ def candidates(parts: Parts, query: Query, options: Options) -> Candidates:
     if options.exclude_self:
         chosen &= ~np.isin(signed.shapes, np.array(sorted(query.itself), dtype=np.int64))
     places = np.flatnonzero(chosen)
-    signature = embedding_from_bytes(query.record).signature
+    signature = embedding.signature
     if not options.exhaustive and len(places) >= options.shortlist_from:
         distances = query.in_use.pipeline.signature_distances(signature, signed.signatures[places])
         nearest = np.lexsort((signed.shapes[places], distances))[: options.shortlist_length]

@@ -1,5 +1,6 @@
 """The addresses /query and /compare."""
 
+from dataclasses import replace
 from typing import Annotated, Any, Literal, TypeVar
 
 from fastapi import APIRouter, Query, Request, Response
@@ -17,15 +18,23 @@ from service.pipelines.active import InUse
 from service.problems import documented, faults_of
 from service.search import service
 from service.search.records import Answer, Comparison, Options
-from service.search.schemas import CompareAnswer, CompareRequest, QueryAnswer, QueryOptions, StoredQuery
+from service.search.schemas import (
+    SAME_SIZE,
+    CompareAnswer,
+    CompareRequest,
+    QueryAnswer,
+    QueryOptions,
+    StoredQuery,
+)
 from service.shapes.documentation import FILE_FIELD, FILE_PROBLEMS
-from service.shapes.records import ShapeFilter
 from service.stages import Stages
 from service.uploads import is_form, is_json, single, uploaded
 
 router = APIRouter(tags=["search"])
 
 Model = TypeVar("Model", bound=BaseModel)
+
+REPEATED = frozenset({"exclude", "filter", "metadata", "tag"})
 
 _OPTIONS = QueryOptions.model_json_schema()["properties"]
 
@@ -190,8 +199,8 @@ def _answer(answer: Answer, parts: Parts, stages: Stages) -> QueryAnswer:
 
 
 def _values(fields: dict[str, list[str]]) -> dict[str, Any]:
-    """The text fields of a form or an address; only `filter` may be repeated."""
-    return {name: values if name == "filter" else single(fields, name) for name, values in fields.items()}
+    """The text fields of a form or an address, of which lists alone may be repeated."""
+    return {name: values if name in REPEATED else single(fields, name) for name, values in fields.items()}
 
 
 def _validated(model: type[Model], values: dict[str, Any]) -> Model:
@@ -206,8 +215,10 @@ def _options(given: QueryOptions, parts: Parts, *, exclude_self: bool) -> Option
         top_k=given.top_k,
         rank_by=given.rank_by,
         exhaustive=given.exhaustive,
-        filter=ShapeFilter(tags=tuple(given.filter)),
+        filter=replace(given.filtered(), tags=(*given.tag, *given.filter), excluded=tuple(given.exclude)),
         exclude_self=exclude_self if given.exclude_self is None else given.exclude_self,
+        min_cc=-1.0 if given.min_cc is None else given.min_cc,
+        sizes=SAME_SIZE if given.scale == "respect" else None,
         correspondences=given.correspondences,
         embedding=given.embedding,
         shortlist_from=parts.settings.shortlist_from,

@@ -11,13 +11,19 @@ from service.shapes.records import ShapeFilter, ShapeRecord
 
 @dataclass(frozen=True)
 class Options:
-    """How to search. `shortlist_from` candidates or more are cut to the `shortlist_length` nearest."""
+    """How to search.
+
+    `shortlist_from` candidates or more are cut to the `shortlist_length` nearest. `sizes` is the factor by
+    which the roots of two areas may differ at most.
+    """
 
     top_k: int
     rank_by: RankBy
     exhaustive: bool
     filter: ShapeFilter
     exclude_self: bool
+    min_cc: float
+    sizes: float | None
     correspondences: bool
     embedding: bool
     shortlist_from: int

@@ -1,12 +1,13 @@
 """Searches and comparisons as JSON."""
 
-from typing import Any
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 from service.search.ranking import RankBy
 from service.search.records import Answer, Comparison, Found
-from service.shapes.fields import ListedTags
+from service.shapes.fields import ListedTags, split_tags
+from service.shapes.filters import Filters
 from service.shapes.schemas import SHAPE, EmbeddingArrays, Shape
 
 PIPELINE = "3f1c9a7be2d40586"
@@ -38,11 +39,25 @@ PAIR: dict[str, Any] = {
     "effective": True,
 }
 
+EXCLUDED = 500
+SAME_SIZE = 1.1
 
-class QueryOptions(BaseModel):
+
+def _split(value: object) -> object:
+    """Ids written as one text, or as a list whose parts may hold commas."""
+    parts = [value] if isinstance(value, str) else value
+    if isinstance(parts, list) and all(isinstance(part, str) for part in parts):
+        return split_tags(parts)
+    return value
+
+
+Excluded = Annotated[
+    list[Annotated[str, Field(max_length=64)]], BeforeValidator(_split), Field(max_length=EXCLUDED)
+]
+
+
+class QueryOptions(Filters):
     """How to search. Each may be given in the address or in the body; in the body it counts."""
-
-    model_config = ConfigDict(extra="forbid")
 
     top_k: int = Field(default=3, ge=1, le=100, description="How many results at most.")
     rank_by: RankBy = Field(
@@ -54,8 +69,20 @@ class QueryOptions(BaseModel):
     )
     filter: ListedTags = Field(
         default=[],
-        description="Compare only with shapes that have all of these tags: repeated, or separated by commas.",
+        description="The older name of `tag`; where both are given, all tags of both are asked for.",
         examples=[["animal"]],
+    )
+    exclude: Excluded = Field(
+        default=[],
+        description=f"Leave out the shapes with these ids, {EXCLUDED} at most: repeated, or with commas.",
+    )
+    min_cc: float | None = Field(
+        default=None, ge=-1, le=1, description="Give only results whose cc is at least this."
+    )
+    scale: Literal["ignore", "respect"] = Field(
+        default="ignore",
+        description="The scores know no size. respect: compare only with shapes of about the query's, if all "
+        f"files have one unit: the roots of their areas differ by {100 * (SAME_SIZE - 1):.0f} % at most.",
     )
     exclude_self: bool | None = Field(
         default=None,

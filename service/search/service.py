@@ -84,7 +84,8 @@ async def search(parts: Parts, query: Query, options: Options, stages: Stages) -
     with stages.stage("compare"):
         compared = await compare_with(parts, query, chosen)
     with stages.stage("results"):
-        best = ranked(compared, options.rank_by)[: options.top_k]
+        best = ranked(compared, options.rank_by)
+        best = best[compared.cc[best] >= options.min_cc][: options.top_k]
         found = await _results(parts, query, compared, best, correspondences=options.correspondences)
     return Answer(
         pipeline=query.in_use.pipeline,

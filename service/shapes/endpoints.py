@@ -4,13 +4,13 @@ from datetime import UTC, datetime, timedelta
 from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Path, Query, Request, Response
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+from pydantic import Field, ValidationError
 
 from core.reading import FORMATS, format_of
 from service.access.middleware import KEY_IN_SCOPE
 from service.dependencies import Service
 from service.disconnect import while_connected
-from service.errors import BadRequestFieldsError, FieldFault
+from service.errors import BadRequestFieldsError
 from service.idempotency.keys import HEADER, REPLAYED, payload_of, read_key
 from service.idempotency.records import Claim
 from service.pipelines.active import fingerprint
@@ -25,53 +25,25 @@ from service.shapes.documentation import (
     UPLOAD_BODY,
     WRITE_PROBLEMS,
 )
-from service.shapes.fields import ListedTags, base_name, clean_text, read_metadata, split_tags
+from service.shapes.fields import base_name, read_metadata, split_tags
+from service.shapes.filters import Filters
 from service.shapes.pages import read_cursor
-from service.shapes.records import NewShape, ShapeFilter, Stored
+from service.shapes.records import NewShape, Stored
 from service.shapes.schemas import EmbeddingArrays, Shape, ShapeChanges, ShapeFields, ShapePage
 from service.uploads import Form, single, uploaded
 
 router = APIRouter(tags=["shapes"])
 
-METADATA_FILTERS = 32
-
 ShapeId = Annotated[str, Path(description="The id of a stored shape.", max_length=64)]
 
 
-class Listing(BaseModel):
+class Listing(Filters):
     """Which shapes to list."""
 
-    model_config = ConfigDict(extra="forbid")
-
-    tag: ListedTags = Field(
-        default=[],
-        description="Only shapes that have this tag; all of them, if repeated or separated by commas.",
-        examples=[["animal"]],
-    )
-    name: Annotated[str, AfterValidator(clean_text)] | None = Field(
-        default=None, max_length=255, description="Only shapes with this text in their name, in either case."
-    )
-    metadata: list[str] = Field(
-        default=[],
-        max_length=METADATA_FILTERS,
-        description="Only shapes whose metadata holds this, as key=value; all of them, if repeated. "
-        "A value that is not text is written as in JSON.",
-        examples=[["source=scan"]],
-    )
     cursor: str | None = Field(
         default=None, max_length=256, description="The `next_cursor` of the page before."
     )
     limit: int = Field(default=50, ge=1, le=500, description="How many shapes at most.")
-
-    def filter(self) -> ShapeFilter:
-        """What the parameters say of the shapes."""
-        metadata = []
-        for pair in self.metadata:
-            key, equals, value = pair.partition("=")
-            if not (key and equals):
-                raise BadRequestFieldsError(FieldFault("metadata", "must be written key=value"))
-            metadata.append((key, value))
-        return ShapeFilter(tuple(self.tag), self.name, tuple(metadata))
 
 
 @router.post(
@@ -132,7 +104,7 @@ def list_shapes(listing: Annotated[Listing, Query()], parts: Service) -> ShapePa
     after = read_cursor(listing.cursor)
     with parts.database.read() as session:
         page = service.list_page(
-            session, fingerprint(session), listing.filter(), after=after, limit=listing.limit
+            session, fingerprint(session), listing.filtered(), after=after, limit=listing.limit
         )
     return ShapePage.of(page)
 

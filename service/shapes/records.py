@@ -59,17 +59,20 @@ class Changes:
 class ShapeFilter:
     """Which shapes are meant: those that have every tag, the text in their name, and every plain value.
 
-    `metadata` holds pairs of key and value.
+    `metadata` holds pairs of key and value, `excluded` the ids of shapes that are not meant, and `area` the
+    least and the most surface in squared units of the files.
     """
 
     tags: tuple[str, ...] = ()
     name: str | None = None
     metadata: tuple[tuple[str, str], ...] = ()
+    excluded: tuple[str, ...] = ()
+    area: tuple[float, float] | None = None
 
     @property
     def is_empty(self) -> bool:
         """Whether every shape is meant."""
-        return not (self.tags or self.name or self.metadata)
+        return self == ShapeFilter()
 
 
 @dataclass(frozen=True)

@@ -256,6 +256,10 @@ def _matching(shapes: ShapeFilter) -> Select[int]:
         query = query.where(ShapeRow.number.in_(same))
     if shapes.name:
         query = query.where(ShapeRow.folded_name.contains(shapes.name.casefold(), autoescape=True))
+    if shapes.excluded:
+        query = query.where(ShapeRow.id.not_in(shapes.excluded))
+    if shapes.area is not None:
+        query = query.where(ShapeRow.facts["area"].as_float().between(*shapes.area))
     return query
 
 
