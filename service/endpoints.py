@@ -26,10 +26,11 @@ async def healthz() -> Health:
     "/readyz", summary="Can it do its work?", response_model=Readiness, responses=documented("not-ready")
 )
 async def readyz(parts: Service) -> Readiness | Response:
-    """Asks the database for a row, and a worker for an answer."""
+    """Asks the database which pipeline it is searched by, and a worker for an answer."""
     faults = []
     try:
         await run_in_threadpool(parts.database.ping)
+        await run_in_threadpool(_follow, parts)
     except ServiceError as error:
         faults.append(str(error))
     if not await run_in_threadpool(parts.pool.ready):
@@ -39,6 +40,12 @@ async def readyz(parts: Service) -> Readiness | Response:
     if faults:
         return problem_response("not-ready", "; ".join(faults), retry_after=1)
     return Readiness()
+
+
+def _follow(parts: Service) -> None:
+    """Take up the pipeline that the archive is searched by, if this service has it."""
+    with parts.database.read() as session:
+        parts.pipelines.current(session)
 
 
 @router.get(

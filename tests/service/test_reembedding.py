@@ -312,7 +312,9 @@ def test_a_running_service_says_when_a_newer_one_has_taken_the_archive_over(
     ):
         problem = assert_problem(answer, 503, "pipeline-unavailable")
         assert "version 99 of the method" in problem["detail"]
+    assert "version 99" in assert_problem(client.get("/readyz"), 503, "not-ready")["detail"]
     assert client.get(f"/shapes/{shape['id']}").json() == {**shape, "embedded": False}
     assert client.get(f"/shapes/{shape['id']}/file").content == small_file(0)
     search_by(old)
+    assert client.get("/readyz").status_code == 200
     assert query(client, small_file(0)).json()["compared"] == STORED + 1

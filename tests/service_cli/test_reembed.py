@@ -11,8 +11,10 @@ from pathlib import Path
 import pytest
 
 from core.parameters import DEFAULT, Parameters
+from service.cli.reembed import bring_up
 from service.pipelines import repository
 from service.pipelines.active import keep
+from service.settings import load_settings
 from service.shapes import repository as shapes_repository
 from service.shapes.records import NewShape
 from service.storage.database import Database
@@ -118,3 +120,16 @@ def test_files_that_cannot_be_embedded_are_named_and_may_be_left_out(
         "2 embeddings of other pipelines deleted\n",
     )
     assert embeddings(tmp_path) == [(1, few.fingerprint), (2, few.fingerprint)]
+
+
+def test_a_demonstration_is_brought_up_to_the_pipeline_that_is_named(
+    tmp_path: Path, few: Parameters, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with closing(sqlite3.connect(tmp_path / "archive.sqlite3")) as connection, connection:
+        connection.execute("DELETE FROM shapes WHERE number > 2")
+    bring_up(load_settings())
+    assert "anew" in capsys.readouterr().err
+    assert active(tmp_path) == few.fingerprint
+    assert embeddings(tmp_path) == [(1, few.fingerprint), (2, few.fingerprint)]
+    bring_up(load_settings())
+    assert capsys.readouterr().err == ""
