@@ -38,7 +38,7 @@ NAMED = (
             "search_dimensions",
         ),
     ),
-    Change("two-sided one-to-one pairs, orthogonal map", ("pairs", "align_rounds", "warp_stiffness")),
+    Change("nearest neighbours both ways, orthogonal map", ("pairs", "warp_stiffness")),
     Change("coordinates tapered at the cut", ("taper",)),
     Change(
         "500 points embedded, the samples their quadrature; partners between the samples",

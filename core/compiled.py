@@ -1,6 +1,9 @@
 """The compiler of the inner loops, with the types kept for the reader and the type checker."""
 
 from collections.abc import Callable
+from functools import cache
+from hashlib import blake2b
+from pathlib import Path
 from typing import ParamSpec, TypeVar, cast
 
 import numpy as np
@@ -29,3 +32,21 @@ def compiled(function: Callable[P, R]) -> Callable[P, R]:
 def compiled_fast(function: Callable[P, R]) -> Callable[P, R]:
     """As `compiled`, with sums of floats reordered so that they can be vectors (no NaN may enter)."""
     return cast("Callable[P, R]", njit(cache=True, nogil=True, fastmath=True)(function))
+
+
+def kernel(function: Callable[P, R]) -> Callable[P, R]:
+    """As `compiled_fast`, for the functions of `core.kernels`, which call one another across files.
+
+    The cache on disk is renewed when a function's own file changes. It also goes by the function's name, so
+    that is given a hash of all the package's sources.
+    """
+    function.__qualname__ = f"{function.__name__}_{_kernel_sources()}"
+    return cast("Callable[P, R]", njit(cache=True, nogil=True, fastmath=True, error_model="numpy")(function))
+
+
+@cache
+def _kernel_sources() -> str:
+    state = blake2b(digest_size=6)
+    for path in sorted(Path(__file__).with_name("kernels").glob("*.py")):
+        state.update(path.read_bytes())
+    return state.hexdigest()

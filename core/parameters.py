@@ -14,7 +14,7 @@ Selection = Literal["sort-and-cut", "random-draw", "covering"]
 Distances = Literal["tree", "graph", "geodesic"]
 Affinity = Literal["gaussian", "distance"]
 Operator = Literal["affinity", "laplace-beltrami"]
-Pairs = Literal["one-to-one", "nearest"]
+Pairs = Literal["both-ways", "nearest"]
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Parameters:
     sample_cap : int
         The most samples that tau may ask for; 0 for no cap.
     points : int
-        So many points are embedded in all, the samples the first of them, for `core.sliding`; 0 for the
+        So many points are embedded in all, the samples the first of them; 0 for the
         samples alone, as it is where selection, distances or affinity are not "covering", "geodesic" and
         "gaussian".
     unfold : bool
@@ -50,7 +50,7 @@ class Parameters:
     affinity : "gaussian" or "distance", width : float
         See `core.spectrum`.
     operators : tuple of "affinity" and "laplace-beltrami"
-        One embedding each. With pairs "one-to-one" all share one correspondence; with "nearest" each has its
+        One embedding each. With pairs "both-ways" all share one correspondence; with "nearest" each has its
         own and the first's is shown. Scores are the means over them.
     dimensions : int
         k, after the near-constant eigenvector.
@@ -60,22 +60,27 @@ class Parameters:
         Whether coordinates fade out towards the first eigenvalue left out: see
         `core.spectrum.spectral_coordinates`.
     search_samples, search_dimensions : int
-        With pairs "one-to-one", the search for where to begin the alignment goes over so many of the samples,
-        and up to so many dimensions; 0 for all of them, as it is with "nearest".
+        With pairs "both-ways", the search for where to begin goes over so many of the samples, and up to so
+        many dimensions; 0 for all of them, as it is with "nearest".
     first_dimensions, sign_starts, kept_starts, start_iterations, step_iterations
-        See `core.correspondence.Search`.
+        See `core.correspondence.Search`. With pairs "both-ways" one start is kept of each search.
     stiffness : float
         The spline's beta over the mean distance between all pairs of points (the paper: 1).
     warp_stiffness : float
         The same for the softer spline under which sim counts effective pairs; with pairs "nearest", sim reads
         the first spline.
-    pairs : "one-to-one" or "nearest"
-        Whether the correspondence ends in `core.alignment.align`, and scores read coordinates that it has
-        turned; or in nearest neighbours of the warped points, and scores read those.
-    align_rounds : int
-        At most so many rounds of rotation and one-to-one pairs.
+    pairs : "both-ways" or "nearest"
+        Whether scores read nearest neighbours both ways after an orthogonal map in each embedding
+        (`core.kernels.matching`); or nearest neighbours of the points that the spline has warped.
+    align_samples, kept_maps, align_rounds : int
+        The maps that searches in each embedding from either side find are fitted anew to nearest neighbours
+        both ways between so many of the samples, once, and so many of them, best correlation first, then so
+        often again.
+    final_rounds : int
+        How often the best map is fitted to all samples.
     slide_rounds : int
-        See `core.sliding.slide`; 0 leaves partners at the samples.
+        How often then each sample's partner moves to the nearest of the points in its partner's region, and
+        the map is fitted to those; 0 leaves partners at the samples.
     affinity_values, laplacian_values : int
         Eigenvalues of each kind in the signature.
     form : bool
@@ -108,18 +113,21 @@ class Parameters:
     dimensions: int = 10
     eigenvalue_power: float = 0.5
     taper: bool = True
-    search_samples: int = 64
+    search_samples: int = 32
     search_dimensions: int = 6
     first_dimensions: int = 3
     sign_starts: bool = True
-    kept_starts: int = 3
-    start_iterations: int = 5
-    step_iterations: int = 3
+    kept_starts: int = 1
+    start_iterations: int = 1
+    step_iterations: int = 1
     stiffness: float = 100.0
     warp_stiffness: float = 0.1
-    pairs: Pairs = "one-to-one"
-    align_rounds: int = 4
-    slide_rounds: int = 2
+    pairs: Pairs = "both-ways"
+    align_samples: int = 64
+    kept_maps: int = 2
+    align_rounds: int = 2
+    final_rounds: int = 1
+    slide_rounds: int = 1
     affinity_values: int = 0
     laplacian_values: int = 30
     form: bool = True
@@ -177,9 +185,14 @@ class Parameters:
                     self.kept_starts,
                     self.start_iterations,
                     self.step_iterations,
+                    self.kept_maps,
                     self.align_rounds,
+                    self.final_rounds,
                 )
             ),
+            "align_samples must be at least dimensions + 2 and at most 10,000": self.dimensions + 2
+            <= self.align_samples
+            <= 10_000,
             "slide_rounds must be 0 to 1,000": 0 <= self.slide_rounds <= 1000,
             "stiffness and warp_stiffness must be above 0": 0.0 < self.stiffness < 1e12
             and 0.0 < self.warp_stiffness < 1e12,

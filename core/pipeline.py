@@ -199,13 +199,13 @@ class Pipeline:
             self._prepared_bytes -= dropped.nbytes
         return ready
 
-    def _match(self, first: Embedding, second: Embedding) -> Found:
+    def _match(self, first: Embedding, second: Embedding, *, pairs: bool) -> Found:
         for embedding in (first, second):
             if embedding.fingerprint != self.fingerprint:
                 raise IncompatibleEmbeddingsError(
                     f"embedding {embedding.fingerprint} under pipeline {self.fingerprint}"
                 )
-        return match_prepared(self.prepared(first), self.prepared(second), self.parameters)
+        return match_prepared(self.prepared(first), self.prepared(second), self.parameters, pairs=pairs)
 
     def score(self, query: Embedding, candidates: Sequence[Embedding]) -> Scores:
         """CC, SSD and sim of one shape with each of several: the means over their spectra.
@@ -216,7 +216,7 @@ class Pipeline:
             An embedding was made with other parameters.
         """
         with threadpool_limits(limits=1):
-            found = [self._match(query, candidate) for candidate in candidates]
+            found = [self._match(query, candidate, pairs=False) for candidate in candidates]
         return Scores(
             cc=np.array([one.cc for one in found], dtype=np.float64),
             ssd=np.array([one.ssd for one in found], dtype=np.float64),
@@ -232,7 +232,7 @@ class Pipeline:
             An embedding was made with other parameters.
         """
         with threadpool_limits(limits=1):
-            found = self._match(first, second)
+            found = self._match(first, second, pairs=True)
         return Match(
             cc=found.cc,
             ssd=found.ssd,

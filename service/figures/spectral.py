@@ -9,11 +9,11 @@ from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d import Axes3D
 from scipy.spatial import cKDTree
 
-from core.alignment import fit_reference
 from core.cleaning import clean
 from core.embedding import Embedding
 from core.extension import basis, extend
 from core.frame import normal_frame
+from core.kernels.rotation import turn_reference
 from core.mesh import Floats, Ints, Mesh
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
@@ -75,7 +75,7 @@ def match_figure(first: Mesh, second: Mesh) -> bytes:
         ],
         [Panel(first, "all vertices", painted=colours), Panel(second, "", painted=colours[partners])],
     ]
-    turn = fit_reference(clouds[0][one], clouds[1], two, 1)[1]
+    turn = turn_reference(clouds[0][one], clouds[1][two], 1)[1]
     views = [("spectral domain", clouds[0]), ("after the orthogonal map", clouds[0] @ turn)]
     for row, (pair, (caption, cloud)) in enumerate(zip(panels, views, strict=True)):
         for column, panel in enumerate(pair):

@@ -1,0 +1,369 @@
+"""Two shapes matched: maps found by search, refined by nearest neighbours both ways, scored."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from core.compiled import kernel
+from core.embedding import Float32s, Int32s
+from core.kernels.neighbours import closest, nearest_both, paired
+from core.kernels.rotation import turn
+from core.kernels.spline_search import spline_search
+from core.mesh import Floats
+
+ROUGH, EXACT = 1e-2, 1e-9
+"""Tolerances of the rotation: while pairs still change, and for what is scored."""
+
+
+class Packed(NamedTuple):
+    """What the kernels read of one shape with m samples and d embedded points, in b domains of k dimensions.
+
+    Attributes
+    ----------
+    points : float32, shape (d, b k)
+        Spectral coordinates side by side, the samples first.
+    searched : float32, shape (b, j, s)
+        By columns: the first samples and dimensions, where the search goes.
+    operators : float32, shape (b, j - first + 1, s, s)
+        Their splines.
+    offsets : int32, shape (m + 1,)
+        Sample i's region is `members[offsets[i]:offsets[i + 1]]`.
+    members : int32, shape (d,)
+    warp : float32, shape (b, m, m)
+        The softer spline of all samples, symmetric.
+    radius : float32, shape (b,)
+        Mean distance of the samples from their centroid.
+    """
+
+    points: Float32s
+    searched: Float32s
+    operators: Float32s
+    offsets: Int32s
+    members: Int32s
+    warp: Float32s
+    radius: Float32s
+
+
+class Rounds(NamedTuple):
+    """How long is searched: see `core.parameters.Parameters`."""
+
+    first_dimensions: int
+    starts: int
+    start_iterations: int
+    step_iterations: int
+    align_samples: int
+    kept_maps: int
+    align_rounds: int
+    final_rounds: int
+    slides: int
+    effective: float
+
+
+@kernel
+def _low(n: int) -> int:
+    """A power of two above n, at least 128."""
+    low = 128
+    while low <= n:
+        low *= 2
+    return low
+
+
+@kernel
+def _squares(points: Float32s) -> Float32s:
+    lengths = np.zeros(len(points), dtype=np.float32)
+    for i in range(len(points)):
+        for c in range(points.shape[1]):
+            lengths[i] += points[i, c] * points[i, c]
+    return lengths
+
+
+@kernel
+def search_maps(x: Packed, y: Packed, rounds: Rounds, rotations: Float32s, scores: Float32s) -> None:
+    """Write orthogonal maps to begin from: of a search in each domain from each side.
+
+    The pairs found in one domain determine the map in all.
+
+    Parameters
+    ----------
+    x, y : Packed
+    rounds : Rounds
+    rotations : float32, shape (2 b, b k, b k)
+    scores : float32, shape (2 b,)
+        Their correlations.
+    """
+    blocks = x.searched.shape[0]
+    columns = x.points.shape[1]
+    cross = np.empty((columns, columns), dtype=np.float32)
+    first = np.empty(blocks, dtype=np.float32)
+    second = np.empty(blocks, dtype=np.float32)
+    none = np.empty((0, columns), dtype=np.float32)
+    for which in range(2 * blocks):
+        domain = which // 2
+        forth = which % 2 == 0
+        one = x if forth else y
+        other = y if forth else x
+        s = one.searched.shape[2]
+        matches = np.empty(s, dtype=np.int32)
+        spline_search(
+            one.searched[domain],
+            other.searched[domain],
+            one.operators[domain],
+            rounds.first_dimensions,
+            rounds.starts,
+            rounds.start_iterations,
+            rounds.step_iterations,
+            _low(other.searched.shape[2]),
+            matches,
+        )
+        found = np.empty((s, columns), dtype=np.float32)
+        for i in range(s):
+            for c in range(columns):
+                found[i, c] = other.points[matches[i], c]
+        if forth:
+            paired(x.points[:s], found, none, none, blocks, cross, first, second)
+        else:
+            paired(found, y.points[:s], none, none, blocks, cross, first, second)
+        scores[which] = turn(cross, first, second, ROUGH, rotations[which])
+
+
+@kernel
+def refine_map(
+    x: Float32s,
+    y: Float32s,
+    lengths: Float32s,
+    blocks: int,
+    count: int,
+    tolerance: float,
+    rotation: Float32s,
+    there: Int32s,
+    back: Int32s,
+) -> float:
+    """Nearest neighbours both ways under a map, and the map fitted to them anew, `count` times.
+
+    Parameters
+    ----------
+    x : float32, shape (m, b k)
+    y : float32, shape (n, b k)
+    lengths : float32, shape (n,)
+        Squared, of y.
+    blocks, count : int
+    tolerance : float
+        Of the rotation.
+    rotation : float32, shape (b k, b k)
+        Read, and written where blocks meet themselves.
+    there : int32, shape (m,)
+        Written: the partner of each of x, before the last fit.
+    back : int32, shape (n,)
+
+    Returns
+    -------
+    float
+        Correlation of the m + n pairs after the map.
+    """
+    m, columns = x.shape
+    n = y.shape[0]
+    low = _low(max(m, n))
+    partners = np.empty((m, columns), dtype=np.float32)
+    sources = np.empty((n, columns), dtype=np.float32)
+    cross = np.empty((columns, columns), dtype=np.float32)
+    first = np.empty(blocks, dtype=np.float32)
+    second = np.empty(blocks, dtype=np.float32)
+    score = 0.0
+    for _ in range(count):
+        nearest_both(np.dot(x, rotation), y, lengths, low, there, back)
+        for i in range(m):
+            for c in range(columns):
+                partners[i, c] = y[there[i], c]
+        for j in range(n):
+            for c in range(columns):
+                sources[j, c] = x[back[j], c]
+        paired(x, partners, sources, y, blocks, cross, first, second)
+        score = turn(cross, first, second, tolerance, rotation)
+    return score
+
+
+@kernel
+def best_map(x: Packed, y: Packed, rounds: Rounds, rotation: Float32s) -> None:
+    """Write the best of several maps, each searched for and then refined on the first samples."""
+    blocks = x.searched.shape[0]
+    columns = x.points.shape[1]
+    number = 2 * blocks
+    rotations = np.zeros((number, columns, columns), dtype=np.float32)
+    scores = np.zeros(number, dtype=np.float32)
+    search_maps(x, y, rounds, rotations, scores)
+    some = x.points[: min(rounds.align_samples, len(x.offsets) - 1)]
+    others = y.points[: min(rounds.align_samples, len(y.offsets) - 1)]
+    lengths = _squares(others)
+    there = np.empty(len(some), dtype=np.int32)
+    back = np.empty(len(others), dtype=np.int32)
+    for which in range(number):
+        scores[which] = refine_map(some, others, lengths, blocks, 1, ROUGH, rotations[which], there, back)
+    order = np.argsort(-scores, kind="mergesort")
+    best = -2.0
+    for place in range(min(rounds.kept_maps, number)):
+        found = rotations[order[place]]
+        score = refine_map(some, others, lengths, blocks, rounds.align_rounds, ROUGH, found, there, back)
+        if score > best:
+            best = score
+            rotation[:] = found
+
+
+@kernel
+def _effective_share(
+    warp: Float32s, targets: Float32s, matches: Int32s, low: int, k: int, gamma: float, count: int
+) -> float:
+    """Distinct matches that the softer spline brings a point within gamma of, over min(m, count)."""
+    m = len(matches)
+    block = np.ascontiguousarray(targets[:, low : low + k])
+    ends = np.dot(warp, block)
+    taken = np.zeros(count, dtype=np.bool_)
+    share = 0.0
+    for i in range(m):
+        square = np.float32(0.0)
+        for c in range(k):
+            square += (ends[i, c] - block[i, c]) * (ends[i, c] - block[i, c])
+        if square <= gamma * gamma and not taken[matches[i]]:
+            taken[matches[i]] = True
+            share += 1.0
+    return share / min(m, count)
+
+
+@kernel
+def score_pairs(
+    x: Packed,
+    y: Packed,
+    there: Int32s,
+    back: Int32s,
+    partners: Float32s,
+    sources: Float32s,
+    rotation: Float32s,
+    effective: float,
+    scores: Floats,
+) -> None:
+    """Write CC, SSD and sim of pairs under a map: Eqs. 18-20, means over the domains.
+
+    Parameters
+    ----------
+    x, y : Packed
+        Of m and n samples.
+    there, back : int32, shapes (m,) and (n,)
+        The sample whose region each one's partner lies in.
+    partners, sources : float32, shapes (m, b k) and (n, b k)
+        The partners of the samples of x and of those of y.
+    rotation : float32, shape (b k, b k)
+    effective : float
+        gamma over the mean radius of the two clouds.
+    scores : float64, shape (3,)
+        CC in [-1, 1], SSD >= 0, sim in [0, 1].
+    """
+    m = len(there)
+    n = len(back)
+    blocks = len(x.radius)
+    columns = x.points.shape[1]
+    k = columns // blocks
+    ends = np.dot(x.points[:m], rotation)
+    turned = np.dot(sources, rotation)
+    scores[:] = 0.0
+    yours = y.points[:n]
+    cross = np.empty((columns, columns), dtype=np.float32)
+    first = np.empty(blocks, dtype=np.float32)
+    second = np.empty(blocks, dtype=np.float32)
+    paired(ends, partners, turned, yours, blocks, cross, first, second)
+    for block in range(blocks):
+        low = block * k
+        trace = 0.0
+        for c in range(low, low + k):
+            trace += cross[c, c]
+        size = math.sqrt(max(0.0, first[block] * second[block]))
+        if size > 0.0:
+            scores[0] += max(-1.0, min(1.0, trace / size)) / blocks
+        apart = 0.0
+        for i in range(m):
+            for c in range(low, low + k):
+                apart += (ends[i, c] - partners[i, c]) * (ends[i, c] - partners[i, c])
+        for j in range(n):
+            for c in range(low, low + k):
+                apart += (turned[j, c] - yours[j, c]) * (turned[j, c] - yours[j, c])
+        scores[1] += math.sqrt(apart) / (m + n) / blocks
+        gamma = effective * 0.5 * (x.radius[block] + y.radius[block])
+        scores[2] += 0.5 * _effective_share(x.warp[block], partners, there, low, k, gamma, n) / blocks
+        scores[2] += 0.5 * _effective_share(y.warp[block], sources, back, low, k, gamma, m) / blocks
+
+
+@kernel
+def match_pair(
+    x: Packed,
+    y: Packed,
+    rounds: Rounds,
+    same: bool,
+    there: Int32s,
+    back: Int32s,
+    rotation: Float32s,
+    scores: Floats,
+) -> None:
+    """Match two shapes.
+
+    The maps that a search begins from are refined by nearest neighbours both ways, first on few samples and
+    for a few maps, then on all samples for the best. Last each sample's partner moves to the nearest of the
+    embedded points in its partner's region: two meshes of one shape have their samples at different places,
+    so even the best pairs of samples lie half a sample's spacing apart.
+
+    Parameters
+    ----------
+    x, y : Packed
+        Of m and n samples.
+    rounds : Rounds
+    same : bool
+        Whether both are one shape: then each sample's partner is itself. Where a shape has symmetries, a
+        search might find one of them.
+    there : int32, shape (m,)
+        Written: the sample of y that each of x is paired with.
+    back : int32, shape (n,)
+        Written: the sample of x that each of y is paired with.
+    rotation : float32, shape (b k, b k)
+        Written: x.points @ rotation lies on y.points.
+    scores : float64, shape (3,)
+        Written: CC, SSD and sim.
+    """
+    m = len(x.offsets) - 1
+    n = len(y.offsets) - 1
+    blocks = len(x.radius)
+    columns = x.points.shape[1]
+    mine = x.points[:m]
+    yours = y.points[:n]
+    rotation[:] = 0.0
+    partners = np.empty((m, columns), dtype=np.float32)
+    sources = np.empty((n, columns), dtype=np.float32)
+    if same:
+        for c in range(columns):
+            rotation[c, c] = 1.0
+        for i in range(m):
+            there[i] = i
+            back[i] = i
+        partners[:] = yours
+        sources[:] = mine
+    else:
+        best_map(x, y, rounds, rotation)
+        refine_map(mine, yours, _squares(yours), blocks, rounds.final_rounds, EXACT, rotation, there, back)
+        cross = np.empty((columns, columns), dtype=np.float32)
+        first = np.empty(blocks, dtype=np.float32)
+        second = np.empty(blocks, dtype=np.float32)
+        for i in range(m):
+            partners[i] = yours[there[i]]
+        for j in range(n):
+            sources[j] = mine[back[j]]
+        for _ in range(rounds.slides):
+            ends = np.dot(mine, rotation)
+            starts = np.dot(yours, np.ascontiguousarray(rotation.T))
+            for i in range(m):
+                region = there[i]
+                row = closest(y.points, y.members, y.offsets[region], y.offsets[region + 1], ends[i])
+                partners[i] = y.points[row]
+            for j in range(n):
+                region = back[j]
+                row = closest(x.points, x.members, x.offsets[region], x.offsets[region + 1], starts[j])
+                sources[j] = x.points[row]
+            paired(mine, partners, sources, yours, blocks, cross, first, second)
+            turn(cross, first, second, EXACT, rotation)
+    score_pairs(x, y, there, back, partners, sources, rotation, rounds.effective, scores)

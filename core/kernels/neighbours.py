@@ -1,0 +1,134 @@
+"""Nearest neighbours both ways between two clouds, and the cross-products of the pairs that they make."""
+
+import numpy as np
+
+from core.compiled import kernel
+from core.embedding import Float32s, Int32s
+from core.kernels.spline_search import FAR
+from core.mesh import Floats, Ints
+
+APART = np.float32(1e-3)
+"""Added to squared distances, which rounding could make negative: their bits are compared as integers."""
+
+
+@kernel
+def nearest_both(
+    turned: Float32s, targets: Float32s, lengths: Float32s, low: int, there: Int32s, back: Int32s
+) -> None:
+    """Write the nearest target to each turned point, and the nearest turned point to each target.
+
+    Parameters
+    ----------
+    turned : float32, shape (m, k)
+    targets : float32, shape (n, k)
+    lengths : float32, shape (n,)
+        Squared, of the targets.
+    low : int
+        2^b > m, n: the b last bits of a distance hold a number, as in `core.kernels.spline_search`.
+    there : int32, shape (m,)
+    back : int32, shape (n,)
+    """
+    m = turned.shape[0]
+    n = targets.shape[0]
+    products = np.dot(turned, np.ascontiguousarray(targets.T))
+    squares = np.empty(n, dtype=np.float32)
+    bits = squares.view(np.int32)
+    high = np.int32(-low)
+    last = np.int32(low - 1)
+    nought = np.float32(0.0)
+    for j in range(n):
+        back[j] = FAR
+    for i in range(m):
+        own = APART
+        for c in range(turned.shape[1]):
+            own += turned[i, c] * turned[i, c]
+        for j in range(n):
+            squares[j] = max(own + lengths[j] - np.float32(2.0) * products[i, j], nought)
+        least = FAR
+        number = np.int32(i)
+        for j in range(n):
+            key = np.int32(bits[j] & high)
+            least = min(least, np.int32(key | np.int32(j)))
+            back[j] = min(back[j], np.int32(key | number))
+        there[i] = least & last
+    for j in range(n):
+        back[j] &= last
+
+
+@kernel
+def closest(points: Float32s, members: Int32s, start: int, stop: int, x: Float32s) -> int:
+    """Of the rows members[start:stop] of points, that which is closest to x."""
+    least = np.float32(3e38)
+    found = members[start]
+    for place in range(start, stop):
+        row = members[place]
+        square = np.float32(0.0)
+        for c in range(len(x)):
+            square += (points[row, c] - x[c]) * (points[row, c] - x[c])
+        if square < least:
+            least = square
+            found = row
+    return int(found)
+
+
+@kernel
+def paired(
+    points: Float32s,
+    partners: Float32s,
+    sources: Float32s,
+    targets: Float32s,
+    blocks: int,
+    cross: Float32s,
+    first: Float32s,
+    second: Float32s,
+) -> None:
+    """Write the centred cross-products and square sums of pairs: points with partners, sources with targets.
+
+    Parameters
+    ----------
+    points, partners : float32, shape (m, b k)
+    sources, targets : float32, shape (n, b k)
+    blocks : int
+        b.
+    cross : float32, shape (b k, b k)
+        Written.
+    first, second : float32, shape (b,)
+        Written: square sums over each block of columns of one side and of the other.
+    """
+    columns = points.shape[1]
+    k = columns // blocks
+    sums = np.zeros((2, columns), dtype=np.float32)
+    squares = np.zeros((2, columns), dtype=np.float32)
+    for i in range(len(points)):
+        for c in range(columns):
+            sums[0, c] += points[i, c]
+            sums[1, c] += partners[i, c]
+            squares[0, c] += points[i, c] * points[i, c]
+            squares[1, c] += partners[i, c] * partners[i, c]
+    for i in range(len(sources)):
+        for c in range(columns):
+            sums[0, c] += sources[i, c]
+            sums[1, c] += targets[i, c]
+            squares[0, c] += sources[i, c] * sources[i, c]
+            squares[1, c] += targets[i, c] * targets[i, c]
+    share = np.float32(1.0) / np.float32(len(points) + len(sources))
+    for block in range(blocks):
+        one = np.float32(0.0)
+        other = np.float32(0.0)
+        for c in range(block * k, block * k + k):
+            one += squares[0, c] - sums[0, c] * sums[0, c] * share
+            other += squares[1, c] - sums[1, c] * sums[1, c] * share
+        first[block] = one
+        second[block] = other
+    there = np.dot(points.T, partners)
+    back = np.dot(sources.T, targets)
+    for c in range(columns):
+        mean = sums[0, c] * share
+        for d in range(columns):
+            cross[c, d] = there[c, d] + back[c, d] - mean * sums[1, d]
+
+
+def nearest_both_reference(turned: Floats, targets: Floats) -> tuple[Ints, Ints]:
+    """What `nearest_both` finds, in plain NumPy, of which the squared distances are exact."""
+    squares = ((turned[:, None, :] - targets[None, :, :]) ** 2).sum(axis=2)
+    return np.asarray(squares.argmin(axis=1)), np.asarray(squares.argmin(axis=0))
