@@ -10,6 +10,7 @@ from pydantic.json_schema import models_json_schema
 
 from service.access.rules import SAFE_METHODS, needed
 from service.access.sessions import COOKIE
+from service.links import link
 from service.problems import Problem, documented
 from service.settings import Settings
 
@@ -68,6 +69,7 @@ def describe(app: FastAPI) -> None:
             for path, operations in schema["paths"].items():
                 for method, operation in operations.items():
                     _say_who_may_ask(method.upper(), path, operation)
+            link(schema["paths"])
             app.openapi_schema = schema
         return app.openapi_schema
 

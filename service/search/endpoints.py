@@ -36,7 +36,17 @@ Model = TypeVar("Model", bound=BaseModel)
 
 REPEATED = frozenset({"exclude", "filter", "metadata", "tag"})
 
-_OPTIONS = QueryOptions.model_json_schema()["properties"]
+
+def _as_text(schema: dict[str, Any]) -> dict[str, Any]:
+    """The schema of an option in an address or a form, where nothing is null: it is left out instead."""
+    choices = [choice for choice in schema.get("anyOf", []) if choice != {"type": "null"}]
+    if len(choices) != 1:
+        return schema
+    kept = {key: value for key, value in schema.items() if key not in {"anyOf", "default"}}
+    return {**kept, **choices[0]}
+
+
+_OPTIONS = {name: _as_text(schema) for name, schema in QueryOptions.model_json_schema()["properties"].items()}
 
 QUERY_BODY: dict[str, Any] = {
     "parameters": [
@@ -57,6 +67,7 @@ QUERY_BODY: dict[str, Any] = {
                     "type": "object",
                     "required": ["file"],
                     "properties": {"file": FILE_FIELD, **_OPTIONS},
+                    "additionalProperties": False,
                 }
             },
             "application/json": {"schema": StoredQuery.model_json_schema()},
@@ -86,6 +97,10 @@ async def query(request: Request, parts: Service) -> QueryAnswer:
     Options are fields of the form, or of the JSON object, or parameters of the address.
     """
     address = {name: request.query_params.getlist(name) for name in request.query_params}
+    # Also what the body overrides must be sound.
+    _validated(
+        QueryOptions, _values({name: values for name, values in address.items() if name != "shape_id"})
+    )
     if is_form(request):
         return await _with_file(request, parts, address)
     if is_json(request):

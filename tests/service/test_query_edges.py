@@ -84,6 +84,18 @@ def test_a_bad_object_is_refused_by_its_field(service: Running, body: str, field
             assert problem["errors"][0]["field"] == field or path == "/compare"
 
 
+def test_a_bad_option_in_the_address_is_refused_though_the_body_overrides_it(service: Running) -> None:
+    shape = service.store(small_file(0))["id"]
+    for body in (
+        {"files": {"file": ("a.off", small_file(0))}, "data": {"top_k": 1}},
+        {"json": {"shape_id": shape, "top_k": 1}},
+    ):
+        answer = service.client.post("/query", params={"top_k": "none"}, **body)
+        problem = assert_problem(answer, 422, "bad-request-fields")
+        assert [fault["field"] for fault in problem["errors"]] == ["top_k"]
+        assert service.client.post("/query", params={"top_k": 2}, **body).status_code == 200
+
+
 def test_other_bodies_are_refused(service: Running) -> None:
     for headers in ({"content-type": "text/plain"}, {"content-type": "application/octet-stream"}, {}):
         assert_problem(
