@@ -6,6 +6,7 @@ ISOSHAPE_LOAD_FILES names a folder of meshes, and the file to which the counts a
 import json
 import os
 import random
+import time
 import uuid
 from collections import Counter, defaultdict
 from pathlib import Path
@@ -60,10 +61,12 @@ class Client(HttpUser):
         self.mine = []
 
     def send(self, method, name, path, **body):
-        """A request; any answer is an answer, and `count` judges it."""
+        """A request. Any answer is one, and `count` judges it; whoever is turned away waits as told."""
         with self.client.request(method, path, name=name, catch_response=True, **body) as answer:
             if answer.status_code:
                 answer.success()
+        if answer.status_code == 503:
+            time.sleep(float(answer.headers.get("retry-after", 1)))
         return answer
 
     def file(self):
