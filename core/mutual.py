@@ -32,7 +32,10 @@ class Matched:
 
 
 def pack(embedding: Embedding, parameters: Parameters) -> Packed:
-    """What the compiled matching reads of one shape."""
+    """What the compiled matching reads of one shape, in arrays that are contiguous and its own.
+
+    Arrays of another layout would compile the kernels anew, to slower loops.
+    """
     regions = embedding.regions.astype(np.int64)
     m = int(regions.max()) + 1
     rows = min(parameters.search_samples or m, m)
@@ -43,8 +46,8 @@ def pack(embedding: Embedding, parameters: Parameters) -> Packed:
     first = parameters.first_dimensions
     centred = [points - points.mean(axis=0) for points in samples]
     return Packed(
-        points=np.concatenate(clouds, axis=1, dtype=np.float32),
-        searched=np.stack([points.T for points in searched]).astype(np.float32),
+        points=np.ascontiguousarray(np.concatenate(clouds, axis=1), dtype=np.float32),
+        searched=np.ascontiguousarray(np.stack([points.T for points in searched]), dtype=np.float32),
         operators=np.stack([smoothers(points, first, parameters.stiffness) for points in searched]),
         offsets=np.searchsorted(np.sort(regions), np.arange(m + 1)).astype(np.int32),
         members=np.argsort(regions, kind="stable").astype(np.int32),
