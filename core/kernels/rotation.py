@@ -7,91 +7,101 @@ from scipy.linalg import polar
 
 from core.compiled import kernel
 from core.embedding import Float32s
+from core.kernels.lanes import LANES, add_scaled
 from core.mesh import Floats, Ints
 
 
 @kernel
 def nearest_rotation(
-    matrix: Floats, rotation: Floats, inverse: Floats, order: Ints, tolerance: float
+    matrix: Float32s, rotation: Float32s, inverse: Float32s, order: Ints, tolerance: float
 ) -> float:
     """Write the polar factor U V^T of a matrix U S V^T; return its trace with the matrix, the sum of S.
 
     Newton's iteration X <- (g X + X^-T / g) / 2 with Higham's scaling g (Higham 1986). It settles within
-    six rounds or so. A pivot of nothing counts as 1e-9: in a direction that the matrix does not determine,
+    six rounds or so. A pivot of nothing counts as 1e-7: in a direction that the matrix does not determine,
     any rotation is as good.
 
     Parameters
     ----------
-    matrix : float64, shape (k, k)
-    rotation, inverse : float64, shape (k, k)
+    matrix : float32, shape (k, w)
+        Padded with zeros to a multiple w of LANES columns.
+    rotation, inverse : float32, shape (k, w)
         Written.
     order : int64, shape (k,)
         Written.
     tolerance : float
         The iteration stops when no entry changed by more; the error left is of the order of its square.
     """
-    k = matrix.shape[0]
-    size = 0.0
+    k, width = matrix.shape
+    row = np.zeros(width, dtype=np.float32)
+    factors = np.empty(k, dtype=np.float32)
+    size = np.float32(0.0)
     for i in range(k):
-        for j in range(k):
+        for j in range(width):
             size += matrix[i, j] * matrix[i, j]
-    size = math.sqrt(size)
-    for i in range(k):
-        for j in range(k):
-            if size > 0.0:
-                rotation[i, j] = matrix[i, j] / size
-            else:
-                rotation[i, j] = 1.0 if i == j else 0.0
+    if size > 0.0:
+        scale = np.float32(1.0 / math.sqrt(size))
+        for i in range(k):
+            for j in range(width):
+                rotation[i, j] = matrix[i, j] * scale
+    else:
+        rotation[:] = 0.0
+        for i in range(k):
+            rotation[i, i] = 1.0
     for _ in range(30):
         for i in range(k):
             order[i] = i
-            for j in range(k):
+            for j in range(width):
                 inverse[i, j] = rotation[i, j]
         for c in range(k):
             pivot = c
             for i in range(c + 1, k):
                 if abs(inverse[i, c]) > abs(inverse[pivot, c]):
                     pivot = i
-            if abs(inverse[pivot, c]) < 1e-9:
-                inverse[pivot, c] = 1e-9
+            if abs(inverse[pivot, c]) < 1e-7:
+                inverse[pivot, c] = 1e-7
             if pivot != c:
                 order[c], order[pivot] = order[pivot], order[c]
-                for j in range(k):
+                for j in range(width):
                     kept = inverse[c, j]
                     inverse[c, j] = inverse[pivot, j]
                     inverse[pivot, j] = kept
-            scale = 1.0 / inverse[c, c]
-            inverse[c, c] = 1.0
-            for j in range(k):
-                inverse[c, j] *= scale
+            share = np.float32(1.0) / inverse[c, c]
+            for j in range(width):
+                row[j] = inverse[c, j] * share
+            # Entry c one too large: the rows need no zero written there first, for which they would wait.
+            row[c] = share + np.float32(1.0)
             for i in range(k):
-                if i != c:
-                    factor = inverse[i, c]
-                    inverse[i, c] = 0.0
-                    for j in range(k):
-                        inverse[i, j] -= factor * inverse[c, j]
-        own = 0.0
-        other = 0.0
+                factors[i] = -inverse[i, c]
+            factors[c] = 0.0
+            for i in range(k):
+                for start in range(0, width, LANES):
+                    add_scaled(inverse, i * width + start, row, start, factors[i])
+            for j in range(width):
+                inverse[c, j] = row[j]
+            inverse[c, c] = share
+        own = np.float32(0.0)
+        other = np.float32(0.0)
         for i in range(k):
-            for j in range(k):
+            for j in range(width):
                 own += rotation[i, j] * rotation[i, j]
                 other += inverse[i, j] * inverse[i, j]
-        stretch = 0.5 * math.sqrt(math.sqrt(other / own))
-        shrink = 0.25 / stretch
-        change = 0.0
-        for j in range(k):
-            for c in range(k):
-                i = order[c]
+        stretch = np.float32(0.5 * math.sqrt(math.sqrt(other / own)))
+        shrink = np.float32(0.25) / stretch
+        change = np.float32(0.0)
+        for c in range(k):
+            i = order[c]
+            for j in range(k):
                 entry = stretch * rotation[i, j] + shrink * inverse[j, c]
                 change = max(change, abs(entry - rotation[i, j]))
                 rotation[i, j] = entry
         if change < tolerance:
             break
-    trace = 0.0
+    trace = np.float32(0.0)
     for i in range(k):
-        for j in range(k):
+        for j in range(width):
             trace += rotation[i, j] * matrix[i, j]
-    return trace
+    return float(trace)
 
 
 @kernel
@@ -117,9 +127,10 @@ def turn(cross: Float32s, first: Float32s, second: Float32s, tolerance: float, r
     """
     blocks = len(first)
     k = cross.shape[0] // blocks
-    matrix = np.empty((k, k))
-    found = np.empty((k, k))
-    inverse = np.empty((k, k))
+    width = (k + LANES - 1) // LANES * LANES
+    matrix = np.zeros((k, width), dtype=np.float32)
+    found = np.empty((k, width), dtype=np.float32)
+    inverse = np.empty((k, width), dtype=np.float32)
     order = np.empty(k, dtype=np.int64)
     score = 0.0
     for block in range(blocks):
@@ -151,5 +162,6 @@ def turn_reference(points: Floats, targets: Floats, blocks: int) -> tuple[float,
         y = targets[:, columns] - targets[:, columns].mean(axis=0)
         factor, stretch = polar(x.T @ y)
         rotation[np.ix_(columns, columns)] = factor
-        score += np.trace(stretch) / np.sqrt((x**2).sum() * (y**2).sum()) / blocks
+        size = np.sqrt((x**2).sum() * (y**2).sum())
+        score += np.trace(stretch) / size / blocks if size > 0.0 else 0.0
     return float(score), rotation
