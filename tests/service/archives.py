@@ -11,8 +11,8 @@ from core.reading import Limits
 from service.compute.tasks import Embedded, embed_file
 from service.pipelines.active import Pipelines
 from service.pipelines.starting import begin
+from service.shapes import repository
 from service.shapes.records import NewShape
-from service.shapes.service import _store
 from service.storage.database import Database
 from service.storage.migrate import migrate
 from tests.service.support import small_file
@@ -30,7 +30,11 @@ def make_archive(path: Path, *numbers: int) -> Path:
     begin(Pipelines(DEFAULT), database)
     for number in numbers:
         new = NewShape(small_file(number), "off", str(number), (f"tag {number}",), {"number": number})
-        assert _store(database, DEFAULT.fingerprint, new, embedded(number))
+        made = embedded(number)
+        with database.write() as session:
+            blob = repository.add_blob(session, new.data, new.sha256)
+            repository.add_embedding(session, blob, new.format, DEFAULT.fingerprint, made)
+            repository.add_shape(session, blob, new, made.facts)
     database.close()
     return path
 
