@@ -1,4 +1,4 @@
-"""`combined`: CC and the signature in one number, the chance that two shapes are of one class."""
+"""`combined`: CC, sim and the signature in one number, the chance that two shapes are of one class."""
 
 from dataclasses import dataclass
 
@@ -12,7 +12,10 @@ from core.mesh import Floats
 NEAR = 0.1
 """Spectra whose logarithms differ by so much, root mean square, tell as much for one shape as against it."""
 
-FAINT_CC, FAINT_SPECTRUM, FAINT_FORM = 0.03, 0.02, 0.1
+SIM_SHARE = 0.03
+"""What sim counts beside CC: it falls from 1 some thirty times as fast between shapes of one class."""
+
+FAINT_PAIRS, FAINT_FORM = 0.03, 0.1
 """Added before logarithms are taken: smaller differences are those of one body's poses and meshes."""
 
 
@@ -31,34 +34,34 @@ class Calibration:
     slopes: tuple[float, ...]
 
     def chance(self, evidence: Floats) -> Floats:
-        """From evidence, shape (..., 3), to numbers in [0, 1], shape (...)."""
+        """From evidence, shape (..., 2), to numbers in [0, 1], shape (...)."""
         return np.asarray(expit(self.intercept + (evidence * np.array(self.slopes)).sum(axis=-1)))
 
 
-CALIBRATED = Calibration(intercept=-15.9778, slopes=(-4.5415, -0.3509, -0.9310))
+CALIBRATED = Calibration(intercept=-16.4285, slopes=(-4.9659, -0.9733))
 """By `isoshape calibrate psb shrec11`, on every second model of each: see docs/calibration.md."""
 
 
-def evidence(cc: Floats, spectral: Floats, form: Floats) -> Floats:
-    """What speaks against one class, as logarithms; arrays of one shape in, that shape and (3,) behind out.
+def evidence(cc: Floats, sim: Floats, spectral: Floats, form: Floats) -> Floats:
+    """What speaks against one class, as logarithms; arrays of one shape in, that shape and (2,) behind out.
 
     The nearer the spectra are, the less all else counts. f = s^2 / (s^2 + NEAR^2) rises with the spectral
-    distance s from 0 to 1; with d the distance of form, the columns are log(f (1 - cc) + FAINT_CC),
-    log(f + FAINT_SPECTRUM) and log(f d + FAINT_FORM). Poses of one body have nearly equal spectra, while
-    their correspondence may stray, and how much of its hull a body fills hangs on its pose.
+    distance s from 0 to 1; with d the distance of form, the columns are
+    log(f (1 - cc + SIM_SHARE (1 - sim)) + FAINT_PAIRS) and log(f d + FAINT_FORM). Poses of one body have
+    nearly equal spectra, while their correspondence may stray, and how much of its hull a body fills hangs
+    on its pose.
 
     Parameters
     ----------
-    cc : float64
-        In [-1, 1].
+    cc, sim : float64
+        In [-1, 1] and [0, 1].
     spectral, form : float64
         Distances between the parts of two signatures, >= 0.
     """
     far = spectral**2 / (spectral**2 + NEAR**2)
     return np.stack(
         [
-            np.log(far * (1.0 - cc) + FAINT_CC),
-            np.log(far + FAINT_SPECTRUM),
+            np.log(far * (1.0 - cc + SIM_SHARE * (1.0 - sim)) + FAINT_PAIRS),
             np.log(far * form + FAINT_FORM),
         ],
         axis=-1,
@@ -66,13 +69,13 @@ def evidence(cc: Floats, spectral: Floats, form: Floats) -> Floats:
 
 
 def signature_evidence(
-    cc: Floats, query: NDArray[np.float32], signatures: NDArray[np.float32], *, form: bool
+    cc: Floats, sim: Floats, query: NDArray[np.float32], signatures: NDArray[np.float32], *, form: bool
 ) -> Floats:
-    """`evidence` of one shape against c others, shape (c, 3).
+    """`evidence` of one shape against c others, shape (c, 2).
 
     Parameters
     ----------
-    cc : float64, shape (c,)
+    cc, sim : float64, shape (c,)
     query : float32, shape (s,)
     signatures : float32, shape (c, s)
         Eigenvalues first, and with `form` the terms of form behind, as `core.spectra` puts them.
@@ -80,4 +83,4 @@ def signature_evidence(
     steps = np.asarray(signatures, dtype=np.float64) - np.asarray(query, dtype=np.float64)
     values = steps.shape[1] - TERMS if form else steps.shape[1]
     spectral = np.linalg.norm(steps[:, :values], axis=1)
-    return evidence(cc, spectral, np.linalg.norm(steps[:, values:], axis=1) / FORM_SHARE)
+    return evidence(cc, sim, spectral, np.linalg.norm(steps[:, values:], axis=1) / FORM_SHARE)

@@ -250,13 +250,13 @@ class Pipeline:
         return np.asarray(np.sqrt((steps**2).sum(axis=1)))
 
     def evidence(
-        self, cc: Floats, query: NDArray[np.float32], signatures: NDArray[np.float32]
+        self, cc: Floats, sim: Floats, query: NDArray[np.float32], signatures: NDArray[np.float32]
     ) -> NDArray[np.float64]:
-        """What `combined` reads, shape (c, 3): see `core.combination.evidence`; arguments as there."""
-        return signature_evidence(cc, query, signatures, form=self.parameters.form)
+        """What `combined` reads, shape (c, 2): `core.combination.signature_evidence`, arguments as there."""
+        return signature_evidence(cc, sim, query, signatures, form=self.parameters.form)
 
     def combined(
-        self, cc: Floats, query: NDArray[np.float32], signatures: NDArray[np.float32]
+        self, cc: Floats, sim: Floats, query: NDArray[np.float32], signatures: NDArray[np.float32]
     ) -> NDArray[np.float64]:
         """The chance that one shape and each of c others are of one class, shape (c,), in [0, 1].
 
@@ -264,9 +264,9 @@ class Pipeline:
 
         Parameters
         ----------
-        cc : float64, shape (c,)
-            As `score` gives it.
+        cc, sim : float64, shape (c,)
+            As `score` gives them.
         query : float32, shape (s,)
         signatures : float32, shape (c, s)
         """
-        return CALIBRATED.chance(self.evidence(cc, query, signatures))
+        return CALIBRATED.chance(self.evidence(cc, sim, query, signatures))

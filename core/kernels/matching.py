@@ -12,7 +12,7 @@ from core.kernels.rotation import turn
 from core.kernels.spline_search import spline_search
 from core.mesh import Floats
 
-ROUGH, EXACT = 1e-2, 1e-9
+ROUGH, EXACT = 3e-2, 1e-3
 """Tolerances of the rotation: while pairs still change, and for what is scored."""
 
 

@@ -67,8 +67,8 @@ def command(
 
 def _evidence(scores: PairScores) -> Floats:
     pipeline = Pipeline(DEFAULT)
-    rows = zip(scores.cc, scores.signatures, strict=True)
-    return np.stack([pipeline.evidence(cc, signature, scores.signatures) for cc, signature in rows])
+    rows = zip(scores.cc, scores.sim, scores.signatures, strict=True)
+    return np.stack([pipeline.evidence(cc, sim, own, scores.signatures) for cc, sim, own in rows])
 
 
 def _check(collections: list[Collection]) -> None:

@@ -142,8 +142,8 @@ def _query(stored: Path, kind: str, amount: float, seed: int, path: Path) -> tup
         # A fault of the program, on this mesh: it is named, and costs the run no other.
         return f"{type(error).__name__}: {error}"
     signatures = np.stack([embedding.signature for embedding in gallery])
-    cc = pipeline.score(query, gallery).cc
-    return cc, pipeline.combined(cc, query.signature, signatures)
+    scores = pipeline.score(query, gallery)
+    return scores.cc, pipeline.combined(scores.cc, scores.sim, query.signature, signatures)
 
 
 @lru_cache(maxsize=1)

@@ -96,7 +96,7 @@ def score_pairs(
                 matrix[i, i + 1 :] = matrix[i + 1 :, i] = getattr(row, name)
             done(n - 1 - i)
     for i, signature in enumerate(scores.signatures):
-        scores.combined[i] = pipeline.combined(scores.cc[i], signature, scores.signatures)
+        scores.combined[i] = pipeline.combined(scores.cc[i], scores.sim[i], signature, scores.signatures)
     return scores
 
 

@@ -55,7 +55,7 @@ async def compare_with(parts: Parts, query: Query, candidates: Candidates) -> Co
         cc=cc[known],
         ssd=ssd[known],
         sim=sim[known],
-        combined=pipeline.combined(cc[known], candidates.signature, candidates.signatures[known]),
+        combined=pipeline.combined(cc[known], sim[known], candidates.signature, candidates.signatures[known]),
     )
 
 

@@ -152,5 +152,7 @@ async def _results(
 async def _match(work: Work, first: bytes, second: bytes, pipeline: Pipeline) -> Comparison:
     match = await work.match(first, second, pipeline)
     one, other = embedding_from_bytes(first), embedding_from_bytes(second)
-    combined = pipeline.combined(np.array([match.cc]), one.signature, other.signature[None])
+    combined = pipeline.combined(
+        np.array([match.cc]), np.array([match.sim]), one.signature, other.signature[None]
+    )
     return Comparison(pipeline, one, other, match, combined=float(combined[0]))

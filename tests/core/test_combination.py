@@ -11,8 +11,9 @@ from core.gallery import make_shape
 from core.parameters import DEFAULT, PAPER
 from core.pipeline import Pipeline
 
-CC = np.concatenate([[-1.0], np.linspace(0.0, 0.99, 30), [0.999, 1.0]])
-DISTANCES = np.concatenate([[0.0], np.geomspace(1e-3, 30.0, 30)])
+CC = np.concatenate([[-1.0], np.linspace(0.0, 0.99, 20), [0.999, 1.0]])
+SIM = np.linspace(0.0, 1.0, 8)
+DISTANCES = np.concatenate([[0.0], np.geomspace(1e-3, 30.0, 20)])
 
 
 @pytest.fixture(scope="module")
@@ -26,21 +27,22 @@ def embedded():
 
 def combined(pipeline, query, candidates):
     signatures = np.stack([candidate.signature for candidate in candidates])
-    return pipeline.combined(pipeline.score(query, candidates).cc, query.signature, signatures)
+    scores = pipeline.score(query, candidates)
+    return pipeline.combined(scores.cc, scores.sim, query.signature, signatures)
 
 
 def test_a_model_of_known_numbers():
-    model = Calibration(intercept=np.log(3.0), slopes=(-1.0, -2.0, 0.0))
-    logs = np.log([[1.0, 1.0, 9.0], [3.0, 1.0, 9.0], [1.0, 3.0, 9.0]])
+    model = Calibration(intercept=np.log(3.0), slopes=(-1.0, -2.0))
+    logs = np.log([[1.0, 1.0], [3.0, 1.0], [1.0, 3.0]])
     assert model.chance(logs) == pytest.approx([3.0 / 4.0, 1.0 / 2.0, 1.0 / 4.0])
 
 
-@pytest.mark.parametrize("place", range(3), ids=["cc", "spectral", "form"])
+@pytest.mark.parametrize("place", range(4), ids=["cc", "sim", "spectral", "form"])
 def test_what_differs_more_is_never_more_likely_of_one_class(place):
-    grids = [1.0 - CC, DISTANCES, DISTANCES]
+    grids = [1.0 - CC, 1.0 - SIM, DISTANCES, DISTANCES]
     order = np.argsort(grids[place])
-    cc, spectral, form = np.meshgrid(CC, DISTANCES, DISTANCES, indexing="ij")
-    chances = CALIBRATED.chance(evidence(cc, spectral, form))
+    grid = np.meshgrid(CC, SIM, DISTANCES, DISTANCES, indexing="ij")
+    chances = CALIBRATED.chance(evidence(*grid))
     assert ((chances >= 0.0) & (chances <= 1.0)).all()
     steps = np.diff(np.take(chances, order, axis=place), axis=place)
     assert (steps <= 0.0).all()
@@ -50,12 +52,14 @@ def test_what_differs_more_is_never_more_likely_of_one_class(place):
 def test_a_higher_cc_is_always_likelier_where_the_spectra_differ():
     cc = np.sort(CC)
     for spectral in (0.01, 0.1, 1.0):
-        chances = CALIBRATED.chance(evidence(cc, np.full_like(cc, spectral), np.full_like(cc, 0.5)))
+        chances = CALIBRATED.chance(
+            evidence(cc, *(np.full_like(cc, value) for value in (0.5, spectral, 0.5)))
+        )
         assert (np.diff(chances) > 0.0).all()
 
 
 def test_where_the_spectra_are_one_neither_cc_nor_form_counts():
-    rows = evidence(np.array([0.5, 0.99]), np.zeros(2), np.array([0.0, 3.0]))
+    rows = evidence(np.array([0.5, 0.99]), np.array([0.1, 1.0]), np.zeros(2), np.array([0.0, 3.0]))
     assert (rows[0] == rows[1]).all()
 
 
@@ -92,7 +96,9 @@ def test_poses_of_one_class_are_likelier_than_two_classes(embedded):
 
 
 def test_no_candidates():
-    empty = Pipeline(DEFAULT).combined(np.empty(0), np.ones(33, np.float32), np.empty((0, 33), np.float32))
+    empty = Pipeline(DEFAULT).combined(
+        np.empty(0), np.empty(0), np.ones(33, np.float32), np.empty((0, 33), np.float32)
+    )
     assert empty.shape == (0,)
 
 
@@ -101,11 +107,12 @@ def test_the_parts_of_a_signature():
     query, other = rng.normal(size=(2, 5 + TERMS)).astype(np.float32)
     steps = other.astype(np.float64) - query
     spectral, form = np.linalg.norm(steps[:5]), np.linalg.norm(steps[5:]) / FORM_SHARE
-    expected = evidence(np.array([0.7]), np.array([spectral]), np.array([form]))
-    found = signature_evidence(np.array([0.7]), query, other[None], form=True)
+    scores = np.array([0.7]), np.array([0.4])
+    expected = evidence(*scores, np.array([spectral]), np.array([form]))
+    found = signature_evidence(*scores, query, other[None], form=True)
     np.testing.assert_allclose(found, expected)
-    whole = evidence(np.array([0.7]), np.array([np.linalg.norm(steps)]), np.array([0.0]))
-    np.testing.assert_allclose(signature_evidence(np.array([0.7]), query, other[None], form=False), whole)
+    whole = evidence(*scores, np.array([np.linalg.norm(steps)]), np.array([0.0]))
+    np.testing.assert_allclose(signature_evidence(*scores, query, other[None], form=False), whole)
 
 
 @pytest.mark.parametrize("parameters", [PAPER, replace(DEFAULT, form=False, affinity_values=7)])
@@ -114,7 +121,7 @@ def test_a_setting_without_form_has_an_order_too(parameters):
     first, second = (pipeline.embed(make_shape(label, 0)) for label in ("cup", "snake"))
     assert len(first.signature) == parameters.affinity_values + parameters.laplacian_values
     rows = pipeline.evidence(
-        np.array([0.9, 0.9]), first.signature, np.stack([first.signature, second.signature])
+        np.full(2, 0.9), np.full(2, 0.5), first.signature, np.stack([first.signature, second.signature])
     )
-    assert rows[0, 1] < rows[1, 1]
-    assert rows[0, 2] == rows[1, 2]
+    assert rows[0, 0] < rows[1, 0]
+    assert rows[0, 1] == rows[1, 1]

@@ -121,7 +121,9 @@ def test_combined_is_the_pipelines_and_the_same_in_every_answer(stocked: Running
     assert results[0]["shape"]["id"] == bird
     for result in results:
         other = signatures[result["shape"]["id"]]
-        (expected,) = pipeline.combined(np.array([result["cc"]]), signatures[bird], other[None])
+        (expected,) = pipeline.combined(
+            np.array([result["cc"]]), np.array([result["sim"]]), signatures[bird], other[None]
+        )
         assert 0.0 <= result["combined"] <= 1.0
         assert result["combined"] == pytest.approx(expected, abs=1e-9)
     alone = query(stocked.client, small_file(20), filter="bird,first").json()["results"]

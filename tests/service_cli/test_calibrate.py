@@ -8,7 +8,9 @@ import pytest
 
 from core.calibration import Collection, fit, leave_class_out, reliability
 from core.combination import Calibration
+from core.embedding import Embedding
 from core.evaluation import evaluate
+from core.mesh import Floats
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
 from core.reading import format_of, read_mesh
@@ -24,13 +26,12 @@ def plain(folder: Path) -> Collection:
     pipeline = Pipeline(DEFAULT)
     files = read_collection(folder)
     embeddings = [pipeline.embed(read_mesh(path.read_bytes(), format_of(path.name))) for path, _ in files]
-    rows = [
-        [
-            pipeline.evidence(pipeline.score(one, [other]).cc, one.signature, other.signature[None])[0]
-            for other in embeddings
-        ]
-        for one in embeddings
-    ]
+
+    def evidence(one: Embedding, other: Embedding) -> Floats:
+        scores = pipeline.score(one, [other])
+        return pipeline.evidence(scores.cc, scores.sim, one.signature, other.signature[None])[0]
+
+    rows = [[evidence(one, other) for other in embeddings] for one in embeddings]
     return Collection(tuple(label for _, label in files), np.array(rows))
 
 

@@ -46,7 +46,10 @@ def test_every_ranking_from_one_run(collection: Path, embeddings: list[Embedding
     cc = np.stack([row.cc for row in rows])
     signatures = np.stack([embedding.signature for embedding in embeddings])
     combined = np.stack(
-        [pipeline.combined(row, own, signatures) for row, own in zip(cc, signatures, strict=True)]
+        [
+            pipeline.combined(row.cc, row.sim, own, signatures)
+            for row, own in zip(rows, signatures, strict=True)
+        ]
     )
     matrices = {
         "cc": cc,
@@ -81,7 +84,7 @@ def test_pairs_are_scored_once_and_mirrored(pool: Executor, embeddings: list[Emb
         assert scores.cc[i] == pytest.approx(row.cc, abs=1e-9)
         assert scores.ssd[i] == pytest.approx(row.ssd, abs=1e-9)
         assert scores.sim[i] == pytest.approx(row.sim, abs=1e-9)
-        chances = pipeline.combined(row.cc, embedding.signature, scores.signatures)
+        chances = pipeline.combined(row.cc, row.sim, embedding.signature, scores.signatures)
         assert scores.combined[i] == pytest.approx(chances, abs=1e-6)
     assert (scores.combined == scores.combined.T).all()
 

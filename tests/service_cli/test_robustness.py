@@ -52,11 +52,12 @@ def test_noise_against_a_plain_loop(collection: Path, run: Run) -> None:
     everywhere = np.ones((4, 4), dtype=bool)
 
     def retrieval(queries):
-        cc = np.stack([pipeline.score(query, gallery).cc for query in queries])
+        rows = [pipeline.score(query, gallery) for query in queries]
+        cc = np.stack([row.cc for row in rows])
         combined = np.stack(
             [
-                pipeline.combined(row, query.signature, signatures)
-                for row, query in zip(cc, queries, strict=True)
+                pipeline.combined(row.cc, row.sim, query.signature, signatures)
+                for row, query in zip(rows, queries, strict=True)
             ]
         )
         return cc, nearest_neighbour(cc, combined, everywhere, labels)
