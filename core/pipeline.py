@@ -34,7 +34,7 @@ from core.spectra import Points, spectra_of
 from core.subdivision import refine
 
 PREPARED_BYTES = 128 * 1024 * 1024
-"""How much a pipeline keeps of factored splines for shapes it has met."""
+"""How much a pipeline keeps of factored splines, unless it is told otherwise."""
 
 
 def measure(mesh: Mesh, cleaned: Cleaned, frame: Frame) -> Facts:
@@ -79,9 +79,12 @@ class Pipeline:
     ----------
     parameters : Parameters
         Frozen; `fingerprint` is a hash of them and of the method version.
+    memory : int
+        How many bytes are kept of factored splines for shapes it has met; the last one's always are.
     """
 
-    def __init__(self, parameters: Parameters) -> None:
+    def __init__(self, parameters: Parameters, *, memory: int = PREPARED_BYTES) -> None:
+        self._memory = memory
         self.parameters = parameters
         self.fingerprint = parameters.fingerprint
         self._prepared: OrderedDict[bytes, Prepared] = OrderedDict()
@@ -194,7 +197,7 @@ class Pipeline:
         ready = prepare(embedding, key, self.parameters)
         self._prepared[key] = ready
         self._prepared_bytes += ready.nbytes
-        while self._prepared_bytes > PREPARED_BYTES and len(self._prepared) > 1:
+        while self._prepared_bytes > self._memory and len(self._prepared) > 1:
             _, dropped = self._prepared.popitem(last=False)
             self._prepared_bytes -= dropped.nbytes
         return ready

@@ -28,6 +28,9 @@ Floats = NDArray[np.float64]
 A = TypeVar("A")
 R = TypeVar("R")
 
+PREPARED_BYTES = 1 << 30
+"""What a worker keeps of factored splines: each shape is met once a row, and some take 80 MB (`--uncapped`)."""
+
 
 @dataclass(frozen=True, eq=False)
 class PairScores:
@@ -108,7 +111,7 @@ def default_workers() -> int:
 def _start_worker(parameters: Parameters) -> None:
     global _pipeline  # noqa: PLW0603  a pool's initializer has no other place to leave something
     threadpool_limits(1)
-    _pipeline = Pipeline(parameters)
+    _pipeline = Pipeline(parameters, memory=PREPARED_BYTES)
 
 
 def _embed(path: Path) -> Embedding | str:

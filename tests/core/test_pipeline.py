@@ -11,7 +11,6 @@ import pytest
 import trimesh
 from scipy.spatial import cKDTree
 
-import core.pipeline
 from core.embedding import Embedding
 from core.errors import DegenerateMeshError, IncompatibleEmbeddingsError
 from core.form import TERMS
@@ -174,12 +173,11 @@ def test_signature_distances_are_euclidean(embedded):
     assert found[0] == 0.0
 
 
-def test_what_is_kept_of_met_shapes_is_bounded_and_changes_no_score(embedded, monkeypatch):
+def test_what_is_kept_of_met_shapes_is_bounded_and_changes_no_score(embedded):
     pipeline, embeddings = embedded
     expected = pipeline.score(embeddings[0], embeddings)
     one = pipeline.prepared(embeddings[0]).nbytes
-    monkeypatch.setattr(core.pipeline, "PREPARED_BYTES", int(2.5 * one))
-    small = Pipeline(pipeline.parameters)
+    small = Pipeline(pipeline.parameters, memory=int(2.5 * one))
     for _ in range(2):
         scores = small.score(embeddings[0], embeddings)
         assert np.array_equal(scores.cc, expected.cc)
