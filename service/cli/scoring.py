@@ -29,7 +29,7 @@ A = TypeVar("A")
 R = TypeVar("R")
 
 PREPARED_BYTES = 1 << 30
-"""What a worker keeps of factored splines: each shape is met once a row, and some take 80 MB (`--uncapped`)."""
+"""What a worker keeps of factored splines: each is met once a row, and some take 80 MB (`--uncapped`)."""
 
 
 @dataclass(frozen=True, eq=False)
