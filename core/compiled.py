@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from functools import cache
 from hashlib import blake2b
-from pathlib import Path
+from importlib import resources
 from typing import ParamSpec, TypeVar, cast
 
 import numpy as np
@@ -46,7 +46,8 @@ def kernel(function: Callable[P, R]) -> Callable[P, R]:
 
 @cache
 def _kernel_sources() -> str:
+    folder = resources.files("core.kernels")
     state = blake2b(digest_size=6)
-    for path in sorted(Path(__file__).with_name("kernels").glob("*.py")):
-        state.update(path.read_bytes())
+    for name in sorted(entry.name for entry in folder.iterdir() if entry.name.endswith(".py")):
+        state.update(folder.joinpath(name).read_bytes())
     return state.hexdigest()

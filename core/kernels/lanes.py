@@ -40,5 +40,5 @@ def _add_scaled(_context: Any, rows: Any, at: Any, row: Any, start: Any, factor:
 
 
 add_scaled = cast("Callable[[Float32s, int, Float32s, int, float], None]", _add_scaled)
-"""`add_scaled(rows, at, row, start, factor)`, float32: LANES numbers of `rows`, from the `at`-th of all on, grow
-by factor times those of `row` from `start` on."""
+"""`add_scaled(rows, at, row, start, factor)`, float32: LANES numbers of `rows`, from the `at`-th of all on,
+grow by factor times those of `row` from `start` on."""
