@@ -17,7 +17,10 @@ class Change:
 
 
 NAMED = (
-    Change("even mesh: long edges split, large meshes simplified", ("refine_vertices", "decimate_above")),
+    Change(
+        "even mesh: long edges split, large meshes simplified, rough ones smoothed",
+        ("refine_vertices", "decimate_above", "smooth_above"),
+    ),
     Change(
         "samples: 100, covering, weights of Eqs. 11 and 12 normalised",
         ("selection", "coverage_power", "samples", "sample_cap", "normalise_weights"),

@@ -29,6 +29,9 @@ class Parameters:
         Long edges are split as for an even mesh of so many vertices; 0 leaves the mesh as it is.
     decimate_above, decimate_to : int
         A mesh of more vertices than the first is simplified to about the second; 0 never.
+    smooth_above : float
+        A mesh whose `core.denoising.roughness` is above is smoothed, for so many `smooth_rounds`; 0 never.
+    smooth_rounds : int
     degree, epsilon, normalise_weights
         Of the Lewis weights: see `core.lewis.lewis_weights`.
     selection : "sort-and-cut", "random-draw" or "covering"
@@ -95,6 +98,8 @@ class Parameters:
     refine_vertices: int = 2000
     decimate_above: int = 40_000
     decimate_to: int = 20_000
+    smooth_above: float = 0.2
+    smooth_rounds: int = 10
     degree: int = 6
     epsilon: float = 0.01
     normalise_weights: bool = True
@@ -156,6 +161,8 @@ class Parameters:
             "refine_vertices must be 0 to 100,000": 0 <= self.refine_vertices <= 100_000,
             "decimate_to must be at least 500 and below decimate_above": self.decimate_above == 0
             or 500 <= self.decimate_to < self.decimate_above,
+            "smooth_above must be 0 to 1,000": 0.0 <= self.smooth_above <= 1000.0,
+            "smooth_rounds must be 1 to 1,000": 1 <= self.smooth_rounds <= 1000,
             "degree must be 1 to 12": 1 <= self.degree <= 12,
             "epsilon must lie between 0 and 1/7": 0.0 < self.epsilon < 1.0 / 7.0,
             "coverage_power must be 0 to 4": 0.0 <= self.coverage_power <= 4.0,
@@ -263,6 +270,7 @@ PAPER = Parameters(
     name="paper",
     refine_vertices=0,
     decimate_above=0,
+    smooth_above=0.0,
     normalise_weights=False,
     selection="sort-and-cut",
     samples=0,

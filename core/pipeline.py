@@ -12,6 +12,7 @@ from threadpoolctl import threadpool_limits
 
 from core.cleaning import Cleaned, clean, face_areas, vertex_areas
 from core.combination import CALIBRATED, signature_evidence
+from core.denoising import roughness, smoothed
 from core.edges import half_edges
 from core.embedding import Embedding, Facts, Match, Scores
 from core.errors import DegenerateMeshError, IncompatibleEmbeddingsError
@@ -91,13 +92,15 @@ class Pipeline:
         self._prepared_bytes = 0
 
     def normalise(self, mesh: Mesh) -> tuple[Mesh, Cleaned, Frame]:
-        """The mesh that is sampled (cleaned, in its normal frame, refined or simplified), and how it came."""
+        """The mesh that is sampled: clean, in its normal frame, simplified, smoothed, refined; and how it came."""
         wanted = self.parameters
         cleaned = clean(mesh)
         frame = normal_frame(cleaned.mesh)
         normal = Mesh(frame.apply(cleaned.mesh.vertices), cleaned.mesh.faces)
         if wanted.decimate_above and len(normal.vertices) > wanted.decimate_above:
             normal = simplify(normal, wanted.decimate_to)
+        if wanted.smooth_above and roughness(normal) > wanted.smooth_above:
+            normal = smoothed(normal, wanted.smooth_rounds)
         needed = max(wanted.refine_vertices, self._least_vertices())
         return (refine(normal, needed) if len(normal.vertices) < needed else normal), cleaned, frame
 
