@@ -92,7 +92,7 @@ class Pipeline:
         self._prepared_bytes = 0
 
     def normalise(self, mesh: Mesh) -> tuple[Mesh, Cleaned, Frame]:
-        """The mesh that is sampled: clean, in its normal frame, simplified, smoothed, refined; and how it came."""
+        """The mesh that is sampled: clean, in its frame, simplified, smoothed, refined; and how it came."""
         wanted = self.parameters
         cleaned = clean(mesh)
         frame = normal_frame(cleaned.mesh)
