@@ -138,3 +138,13 @@ def test_the_side_that_a_pair_is_found_from_does_not_matter():
     nothing = np.empty((0, 4), dtype=np.float32)
     for one, other in zip(halves, cross_products(points, targets, nothing, nothing, 2), strict=True):
         assert one == pytest.approx(other, abs=1e-4)
+
+
+def test_arrays_that_cannot_be_written_to_are_read_all_the_same():
+    """They compile another form; what `core.mutual.pack` makes can be written to."""
+    points, targets = random_cloud(8, 40, 5), random_cloud(9, 30, 5)
+    expected = both(points, targets, 128)
+    for array in (points, targets):
+        array.flags.writeable = False
+    for one, other in zip(both(points, targets, 128), expected, strict=True):
+        assert np.array_equal(one, other)
