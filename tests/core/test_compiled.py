@@ -1,0 +1,78 @@
+"""The name that a kernel's machine code is cached under: it goes with all sources of `core.kernels`."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import core
+from core.kernels.rotation import turn
+
+PROBE = """
+import json
+import pathlib
+import sys
+
+from core.compiled import _kernel_sources, kernel
+
+def name():
+    def probe():
+        return 0
+
+    _kernel_sources.cache_clear()
+    return kernel(probe).py_func.__qualname__
+
+names = [name()]
+for path, text in json.loads(sys.argv[1]):
+    with pathlib.Path(path).open("a") as file:
+        file.write(text)
+    names.append(name())
+print(json.dumps(names))
+"""
+SOURCES = sorted(path.name for path in Path(core.__file__).with_name("kernels").glob("*.py"))
+
+
+@pytest.fixture
+def copied(tmp_path):
+    ignored = shutil.ignore_patterns("__pycache__")
+    return Path(shutil.copytree(Path(core.__file__).parent, tmp_path / "core", ignore=ignored))
+
+
+def names(copied, changes):
+    """A kernel's name before any of the changes and after each, by an interpreter that reads the copy."""
+    probe = copied.parent / "probe.py"
+    probe.write_text(PROBE)
+    done = subprocess.run(
+        [sys.executable, "-B", str(probe), json.dumps([(str(path), text) for path, text in changes])],
+        cwd=copied.parent,
+        env={**os.environ, "PYTHONPATH": str(copied.parent)},
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=300,
+    )
+    return json.loads(done.stdout)
+
+
+def test_a_change_of_any_source_of_the_package_changes_the_name(copied):
+    assert {"matching.py", "rotation.py", "reference.py"} < set(SOURCES)
+    found = names(copied, [(copied / "kernels" / source, "# Changed.\n") for source in SOURCES])
+    assert len(set(found)) == len(found) == len(SOURCES) + 1
+    # Another interpreter, another folder: the same sources give the same name.
+    assert found[0] == turn.py_func.__qualname__.replace("turn", "probe")
+
+
+def test_a_source_that_is_added_changes_it_and_another_file_does_not(copied):
+    changes = [
+        (copied / "mesh.py", "# Changed.\n"),
+        (copied / "kernels" / "notes.txt", "Not a source."),
+        (copied / "kernels" / "another.py", ""),
+        (copied / "kernels" / "one_more.py", "one = 1\n"),
+    ]
+    before, of_mesh, of_notes, of_another, of_one_more = names(copied, changes)
+    assert before == of_mesh == of_notes
+    assert of_one_more not in (before, of_another)
