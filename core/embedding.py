@@ -115,7 +115,8 @@ class Scores:
     ssd : float64, shape (c,)
         Sum of squared differences (Eq. 18), >= 0; 0 for a shape against itself.
     sim : float64, shape (c,)
-        One-to-one effective pairs over the smaller number of samples (Eq. 20), in [0, 1].
+        Effective pairs over the smaller number of samples (Eq. 20), each partner counted once, the mean of
+        both ways; in [0, 1].
     """
 
     cc: NDArray[np.float64]
