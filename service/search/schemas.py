@@ -124,7 +124,9 @@ class Pair(BaseModel):
         description="Between them in the spectral domain after the thin-plate spline that sim is read with: "
         "with the default pipeline a soft one, and the mean of both ways if the shapes have as many samples."
     )
-    effective: bool = Field(description="Whether the pair is near and one to one, and so counts for sim.")
+    effective: bool = Field(
+        description="Whether that distance is small enough to count for sim, which reads each sample's nearest partner."
+    )
 
 
 class Result(BaseModel):
