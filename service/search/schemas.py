@@ -125,7 +125,7 @@ class Pair(BaseModel):
         "with the default pipeline a soft one, and the mean of both ways if the shapes have as many samples."
     )
     effective: bool = Field(
-        description="Whether that distance is small enough to count for sim, which reads each sample's nearest partner."
+        description="Whether that distance is small enough for sim, which counts nearest partners both ways."
     )
 
 
