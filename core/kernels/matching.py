@@ -315,8 +315,8 @@ def match_pair(
         Of m and n samples.
     rounds : Rounds
     same : bool
-        Whether both are one shape: then each sample's partner is itself. Where a shape has symmetries, a
-        search might find one of them.
+        Whether both are one shape: then each sample's partner is itself, and the scores are 1, 0 and 1 (CC
+        counts 0 in a domain that is one point). A search might find one of the shape's symmetries.
     there : int32, shape (m,)
         Written: the sample of y that each of x is paired with.
     back : int32, shape (n,)
@@ -333,37 +333,38 @@ def match_pair(
     mine = x.points[:m]
     yours = y.points[:n]
     rotation[:] = 0.0
-    partners = np.empty((m, columns), dtype=np.float32)
-    sources = np.empty((n, columns), dtype=np.float32)
     if same:
         for c in range(columns):
             rotation[c, c] = 1.0
         for i in range(m):
             there[i] = i
             back[i] = i
-        partners[:] = yours
-        sources[:] = mine
-    else:
-        best_map(x, y, rounds, rotation)
-        refine_map(mine, yours, _squares(yours), blocks, rounds.final_rounds, EXACT, rotation, there, back)
-        cross = np.empty((columns, columns), dtype=np.float32)
-        first = np.empty(blocks, dtype=np.float32)
-        second = np.empty(blocks, dtype=np.float32)
+        scores[0] = (x.radius > 0.0).mean()
+        scores[1] = 0.0
+        scores[2] = 1.0
+        return
+    partners = np.empty((m, columns), dtype=np.float32)
+    sources = np.empty((n, columns), dtype=np.float32)
+    best_map(x, y, rounds, rotation)
+    refine_map(mine, yours, _squares(yours), blocks, rounds.final_rounds, EXACT, rotation, there, back)
+    cross = np.empty((columns, columns), dtype=np.float32)
+    first = np.empty(blocks, dtype=np.float32)
+    second = np.empty(blocks, dtype=np.float32)
+    for i in range(m):
+        partners[i] = yours[there[i]]
+    for j in range(n):
+        sources[j] = mine[back[j]]
+    for _ in range(rounds.slides):
+        ends = np.dot(mine, rotation)
+        starts = np.dot(yours, np.ascontiguousarray(rotation.T))
         for i in range(m):
-            partners[i] = yours[there[i]]
+            region = there[i]
+            row = closest(y.points, y.members, y.offsets[region], y.offsets[region + 1], ends[i])
+            partners[i] = y.points[row]
         for j in range(n):
-            sources[j] = mine[back[j]]
-        for _ in range(rounds.slides):
-            ends = np.dot(mine, rotation)
-            starts = np.dot(yours, np.ascontiguousarray(rotation.T))
-            for i in range(m):
-                region = there[i]
-                row = closest(y.points, y.members, y.offsets[region], y.offsets[region + 1], ends[i])
-                partners[i] = y.points[row]
-            for j in range(n):
-                region = back[j]
-                row = closest(x.points, x.members, x.offsets[region], x.offsets[region + 1], starts[j])
-                sources[j] = x.points[row]
-            paired(mine, partners, sources, yours, blocks, cross, first, second)
-            turn(cross, first, second, EXACT, rotation)
+            region = back[j]
+            row = closest(x.points, x.members, x.offsets[region], x.offsets[region + 1], starts[j])
+            sources[j] = x.points[row]
+        paired(mine, partners, sources, yours, blocks, cross, first, second)
+        turn(cross, first, second, EXACT, rotation)
     score_pairs(x, y, there, back, partners, sources, rotation, rounds.effective, scores)
