@@ -58,11 +58,13 @@ help:
 
 # The environment, made anew whenever its lock changes. Three files mark how far it is: the locked packages, this
 # project (whose build fetches setuptools into an environment of its own), and the tools for its tests.
-# A lock that was written again with the same content, as by a checkout, installs nothing anew.
+# A lock that was written again with the same content, as by a checkout, installs nothing anew, and an installation
+# that was interrupted goes on where it was.
 $(PACKAGES): requirements.lock
 	@test -n "$(PYTHON)" && $(PYTHON) -c 'import ensurepip, sys, venv; sys.exit(sys.version_info < (3, 11))' || { \
 		echo 'Python 3.11 or newer with venv is needed and was not found; name one: make PYTHON=/path/to/python3' >&2; exit 1; }
-	@cmp -s requirements.lock $@ || { $(PYTHON) -m venv --clear $(VENV) && \
+	@cmp -s requirements.lock $@ || { echo 'Installing about 500 MB into $(VENV).'; \
+		cmp -s requirements.lock $(VENV)/.begun || $(PYTHON) -m venv --clear $(VENV); cp requirements.lock $(VENV)/.begun; \
 		$(PIP) install --require-hashes --requirement requirements.lock; }
 	@cp requirements.lock $@
 
