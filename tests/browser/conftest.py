@@ -7,7 +7,7 @@ from urllib.parse import urlsplit
 import pytest
 from playwright.sync_api import Browser, Page, Route, sync_playwright
 
-from tests.browser.support import FLAGS, Visit, stock, stocked_names
+from tests.browser.support import FLAGS, PATIENCE, Visit, stock, stocked_names
 from tests.service.support import Running, serving, settings_in
 
 
@@ -43,7 +43,7 @@ def visit(browser: Browser, service: Running, request: pytest.FixtureRequest) ->
     options = getattr(request, "param", {})
     context = browser.new_context(**{"viewport": {"width": 1280, "height": 900}, **options})
     here = str(service.client.base_url)
-    context.set_default_timeout(60_000)
+    context.set_default_timeout(PATIENCE)
     visit = Visit(context.new_page(), here)
     elsewhere: list[str] = []
 

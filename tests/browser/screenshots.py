@@ -9,7 +9,7 @@ from playwright.sync_api import Browser, Page, expect, sync_playwright
 
 from core.gallery import CLASSES, make_shape
 from core.reading import write_mesh
-from tests.browser.support import FLAGS, Visit, settled
+from tests.browser.support import FLAGS, PATIENCE, Visit, settled
 from tests.service.support import serving, settings_in
 
 POSES = 3
@@ -49,7 +49,7 @@ def shoot(browser: Browser, here: str, query: Path, out: Path) -> None:
 def found(browser: Browser, here: str, query: Path, options: dict) -> Page:
     """The page with the answer to a query."""
     context = browser.new_context(**options)
-    context.set_default_timeout(60_000)
+    context.set_default_timeout(PATIENCE)
     page = Visit(context.new_page(), here).open()
     page.set_input_files("#find-file", query)
     expect(page.locator("#cards canvas[data-drawn]")).to_have_count(4)

@@ -17,8 +17,9 @@ FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader
 CLASSES = ("fish", "glasses")
 POSES = 3
 
-# The machine may be busy.
-expect.set_options(timeout=60_000)
+# In milliseconds. The machine may be busy.
+PATIENCE = 300_000
+expect.set_options(timeout=PATIENCE)
 
 
 @dataclass

@@ -8,7 +8,7 @@ from playwright.sync_api import Browser, expect
 
 from service.access.keys import digest_of
 from tests.browser.conftest import watch
-from tests.browser.support import Visit, file_in, made, stock
+from tests.browser.support import PATIENCE, Visit, file_in, made, stock
 from tests.service.support import Running, serving, settings_in, small_file
 
 MANY = 500
@@ -133,6 +133,7 @@ def test_signing_in_with_a_key(
     browser: Browser, locked: Running, tmp_path: Path, key: str, may_store: bool
 ) -> None:
     context = browser.new_context()
+    context.set_default_timeout(PATIENCE)
     page = context.new_page()
     faults: list[str] = []
     watch(page, faults)
