@@ -5,8 +5,11 @@ from dataclasses import asdict, dataclass, field
 
 from service.benchmark.embedding import PEER_VALUES
 from service.benchmark.embedding import Row as EmbeddingRow
+from service.benchmark.functional_maps import SPECTRUM
 from service.benchmark.growth import FORMATS, exponent
 from service.benchmark.growth import Row as GrowthRow
+from service.benchmark.match_tables import match_table, peer_table
+from service.benchmark.matching import Row as MatchRow
 from service.benchmark.table1 import Row as Table1Row
 
 PLOT = "benchmark-growth.png"
@@ -21,6 +24,7 @@ class Found:
     embedding: list[EmbeddingRow] = field(default_factory=list)
     growth: list[GrowthRow] = field(default_factory=list)
     table1: list[Table1Row] = field(default_factory=list)
+    match: list[MatchRow] = field(default_factory=list)
 
     def as_json(self) -> dict[str, object]:
         """The object that `--json` prints: lists of rows by subject; seconds and bytes."""
@@ -34,6 +38,8 @@ class Found:
             }
         if self.table1:
             found["table1"] = [{**asdict(row), "faster": row.faster()} for row in self.table1]
+        if self.match:
+            found["match"] = [asdict(row) for row in self.match]
         return found
 
 
@@ -70,6 +76,22 @@ def page(found: Found, command: str, *, picture: bool) -> str:
             "In seconds: the paper's / ours (times faster). Ours are meshes of the nearest class, brought to "
             "the paper's number of points; sampling counts cleaning and simplification too.",
         ]
+    if found.match:
+        parts += [
+            "## One match of two stored shapes",
+            _markdown(match_table(found.match)),
+            "Both ways, in every embedding, to CC, SSD and sim. Packed: shapes met before, the compiled "
+            "match alone. Score: `Pipeline.score` of them. From records: the bytes of two records, nothing "
+            "kept, and its parts.",
+        ]
+        if all(row.peer is not None for row in found.match):
+            parts += [
+                _markdown(peer_table(found.match)),
+                "Pyfmaps by its defaults: wave kernel signatures, a map fitted and refined by ZoomOut, one "
+                f"way; its spectra, of {SPECTRUM} eigenvalues, apart. The ratios say how many times longer "
+                "its match takes than ours of packed shapes, and from records; from meshes, its spectra "
+                "count on one side, and our embeddings and their packing on the other.",
+            ]
     return "\n\n".join(parts) + "\n"
 
 

@@ -29,6 +29,10 @@ class Spread:
         low, median, high = np.percentile(values, [25.0, 50.0, 75.0])
         return cls(float(median), float(low), float(high), len(values))
 
-    def milliseconds(self) -> str:
-        """Seconds as a cell of a table: median and quartiles in milliseconds."""
-        return f"{1e3 * self.median:,.1f} ({1e3 * self.low:,.1f} to {1e3 * self.high:,.1f})"
+    def milliseconds(self, digits: int = 1) -> str:
+        """Seconds as a cell of a table: median and quartiles in milliseconds, with so many decimals."""
+        return Spread(1e3 * self.median, 1e3 * self.low, 1e3 * self.high, self.count).plain(digits)
+
+    def plain(self, digits: int) -> str:
+        """A cell of a table: median and quartiles, with so many decimals."""
+        return f"{self.median:,.{digits}f} ({self.low:,.{digits}f} to {self.high:,.{digits}f})"

@@ -1,4 +1,4 @@
-"""`isoshape benchmark`: what embedding costs, against other software, against size, and against the paper."""
+"""`isoshape benchmark`: what embedding and matching cost, against other software, size and the paper."""
 
 import json
 from enum import StrEnum
@@ -9,7 +9,9 @@ from typing import Annotated
 import typer
 
 from service.benchmark.embedding import embedding_rows, shapedna
+from service.benchmark.functional_maps import functional_maps
 from service.benchmark.growth import growth_rows
+from service.benchmark.matching import matching_rows
 from service.benchmark.meshes import read_source
 from service.benchmark.page import PLOT, Found, page
 from service.benchmark.table1 import table1_rows
@@ -22,6 +24,7 @@ class Subject(StrEnum):
     EMBEDDING = "embedding"
     GROWTH = "growth"
     TABLE1 = "table1"
+    MATCH = "match"
 
 
 def command(
@@ -35,22 +38,23 @@ def command(
     only: Annotated[
         list[Subject] | None, typer.Option(help="Measure this alone; repeatable. [default: everything]")
     ] = None,
-    peers: Annotated[bool, typer.Option("--peers", help="Measure LaPy beside it.")] = False,
+    peers: Annotated[bool, typer.Option("--peers", help="Measure LaPy and pyfmaps beside it.")] = False,
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Write benchmark.md and its picture there.")
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print all numbers as one object.")] = False,
 ) -> None:
-    """Measure what embedding costs: by stage, against size up to a million vertices, and against Table 1.
+    """Measure what embedding costs by stage, against size and against Table 1, and what one match costs.
 
     Each figure is a median of several; where peers are measured too, in turn with them. Measure on a machine
     that does nothing else, with OMP_NUM_THREADS=1.
     """
     subjects = list(dict.fromkeys(only or Subject))
-    peer = None
+    signature = matcher = None
     if peers:
         try:
-            peer = shapedna()
+            signature = shapedna() if Subject.EMBEDDING in subjects else None
+            matcher = functional_maps() if Subject.MATCH in subjects else None
         except ImportError as error:
             fail(f"{error.name} is not installed: pip install isoshape[peers]", status=2)
     source = read_source(folder)
@@ -60,11 +64,13 @@ def command(
         for subject in subjects:
             match subject:
                 case Subject.EMBEDDING:
-                    found.embedding.extend(embedding_rows(source, peer))
+                    found.embedding.extend(embedding_rows(source, signature))
                 case Subject.GROWTH:
                     found.growth.extend(growth_rows(source, Path(scratch)))
                 case Subject.TABLE1:
                     found.table1.extend(table1_rows(source))
+                case Subject.MATCH:
+                    found.match.extend(matching_rows(source, matcher))
             bar.advance(task)
     asked = " ".join(
         [

@@ -15,6 +15,8 @@ def small(monkeypatch):
     monkeypatch.setattr(benchmark, "embedding_rows", few)
     grown = partial(benchmark.growth_rows, sizes=(800, 1600), repeats=1)
     monkeypatch.setattr(benchmark, "growth_rows", grown)
+    once = partial(benchmark.matching_rows, vertices=1000, pairs=1, repeats=1, matches=1)
+    monkeypatch.setattr(benchmark, "matching_rows", once)
 
 
 def test_a_page_and_its_picture(run, collection, tmp_path):
@@ -35,11 +37,30 @@ def test_an_object_with_lapy_beside_it(run, collection):
     assert row["stages"]["read"]["count"] == 1
 
 
-def test_a_peer_that_is_not_installed(run, monkeypatch):
-    def missing():
-        raise ImportError(name="lapy")
+def test_one_match_as_a_page(run, collection):
+    done = run("benchmark", collection, "--only", "match")
+    assert (done.status, done.stderr) == (0, "")
+    assert "Made by `isoshape benchmark made --only match`" in done.stdout
+    assert "## One match of two stored shapes" in done.stdout
 
-    monkeypatch.setattr(benchmark, "shapedna", missing)
-    done = run("benchmark", "--peers")
+
+def test_an_object_with_pyfmaps_beside_it(run, collection):
+    done = run("benchmark", collection, "--only", "match", "--peers", "--json")
+    assert (done.status, done.stderr) == (0, "")
+    (row,) = json.loads(done.stdout)["match"]
+    assert row["packed"]["count"] == row["peer"]["match"]["count"] == 1
+    assert row["peer"]["packed"]["median"] > 0.0
+
+
+@pytest.mark.parametrize(
+    ("subject", "loader", "name"),
+    [("embedding", "shapedna", "lapy"), ("match", "functional_maps", "pyFM")],
+)
+def test_a_peer_that_is_not_installed(run, monkeypatch, subject, loader, name):
+    def missing():
+        raise ImportError(name=name)
+
+    monkeypatch.setattr(benchmark, loader, missing)
+    done = run("benchmark", "--only", subject, "--peers")
     assert (done.status, done.stdout) == (2, "")
-    assert "lapy is not installed: pip install isoshape[peers]" in done.stderr
+    assert f"{name} is not installed: pip install isoshape[peers]" in done.stderr
