@@ -58,6 +58,22 @@ def pack(embedding: Embedding, parameters: Parameters) -> Packed:
     )
 
 
+def rounds_of(parameters: Parameters) -> Rounds:
+    """How long the parameters have the compiled matching search."""
+    return Rounds(
+        parameters.first_dimensions,
+        2**parameters.first_dimensions if parameters.sign_starts else 1,
+        parameters.start_iterations,
+        parameters.step_iterations,
+        parameters.align_samples,
+        parameters.kept_maps,
+        parameters.align_rounds,
+        parameters.final_rounds,
+        parameters.slide_rounds,
+        EFFECTIVE,
+    )
+
+
 def matched(first: Packed, second: Packed, parameters: Parameters, *, same: bool) -> Matched:
     """Two shapes matched; `same` says that both are one, which is then not searched for its symmetries."""
     scores = np.empty(3)
@@ -65,18 +81,7 @@ def matched(first: Packed, second: Packed, parameters: Parameters, *, same: bool
     match_pair(
         first,
         second,
-        Rounds(
-            parameters.first_dimensions,
-            2**parameters.first_dimensions if parameters.sign_starts else 1,
-            parameters.start_iterations,
-            parameters.step_iterations,
-            parameters.align_samples,
-            parameters.kept_maps,
-            parameters.align_rounds,
-            parameters.final_rounds,
-            parameters.slide_rounds,
-            EFFECTIVE,
-        ),
+        rounds_of(parameters),
         same,
         np.empty(len(first.offsets) - 1, dtype=np.int32),
         np.empty(len(second.offsets) - 1, dtype=np.int32),

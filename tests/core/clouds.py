@@ -6,10 +6,8 @@ import numpy as np
 from scipy.spatial.distance import cdist
 
 from core.embedding import Embedding, Facts, Spectrum
-from core.kernels.matching import Rounds
 from core.mutual import pack
 from core.parameters import DEFAULT
-from core.similarity import EFFECTIVE
 
 
 def cloud(rng, count, k):
@@ -52,18 +50,3 @@ def packed(seed, m, d, k, blocks):
     """What matching reads of random clouds of d points in `blocks` domains of k dimensions, m the samples."""
     rng = np.random.default_rng(seed)
     return pack(embedded([cloud(rng, d, k) for _ in range(blocks)], m), parameters_for(k))
-
-
-def rounds_of(parameters):
-    return Rounds(
-        parameters.first_dimensions,
-        2**parameters.first_dimensions if parameters.sign_starts else 1,
-        parameters.start_iterations,
-        parameters.step_iterations,
-        parameters.align_samples,
-        parameters.kept_maps,
-        parameters.align_rounds,
-        parameters.final_rounds,
-        parameters.slide_rounds,
-        EFFECTIVE,
-    )

@@ -11,7 +11,8 @@ from core.kernels.reference import (
     score_pairs_reference,
     search_maps_reference,
 )
-from tests.core.clouds import packed, parameters_for, rounds_of
+from core.mutual import rounds_of
+from tests.core.clouds import packed, parameters_for
 
 K = 10
 

@@ -9,10 +9,10 @@ from core.gallery import make_shape
 from core.kernels import reference
 from core.kernels.matching import match_pair, search_maps
 from core.kernels.reference import match_pair_reference
-from core.mutual import pack
+from core.mutual import pack, rounds_of
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
-from tests.core.clouds import cloud, embedded, packed, parameters_for, rounds_of
+from tests.core.clouds import cloud, embedded, packed, parameters_for
 
 K = DEFAULT.dimensions
 ROUNDS = rounds_of(DEFAULT)
