@@ -16,6 +16,13 @@ R = TypeVar("R")
 
 T = TypeVar("T", bound=np.generic)
 
+FINITE = {"nnan", "ninf", "nsz"}
+"""What the compiler may assume: that no float is NaN or infinite, and that the sign of a zero is nothing.
+
+It may not reorder sums or fuse products with them. How it did so would depend on what it inlines: the process
+that compiled a function would find other last bits than those that load it from the cache.
+"""
+
 
 def constant(array: NDArray[T]) -> NDArray[T]:
     """A view that cannot be written to: arrays that can and cannot be would each compile a function anew."""
@@ -30,8 +37,8 @@ def compiled(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def compiled_fast(function: Callable[P, R]) -> Callable[P, R]:
-    """As `compiled`, with sums of floats reordered so that they can be vectors (no NaN may enter)."""
-    return cast("Callable[P, R]", njit(cache=True, nogil=True, fastmath=True)(function))
+    """As `compiled`, for finite floats, of which it finds the least by vectors."""
+    return cast("Callable[P, R]", njit(cache=True, nogil=True, fastmath=FINITE)(function))
 
 
 def kernel(function: Callable[P, R]) -> Callable[P, R]:
@@ -41,13 +48,15 @@ def kernel(function: Callable[P, R]) -> Callable[P, R]:
     that is given a hash of all the package's sources.
     """
     function.__qualname__ = f"{function.__name__}_{_kernel_sources()}"
-    return cast("Callable[P, R]", njit(cache=True, nogil=True, fastmath=True, error_model="numpy")(function))
+    return cast(
+        "Callable[P, R]", njit(cache=True, nogil=True, fastmath=FINITE, error_model="numpy")(function)
+    )
 
 
 @cache
 def _kernel_sources() -> str:
     folder = resources.files("core.kernels")
-    state = blake2b(digest_size=6)
+    state = blake2b(resources.files("core").joinpath("compiled.py").read_bytes(), digest_size=6)
     for name in sorted(entry.name for entry in folder.iterdir() if entry.name.endswith(".py")):
         state.update(folder.joinpath(name).read_bytes())
     return state.hexdigest()

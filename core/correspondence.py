@@ -80,21 +80,19 @@ def _nearest(points: Float32s, targets: Float32s, k: int, matches: Ints, squares
         matches[i] = where
 
 
-@compiled_fast
-def _warp(
-    smoother: Float32s, targets: Float32s, matches: Ints, k: int, matched: Float32s, warped: Float32s
-) -> None:
-    """Write smoother @ targets[:, matches].T, its first k coordinates, to the rows of `warped`."""
+@compiled
+def _warp(smoother: Float32s, targets: Float32s, matches: Ints, k: int, warped: Float32s) -> None:
+    """Write smoother @ targets[:, matches].T, its first k coordinates, to the rows of `warped`.
+
+    The smoother is symmetric: its rows are added where its columns are meant, so that each step is a vector.
+    """
     m = smoother.shape[0]
+    warped[:k] = 0.0
     for c in range(k):
         for j in range(m):
-            matched[c, j] = targets[c, matches[j]]
-    for i in range(m):
-        for c in range(k):
-            total = np.float32(0.0)
-            for j in range(m):
-                total += smoother[i, j] * matched[c, j]
-            warped[c, i] = total
+            matched = targets[c, matches[j]]
+            for i in range(m):
+                warped[c, i] += smoother[j, i] * matched
 
 
 @compiled
@@ -160,7 +158,6 @@ def progressive(
     m, k_all = points.shape
     columns = np.ascontiguousarray(targets.T)
     warped = np.empty((k_all, m), dtype=np.float32)
-    matched = np.empty((k_all, m), dtype=np.float32)
     squares = np.empty(targets.shape[0], dtype=np.float32)
     tries = np.empty((starts, m), dtype=np.int64)
     scores = np.empty(starts)
@@ -170,7 +167,7 @@ def progressive(
                 warped[c, i] = -points[i, c] if (s >> c) & 1 else points[i, c]
         _nearest(warped, columns, first, tries[s], squares)
         for _ in range(start_rounds):
-            _warp(operators[0], columns, tries[s], first, matched, warped)
+            _warp(operators[0], columns, tries[s], first, warped)
             _nearest(warped, columns, first, tries[s], squares)
         scores[s] = _signless_correlation(points, targets, tries[s], first)
     order = np.argsort(-scores, kind="mergesort")
@@ -180,7 +177,7 @@ def progressive(
         s = order[place]
         for k in range(first + 1, k_all + 1):
             for _ in range(step_rounds):
-                _warp(operators[k - first], columns, tries[s], k, matched, warped)
+                _warp(operators[k - first], columns, tries[s], k, warped)
                 _nearest(warped, columns, k, tries[s], squares)
         score = _signless_correlation(points, targets, tries[s], k_all)
         if score > best:

@@ -9,6 +9,7 @@ from typing import Any, cast
 
 from llvmlite import ir
 from numba import types
+from numba.core import cgutils
 from numba.extending import intrinsic
 
 from core.embedding import Float32s
@@ -31,8 +32,12 @@ def _add_scaled(_context: Any, rows: Any, at: Any, row: Any, start: Any, factor:
         one = builder.insert_element(ir.Constant(vector, ir.Undefined), values[4], index(0))
         all_lanes = ir.Constant(ir.VectorType(index, LANES), [0] * LANES)
         scale = builder.shuffle_vector(one, ir.Constant(vector, ir.Undefined), all_lanes)
-        product = builder.fmul(builder.load(place(2, values[3]), align=4), scale, flags=("fast",))
-        total = builder.fadd(builder.load(target, align=4), product, flags=("fast",))
+        fused = cgutils.get_or_insert_function(
+            builder.module, ir.FunctionType(vector, [vector] * 3), f"llvm.fma.v{LANES}f32"
+        )
+        total = builder.call(
+            fused, [builder.load(place(2, values[3]), align=4), scale, builder.load(target, align=4)]
+        )
         builder.store(total, target, align=4)
         return context.get_dummy_value()
 

@@ -1,4 +1,4 @@
-"""The name that a kernel's machine code is cached under: it goes with all sources of `core.kernels`."""
+"""Machine code of kernels: the name it is cached under, and that its bits are those of the cache."""
 
 import json
 import os
@@ -10,7 +10,11 @@ from pathlib import Path
 import pytest
 
 import core
+from core.gallery import make_shape
 from core.kernels.rotation import turn
+from core.parameters import DEFAULT
+from core.pipeline import Pipeline
+from core.records import embedding_to_bytes
 
 PROBE = """
 import json
@@ -76,3 +80,47 @@ def test_a_source_that_is_added_changes_it_and_another_file_does_not(copied):
     before, of_mesh, of_notes, of_another, of_one_more = names(copied, changes)
     assert before == of_mesh == of_notes
     assert of_one_more not in (before, of_another)
+
+
+def test_how_kernels_are_compiled_changes_it(copied):
+    first, second = names(copied, [(copied / "compiled.py", "# Changed.\n")])
+    assert first != second
+
+
+MATCH = """
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from core.parameters import DEFAULT
+from core.pipeline import Pipeline
+from core.records import embedding_from_bytes
+
+shapes = [embedding_from_bytes(Path(path).read_bytes()) for path in sys.argv[1:]]
+scores = [Pipeline(DEFAULT).score(shape, shapes) for shape in shapes]
+print(np.array([[row.cc, row.ssd, row.sim] for row in scores]).tobytes().hex())
+"""
+
+
+def test_who_compiles_a_kernel_and_who_loads_it_find_the_same_bits(tmp_path):
+    pipeline = Pipeline(DEFAULT)
+    paths = []
+    for name in ("pliers", "hand", "person"):
+        paths.append(tmp_path / name)
+        paths[-1].write_bytes(embedding_to_bytes(pipeline.embed(make_shape(name, 0))))
+
+    def found():
+        done = subprocess.run(
+            [sys.executable, "-c", MATCH, *map(str, paths)],
+            env={**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache")},
+            capture_output=True,
+            text=True,
+            check=True,
+            timeout=600,
+        )
+        return done.stdout
+
+    first = found()
+    assert list((tmp_path / "cache").rglob("*match_pair*.nbc"))
+    assert found() == first
