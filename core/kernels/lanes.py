@@ -9,7 +9,6 @@ from typing import Any, cast
 
 from llvmlite import ir
 from numba import types
-from numba.core import cgutils
 from numba.extending import intrinsic
 
 from core.embedding import Float32s
@@ -32,9 +31,8 @@ def _add_scaled(_context: Any, rows: Any, at: Any, row: Any, start: Any, factor:
         one = builder.insert_element(ir.Constant(vector, ir.Undefined), values[4], index(0))
         all_lanes = ir.Constant(ir.VectorType(index, LANES), [0] * LANES)
         scale = builder.shuffle_vector(one, ir.Constant(vector, ir.Undefined), all_lanes)
-        fused = cgutils.get_or_insert_function(
-            builder.module, ir.FunctionType(vector, [vector] * 3), f"llvm.fma.v{LANES}f32"
-        )
+        kind = ir.FunctionType(vector, [vector] * 3)
+        fused = builder.module.declare_intrinsic(f"llvm.fma.v{LANES}f32", (), kind)
         total = builder.call(
             fused, [builder.load(place(2, values[3]), align=4), scale, builder.load(target, align=4)]
         )
