@@ -1,4 +1,4 @@
-"""One row plus a multiple of another, as one vector operation.
+"""A row of a small matrix product, as one vector that stays in registers.
 
 The compiler does not see that rows of one array, or of two, lie apart, and guards every short loop over them.
 Here the operation is written out, for the short rows that `core.kernels.rotation` works on.
@@ -18,30 +18,70 @@ LANES = 16
 
 
 @intrinsic
-def _add_scaled(_context: Any, rows: Any, at: Any, row: Any, start: Any, factor: Any) -> Any:
+def _product_row(
+    _context: Any,
+    target: Any,
+    at: Any,
+    own: Any,
+    source: Any,
+    share: Any,
+    factors: Any,
+    first: Any,
+    step: Any,
+    count: Any,
+    rows: Any,
+    begin: Any,
+    width: Any,
+) -> Any:
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
         vector = ir.VectorType(ir.FloatType(), LANES)
-        index = ir.IntType(32)
-
-        def place(which: int, offset: Any) -> Any:
-            array = context.make_array(signature.args[which])(context, builder, value=values[which])
-            return builder.bitcast(builder.gep(array.data, [offset]), vector.as_pointer())
-
-        target = place(0, values[1])
-        one = builder.insert_element(ir.Constant(vector, ir.Undefined), values[4], index(0))
-        all_lanes = ir.Constant(ir.VectorType(index, LANES), [0] * LANES)
-        scale = builder.shuffle_vector(one, ir.Constant(vector, ir.Undefined), all_lanes)
+        number = ir.IntType(64)
         kind = ir.FunctionType(vector, [vector] * 3)
         fused = builder.module.declare_intrinsic(f"llvm.fma.v{LANES}f32", (), kind)
-        total = builder.call(
-            fused, [builder.load(place(2, values[3]), align=4), scale, builder.load(target, align=4)]
-        )
-        builder.store(total, target, align=4)
+        at, own, share, first, step, count, begin, width = (values[i] for i in (1, 2, 4, 6, 7, 8, 10, 11))
+
+        def data(which: int) -> Any:
+            return context.make_array(signature.args[which])(context, builder, value=values[which]).data
+
+        def place(array: Any, offset: Any) -> Any:
+            return builder.bitcast(builder.gep(array, [offset]), vector.as_pointer())
+
+        def spread(scalar: Any) -> Any:
+            index = ir.IntType(32)
+            one = builder.insert_element(ir.Constant(vector, ir.Undefined), scalar, index(0))
+            lanes = ir.Constant(ir.VectorType(index, LANES), [0] * LANES)
+            return builder.shuffle_vector(one, ir.Constant(vector, ir.Undefined), lanes)
+
+        target, source, factors, rows = data(0), data(3), data(5), data(9)
+        before = builder.block
+        loop, after = builder.append_basic_block("rows"), builder.append_basic_block("rows.end")
+        builder.branch(loop)
+        builder.position_at_end(loop)
+        turn, total = builder.phi(number), builder.phi(vector)
+        factor = builder.load(builder.gep(factors, [builder.add(first, builder.mul(turn, step))]))
+        row = builder.load(place(rows, builder.add(begin, builder.mul(turn, width))), align=4)
+        sum_so_far = builder.call(fused, [row, spread(factor), total])
+        following = builder.add(turn, number(1))
+        turn.add_incoming(number(0), before)
+        turn.add_incoming(following, loop)
+        total.add_incoming(ir.Constant(vector, [0.0] * LANES), before)
+        total.add_incoming(sum_so_far, loop)
+        builder.cbranch(builder.icmp_signed("<", following, count), loop, after)
+        builder.position_at_end(after)
+        mine = builder.fmul(builder.load(place(source, at), align=4), spread(own))
+        builder.store(builder.call(fused, [sum_so_far, spread(share), mine]), place(target, at), align=4)
         return context.get_dummy_value()
 
-    return types.void(rows, types.intp, row, types.intp, types.float32), generate
+    one, index = types.float32, types.intp
+    arguments = (target, index, one, source, one, factors, index, index, index, rows, index, index)
+    return types.void(*arguments), generate
 
 
-add_scaled = cast("Callable[[Float32s, int, Float32s, int, float], None]", _add_scaled)
-"""`add_scaled(rows, at, row, start, factor)`, float32: LANES numbers of `rows`, from the `at`-th of all on,
-grow by factor times those of `row` from `start` on."""
+product_row = cast(
+    "Callable[[Float32s, int, float, Float32s, float, Float32s, int, int, int, Float32s, int, int], None]",
+    _product_row,
+)
+"""`product_row(target, at, own, source, share, factors, first, step, count, rows, begin, width)`, float32.
+
+LANES numbers of `target`, from the `at`-th of all on, become own * source[at:] plus share times the sum over
+c < count of factors[first + c step] * rows[begin + c width:]; count >= 1."""

@@ -8,12 +8,9 @@ import numpy as np
 from core.compiled import kernel
 from core.embedding import Float32s, Int32s
 from core.kernels.neighbours import closest, nearest_both, paired
-from core.kernels.rotation import turn
+from core.kernels.rotation import EXACT, ROUGH, turn
 from core.kernels.spline_search import spline_search
 from core.mesh import Floats
-
-ROUGH, EXACT = 3e-2, 1e-3
-"""Tolerances of the rotation: while pairs still change, and for what is scored."""
 
 
 class Packed(NamedTuple):
@@ -134,7 +131,7 @@ def refine_map(
     lengths: Float32s,
     blocks: int,
     count: int,
-    tolerance: float,
+    steps: Float32s,
     rotation: Float32s,
     there: Int32s,
     back: Int32s,
@@ -148,8 +145,8 @@ def refine_map(
     lengths : float32, shape (n,)
         Squared, of y.
     blocks, count : int
-    tolerance : float
-        Of the rotation.
+    steps : float32, shape (n, 3)
+        Of `core.kernels.rotation.nearest_rotation`.
     rotation : float32, shape (b k, b k)
         Read, and written where blocks meet themselves.
     there : int32, shape (m,)
@@ -179,7 +176,7 @@ def refine_map(
             for c in range(columns):
                 sources[j, c] = x[back[j], c]
         paired(x, partners, sources, y, blocks, cross, first, second)
-        score = turn(cross, first, second, tolerance, rotation)
+        score = turn(cross, first, second, steps, rotation)
     return score
 
 

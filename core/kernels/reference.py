@@ -6,9 +6,10 @@ Where rounding decides between two neighbours, or a map is not determined, the t
 import numpy as np
 from numpy.typing import NDArray
 
+from core.embedding import Float32s
 from core.kernels.matching import Packed, Rounds
 from core.kernels.neighbours import nearest_both_reference
-from core.kernels.rotation import turn_reference
+from core.kernels.rotation import EXACT, ROUGH, turn_reference
 from core.kernels.spline_search import spline_search_reference
 from core.mesh import Floats, Ints
 from core.similarity import correlation, squared_difference
@@ -64,12 +65,12 @@ def search_maps_reference(x: Packed, y: Packed, rounds: Rounds) -> tuple[Floats,
             )
             mine = one.points[: len(matches)].astype(np.float64)
             theirs = other.points[matches].astype(np.float64)
-            found.append(turn_reference(*((mine, theirs) if one is x else (theirs, mine)), blocks))
+            found.append(turn_reference(*((mine, theirs) if one is x else (theirs, mine)), blocks, ROUGH))
     return np.array([score for score, _ in found]), np.stack([rotation for _, rotation in found])
 
 
 def refine_map_reference(
-    x: Floats, y: Floats, blocks: int, count: int, rotation: Floats
+    x: Floats, y: Floats, blocks: int, count: int, steps: Float32s, rotation: Floats
 ) -> tuple[float, Floats, Ints, Ints]:
     """Correlation, map (b k, b k) and the pairs it was fitted to, (m,) and (n,), after `count` >= 1 rounds.
 
@@ -77,7 +78,9 @@ def refine_map_reference(
     """
     for _ in range(count):
         there, back = nearest_both_reference(x @ rotation, y)
-        score, rotation = turn_reference(np.concatenate([x, x[back]]), np.concatenate([y[there], y]), blocks)
+        score, rotation = turn_reference(
+            np.concatenate([x, x[back]]), np.concatenate([y[there], y]), blocks, steps
+        )
     return score, rotation, there, back
 
 
@@ -88,9 +91,9 @@ def best_map_reference(x: Packed, y: Packed, rounds: Rounds) -> Floats:
         each.points[: min(rounds.align_samples, len(each.offsets) - 1)].astype(np.float64) for each in (x, y)
     )
     _, maps = search_maps_reference(x, y, rounds)
-    tries = [refine_map_reference(some, others, blocks, 1, rotation) for rotation in maps]
+    tries = [refine_map_reference(some, others, blocks, 1, ROUGH, rotation) for rotation in maps]
     tries = sorted(tries, key=lambda one: -one[0])[: rounds.kept_maps]
-    ends = [refine_map_reference(some, others, blocks, rounds.align_rounds, one[1]) for one in tries]
+    ends = [refine_map_reference(some, others, blocks, rounds.align_rounds, ROUGH, one[1]) for one in tries]
     return max(ends, key=lambda end: end[0])[1]
 
 
@@ -134,7 +137,7 @@ def match_pair_reference(
         scores = score_pairs_reference(x, y, there, back, yours, mine, rotation, rounds.effective)
         return there, back, rotation, scores
     rotation = best_map_reference(x, y, rounds)
-    _, rotation, there, back = refine_map_reference(mine, yours, blocks, rounds.final_rounds, rotation)
+    _, rotation, there, back = refine_map_reference(mine, yours, blocks, rounds.final_rounds, EXACT, rotation)
     partners, sources = yours[there], mine[back]
     for _ in range(rounds.slides):
         ends, starts = mine @ rotation, yours @ rotation.T

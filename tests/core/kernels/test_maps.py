@@ -6,7 +6,6 @@ import pytest
 from core.kernels.matching import EXACT, best_map, refine_map, score_pairs, search_maps
 from core.kernels.reference import (
     best_map_reference,
-    paired_reference,
     refine_map_reference,
     score_pairs_reference,
     search_maps_reference,
@@ -33,11 +32,6 @@ def searched(x, y, rounds):
     return scores, rotations
 
 
-def determined(rotations, expected):
-    """Which maps are those expected: a search that ends in few places leaves some of a map open."""
-    return np.abs(rotations - expected).max(axis=(1, 2)) < 0.1
-
-
 @pytest.mark.parametrize("blocks", [1, 2, 3])
 @pytest.mark.parametrize(("m", "n"), [(60, 60), (40, 100), (100, 24)])
 @pytest.mark.parametrize("k", [2, 3, 5, 10])
@@ -46,13 +40,8 @@ def test_maps_searched_for_are_the_plain_ones(k, m, n, blocks):
     rounds = rounds_of(parameters_for(k))
     scores, rotations = searched(x, y, rounds)
     plain_scores, plain = search_maps_reference(x, y, rounds)
-    # While pairs still change, a rotation is settled to about 1e-3.
-    assert scores == pytest.approx(plain_scores, abs=1e-3)
-    kept = determined(rotations, plain)
-    assert rotations[kept] == pytest.approx(plain[kept], abs=0.02)
-    assert kept.any()
-    for rotation in rotations:
-        assert rotation @ rotation.T == pytest.approx(np.eye(blocks * k), abs=5e-3)
+    assert scores == pytest.approx(plain_scores, abs=1e-5)
+    assert rotations == pytest.approx(plain, abs=5e-3)
     for one in range(blocks):
         own = slice(one * k, one * k + k)
         assert not np.delete(rotations[:, own], np.r_[own], axis=2).any()
@@ -66,34 +55,24 @@ def test_a_map_is_refined_as_the_plain_one_is(k, m, n, blocks, count):
     x, y = (packed(seed, rows, rows, k, blocks).points for seed, rows in ((k, m), (60 + k, n)))
     rotation = rotation_of(k, k, blocks)
     score, plain, plain_there, plain_back = refine_map_reference(
-        x.astype(np.float64), y.astype(np.float64), blocks, count, rotation.astype(np.float64)
+        x.astype(np.float64), y.astype(np.float64), blocks, count, EXACT, rotation.astype(np.float64)
     )
     there, back = np.empty(m, dtype=np.int32), np.empty(n, dtype=np.int32)
     found = refine_map(x, y, (y**2).sum(axis=1), blocks, count, EXACT, rotation, there, back)
     assert np.array_equal(there, plain_there)
     assert np.array_equal(back, plain_back)
     assert found == pytest.approx(score, abs=1e-5)
-    cross, _, _ = paired_reference(x, y[there], x[back], y, blocks)
-    settled = 0
-    for own in np.split(np.arange(blocks * k), blocks):
-        sigma = np.linalg.svd(cross[np.ix_(own, own)])[1]
-        if sigma[-1] > 1e-4 * sigma[0]:
-            assert rotation[np.ix_(own, own)] == pytest.approx(plain[np.ix_(own, own)], abs=2e-3)
-            settled += 1
-    assert settled > 0 or min(m, n) < 2 * k
+    assert rotation == pytest.approx(plain, abs=2e-3)
 
 
 @pytest.mark.parametrize("seed", range(6))
 @pytest.mark.parametrize(("m", "n"), [(60, 60), (50, 80), (110, 90)])
-def test_the_best_map_is_the_plain_one_where_the_searches_determine_theirs(m, n, seed):
+def test_the_best_map_is_the_plain_one(m, n, seed):
     x, y = packed(seed, m, m, K, 2), packed(70 + seed, n, n + 30, K, 2)
     rounds = rounds_of(parameters_for(K))
-    rotations, expected = searched(x, y, rounds)[1], search_maps_reference(x, y, rounds)[1]
     found = np.zeros((2 * K, 2 * K), dtype=np.float32)
     best_map(x, y, rounds, found)
-    assert found @ found.T == pytest.approx(np.eye(2 * K), abs=5e-3)
-    if determined(rotations, expected).all():
-        assert found == pytest.approx(best_map_reference(x, y, rounds), abs=0.02)
+    assert found == pytest.approx(best_map_reference(x, y, rounds), abs=5e-3)
 
 
 @pytest.mark.parametrize("blocks", [1, 2, 3])

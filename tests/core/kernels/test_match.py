@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from core.gallery import make_shape
-from core.kernels import reference
-from core.kernels.matching import match_pair, search_maps
+from core.kernels.matching import match_pair
 from core.kernels.reference import match_pair_reference
 from core.mutual import pack, rounds_of
 from core.parameters import DEFAULT
@@ -47,20 +46,6 @@ def alike(found, expected):
 
 
 def test_the_match_is_the_plain_one(shapes):
-    """But where a search ends in few places: some of its map is open then, and rounding fills it."""
-    same = [alike(match(x, y), match_pair_reference(x, y, ROUNDS, False)) for x, y in permutations(shapes, 2)]
-    assert np.mean(same) > 0.6
-
-
-def test_from_the_same_maps_the_match_is_the_plain_one(shapes, monkeypatch):
-    def searched(x, y, rounds):
-        columns = x.points.shape[1]
-        rotations = np.zeros((2 * len(x.radius), columns, columns), dtype=np.float32)
-        scores = np.zeros(len(rotations), dtype=np.float32)
-        search_maps(x, y, rounds, rotations, scores)
-        return scores, rotations.astype(np.float64)
-
-    monkeypatch.setattr(reference, "search_maps_reference", searched)
     same = [alike(match(x, y), match_pair_reference(x, y, ROUNDS, False)) for x, y in permutations(shapes, 2)]
     assert np.mean(same) > 0.9
 
@@ -74,7 +59,7 @@ def test_any_number_of_domains_and_dimensions(k, blocks):
         alike(match(x, y, rounds), match_pair_reference(x, y, rounds, False))
         for x, y in permutations(clouds, 2)
     ]
-    assert any(same)
+    assert np.mean(same) > 0.8
 
 
 @pytest.mark.parametrize("changes", [{"slides": 0}, {"slides": 2, "final_rounds": 3}, {"kept_maps": 100}])
@@ -108,14 +93,14 @@ def degenerate():
 
 
 @pytest.mark.parametrize("name", degenerate())
-def test_a_cloud_without_volume_has_scores_in_range_and_an_orthogonal_map(name):
+def test_a_cloud_without_volume_has_scores_in_range_and_a_map_that_does_not_stretch(name):
     odd = pack(embedded([degenerate()[name]] * 2, 60), DEFAULT)
     other = packed(2, 50, 80, K, 2)
     for x, y in ((odd, other), (other, odd), (odd, odd)):
         there, back, rotation, scores = match(x, y)
         assert 0 <= there.min() <= there.max() < len(y.offsets) - 1
         assert 0 <= back.min() <= back.max() < len(x.offsets) - 1
-        assert rotation @ rotation.T == pytest.approx(np.eye(2 * K), abs=1e-3)
+        assert np.linalg.norm(rotation, 2) < 1.001
         assert 0.0 <= scores[0] <= 1.0
         assert 0.0 <= scores[1] < 1.0
         assert 0.0 <= scores[2] <= 1.0
@@ -128,7 +113,7 @@ def test_as_few_samples_as_the_splines_need():
         expected = match_pair_reference(first, second, ROUNDS, False)
         assert there.max() < K + 2
         assert back.max() < K + 2
-        assert rotation @ rotation.T == pytest.approx(np.eye(2 * K), abs=1e-3)
+        assert np.linalg.norm(rotation, 2) < 1.001
         assert scores[0] == pytest.approx(expected[3][0], abs=0.1)
 
 
