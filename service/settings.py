@@ -46,7 +46,8 @@ class Settings(BaseSettings):
 
     database_url: str = Field(
         default="sqlite:///isoshape-data/isoshape.sqlite3",
-        description="Where everything is stored, as an SQLAlchemy URL. The folder of an SQLite file is made.",
+        description="Where everything is stored, as an SQLAlchemy URL: an SQLite file, whose folder is made, "
+        "or a PostgreSQL database.",
     )
     pipeline: str = Field(
         default="default",
@@ -144,17 +145,18 @@ class Settings(BaseSettings):
 
     @field_validator("database_url")
     @classmethod
-    def _names_a_file(cls, database_url: str) -> str:
+    def _names_a_database(cls, database_url: str) -> str:
         try:
             url = make_url(database_url)
         except ArgumentError as error:
             raise ValueError("not an SQLAlchemy URL, such as sqlite:///folder/file.sqlite3") from error
-        if (
-            url.drivername not in {"sqlite", "sqlite+pysqlite"}
-            or not url.database
-            or url.database == ":memory:"
-        ):
-            raise ValueError("must name an SQLite file, as in sqlite:///folder/file.sqlite3")
+        is_file = url.drivername in {"sqlite", "sqlite+pysqlite"} and url.database != ":memory:"
+        is_postgresql = url.drivername in {"postgresql", "postgresql+psycopg"}
+        if not url.database or not (is_file or is_postgresql):
+            raise ValueError(
+                "must name an SQLite file, as in sqlite:///folder/file.sqlite3, or a PostgreSQL database, as "
+                "in postgresql+psycopg://user:password@host/database"
+            )
         return database_url
 
     @field_validator("api_keys", "read_keys", mode="before")

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from sqlalchemy import Select, delete, func, literal, select, update
+from sqlalchemy import Select, case, delete, func, literal, select, update
 
 from service.compute.tasks import Embedded
 from service.shapes.fields import plain_values
@@ -196,7 +196,7 @@ def change(session: WriteSession, number: int, changes: Changes) -> None:
     """Write the changes."""
     # A clock that was set back does not make a shape older than it is.
     now = literal(datetime.now(UTC), UtcDateTime())
-    values: dict[str, Any] = {"updated_at": func.max(ShapeRow.updated_at, now)}
+    values: dict[str, Any] = {"updated_at": case((ShapeRow.updated_at > now, ShapeRow.updated_at), else_=now)}
     if changes.name is not None:
         values |= {"name": changes.name, "folded_name": changes.name.casefold()}
     if changes.metadata is not None:

@@ -11,6 +11,7 @@ from service.errors import StorageFullError, StorageUnavailableError
 from service.metrics import Metrics
 from service.storage.failures import translated
 from service.storage.lock import ArchiveLock
+from service.storage.postgresql import open_postgresql
 from service.storage.sqlite import WRITES, open_sqlite, path_of
 from service.storage.tables import ArchiveRow
 
@@ -29,7 +30,7 @@ class Database:
     Parameters
     ----------
     url : str
-        An SQLAlchemy URL of an SQLite file.
+        An SQLAlchemy URL of an SQLite file, or of a PostgreSQL database.
     lock_seconds : float
         The longest wait for another writer, in this process or another.
     metrics : Metrics, optional
@@ -40,9 +41,18 @@ class Database:
         self._metrics = metrics or Metrics()
         self._lock_seconds = lock_seconds
         self._one_writer = threading.Lock()
-        self._engine = open_sqlite(make_url(url), lock_seconds=lock_seconds)
-        self._lock = ArchiveLock(path_of(url))
-        self._writing_engine = self._engine.execution_options(**{WRITES: True})
+        named = make_url(url)
+        self._lock: ArchiveLock | None
+        if named.get_backend_name() == "sqlite":
+            self._engine = open_sqlite(named, lock_seconds=lock_seconds)
+            self._lock = ArchiveLock(path_of(url))
+            self._writing_engine = self._engine.execution_options(**{WRITES: True})
+        else:
+            self._engine = open_postgresql(named, lock_seconds=lock_seconds)
+            self._lock = None
+            self._writing_engine = self._engine.execution_options(
+                **{WRITES: True, "isolation_level": "READ COMMITTED"}
+            )
 
     @contextmanager
     def read(self) -> Iterator[ReadSession]:
@@ -82,7 +92,8 @@ class Database:
     def close(self) -> None:
         """Close every connection, and let others put another archive in the place of this one."""
         self._engine.dispose()
-        self._lock.release()
+        if self._lock is not None:
+            self._lock.release()
 
     @contextmanager
     def _measured(self, session: str) -> Iterator[None]:
@@ -97,7 +108,7 @@ class Database:
 
     @contextmanager
     def _turn(self) -> Iterator[None]:
-        """Wait here for this process's other writers: fair, and cheaper than polling the file's lock."""
+        """Wait here for this process's other writers: fair, and cheaper than asking the database."""
         if not self._one_writer.acquire(timeout=self._lock_seconds):
             raise StorageUnavailableError("the database is busy with other writes")
         try:

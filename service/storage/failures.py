@@ -4,13 +4,15 @@ import sqlite3
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from sqlalchemy.exc import DatabaseError, IntegrityError, InterfaceError
+from sqlalchemy.exc import DatabaseError, DBAPIError, IntegrityError, InterfaceError
 from sqlalchemy.exc import TimeoutError as NoConnectionError
 
 from service.errors import StorageFullError, StorageUnavailableError
 from service.logging import get_logger
 
 log = get_logger("storage")
+
+POSTGRESQL_DISK_FULL = "53100"
 
 
 @contextmanager
@@ -26,6 +28,7 @@ def translated() -> Iterator[None]:
     except (DatabaseError, InterfaceError) as error:
         # A statement may be long, and the values in it are not the log's business.
         error.statement = None
+        _leave_out_details(error)
         log.error("the database failed", exc_info=error)
         if _is_full(error.orig):
             raise StorageFullError("the disk, or the room the database may use, is full") from error
@@ -34,8 +37,17 @@ def translated() -> Iterator[None]:
         raise StorageUnavailableError("every connection to the database is in use") from error
 
 
+def _leave_out_details(error: DBAPIError) -> None:
+    """Keep the first line of what PostgreSQL says: those below it may repeat the statement and its values."""
+    said = getattr(getattr(error.orig, "diag", None), "message_primary", None)
+    if said is not None and error.orig is not None:
+        error.args = error.orig.args = (said,)
+
+
 def _is_full(error: BaseException | None) -> bool:
-    return isinstance(error, sqlite3.Error) and _code(error) == sqlite3.SQLITE_FULL
+    if isinstance(error, sqlite3.Error):
+        return _code(error) == sqlite3.SQLITE_FULL
+    return getattr(error, "sqlstate", None) == POSTGRESQL_DISK_FULL
 
 
 def _reason(error: BaseException | None) -> str:

@@ -9,7 +9,9 @@ from alembic.migration import MigrationContext
 from alembic.script import ScriptDirectory
 
 from service.errors import ArchiveTooNewError
+from service.storage.columns import POSTGRESQL
 from service.storage.database import Database
+from service.storage.postgresql import check_server
 
 _FOLDER = Path(__file__).parent / "migrations"
 
@@ -19,11 +21,14 @@ def migrate(database: Database) -> None:
 
     Raises
     ------
-    ArchiveTooNewError
-        A newer version of the service has changed the database in ways this one does not know.
+    ArchiveError
+        A newer version of the service has changed the database in ways this one does not know, or the
+        database's server lacks what an archive needs.
     """
     config = _config()
     with database.connect() as connection:
+        if connection.dialect.name == POSTGRESQL:
+            check_server(connection)
         check_known(MigrationContext.configure(connection).get_current_heads())
         config.attributes["connection"] = connection
         command.upgrade(config, "head")

@@ -7,16 +7,27 @@ from typing import Any
 from sqlalchemy import Connection, Engine, create_engine, event, make_url
 from sqlalchemy.engine import URL
 
-from service.errors import StorageUnavailableError
+from service.errors import ArchiveError, StorageUnavailableError
 
 WRITES = "isoshape_writes"
 
 
 def path_of(url: str) -> Path:
-    """The file that an SQLAlchemy URL of SQLite names."""
-    database = make_url(url).database
-    assert database is not None
-    return Path(database)
+    """The file that an SQLAlchemy URL of SQLite names.
+
+    Raises
+    ------
+    ArchiveError
+        It names a PostgreSQL database, which is no file.
+    """
+    named = make_url(url)
+    if named.get_backend_name() != "sqlite":
+        raise ArchiveError(
+            f"{named.render_as_string(hide_password=True)} is no file: pg_dump and pg_restore copy it and "
+            "put it back, and `isoshape copy` makes a file of it, which `isoshape check` reads"
+        )
+    assert named.database is not None
+    return Path(named.database)
 
 
 def open_sqlite(url: URL, *, lock_seconds: float) -> Engine:

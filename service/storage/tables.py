@@ -6,18 +6,20 @@ same bytes share it. Migrations make the tables; a test holds the two equal.
 """
 
 from datetime import datetime
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 from sqlalchemy import JSON, ForeignKey, Index, LargeBinary, String, Text, UniqueConstraint
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
 
-from service.storage.columns import Float32Vector, UtcDateTime
+from service.storage.columns import AnyText, Float32Vector, Number, UtcDateTime
 
 
 class Table(DeclarativeBase):
     """Base of every table."""
+
+    type_annotation_map: ClassVar = {int: Number}
 
 
 class BlobRow(Table):
@@ -48,7 +50,7 @@ class ShapeRow(Table):
     )
 
     number: Mapped[int] = mapped_column(primary_key=True)
-    id: Mapped[str] = mapped_column(String(36), unique=True)
+    id: Mapped[str] = mapped_column(AnyText(36), unique=True)
     blob_number: Mapped[int] = mapped_column(ForeignKey("blobs.number"))
     format: Mapped[str] = mapped_column(String(8))
     name: Mapped[str] = mapped_column(String(255))
@@ -77,13 +79,17 @@ class MetadataRow(Table):
     """A plain value in a shape's metadata, as text, to filter by."""
 
     __tablename__ = "shape_metadata"
-    __table_args__ = (Index("shapes_by_metadata", "key", "value", "shape_number"),)
+    # A value may be longer than what an ordered index of PostgreSQL takes.
+    __table_args__ = (
+        Index("shapes_by_metadata", "key", "value", "shape_number").ddl_if(dialect="sqlite"),
+        Index("shapes_by_metadata_value", "value", postgresql_using="hash").ddl_if(dialect="postgresql"),
+    )
 
     shape_number: Mapped[int] = mapped_column(
         ForeignKey("shapes.number", ondelete="CASCADE"), primary_key=True
     )
-    key: Mapped[str] = mapped_column(primary_key=True)
-    value: Mapped[str]
+    key: Mapped[str] = mapped_column(AnyText, primary_key=True)
+    value: Mapped[str] = mapped_column(AnyText)
 
 
 class EmbeddingRow(Table):

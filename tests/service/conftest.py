@@ -1,17 +1,48 @@
-"""One service for all tests that can share it: starting workers takes seconds."""
+"""One service for all tests that can share it, on each engine: starting workers takes seconds."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 
 import pytest
 
+from tests.service import engines
 from tests.service.support import Running, serving, settings_in
 
 
+@pytest.fixture(scope="session", autouse=True)
+def _stopped_at_the_end() -> Iterator[None]:
+    yield
+    engines.stop()
+
+
+@pytest.fixture(scope="module", autouse=True)
+def engine(request: pytest.FixtureRequest) -> Iterator[str]:
+    """What archives are kept in: SQLite, unless a module says otherwise."""
+    name = str(getattr(request, "param", engines.SQLITE))
+    with engines.using(name):
+        yield name
+
+
 @pytest.fixture(scope="session")
-def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
+def services(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[[str], Running]]:
+    """The service on an engine, started when it is first asked for."""
+    running: dict[str, Running] = {}
+    with ExitStack() as stack:
+
+        def on(name: str) -> Running:
+            if name not in running:
+                with engines.using(name):
+                    settings = settings_in(tmp_path_factory.mktemp("service"))
+                running[name] = stack.enter_context(serving(settings))
+            return running[name]
+
+        yield on
+
+
+@pytest.fixture(scope="module")
+def shared(services: Callable[[str], Running], engine: str) -> Running:
     """A service with default limits, holding whatever earlier tests left."""
-    with serving(settings_in(tmp_path_factory.mktemp("service"))) as running:
-        yield running
+    return services(engine)
 
 
 @pytest.fixture

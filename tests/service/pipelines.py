@@ -1,11 +1,10 @@
 """Another pipeline than the default, and what the embeddings in a database are of."""
 
-import sqlite3
-from contextlib import closing
 from pathlib import Path
 
 from core.parameters import Parameters
 from service.settings import load_parameters
+from tests.service.engines import rows
 
 
 def write_parameters(folder: Path) -> Parameters:
@@ -17,8 +16,8 @@ def write_parameters(folder: Path) -> Parameters:
 
 def embeddings(folder: Path) -> list[tuple[int, str]]:
     """The numbers of the embeddings in a folder's archive, and the pipelines that made them."""
-    with closing(sqlite3.connect(folder / "archive.sqlite3")) as connection:
-        return connection.execute("SELECT number, fingerprint FROM embeddings ORDER BY number").fetchall()
+    found = rows(folder, "SELECT number, fingerprint FROM embeddings ORDER BY number")
+    return [(number, fingerprint) for number, fingerprint in found]
 
 
 def fingerprints(folder: Path) -> list[str]:
@@ -28,6 +27,5 @@ def fingerprints(folder: Path) -> list[str]:
 
 def active(folder: Path) -> str:
     """The pipeline that a folder's archive is searched by."""
-    with closing(sqlite3.connect(folder / "archive.sqlite3")) as connection:
-        (fingerprint,) = connection.execute("SELECT fingerprint FROM archive").fetchone()
-        return str(fingerprint)
+    ((fingerprint,),) = rows(folder, "SELECT fingerprint FROM archive")
+    return str(fingerprint)

@@ -19,6 +19,7 @@ from core.reading import write_mesh
 from service.app import create_app
 from service.parts import Parts
 from service.settings import Settings
+from tests.service.engines import url_in
 
 
 @dataclass(frozen=True)
@@ -43,10 +44,10 @@ class Running:
 
 
 def settings_in(folder: Path, **values: Any) -> Settings:
-    """Settings with a database in a folder, and two workers unless said otherwise."""
+    """Settings with a folder's archive by the engine in use, and two workers unless said otherwise."""
     return Settings(
         **{
-            "database_url": f"sqlite:///{folder}/archive.sqlite3",
+            "database_url": url_in(folder),
             "workers": 2,
             "log_level": "error",
             **values,

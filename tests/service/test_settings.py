@@ -60,6 +60,20 @@ def test_variables_are_read(monkeypatch: pytest.MonkeyPatch) -> None:
     assert (settings.workers, settings.port) == (3, 0)
 
 
+@pytest.mark.parametrize(
+    "url",
+    [
+        "sqlite:///file.sqlite3",
+        "sqlite+pysqlite:////srv/file.sqlite3",
+        "postgresql://localhost/isoshape",
+        "postgresql+psycopg://user:word@host:5433/isoshape?sslmode=require",
+    ],
+)
+def test_either_engine_is_taken(monkeypatch: pytest.MonkeyPatch, url: str) -> None:
+    monkeypatch.setenv("ISOSHAPE_DATABASE_URL", url)
+    assert load_settings().database_url == url
+
+
 def test_digests_are_separated_by_commas(monkeypatch: pytest.MonkeyPatch) -> None:
     assert not load_settings().has_keys
     monkeypatch.setenv("ISOSHAPE_API_KEYS", "")
@@ -113,6 +127,8 @@ def test_unknown_variables_are_refused_by_name(monkeypatch: pytest.MonkeyPatch) 
         ("DATABASE_URL", "sqlite://"),
         ("DATABASE_URL", "sqlite:///:memory:"),
         ("DATABASE_URL", "mysql://localhost/isoshape"),
+        ("DATABASE_URL", "postgresql://localhost"),
+        ("DATABASE_URL", "postgresql+psycopg2://localhost/isoshape"),
     ],
 )
 def test_a_value_out_of_range_is_refused_by_name(

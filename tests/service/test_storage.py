@@ -1,40 +1,42 @@
 """The database: what is written survives, what fails is said, and what is newer is left alone."""
 
 import logging
-import sqlite3
 import threading
 from collections.abc import Iterator
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
 import pytest
 from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
-from sqlalchemy import select, text
+from sqlalchemy import inspect, select, text
+from sqlalchemy.dialects.postgresql.base import ischema_names
 from sqlalchemy.exc import IntegrityError
 
 from service.errors import ArchiveTooNewError, StorageFullError, StorageUnavailableError
+from service.storage.columns import PgVector
 from service.storage.database import Database
 from service.storage.migrate import migrate
-from service.storage.sqlite import journal_mode, write_ahead_log_is_safe
-from service.storage.tables import ArchiveRow, BlobRow, EmbeddingRow, Table
+from service.storage.tables import ArchiveRow, BlobRow, EmbeddingRow, MetadataRow, ShapeRow, Table
+from tests.service.engines import POSTGRESQL, SQLITE, empty_database, on_both, url_in
+from tests.service.trouble import full, lock_held, not_writable
+
+pytestmark = on_both
 
 
 @pytest.fixture
-def path(tmp_path: Path) -> Path:
-    return tmp_path / "a folder" / "that is not there" / "archive.sqlite3"
+def url(tmp_path: Path, engine: str) -> str:
+    """Of a database in which there is nothing yet."""
+    return url_in(tmp_path) if engine == SQLITE else empty_database()
 
 
 @pytest.fixture
-def database(path: Path) -> Iterator[Database]:
-    database = open_database(path)
+def database(url: str) -> Iterator[Database]:
+    database = Database(url, lock_seconds=0.3)
     migrate(database)
     yield database
     database.close()
-
-
-def open_database(path: Path, lock_seconds: float = 0.3) -> Database:
-    return Database(f"sqlite:///{path}", lock_seconds=lock_seconds)
 
 
 def add_blob(database: Database, name: str, size: int = 10) -> None:
@@ -47,9 +49,20 @@ def blobs(database: Database) -> list[str]:
         return list(session.scalars(select(BlobRow.sha256).order_by(BlobRow.number)))
 
 
-def test_migrations_make_the_tables_that_the_code_has(database: Database) -> None:
+def test_migrations_make_the_tables_that_the_code_has(
+    database: Database, engine: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    of_the_other = {SQLITE: "shapes_by_metadata_value", POSTGRESQL: "shapes_by_metadata"}[engine]
+
+    def belongs(_item: object, name: str | None, _kind: str, _reflected: bool, _to: object) -> bool:
+        return name != of_the_other
+
+    monkeypatch.setitem(ischema_names, "vector", PgVector)
     with database.connect() as connection:
-        assert compare_metadata(MigrationContext.configure(connection), Table.metadata) == []
+        context = MigrationContext.configure(connection, opts={"include_object": belongs})
+        assert compare_metadata(context, Table.metadata) == []
+        names = {index["name"] for index in inspect(connection).get_indexes("shape_metadata")}
+    assert names == {"shapes_by_metadata", "shapes_by_metadata_value"} - {of_the_other}
 
 
 def test_migrating_again_changes_nothing(database: Database) -> None:
@@ -88,16 +101,6 @@ def test_a_read_keeps_nothing(database: Database) -> None:
     assert blobs(database) == []
 
 
-def test_connections_are_set_up_to_lose_nothing(database: Database) -> None:
-    with database.read() as session:
-        connection = session.connection()
-        said = {
-            pragma: connection.execute(text(f"PRAGMA {pragma}")).scalar_one()
-            for pragma in ("foreign_keys", "synchronous", "journal_mode", "busy_timeout")
-        }
-    assert said == {"foreign_keys": 1, "synchronous": 2, "journal_mode": journal_mode(), "busy_timeout": 300}
-
-
 def test_references_are_enforced(database: Database) -> None:
     with pytest.raises(IntegrityError), database.write() as session:
         session.add(
@@ -107,30 +110,8 @@ def test_references_are_enforced(database: Database) -> None:
         )
 
 
-@pytest.mark.parametrize(
-    ("version", "safe"),
-    [
-        ((3, 40, 1), False),
-        ((3, 44, 5), False),
-        ((3, 44, 6), True),
-        ((3, 45, 0), False),
-        ((3, 46, 1), False),
-        ((3, 50, 6), False),
-        ((3, 50, 7), True),
-        ((3, 51, 2), False),
-        ((3, 51, 3), True),
-        ((3, 52, 0), True),
-        ((4, 0, 0), True),
-    ],
-)
-def test_the_write_ahead_log_is_used_only_where_it_is_sound(
-    version: tuple[int, int, int], safe: bool
-) -> None:
-    assert write_ahead_log_is_safe(version) is safe
-
-
-def test_writers_of_one_process_wait_for_each_other(database: Database, path: Path) -> None:
-    patient = open_database(path, lock_seconds=20)
+def test_writers_of_one_process_wait_for_each_other(database: Database, url: str) -> None:
+    patient = Database(url, lock_seconds=20)
 
     def write(number: int) -> None:
         for i in range(10):
@@ -145,13 +126,12 @@ def test_writers_of_one_process_wait_for_each_other(database: Database, path: Pa
     assert len(blobs(database)) == 80
 
 
-def test_a_lock_that_another_holds_is_waited_for_and_then_said(database: Database, path: Path) -> None:
-    other = sqlite3.connect(path, isolation_level=None)
-    other.execute("BEGIN IMMEDIATE")
-    with pytest.raises(StorageUnavailableError, match="SQLITE_BUSY"):
+def test_a_lock_that_another_holds_is_waited_for_and_then_said(
+    database: Database, url: str, engine: str
+) -> None:
+    said = {SQLITE: "SQLITE_BUSY", POSTGRESQL: "LockNotAvailable"}[engine]
+    with lock_held(url), pytest.raises(StorageUnavailableError, match=said):
         add_blob(database, "a")
-    other.execute("COMMIT")
-    other.close()
     add_blob(database, "a")
 
 
@@ -161,48 +141,29 @@ def test_a_writer_in_this_process_that_does_not_end_is_said(database: Database) 
     add_blob(database, "a")
 
 
-def test_a_full_disk_is_said_and_recovered_from(path: Path) -> None:
-    database = open_database(path)
-    migrate(database)
-    with database.read() as session:
-        connection = session.connection()
-        pages = connection.execute(text("PRAGMA page_count")).scalar_one()
-        connection.execute(text(f"PRAGMA max_page_count = {pages + 4}"))
-    with pytest.raises(StorageFullError):
-        add_blob(database, "large", 10_000_000)
-    assert blobs(database) == []
+def test_a_full_disk_is_said_and_recovered_from(database: Database) -> None:
+    with full(database):
+        with pytest.raises(StorageFullError):
+            add_blob(database, "large", 10_000_000)
+        assert blobs(database) == []
     add_blob(database, "small")
     assert blobs(database) == ["small"]
-    database.close()
 
 
-def test_a_database_that_cannot_be_written_is_said(database: Database) -> None:
-    with database.read() as session:
-        session.execute(text("PRAGMA query_only = ON"))
-    with pytest.raises(StorageUnavailableError, match="SQLITE_READONLY"):
-        add_blob(database, "a")
-    database.ping()
-
-
-def test_a_file_that_is_no_database_is_said(tmp_path: Path) -> None:
-    path = tmp_path / "archive.sqlite3"
-    path.write_bytes(b"this is no database at all, however long it may be" * 100)
-    database = open_database(path)
-    with pytest.raises(StorageUnavailableError, match="SQLITE_NOTADB"):
-        migrate(database)
-    with pytest.raises(StorageUnavailableError):
+def test_a_database_that_cannot_be_written_is_said(database: Database, engine: str) -> None:
+    said = {SQLITE: "SQLITE_READONLY", POSTGRESQL: "ReadOnlySqlTransaction"}[engine]
+    with not_writable(database):
+        with pytest.raises(StorageUnavailableError, match=said):
+            add_blob(database, "a")
         database.ping()
-    database.close()
-
-
-def test_a_folder_that_cannot_be_made_is_said(tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("")
-    with pytest.raises(StorageUnavailableError, match="folder"):
-        open_database(tmp_path / "file" / "archive.sqlite3")
+    database.ping()
+    add_blob(database, "a")
 
 
 def test_a_signature_comes_back_bit_for_bit(database: Database) -> None:
     signature = np.random.default_rng(0).normal(size=37).astype(np.float32)
+    # The least and the largest numbers there are, and the zero below zero.
+    signature[:4] = np.finfo(np.float32).smallest_subnormal, np.finfo(np.float32).max, -0.0, 1 / 3
     with database.write() as session:
         blob = BlobRow(sha256="a", size=1, data=b"x")
         session.add(blob)
@@ -216,7 +177,7 @@ def test_a_signature_comes_back_bit_for_bit(database: Database) -> None:
         (back,) = session.scalars(select(EmbeddingRow.signature))
         assert session.scalars(select(ArchiveRow.revision)).one() == 0
     assert back.dtype == np.float32
-    np.testing.assert_array_equal(back, signature)
+    assert back.tobytes() == signature.tobytes()
 
 
 def test_a_failure_is_logged_without_what_was_asked(
@@ -227,6 +188,31 @@ def test_a_failure_is_logged_without_what_was_asked(
         session.execute(statement, values)
     (record,) = [record for record in caplog.records if record.message == "the database failed"]
     logged = logging.Formatter().format(record)
-    assert "no such column" in logged
+    assert "no_column" in logged
     assert "WHERE sha256" not in logged
     assert "xyzzy" not in logged
+
+
+@pytest.mark.parametrize(
+    "value", ["", "\0", "\\", "\\0", "\\\0", "\\\\0\0", "a\0b", "x" * 16_000, "\U0001f600" * 4_000]
+)
+def test_any_text_is_kept_and_found(database: Database, value: str) -> None:
+    now = datetime.now(UTC)
+    with database.write() as session:
+        session.add(BlobRow(number=1, sha256="a", size=1, data=b"x"))
+        session.flush()
+        columns = {"format": "off", "folded_name": "", "meta": {"key": value}, "facts": {}, "revision": 1}
+        for number in (1, 2):
+            times = {"created_at": now, "updated_at": now}
+            session.add(
+                ShapeRow(number=number, id=str(number), blob_number=1, name=str(number), **columns, **times)
+            )
+        session.flush()
+        session.add(MetadataRow(shape_number=1, key="key\0\\", value=value))
+        session.add(MetadataRow(shape_number=2, key="key", value=value + "\0"))
+    with database.read() as session:
+        (row,) = session.scalars(select(MetadataRow).where(MetadataRow.value == value))
+        assert (row.shape_number, row.key, row.value) == (1, "key\0\\", value)
+        assert session.scalars(select(ShapeRow.meta)).all() == [{"key": value}] * 2
+        assert session.scalar(select(ShapeRow.number).where(ShapeRow.id == "1\0")) is None
+        assert session.scalars(select(ShapeRow.created_at).where(ShapeRow.id == "1")).one() == now

@@ -7,6 +7,8 @@ made is the one in use.
 import sqlalchemy as sa
 from alembic import op
 
+from service.storage.columns import Number
+
 revision = "0003"
 down_revision = "0002"
 
@@ -16,7 +18,7 @@ def upgrade() -> None:
     op.create_table(
         "pipelines",
         sa.Column("fingerprint", sa.String(16), nullable=False),
-        sa.Column("method", sa.Integer(), nullable=False),
+        sa.Column("method", Number, nullable=False),
         sa.Column("parameters", sa.JSON(), nullable=False),
         sa.PrimaryKeyConstraint("fingerprint"),
     )

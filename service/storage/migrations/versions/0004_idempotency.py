@@ -3,6 +3,8 @@
 import sqlalchemy as sa
 from alembic import op
 
+from service.storage.columns import Number
+
 revision = "0004"
 down_revision = "0003"
 
@@ -14,7 +16,7 @@ def upgrade() -> None:
         sa.Column("scope", sa.String(64), nullable=False),
         sa.Column("key", sa.String(255), nullable=False),
         sa.Column("payload", sa.String(64), nullable=False),
-        sa.Column("status", sa.Integer(), nullable=False),
+        sa.Column("status", Number, nullable=False),
         sa.Column("location", sa.String(255), nullable=False),
         sa.Column("body", sa.Text(), nullable=False),
         sa.Column("expires_at", sa.DateTime(), nullable=False),

