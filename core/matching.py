@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from core.embedding import Embedding
-from core.kernels.matching import Packed
+from core.embedding import Embedding, Float32s
+from core.kernels.packed import Packed, packed_row, unpacked
 from core.mesh import Floats, Ints
 from core.mutual import matched, pack, shown_pairs
 from core.parameters import Parameters
@@ -24,18 +24,20 @@ class Prepared:
         m.
     key : bytes
         `embedding_key`, by which a pair is put in order.
-    shape : Packed, or tuple of Domain
-        For pairs "both-ways" and "nearest".
+    shape : float32, shape (l,), or tuple of Domain
+        With pairs "both-ways" a row of `core.rows`, with "nearest" the domains.
     """
 
     samples: int
     key: bytes
-    shape: Packed | tuple[Domain, ...]
+    shape: Float32s | tuple[Domain, ...]
 
     @property
     def nbytes(self) -> int:
         """Memory held, in bytes."""
-        return sum(part.nbytes for part in self.shape)
+        return (
+            self.shape.nbytes if isinstance(self.shape, np.ndarray) else sum(one.nbytes for one in self.shape)
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +76,7 @@ def prepare(embedding: Embedding, key: bytes, parameters: Parameters) -> Prepare
     return Prepared(
         samples=int(embedding.regions.max()) + 1,
         key=key,
-        shape=pack(embedding, parameters) if both else domains(embedding, parameters),
+        shape=packed_row(pack(embedding, key, parameters)) if both else domains(embedding, parameters),
     )
 
 
@@ -86,8 +88,9 @@ def match_prepared(first: Prepared, second: Prepared, parameters: Parameters, *,
     """
     turned = (first.samples, first.key) > (second.samples, second.key)
     x, y = (second, first) if turned else (first, second)
-    if isinstance(x.shape, Packed) and isinstance(y.shape, Packed):
-        found = _both_ways(x.shape, y.shape, parameters, same=x.key == y.key, pairs=pairs)
+    if isinstance(x.shape, np.ndarray) and isinstance(y.shape, np.ndarray):
+        same = x.key == y.key
+        found = _both_ways(unpacked(x.shape), unpacked(y.shape), parameters, same=same, pairs=pairs)
     else:
         found = _nearest(x, y, parameters)
     return found.swapped() if turned else found
@@ -108,8 +111,7 @@ def _nearest(x: Prepared, y: Prepared, parameters: Parameters) -> Found:
 
     The pairs are those of the smaller cloud in the first domain.
     """
-    firsts = [domain for domain in x.shape if isinstance(domain, Domain)]
-    seconds = [domain for domain in y.shape if isinstance(domain, Domain)]
+    firsts, seconds = (tuple(domain for domain in one.shape if isinstance(domain, Domain)) for one in (x, y))
     there = [warped(*pair, parameters) for pair in zip(firsts, seconds, strict=True)]
     back = [warped(*pair, parameters) for pair in zip(seconds, firsts, strict=True)]
     cc, ssd, sim = np.mean([one.scores for one in there + back], axis=0).tolist()

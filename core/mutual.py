@@ -1,5 +1,6 @@
 """The default matching: nearest neighbours both ways under orthogonal maps, compiled (`core.kernels`)."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -7,12 +8,13 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
-from core.correspondence import smoothers
 from core.embedding import Embedding
-from core.kernels.matching import Packed, Rounds, match_pair
+from core.kernels.matching import Rounds, match_pair
+from core.kernels.packed import ONE, Int16s, Packed, opened
 from core.mesh import Floats, Ints
 from core.parameters import Parameters
 from core.similarity import EFFECTIVE
+from core.smoothing import smoothing
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,31 +33,43 @@ class Matched:
     rotation: NDArray[np.float32]
 
 
-def pack(embedding: Embedding, parameters: Parameters) -> Packed:
+def pack(embedding: Embedding, key: bytes, parameters: Parameters) -> Packed:
     """What the compiled matching reads of one shape, in arrays that are contiguous and its own.
 
     Arrays of another layout would compile the kernels anew, to slower loops.
+
+    Parameters
+    ----------
+    embedding : Embedding
+    key : bytes
+        16, a hash of it: see `core.matching.embedding_key`.
+    parameters : Parameters
     """
     regions = embedding.regions.astype(np.int64)
     m = int(regions.max()) + 1
     rows = min(parameters.search_samples or m, m)
     columns = parameters.search_dimensions or parameters.dimensions
     clouds = [spectrum.coordinates.astype(np.float64) for spectrum in embedding.spectra]
-    samples = [np.ascontiguousarray(points[:m]) for points in clouds]
-    searched = [np.ascontiguousarray(points[:rows, :columns]) for points in samples]
-    first = parameters.first_dimensions
+    samples = [points[:m] for points in clouds]
+    searched = [points[:rows, :columns] for points in samples]
     centred = [points - points.mean(axis=0) for points in samples]
     return Packed(
         points=np.ascontiguousarray(np.concatenate(clouds, axis=1), dtype=np.float32),
         searched=np.ascontiguousarray(np.stack([points.T for points in searched]), dtype=np.float32),
-        operators=np.stack([smoothers(points, first, parameters.stiffness) for points in searched]),
+        operators=_whole(
+            [smoothing(one, parameters.first_dimensions, parameters.stiffness) for one in searched]
+        ),
         offsets=np.searchsorted(np.sort(regions), np.arange(m + 1)).astype(np.int32),
         members=np.argsort(regions, kind="stable").astype(np.int32),
-        warp=np.stack(
-            [smoothers(points, points.shape[1], parameters.warp_stiffness)[0] for points in samples]
-        ),
+        warp=_whole([smoothing(one, one.shape[1], parameters.warp_stiffness)[0] for one in samples]),
         radius=np.array([np.linalg.norm(points, axis=1).mean() for points in centred], dtype=np.float32),
+        key=np.frombuffer(key, dtype=">u4").astype(np.uint32).view(np.int32),
     )
+
+
+def _whole(matrices: Sequence[Floats]) -> Int16s:
+    """Matrices of entries in [-1, 1], stacked, in whole numbers over `ONE`."""
+    return np.rint(np.clip(np.stack(matrices), -1.0, 1.0) * ONE).astype(np.int16)
 
 
 def rounds_of(parameters: Parameters) -> Rounds:
@@ -65,6 +79,7 @@ def rounds_of(parameters: Parameters) -> Rounds:
         2**parameters.first_dimensions if parameters.sign_starts else 1,
         parameters.start_iterations,
         parameters.step_iterations,
+        2,
         parameters.align_samples,
         parameters.kept_maps,
         parameters.align_rounds,
@@ -122,10 +137,10 @@ def shown_pairs(
     if not same:
         matches = linear_sum_assignment(cdist(ends, targets, "sqeuclidean"))[1]
     x, y = ends[:, :k], targets[matches, :k]
-    distances = np.linalg.norm(first.warp[0] @ y - y, axis=1)
+    distances = np.linalg.norm(opened(first.warp[0]) @ y - y, axis=1)
     if m == n:
         inverse = np.argsort(matches)
-        back = np.linalg.norm(second.warp[0] @ x[inverse] - x[inverse], axis=1)
+        back = np.linalg.norm(opened(second.warp[0]) @ x[inverse] - x[inverse], axis=1)
         distances = 0.5 * (distances + back[matches])
     gamma = EFFECTIVE * 0.5 * float(first.radius[0] + second.radius[0])
     return matches.astype(np.int64), distances, distances <= gamma

@@ -8,14 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
-from threadpoolctl import threadpool_limits
 
 from core.cleaning import Cleaned, clean, face_areas, vertex_areas
 from core.combination import CALIBRATED, signature_evidence
 from core.denoising import roughness, smoothed
 from core.edges import half_edges
-from core.embedding import Embedding, Facts, Match, Scores
-from core.errors import DegenerateMeshError, IncompatibleEmbeddingsError
+from core.embedding import Embedding, Facts, Float32s, Match, Scores
+from core.errors import DegenerateMeshError, IncompatibleEmbeddingsError, ParameterError
 from core.form import signed_volume
 from core.frame import Frame, normal_frame
 from core.geodesics import geodesics
@@ -27,12 +26,14 @@ from core.graph import (
     tree_distances,
 )
 from core.lewis import lewis_weights
-from core.matching import Found, Prepared, embedding_key, match_prepared, prepare
+from core.matching import Prepared, embedding_key, match_prepared, prepare
 from core.mesh import Floats, Ints, Mesh
 from core.parameters import Parameters
+from core.rows import match_rows
 from core.sampling import covering, keyed_uniform, random_draw, sort_and_cut
 from core.spectra import Points, spectra_of
 from core.subdivision import refine
+from core.threads import one_thread
 
 PREPARED_BYTES = 128 * 1024 * 1024
 """How much a pipeline keeps of factored splines, unless it is told otherwise."""
@@ -161,7 +162,7 @@ class Pipeline:
         DegenerateMeshError
             The mesh has no area, or too few points for the dimensions asked.
         """
-        with threadpool_limits(limits=1):
+        with one_thread():
             surface, cleaned, frame = self.normalise(mesh)
             graph = edge_graph(surface, unfold=self.parameters.unfold)
             points, count = self.sample(surface, graph)
@@ -205,13 +206,29 @@ class Pipeline:
             self._prepared_bytes -= dropped.nbytes
         return ready
 
-    def _match(self, first: Embedding, second: Embedding, *, pairs: bool) -> Found:
-        for embedding in (first, second):
-            if embedding.fingerprint != self.fingerprint:
-                raise IncompatibleEmbeddingsError(
-                    f"embedding {embedding.fingerprint} under pipeline {self.fingerprint}"
-                )
-        return match_prepared(self.prepared(first), self.prepared(second), self.parameters, pairs=pairs)
+    def _ready(self, embedding: Embedding) -> Prepared:
+        if embedding.fingerprint != self.fingerprint:
+            raise IncompatibleEmbeddingsError(
+                f"embedding {embedding.fingerprint} under pipeline {self.fingerprint}"
+            )
+        return self.prepared(embedding)
+
+    def row(self, embedding: Embedding) -> Float32s:
+        """What `core.rows` reads of an embedding, float32, shape (l,), about 100 kB; pairs are "both-ways".
+
+        Raises
+        ------
+        IncompatibleEmbeddingsError
+            The embedding was made with other parameters.
+        """
+        with one_thread():
+            return self._row(embedding)
+
+    def _row(self, embedding: Embedding) -> Float32s:
+        shape = self._ready(embedding).shape
+        if not isinstance(shape, np.ndarray):
+            raise ParameterError('rows are of pipelines with pairs "both-ways"')
+        return shape
 
     def score(self, query: Embedding, candidates: Sequence[Embedding]) -> Scores:
         """CC, SSD and sim of one shape with each of several: the means over their spectra.
@@ -221,8 +238,15 @@ class Pipeline:
         IncompatibleEmbeddingsError
             An embedding was made with other parameters.
         """
-        with threadpool_limits(limits=1):
-            found = [self._match(query, candidate, pairs=False) for candidate in candidates]
+        with one_thread():
+            if self.parameters.pairs == "both-ways":
+                rows = [self._row(candidate) for candidate in candidates]
+                return match_rows(self._row(query), rows, self.parameters)
+            first = self._ready(query)
+            found = [
+                match_prepared(first, self._ready(candidate), self.parameters, pairs=False)
+                for candidate in candidates
+            ]
         return Scores(
             cc=np.array([one.cc for one in found], dtype=np.float64),
             ssd=np.array([one.ssd for one in found], dtype=np.float64),
@@ -237,8 +261,8 @@ class Pipeline:
         IncompatibleEmbeddingsError
             An embedding was made with other parameters.
         """
-        with threadpool_limits(limits=1):
-            found = self._match(first, second, pairs=True)
+        with one_thread():
+            found = match_prepared(self._ready(first), self._ready(second), self.parameters)
         return Match(
             cc=found.cc,
             ssd=found.ssd,

@@ -1,7 +1,7 @@
-"""A row of a small matrix product, as one vector that stays in registers.
+"""What the compiler has to be told: rows of small matrix products as vectors, and arrays by their address.
 
 The compiler does not see that rows of one array, or of two, lie apart, and guards every short loop over them.
-Here the operation is written out, for the short rows that `core.kernels.rotation` works on.
+Here the product is written out, for the short rows that `core.kernels.rotation` works on.
 """
 
 from collections.abc import Callable
@@ -85,3 +85,16 @@ product_row = cast(
 
 LANES numbers of `target`, from the `at`-th of all on, become own * source[at:] plus share times the sum over
 c < count of factors[first + c step] * rows[begin + c width:]; count >= 1."""
+
+
+@intrinsic
+def _floats_at(_context: Any, address: Any) -> Any:
+    def generate(_context: Any, builder: Any, _signature: Any, values: Any) -> Any:
+        return builder.inttoptr(values[0], ir.FloatType().as_pointer())
+
+    pointer: Any = types.CPointer
+    return pointer(types.float32)(address), generate
+
+
+floats_at = cast("Callable[[int], Any]", _floats_at)
+"""`floats_at(address)`: a pointer to float32 at an address of memory."""

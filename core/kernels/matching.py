@@ -7,48 +7,24 @@ import numpy as np
 
 from core.compiled import kernel
 from core.embedding import Float32s, Int32s
-from core.kernels.neighbours import closest, nearest_both, paired
+from core.kernels.neighbours import closest, nearest_both, paired, paired_both
+from core.kernels.packed import Int16s, Packed, opened
 from core.kernels.rotation import EXACT, ROUGH, turn
 from core.kernels.spline_search import spline_search
 from core.mesh import Floats
 
 
-class Packed(NamedTuple):
-    """What the kernels read of one shape with m samples and d embedded points, in b domains of k dimensions.
-
-    Attributes
-    ----------
-    points : float32, shape (d, b k)
-        Spectral coordinates side by side, the samples first.
-    searched : float32, shape (b, j, s)
-        By columns: the first samples and dimensions, where the search goes.
-    operators : float32, shape (b, j - first + 1, s, s)
-        Their splines.
-    offsets : int32, shape (m + 1,)
-        Sample i's region is `members[offsets[i]:offsets[i + 1]]`.
-    members : int32, shape (d,)
-    warp : float32, shape (b, m, m)
-        The softer spline of all samples, symmetric.
-    radius : float32, shape (b,)
-        Mean distance of the samples from their centroid.
-    """
-
-    points: Float32s
-    searched: Float32s
-    operators: Float32s
-    offsets: Int32s
-    members: Int32s
-    warp: Float32s
-    radius: Float32s
-
-
 class Rounds(NamedTuple):
-    """How long is searched: see `core.parameters.Parameters`."""
+    """How long is searched: see `core.parameters.Parameters`.
+
+    Searches begin from both `sides`, or from the first alone.
+    """
 
     first_dimensions: int
     starts: int
     start_iterations: int
     step_iterations: int
+    sides: int
     align_samples: int
     kept_maps: int
     align_rounds: int
@@ -67,17 +43,8 @@ def _low(n: int) -> int:
 
 
 @kernel
-def _squares(points: Float32s) -> Float32s:
-    lengths = np.zeros(len(points), dtype=np.float32)
-    for i in range(len(points)):
-        for c in range(points.shape[1]):
-            lengths[i] += points[i, c] * points[i, c]
-    return lengths
-
-
-@kernel
 def search_maps(x: Packed, y: Packed, rounds: Rounds, rotations: Float32s, scores: Float32s) -> None:
-    """Write orthogonal maps to begin from: of a search in each domain from each side.
+    """Write orthogonal maps to begin from: of a search in each domain, from each side that is meant.
 
     The pairs found in one domain determine the map in all.
 
@@ -85,8 +52,8 @@ def search_maps(x: Packed, y: Packed, rounds: Rounds, rotations: Float32s, score
     ----------
     x, y : Packed
     rounds : Rounds
-    rotations : float32, shape (2 b, b k, b k)
-    scores : float32, shape (2 b,)
+    rotations : float32, shape (sides b, b k, b k)
+    scores : float32, shape (sides b,)
         Their correlations.
     """
     blocks = x.searched.shape[0]
@@ -95,9 +62,9 @@ def search_maps(x: Packed, y: Packed, rounds: Rounds, rotations: Float32s, score
     first = np.empty(blocks, dtype=np.float32)
     second = np.empty(blocks, dtype=np.float32)
     none = np.empty((0, columns), dtype=np.float32)
-    for which in range(2 * blocks):
-        domain = which // 2
-        forth = which % 2 == 0
+    for which in range(rounds.sides * blocks):
+        domain = which // rounds.sides
+        forth = which % rounds.sides == 0
         one = x if forth else y
         other = y if forth else x
         s = one.searched.shape[2]
@@ -128,7 +95,7 @@ def search_maps(x: Packed, y: Packed, rounds: Rounds, rotations: Float32s, score
 def refine_map(
     x: Float32s,
     y: Float32s,
-    lengths: Float32s,
+    targets: Float32s,
     blocks: int,
     count: int,
     steps: Float32s,
@@ -142,8 +109,8 @@ def refine_map(
     ----------
     x : float32, shape (m, b k)
     y : float32, shape (n, b k)
-    lengths : float32, shape (n,)
-        Squared, of y.
+    targets : float32, shape (b k, n)
+        y by columns.
     blocks, count : int
     steps : float32, shape (n, 3)
         Of `core.kernels.rotation.nearest_rotation`.
@@ -161,66 +128,71 @@ def refine_map(
     m, columns = x.shape
     n = y.shape[0]
     low = _low(max(m, n))
-    partners = np.empty((m, columns), dtype=np.float32)
-    sources = np.empty((n, columns), dtype=np.float32)
     cross = np.empty((columns, columns), dtype=np.float32)
     first = np.empty(blocks, dtype=np.float32)
     second = np.empty(blocks, dtype=np.float32)
     score = 0.0
     for _ in range(count):
-        nearest_both(np.dot(x, rotation), y, lengths, low, there, back)
-        for i in range(m):
-            for c in range(columns):
-                partners[i, c] = y[there[i], c]
-        for j in range(n):
-            for c in range(columns):
-                sources[j, c] = x[back[j], c]
-        paired(x, partners, sources, y, blocks, cross, first, second)
+        nearest_both(np.dot(x, rotation), targets, low, there, back)
+        paired_both(x, y, there, back, blocks, cross, first, second)
         score = turn(cross, first, second, steps, rotation)
     return score
 
 
 @kernel
-def best_map(x: Packed, y: Packed, rounds: Rounds, rotation: Float32s) -> None:
-    """Write the best of several maps, each searched for and then refined on the first samples."""
+def best_map(x: Packed, y: Packed, rounds: Rounds, rotation: Float32s) -> float:
+    """Write the best of several maps, each searched for and then refined on the first samples.
+
+    Returns
+    -------
+    float
+        Correlation of those samples after the map.
+    """
     blocks = x.searched.shape[0]
     columns = x.points.shape[1]
-    number = 2 * blocks
+    number = rounds.sides * blocks
     rotations = np.zeros((number, columns, columns), dtype=np.float32)
     scores = np.zeros(number, dtype=np.float32)
     search_maps(x, y, rounds, rotations, scores)
     some = x.points[: min(rounds.align_samples, len(x.offsets) - 1)]
     others = y.points[: min(rounds.align_samples, len(y.offsets) - 1)]
-    lengths = _squares(others)
+    targets = np.ascontiguousarray(others.T)
     there = np.empty(len(some), dtype=np.int32)
     back = np.empty(len(others), dtype=np.int32)
     for which in range(number):
-        scores[which] = refine_map(some, others, lengths, blocks, 1, ROUGH, rotations[which], there, back)
+        scores[which] = refine_map(some, others, targets, blocks, 1, ROUGH, rotations[which], there, back)
     order = np.argsort(-scores, kind="mergesort")
     best = -2.0
     for place in range(min(rounds.kept_maps, number)):
         found = rotations[order[place]]
-        score = refine_map(some, others, lengths, blocks, rounds.align_rounds, ROUGH, found, there, back)
+        score = scores[order[place]]
+        if rounds.align_rounds > 0:
+            score = refine_map(some, others, targets, blocks, rounds.align_rounds, ROUGH, found, there, back)
         if score > best:
             best = score
             rotation[:] = found
+    return best
 
 
 @kernel
 def _effective_share(
-    warp: Float32s, targets: Float32s, matches: Int32s, low: int, k: int, gamma: float, count: int
+    warp: Int16s, targets: Float32s, matches: Int32s, low: int, k: int, gamma: float, count: int
 ) -> float:
     """Distinct matches that the softer spline brings a point within gamma of, over min(m, count)."""
     m = len(matches)
-    block = np.ascontiguousarray(targets[:, low : low + k])
-    ends = np.dot(warp, block)
+    block = np.empty((k, m), dtype=np.float32)
+    for i in range(m):
+        for c in range(k):
+            block[c, i] = targets[i, low + c]
+    ends = np.dot(block, opened(warp))
+    apart = np.zeros(m, dtype=np.float32)
+    for c in range(k):
+        for i in range(m):
+            apart[i] += (ends[c, i] - block[c, i]) ** 2
     taken = np.zeros(count, dtype=np.bool_)
     share = 0.0
     for i in range(m):
-        square = np.float32(0.0)
-        for c in range(k):
-            square += (ends[i, c] - block[i, c]) * (ends[i, c] - block[i, c])
-        if square <= gamma * gamma and not taken[matches[i]]:
+        if apart[i] <= gamma * gamma and not taken[matches[i]]:
             taken[matches[i]] = True
             share += 1.0
     return share / min(m, count)
@@ -267,6 +239,13 @@ def score_pairs(
     first = np.empty(blocks, dtype=np.float32)
     second = np.empty(blocks, dtype=np.float32)
     paired(ends, partners, turned, yours, blocks, cross, first, second)
+    steps = np.zeros(columns, dtype=np.float32)
+    for i in range(m):
+        for c in range(columns):
+            steps[c] += (ends[i, c] - partners[i, c]) ** 2
+    for j in range(n):
+        for c in range(columns):
+            steps[c] += (turned[j, c] - yours[j, c]) ** 2
     for block in range(blocks):
         low = block * k
         trace = 0.0
@@ -276,12 +255,8 @@ def score_pairs(
         if size > 0.0:
             scores[0] += max(-1.0, min(1.0, trace / size)) / blocks
         apart = 0.0
-        for i in range(m):
-            for c in range(low, low + k):
-                apart += (ends[i, c] - partners[i, c]) * (ends[i, c] - partners[i, c])
-        for j in range(n):
-            for c in range(low, low + k):
-                apart += (turned[j, c] - yours[j, c]) * (turned[j, c] - yours[j, c])
+        for c in range(low, low + k):
+            apart += steps[c]
         scores[1] += math.sqrt(apart) / (m + n) / blocks
         gamma = effective * 0.5 * (x.radius[block] + y.radius[block])
         scores[2] += 0.5 * _effective_share(x.warp[block], partners, there, low, k, gamma, n) / blocks
@@ -343,7 +318,8 @@ def match_pair(
     partners = np.empty((m, columns), dtype=np.float32)
     sources = np.empty((n, columns), dtype=np.float32)
     best_map(x, y, rounds, rotation)
-    refine_map(mine, yours, _squares(yours), blocks, rounds.final_rounds, EXACT, rotation, there, back)
+    targets = np.ascontiguousarray(yours.T)
+    refine_map(mine, yours, targets, blocks, rounds.final_rounds, EXACT, rotation, there, back)
     cross = np.empty((columns, columns), dtype=np.float32)
     first = np.empty(blocks, dtype=np.float32)
     second = np.empty(blocks, dtype=np.float32)
@@ -356,11 +332,11 @@ def match_pair(
         starts = np.dot(yours, np.ascontiguousarray(rotation.T))
         for i in range(m):
             region = there[i]
-            row = closest(y.points, y.members, y.offsets[region], y.offsets[region + 1], ends[i])
+            row = closest(y.points, y.members, y.offsets[region], y.offsets[region + 1], ends, i)
             partners[i] = y.points[row]
         for j in range(n):
             region = back[j]
-            row = closest(x.points, x.members, x.offsets[region], x.offsets[region + 1], starts[j])
+            row = closest(x.points, x.members, x.offsets[region], x.offsets[region + 1], starts, j)
             sources[j] = x.points[row]
         paired(mine, partners, sources, yours, blocks, cross, first, second)
         turn(cross, first, second, EXACT, rotation)

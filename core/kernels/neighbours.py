@@ -12,25 +12,26 @@ APART = np.float32(1e-3)
 
 
 @kernel
-def nearest_both(
-    turned: Float32s, targets: Float32s, lengths: Float32s, low: int, there: Int32s, back: Int32s
-) -> None:
+def nearest_both(turned: Float32s, targets: Float32s, low: int, there: Int32s, back: Int32s) -> None:
     """Write the nearest target to each turned point, and the nearest turned point to each target.
 
     Parameters
     ----------
     turned : float32, shape (m, k)
-    targets : float32, shape (n, k)
-    lengths : float32, shape (n,)
-        Squared, of the targets.
+    targets : float32, shape (k, n)
+        By columns: row c holds coordinate c of all.
     low : int
         2^b > m, n: the b last bits of a distance hold a number, as in `core.kernels.spline_search`.
     there : int32, shape (m,)
     back : int32, shape (n,)
     """
-    m = turned.shape[0]
-    n = targets.shape[0]
-    products = np.dot(turned, np.ascontiguousarray(targets.T))
+    m, k = turned.shape
+    n = targets.shape[1]
+    products = np.dot(turned, targets)
+    lengths = np.zeros(n, dtype=np.float32)
+    for c in range(k):
+        for j in range(n):
+            lengths[j] += targets[c, j] * targets[c, j]
     squares = np.empty(n, dtype=np.float32)
     bits = squares.view(np.int32)
     high = np.int32(-low)
@@ -39,9 +40,7 @@ def nearest_both(
     for j in range(n):
         back[j] = FAR
     for i in range(m):
-        own = APART
-        for c in range(turned.shape[1]):
-            own += turned[i, c] * turned[i, c]
+        own = APART + square(turned, i)
         for j in range(n):
             squares[j] = max(own + lengths[j] - np.float32(2.0) * products[i, j], nought)
         least = FAR
@@ -56,19 +55,116 @@ def nearest_both(
 
 
 @kernel
-def closest(points: Float32s, members: Int32s, start: int, stop: int, x: Float32s) -> int:
-    """Of the rows members[start:stop] of points, that which is closest to x."""
+def square(points: Float32s, row: int) -> np.float32:
+    """Squared length of a row, in four sums: one would wait for itself at each step."""
+    k = points.shape[1]
+    whole = k - k % 4
+    a = b = c = d = np.float32(0.0)
+    for i in range(0, whole, 4):
+        a += points[row, i] * points[row, i]
+        b += points[row, i + 1] * points[row, i + 1]
+        c += points[row, i + 2] * points[row, i + 2]
+        d += points[row, i + 3] * points[row, i + 3]
+    for i in range(whole, k):
+        a += points[row, i] * points[row, i]
+    return (a + b) + (c + d)
+
+
+@kernel
+def squared_distance(points: Float32s, row: int, others: Float32s, other: int) -> np.float32:
+    """Squared distance of a row of points and one of others, in four sums as in `square`."""
+    k = points.shape[1]
+    whole = k - k % 4
+    a = b = c = d = np.float32(0.0)
+    for i in range(0, whole, 4):
+        a += (points[row, i] - others[other, i]) ** 2
+        b += (points[row, i + 1] - others[other, i + 1]) ** 2
+        c += (points[row, i + 2] - others[other, i + 2]) ** 2
+        d += (points[row, i + 3] - others[other, i + 3]) ** 2
+    for i in range(whole, k):
+        a += (points[row, i] - others[other, i]) ** 2
+    return (a + b) + (c + d)
+
+
+@kernel
+def closest(points: Float32s, members: Int32s, start: int, stop: int, ends: Float32s, end: int) -> int:
+    """Of the rows members[start:stop] of points, that which is closest to row `end` of ends."""
     least = np.float32(3e38)
     found = members[start]
     for place in range(start, stop):
         row = members[place]
-        square = np.float32(0.0)
-        for c in range(len(x)):
-            square += (points[row, c] - x[c]) * (points[row, c] - x[c])
-        if square < least:
-            least = square
+        apart = squared_distance(points, row, ends, end)
+        if apart < least:
+            least = apart
             found = row
     return int(found)
+
+
+@kernel
+def paired_both(
+    x: Float32s,
+    y: Float32s,
+    there: Int32s,
+    back: Int32s,
+    blocks: int,
+    cross: Float32s,
+    first: Float32s,
+    second: Float32s,
+) -> None:
+    """As `paired` of x with y[there] and of x[back] with y.
+
+    The points of x that one of y is paired with are added up, so that one product serves both ways.
+
+    Parameters
+    ----------
+    x : float32, shape (m, b k)
+    y : float32, shape (n, b k)
+    there : int32, shape (m,)
+    back : int32, shape (n,)
+    """
+    m, columns = x.shape
+    n = len(y)
+    k = columns // blocks
+    share = np.float32(1.0) / np.float32(m + n)
+    gathered = np.empty((n, columns), dtype=np.float32)
+    counts = np.ones(n, dtype=np.float32)
+    times = np.ones(m, dtype=np.float32)
+    for j in range(n):
+        times[back[j]] += np.float32(1.0)
+        for c in range(columns):
+            gathered[j, c] = x[back[j], c]
+    for i in range(m):
+        j = there[i]
+        counts[j] += np.float32(1.0)
+        for c in range(columns):
+            gathered[j, c] += x[i, c]
+    sums = np.zeros((2, columns), dtype=np.float32)
+    squares = np.zeros((2, columns), dtype=np.float32)
+    for i in range(m):
+        weight = times[i]
+        for c in range(columns):
+            weighed = weight * x[i, c]
+            sums[0, c] += weighed
+            squares[0, c] += weighed * x[i, c]
+    for j in range(n):
+        weight = counts[j]
+        for c in range(columns):
+            weighed = weight * y[j, c]
+            sums[1, c] += weighed
+            squares[1, c] += weighed * y[j, c]
+    for block in range(blocks):
+        one = np.float32(0.0)
+        other = np.float32(0.0)
+        for c in range(block * k, block * k + k):
+            one += squares[0, c] - sums[0, c] * sums[0, c] * share
+            other += squares[1, c] - sums[1, c] * sums[1, c] * share
+        first[block] = one
+        second[block] = other
+    products = np.dot(gathered.T, y)
+    for c in range(columns):
+        mean = sums[0, c] * share
+        for d in range(columns):
+            cross[c, d] = products[c, d] - mean * sums[1, d]
 
 
 @kernel

@@ -7,8 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.embedding import Float32s
-from core.kernels.matching import Packed, Rounds
+from core.kernels.matching import Rounds
 from core.kernels.neighbours import nearest_both_reference
+from core.kernels.packed import ONE, Packed
 from core.kernels.rotation import EXACT, ROUGH, turn_reference
 from core.kernels.spline_search import spline_search_reference
 from core.mesh import Floats, Ints
@@ -49,15 +50,15 @@ def paired_reference(
 
 
 def search_maps_reference(x: Packed, y: Packed, rounds: Rounds) -> tuple[Floats, Floats]:
-    """Scores (2 b,) and maps (2 b, b k, b k): of a search in each domain, there and back."""
+    """Scores (sides b,) and maps (sides b, b k, b k): of a search in each domain, there and back."""
     blocks = len(x.searched)
     found = []
     for domain in range(blocks):
-        for one, other in ((x, y), (y, x)):
+        for one, other in ((x, y), (y, x))[: rounds.sides]:
             matches = spline_search_reference(
                 one.searched[domain].T.astype(np.float64),
                 other.searched[domain].T.astype(np.float64),
-                one.operators[domain].astype(np.float64),
+                one.operators[domain] / ONE,
                 rounds.first_dimensions,
                 rounds.starts,
                 rounds.start_iterations,
@@ -84,8 +85,8 @@ def refine_map_reference(
     return score, rotation, there, back
 
 
-def best_map_reference(x: Packed, y: Packed, rounds: Rounds) -> Floats:
-    """The map (b k, b k) of best correlation, of several searched for and refined on the first samples."""
+def best_map_reference(x: Packed, y: Packed, rounds: Rounds) -> tuple[float, Floats]:
+    """The best correlation, and its map (b k, b k), of maps searched for and refined on the first samples."""
     blocks = len(x.radius)
     some, others = (
         each.points[: min(rounds.align_samples, len(each.offsets) - 1)].astype(np.float64) for each in (x, y)
@@ -93,8 +94,11 @@ def best_map_reference(x: Packed, y: Packed, rounds: Rounds) -> Floats:
     _, maps = search_maps_reference(x, y, rounds)
     tries = [refine_map_reference(some, others, blocks, 1, ROUGH, rotation) for rotation in maps]
     tries = sorted(tries, key=lambda one: -one[0])[: rounds.kept_maps]
-    ends = [refine_map_reference(some, others, blocks, rounds.align_rounds, ROUGH, one[1]) for one in tries]
-    return max(ends, key=lambda end: end[0])[1]
+    if rounds.align_rounds:
+        tries = [
+            refine_map_reference(some, others, blocks, rounds.align_rounds, ROUGH, one[1]) for one in tries
+        ]
+    return max(((score, rotation) for score, rotation, _, _ in tries), key=lambda end: end[0])
 
 
 def score_pairs_reference(
@@ -117,7 +121,7 @@ def score_pairs_reference(
         shares = []
         for warp, block_targets, matches in ((x.warp, partners, there), (y.warp, sources, back)):
             own = block_targets[:, columns]
-            near = np.linalg.norm(warp[block].astype(np.float64) @ own - own, axis=1) <= gamma
+            near = np.linalg.norm(warp[block] / ONE @ own - own, axis=1) <= gamma
             shares.append(len(np.unique(matches[near])) / min(m, n))
         one, other = ends[:, columns], targets[:, columns]
         scores.append((correlation(one, other), squared_difference(one, other), 0.5 * sum(shares)))
@@ -136,7 +140,7 @@ def match_pair_reference(
         rotation = np.eye(points.shape[1])
         scores = score_pairs_reference(x, y, there, back, yours, mine, rotation, rounds.effective)
         return there, back, rotation, scores
-    rotation = best_map_reference(x, y, rounds)
+    _, rotation = best_map_reference(x, y, rounds)
     _, rotation, there, back = refine_map_reference(mine, yours, blocks, rounds.final_rounds, EXACT, rotation)
     partners, sources = yours[there], mine[back]
     for _ in range(rounds.slides):

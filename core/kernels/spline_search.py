@@ -11,6 +11,7 @@ import numpy as np
 
 from core.compiled import kernel
 from core.embedding import Float32s, Int32s
+from core.kernels.packed import Int16s, opened
 from core.mesh import Floats, Ints
 
 FAR = np.int32(2**31 - 1)
@@ -84,7 +85,7 @@ def signless_correlation(points: Float32s, targets: Float32s, matches: Int32s, k
 def spline_search(
     points: Float32s,
     targets: Float32s,
-    operators: Float32s,
+    operators: Int16s,
     first: int,
     starts: int,
     start_rounds: int,
@@ -99,8 +100,8 @@ def spline_search(
     points : float32, shape (k, s)
         By columns: row c holds coordinate c of all points.
     targets : float32, shape (k, n)
-    operators : float32, shape (k - first + 1, s, s)
-        Symmetric: `core.correspondence.smoothers` of the points.
+    operators : int16, shape (k - first + 1, s, s)
+        Symmetric: `core.correspondence.smoothers` of the points, over `core.kernels.packed.ONE`.
     first : int
         Dimensions of the first stage.
     starts : int
@@ -127,7 +128,7 @@ def spline_search(
             for start in range(starts):
                 for i in range(s):
                     matched[c * starts + start, i] = targets[c, found[start * s + i]]
-        warped = np.dot(matched[: first * starts], operators[0])
+        warped = np.dot(matched[: first * starts], opened(operators[0]))
         nearest_columns(warped.reshape(first, several), targets, first, low, found)
     best = 0
     score = -2.0
@@ -139,11 +140,12 @@ def spline_search(
     for i in range(s):
         matches[i] = found[best * s + i]
     for k in range(first + 1, k_all + 1):
+        operator = opened(operators[k - first])
         for _ in range(step_rounds):
             for c in range(k):
                 for i in range(s):
                     matched[c, i] = targets[c, matches[i]]
-            nearest_columns(np.dot(matched[:k], operators[k - first]), targets, k, low, matches)
+            nearest_columns(np.dot(matched[:k], operator), targets, k, low, matches)
 
 
 def spline_search_reference(

@@ -9,7 +9,9 @@ from typing import TypeVar
 
 from threadpoolctl import threadpool_limits
 
-from core.kernels.matching import Packed
+from core.embedding import Embedding
+from core.kernels.packed import Packed
+from core.matching import embedding_key
 from core.mesh import Mesh
 from core.mutual import Matched, matched, pack
 from core.parameters import DEFAULT
@@ -98,7 +100,7 @@ class _Pair:
         self._meshes = first[1], second[1]
         self._method = method
         self._embeddings = [method.embed(mesh) for mesh in self._meshes]
-        self._packed = [pack(embedding, DEFAULT) for embedding in self._embeddings]
+        self._packed = [_packed(embedding) for embedding in self._embeddings]
         self._records = [embedding_to_bytes(embedding) for embedding in self._embeddings]
 
     def ours(self) -> dict[str, float]:
@@ -107,7 +109,7 @@ class _Pair:
         _, packed = _seconds(lambda: _match(self._packed))
         _, score = _seconds(lambda: self._method.score(query, [candidate]))
         embeddings, decode = _seconds(lambda: [embedding_from_bytes(record) for record in self._records])
-        shapes, packing = _seconds(lambda: [pack(embedding, DEFAULT) for embedding in embeddings])
+        shapes, packing = _seconds(lambda: [_packed(embedding) for embedding in embeddings])
         _, match = _seconds(lambda: _match(shapes))
         return {"packed": packed, "score": score, "decode": decode, "pack": packing, "match": match}
 
@@ -136,6 +138,10 @@ class _Pair:
             parts={part: spread(part) for part in PARTS},
             peer=_beside(turns) if turns[0].stages else None,
         )
+
+
+def _packed(embedding: Embedding) -> Packed:
+    return pack(embedding, embedding_key(embedding), DEFAULT)
 
 
 def _match(shapes: Sequence[Packed]) -> Matched:

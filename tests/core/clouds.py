@@ -6,6 +6,7 @@ import numpy as np
 from scipy.spatial.distance import cdist
 
 from core.embedding import Embedding, Facts, Spectrum
+from core.matching import embedding_key
 from core.mutual import pack
 from core.parameters import DEFAULT
 
@@ -49,4 +50,8 @@ def parameters_for(k):
 def packed(seed, m, d, k, blocks):
     """What matching reads of random clouds of d points in `blocks` domains of k dimensions, m the samples."""
     rng = np.random.default_rng(seed)
-    return pack(embedded([cloud(rng, d, k) for _ in range(blocks)], m), parameters_for(k))
+    return packed_embedding(embedded([cloud(rng, d, k) for _ in range(blocks)], m), parameters_for(k))
+
+
+def packed_embedding(embedding, parameters=DEFAULT):
+    return pack(embedding, embedding_key(embedding), parameters)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from core.correspondence import smoothers
+from core.kernels.packed import ONE
 from core.kernels.reference import nearest_columns_reference, signless_correlation_reference
 from core.kernels.spline_search import (
     nearest_columns,
@@ -90,18 +91,24 @@ def test_points_all_matched_to_one_do_not_correlate():
         assert signless_correlation(targets, points, matches, 4) == 0.0
 
 
+def whole(points, first):
+    """Splines of points by columns, in whole numbers."""
+    splines = smoothers(np.ascontiguousarray(points.T).astype(np.float64), first, 100.0)
+    return np.rint(splines * ONE).astype(np.int16)
+
+
 @pytest.mark.parametrize(("starts", "first"), [(8, 3), (1, 3), (4, 2), (1, 2)])
 @pytest.mark.parametrize(("m", "n"), [(30, 30), (25, 40), (32, 12), (8, 50)])
 def test_the_search_is_the_plain_one(m, n, starts, first):
     for seed in range(4):
         points, targets = columns(seed, m, 6), columns(40 + seed, n, 6)
-        operators = smoothers(np.ascontiguousarray(points.T).astype(np.float64), first, 100.0)
+        operators = whole(points, first)
         found = np.empty(m, dtype=np.int32)
         spline_search(points, targets, operators, first, starts, 2, 2, 128, found)
         expected = spline_search_reference(
             points.T.astype(np.float64),
             targets.T.astype(np.float64),
-            operators.astype(np.float64),
+            operators / ONE,
             first,
             starts,
             2,
@@ -112,7 +119,7 @@ def test_the_search_is_the_plain_one(m, n, starts, first):
 
 def test_the_search_leaves_what_it_reads_and_finds_the_same_twice():
     points, targets = columns(7, 32, 6), columns(8, 30, 6)
-    operators = smoothers(np.ascontiguousarray(points.T).astype(np.float64), 3, 100.0)
+    operators = whole(points, 3)
     kept = [array.copy() for array in (points, targets, operators)]
     found = np.empty((2, 32), dtype=np.int32)
     for row in found:

@@ -26,7 +26,7 @@ def rotation_of(seed, k, blocks):
 
 def searched(x, y, rounds):
     columns = x.points.shape[1]
-    rotations = np.zeros((2 * len(x.radius), columns, columns), dtype=np.float32)
+    rotations = np.zeros((rounds.sides * len(x.radius), columns, columns), dtype=np.float32)
     scores = np.zeros(len(rotations), dtype=np.float32)
     search_maps(x, y, rounds, rotations, scores)
     return scores, rotations
@@ -35,9 +35,10 @@ def searched(x, y, rounds):
 @pytest.mark.parametrize("blocks", [1, 2, 3])
 @pytest.mark.parametrize(("m", "n"), [(60, 60), (40, 100), (100, 24)])
 @pytest.mark.parametrize("k", [2, 3, 5, 10])
-def test_maps_searched_for_are_the_plain_ones(k, m, n, blocks):
+@pytest.mark.parametrize("sides", [1, 2])
+def test_maps_searched_for_are_the_plain_ones(k, m, n, blocks, sides):
     x, y = packed(k, m, m + 20, k, blocks), packed(30 + k, n, n, k, blocks)
-    rounds = rounds_of(parameters_for(k))
+    rounds = rounds_of(parameters_for(k))._replace(sides=sides)
     scores, rotations = searched(x, y, rounds)
     plain_scores, plain = search_maps_reference(x, y, rounds)
     assert scores == pytest.approx(plain_scores, abs=1e-5)
@@ -58,7 +59,8 @@ def test_a_map_is_refined_as_the_plain_one_is(k, m, n, blocks, count):
         x.astype(np.float64), y.astype(np.float64), blocks, count, EXACT, rotation.astype(np.float64)
     )
     there, back = np.empty(m, dtype=np.int32), np.empty(n, dtype=np.int32)
-    found = refine_map(x, y, (y**2).sum(axis=1), blocks, count, EXACT, rotation, there, back)
+    targets = np.ascontiguousarray(y.T)
+    found = refine_map(x, y, targets, blocks, count, EXACT, rotation, there, back)
     assert np.array_equal(there, plain_there)
     assert np.array_equal(back, plain_back)
     assert found == pytest.approx(score, abs=1e-5)
@@ -69,10 +71,13 @@ def test_a_map_is_refined_as_the_plain_one_is(k, m, n, blocks, count):
 @pytest.mark.parametrize(("m", "n"), [(60, 60), (50, 80), (110, 90)])
 def test_the_best_map_is_the_plain_one(m, n, seed):
     x, y = packed(seed, m, m, K, 2), packed(70 + seed, n, n + 30, K, 2)
-    rounds = rounds_of(parameters_for(K))
-    found = np.zeros((2 * K, 2 * K), dtype=np.float32)
-    best_map(x, y, rounds, found)
-    assert found == pytest.approx(best_map_reference(x, y, rounds), abs=5e-3)
+    for changes in ({}, {"sides": 1, "kept_maps": 1, "align_rounds": 0}):
+        rounds = rounds_of(parameters_for(K))._replace(**changes)
+        found = np.zeros((2 * K, 2 * K), dtype=np.float32)
+        score = best_map(x, y, rounds, found)
+        expected, plain = best_map_reference(x, y, rounds)
+        assert score == pytest.approx(expected, abs=1e-4)
+        assert found == pytest.approx(plain, abs=5e-3)
 
 
 @pytest.mark.parametrize("blocks", [1, 2, 3])

@@ -8,10 +8,10 @@ import pytest
 from core.gallery import make_shape
 from core.kernels.matching import match_pair
 from core.kernels.reference import match_pair_reference
-from core.mutual import pack, rounds_of
+from core.mutual import rounds_of
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
-from tests.core.clouds import cloud, embedded, packed, parameters_for
+from tests.core.clouds import cloud, embedded, packed, packed_embedding, parameters_for
 
 K = DEFAULT.dimensions
 ROUNDS = rounds_of(DEFAULT)
@@ -22,7 +22,7 @@ def shapes():
     """Of the gallery; then clouds with points between the samples, without, and with few samples."""
     pipeline = Pipeline(DEFAULT)
     names = [("spider", 0), ("spider", 1), ("person", 0), ("hand", 0)]
-    made = [pack(pipeline.embed(make_shape(*name)), DEFAULT) for name in names]
+    made = [packed_embedding(pipeline.embed(make_shape(*name))) for name in names]
     return made + [
         packed(i, m, d, K, 2) for i, (m, d) in enumerate([(100, 500), (60, 60), (45, 90), (32, 40)])
     ]
@@ -94,7 +94,7 @@ def degenerate():
 
 @pytest.mark.parametrize("name", degenerate())
 def test_a_cloud_without_volume_has_scores_in_range_and_a_map_that_does_not_stretch(name):
-    odd = pack(embedded([degenerate()[name]] * 2, 60), DEFAULT)
+    odd = packed_embedding(embedded([degenerate()[name]] * 2, 60))
     other = packed(2, 50, 80, K, 2)
     for x, y in ((odd, other), (other, odd), (odd, odd)):
         there, back, rotation, scores = match(x, y)

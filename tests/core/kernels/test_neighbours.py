@@ -3,7 +3,14 @@
 import numpy as np
 import pytest
 
-from core.kernels.neighbours import closest, nearest_both, nearest_both_reference, paired
+from core.kernels.neighbours import (
+    closest,
+    nearest_both,
+    nearest_both_reference,
+    paired,
+    paired_both,
+    square,
+)
 from core.kernels.reference import closest_reference, paired_reference
 from tests.core.clouds import cloud
 
@@ -15,7 +22,7 @@ def random_cloud(seed, count, k):
 def both(points, targets, low):
     there = np.empty(len(points), dtype=np.int32)
     back = np.empty(len(targets), dtype=np.int32)
-    nearest_both(points, targets, (targets**2).sum(axis=1), low, there, back)
+    nearest_both(points, np.ascontiguousarray(targets.T), low, there, back)
     return there, back
 
 
@@ -85,8 +92,8 @@ def test_the_closest_of_a_region_is_the_plain_one(k, scale):
     points, ends = random_cloud(k, 80, k) * np.float32(scale), random_cloud(9, 40, k) * np.float32(scale)
     members = rng.permutation(80).astype(np.int32)
     for start, stop in ((0, 80), (0, 1), (79, 80), (10, 13), (20, 60)):
-        for end in ends:
-            found = closest(points, members, start, stop, end)
+        for place, end in enumerate(ends):
+            found = closest(points, members, start, stop, ends, place)
             assert found == closest_reference(points, members, start, stop, end)
             assert found in members[start:stop]
 
@@ -94,8 +101,16 @@ def test_the_closest_of_a_region_is_the_plain_one(k, scale):
 def test_of_points_equally_close_the_first_member_is_taken():
     points = np.ones((6, 3), dtype=np.float32)
     members = np.int32([4, 2, 5, 0])
-    assert closest(points, members, 0, 4, np.zeros(3, dtype=np.float32)) == 4
-    assert closest(points, members, 1, 4, np.ones(3, dtype=np.float32)) == 2
+    ends = np.float32([[0, 0, 0], [1, 1, 1]])
+    assert closest(points, members, 0, 4, ends, 0) == 4
+    assert closest(points, members, 1, 4, ends, 1) == 2
+
+
+@pytest.mark.parametrize("k", [1, 3, 4, 7, 20, 24])
+def test_the_square_of_a_row_is_the_plain_one(k):
+    points = random_cloud(k, 10, k)
+    found = [square(points, row) for row in range(10)]
+    assert found == pytest.approx((points.astype(np.float64) ** 2).sum(axis=1), rel=1e-6)
 
 
 def cross_products(points, partners, sources, targets, blocks):
@@ -123,6 +138,26 @@ def test_cross_products_and_square_sums_are_the_plain_ones(k, m, n, blocks, scal
         assert one == pytest.approx(other, abs=3e-6 * size)
     for array, kept in zip(given, before, strict=True):
         assert np.array_equal(array, kept)
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
+@pytest.mark.parametrize("blocks", [1, 2, 3])
+@pytest.mark.parametrize(("m", "n"), [(100, 100), (30, 70), (1, 1), (70, 5)])
+@pytest.mark.parametrize("k", [2, 3, 10, 12])
+def test_cross_products_of_pairs_both_ways_are_the_plain_ones(k, m, n, blocks, scale):
+    rng = np.random.default_rng(k)
+    x, y = (
+        (scale * (rng.normal(size=(rows, blocks * k)) + shift)).astype(np.float32)
+        for rows, shift in ((m, 0.5), (n, -1.0))
+    )
+    there, back = rng.integers(n, size=m).astype(np.int32), rng.integers(m, size=n).astype(np.int32)
+    cross = np.full((blocks * k, blocks * k), np.nan, dtype=np.float32)
+    first, second = np.full((2, blocks), np.nan, dtype=np.float32)
+    paired_both(x, y, there, back, blocks, cross, first, second)
+    expected = paired_reference(x, y[there], x[back], y, blocks)
+    size = scale**2 * (m + n) * k
+    for one, other in zip((cross, first, second), expected, strict=True):
+        assert one == pytest.approx(other, abs=5e-6 * size)
 
 
 def test_pairs_all_of_one_place_have_no_cross_products():

@@ -1,0 +1,64 @@
+"""One shape against many, of which the rows may lie anywhere in memory."""
+
+import numpy as np
+
+from core.compiled import kernel
+from core.embedding import Float32s
+from core.kernels.matching import Rounds, best_map, match_pair
+from core.kernels.packed import Packed, row_at, unpacked
+from core.mesh import Floats, Ints
+
+
+@kernel
+def precedes(x: Packed, y: Packed) -> int:
+    """1 where x comes first of the two: the smaller, then by key; 0 where both are one shape; else -1."""
+    m = len(x.offsets)
+    n = len(y.offsets)
+    if m != n:
+        return 1 if m < n else -1
+    one = x.key.view(np.uint32)
+    other = y.key.view(np.uint32)
+    for part in range(len(one)):
+        if one[part] != other[part]:
+            return 1 if one[part] < other[part] else -1
+    return 0
+
+
+@kernel
+def match_many(query: Float32s, addresses: Ints, lengths: Ints, rounds: Rounds, scores: Floats) -> None:
+    """Write CC, SSD and sim of one shape and each of c others, the same whichever of two is the query.
+
+    Parameters
+    ----------
+    query : float32, shape (l,)
+        A row: see `core.kernels.packed`.
+    addresses, lengths : int64, shape (c,)
+        Of the others' rows in memory, the length in numbers.
+    rounds : Rounds
+    scores : float64, shape (c, 3)
+        Written.
+    """
+    x = unpacked(query)
+    rotation = np.empty((x.points.shape[1], x.points.shape[1]), dtype=np.float32)
+    for i in range(len(addresses)):
+        y = unpacked(row_at(addresses[i], lengths[i]))
+        order = precedes(x, y)
+        there = np.empty(len(x.offsets) - 1, dtype=np.int32)
+        back = np.empty(len(y.offsets) - 1, dtype=np.int32)
+        if order < 0:
+            match_pair(y, x, rounds, False, back, there, rotation, scores[i])
+        else:
+            match_pair(x, y, rounds, order == 0, there, back, rotation, scores[i])
+
+
+@kernel
+def sift_many(query: Float32s, addresses: Ints, lengths: Ints, rounds: Rounds, scores: Float32s) -> None:
+    """Write roughly what the CC of one shape and each of c others is, from few samples and one side.
+
+    Parameters as in `match_many`, but for `scores`, float32, shape (c,).
+    """
+    x = unpacked(query)
+    rotation = np.empty((x.points.shape[1], x.points.shape[1]), dtype=np.float32)
+    for i in range(len(addresses)):
+        y = unpacked(row_at(addresses[i], lengths[i]))
+        scores[i] = 1.0 if precedes(x, y) == 0 else best_map(x, y, rounds, rotation)

@@ -1,0 +1,55 @@
+"""One shape against many, each of them a row of numbers: `core.kernels.packed`.
+
+The kernels let other threads run, so that several of these may be at work at once.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from core.embedding import Float32s, Scores
+from core.kernels.many import match_many, sift_many
+from core.mesh import Ints
+from core.mutual import rounds_of
+from core.parameters import Parameters
+
+
+def match_rows(query: Float32s, rows: Sequence[Float32s], parameters: Parameters) -> Scores:
+    """CC, SSD and sim of one shape with each of c others, the same whichever of two is the query.
+
+    Parameters
+    ----------
+    query : float32, shape (l,)
+    rows : sequence of float32, each of a shape (l,)
+    parameters : Parameters
+        With pairs "both-ways", those that all rows were made with.
+    """
+    addresses, lengths = _places(rows)
+    scores = np.empty((len(rows), 3))
+    match_many(_own(query), addresses, lengths, rounds_of(parameters), scores)
+    return Scores(cc=scores[:, 0].copy(), ssd=scores[:, 1].copy(), sim=scores[:, 2].copy())
+
+
+def sift_rows(query: Float32s, rows: Sequence[Float32s], parameters: Parameters) -> Float32s:
+    """Roughly the CC of one shape with each of c others, float32, shape (c,): to choose whom to match.
+
+    One search in each spectral domain, from the query alone, refined once. Parameters as in `match_rows`.
+    """
+    addresses, lengths = _places(rows)
+    scores = np.empty(len(rows), dtype=np.float32)
+    rounds = rounds_of(parameters)._replace(sides=1, kept_maps=1, align_rounds=0)
+    sift_many(_own(query), addresses, lengths, rounds, scores)
+    return scores
+
+
+def _places(rows: Sequence[Float32s]) -> tuple[Ints, Ints]:
+    """Where the rows lie in memory, and how long they are."""
+    if not all(row.flags.c_contiguous and row.dtype == np.float32 for row in rows):
+        raise ValueError("a row is not of float32 side by side")
+    addresses = [row.__array_interface__["data"][0] for row in rows]
+    return np.array(addresses, dtype=np.int64), np.array([len(row) for row in rows], dtype=np.int64)
+
+
+def _own(query: Float32s) -> Float32s:
+    """The row in memory that may be written to: of other arrays the kernels would be compiled anew."""
+    return np.require(query, requirements=["C", "W"])
