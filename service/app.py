@@ -16,6 +16,9 @@ from service.compute.processes import start as start_processes
 from service.compute.work import Work
 from service.endpoints import router as service_router
 from service.idempotency.keys import InFlight
+from service.jobs.endpoints import ADDRESS as JOBS_ADDRESS
+from service.jobs.endpoints import router as jobs_router
+from service.jobs.running import Runner
 from service.metrics import Metrics
 from service.middleware import BodyLimit, RequestContext
 from service.openapi import DESCRIPTION, TAGS, describe
@@ -51,9 +54,13 @@ def create_app(settings: Settings) -> FastAPI:
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         logging.configure(settings.log_level)
         app.state.parts = await run_in_threadpool(_start, settings, parameters, gate, metrics)
+        app.state.runner = Runner(app.state.parts)
+        app.state.runner.start()
+        metrics.watch("job_files", "Files of bulk jobs that are at work.", lambda: app.state.runner.at_work)
         try:
             yield
         finally:
+            await app.state.runner.stop()
             await run_in_threadpool(_stop, app.state.parts)
 
     app = FastAPI(
@@ -70,12 +77,15 @@ def create_app(settings: Settings) -> FastAPI:
     )
     app.include_router(search_router)
     app.include_router(shapes_router)
+    app.include_router(jobs_router)
     app.include_router(session_router)
     app.include_router(service_router)
     app.include_router(pictures_router)
     app.include_router(page_router)
     app.add_middleware(AccessControl, gate=gate)
-    app.add_middleware(BodyLimit, file_bytes=settings.max_upload_bytes)
+    app.add_middleware(
+        BodyLimit, file_bytes=settings.max_upload_bytes, larger={JOBS_ADDRESS: settings.max_archive_bytes}
+    )
     app.add_middleware(RequestContext, metrics=metrics)
     handle_problems(app)
     describe(app)

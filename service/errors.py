@@ -245,6 +245,18 @@ PROBLEMS: dict[str, ProblemKind] = {
     "body-too-large": ProblemKind(413, "The upload is too large"),
     "unsupported-media-type": ProblemKind(415, "The body's media type is not one that is read"),
     "file-time-limit": ProblemKind(422, "The file takes too long to work on"),
+    # an archive's, or one of its members'
+    "job-not-found": ProblemKind(404, "There is no such job"),
+    "unknown-archive": ProblemKind(415, "The file is not an archive that is read"),
+    "malformed-archive": ProblemKind(422, "The archive cannot be read to its end"),
+    "archive-too-large": ProblemKind(422, "The archive holds more than the limits allow"),
+    "nested-archive": ProblemKind(422, "The file is an archive inside of an archive"),
+    "member-damaged": ProblemKind(422, "The file cannot be unpacked"),
+    "member-encrypted": ProblemKind(422, "The file is encrypted"),
+    "member-kind": ProblemKind(422, "The archive's entry is not a plain file, packed in a way that is read"),
+    "member-name": ProblemKind(422, "The file's name in the archive cannot be used"),
+    "member-repeated": ProblemKind(422, "The archive has an earlier file of this name"),
+    "member-too-large": ProblemKind(422, "The file in the archive is larger than the limits allow"),
     # the service's
     "internal-error": ProblemKind(500, "The service failed"),
     "busy": ProblemKind(503, "The service is busy"),

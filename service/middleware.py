@@ -5,6 +5,7 @@ import logging
 import re
 import time
 import uuid
+from collections.abc import Mapping
 
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.exceptions import HTTPException
@@ -110,12 +111,14 @@ class RequestContext:
 class BodyLimit:
     """Refuses a body that is too large: by what it says of itself, or else by counting.
 
-    A form may be as large as a file may be, and its other fields beside; any other body is small.
+    A form may be as large as a file may be, and its other fields beside; any other body is small. `larger`
+    has the addresses that take larger files, and how large.
     """
 
-    def __init__(self, app: ASGIApp, file_bytes: int) -> None:
+    def __init__(self, app: ASGIApp, file_bytes: int, larger: Mapping[str, int]) -> None:
         self._app = app
         self._file_bytes = file_bytes
+        self._larger = larger
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Serve one request."""
@@ -124,8 +127,9 @@ class BodyLimit:
             return
         headers = Headers(scope=scope)
         is_form = headers.get("content-type", "").lower().startswith("multipart/form-data")
-        limit = self._file_bytes + FORM_OVERHEAD if is_form else SMALL_BODY_BYTES
-        too_large = f"at most {self._file_bytes if is_form else limit} bytes are taken"
+        file_bytes = self._larger.get(scope["path"], self._file_bytes)
+        limit = file_bytes + FORM_OVERHEAD if is_form else SMALL_BODY_BYTES
+        too_large = f"at most {file_bytes if is_form else limit} bytes are taken"
         declared = headers.get("content-length", "")
         if declared.isdecimal() and int(declared) > limit:
             await problem_response(FileTooLargeError.kind, too_large)(scope, receive, send)

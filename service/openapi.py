@@ -21,6 +21,7 @@ compared is the shape as one would measure it along its surface.
 * **POST /shapes** stores a mesh file with a name, tags and metadata.
 * **POST /query** finds the stored shapes most like a file, or like a stored shape.
 * **POST /compare** compares two stored shapes point by point.
+* **POST /jobs** stores every mesh of an archive.
 
 A service may ask for a key, in `Authorization: Bearer` or `X-API-Key`. There are two kinds: one may do
 everything, the other may read, query and compare.
@@ -32,6 +33,7 @@ answer has an `X-Request-ID`: your own, if you send one, and the one to look for
 TAGS = [
     {"name": "search", "description": "Which shapes are alike."},
     {"name": "shapes", "description": "What is stored."},
+    {"name": "jobs", "description": "Archives of many meshes."},
     {"name": "session", "description": "Signing in, for the page."},
     {"name": "service", "description": "The service itself."},
 ]

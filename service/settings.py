@@ -122,6 +122,31 @@ class Settings(BaseSettings):
     max_upload_bytes: PositiveInt = Field(
         default=128 * 1024 * 1024, description="The largest file that may be uploaded."
     )
+    max_archive_bytes: PositiveInt = Field(
+        default=512 * 1024 * 1024, description="The largest archive that a bulk job may be given."
+    )
+    max_archive_files: PositiveInt = Field(
+        default=10_000, description="The most members that an archive may have, folders included."
+    )
+    max_unpacked_bytes: PositiveInt = Field(
+        default=4 * 1024**3, description="The most bytes that an archive may unpack to in all."
+    )
+    max_unpacked_ratio: float = Field(
+        default=200.0,
+        gt=1,
+        allow_inf_nan=False,
+        description="How many times its packed size anything in an archive may unpack to.",
+    )
+    max_jobs: PositiveInt = Field(
+        default=16, description="Bulk jobs that have not ended; the next archive is answered 503."
+    )
+    job_days: float = Field(
+        default=7.0,
+        gt=0,
+        le=3660,
+        allow_inf_nan=False,
+        description="How long the record of a bulk job that has ended is kept.",
+    )
     max_vertices: PositiveInt = Field(
         default=DEFAULT_LIMITS.vertices, description="The most vertices a mesh may have."
     )

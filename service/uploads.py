@@ -4,6 +4,7 @@ import errno
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
+from typing import BinaryIO
 
 from fastapi import Request
 from starlette.datastructures import FormData, UploadFile
@@ -35,6 +36,16 @@ class Form:
     fields: dict[str, list[str]]
     _file: UploadFile
 
+    @property
+    def size(self) -> int:
+        """How many bytes the file has."""
+        return self._file.size or 0
+
+    @property
+    def spooled(self) -> BinaryIO:
+        """The file, on disk if it is large: for threads, and until the end of the block."""
+        return self._file.file
+
     async def bytes(self) -> bytes:
         """The bytes of the file."""
         return await self._file.read()
@@ -56,7 +67,7 @@ async def uploaded(request: Request, *, max_bytes: int, max_fields: int) -> Asyn
         There is no room on disk for the file.
     """
     if not is_form(request):
-        raise UnsupportedBodyError("the body must be multipart/form-data with the mesh in the field 'file'")
+        raise UnsupportedBodyError("the body must be multipart/form-data with the file in the field 'file'")
     form = await _parsed(request, max_fields=max_fields)
     try:
         file: UploadFile | None = None
@@ -69,7 +80,7 @@ async def uploaded(request: Request, *, max_bytes: int, max_fields: int) -> Asyn
             else:
                 raise BadRequestFieldsError(FieldFault(name, "a file is expected in the field 'file' only"))
         if file is None:
-            raise BadRequestFieldsError(FieldFault("file", "a mesh file, with its name, is required"))
+            raise BadRequestFieldsError(FieldFault("file", "a file, with its name, is required"))
         if (file.size or 0) > max_bytes:
             raise FileTooLargeError(f"the file has {file.size} bytes; at most {max_bytes} bytes are taken")
         yield Form(file.filename or "", fields, file)

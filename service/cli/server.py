@@ -11,6 +11,7 @@ import uvicorn
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from service.client import Client
+from service.jobs.events import ENDING_IN_SCOPE
 
 LOOPBACK = "127.0.0.1"
 DEFAULT_PORT = 8000
@@ -65,7 +66,7 @@ def run(app: ASGIApp, bound: socket.socket, *, shutdown_seconds: int) -> None:
         The app's lifespan failed.
     """
     watched = _Watched(app)
-    server = uvicorn.Server(_config(watched, shutdown_seconds))
+    server = watched.server = uvicorn.Server(_config(watched, shutdown_seconds))
     with suppress(KeyboardInterrupt):
         _serve(server, bound)
     if not server.started:
@@ -84,7 +85,7 @@ def in_thread(app: ASGIApp, key: str | None = None) -> Iterator[Client]:
         The app's lifespan failed.
     """
     watched = _Watched(app)
-    server = uvicorn.Server(_config(watched, SHUTDOWN_SECONDS))
+    server = watched.server = uvicorn.Server(_config(watched, SHUTDOWN_SECONDS))
     with bind(LOOPBACK, 0) as bound:
         port = bound.getsockname()[1]
         thread = threading.Thread(target=_serve, args=(server, bound), name="isoshape service")
@@ -137,14 +138,22 @@ def _config(app: ASGIApp, shutdown_seconds: int) -> uvicorn.Config:
 
 
 class _Watched:
-    """The app, remembering what ended its lifespan; uvicorn would print it as a traceback."""
+    """The app, remembering what ended its lifespan; uvicorn would print it as a traceback.
+
+    Requests can see whether the server was asked to stop: a stream without end would hold it up.
+    """
 
     def __init__(self, app: ASGIApp) -> None:
         self.app = app
         self.error: BaseException | None = None
+        self.server: uvicorn.Server | None = None
+
+    def _ending(self) -> bool:
+        return self.server is not None and self.server.should_exit
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] != "lifespan":
+            scope[ENDING_IN_SCOPE] = self._ending
             await self.app(scope, receive, send)
             return
 

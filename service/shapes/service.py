@@ -1,6 +1,7 @@
 """What can be done with shapes."""
 
 import io
+from collections.abc import Callable
 from datetime import UTC, datetime
 from typing import Any
 
@@ -23,12 +24,18 @@ from service.stages import Stages
 from service.storage.database import Database, ReadSession, WriteSession
 
 
-async def ingest(parts: Parts, new: NewShape, claim: Claim | None = None) -> Stored | Kept:
+async def ingest(
+    parts: Parts,
+    new: NewShape,
+    claim: Claim | None = None,
+    also: Callable[[WriteSession, Stored], object] | None = None,
+) -> Stored | Kept:
     """Store a file under a name, unless the same bytes are stored under it already.
 
     The embedding is made before the transaction begins, which then writes bytes, shape and embedding
     together, and for a claim the answer: once this returns, they are durable, and the next query sees them.
-    Where the claim has an answer, that is what is returned, and nothing is done.
+    Where the claim has an answer, that is what is returned, and nothing is done. What `also` writes is
+    committed with the rest, and when it raises, nothing is.
 
     Raises
     ------
@@ -42,12 +49,12 @@ async def ingest(parts: Parts, new: NewShape, claim: Claim | None = None) -> Sto
             return kept
     while True:
         pipeline, present, needed = await run_in_threadpool(_look_up, parts, new)
-        if present is not None and not needed and claim is None:
+        if present is not None and not needed and claim is None and also is None:
             return Stored(present, created=False)
         embedded = await parts.work.embed(new.data, new.format, pipeline) if needed else None
         with stages.stage("store"):
             stored = await run_in_threadpool(
-                _store, parts.database, pipeline.fingerprint, new, embedded, claim
+                _store, parts.database, pipeline.fingerprint, new, embedded, claim, also
             )
         if stored is not None:
             break
@@ -144,7 +151,12 @@ def _answer_to(database: Database, claim: Claim) -> Kept | None:
 
 
 def _store(
-    database: Database, fingerprint: str, new: NewShape, embedded: Embedded | None, claim: Claim | None
+    database: Database,
+    fingerprint: str,
+    new: NewShape,
+    embedded: Embedded | None,
+    claim: Claim | None,
+    also: Callable[[WriteSession, Stored], object] | None,
 ) -> Stored | Kept | None:
     """One transaction; None when it comes too late.
 
@@ -177,6 +189,8 @@ def _store(
             stored = Stored(repository.records(session, fingerprint, [number])[0], created=True)
         if claim is not None:
             idempotency.keep(session, claim, answer_of(stored), now)
+        if also is not None:
+            also(session, stored)
         return stored
 
 

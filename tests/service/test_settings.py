@@ -8,6 +8,7 @@ import pytest
 import yaml
 
 from core.parameters import DEFAULT, PAPER
+from service.jobs.running import ARRIVING
 from service.settings import OTHER_VARIABLES, PREFIX, Settings, SettingsError, load_parameters, load_settings
 
 ROOT = Path(__file__).parents[2]
@@ -186,5 +187,6 @@ def test_uploads_in_the_container_fit_its_temporary_folder(monkeypatch: pytest.M
     (memory,) = re.findall(r"^(\d+)g$", service["mem_limit"])
     inside = settings.workers + settings.queue_length
     largest = settings.max_upload_bytes / 2**20
-    assert inside * largest <= int(room)
-    assert int(room) + (inside + 21 * settings.workers) * largest + 1000 <= 1024 * int(memory)
+    archive = settings.max_archive_bytes / 2**20
+    assert inside * largest + ARRIVING * archive <= int(room)
+    assert int(room) + (inside + 22 * settings.workers) * largest + 1000 <= 1024 * int(memory)

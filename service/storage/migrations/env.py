@@ -2,8 +2,8 @@
 
 from alembic import context
 
-from service.storage.tables import Table
+from service.storage.job_tables import JobRow
 
-context.configure(connection=context.config.attributes["connection"], target_metadata=Table.metadata)
+context.configure(connection=context.config.attributes["connection"], target_metadata=JobRow.metadata)
 with context.begin_transaction():
     context.run_migrations()

@@ -1,0 +1,65 @@
+"""The progress of a job as server-sent events (the `text/event-stream` of HTML)."""
+
+import asyncio
+import time
+from collections.abc import AsyncIterator, Callable
+
+from starlette.concurrency import run_in_threadpool
+
+from service.errors import ServiceError
+from service.jobs import service
+from service.jobs.schemas import Job
+from service.storage.database import Database
+
+MEDIA_TYPE = "text/event-stream"
+# Set by whoever runs the server: whether it was asked to stop.
+ENDING_IN_SCOPE = "isoshape.ending"
+LOOK_SECONDS = 0.5
+# Proxies, and networks, cut what is silent for long.
+SILENCE_SECONDS = 15.0
+RECONNECT_MILLISECONDS = 2000
+
+
+def read(database: Database, job_id: str) -> Job:
+    """The job as it is now.
+
+    Raises
+    ------
+    JobNotFoundError
+    """
+    with database.read() as session:
+        return Job.of(service.progress(session, service.get(session, job_id)))
+
+
+def name_of(job: Job) -> str:
+    """What an event is called, so that a client which comes back can say what it had last."""
+    return f"{job.state}-{job.counts.files - job.counts.waiting}"
+
+
+async def events(
+    database: Database, job: Job, ending: Callable[[], bool], last: str | None
+) -> AsyncIterator[str]:
+    """An event `progress` whenever the job has come further, and `end` when it has ended; then no more.
+
+    `last` is the event that the client had; `ending` says that the service ends, and with it the stream: a
+    browser then comes back by itself.
+    """
+    yield f"retry: {RECONNECT_MILLISECONDS}\n\n"
+    spoken = time.monotonic()
+    while True:
+        name = name_of(job)
+        if job.has_ended or name != last:
+            last, spoken = name, time.monotonic()
+            kind = "end" if job.has_ended else "progress"
+            yield f"id: {name}\nevent: {kind}\ndata: {job.model_dump_json()}\n\n"
+        if job.has_ended or ending():
+            return
+        if time.monotonic() - spoken > SILENCE_SECONDS:
+            spoken = time.monotonic()
+            yield ": \n\n"
+        await asyncio.sleep(LOOK_SECONDS)
+        try:
+            job = await run_in_threadpool(read, database, job.id)
+        except ServiceError:
+            # Deleted, or the database fails: whoever asks again hears it.
+            return

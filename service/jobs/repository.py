@@ -1,0 +1,285 @@
+"""The SQL of jobs."""
+
+import uuid
+from collections.abc import Iterable, Mapping
+from datetime import datetime
+
+from sqlalchemy import Select, delete, func, insert, or_, select, update
+
+from service.jobs.records import ACTIVE, ENDED, Cause, FileRecord, JobRecord, NewJob, Outcome, Settled, State
+from service.storage.database import ReadSession, WriteSession
+from service.storage.job_tables import JobFileRow, JobPieceRow, JobRow
+
+ARRIVING: State = "arriving"
+
+
+def add(session: WriteSession, new: NewJob, runner: str, until: datetime, now: datetime) -> int:
+    """A job whose archive is arriving; its number."""
+    row = JobRow(
+        id=str(uuid.uuid4()),
+        state=ARRIVING,
+        archive=new.archive,
+        format=new.format,
+        size=new.size,
+        tags=list(new.tags),
+        meta=dict(new.metadata),
+        runner=runner,
+        leased_until=until,
+        created_at=now,
+    )
+    session.add(row)
+    session.flush()
+    return row.number
+
+
+def add_piece(session: WriteSession, number: int, place: int, data: bytes, until: datetime) -> None:
+    """Keep the next piece of an archive that is arriving."""
+    session.add(JobPieceRow(job_number=number, place=place, data=data))
+    session.execute(update(JobRow).where(JobRow.number == number).values(leased_until=until))
+
+
+def acknowledge(session: WriteSession, number: int) -> None:
+    """The archive is whole: from now on the job is there."""
+    session.execute(
+        update(JobRow).where(JobRow.number == number).values(state="waiting", runner=None, leased_until=None)
+    )
+
+
+def piece(session: ReadSession, number: int, place: int) -> bytes | None:
+    """A piece of a job's archive; None where the job or its archive is gone."""
+    return session.scalar(
+        select(JobPieceRow.data).where(JobPieceRow.job_number == number, JobPieceRow.place == place)
+    )
+
+
+def by_id(session: ReadSession, job_id: str) -> JobRecord | None:
+    """The job with an id."""
+    row = session.scalars(_shown().where(JobRow.id == job_id)).one_or_none()
+    return None if row is None else _record(row)
+
+
+def by_number(session: ReadSession, number: int) -> JobRecord:
+    """A job that is there."""
+    return _record(session.scalars(select(JobRow).where(JobRow.number == number)).one())
+
+
+def page(session: ReadSession, *, before: int, limit: int) -> list[JobRecord]:
+    """The next jobs, the latest first, before the one with a number; 0 is no bound."""
+    query = _shown().order_by(JobRow.number.desc()).limit(limit)
+    if before:
+        query = query.where(JobRow.number < before)
+    return [_record(row) for row in session.scalars(query)]
+
+
+def count(session: ReadSession) -> int:
+    """How many jobs there are."""
+    return session.scalar(select(func.count()).select_from(_shown().subquery())) or 0
+
+
+def count_open(session: ReadSession) -> int:
+    """How many have not ended, those that are arriving included."""
+    return session.scalar(select(func.count()).where(JobRow.state.not_in(ENDED))) or 0
+
+
+def counts(session: ReadSession, number: int) -> dict[Outcome | None, int]:
+    """The members of a job, by outcome."""
+    query = select(JobFileRow.outcome, func.count()).where(JobFileRow.job_number == number)
+    found = session.execute(query.group_by(JobFileRow.outcome)).all()
+    return {outcome: many for outcome, many in found}  # type: ignore[misc]  # noqa: C416
+
+
+def latest_ends(session: ReadSession, number: int, after: datetime, limit: int) -> list[datetime]:
+    """When the members that ended last did, the last first."""
+    query = (
+        select(JobFileRow.ended_at)
+        .where(JobFileRow.job_number == number, JobFileRow.ended_at > after)
+        .order_by(JobFileRow.ended_at.desc())
+        .limit(limit)
+    )
+    return [ended for ended in session.scalars(query) if ended is not None]
+
+
+def files(
+    session: ReadSession, number: int, outcome: Outcome | None, *, after: int, limit: int
+) -> list[FileRecord]:
+    """The next members of a job behind a place, of one outcome or of all."""
+    query = select(JobFileRow).where(JobFileRow.job_number == number, JobFileRow.place > after)
+    if outcome is not None:
+        query = query.where(JobFileRow.outcome == outcome)
+    return [_file(row) for row in session.scalars(query.order_by(JobFileRow.place).limit(limit))]
+
+
+def without_outcome(session: ReadSession, number: int) -> list[FileRecord]:
+    """The members of a job that nothing has become of yet."""
+    query = select(JobFileRow).where(JobFileRow.job_number == number, JobFileRow.outcome.is_(None))
+    return [_file(row) for row in session.scalars(query.order_by(JobFileRow.place))]
+
+
+def claim(session: WriteSession, runner: str, until: datetime, now: datetime) -> JobRecord | None:
+    """The oldest job that no living service works on, for this one to."""
+    free = or_(JobRow.leased_until.is_(None), JobRow.leased_until <= now, JobRow.runner == runner)
+    query = select(JobRow).where(JobRow.state.in_(ACTIVE), free).order_by(JobRow.number).limit(1)
+    row = session.scalars(query).one_or_none()
+    if row is None:
+        return None
+    taken = session.execute(
+        update(JobRow)
+        .where(JobRow.number == row.number, JobRow.state.in_(ACTIVE), free)
+        .values(runner=runner, leased_until=until)
+        .returning(JobRow.number)
+    )
+    return None if taken.one_or_none() is None else _record(row)
+
+
+def renew(session: WriteSession, number: int, runner: str, until: datetime) -> bool:
+    """Go on with a job; whether it is still this service's, and has not ended."""
+    renewed = session.execute(
+        update(JobRow)
+        .where(JobRow.number == number, JobRow.runner == runner, JobRow.state.in_(ACTIVE))
+        .values(leased_until=until)
+        .returning(JobRow.number)
+    )
+    return renewed.one_or_none() is not None
+
+
+def release(session: WriteSession, runner: str) -> None:
+    """Leave the jobs that this service works on to any other."""
+    session.execute(
+        update(JobRow)
+        .where(JobRow.runner == runner, JobRow.state.in_(ACTIVE))
+        .values(runner=None, leased_until=None)
+    )
+
+
+def begin(
+    session: WriteSession,
+    number: int,
+    members: Iterable[FileRecord],
+    cause: Cause | None,
+    now: datetime,
+) -> None:
+    """Write down the members of a job, unless it waits no longer; from now on it runs."""
+    begun = session.execute(
+        update(JobRow)
+        .where(JobRow.number == number, JobRow.state == "waiting")
+        .values(state="running", started_at=now, **_cause_values(cause))
+        .returning(JobRow.number)
+    )
+    if begun.one_or_none() is None:
+        return
+    rows = [
+        {
+            "job_number": number,
+            "place": member.place,
+            "path": member.path,
+            "name": member.name,
+            "outcome": member.outcome,
+            "ended_at": None if member.outcome is None else now,
+            **_cause_values(member.cause),
+        }
+        for member in members
+    ]
+    if rows:
+        session.execute(insert(JobFileRow), rows)
+
+
+def settle(session: WriteSession, number: int, place: int, settled: Settled, now: datetime) -> bool:
+    """Write down what became of a member; whether the job still runs, and nothing had become of it."""
+    state = session.scalar(select(JobRow.state).where(JobRow.number == number))
+    if state != "running":
+        return False
+    done = session.execute(
+        update(JobFileRow)
+        .where(JobFileRow.job_number == number, JobFileRow.place == place, JobFileRow.outcome.is_(None))
+        .values(
+            outcome=settled.outcome, shape_id=settled.shape_id, ended_at=now, **_cause_values(settled.cause)
+        )
+        .returning(JobFileRow.place)
+    )
+    return done.one_or_none() is not None
+
+
+def end(session: WriteSession, number: int, state: State, cause: Cause | None, now: datetime) -> bool:
+    """The job has ended so; whether it had not before."""
+    ended = session.execute(
+        update(JobRow)
+        .where(JobRow.number == number, JobRow.state.in_(ACTIVE))
+        .values(
+            state=state,
+            ended_at=now,
+            runner=None,
+            leased_until=None,
+            **({} if cause is None else _cause_values(cause)),
+        )
+        .returning(JobRow.number)
+    )
+    return ended.one_or_none() is not None
+
+
+def with_leftovers(session: ReadSession, now: datetime, forget_before: datetime) -> list[tuple[int, bool]]:
+    """The numbers of jobs of which something is to be deleted: their archive, or (true) all.
+
+    That is the archive of what has ended, the record of what ended long ago, and what never arrived whole.
+    """
+    gone = (JobRow.state == ARRIVING) & (JobRow.leased_until <= now) | (JobRow.ended_at <= forget_before)
+    archived = (
+        JobRow.state.in_(ENDED)
+        & select(JobPieceRow.place).where(JobPieceRow.job_number == JobRow.number).exists()
+    )
+    query = select(JobRow.number, gone).where(or_(gone, archived)).order_by(JobRow.number)
+    return [(number, bool(all_of_it)) for number, all_of_it in session.execute(query)]
+
+
+def drop_pieces(session: WriteSession, number: int, limit: int) -> int:
+    """Delete some pieces of a job's archive; how many."""
+    query = select(JobPieceRow.place).where(JobPieceRow.job_number == number).limit(limit)
+    places = session.scalars(query).all()
+    session.execute(
+        delete(JobPieceRow).where(JobPieceRow.job_number == number, JobPieceRow.place.in_(places))
+    )
+    return len(places)
+
+
+def remove(session: WriteSession, number: int) -> None:
+    """Delete a job's record, its list of members and whatever is left of its archive."""
+    session.execute(delete(JobRow).where(JobRow.number == number))
+
+
+def _shown() -> Select[JobRow]:
+    return select(JobRow).where(JobRow.state != ARRIVING)
+
+
+def _cause_values(cause: Cause | None) -> Mapping[str, str | None]:
+    return {"kind": None, "detail": None} if cause is None else {"kind": cause.kind, "detail": cause.detail}
+
+
+def _cause(row: JobRow | JobFileRow) -> Cause | None:
+    return None if row.kind is None else Cause(row.kind, row.detail or "")
+
+
+def _record(row: JobRow) -> JobRecord:
+    return JobRecord(
+        number=row.number,
+        id=row.id,
+        state=row.state,  # type: ignore[arg-type]
+        archive=row.archive,
+        format=row.format,
+        size=row.size,
+        tags=tuple(row.tags),
+        metadata=row.meta,
+        cause=_cause(row),
+        created_at=row.created_at,
+        started_at=row.started_at,
+        ended_at=row.ended_at,
+    )
+
+
+def _file(row: JobFileRow) -> FileRecord:
+    return FileRecord(
+        place=row.place,
+        path=row.path,
+        name=row.name,
+        outcome=row.outcome,  # type: ignore[arg-type]
+        shape_id=row.shape_id,
+        cause=_cause(row),
+    )

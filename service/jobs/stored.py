@@ -1,0 +1,54 @@
+"""A job's archive as a file, of which the database holds the pieces."""
+
+from service.jobs import repository
+from service.jobs.errors import JobNotFoundError
+from service.jobs.records import JobRecord
+from service.storage.database import Database
+
+PIECE_BYTES = 4 * 1024 * 1024
+
+
+class StoredArchive:
+    """Reads one piece at a time, and keeps the last.
+
+    Raises `JobNotFoundError` where the archive is gone: the job has ended, or was deleted.
+    """
+
+    def __init__(self, database: Database, job: JobRecord) -> None:
+        self._database = database
+        self._job = job
+        self._position = 0
+        self._piece: tuple[int, bytes] = (-1, b"")
+
+    def tell(self) -> int:
+        """The place."""
+        return self._position
+
+    def seek(self, position: int, whence: int = 0) -> int:
+        """Go to a place: from the beginning, from here or from the end."""
+        target = position + (0, self._position, self._job.size)[whence]
+        if target < 0:
+            raise OSError("a place before the beginning")
+        self._position = target
+        return target
+
+    def read(self, size: int = -1) -> bytes:
+        """So many bytes, or fewer at the end."""
+        left = max(0, self._job.size - self._position)
+        size = left if size < 0 else min(size, left)
+        got = bytearray()
+        while len(got) < size:
+            place, offset = divmod(self._position, PIECE_BYTES)
+            part = self._at(place)[offset : offset + size - len(got)]
+            got += part
+            self._position += len(part)
+        return bytes(got)
+
+    def _at(self, place: int) -> bytes:
+        if self._piece[0] != place:
+            with self._database.read() as session:
+                data = repository.piece(session, self._job.number, place)
+            if data is None:
+                raise JobNotFoundError(self._job.id)
+            self._piece = (place, data)
+        return self._piece[1]

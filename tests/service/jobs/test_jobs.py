@@ -1,0 +1,345 @@
+"""Bulk jobs over HTTP, on both engines: what is in an archive is stored, and what cannot be is named."""
+
+import threading
+import zipfile
+from collections.abc import Iterator
+from datetime import UTC, datetime, timedelta
+
+import pytest
+from sqlalchemy import func, select, update
+
+from service.jobs import service as jobs_service
+from service.shapes import service as shapes_service
+from service.storage.job_tables import JobFileRow, JobPieceRow, JobRow
+from tests.service.engines import on_both
+from tests.service.jobs.packing import FORMATS, pack, zip_link, zipped
+from tests.service.jobs.support import begun, causes, ended, events, files, job, meshes, send, stored
+from tests.service.support import (
+    Running,
+    assert_problem,
+    small_file,
+    wait_until,
+)
+
+pytestmark = on_both
+
+
+@pytest.fixture
+def clean(service: Running) -> Running:
+    """The shared service, holding neither shapes nor jobs."""
+    for each in service.client.get("/jobs").json()["jobs"]:
+        assert service.client.delete(f"/jobs/{each['id']}").status_code == 204
+    service.clear()
+    return service
+
+
+def rows(running: Running, table: type) -> int:
+    with running.parts.database.read() as session:
+        return session.scalar(select(func.count()).select_from(table)) or 0
+
+
+@pytest.fixture
+def held(clean: Running, monkeypatch: pytest.MonkeyPatch) -> Iterator[threading.Event]:
+    """Shapes are stored only when this is set."""
+    go_on = threading.Event()
+    store = shapes_service._store
+
+    def wait_and_store(*arguments: object) -> object:
+        go_on.wait(60)
+        return store(*arguments)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(shapes_service, "_store", wait_and_store)
+    yield go_on
+    go_on.set()
+
+
+@pytest.mark.parametrize("format", FORMATS)
+def test_every_mesh_of_an_archive_is_stored_as_an_upload_would_be(clean: Running, format: str) -> None:
+    made = meshes(range(5))
+    job_id = begun(
+        clean.client, pack(made, format), name=f"parts.{format}", tags="a,b", metadata='{"year": 2026}'
+    )
+    done = ended(clean.client, job_id)
+    assert (done["state"], done["format"], done["archive"]) == ("done", format, f"parts.{format}")
+    assert done["counts"] == {"files": 5, "waiting": 0, "stored": 5, "present": 0, "refused": 0}
+    assert done["problem"] is None
+    assert done["created_at"] <= done["started_at"] <= done["ended_at"]
+    assert stored(clean) == {path.rpartition("/")[2]: data for path, data in made.items()}
+    outcomes = files(clean.client, job_id)
+    assert [file["place"] for file in outcomes] == list(range(5))
+    assert [file["path"] for file in outcomes] == list(made)
+    for file in outcomes:
+        assert (file["outcome"], file["problem"]) == ("stored", None)
+        shape = clean.client.get(f"/shapes/{file['shape_id']}").json()
+        assert (shape["tags"], shape["metadata"]) == (["a", "b"], {"year": 2026})
+        assert shape["name"] == file["path"].rpartition("/")[2]
+        assert shape["embedded"]
+    assert rows(clean, JobPieceRow) == 0
+
+
+def test_files_that_cannot_be_stored_are_named_and_hold_up_nothing(clean: Running) -> None:
+    good = small_file(0)
+    members = [(zipfile.ZipInfo(name), data) for name, data in {
+        "good/0.off": good,
+        "cut.off": good[: len(good) // 2],
+        "empty.stl": b"",
+        "words.ply": b"hello",
+        "notes.txt": b"hello",
+        "../1.off": small_file(1),
+        "inside.zip": pack({"2.off": small_file(2)}),
+        "good/3.stl": small_file(3, "stl"),
+    }.items()]  # fmt: skip
+    members.insert(4, (zip_link("link.off"), b"/etc/passwd"))
+    job_id = begun(clean.client, zipped(members))
+    done = ended(clean.client, job_id)
+    assert done["state"] == "done"
+    assert done["counts"] == {"files": 9, "waiting": 0, "stored": 2, "present": 0, "refused": 7}
+    assert causes(clean.client, job_id) == {
+        "cut.off": "malformed-mesh",
+        "empty.stl": "empty-file",
+        "words.ply": "malformed-mesh",
+        "link.off": "member-kind",
+        "notes.txt": "unknown-format",
+        "../1.off": "member-name",
+        "inside.zip": "nested-archive",
+    }
+    assert all(file["problem"]["detail"] for file in files(clean.client, job_id, outcome="refused"))
+    assert stored(clean) == {"0.off": good, "3.stl": small_file(3, "stl")}
+
+
+def test_what_is_stored_already_is_found(clean: Running) -> None:
+    shape = clean.store(small_file(0), "0.off", tags="before")
+    data = pack({"a/0.off": small_file(0), "b/1.off": small_file(1), "c/1.off": small_file(1)})
+    job_id = begun(clean.client, data, tags="after")
+    assert ended(clean.client, job_id)["counts"]["stored"] == 1
+    first, *others = files(clean.client, job_id)
+    assert (first["outcome"], first["shape_id"]) == ("present", shape["id"])
+    assert {file["outcome"] for file in others} == {"stored", "present"}
+    assert len({file["shape_id"] for file in others}) == 1
+    assert clean.client.get(f"/shapes/{shape['id']}").json()["tags"] == ["before"]
+    again = ended(clean.client, begun(clean.client, data))
+    assert again["counts"] == {"files": 3, "waiting": 0, "stored": 0, "present": 3, "refused": 0}
+
+
+def test_an_archive_without_files(clean: Running) -> None:
+    done = ended(clean.client, begun(clean.client, pack({})))
+    assert (done["state"], done["counts"]["files"]) == ("done", 0)
+
+
+def test_an_archive_that_ends_in_the_middle_fails_and_gives_what_came_before(clean: Running) -> None:
+    data = pack(meshes(range(3)), "tar")
+    job_id = begun(clean.client, data[: len(data) // 2])
+    done = ended(clean.client, job_id)
+    assert done["state"] == "failed"
+    assert done["problem"]["type"].endswith(":malformed-archive")
+    assert done["counts"]["stored"] == 1
+    assert list(stored(clean)) == ["0.off"]
+    assert set(causes(clean.client, job_id).values()) <= {"member-damaged"}
+
+
+@pytest.mark.parametrize(
+    ("archive", "status", "kind"),
+    [
+        (b"", 415, "unknown-archive"),
+        (small_file(0), 415, "unknown-archive"),
+        (b"\x1f\x8b" + bytes(40), 415, "unknown-archive"),
+    ],
+)
+def test_what_is_no_archive_is_refused_at_once(
+    clean: Running, archive: bytes, status: int, kind: str
+) -> None:
+    assert_problem(send(clean.client, archive), status, kind)
+    assert clean.client.get("/jobs").json() == {"jobs": [], "total": 0, "next_cursor": None}
+    assert rows(clean, JobRow) == 0
+
+
+def test_fields_that_cannot_be_used(clean: Running) -> None:
+    archive = pack(meshes(range(1)))
+    for fields in ({"other": "x"}, {"metadata": "[]"}, {"tags": "x" * 65}, {"metadata": "{"}):
+        assert_problem(send(clean.client, archive, **fields), 422, "bad-request-fields")
+    assert_problem(clean.client.post("/jobs", json={}), 415, "unsupported-media-type")
+    assert_problem(clean.client.post("/jobs", files={"other": archive}), 422, "bad-request-fields")
+    assert rows(clean, JobRow) == 0
+
+
+def test_jobs_are_listed_the_latest_first(clean: Running) -> None:
+    archive = pack({"0.off": small_file(0)})
+    ids = [begun(clean.client, archive, name=f"{number}.zip") for number in range(5)]
+    first = clean.client.get("/jobs", params={"limit": 2}).json()
+    assert ([each["id"] for each in first["jobs"]], first["total"]) == (ids[:2:-1], 5)
+    second = clean.client.get("/jobs", params={"limit": 3, "cursor": first["next_cursor"]}).json()
+    assert ([each["id"] for each in second["jobs"]], second["next_cursor"]) == (ids[2::-1], None)
+    for job_id in ids:
+        ended(clean.client, job_id)
+    taken = [job(clean.client, job_id)["started_at"] for job_id in ids]
+    assert taken == sorted(taken)
+
+
+def test_progress_as_events(clean: Running, held: threading.Event) -> None:
+    job_id = begun(clean.client, pack(meshes(range(6))))
+    wait_until(lambda: job(clean.client, job_id)["state"] == "running", seconds=60)
+    address = f"/jobs/{job_id}/events"
+    with clean.client.stream("GET", address) as answer:
+        assert answer.headers["content-type"].startswith("text/event-stream")
+        lines = answer.iter_lines()
+        assert next(lines).startswith("retry: ")
+        held.set()
+        told = events(lines)
+    assert [name for _, name, _ in told] == ["progress"] * (len(told) - 1) + ["end"]
+    done = [data["counts"]["stored"] for _, _, data in told]
+    assert done == sorted(done)
+    assert (done[0], done[-1]) == (0, 6)
+    assert told[-1][2] == job(clean.client, job_id)
+    # A browser comes back by itself, and is told that there is nothing more.
+    assert clean.client.get(address, headers={"last-event-id": told[-1][0]}).status_code == 204
+    late = events(clean.client.get(address).text.splitlines())
+    assert [(name, data["state"]) for _, name, data in late] == [("end", "done")]
+
+
+def test_rate_and_remaining_time(clean: Running, monkeypatch: pytest.MonkeyPatch) -> None:
+    job_id = begun(clean.client, pack(meshes(range(2))))
+    ended(clean.client, job_id)
+    start = datetime.now(UTC) - timedelta(seconds=100)
+    with clean.parts.database.write() as session:
+        number = session.scalars(select(JobRow.number)).one()
+        session.execute(
+            update(JobRow).values(
+                state="running", started_at=start, runner="x", leased_until=datetime(2999, 1, 1, tzinfo=UTC)
+            )
+        )
+        session.execute(
+            JobFileRow.__table__.insert(),
+            [
+                {"job_number": number, "place": 10 + i, "path": "x", "name": "x",
+                 "outcome": "stored" if i < 50 else None,
+                 "ended_at": start + timedelta(seconds=1 + i) if i < 50 else None}
+                for i in range(250)
+            ],
+        )  # fmt: skip
+        # The thirty that ended last took from the 22nd second on, of a hundred.
+        session.execute(update(JobFileRow).where(JobFileRow.place < 10).values(ended_at=start))
+    now = job(clean.client, job_id)
+    assert now["counts"]["waiting"] == 200
+    assert now["files_per_second"] == pytest.approx(30 / 80, rel=0.05)
+    assert now["remaining_seconds"] == pytest.approx(200 * 80 / 30, rel=0.05)
+
+
+def test_a_job_that_is_cancelled_stores_nothing_more(clean: Running, held: threading.Event) -> None:
+    workers = clean.parts.settings.workers
+    job_id = begun(clean.client, pack(meshes(range(3, 9))))
+    wait_until(lambda: at_work(clean) == workers, seconds=60)
+    cancelled = clean.client.post(f"/jobs/{job_id}/cancel")
+    assert cancelled.status_code == 200
+    assert cancelled.json()["state"] == "cancelled"
+    held.set()
+    wait_until(lambda: at_work(clean) == 0, seconds=60)
+    assert stored(clean) == {}
+    assert {file["outcome"] for file in files(clean.client, job_id)} == {"cancelled"}
+    assert rows(clean, JobPieceRow) == 0
+    # Again, it changes nothing; and the next job has its turn.
+    assert clean.client.post(f"/jobs/{job_id}/cancel").json() == cancelled.json()
+    assert ended(clean.client, begun(clean.client, pack(meshes(range(2)))))["counts"]["stored"] == 2
+
+
+def at_work(running: Running) -> int:
+    (line,) = [
+        line
+        for line in running.client.get("/metrics").text.splitlines()
+        if line.startswith("isoshape_job_files ")
+    ]
+    return int(float(line.split()[1]))
+
+
+def test_what_a_cancelled_job_has_stored_stays(clean: Running) -> None:
+    job_id = begun(clean.client, pack(meshes(range(40))))
+    wait_until(lambda: job(clean.client, job_id)["counts"]["stored"] >= 3, seconds=60)
+    cancelled = clean.client.post(f"/jobs/{job_id}/cancel").json()
+    wait_until(lambda: at_work(clean) == 0, seconds=60)
+    counts = job(clean.client, job_id)["counts"]
+    assert counts == cancelled["counts"]
+    assert 3 <= counts["stored"] < 40
+    there = stored(clean)
+    assert len(there) == counts["stored"]
+    assert {file["path"].rpartition("/")[2] for file in files(clean.client, job_id, outcome="stored")} == set(
+        there
+    )
+
+
+def test_a_job_that_is_deleted_is_cancelled_and_forgotten(clean: Running, held: threading.Event) -> None:
+    job_id = begun(clean.client, pack(meshes(range(3, 9))))
+    wait_until(lambda: at_work(clean), seconds=60)
+    assert clean.client.delete(f"/jobs/{job_id}").status_code == 204
+    held.set()
+    wait_until(lambda: at_work(clean) == 0, seconds=60)
+    for address in ("", "/files", "/events"):
+        assert_problem(clean.client.get(f"/jobs/{job_id}{address}"), 404, "job-not-found")
+    for method, address in (("POST", "/cancel"), ("DELETE", "")):
+        assert_problem(clean.client.request(method, f"/jobs/{job_id}{address}"), 404, "job-not-found")
+    assert stored(clean) == {}
+    assert rows(clean, JobRow) == rows(clean, JobFileRow) == rows(clean, JobPieceRow) == 0
+
+
+def test_requests_come_before_files(clean: Running, held: threading.Event) -> None:
+    job_id = begun(clean.client, pack(meshes(range(10, 16))))
+    wait_until(lambda: at_work(clean) == clean.parts.settings.workers, seconds=60)
+    # The files wait to be stored, and no request for a worker.
+    assert clean.client.post("/query", files={"file": ("x.off", small_file(30))}).status_code == 200
+    assert clean.client.get("/readyz").status_code == 200
+    assert job(clean.client, job_id)["counts"]["stored"] == 0
+    held.set()
+    assert ended(clean.client, job_id)["counts"]["stored"] == 6
+
+
+def test_files_wait_while_requests_want_the_workers(clean: Running) -> None:
+    work = clean.parts.work
+    with work.admitted(), work.admitted():
+        job_id = begun(clean.client, pack(meshes(range(4))))
+        wait_until(lambda: job(clean.client, job_id)["state"] == "running", seconds=60)
+        wait_until(lambda: job(clean.client, job_id)["counts"]["stored"] >= 1, seconds=60)
+        assert at_work(clean) <= 1
+    assert ended(clean.client, job_id)["counts"]["stored"] == 4
+
+
+def test_leftovers_are_cleared(clean: Running) -> None:
+    job_id = begun(clean.client, pack(meshes(range(1))))
+    ended(clean.client, job_id)
+    database, now = clean.parts.database, datetime.now(UTC)
+    with database.write() as session:
+        number = session.scalars(select(JobRow.number)).one()
+        session.add_all(JobPieceRow(job_number=number, place=place, data=b"x") for place in range(20))
+    jobs_service.clear(database, timedelta(days=1))
+    assert rows(clean, JobPieceRow) == 0
+    assert job(clean.client, job_id)["state"] == "done"
+    with database.write() as session:
+        session.execute(update(JobRow).values(ended_at=now - timedelta(hours=25)))
+    jobs_service.clear(database, timedelta(hours=26))
+    assert job(clean.client, job_id)["state"] == "done"
+    jobs_service.clear(database, timedelta(hours=24))
+    assert_problem(clean.client.get(f"/jobs/{job_id}"), 404, "job-not-found")
+    assert rows(clean, JobRow) == rows(clean, JobFileRow) == 0
+    assert len(stored(clean)) == 1
+
+
+def test_an_archive_that_never_arrived_whole_is_no_job(clean: Running) -> None:
+    class Broken:
+        def __init__(self) -> None:
+            self.left = 3
+
+        def seek(self, position: int, whence: int = 0) -> int:
+            return position
+
+        def tell(self) -> int:
+            return 0
+
+        def read(self, size: int) -> bytes:
+            self.left -= 1
+            if not self.left:
+                assert rows(clean, JobPieceRow) == 2
+                assert clean.client.get("/jobs").json()["total"] == 0
+                raise OSError("the disk is gone")
+            return b"x" * size
+
+    new = jobs_service.NewJob("a", "zip", 10**8, (), {})
+    with pytest.raises(OSError, match="gone"):
+        jobs_service.receive(clean.parts.database, Broken(), new, 10)
+    assert rows(clean, JobRow) == rows(clean, JobPieceRow) == 0
