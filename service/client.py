@@ -13,7 +13,7 @@ What it returns are the models that the service answers with. It may be used fro
 import json
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -23,6 +23,7 @@ from urllib.parse import quote
 import httpx
 from pydantic import BaseModel, JsonValue, ValidationError
 
+from service.jobs.schemas import Job, JobFile, JobFilePage, JobPage
 from service.problems import MEDIA_TYPE, TYPE_PREFIX, Problem
 from service.search.ranking import RankBy
 from service.search.schemas import CompareAnswer, QueryAnswer
@@ -173,6 +174,69 @@ class Client:
             fields["metadata"] = json.dumps(metadata)
         answer = self._send("POST", "/shapes", data=fields, files={"file": _named_bytes(file)})
         return Upload(_parse(Shape, answer), created=answer.status_code == httpx.codes.CREATED)
+
+    def send_archive(
+        self,
+        archive: File,
+        *,
+        tags: Sequence[str] = (),
+        metadata: Mapping[str, JsonValue] | None = None,
+    ) -> Job:
+        """Have every mesh in a zip or tar stored, with tags and metadata, by a job to be followed."""
+        fields: dict[str, str] = {"tags": ",".join(tags)} if tags else {}
+        if metadata is not None:
+            fields["metadata"] = json.dumps(metadata)
+        with ExitStack() as stack:
+            # Too large to be read at once.
+            file = (
+                archive
+                if isinstance(archive, tuple)
+                else (Path(archive).name, stack.enter_context(Path(archive).open("rb")))
+            )
+            return _parse(Job, self._send("POST", "/jobs", data=fields, files={"file": file}))
+
+    def job(self, job_id: str) -> Job:
+        """How far a job is."""
+        return _parse(Job, self._send("GET", f"/jobs/{_segment(job_id)}"))
+
+    def follow_job(self, job_id: str, *, seconds: float = 1.0) -> Iterator[Job]:
+        """How far a job is, asked every so many seconds until it has ended; that is the last."""
+        while True:
+            job = self.job(job_id)
+            yield job
+            if job.has_ended:
+                return
+            time.sleep(seconds)
+
+    def jobs(self) -> Iterator[Job]:
+        """The jobs that have not ended, or ended in the last days, the latest first."""
+        cursor: dict[str, str] = {}
+        while True:
+            page = _parse(JobPage, self._send("GET", "/jobs", params={"limit": 500, **cursor}))
+            yield from page.jobs
+            if page.next_cursor is None:
+                return
+            cursor = {"cursor": page.next_cursor}
+
+    def job_files(
+        self, job_id: str, *, outcome: Literal["stored", "present", "refused"] | None = None
+    ) -> Iterator[JobFile]:
+        """What became of each file of a job's archive, in its order; of those with one outcome, or of all."""
+        query: dict[str, Any] = {"limit": 500} | ({} if outcome is None else {"outcome": outcome})
+        while True:
+            page = _parse(JobFilePage, self._send("GET", f"/jobs/{_segment(job_id)}/files", params=query))
+            yield from page.files
+            if page.next_cursor is None:
+                return
+            query["cursor"] = page.next_cursor
+
+    def cancel_job(self, job_id: str) -> Job:
+        """Store nothing more of a job's archive; what is stored stays."""
+        return _parse(Job, self._send("POST", f"/jobs/{_segment(job_id)}/cancel"))
+
+    def delete_job(self, job_id: str) -> None:
+        """Cancel a job, and delete its record; what is stored stays."""
+        self._send("DELETE", f"/jobs/{_segment(job_id)}")
 
     def page(
         self,

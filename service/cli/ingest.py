@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from core.reading import FORMATS
+from service.cli.bulk import is_archive, store_archive
 from service.cli.console import fail, output, progress, say
 from service.cli.target import Key, Url, service_at
 from service.cli.upload import AT_ONCE, Item, upload_all
@@ -14,7 +15,9 @@ from service.shapes.fields import TAG_CHARACTERS
 
 
 def command(
-    paths: Annotated[list[Path], typer.Argument(metavar="PATH...", help="Mesh files, and folders of them.")],
+    paths: Annotated[
+        list[Path], typer.Argument(metavar="PATH...", help="Mesh files, folders of them, and archives.")
+    ],
     *,
     tag: Annotated[list[str] | None, typer.Option(help="Give every file this tag too; repeatable.")] = None,
     url: Url = None,
@@ -26,10 +29,12 @@ def command(
     The class is the one that labels.csv (columns file and class) in the file's folder gives, or else the name
     of the class folder, directly below the folder given; a file given itself has none but that of labels.csv.
     What is there already, the same bytes under the same name, stays as it is: the command may be run again. A
-    file that is refused does not stop the others.
+    file that is refused does not stop the others. An archive (zip, tar, tar.gz, tar.bz2, tar.xz) is sent as
+    it is, and unpacked by the service; files in it have no class.
     """
-    found = find_meshes(paths)
-    if not found.files:
+    archives = [path for path in paths if is_archive(path)]
+    found = find_meshes([path for path in paths if path not in archives])
+    if not found.files and not archives:
         fail(f"no meshes there; the formats read are {', '.join(FORMATS)}")
     items = [Item(file.path.name, file.path, _tags(file, tag or [])) for file in found.files]
     created = present = 0
@@ -44,6 +49,11 @@ def command(
             else:
                 present += 1
             bar.advance(task)
+        for path in archives:
+            done = store_archive(client, path, tag or [], bar)
+            created += done.stored
+            present += done.present
+            refused += done.refused
     left_out = f", {found.ignored} of other formats left out" if found.ignored else ""
     output().print(
         f"{created} stored, {present} already there, {len(refused)} refused{left_out}", soft_wrap=True

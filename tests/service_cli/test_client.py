@@ -18,6 +18,7 @@ from service.client import (
 from service.errors import PROBLEMS
 from service.problems import MEDIA_TYPE, TYPE_PREFIX
 from service.search.schemas import QueryOptions
+from tests.service.jobs.packing import pack
 from tests.service_cli.conftest import mesh_bytes
 
 CUP = ("cup-0.off", mesh_bytes("cup", 0))
@@ -81,6 +82,30 @@ def test_queries_and_comparison(archive: Client) -> None:
     compared = archive.compare(cup.id, octopus.id)
     assert compared.cc == pytest.approx(others.results[0].cc, abs=1e-9)
     assert compared.correspondence
+
+
+def test_a_job_from_sending_to_deletion(archive: Client, tmp_path: Path) -> None:
+    path = tmp_path / "meshes.zip"
+    path.write_bytes(pack({"a/cup.off": CUP[1], "octopus.off": OCTOPUS[1], "words.off": b"x"}))
+    sent = archive.send_archive(path, tags=["x", "y"], metadata={"year": 2026})
+    assert (sent.archive, sent.state, sent.bytes) == ("meshes.zip", "waiting", path.stat().st_size)
+    *_, last = archive.follow_job(sent.id, seconds=0.1)
+    assert (last.state, last.counts.stored, last.counts.refused) == ("done", 2, 1)
+    assert [file.path for file in archive.job_files(sent.id)] == ["a/cup.off", "octopus.off", "words.off"]
+    (bad,) = archive.job_files(sent.id, outcome="refused")
+    assert bad.problem is not None
+    assert bad.problem.type == TYPE_PREFIX + "malformed-mesh"
+    for file in archive.job_files(sent.id, outcome="stored"):
+        assert file.shape_id is not None
+        shape = archive.shape(file.shape_id)
+        assert (shape.tags, shape.metadata) == (["x", "y"], {"year": 2026})
+    other = archive.send_archive(("other.zip", path.read_bytes()))
+    assert [job.id for job in archive.jobs()][:2] == [other.id, sent.id]
+    assert archive.cancel_job(other.id).has_ended
+    archive.delete_job(sent.id)
+    with pytest.raises(ProblemError) as missing:
+        archive.job(sent.id)
+    assert missing.value.kind == "job-not-found"
 
 
 def test_ready_and_version(archive: Client) -> None:

@@ -6,6 +6,7 @@ import pytest
 
 from service.cli.ingest import class_tag
 from service.client import Client
+from tests.service.jobs.packing import pack
 from tests.service_cli.conftest import CLASSES, POSES, Run, mesh_bytes
 
 
@@ -70,6 +71,30 @@ def test_a_single_file_of_a_labelled_folder(archive: Client, tmp_path: Path, run
     (tmp_path / "labels.csv").write_text("file,class\none.off,Cup\n", encoding="utf-8")
     assert run("ingest", tmp_path / "one.off", tmp_path / "two.off").status == 0
     assert {shape.name: shape.tags for shape in archive.shapes()} == {"one.off": ["Cup"], "two.off": []}
+
+
+@pytest.mark.parametrize("ending", ["zip", "tar.gz"])
+def test_an_archive_is_stored_by_a_job(archive: Client, tmp_path: Path, run: Run, ending: str) -> None:
+    good = {f"{label}.off": mesh_bytes(label, 0) for label in CLASSES}
+    path = tmp_path / f"meshes.{ending}"
+    path.write_bytes(pack({**good, "bad/cut.off": good["cup.off"][:500]}, ending))
+    done = run("ingest", path, "--tag", "made")
+    assert (done.status, done.stdout) == (1, "3 stored, 0 already there, 1 refused\n")
+    assert done.stderr.splitlines()[1].startswith(f"{path}: bad/cut.off: malformed-mesh: ")
+    assert {shape.name: shape.tags for shape in archive.shapes()} == {name: ["made"] for name in good}
+    path.write_bytes(pack(good, ending))
+    assert run("ingest", path).stdout == "0 stored, 3 already there, 0 refused\n"
+
+
+def test_what_is_called_an_archive_and_is_none(archive: Client, tmp_path: Path, run: Run) -> None:
+    (tmp_path / "words.zip").write_text("hello", encoding="utf-8")
+    (tmp_path / "half.tar").write_bytes(pack({"a.off": mesh_bytes("cup", 0), "b.off": b"x"}, "tar")[:9000])
+    done = run("ingest", tmp_path / "words.zip", tmp_path / "half.tar")
+    assert done.status == 1
+    half, member, words = done.stderr.splitlines()[1:]
+    assert half.startswith(f"{tmp_path / 'half.tar'}: malformed-archive: ")
+    assert member.startswith(f"{tmp_path / 'half.tar'}: a.off: member-damaged: ")
+    assert words.startswith(f"{tmp_path / 'words.zip'}: unknown-archive: ")
 
 
 def test_nothing_to_store(tmp_path: Path, run: Run) -> None:
