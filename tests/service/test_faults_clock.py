@@ -8,7 +8,10 @@ import pytest
 
 from service.access.keys import digest_of
 from service.shapes import repository
+from tests.service.engines import on_both
 from tests.service.support import Running, assert_problem, query, serving, settings_in, small_file, upload
+
+pytestmark = on_both
 
 KEY, OTHER = "isoshape_one-key", "isoshape_other-key"
 RATE = 60
@@ -24,7 +27,7 @@ class DayBefore(datetime):
 
 
 @pytest.fixture(scope="module")
-def clocked(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
+def clocked(tmp_path_factory: pytest.TempPathFactory, engine: str) -> Iterator[Running]:
     settings = settings_in(
         tmp_path_factory.mktemp("clock"),
         workers=1,

@@ -9,7 +9,10 @@ from core.mesh import Mesh
 from core.reading import read_mesh, write_mesh
 from service.client import Client
 from service.search.schemas import EXCLUDED, SAME_SIZE
+from tests.service.engines import on_both
 from tests.service.support import Running, assert_problem, query, small_file
+
+pytestmark = on_both
 
 SHAPES = {
     "Bolt M6.off": {"tags": "bolt,steel", "metadata": '{"maker": "A, B", "year": 2020}'},

@@ -9,7 +9,7 @@ from typing import Any
 
 import httpx
 import pytest
-from sqlalchemy import text
+from sqlalchemy import select, text
 
 from core.pipeline import Pipeline
 from service.access.keys import digest_of
@@ -18,7 +18,11 @@ from service.idempotency.keys import HEADER, REPLAYED, payload_of, read_key
 from service.idempotency.records import Claim, Kept
 from service.shapes.records import NewShape, Stored
 from service.shapes.service import answer_of, ingest
+from service.storage.tables import IdempotencyKeyRow
+from tests.service.engines import on_both
 from tests.service.support import Running, assert_problem, serving, settings_in, small_file, wait_until
+
+pytestmark = on_both
 
 LONG = '"' + 256 * "x" + '"'
 KEY = '"8e03978e-40d5-43e8-bc93-6894a57f9324"'
@@ -220,10 +224,8 @@ def test_answers_outlive_the_service_until_they_expire(tmp_path: Path) -> None:
         assert_replayed(send(running.client, small_file(0)), first)
         assert_problem(send(running.client, small_file(2)), 422, "idempotency-key-reused")
         with running.parts.database.read() as session:
-            (until,) = session.execute(
-                text("SELECT expires_at FROM idempotency_keys WHERE key LIKE '8e%'")
-            ).one()
-        left = datetime.fromisoformat(until).replace(tzinfo=UTC) - datetime.now(UTC)
+            expiry = select(IdempotencyKeyRow.expires_at).where(IdempotencyKeyRow.key.startswith("8e"))
+            left = session.scalars(expiry).one() - datetime.now(UTC)
         assert timedelta(hours=1.8) < left <= timedelta(hours=2)
         with running.parts.database.write() as session:
             session.execute(text("UPDATE idempotency_keys SET expires_at = '2001-01-01 00:00:00.000000'"))

@@ -19,6 +19,7 @@ from service.pictures.tasks import preview as make_preview
 from service.pictures.thumbnail import SIZES, draw
 from service.pictures.view import camera, upright
 from service.storage.tables import ThumbnailRow
+from tests.service.engines import on_both
 from tests.service.support import Running, assert_problem, small_file
 
 
@@ -171,6 +172,7 @@ def test_parts_lie_side_by_side() -> None:
     assert np.ptp(left) == pytest.approx(np.ptp(right)) == pytest.approx(2.0)
 
 
+@on_both
 def test_a_thumbnail_is_drawn_once_and_kept(service: Running) -> None:
     shape = service.store(small_file(1))
     address = f"/shapes/{shape['id']}/thumbnail.png"
@@ -190,6 +192,7 @@ def test_a_thumbnail_is_drawn_once_and_kept(service: Running) -> None:
     assert service.client.get(address, params={"size": 128}).content == answer.content
 
 
+@on_both
 def test_a_thumbnail_goes_with_the_last_shape_that_has_the_file(service: Running) -> None:
     ids = [service.store(small_file(2), name=name)["id"] for name in ("a.off", "b.off")]
     assert service.client.get(f"/shapes/{ids[0]}/thumbnail.png").status_code == 200

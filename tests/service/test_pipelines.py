@@ -1,10 +1,13 @@
 """One archive under several pipelines, and many clients at a time."""
 
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import pytest
-from sqlalchemy import text
+from sqlalchemy import Executable, delete, text, update
 
 from core.parameters import DEFAULT, PAPER
 from service.errors import PipelineUnavailableError
@@ -15,8 +18,12 @@ from service.shapes import repository as shapes_repository
 from service.shapes.records import NewShape
 from service.storage.database import Database
 from service.storage.migrate import migrate
+from service.storage.tables import PipelineRow
+from tests.service.engines import on_both, url_in
 from tests.service.pipelines import fingerprints, write_parameters
 from tests.service.support import Running, assert_problem, query, serving, settings_in, small_file, upload
+
+pytestmark = on_both
 
 
 def test_an_archive_of_another_pipeline_is_served_as_it_is(tmp_path: Path) -> None:
@@ -81,24 +88,24 @@ def test_a_shape_without_an_embedding_of_the_pipeline_in_use_is_said(tmp_path: P
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        ("UPDATE pipelines SET method = 0", "version 0 of the method"),
-        ("UPDATE pipelines SET parameters = json_set(parameters, '$.dimensions', 9)", "does not have"),
-        ("UPDATE pipelines SET parameters = json_set(parameters, '$.newer', 1)", "does not have"),
-        ("DELETE FROM pipelines", "Start with the ISOSHAPE_PIPELINE that made it"),
+        (lambda few: update(PipelineRow).values(method=0), "version 0 of the method"),
+        (lambda few: update(PipelineRow).values(parameters={**few, "dimensions": 9}), "does not have"),
+        (lambda few: update(PipelineRow).values(parameters={**few, "newer": 1}), "does not have"),
+        (lambda few: delete(PipelineRow), "Start with the ISOSHAPE_PIPELINE that made it"),
     ],
 )
 def test_an_archive_of_an_unknown_pipeline_is_refused_at_the_start(
-    tmp_path: Path, change: str, said: str
+    tmp_path: Path, change: Callable[[dict[str, Any]], Executable], said: str
 ) -> None:
     few = write_parameters(tmp_path)
-    database = Database(f"sqlite:///{tmp_path}/archive.sqlite3", lock_seconds=1)
+    database = Database(url_in(tmp_path), lock_seconds=1)
     migrate(database)
     with database.write() as session:
         keep(session, few)
         repository.activate(session, few.fingerprint)
         new = NewShape(data=b"x", format="off", name="x", tags=(), metadata={})
         shapes_repository.add_shape(session, shapes_repository.add_blob(session, b"x", new.sha256), new, {})
-        session.execute(text(change))
+        session.execute(change(asdict(few)))
     with pytest.raises(PipelineUnavailableError, match=said) as refused:
         begin(Pipelines(DEFAULT), database)
     assert "isoshape reembed" in str(refused.value)

@@ -7,22 +7,27 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 
 import httpx
 
+from tests.service.engines import on_both, url_in
 from tests.service.support import query, small_file, upload, wait_until
+
+WRITERS = 16
+TURNS = 3
 
 
 @contextmanager
 def server(folder: Path, **settings: str) -> Iterator[tuple[subprocess.Popen[bytes], httpx.Client]]:
-    """`isoshape serve` on an archive in a folder; killed at the end if it still runs."""
+    """`isoshape serve` on a folder's archive; killed at the end if it still runs."""
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
     environment = {key: value for key, value in os.environ.items() if not key.startswith("ISOSHAPE_")} | {
-        "ISOSHAPE_DATABASE_URL": f"sqlite:///{folder}/archive.sqlite3",
+        "ISOSHAPE_DATABASE_URL": url_in(folder),
         "ISOSHAPE_WORKERS": "2",
         **settings,
     }
@@ -53,6 +58,7 @@ def workers(process: subprocess.Popen[bytes]) -> list[int]:
     return [int(pid) for thread in threads for pid in (thread / "children").read_text().split()]
 
 
+@on_both
 def test_a_killed_service_has_all_that_it_had_acknowledged(tmp_path: Path) -> None:
     acknowledged: dict[str, str] = {}
     deleted: set[str] = set()
@@ -108,6 +114,7 @@ def test_a_killed_service_has_all_that_it_had_acknowledged(tmp_path: Path) -> No
         assert process.wait(timeout=30) in {0, -signal.SIGTERM}
 
 
+@on_both
 def test_another_processes_writes_are_seen_by_the_next_query(tmp_path: Path) -> None:
     with server(tmp_path) as (_, one), server(tmp_path) as (_, other):
         for number in range(4):
@@ -120,6 +127,49 @@ def test_another_processes_writes_are_seen_by_the_next_query(tmp_path: Path) -> 
         answer = query(other, small_file(number), top_k=10).json()
         assert answer["compared"] == answer["stored"] == 3
         assert shape["id"] not in {result["shape"]["id"] for result in answer["results"]}
+
+
+@on_both
+def test_many_writers_on_two_services_lose_nothing(tmp_path: Path) -> None:
+    settings = {"ISOSHAPE_LOCK_SECONDS": "60", "ISOSHAPE_WORKERS": "1"}
+    with server(tmp_path, **settings) as (_, one), server(tmp_path, **settings) as (_, other):
+        clients = (one, other)
+
+        def done(answer: httpx.Response, *statuses: int) -> httpx.Response:
+            assert answer.status_code in statuses, answer.text
+            return answer
+
+        def write(writer: int) -> tuple[bool, dict[str, int]]:
+            """Some shapes, each on bytes that others store too; the first of them deleted again."""
+            client = clients[writer % 2]
+            made: dict[str, int] = {}
+            was_first = done(upload(client, small_file(0), "common.off"), 200, 201).status_code == 201
+            for turn in range(TURNS):
+                data = small_file((writer + turn) % 5)
+                shape = done(upload(client, data, f"{writer} {turn}.off"), 201).json()
+                made[shape["id"]] = turn
+                address = f"/shapes/{shape['id']}"
+                done(client.patch(address, json={"metadata": {"writer": writer, "turn": turn}}), 200)
+            done(client.delete(f"/shapes/{next(iter(made))}"), 204)
+            return was_first, dict(list(made.items())[1:])
+
+        with ThreadPoolExecutor(WRITERS) as pool:
+            outcomes = list(pool.map(write, range(WRITERS)))
+        assert sum(was_first for was_first, _ in outcomes) == 1
+        expected = {
+            shape_id: {"writer": writer, "turn": turn}
+            for writer, (_, made) in enumerate(outcomes)
+            for shape_id, turn in made.items()
+        }
+        for client in clients:
+            shapes = client.get("/shapes", params={"limit": 500}).json()["shapes"]
+            assert {
+                each["id"]: each["metadata"] for each in shapes if each["name"] != "common.off"
+            } == expected
+            assert len(shapes) == len(expected) + 1
+            answer = query(client, small_file(9), top_k=100).json()
+            assert answer["compared"] == answer["stored"] == len(shapes)
+            assert {each["shape"]["id"] for each in answer["results"]} == {each["id"] for each in shapes}
 
 
 def test_a_service_does_not_start_with_a_setting_it_does_not_know(tmp_path: Path) -> None:

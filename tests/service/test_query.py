@@ -3,7 +3,10 @@
 import numpy as np
 import pytest
 
+from tests.service.engines import on_both
 from tests.service.support import Running, pipeline_in_use, query, small_file
+
+pytestmark = on_both
 
 RESULT = {"rank", "cc", "ssd", "sim", "combined", "shape", "correspondence"}
 

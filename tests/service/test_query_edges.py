@@ -3,7 +3,10 @@
 import httpx
 import pytest
 
+from tests.service.engines import on_both
 from tests.service.support import Running, assert_problem, query, small_file
+
+pytestmark = on_both
 
 
 def test_equals_are_in_the_order_they_were_stored(service: Running) -> None:

@@ -17,6 +17,7 @@ from service.compute.tasks import Embedded
 from service.compute.work import Work
 from service.errors import WorkerLostError
 from service.pipelines.reembedding import Outcome, Reembedding
+from tests.service.engines import on_both
 from tests.service.pipelines import active, embeddings, fingerprints, write_parameters
 from tests.service.support import (
     Running,
@@ -27,6 +28,8 @@ from tests.service.support import (
     settings_in,
     small_file,
 )
+
+pytestmark = on_both
 
 STORED = 5
 
@@ -54,7 +57,7 @@ def few(tmp_path: Path) -> Parameters:
 
 
 @pytest.fixture(scope="module")
-def serving_one(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Running, Path]]:
+def serving_one(tmp_path_factory: pytest.TempPathFactory, engine: str) -> Iterator[tuple[Running, Path]]:
     folder = tmp_path_factory.mktemp("reembedding")
     with serving(settings_in(folder)) as running:
         yield running, folder
@@ -298,7 +301,8 @@ def test_a_running_service_says_when_a_newer_one_has_taken_the_archive_over(
 
     def search_by(fingerprint: str) -> None:
         with running.parts.database.write() as session:
-            session.execute(text("INSERT OR IGNORE INTO pipelines VALUES ('0123456789abcdef', 99, '{}')"))
+            newer = "INSERT INTO pipelines VALUES ('0123456789abcdef', 99, '{}') ON CONFLICT DO NOTHING"
+            session.execute(text(newer))
             session.execute(text("UPDATE archive SET fingerprint = :value"), {"value": fingerprint})
 
     search_by("0123456789abcdef")

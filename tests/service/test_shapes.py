@@ -10,7 +10,10 @@ import pytest
 
 from core.records import embedding_from_bytes
 from service.shapes import repository
+from tests.service.engines import on_both
 from tests.service.support import Running, assert_problem, pipeline_in_use, small_file, upload
+
+pytestmark = on_both
 
 
 def test_pages_show_every_shape_once_and_in_order(service: Running) -> None:

@@ -6,13 +6,16 @@ import numpy as np
 import pytest
 
 from service.search.ranking import Compared, RankBy, ranked
+from tests.service.engines import on_both
 from tests.service.support import Running, pipeline_in_use, query, serving, settings_in, small_file
+
+pytestmark = on_both
 
 STORED = 12
 
 
 @pytest.fixture(scope="module")
-def small_shortlist(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
+def small_shortlist(tmp_path_factory: pytest.TempPathFactory, engine: str) -> Iterator[Running]:
     """A service that shortlists 4 from 10 candidates up, and holds 12 shapes."""
     folder = tmp_path_factory.mktemp("shortlist")
     with serving(settings_in(folder, shortlist_from=10, shortlist_length=4)) as running:

@@ -15,6 +15,9 @@ from service.shapes import repository
 from service.shapes.records import NewShape
 from service.storage.database import Database, ReadSession
 from service.storage.migrate import migrate
+from tests.service.engines import on_both, url_in
+
+pytestmark = on_both
 
 FINGERPRINT = "f" * 16
 OTHER = "0" * 16
@@ -22,7 +25,7 @@ OTHER = "0" * 16
 
 @pytest.fixture
 def database(tmp_path: Path) -> Iterator[Database]:
-    database = Database(f"sqlite:///{tmp_path}/a.sqlite3", lock_seconds=5)
+    database = Database(url_in(tmp_path), lock_seconds=5)
     migrate(database)
     yield database
     database.close()
@@ -100,7 +103,7 @@ def test_another_connections_write_is_seen_at_once(database: Database, tmp_path:
     index = SignatureIndex(FINGERPRINT)
     store(database, 1, "one")
     assert len(current(database, index).shapes) == 1
-    other = Database(f"sqlite:///{tmp_path}/a.sqlite3", lock_seconds=5)
+    other = Database(url_in(tmp_path), lock_seconds=5)
     store(other, 2, "two")
     assert len(current(database, index).shapes) == 2
     remove(other, 1, "one")

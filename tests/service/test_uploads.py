@@ -17,7 +17,10 @@ from core.mesh import Mesh
 from core.pipeline import Pipeline
 from core.reading import FORMATS, read_mesh, write_mesh
 from service.compute.tasks import Embedded
+from tests.service.engines import on_both
 from tests.service.support import Running, assert_problem, pipeline_in_use, query, small_file, upload
+
+pytestmark = on_both
 
 
 def test_a_stored_shape_is_what_was_sent(service: Running) -> None:

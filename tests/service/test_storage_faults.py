@@ -1,0 +1,90 @@
+"""A database that fails beneath the service: it says so, and goes on by itself once that is over."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from tests.service.calls import assert_recovered, changes, reads, the_kept
+from tests.service.engines import POSTGRESQL, SQLITE, on_both
+from tests.service.support import Running, assert_problem, serving, settings_in, small_file, upload
+from tests.service.trouble import full, is_sqlite, lock_held, not_writable, url_of
+
+on_sqlite = pytest.mark.parametrize("engine", [SQLITE], indirect=True, scope="module")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory, engine: str) -> Path:
+    return tmp_path_factory.mktemp(f"faults-{engine}")
+
+
+@pytest.fixture(scope="module")
+def frail(folder: Path, engine: str) -> Iterator[Running]:
+    """A service with one worker that waits half a second for a lock."""
+    with serving(settings_in(folder, workers=1, lock_seconds=0.5)) as running:
+        running.store(small_file(0), "kept.off", name="kept")
+        assert is_sqlite(url_of(running.parts.database)) == (engine == SQLITE)
+        yield running
+
+
+@pytest.fixture
+def kept(frail: Running) -> str:
+    """The shape that is there all the time."""
+    return the_kept(frail)
+
+
+@on_both
+def test_a_full_disk(frail: Running, kept: str) -> None:
+    with full(frail.parts.database):
+        large = small_file(1) + b"\n" * 100_000
+        problem = assert_problem(upload(frail.client, large, "large.off"), 507, "storage-full")
+        assert "full" in problem["detail"]
+        for call in reads(frail, kept).values():
+            assert call().status_code == 200
+        assert frail.client.get("/readyz").status_code == 200
+    stored = upload(frail.client, large, "large.off")
+    assert stored.status_code == 201
+    assert frail.client.delete(f"/shapes/{stored.json()['id']}").status_code == 204
+    assert_recovered(frail, kept)
+
+
+@on_both
+def test_a_database_that_may_not_be_written(frail: Running, kept: str, engine: str) -> None:
+    said = {SQLITE: "SQLITE_READONLY", POSTGRESQL: "ReadOnlySqlTransaction"}[engine]
+    with not_writable(frail.parts.database):
+        for call in changes(frail, kept).values():
+            assert said in assert_problem(call(), 503, "storage-unavailable")["detail"]
+        for call in reads(frail, kept).values():
+            assert call().status_code == 200
+    assert_recovered(frail, kept)
+
+
+@on_sqlite
+def test_a_folder_in_which_nothing_can_be_made(frail: Running, folder: Path, kept: str) -> None:
+    """A journal must be made beside the database, and here something stands in its place."""
+    journal = folder / "archive.sqlite3-journal"
+    journal.unlink(missing_ok=True)
+    journal.mkdir()
+    for call in changes(frail, kept).values():
+        assert_problem(call(), 503, "storage-unavailable")
+    journal.rmdir()
+    assert_recovered(frail, kept)
+
+
+@on_both
+def test_a_lock_that_another_process_holds(frail: Running, kept: str, engine: str) -> None:
+    said = {SQLITE: "SQLITE_BUSY", POSTGRESQL: "LockNotAvailable"}[engine]
+    url = url_of(frail.parts.database)
+    with lock_held(url):
+        for call in changes(frail, kept).values():
+            answer = call()
+            assert said in assert_problem(answer, 503, "storage-unavailable")["detail"]
+            assert int(answer.headers["retry-after"]) >= 1
+        for call in reads(frail, kept).values():
+            assert call().status_code == 200
+    with lock_held(url, readers_too=True):
+        for call in (changes(frail, kept) | reads(frail, kept)).values():
+            assert_problem(call(), 503, "storage-unavailable")
+        assert frail.client.get("/healthz").status_code == 200
+        assert_problem(frail.client.get("/readyz"), 503, "not-ready")
+    assert_recovered(frail, kept)
