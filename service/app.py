@@ -103,7 +103,12 @@ def _start(settings: Settings, parameters: Parameters, gate: Gate, metrics: Metr
         settings, parameters, lambda cause: metrics.worker_replacements.labels(cause).inc()
     )
     try:
-        database = Database(settings.database_url, lock_seconds=settings.lock_seconds, metrics=metrics)
+        database = Database(
+            settings.database_url,
+            lock_seconds=settings.lock_seconds,
+            metrics=metrics,
+            graph=settings.graph,
+        )
         migrate(database)
         pipelines = Pipelines(parameters)
         begin(pipelines, database)

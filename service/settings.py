@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import Field, PositiveInt, ValidationError, field_validator
+from pydantic import Field, PositiveInt, ValidationError, ValidationInfo, field_validator
 from pydantic_settings import BaseSettings, NoDecode, SettingsConfigDict
 from sqlalchemy import make_url
 from sqlalchemy.exc import ArgumentError
@@ -15,6 +15,7 @@ from sqlalchemy.exc import ArgumentError
 from core.errors import ParameterError
 from core.parameters import DEFAULT, PAPER, Parameters
 from core.reading import DEFAULT_LIMITS, Limits
+from service.storage.graph_parameters import GraphParameters
 
 PREFIX = "ISOSHAPE_"
 
@@ -168,6 +169,26 @@ class Settings(BaseSettings):
         default=1_000, description="How many of the nearest by signature such a query compares."
     )
 
+    hnsw_m: int = Field(
+        default=16,
+        ge=2,
+        le=100,
+        description="On PostgreSQL: to how many others a signature is linked in the graph that is searched.",
+    )
+    hnsw_ef_construction: int = Field(
+        default=64,
+        ge=4,
+        le=1_000,
+        validate_default=True,
+        description="On PostgreSQL: how many near ones are kept in mind while a signature is linked.",
+    )
+    hnsw_ef_search: int = Field(
+        default=200,
+        ge=1,
+        le=1_000,
+        description="On PostgreSQL: how many near ones are kept in mind while the graph is searched.",
+    )
+
     @field_validator("database_url")
     @classmethod
     def _names_a_database(cls, database_url: str) -> str:
@@ -183,6 +204,13 @@ class Settings(BaseSettings):
                 "in postgresql+psycopg://user:password@host/database"
             )
         return database_url
+
+    @field_validator("hnsw_ef_construction")
+    @classmethod
+    def _makes_a_graph(cls, ef_construction: int, others: ValidationInfo) -> int:
+        if ef_construction < 2 * int(others.data.get("hnsw_m", 2)):
+            raise ValueError(f"must be at least twice {PREFIX}HNSW_M")
+        return ef_construction
 
     @field_validator("api_keys", "read_keys", mode="before")
     @classmethod
@@ -201,6 +229,13 @@ class Settings(BaseSettings):
     def has_keys(self) -> bool:
         """Whether requests need a key."""
         return bool(self.api_keys or self.read_keys)
+
+    @property
+    def graph(self) -> GraphParameters:
+        """How graphs of signatures are made and searched."""
+        return GraphParameters(
+            m=self.hnsw_m, ef_construction=self.hnsw_ef_construction, ef_search=self.hnsw_ef_search
+        )
 
     @property
     def limits(self) -> Limits:

@@ -2,14 +2,17 @@
 
 from service.logging import get_logger
 from service.pipelines import repository
-from service.pipelines.active import Pipelines
+from service.pipelines.active import Pipelines, fingerprint
 from service.storage.database import Database
+from service.storage.graph import ensure_graph
 
 log = get_logger("pipelines")
 
 
 def begin(pipelines: Pipelines, database: Database) -> None:
     """Take up the archive's pipeline, read its signatures, and log if it is not the one that was asked for.
+
+    Where the graph of signatures is not there, or was made with other parameters, it is made first.
 
     Raises
     ------
@@ -18,6 +21,7 @@ def begin(pipelines: Pipelines, database: Database) -> None:
     """
     with database.write() as session:
         pipelines.begin(session)
+        ensure_graph(session, fingerprint(session))
     with database.read() as session:
         in_use = pipelines.current(session)
         in_use.index.current(session)

@@ -14,6 +14,7 @@ from service.shapes.fields import plain_values
 from service.shapes.records import Changes, NewShape, ShapeFilter, ShapeRecord
 from service.storage.columns import UtcDateTime
 from service.storage.database import ReadSession, WriteSession
+from service.storage.graph import ensure_graph, has_graphs
 from service.storage.tables import (
     ArchiveRow,
     BlobRow,
@@ -25,21 +26,38 @@ from service.storage.tables import (
 )
 
 
+def matching(shapes: ShapeFilter) -> Select[int]:
+    """What selects the numbers of the shapes that a filter means."""
+    query = select(ShapeRow.number)
+    for tag in shapes.tags:
+        query = query.where(ShapeRow.number.in_(select(TagRow.shape_number).where(TagRow.tag == tag)))
+    for key, value in shapes.metadata:
+        same = select(MetadataRow.shape_number).where(MetadataRow.key == key, MetadataRow.value == value)
+        query = query.where(ShapeRow.number.in_(same))
+    if shapes.name:
+        query = query.where(ShapeRow.folded_name.contains(shapes.name.casefold(), autoescape=True))
+    if shapes.excluded:
+        query = query.where(ShapeRow.id.not_in(shapes.excluded))
+    if shapes.area is not None:
+        query = query.where(ShapeRow.facts["area"].as_float().between(*shapes.area))
+    return query
+
+
 def numbers(session: ReadSession, shapes: ShapeFilter) -> Sequence[int]:
     """The numbers of the shapes that a filter means."""
-    return session.scalars(_matching(shapes)).all()
+    return session.scalars(matching(shapes)).all()
 
 
 def count(session: ReadSession, shapes: ShapeFilter) -> int:
     """How many shapes a filter means."""
-    return session.scalar(select(func.count()).select_from(_matching(shapes).subquery())) or 0
+    return session.scalar(select(func.count()).select_from(matching(shapes).subquery())) or 0
 
 
 def page(
     session: ReadSession, fingerprint: str, shapes: ShapeFilter, *, after: int, limit: int
 ) -> list[ShapeRecord]:
     """The next `limit` shapes, by number, that a filter means."""
-    numbers = _matching(shapes).where(ShapeRow.number > after).order_by(ShapeRow.number).limit(limit)
+    numbers = matching(shapes).where(ShapeRow.number > after).order_by(ShapeRow.number).limit(limit)
     return records(session, fingerprint, session.scalars(numbers).all())
 
 
@@ -146,7 +164,11 @@ def add_blob(session: WriteSession, data: bytes, sha256: str) -> int:
 def add_embedding(
     session: WriteSession, blob_number: int, format: str, fingerprint: str, embedded: Embedded
 ) -> None:
-    """Store an embedding, and have the shapes on its blob looked at again by every process."""
+    """Store an embedding, and have the shapes on its blob looked at again by every process.
+
+    With the first of a pipeline, the graph of its signatures begins.
+    """
+    first = has_graphs(session) and latest_signature(session, fingerprint) is None
     session.add(
         EmbeddingRow(
             blob_number=blob_number,
@@ -161,6 +183,8 @@ def add_embedding(
         .where(ShapeRow.blob_number == blob_number, ShapeRow.format == format)
         .values(revision=next_revision(session), facts=embedded.facts)
     )
+    if first:
+        ensure_graph(session, fingerprint)
 
 
 def add_shape(session: WriteSession, blob_number: int, new: NewShape, facts: Mapping[str, Any]) -> int:
@@ -244,23 +268,6 @@ def next_revision(session: WriteSession) -> int:
     return session.scalars(
         update(ArchiveRow).values(revision=ArchiveRow.revision + 1).returning(ArchiveRow.revision)
     ).one()
-
-
-def _matching(shapes: ShapeFilter) -> Select[int]:
-    """The numbers of the shapes that a filter means."""
-    query = select(ShapeRow.number)
-    for tag in shapes.tags:
-        query = query.where(ShapeRow.number.in_(select(TagRow.shape_number).where(TagRow.tag == tag)))
-    for key, value in shapes.metadata:
-        same = select(MetadataRow.shape_number).where(MetadataRow.key == key, MetadataRow.value == value)
-        query = query.where(ShapeRow.number.in_(same))
-    if shapes.name:
-        query = query.where(ShapeRow.folded_name.contains(shapes.name.casefold(), autoescape=True))
-    if shapes.excluded:
-        query = query.where(ShapeRow.id.not_in(shapes.excluded))
-    if shapes.area is not None:
-        query = query.where(ShapeRow.facts["area"].as_float().between(*shapes.area))
-    return query
 
 
 def _is_its_embedding(fingerprint: str) -> Any:  # noqa: ANN401

@@ -4,12 +4,13 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from sqlalchemy import Connection, make_url, select
+from sqlalchemy import Connection, Engine, make_url, select
 from sqlalchemy.orm import Session
 
 from service.errors import StorageFullError, StorageUnavailableError
 from service.metrics import Metrics
 from service.storage.failures import translated
+from service.storage.graph_parameters import GraphParameters
 from service.storage.lock import ArchiveLock
 from service.storage.postgresql import open_postgresql
 from service.storage.sqlite import WRITES, open_sqlite, path_of
@@ -21,7 +22,14 @@ class ReadSession(Session):
 
 
 class WriteSession(ReadSession):
-    """One transaction, committed at its end. Only one is open at a time."""
+    """One transaction, committed at its end. Only one is open at a time.
+
+    `graph` is how graphs of signatures are made.
+    """
+
+    def __init__(self, engine: Engine, graph: GraphParameters) -> None:
+        super().__init__(engine)
+        self.graph = graph
 
 
 class Database:
@@ -35,10 +43,20 @@ class Database:
         The longest wait for another writer, in this process or another.
     metrics : Metrics, optional
         Where sessions and failures are counted.
+    graph : GraphParameters
+        Of the graphs of signatures, which PostgreSQL keeps.
     """
 
-    def __init__(self, url: str, *, lock_seconds: float, metrics: Metrics | None = None) -> None:
+    def __init__(
+        self,
+        url: str,
+        *,
+        lock_seconds: float,
+        metrics: Metrics | None = None,
+        graph: GraphParameters = GraphParameters(),  # noqa: B008 - it is frozen
+    ) -> None:
         self._metrics = metrics or Metrics()
+        self._graph = graph
         self._lock_seconds = lock_seconds
         self._one_writer = threading.Lock()
         named = make_url(url)
@@ -67,7 +85,7 @@ class Database:
             self._measured("write"),
             self._turn(),
             translated(),
-            WriteSession(self._writing_engine) as session,
+            WriteSession(self._writing_engine, self._graph) as session,
             session.begin(),
         ):
             yield session

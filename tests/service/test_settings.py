@@ -124,6 +124,9 @@ def test_unknown_variables_are_refused_by_name(monkeypatch: pytest.MonkeyPatch) 
         ("API_KEYS", "isoshape_a-key-itself"),
         ("API_KEYS", "0" * 63),
         ("READ_KEYS", "0" * 64 + "," + "g" * 64),
+        ("HNSW_M", "1"),
+        ("HNSW_EF_CONSTRUCTION", "31"),
+        ("HNSW_EF_SEARCH", "1001"),
         ("DATABASE_URL", "archive.sqlite3"),
         ("DATABASE_URL", "sqlite://"),
         ("DATABASE_URL", "sqlite:///:memory:"),
@@ -138,6 +141,15 @@ def test_a_value_out_of_range_is_refused_by_name(
     monkeypatch.setenv(PREFIX + name, value)
     with pytest.raises(SettingsError, match=f"^{PREFIX}{name}: "):
         load_settings()
+
+
+def test_a_graph_that_cannot_be_made_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ISOSHAPE_HNSW_M", "33")
+    with pytest.raises(SettingsError, match="HNSW_EF_CONSTRUCTION: must be at least twice ISOSHAPE_HNSW_M"):
+        load_settings()
+    monkeypatch.setenv("ISOSHAPE_HNSW_EF_CONSTRUCTION", "66")
+    graph = load_settings().graph
+    assert (graph.m, graph.ef_construction, graph.ef_search) == (33, 66, 200)
 
 
 def test_parameters_come_from_a_file(tmp_path: Path) -> None:

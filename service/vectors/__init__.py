@@ -1,0 +1,1 @@
+"""The nearest signatures, found by the database itself."""
