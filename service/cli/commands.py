@@ -34,6 +34,7 @@ COMMANDS = (
     "check",
     "backup",
     "restore",
+    "copy",
     "reembed",
     "key",
     "openapi",

@@ -50,6 +50,12 @@ def check_known(versions: Iterable[str]) -> None:
         )
 
 
+def head() -> str:
+    """The version that this code brings a database to."""
+    (version,) = ScriptDirectory.from_config(_config()).get_heads()
+    return version
+
+
 def _config() -> Config:
     config = Config()
     # Alembic reads the value as a template, in which a percent sign is doubled.

@@ -1,0 +1,61 @@
+"""`isoshape copy`: an archive moved between an SQLite file and PostgreSQL."""
+
+from contextlib import closing
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from pydantic import ValidationError
+from rich.progress import TaskID
+
+from service.cli.console import fail, output, progress
+from service.settings import Settings, SettingsError, load_settings
+from service.storage.copying import copy_archive
+from service.storage.database import Database
+from service.storage.sqlite import path_of
+
+
+def command(
+    source: Annotated[str, typer.Argument(help="The archive to copy: a file, or an SQLAlchemy URL.")],
+    target: Annotated[str, typer.Argument(help="Where to: a file, or an SQLAlchemy URL; an empty database.")],
+) -> None:
+    """Copy an archive from an SQLite file to PostgreSQL, or back, and compare every row of both.
+
+    The copy is of one moment, and what services write to the source later is not in it; those that write to
+    a file wait until it is copied. A copy that is stopped, or is not the same, leaves the target empty.
+    """
+    settings = load_settings()
+    from_url, to_url = _url("SOURCE", source), _url("TARGET", target)
+    if from_url.startswith("sqlite") and not path_of(from_url).is_file():
+        fail(f"there is no archive at {path_of(from_url)}")
+    if from_url == to_url:
+        fail("an archive cannot be copied onto itself")
+    with (
+        closing(Database(from_url, lock_seconds=settings.lock_seconds)) as origin,
+        closing(Database(to_url, lock_seconds=settings.lock_seconds, graph=settings.graph)) as copy,
+        progress() as bar,
+    ):
+        tasks: dict[str, TaskID] = {}
+
+        def advance(table: str, done: int, total: int) -> None:
+            if table not in tasks:
+                tasks[table] = bar.add_task(table, total=total)
+            bar.update(tasks[table], completed=done)
+
+        copied = copy_archive(origin, copy, advance)
+    output().print(
+        f"{copied.shapes} shapes on {copied.blobs} files of {copied.bytes} bytes, {copied.embeddings} "
+        "embeddings: copied, and compared row by row",
+        soft_wrap=True,
+    )
+
+
+def _url(argument: str, place: str) -> str:
+    """The URL of a database, which may be named by the path of a file."""
+    url = place if "://" in place else f"sqlite:///{Path(place).absolute()}"
+    try:
+        return Settings(database_url=url).database_url
+    except ValidationError as error:
+        raise SettingsError(
+            f"{argument}: {error.errors()[0]['msg'].removeprefix('Value error, ')}"
+        ) from error
