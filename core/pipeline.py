@@ -213,17 +213,6 @@ class Pipeline:
             )
         return self.prepared(embedding)
 
-    def row(self, embedding: Embedding) -> Float32s:
-        """What `core.rows` reads of an embedding, float32, shape (l,), about 100 kB; pairs are "both-ways".
-
-        Raises
-        ------
-        IncompatibleEmbeddingsError
-            The embedding was made with other parameters.
-        """
-        with one_thread():
-            return self._row(embedding)
-
     def _row(self, embedding: Embedding) -> Float32s:
         shape = self._ready(embedding).shape
         if not isinstance(shape, np.ndarray):
@@ -271,13 +260,6 @@ class Pipeline:
             distances=found.distances.astype(np.float32),
             effective=found.effective,
         )
-
-    def signature_distances(
-        self, query: NDArray[np.float32], signatures: NDArray[np.float32]
-    ) -> NDArray[np.float64]:
-        """Euclidean distances from one signature, shape (s,), to each row of a matrix (n, s): shape (n,)."""
-        steps = signatures.astype(np.float64) - query.astype(np.float64)
-        return np.asarray(np.sqrt((steps**2).sum(axis=1)))
 
     def evidence(
         self, cc: Floats, sim: Floats, query: NDArray[np.float32], signatures: NDArray[np.float32]

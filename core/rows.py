@@ -7,11 +7,35 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from core.embedding import Float32s, Scores
+from core.embedding import Embedding, Float32s, Scores
+from core.errors import IncompatibleEmbeddingsError, ParameterError
 from core.kernels.many import match_many, sift_many
+from core.kernels.packed import packed_row
+from core.matching import embedding_key
 from core.mesh import Ints
-from core.mutual import rounds_of
+from core.mutual import pack, rounds_of
 from core.parameters import Parameters
+
+
+def row_of(embedding: Embedding, parameters: Parameters) -> Float32s:
+    """What `match_rows` reads of an embedding, float32, shape (l,), about 100 kB.
+
+    The bytes are the same only while linear algebra runs on one thread: see `core.threads`.
+
+    Raises
+    ------
+    IncompatibleEmbeddingsError
+        The embedding was made with other parameters.
+    ParameterError
+        Rows are of parameters with pairs "both-ways".
+    """
+    if embedding.fingerprint != parameters.fingerprint:
+        raise IncompatibleEmbeddingsError(
+            f"embedding {embedding.fingerprint} under pipeline {parameters.fingerprint}"
+        )
+    if parameters.pairs != "both-ways":
+        raise ParameterError('rows are of parameters with pairs "both-ways"')
+    return packed_row(pack(embedding, embedding_key(embedding), parameters))
 
 
 def match_rows(query: Float32s, rows: Sequence[Float32s], parameters: Parameters) -> Scores:

@@ -1,18 +1,22 @@
 """What a thin-plate spline makes of targets at its own points, a matrix for each number of dimensions."""
 
+import math
+
 import numpy as np
 
+from core.compiled import compiled
 from core.correspondence import smoothers
 from core.mesh import Floats
 
-OPEN = 1e-9
-"""The least singular value of the points beside ones, over the greatest, under which they are flat."""
+FLAT = 1e-12
+"""The least eigenvalue over the greatest, of the cross-products of points beside ones, that are flat."""
 
 
 def smoothing(points: Floats, first_dimensions: int, stiffness: float) -> Floats:
-    """The matrices of `core.correspondence.smoothers`, all from one inversion of bordered matrices (Eq. 16).
+    """The matrices of `core.correspondence.smoothers`, each from one bordered matrix inverted (Eq. 16).
 
-    Points that leave the affine part open, as those in a plane do, are left to that function.
+    Compiled, and without the GIL. Points that leave the affine part open, as those in a plane do, are left to
+    that function.
 
     Parameters
     ----------
@@ -27,27 +31,52 @@ def smoothing(points: Floats, first_dimensions: int, stiffness: float) -> Floats
         Symmetric, of entries in [-1, 1].
     """
     m, k = points.shape
-    stages = np.arange(first_dimensions, k + 1)
-    squares = np.empty((len(stages), m, m))
-    between = np.zeros((m, m))
-    for c, column in enumerate(points.T):
-        between += np.subtract.outer(column, column) ** 2
-        if c + 1 >= first_dimensions:
-            squares[c + 1 - first_dimensions] = between
-    beta = stiffness * float(np.sqrt(between).sum()) / (m * (m - 1))
-    bordered = np.zeros((len(stages), m + k + 1, m + k + 1))
-    bordered[:, :m, :m] = squares * np.log(np.maximum(squares, 1e-300))
-    bordered[:, np.arange(m), np.arange(m)] += beta
-    affine = np.concatenate([np.ones((m, 1)), points], axis=1)
-    affine /= np.maximum(np.linalg.norm(affine, axis=0), 1e-300)
-    spread = np.linalg.svd(affine, compute_uv=False)
-    if not spread[-1] > OPEN * spread[0]:
+    found = np.empty((k - first_dimensions + 1, m, m))
+    if not _solved(np.array(points), first_dimensions, stiffness, found):
         return smoothers(points, first_dimensions, stiffness).astype(np.float64)
-    for place, count in enumerate(stages):
-        own = slice(m, m + count + 1)
-        bordered[place, :m, own] = affine[:, : count + 1]
-        bordered[place, own, :m] = affine[:, : count + 1].T
-        rest = np.arange(m + count + 1, m + k + 1)
-        bordered[place, rest, rest] = 1.0
-    found = np.eye(m) - beta * np.linalg.inv(bordered)[:, :m, :m]
-    return np.asarray(0.5 * (found + found.transpose(0, 2, 1)))
+    return found
+
+
+@compiled
+def _solved(points: Floats, first: int, stiffness: float, found: Floats) -> bool:
+    """Write the matrices, unless the points are flat."""
+    m, k = points.shape
+    affine = np.ones((m, k + 1))
+    for c in range(k):
+        size = math.sqrt((points[:, c] ** 2).sum())
+        if size == 0.0:
+            return False
+        affine[:, c + 1] = points[:, c] / size
+    affine[:, 0] /= math.sqrt(m)
+    spread = np.linalg.eigvalsh(np.dot(affine.T, affine))
+    if not spread[0] > FLAT * spread[-1]:
+        return False
+    squares = np.zeros((m, m))
+    total = 0.0
+    for i in range(m):
+        for j in range(m):
+            apart = 0.0
+            for c in range(k):
+                apart += (points[i, c] - points[j, c]) ** 2
+            total += math.sqrt(apart)
+    beta = stiffness * total / (m * (m - 1))
+    for c in range(k):
+        for i in range(m):
+            for j in range(m):
+                squares[i, j] += (points[i, c] - points[j, c]) ** 2
+        if c + 1 < first:
+            continue
+        bordered = np.zeros((m + c + 2, m + c + 2))
+        for i in range(m):
+            for j in range(i):
+                if squares[i, j] > 0.0:
+                    bordered[i, j] = bordered[j, i] = squares[i, j] * math.log(squares[i, j])
+            bordered[i, i] = beta
+            for d in range(c + 2):
+                bordered[i, m + d] = bordered[m + d, i] = affine[i, d]
+        inverse = np.linalg.inv(bordered)
+        for i in range(m):
+            for j in range(m):
+                found[c + 1 - first, i, j] = -0.5 * beta * (inverse[i, j] + inverse[j, i])
+            found[c + 1 - first, i, i] += 1.0
+    return True

@@ -1,10 +1,13 @@
 """The application."""
 
 from collections.abc import AsyncIterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import asynccontextmanager
+from threading import Event
 
 from fastapi import FastAPI
 from starlette.concurrency import run_in_threadpool
+from threadpoolctl import threadpool_limits
 
 from core.parameters import Parameters
 from service import logging
@@ -29,6 +32,7 @@ from service.pipelines.active import Pipelines
 from service.pipelines.starting import begin
 from service.problems import handle_problems
 from service.search.endpoints import router as search_router
+from service.search.stocking import Stocking
 from service.settings import Settings, load_parameters, load_settings
 from service.shapes.endpoints import router as shapes_router
 from service.storage.database import Database
@@ -56,10 +60,13 @@ def create_app(settings: Settings) -> FastAPI:
         app.state.parts = await run_in_threadpool(_start, settings, parameters, gate, metrics)
         app.state.runner = Runner(app.state.parts)
         app.state.runner.start()
+        stocking = Stocking(app.state.parts)
+        stocking.start()
         metrics.watch("job_files", "Files of bulk jobs that are at work.", lambda: app.state.runner.at_work)
         try:
             yield
         finally:
+            await stocking.stop()
             await app.state.runner.stop()
             await run_in_threadpool(_stop, app.state.parts)
 
@@ -99,6 +106,7 @@ def app_from_environment() -> FastAPI:
 
 def _start(settings: Settings, parameters: Parameters, gate: Gate, metrics: Metrics) -> Parts:
     """Open the database and bring it up to date; the workers warm up meanwhile, and for some time after."""
+    threadpool_limits(1)
     pool, readers = start_processes(
         settings, parameters, lambda cause: metrics.worker_replacements.labels(cause).inc()
     )
@@ -110,7 +118,7 @@ def _start(settings: Settings, parameters: Parameters, gate: Gate, metrics: Metr
             graph=settings.graph,
         )
         migrate(database)
-        pipelines = Pipelines(parameters)
+        pipelines = Pipelines(parameters, room=settings.rows_bytes)
         begin(pipelines, database)
     except BaseException:
         readers.kill()
@@ -126,7 +134,10 @@ def _start(settings: Settings, parameters: Parameters, gate: Gate, metrics: Metr
     )
     log.info("the service starts", extra={"fields": {"version": VERSION, "workers": settings.workers}})
     _watch(metrics, pool, readers, work, pipelines)
-    return Parts(settings, database, pool, readers, work, pipelines, gate, InFlight(), metrics)
+    threads = ThreadPoolExecutor(settings.workers, thread_name_prefix="compare")
+    return Parts(
+        settings, database, pool, readers, work, pipelines, gate, InFlight(), metrics, threads, Event()
+    )
 
 
 def _watch(metrics: Metrics, pool: LocalPool, readers: LocalPool, work: Work, pipelines: Pipelines) -> None:
@@ -147,10 +158,12 @@ def _watch(metrics: Metrics, pool: LocalPool, readers: LocalPool, work: Work, pi
         "Shapes whose signatures are in memory, as of the last query.",
         lambda: pipelines.indexed,
     )
+    watch("rows_bytes", "Memory that embeddings ready to be compared take.", lambda: pipelines.shelved)
 
 
 def _stop(parts: Parts) -> None:
     """Whatever is still at work has no one left to answer to."""
+    parts.threads.shutdown(cancel_futures=True)
     parts.readers.kill()
     parts.pool.kill()
     parts.database.close()

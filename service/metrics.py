@@ -35,7 +35,7 @@ class Metrics:
             "query_compared", "Stored shapes that a query was compared with.", SHAPES
         )
         self.queries_shortlisted = self._counter(
-            "queries_shortlisted", "Queries compared only with the nearest by signature."
+            "queries_shortlisted", "Queries that looked only at the nearest by signature."
         )
         self.worker_replacements = self._counter(
             "worker_replacements", "Worker processes that were replaced while they had a task.", "cause"

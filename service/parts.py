@@ -1,6 +1,8 @@
 """What the running service is made of."""
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from threading import Event
 
 from service.access.gate import Gate
 from service.compute.pool import LocalPool
@@ -14,7 +16,10 @@ from service.storage.database import Database
 
 @dataclass(frozen=True)
 class Parts:
-    """Everything that lives from the start of the service to its end."""
+    """Everything that lives from the start of the service to its end. `threads` compare embeddings.
+
+    `comparing_is_warm` is set once what they run is compiled and loaded.
+    """
 
     settings: Settings
     database: Database
@@ -25,3 +30,5 @@ class Parts:
     gate: Gate
     in_flight: InFlight
     metrics: Metrics
+    threads: ThreadPoolExecutor
+    comparing_is_warm: Event

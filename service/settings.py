@@ -163,10 +163,19 @@ class Settings(BaseSettings):
     )
     shortlist_from: PositiveInt = Field(
         default=5_000,
-        description="With at least this many candidates, a query compares only the nearest by signature.",
+        description="With at least this many candidates, a query looks only at the nearest by signature.",
     )
     shortlist_length: PositiveInt = Field(
-        default=1_000, description="How many of the nearest by signature such a query compares."
+        default=2_000, description="How many of the nearest by signature such a query looks at."
+    )
+    finalists: PositiveInt = Field(
+        default=200,
+        description="How many of those are compared in full: the ones that a rough match finds most alike.",
+    )
+    rows_bytes: int = Field(
+        default=1024**3,
+        ge=0,
+        description="Memory for embeddings made ready to be compared, about 100 kB each.",
     )
 
     hnsw_m: int = Field(

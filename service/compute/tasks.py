@@ -17,6 +17,8 @@ from core.parameters import Parameters
 from core.pipeline import Pipeline
 from core.reading import Limits, read_mesh, write_mesh
 from core.records import embedding_from_bytes, embedding_to_bytes
+from core.rows import match_rows, row_of, sift_rows
+from core.signatures import signature_distances
 from service.pictures.thumbnail import SIZES, draw
 
 
@@ -114,16 +116,31 @@ def warm(parameters: Parameters) -> None:
 
     Thread limits in the environment come too late for a library that the main module had loaded.
     """
-    limits = Limits()
-    # Surfaces with and without a rim go different ways.
-    records = [
-        embed_file(write_mesh(mesh, "ply"), "ply", limits, parameters).record
-        for mesh in (_bumpy_sheet(), _ring())
-    ]
+    records = example_records(parameters)
     score_records(records[0], records, parameters)
+    warm_comparing(records, parameters)
     match_records(records[0], records[1], parameters)
     draw(_bumpy_sheet(), "ply", SIZES[0])
     threadpool_limits(1)
+
+
+def example_records(parameters: Parameters) -> list[bytes]:
+    """Two records to try things on: of surfaces with and without a rim, which go different ways."""
+    limits = Limits()
+    return [
+        embed_file(write_mesh(mesh, "ply"), "ply", limits, parameters).record
+        for mesh in (_bumpy_sheet(), _ring())
+    ]
+
+
+def warm_comparing(records: Sequence[bytes], parameters: Parameters) -> None:
+    """Go once along the paths of a search, in the process that does it."""
+    embeddings = [embedding_from_bytes(record) for record in records]
+    signature_distances(embeddings[0].signature, np.stack([one.signature for one in embeddings]))
+    if parameters.pairs == "both-ways":
+        rows = [row_of(embedding, parameters) for embedding in embeddings]
+        match_rows(rows[0], rows, parameters)
+        sift_rows(rows[0], rows, parameters)
 
 
 @lru_cache(maxsize=4)

@@ -90,14 +90,14 @@ class Work:
 
     async def score(self, query: bytes, records: Sequence[bytes], pipeline: Pipeline) -> Scores:
         """How alike the query is to each of c records: arrays of shape (c,), NaN where one cannot be read."""
-        with _short_of_memory():
+        with short_of_memory():
             return await asyncio.wrap_future(
                 self._executor.submit(score_records, query, records, pipeline.parameters)
             )
 
     async def match(self, first: bytes, second: bytes, pipeline: Pipeline) -> Match:
         """Compare two records."""
-        with _short_of_memory():
+        with short_of_memory():
             return await asyncio.wrap_future(
                 self._executor.submit(match_records, first, second, pipeline.parameters)
             )
@@ -135,8 +135,14 @@ def _at_fault() -> Iterator[None]:
 
 
 @contextmanager
-def _short_of_memory() -> Iterator[None]:
-    """What is stored could be compared once, and can be again: no fault of the request."""
+def short_of_memory() -> Iterator[None]:
+    """What is stored could be compared once, and can be again: no fault of the request.
+
+    Raises
+    ------
+    WorkerLostError
+        In the place of `MemoryError`.
+    """
     try:
         yield
     except MemoryError as error:

@@ -11,6 +11,7 @@ from service.errors import PipelineUnavailableError
 from service.logging import get_logger
 from service.pipelines import repository
 from service.pipelines.repository import Written
+from service.search.shelf import Shelf
 from service.search.signatures import SignatureIndex
 from service.storage.database import ReadSession, WriteSession
 
@@ -21,10 +22,11 @@ REMEDY = "run `isoshape reembed` on the archive"
 
 @dataclass(frozen=True, eq=False)
 class InUse:
-    """A pipeline, and the signatures of what it has embedded."""
+    """A pipeline, the signatures of what it has embedded, and what of that is ready to be compared."""
 
     pipeline: Pipeline
     index: SignatureIndex
+    shelf: Shelf
 
     @property
     def fingerprint(self) -> str:
@@ -52,10 +54,13 @@ class Pipelines:
     ----------
     wanted : Parameters
         Those that the settings name.
+    room : int
+        Bytes that may be kept of embeddings ready to be compared.
     """
 
-    def __init__(self, wanted: Parameters) -> None:
+    def __init__(self, wanted: Parameters, *, room: int = 0) -> None:
         self.wanted = wanted
+        self._room = room
         self._lock = threading.Lock()
         self._in_use: InUse | None = None
 
@@ -93,7 +98,7 @@ class Pipelines:
                 if self._in_use is not None:
                     fields = {"pipeline": parameters.name, "fingerprint": fingerprint}
                     log.info("the archive is searched by another pipeline now", extra={"fields": fields})
-                self._in_use = InUse(Pipeline(parameters), SignatureIndex(fingerprint))
+                self._in_use = InUse(Pipeline(parameters), SignatureIndex(fingerprint), Shelf(self._room))
             return self._in_use
 
     def pending(self, session: ReadSession) -> Pending | None:
@@ -108,6 +113,12 @@ class Pipelines:
         """How many shapes are in the index in use, as of the last query."""
         in_use = self._in_use
         return 0 if in_use is None else len(in_use.index)
+
+    @property
+    def shelved(self) -> int:
+        """How many bytes are kept of embeddings ready to be compared."""
+        in_use = self._in_use
+        return 0 if in_use is None else in_use.shelf.nbytes
 
 
 def fingerprint(session: ReadSession) -> str:

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.records import embedding_from_bytes
+from core.signatures import least, signature_distances
 from service.logging import get_logger
 from service.parts import Parts
 from service.search.records import Options, Query
@@ -26,6 +27,8 @@ class Candidates:
     signature : float32, shape (s,)
         The query's.
     signatures : float32, shape (c, s)
+    finalists : int or None
+        How many of them are compared in full, after a rough look at each; None is all.
     stored : int
         How many shapes there are in all.
     """
@@ -34,7 +37,17 @@ class Candidates:
     embeddings: NDArray[np.int64]
     signature: NDArray[np.float32]
     signatures: NDArray[np.float32]
+    finalists: int | None
     stored: int
+
+    def only(self, places: NDArray[np.intp]) -> "Candidates":
+        """Those at some places."""
+        return replace(
+            self,
+            shapes=self.shapes[places],
+            embeddings=self.embeddings[places],
+            signatures=self.signatures[places],
+        )
 
 
 def candidates(parts: Parts, query: Query, options: Options) -> Candidates:
@@ -58,13 +71,14 @@ def candidates(parts: Parts, query: Query, options: Options) -> Candidates:
             stored,
         )
     if options.exclude_self:
-        chosen &= ~np.isin(signed.shapes, np.array(sorted(query.itself), dtype=np.int64))
+        for number in query.itself:
+            chosen &= signed.shapes != number
     places = np.flatnonzero(chosen)
     signature = embedding.signature
-    if not options.exhaustive and len(places) >= options.shortlist_from:
-        distances = query.in_use.pipeline.signature_distances(signature, signed.signatures[places])
-        nearest = np.lexsort((signed.shapes[places], distances))[: options.shortlist_length]
-        places = places[nearest]
+    shortlisted = not options.exhaustive and len(places) >= options.shortlist_from
+    if shortlisted:
+        distances = signature_distances(signature, signed.signatures)[places]
+        places = places[least(distances, signed.shapes[places], options.shortlist_length)]
         parts.metrics.queries_shortlisted.inc()
     return Candidates(
         shapes=signed.shapes[places],
@@ -72,5 +86,6 @@ def candidates(parts: Parts, query: Query, options: Options) -> Candidates:
         signature=signature,
         # Where nothing is stored yet, the index knows of no length.
         signatures=signed.signatures[places].reshape(len(places), len(signature)),
+        finalists=options.finalists if shortlisted else None,
         stored=stored,
     )

@@ -1,51 +1,48 @@
 """Comparing a query with many stored embeddings."""
 
 import asyncio
-from collections.abc import Sequence
+from collections.abc import Awaitable, Callable, Sequence
+from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 from starlette.concurrency import run_in_threadpool
 
+from core.signatures import least
+from service.compute.work import short_of_memory
 from service.logging import get_logger
 from service.parts import Parts
 from service.search import repository
 from service.search.candidates import Candidates
-from service.search.ranking import Compared
+from service.search.ranking import Compared, RankBy
 from service.search.records import Query
+from service.search.rows import Rows, Scores
 from service.storage.database import Database
 
 log = get_logger("search")
 
-CHUNK = 256
+MATCHED, SIFTED, SENT = 32, 128, 256
+"""How many embeddings a thread matches or sifts, or a worker process is sent, at a time."""
 
 
-async def compare_with(parts: Parts, query: Query, candidates: Candidates) -> Compared:
-    """Score the candidates: each embedding once, in chunks, of which a few are in memory at a time.
+async def compare_with(parts: Parts, query: Query, candidates: Candidates, rank_by: RankBy) -> Compared:
+    """Score the candidates, each embedding once, or those of them that sifting puts first.
 
     A candidate that was deleted meanwhile, or whose record cannot be read, is left out.
     """
     pipeline = query.in_use.pipeline
     embeddings, places = np.unique(candidates.embeddings, return_inverse=True)
-    length = max(1, min(CHUNK, -(-len(embeddings) // parts.settings.workers)))
-    turns = asyncio.Semaphore(2 * parts.settings.workers)
-    scores = np.full((3, len(embeddings)), np.nan)
-
-    async def score(start: int) -> None:
-        async with turns:
-            wanted = embeddings[start : start + length].tolist()
-            records = await run_in_threadpool(_read, parts.database, wanted)
-            present = [start + i for i, number in enumerate(wanted) if number in records]
-            found = await parts.work.score(
-                query.record, [records[number] for number in wanted if number in records], pipeline
-            )
-            scores[:, present] = found.cc, found.ssd, found.sim
-
-    try:
-        async with asyncio.TaskGroup() as chunks:
-            for start in range(0, len(embeddings), length):
-                chunks.create_task(score(start))
-    except ExceptionGroup as group:
-        raise group.exceptions[0] from None
+    if pipeline.parameters.pairs == "both-ways":
+        rows = await run_in_threadpool(Rows, parts.database, query)
+        if candidates.finalists is not None and candidates.finalists < len(embeddings):
+            rough = await _in_pieces(embeddings, SIFTED, parts.settings.workers, 1, _in(parts, rows.sifted))
+            candidates = _finalists(query, candidates, rough[0, places], candidates.finalists, rank_by)
+            embeddings, places = np.unique(candidates.embeddings, return_inverse=True)
+        score = _in(parts, rows.matched)
+        scores = await _in_pieces(embeddings, MATCHED, parts.settings.workers, 3, score)
+    else:
+        score = partial(_by_worker, parts, query)
+        scores = await _in_pieces(embeddings, SENT, parts.settings.workers, 3, score)
     cc, ssd, sim = scores[:, places]
     known = np.isfinite(cc) & np.isfinite(ssd) & np.isfinite(sim)
     if not known.all():
@@ -57,6 +54,66 @@ async def compare_with(parts: Parts, query: Query, candidates: Candidates) -> Co
         sim=sim[known],
         combined=pipeline.combined(cc[known], sim[known], candidates.signature, candidates.signatures[known]),
     )
+
+
+def _finalists(
+    query: Query, candidates: Candidates, rough: NDArray[np.float64], count: int, rank_by: RankBy
+) -> Candidates:
+    """The candidates of greatest rough CC, or of greatest chance where that is asked; those gone are last."""
+    likeness = rough
+    if rank_by == "combined":
+        unknown = np.zeros(len(rough))
+        likeness = query.in_use.pipeline.combined(rough, unknown, candidates.signature, candidates.signatures)
+    return candidates.only(least(np.nan_to_num(-likeness, nan=np.inf), candidates.shapes, count))
+
+
+def _in(
+    parts: Parts, score: Callable[[Sequence[int]], Scores]
+) -> Callable[[Sequence[int]], Awaitable[Scores]]:
+    """The function, run by the threads that compare."""
+
+    async def scores(numbers: Sequence[int]) -> Scores:
+        with short_of_memory():
+            return await asyncio.wrap_future(parts.threads.submit(score, numbers))
+
+    return scores
+
+
+async def _by_worker(parts: Parts, query: Query, numbers: Sequence[int]) -> Scores:
+    """CC, SSD and sim, by a worker process: shape (3, c), NaN for those that are gone."""
+    records = await run_in_threadpool(_read, parts.database, numbers)
+    present = [place for place, number in enumerate(numbers) if number in records]
+    found = await parts.work.score(
+        query.record, [records[numbers[place]] for place in present], query.in_use.pipeline
+    )
+    scores = np.full((3, len(numbers)), np.nan)
+    scores[:, present] = found.cc, found.ssd, found.sim
+    return scores
+
+
+async def _in_pieces(
+    embeddings: NDArray[np.int64],
+    length: int,
+    workers: int,
+    kinds: int,
+    score: Callable[[Sequence[int]], Awaitable[Scores]],
+) -> Scores:
+    """The scores of all embeddings, shape (kinds, c), of which a few pieces are at work at a time."""
+    length = max(1, min(length, -(-len(embeddings) // workers)))
+    turns = asyncio.Semaphore(2 * workers)
+    scores = np.full((kinds, len(embeddings)), np.nan)
+
+    async def piece(start: int) -> None:
+        async with turns:
+            scores[:, start : start + length] = await score(embeddings[start : start + length].tolist())
+
+    try:
+        async with asyncio.TaskGroup() as pieces:
+            for start in range(0, len(embeddings), length):
+                pieces.create_task(piece(start))
+    except ExceptionGroup as group:
+        raise group.exceptions[0] from None
+    return scores
 
 
 def _read(database: Database, numbers: Sequence[int]) -> dict[int, bytes]:

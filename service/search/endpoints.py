@@ -238,4 +238,5 @@ def _options(given: QueryOptions, parts: Parts, *, exclude_self: bool) -> Option
         embedding=given.embedding,
         shortlist_from=parts.settings.shortlist_from,
         shortlist_length=parts.settings.shortlist_length,
+        finalists=parts.settings.finalists,
     )

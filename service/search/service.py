@@ -82,7 +82,7 @@ async def search(parts: Parts, query: Query, options: Options, stages: Stages) -
         chosen = await run_in_threadpool(candidates, parts, query, options)
     parts.metrics.query_compared.observe(len(chosen.shapes))
     with stages.stage("compare"):
-        compared = await compare_with(parts, query, chosen)
+        compared = await compare_with(parts, query, chosen, options.rank_by)
     with stages.stage("results"):
         best = ranked(compared, options.rank_by)
         best = best[compared.cc[best] >= options.min_cc][: options.top_k]

@@ -165,15 +165,6 @@ def test_embeddings_of_other_parameters_are_refused(embedded):
             pipeline.score(pair[0], [pair[1]])
 
 
-def test_signature_distances_are_euclidean(embedded):
-    pipeline, embeddings = embedded
-    matrix = np.stack([made.signature for made in embeddings])
-    found = pipeline.signature_distances(embeddings[0].signature, matrix)
-    expected = [np.linalg.norm(row - matrix[0].astype(np.float64)) for row in matrix.astype(np.float64)]
-    assert found == pytest.approx(expected, abs=1e-12)
-    assert found[0] == 0.0
-
-
 def test_what_is_kept_of_met_shapes_is_bounded_and_changes_no_score(embedded):
     pipeline, embeddings = embedded
     expected = pipeline.score(embeddings[0], embeddings)

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 import pytest
 
 from service.compute import work as work_module
+from service.search import rows as rows_module
 from tests.kill.cycles import runs
 from tests.service.calls import assert_recovered, reads, the_kept
 from tests.service.support import (
@@ -44,7 +45,6 @@ def kept(frail: Running) -> str:
     [
         ("embed_mesh", "upload"),
         ("embed_mesh", "query"),
-        ("score_records", "query"),
         ("match_records", "compare"),
     ],
 )
@@ -75,7 +75,6 @@ def test_a_worker_that_is_killed(
     ("task", "name", "status", "kind"),
     [
         ("embed_mesh", "upload", 422, "mesh-too-complex"),
-        ("score_records", "query", 503, "worker-lost"),
         ("match_records", "compare", 503, "worker-lost"),
     ],
 )
@@ -95,6 +94,14 @@ def test_a_worker_without_memory(
         patch.setattr(work_module, task, run_out_of_memory)
         assert "memory" in assert_problem(calls[name](), status, kind)["detail"]
     assert frail.parts.pool.pids() == before
+    assert_recovered(frail, kept)
+
+
+def test_comparing_without_memory(frail: Running, kept: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    with monkeypatch.context() as patch:
+        patch.setattr(rows_module, "match_rows", run_out_of_memory)
+        problem = assert_problem(reads(frail, kept)["query"](), 503, "worker-lost")
+        assert "memory" in problem["detail"]
     assert_recovered(frail, kept)
 
 

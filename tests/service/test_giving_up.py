@@ -4,7 +4,8 @@ import re
 import signal
 import socket
 import threading
-from collections.abc import Iterator
+import time
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -12,8 +13,13 @@ from typing import Any
 import httpx
 import pytest
 
+from core.embedding import Float32s, Scores
+from core.parameters import Parameters
+from core.rows import match_rows
 from service.compute import work as work_module
 from service.compute.pool import LocalPool
+from service.search import comparing
+from service.search import rows as rows_module
 from service.shapes import service as shapes_service
 from tests.service.support import (
     Running,
@@ -68,7 +74,6 @@ def names(running: Running) -> list[str]:
     [
         ("embed_mesh", "/shapes"),
         ("embed_mesh", "/query"),
-        ("score_records", "/query"),
         ("match_records", "/compare"),
     ],
 )
@@ -79,7 +84,6 @@ def test_the_work_of_a_client_that_goes_away_is_stopped(
     (first,) = single.client.get("/shapes", params={"name": "first"}).json()["shapes"]
     body = {
         "embed_mesh": file_form(small_file(1), "gone.off"),
-        "score_records": {"json": {"shape_id": first["id"], "exclude_self": False}},
         "match_records": {"json": {"first": first["id"], "second": first["id"]}},
     }[task]
     wait_until(pool.pids, seconds=60)
@@ -99,6 +103,30 @@ def test_the_work_of_a_client_that_goes_away_is_stopped(
     assert single.client.post(path, **body).status_code in {200, 201}
     for shape in single.client.get("/shapes", params={"name": "gone"}).json()["shapes"]:
         single.client.delete(f"/shapes/{shape['id']}")
+
+
+def test_a_client_that_goes_away_is_compared_no_further(
+    single: Running, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (first,) = single.client.get("/shapes", params={"name": "first"}).json()["shapes"]
+    numbers = [single.store(small_file(10 + i), name=f"more {i}")["id"] for i in range(8)]
+    compared = []
+
+    def slowly(query: Float32s, rows: Sequence[Float32s], parameters: Parameters) -> Scores:
+        compared.append(len(rows))
+        time.sleep(0.3)
+        return match_rows(query, rows, parameters)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(comparing, "MATCHED", 1)
+        patch.setattr(rows_module, "match_rows", slowly)
+        with send(single, "/query", json={"shape_id": first["id"]}):
+            wait_until(lambda: compared, seconds=60)
+        wait_until(lambda: not single.parts.work._inside, seconds=5)
+        time.sleep(1.0)
+        assert 0 < len(compared) < 8
+    for number in numbers:
+        single.client.delete(f"/shapes/{number}")
 
 
 def test_a_client_that_goes_away_while_it_waits_leaves_the_queue(

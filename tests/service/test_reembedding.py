@@ -9,7 +9,6 @@ from typing import Any
 import pytest
 from sqlalchemy import text
 
-from core.embedding import Scores
 from core.errors import DegenerateMeshError
 from core.parameters import Parameters
 from core.pipeline import Pipeline
@@ -17,6 +16,8 @@ from service.compute.tasks import Embedded
 from service.compute.work import Work
 from service.errors import WorkerLostError
 from service.pipelines.reembedding import Outcome, Reembedding
+from service.search import service as search_service
+from service.search.ranking import Compared
 from tests.service.engines import on_both
 from tests.service.pipelines import active, embeddings, fingerprints, write_parameters
 from tests.service.support import (
@@ -210,18 +211,18 @@ def test_a_query_that_loses_its_embeddings_is_answered_by_the_new_ones(
 ) -> None:
     running, folder = stocked
     work = running.parts.work
-    score = work.score
+    compare_with = search_service.compare_with
     changed: list[Outcome] = []
 
-    async def late(record: bytes, records: Any, pipeline: Pipeline) -> Scores:
+    async def late(*given: Any) -> Compared:
         if not changed:
             changed.append((await asyncio.to_thread(go_over, running, few))[0])
             await asyncio.to_thread(Reembedding(running.parts.database, work, few).prune)
-        return await score(record, records, pipeline)
+        return await compare_with(*given)
 
     (shape,) = running.client.get("/shapes", params={"name": "2.off"}).json()["shapes"]
     with monkeypatch.context() as patch:
-        patch.setattr(work, "score", late)
+        patch.setattr(search_service, "compare_with", late)
         if by == "file":
             answer = query(running.client, small_file(2))
         else:

@@ -5,9 +5,10 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
+from core.signatures import signature_distances
 from service.search.ranking import Compared, RankBy, ranked
 from tests.service.engines import on_both
-from tests.service.support import Running, pipeline_in_use, query, serving, settings_in, small_file
+from tests.service.support import Running, query, serving, settings_in, small_file
 
 pytestmark = on_both
 
@@ -35,7 +36,7 @@ def test_a_large_collection_is_compared_by_its_nearest_signatures(small_shortlis
         for name, shape_id in shapes.items()
     }
     stacked = np.array(list(signatures.values()))
-    distances = pipeline_in_use(small_shortlist).signature_distances(signatures["3.off"], stacked)
+    distances = signature_distances(signatures["3.off"], stacked)
     nearest = sorted(zip(distances, signatures, strict=True))[:4]
     assert {result["shape"]["name"] for result in answer["results"]} == {name for _, name in nearest}
     assert answer["results"][0]["shape"]["name"] == "3.off"

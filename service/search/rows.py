@@ -1,0 +1,82 @@
+"""What a query and the stored embeddings are compared by."""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.embedding import Float32s
+from core.errors import BadRecordError
+from core.parameters import Parameters
+from core.records import embedding_from_bytes
+from core.rows import match_rows, row_of, sift_rows
+from service.search import repository
+from service.search.records import Query
+from service.search.shelf import Shelf
+from service.storage.database import Database
+
+Scores = NDArray[np.float64]
+
+
+class Rows:
+    """A query's row, and those of the stored embeddings: from the shelf, and else of their records.
+
+    Several threads may ask at once.
+
+    Parameters
+    ----------
+    database : Database
+    query : Query
+        Of a pipeline with pairs "both-ways".
+    """
+
+    def __init__(self, database: Database, query: Query) -> None:
+        self._database = database
+        self._shelf = query.in_use.shelf
+        self._parameters = query.in_use.pipeline.parameters
+        self._query = row_of(embedding_from_bytes(query.record), self._parameters)
+
+    def matched(self, numbers: Sequence[int]) -> Scores:
+        """CC, SSD and sim of c embeddings by number: shape (3, c), NaN for those that are gone."""
+
+        def scores(rows: Sequence[Float32s]) -> Scores:
+            found = match_rows(self._query, rows, self._parameters)
+            return np.stack([found.cc, found.ssd, found.sim])
+
+        return self._of_present(numbers, 3, scores)
+
+    def sifted(self, numbers: Sequence[int]) -> Scores:
+        """Roughly their CC: shape (1, c), NaN for those that are gone."""
+        return self._of_present(
+            numbers, 1, lambda rows: sift_rows(self._query, rows, self._parameters)[None].astype(np.float64)
+        )
+
+    def _of_present(
+        self, numbers: Sequence[int], kinds: int, scores: Callable[[Sequence[Float32s]], Scores]
+    ) -> Scores:
+        rows = shelved(self._database, self._shelf, self._parameters, numbers)
+        present = [place for place, number in enumerate(numbers) if number in rows]
+        found = np.full((kinds, len(numbers)), np.nan)
+        found[:, present] = scores([rows[numbers[place]] for place in present])
+        return found
+
+
+def shelved(
+    database: Database, shelf: Shelf, parameters: Parameters, numbers: Sequence[int]
+) -> dict[int, Float32s]:
+    """The rows of embeddings by number; those that are not on the shelf are made and put there.
+
+    Without those that are gone, or cannot be read.
+    """
+    rows = shelf.rows(numbers)
+    missing = [number for number in numbers if number not in rows]
+    if missing:
+        with database.read() as session:
+            records = repository.embedding_records(session, missing)
+        for number, record in records.items():
+            try:
+                rows[number] = row_of(embedding_from_bytes(record), parameters)
+            except BadRecordError:
+                continue
+            shelf.put(number, rows[number])
+    return rows

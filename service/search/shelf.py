@@ -1,0 +1,68 @@
+"""Embeddings ready to be matched, in memory."""
+
+import threading
+from collections import OrderedDict
+from collections.abc import Iterable
+
+from core.embedding import Float32s
+
+ABOUT = 100_000
+"""Bytes of a row, before one is known."""
+
+
+class Shelf:
+    """The rows of `core.rows` of one pipeline's embeddings, by the embedding's number, which is never reused.
+
+    A row that is taken off for want of room stays as long as someone reads it.
+
+    Parameters
+    ----------
+    room : int
+        How many bytes it may hold. Those not asked for longest go first.
+    """
+
+    def __init__(self, room: int) -> None:
+        self._room = room
+        self._lock = threading.Lock()
+        self._rows: OrderedDict[int, Float32s] = OrderedDict()
+        self._bytes = 0
+
+    def __len__(self) -> int:
+        """How many rows it holds."""
+        return len(self._rows)
+
+    @property
+    def nbytes(self) -> int:
+        """How many bytes."""
+        return self._bytes
+
+    def free_places(self) -> int:
+        """About how many more rows it may hold, going by those that it does."""
+        each = self._bytes // len(self._rows) if self._rows else ABOUT
+        return (self._room - self._bytes) // each
+
+    def rows(self, numbers: Iterable[int]) -> dict[int, Float32s]:
+        """Those of the rows that are there."""
+        found = {}
+        with self._lock:
+            for number in numbers:
+                row = self._rows.get(number)
+                if row is not None:
+                    self._rows.move_to_end(number)
+                    found[number] = row
+        return found
+
+    def missing(self, numbers: Iterable[int]) -> list[int]:
+        """Those of the numbers whose rows are not there."""
+        with self._lock:
+            return [number for number in numbers if number not in self._rows]
+
+    def put(self, number: int, row: Float32s) -> None:
+        """Have a row there, if it is not longer than all the room."""
+        with self._lock:
+            known = self._rows.pop(number, None)
+            self._bytes += row.nbytes - (0 if known is None else known.nbytes)
+            self._rows[number] = row
+            while self._bytes > self._room:
+                _, dropped = self._rows.popitem(last=False)
+                self._bytes -= dropped.nbytes

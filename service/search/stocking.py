@@ -1,0 +1,84 @@
+"""Embeddings made ready to be compared before a query asks for them: at the start, and as shapes come."""
+
+import asyncio
+from contextlib import suppress
+
+from starlette.concurrency import run_in_threadpool
+
+from service.compute.tasks import example_records, warm_comparing
+from service.errors import ServiceError
+from service.logging import get_logger
+from service.parts import Parts
+from service.pipelines.active import InUse
+from service.search.rows import shelved
+
+log = get_logger("search")
+
+SECONDS, WARM_SECONDS = 0.5, 0.05
+"""How often is looked for what has come, and for a worker that is warm."""
+
+AT_ONCE = 16
+
+
+class Stocking:
+    """Fills the room of the shelf in use, the newest embeddings first, one thread at a time.
+
+    What has no room waits for a query that needs it.
+    """
+
+    def __init__(self, parts: Parts) -> None:
+        self._parts = parts
+        self._task: asyncio.Task[None] | None = None
+
+    def start(self) -> None:
+        """Begin, in the running loop."""
+        self._task = asyncio.create_task(self._run(), name="stocking")
+
+    async def stop(self) -> None:
+        """End after what is being made."""
+        if self._task is not None:
+            self._task.cancel()
+            with suppress(asyncio.CancelledError):
+                await self._task
+
+    async def _run(self) -> None:
+        await self._warm()
+        while True:
+            with suppress(ServiceError):
+                in_use, missing = await run_in_threadpool(self._missing)
+                for start in range(0, len(missing), AT_ONCE):
+                    await run_in_threadpool(self._put, in_use, missing[start : start + AT_ONCE])
+            await asyncio.sleep(SECONDS)
+
+    async def _warm(self) -> None:
+        """Load what a search runs once a worker has compiled it, so that no query waits for that."""
+        work, ready = self._parts.work, self._parts.comparing_is_warm
+        while not ready.is_set():
+            if self._parts.pool.pids():
+                # A lost worker, and storage that is away, are told of to those who ask.
+                with suppress(ServiceError):
+                    parameters = (await run_in_threadpool(self._in_use)).pipeline.parameters
+                    records = await work.do(example_records, parameters)
+                    await run_in_threadpool(warm_comparing, records, parameters)
+                    ready.set()
+            await asyncio.sleep(WARM_SECONDS)
+
+    def _in_use(self) -> InUse:
+        with self._parts.database.read() as session:
+            return self._parts.pipelines.current(session)
+
+    def _missing(self) -> tuple[InUse, list[int]]:
+        """The numbers of embeddings that are not on the shelf and for which there is room."""
+        with self._parts.database.read() as session:
+            in_use = self._parts.pipelines.current(session)
+            if in_use.pipeline.parameters.pairs != "both-ways":
+                return in_use, []
+            embeddings = in_use.index.current(session).embeddings
+        shelf = in_use.shelf
+        places = shelf.free_places()
+        if not places or len(shelf) >= len(embeddings):
+            return in_use, []
+        return in_use, shelf.missing(dict.fromkeys(reversed(embeddings.tolist())))[:places]
+
+    def _put(self, in_use: InUse, numbers: list[int]) -> None:
+        shelved(self._parts.database, in_use.shelf, in_use.pipeline.parameters, numbers)

@@ -1,0 +1,186 @@
+"""Embeddings ready to be compared: what is kept of them, what a query does without, and finalists."""
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from threading import Thread
+
+import numpy as np
+import pytest
+
+from core.parameters import DEFAULT
+from core.records import embedding_from_bytes
+from core.rows import match_rows, row_of, sift_rows
+from service.compute.tasks import example_records
+from service.search import rows as rows_module
+from service.search.shelf import ABOUT, Shelf
+from tests.service.support import (
+    Running,
+    pipeline_in_use,
+    query,
+    serving,
+    settings_in,
+    small_file,
+    wait_until,
+)
+
+STORED = 12
+
+
+def row(value: float, length: int = 100) -> np.ndarray:
+    return np.full(length, value, dtype=np.float32)
+
+
+def test_what_was_not_asked_for_longest_goes_first() -> None:
+    shelf = Shelf(1200)
+    for number in (1, 2, 3):
+        shelf.put(number, row(number))
+    assert list(shelf.rows([1, 9])) == [1]
+    shelf.put(4, row(4))
+    assert shelf.missing([1, 2, 3, 4]) == [2]
+    assert (len(shelf), shelf.nbytes) == (3, 1200)
+    assert [found[0] for found in shelf.rows([4, 3, 1]).values()] == [4, 3, 1]
+
+
+def test_a_row_put_again_takes_its_room_once() -> None:
+    shelf = Shelf(1200)
+    for _ in range(3):
+        shelf.put(1, row(1))
+    shelf.put(1, row(2, 50))
+    assert (len(shelf), shelf.nbytes) == (1, 200)
+    assert shelf.rows([1])[1][0] == 2
+
+
+def test_a_row_longer_than_all_the_room_is_not_kept() -> None:
+    shelf = Shelf(300)
+    shelf.put(1, row(1))
+    assert (len(shelf), shelf.nbytes) == (0, 0)
+    assert Shelf(0).free_places() == 0
+
+
+def test_free_places_go_by_the_rows_that_are_there() -> None:
+    shelf = Shelf(10 * ABOUT)
+    assert shelf.free_places() == 10
+    shelf.put(1, row(1, ABOUT // 8))
+    assert shelf.free_places() == 19
+
+
+def test_many_threads_at_once() -> None:
+    shelf = Shelf(4000)
+
+    def work(seed: int) -> None:
+        rng = np.random.default_rng(seed)
+        for number in rng.integers(30, size=500).tolist():
+            shelf.put(number, row(number))
+            for found, values in shelf.rows(range(30)).items():
+                assert values[0] == found
+
+    threads = [Thread(target=work, args=(seed,)) for seed in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert (len(shelf), shelf.nbytes) == (10, 4000)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Of an archive of 12 shapes."""
+    folder = tmp_path_factory.mktemp("shelf")
+    with serving(settings_in(folder)) as running:
+        for number in range(STORED):
+            running.store(small_file(number), f"{number}.off")
+    return folder
+
+
+@pytest.fixture
+def running(folder: Path, request: pytest.FixtureRequest) -> Iterator[Running]:
+    """A service over it, with the settings that the test gives."""
+    with serving(settings_in(folder, **request.param)) as running:
+        yield running
+
+
+def shelf_of(running: Running) -> Shelf:
+    with running.parts.database.read() as session:
+        return running.parts.pipelines.current(session).shelf
+
+
+def answer(running: Running, number: int = 20, **options: object) -> dict[str, dict[str, float]]:
+    found = query(running.client, small_file(number), top_k=100, **options).json()
+    assert found["compared"] == len(found["results"])
+    return {
+        result["shape"]["name"]: {kind: result[kind] for kind in ("cc", "ssd", "sim", "combined")}
+        for result in found["results"]
+    }
+
+
+@pytest.mark.parametrize("running", [{}], indirect=True)
+def test_rows_are_ready_soon_after_the_start_and_after_an_upload(
+    running: Running, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shelf = shelf_of(running)
+    wait_until(lambda: len(shelf) == STORED, seconds=30)
+    record = running.store(small_file(30), "late.off")
+    wait_until(lambda: len(shelf) == STORED + 1, seconds=30)
+    (shown,) = re.findall(r"^isoshape_rows_bytes (\S+)$", running.client.get("/metrics").text, re.MULTILINE)
+    assert float(shown) == shelf.nbytes
+    with monkeypatch.context() as patch:
+        patch.setattr(rows_module.repository, "embedding_records", None)
+        assert len(answer(running)) == STORED + 1
+    running.client.delete(f"/shapes/{record['id']}")
+    assert len(answer(running)) == STORED
+
+
+@pytest.mark.parametrize("running", [{"rows_bytes": 0}, {"rows_bytes": 300_000}], indirect=True)
+def test_without_room_answers_are_the_same(running: Running, folder: Path) -> None:
+    scores = answer(running)
+    assert len(shelf_of(running)) <= 3
+    with serving(settings_in(folder)) as other:
+        wait_until(lambda: len(shelf_of(other)) == STORED, seconds=30)
+        assert answer(other) == scores
+
+
+@pytest.mark.parametrize("rank_by", ["cc", "combined"])
+@pytest.mark.parametrize(
+    "running", [{"shortlist_from": 5, "shortlist_length": 9, "finalists": 4}], indirect=True
+)
+def test_finalists_are_those_that_sifting_puts_first(running: Running, rank_by: str) -> None:
+    client = running.client
+    shapes = client.get("/shapes").json()["shapes"]
+    pipeline = pipeline_in_use(running)
+    with running.parts.database.read() as session:
+        signed = running.parts.pipelines.current(session).index.current(session)
+        records = rows_module.repository.embedding_records(session, signed.embeddings.tolist())
+    embeddings = {
+        shape["name"]: embedding_from_bytes(records[int(number)])
+        for shape, number in zip(shapes, signed.embeddings, strict=True)
+    }
+    wanted = embeddings.pop("3.off")
+    names = sorted(
+        embeddings, key=lambda name: np.linalg.norm(embeddings[name].signature - wanted.signature)
+    )[:9]
+    rows = [row_of(embeddings[name], DEFAULT) for name in names]
+    rough = sift_rows(row_of(wanted, DEFAULT), rows, DEFAULT).astype(np.float64)
+    likeness = rough
+    if rank_by == "combined":
+        signatures = np.stack([embeddings[name].signature for name in names])
+        likeness = pipeline.combined(rough, np.zeros(9), wanted.signature, signatures)
+    expected = {names[place] for place in np.argsort(-likeness, kind="stable")[:4]}
+    body = {
+        "shape_id": next(s["id"] for s in shapes if s["name"] == "3.off"),
+        "top_k": 100,
+        "rank_by": rank_by,
+    }
+    found = client.post("/query", json=body).json()
+    assert found["compared"] == 4
+    assert {result["shape"]["name"] for result in found["results"]} == expected
+    exact = match_rows(row_of(wanted, DEFAULT), rows, DEFAULT)
+    for result in found["results"]:
+        assert result["cc"] == exact.cc[names.index(result["shape"]["name"])]
+
+
+def test_the_rough_match_of_a_shape_with_itself_is_one() -> None:
+    rows = [row_of(embedding_from_bytes(record), DEFAULT) for record in example_records(DEFAULT)]
+    found = sift_rows(rows[0], rows, DEFAULT)
+    assert found[0] == 1.0
+    assert found[1] < 1.0
