@@ -17,6 +17,7 @@ from service.access.middleware import AccessControl
 from service.compute.pool import LocalPool
 from service.compute.processes import start as start_processes
 from service.compute.work import Work
+from service.compute.workers import Workers
 from service.endpoints import router as service_router
 from service.idempotency.keys import InFlight
 from service.jobs.endpoints import ADDRESS as JOBS_ADDRESS
@@ -140,7 +141,7 @@ def _start(settings: Settings, parameters: Parameters, gate: Gate, metrics: Metr
     )
 
 
-def _watch(metrics: Metrics, pool: LocalPool, readers: LocalPool, work: Work, pipelines: Pipelines) -> None:
+def _watch(metrics: Metrics, pool: Workers, readers: LocalPool, work: Work, pipelines: Pipelines) -> None:
     """Have the metrics show the state of things."""
     watch = metrics.watch
     watch("queue_requests", "Requests that are at work or wait for a worker.", lambda: work.inside)

@@ -44,6 +44,7 @@ RETRIES = {
     "shutting-down": 3,
     "storage-unavailable": 3,
     "worker-lost": 1,
+    "cluster-unavailable": 3,
 }
 LONGEST_WAIT_SECONDS = 30.0
 # A large mesh may wait for a worker and then be worked on for minutes.

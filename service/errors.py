@@ -144,6 +144,13 @@ class WorkerLostError(ServiceError):
     retry_after = 1
 
 
+class ClusterUnavailableError(ServiceError):
+    """The scheduler of the Dask cluster is away, or has no workers."""
+
+    kind = "cluster-unavailable"
+    retry_after = 5
+
+
 class TaskGivenUpError(WorkerLostError):
     """The worker process was stopped because no one waited for its answer any more."""
 
@@ -262,6 +269,7 @@ PROBLEMS: dict[str, ProblemKind] = {
     "busy": ProblemKind(503, "The service is busy"),
     "time-limit": ProblemKind(503, "The work took too long"),
     "worker-lost": ProblemKind(503, "A worker was lost"),
+    "cluster-unavailable": ProblemKind(503, "The cluster of workers is not available"),
     "shutting-down": ProblemKind(503, "The service is shutting down"),
     "not-ready": ProblemKind(503, "The service is not ready"),
     "pipeline-unavailable": ProblemKind(503, "The archive is embedded by a pipeline that is not known"),

@@ -7,6 +7,7 @@ from threading import Event
 from service.access.gate import Gate
 from service.compute.pool import LocalPool
 from service.compute.work import Work
+from service.compute.workers import Workers
 from service.idempotency.keys import InFlight
 from service.metrics import Metrics
 from service.pipelines.active import Pipelines
@@ -23,7 +24,7 @@ class Parts:
 
     settings: Settings
     database: Database
-    pool: LocalPool
+    pool: Workers
     readers: LocalPool
     work: Work
     pipelines: Pipelines

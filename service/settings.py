@@ -24,6 +24,7 @@ OTHER_VARIABLES = frozenset({"ISOSHAPE_API_KEY", "ISOSHAPE_DATA", "ISOSHAPE_URL"
 
 Digests = Annotated[tuple[str, ...], NoDecode]
 
+_SCHEDULER = re.compile(r"(?:tcp|tls)://[^\s/:]+:\d{1,5}")
 _DIGEST = re.compile(r"[0-9a-f]{64}")
 
 
@@ -80,6 +81,10 @@ class Settings(BaseSettings):
     workers: PositiveInt = Field(
         default_factory=_processors,
         description="Worker processes that read, embed and compare. As many as processors unless set.",
+    )
+    scheduler: str = Field(
+        default="",
+        description="The address of a Dask scheduler, as tcp://host:8786. Without one, workers are local.",
     )
     queue_length: int = Field(
         default=32,
@@ -213,6 +218,13 @@ class Settings(BaseSettings):
                 "in postgresql+psycopg://user:password@host/database"
             )
         return database_url
+
+    @field_validator("scheduler")
+    @classmethod
+    def _names_a_scheduler(cls, scheduler: str) -> str:
+        if scheduler and not _SCHEDULER.fullmatch(scheduler):
+            raise ValueError("must be the address of a Dask scheduler, as in tcp://host:8786")
+        return scheduler
 
     @field_validator("hnsw_ef_construction")
     @classmethod

@@ -8,17 +8,18 @@ time, so that a process which dies, or is killed at the time limit, costs one ta
 import os
 import threading
 from collections.abc import Callable
-from concurrent.futures import CancelledError, Executor, Future
+from concurrent.futures import CancelledError, Future
 from queue import Empty, SimpleQueue
 from typing import Any
 
 from service.compute.seat import Seat, Task
+from service.compute.workers import Workers
 from service.errors import WorkerLostError
 
 PING_SECONDS = 2.0
 
 
-class LocalPool(Executor):
+class LocalPool(Workers):
     """Worker processes on this machine.
 
     Parameters

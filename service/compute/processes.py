@@ -7,19 +7,32 @@ from core.parameters import Parameters
 from service.compute import sandbox
 from service.compute.pool import LocalPool
 from service.compute.tasks import warm
+from service.compute.workers import Workers
 from service.settings import Settings
 
 
 def start(
     settings: Settings, parameters: Parameters, replaced: Callable[[str], object] = lambda cause: None
-) -> tuple[LocalPool, LocalPool]:
-    """Workers, warmed up for these parameters, and readers of uploads; `replaced` is as in `LocalPool`."""
-    workers = LocalPool(
-        settings.workers,
-        seconds=settings.task_seconds,
-        warm=partial(warm, parameters),
-        replaced=replaced,
-    )
+) -> tuple[Workers, LocalPool]:
+    """Workers, warmed up for these parameters, and readers of uploads; `replaced` is as in `LocalPool`.
+
+    The workers may be a cluster's. The readers are always this machine's, which confines them.
+    """
+    workers: Workers
+    if settings.scheduler:
+        # Here, so that a service without a cluster needs no Dask.
+        from service.compute.cluster import ClusterPool  # noqa: PLC0415
+
+        workers = ClusterPool(
+            settings.scheduler, parameters=parameters, seconds=settings.task_seconds, replaced=replaced
+        )
+    else:
+        workers = LocalPool(
+            settings.workers,
+            seconds=settings.task_seconds,
+            warm=partial(warm, parameters),
+            replaced=replaced,
+        )
     readers = LocalPool(
         settings.workers,
         seconds=settings.task_seconds,

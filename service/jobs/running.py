@@ -17,6 +17,7 @@ from core.errors import CoreError
 from service.errors import (
     PROBLEMS,
     BusyError,
+    ClusterUnavailableError,
     FileTimeLimitError,
     PipelineUnavailableError,
     ServiceError,
@@ -54,7 +55,7 @@ PATIENCE_SECONDS = 5.0
 TRIES = 2
 
 # None of these is the member's fault.
-OWN_FAULTS = (StorageFullError, StorageUnavailableError, PipelineUnavailableError)
+OWN_FAULTS = (StorageFullError, StorageUnavailableError, PipelineUnavailableError, ClusterUnavailableError)
 
 
 class LostError(Exception):

@@ -20,7 +20,15 @@ from service.uploads import uploaded
 
 router = APIRouter(tags=["shapes"])
 
-WORK_PROBLEMS = (*READ_PROBLEMS, "shape-not-found", "busy", "shutting-down", "worker-lost", "file-time-limit")
+WORK_PROBLEMS = (
+    *READ_PROBLEMS,
+    "shape-not-found",
+    "busy",
+    "shutting-down",
+    "worker-lost",
+    "cluster-unavailable",
+    "file-time-limit",
+)
 GLB = {MEDIA_TYPE: {"schema": {"type": "string", "contentMediaType": MEDIA_TYPE}}}
 KNOWN: dict[int | str, dict[str, Any]] = {
     304: {"description": "The client has it already, by its If-None-Match."}

@@ -12,7 +12,8 @@ from core.parameters import Parameters
 from core.pipeline import Pipeline
 from service.compute.tasks import Embedded
 from service.compute.work import Work
-from service.errors import FileTimeLimitError, WorkerLostError
+from service.errors import ClusterUnavailableError, FileTimeLimitError, WorkerLostError
+from service.logging import get_logger
 from service.pipelines import repository
 from service.pipelines.active import keep
 from service.shapes import repository as shapes_repository
@@ -22,6 +23,10 @@ from service.storage.database import Database
 PRUNED_AT_ONCE = 200
 # A worker that is lost may have been stopped for want of memory, and not because of the file.
 TRIES = 2
+# It may come back at any time, and nothing is lost by waiting.
+CLUSTER_SECONDS = 5.0
+
+log = get_logger("pipelines")
 
 File = tuple[int, str]
 """The number of a blob, and the format that it is read in."""
@@ -128,14 +133,19 @@ class Reembedding:
         if read is None:
             return False
         sha256, data = read
-        for tries_left in reversed(range(TRIES)):
+        tries_left = TRIES
+        while True:
             try:
                 embedded = await self._work.embed(data, format, self._pipeline)
                 break
+            except ClusterUnavailableError as error:
+                log.warning("waiting for the cluster: %s", error)
+                await asyncio.sleep(CLUSTER_SECONDS)
             except (CoreError, FileTimeLimitError) as error:
                 self._refused[file] = str(error)
                 return False
             except WorkerLostError as error:
+                tries_left -= 1
                 if not tries_left:
                     self._refused[file] = str(error)
                     return False

@@ -129,6 +129,7 @@ async def query(request: Request, parts: Service) -> QueryAnswer:
             "busy",
             "shutting-down",
             "worker-lost",
+            "cluster-unavailable",
             "time-limit",
             "file-time-limit",
             "pipeline-unavailable",

@@ -22,6 +22,7 @@ FILE_PROBLEMS = (
     "busy",
     "shutting-down",
     "worker-lost",
+    "cluster-unavailable",
 )
 READ_PROBLEMS = ("bad-request-fields", "storage-unavailable")
 WRITE_PROBLEMS = (*READ_PROBLEMS, "storage-full")

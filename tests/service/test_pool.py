@@ -11,8 +11,12 @@ from pathlib import Path
 import pytest
 
 from core.errors import EmptyFileError
+from core.parameters import DEFAULT
+from service.compute.cluster import ClusterPool
 from service.compute.pool import LocalPool
+from service.compute.workers import Workers
 from service.errors import TaskGivenUpError, TaskTimeLimitError, WorkerLostError
+from tests.service.dask_cluster import cluster
 from tests.service.support import wait_until
 from tests.service.tasks import (
     add,
@@ -34,24 +38,38 @@ def pool() -> Iterator[LocalPool]:
         yield pool
 
 
-def test_results_and_errors_come_back(pool: LocalPool) -> None:
-    futures = [pool.submit(add, i, i) for i in range(20)]
+@pytest.fixture(scope="module", params=["local", "cluster"])
+def workers(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Workers]:
+    """Two workers, each a process here; or a process of a worker of a Dask cluster."""
+    if request.param == "local":
+        yield request.getfixturevalue("pool")
+        return
+    with (
+        cluster(tmp_path_factory.mktemp("cluster")) as made,
+        ClusterPool(made.address, parameters=DEFAULT, seconds=1.5) as pool,
+    ):
+        wait_until(lambda: len(pool.pids()) == 2, seconds=120)
+        yield pool
+
+
+def test_results_and_errors_come_back(workers: Workers) -> None:
+    futures = [workers.submit(add, i, i) for i in range(20)]
     assert [future.result() for future in futures] == [2 * i for i in range(20)]
     with pytest.raises(EmptyFileError, match="nothing in it") as caught:
-        pool.submit(refuse, "nothing in it").result()
+        workers.submit(refuse, "nothing in it").result()
     assert "in refuse" in "".join(caught.value.__notes__)
 
 
-def test_tasks_take_positional_arguments_only(pool: LocalPool) -> None:
+def test_tasks_take_positional_arguments_only(workers: Workers) -> None:
     with pytest.raises(TypeError):
-        pool.submit(add, a=1, b=2)
+        workers.submit(add, a=1, b=2)
 
 
-def test_workers_have_one_thread_and_ignore_interrupts(pool: LocalPool) -> None:
-    seen = pool.submit(environment).result()
+def test_workers_have_one_thread_and_ignore_interrupts(workers: Workers) -> None:
+    seen = workers.submit(environment).result()
     assert set(seen["threads"].values()) == {"1"}
     os.kill(seen["pid"], signal.SIGINT)
-    assert pool.submit(add, 1, 1).result() == 2
+    assert workers.submit(add, 1, 1).result() == 2
 
 
 def test_both_workers_work_at_a_time(tmp_path: Path) -> None:
@@ -62,21 +80,21 @@ def test_both_workers_work_at_a_time(tmp_path: Path) -> None:
             assert future.result() is None
 
 
-def test_a_task_over_the_limit_is_stopped_and_the_rest_go_on(pool: LocalPool) -> None:
-    slow: Future[None] = pool.submit(nap, 600)
-    others = [pool.submit(add, i, 1) for i in range(10)]
+def test_a_task_over_the_limit_is_stopped_and_the_rest_go_on(workers: Workers) -> None:
+    slow: Future[None] = workers.submit(nap, 600)
+    others = [workers.submit(add, i, 1) for i in range(10)]
     with pytest.raises(TaskTimeLimitError, match=r"1\.5 s"):
         slow.result()
     assert [future.result() for future in others] == list(range(1, 11))
 
 
-def test_a_worker_that_dies_costs_the_task_it_had(pool: LocalPool) -> None:
-    dead = pool.submit(die)
-    others = [pool.submit(add, i, 1) for i in range(10)]
+def test_a_worker_that_dies_costs_the_task_it_had(workers: Workers) -> None:
+    dead = workers.submit(die)
+    others = [workers.submit(add, i, 1) for i in range(10)]
     with pytest.raises(WorkerLostError):
         dead.result()
     assert [future.result() for future in others] == list(range(1, 11))
-    wait_until(lambda: len(pool.pids()) == 2, seconds=60)
+    wait_until(lambda: len(workers.pids()) == 2, seconds=60)
 
 
 def test_workers_that_die_idle_cost_nothing(pool: LocalPool) -> None:
@@ -97,22 +115,22 @@ def _runs(pid: int) -> bool:
         return stat.read().rsplit(")", 1)[1].split()[0] != "Z"
 
 
-def test_what_does_not_pickle_is_an_error_of_that_task(pool: LocalPool) -> None:
+def test_what_does_not_pickle_is_an_error_of_that_task(workers: Workers) -> None:
     with pytest.raises((TypeError, AttributeError)):
-        pool.submit(add, threading.Lock(), 1).result()
+        workers.submit(add, threading.Lock(), 1).result()
     with pytest.raises(TypeError, match="pickle"):
-        pool.submit(return_a_lock).result()
+        workers.submit(return_a_lock).result()
     with pytest.raises(RuntimeError, match=r"OddError.*1 and 2"):
-        pool.submit(raise_oddly).result()
-    assert pool.submit(add, 1, 1).result() == 2
+        workers.submit(raise_oddly).result()
+    assert workers.submit(add, 1, 1).result() == 2
 
 
-def test_a_cancelled_task_is_not_begun(pool: LocalPool) -> None:
-    blocking = [pool.submit(nap, 0.5) for _ in range(2)]
-    waiting = pool.submit(die)
+def test_a_cancelled_task_is_not_begun(workers: Workers) -> None:
+    blocking = [workers.submit(nap, 0.5) for _ in range(2)]
+    waiting = workers.submit(die)
     assert waiting.cancel()
     wait(blocking)
-    assert pool.submit(add, 1, 1).result() == 2
+    assert workers.submit(add, 1, 1).result() == 2
 
 
 def test_a_cancelled_task_lets_go_of_its_arguments(pool: LocalPool) -> None:
@@ -122,6 +140,14 @@ def test_a_cancelled_task_lets_go_of_its_arguments(pool: LocalPool) -> None:
     assert waiting.cancel()
     assert waiting.arguments == ()  # type: ignore[attr-defined]
     wait(blocking)
+
+
+def test_what_was_begun_and_is_cancelled_holds_up_nothing(workers: Workers) -> None:
+    napping = [workers.submit(nap, 600) for _ in range(2)]
+    wait_until(lambda: workers.busy() == 2, seconds=30)
+    for each in napping:
+        each.cancel()
+    assert workers.submit(add, 1, 1).result(timeout=60) == 2
 
 
 def test_a_task_that_is_cancelled_while_it_runs_is_stopped() -> None:

@@ -1,0 +1,242 @@
+"""An executor on a Dask cluster, which may go away and come back.
+
+Dask does a lost worker's tasks again on another. What it does not do is said here: a scheduler that is away,
+or has no workers, fails what waits for it, and is looked for again until it is there.
+"""
+
+import logging
+import pickle
+import threading
+import time
+from collections.abc import Callable
+from concurrent.futures import Executor, Future, InvalidStateError
+from contextlib import suppress
+from typing import Any
+
+import dask
+from distributed import Client
+from distributed.scheduler import KilledWorker
+
+from core.parameters import Parameters
+from service.compute.remote import run, warm_up
+from service.compute.workers import Workers
+from service.errors import ClusterUnavailableError, TaskTimeLimitError, WorkerLostError
+from service.logging import get_logger
+
+log = get_logger("compute")
+
+# What it says with tracebacks is said below in a line.
+logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
+
+LOOK_SECONDS = 0.5
+CONNECT_SECONDS = 5.0
+# So long a cluster may be without workers before what waits for one is told so.
+PATIENCE_SECONDS = 10.0
+
+# Meshes pass through the scheduler: then the loss of a worker loses none.
+dask.config.set({"distributed.admin.large-graph-warning-threshold": "4 GiB"})
+
+
+class ClusterPool(Workers):
+    """The workers of a Dask cluster.
+
+    Parameters
+    ----------
+    address : str
+        Of the scheduler.
+    parameters : Parameters
+        What workers are warmed up for.
+    seconds : float
+        The longest a task may run; its future then raises `TaskTimeLimitError`.
+    replaced : callable
+        Told whenever a task cost a process, and why: "died" or "time-limit".
+    """
+
+    def __init__(
+        self,
+        address: str,
+        *,
+        parameters: Parameters,
+        seconds: float,
+        replaced: Callable[[str], object] = lambda cause: None,
+    ) -> None:
+        self._address = address
+        self._parameters = parameters
+        self._seconds = seconds
+        self._replaced = replaced
+        self._lock = threading.Lock()
+        self._open: set[Future[Any]] = set()
+        self._client: Client | None = None
+        self._executor: Executor | None = None
+        self._threads: dict[str, int] = {}
+        self._warming: dict[str, Any] = {}
+        self._pids: dict[str, int] = {}
+        self._seen = time.monotonic()
+        self._closing = threading.Event()
+        self._watching = threading.Thread(target=self._watch, daemon=True, name="isoshape-cluster")
+        self._watching.start()
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:  # noqa: ANN401
+        """Have `fn(*args)` called by a worker. Function, arguments and result must pickle; no keywords.
+
+        Raises
+        ------
+        ClusterUnavailableError
+            The scheduler is away, or has no workers.
+        """
+        if kwargs:
+            raise TypeError("tasks take positional arguments only")
+        if self._closing.is_set():
+            raise RuntimeError("the pool is shut down")
+        executor = self._executor
+        if executor is None or not self._threads:
+            away = "scheduler cannot be reached" if executor is None else "scheduler has no workers"
+            raise ClusterUnavailableError(f"the cluster's {away} now")
+        task: Future[Any] = Future()
+        given = executor.submit(run, pickle.dumps((fn, args)), self._parameters, self._seconds)
+        with self._lock:
+            self._open.add(task)
+        task.add_done_callback(lambda task: self._ended(task, given))
+        given.add_done_callback(lambda given: self._settle(task, given))
+        return task
+
+    def ready(self) -> bool:
+        """Whether the cluster has a worker that is warm."""
+        return bool(self._pids)
+
+    def pids(self) -> list[int]:
+        """The process ids of the workers that are warm, each on its machine."""
+        return list(self._pids.values())
+
+    def idle(self) -> int:
+        """How many tasks more could be begun at once."""
+        return max(0, sum(self._threads.values()) - len(self._open))
+
+    def busy(self) -> int:
+        """How many of this service's tasks have a worker, if no other service's do."""
+        return min(sum(self._threads.values()), len(self._open))
+
+    def starting(self) -> int:
+        """How many workers are not warm yet."""
+        return len(self._threads.keys() - self._pids.keys())
+
+    def waiting(self) -> int:
+        """How many of this service's tasks wait for a worker, at least."""
+        return max(0, len(self._open) - sum(self._threads.values()))
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """Take no more tasks; wait for those given, or cancel them; leave the cluster."""
+        self._closing.set()
+        with self._lock:
+            tasks = list(self._open)
+        for task in tasks:
+            if cancel_futures:
+                task.cancel()
+            elif wait:
+                with suppress(Exception):
+                    task.result()
+        if wait or cancel_futures:
+            self._watching.join()
+
+    def kill(self) -> None:
+        """Leave the cluster at once: what was given and not done raises `WorkerLostError`."""
+        self._fail(WorkerLostError("the work was stopped"))
+        self.shutdown(cancel_futures=True)
+
+    def _watch(self) -> None:
+        """Connect, and look now and then how things are, until the end."""
+        while not self._closing.wait(LOOK_SECONDS):
+            try:
+                if self._client is None:
+                    self._connect()
+                elif self._client.status == "running":
+                    self._look(self._client)
+                else:
+                    self._lose()
+            except Exception as error:
+                log.error("the cluster cannot be looked at", exc_info=error)
+                self._lose()
+        while self._open and self._client is not None and self._client.status == "running":
+            time.sleep(LOOK_SECONDS)
+        self._leave()
+
+    def _connect(self) -> None:
+        try:
+            client = Client(self._address, timeout=CONNECT_SECONDS, set_as_default=False, name="isoshape")
+        except (OSError, TimeoutError) as error:
+            log.warning("the scheduler at %s cannot be reached: %s", self._address, error)
+            return
+        log.info("the scheduler is there", extra={"fields": {"address": self._address}})
+        self._client, self._executor = client, client.get_executor(pure=False)
+        self._seen = time.monotonic()
+        self._look(client)
+
+    def _look(self, client: Client) -> None:
+        """Which workers there are; new ones are warmed up."""
+        assert client.scheduler is not None
+        self._threads = client.sync(client.scheduler.ncores, callback_timeout=CONNECT_SECONDS)
+        if self._threads:
+            self._seen = time.monotonic()
+        elif time.monotonic() - self._seen > PATIENCE_SECONDS:
+            self._fail(ClusterUnavailableError("the cluster's scheduler has no workers now"))
+        for address in self._threads.keys() - self._warming.keys():
+            self._warming[address] = client.submit(
+                warm_up, self._parameters, self._seconds, workers=[address], pure=False
+            )
+        for address in self._warming.keys() - self._threads.keys():
+            self._warming.pop(address).cancel()
+        warmed = {address: each for address, each in self._warming.items() if each.status == "finished"}
+        self._pids = {address: self._pids.get(address) or each.result() for address, each in warmed.items()}
+
+    def _lose(self) -> None:
+        """Have nobody wait for a scheduler that may never answer."""
+        self._executor = None
+        self._fail(ClusterUnavailableError("the cluster's scheduler was lost; try again"))
+        self._leave()
+
+    def _leave(self) -> None:
+        """Let go of the connection."""
+        client, self._client, self._executor = self._client, None, None
+        self._threads, self._warming, self._pids = {}, {}, {}
+        if client is not None:
+            with suppress(Exception):
+                client.close(timeout=LOOK_SECONDS)
+
+    def _fail(self, error: Exception) -> None:
+        with self._lock:
+            tasks = list(self._open)
+        for task in tasks:
+            _raise(task, error)
+
+    def _ended(self, task: Future[Any], given: Future[Any]) -> None:
+        """Keep no task that has ended, and have none done that nobody waits for."""
+        with self._lock:
+            self._open.discard(task)
+        given.cancel()
+
+    def _settle(self, task: Future[Any], given: Future[Any]) -> None:
+        """Give a task the answer that came, or the error that stands for none."""
+        if given.cancelled():
+            _raise(task, ClusterUnavailableError("the cluster's scheduler was lost; try again"))
+            return
+        error = given.exception()
+        if isinstance(error, KilledWorker):
+            self._replaced("died")
+            _raise(task, WorkerLostError("workers died before they had answered; try again"))
+        elif error is not None:
+            log.error("the cluster failed", exc_info=error)
+            _raise(task, ClusterUnavailableError(f"the cluster failed: {type(error).__name__}"))
+        else:
+            done, answer = pickle.loads(given.result())
+            if done:
+                with suppress(InvalidStateError):
+                    task.set_result(answer)
+                return
+            if isinstance(answer, WorkerLostError | TaskTimeLimitError):
+                self._replaced("died" if isinstance(answer, WorkerLostError) else "time-limit")
+            _raise(task, answer)
+
+
+def _raise(task: Future[Any], error: BaseException) -> None:
+    with suppress(InvalidStateError):
+        task.set_exception(error)
