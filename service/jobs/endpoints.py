@@ -9,7 +9,7 @@ from pydantic import ValidationError
 from starlette.concurrency import run_in_threadpool
 
 from service.dependencies import Service
-from service.errors import BadRequestFieldsError
+from service.errors import BadRequestFieldsError, BusyError
 from service.jobs import events, service
 from service.jobs.members import shown
 from service.jobs.records import NewJob, Outcome
@@ -148,18 +148,20 @@ def list_job_files(
             "content": {events.MEDIA_TYPE: {"schema": {"type": "string"}}},
         },
         204: {"description": "The client has had the end, by its Last-Event-ID, and need not come back."},
-        **documented("job-not-found", *READ_PROBLEMS),
+        **documented("job-not-found", "busy", *READ_PROBLEMS),
     },
 )
-async def follow_job(job_id: JobId, request: Request, parts: Service) -> Response:
+async def follow_job(job_id: JobId, request: Request, parts: Service, jobs: Jobs) -> Response:
     """The progress of a job as an `EventSource` in a page reads it; the stream ends with the job."""
     job = await run_in_threadpool(events.read, parts.database, job_id)
     last = request.headers.get("Last-Event-ID")
     if job.has_ended and last == events.name_of(job):
         return Response(status_code=204)
+    if len(jobs.followers) >= events.FOLLOWERS:
+        raise BusyError(f"{events.FOLLOWERS} clients follow jobs already; GET /jobs/{job_id} tells as much")
     ending: Callable[[], bool] = request.scope.get(events.ENDING_IN_SCOPE, lambda: False)
     return StreamingResponse(
-        events.events(parts.database, job, ending, last),
+        events.events(parts.database, job, jobs.followers, ending, last),
         media_type=events.MEDIA_TYPE,
         headers={"Cache-Control": "no-store", "X-Accel-Buffering": "no"},
     )

@@ -14,6 +14,8 @@ from service.storage.database import Database
 MEDIA_TYPE = "text/event-stream"
 # Set by whoever runs the server: whether it was asked to stop.
 ENDING_IN_SCOPE = "isoshape.ending"
+# How many streams may be open. Each asks the database twice a second.
+FOLLOWERS = 100
 LOOK_SECONDS = 0.5
 # Proxies, and networks, cut what is silent for long.
 SILENCE_SECONDS = 15.0
@@ -37,13 +39,25 @@ def name_of(job: Job) -> str:
 
 
 async def events(
-    database: Database, job: Job, ending: Callable[[], bool], last: str | None
+    database: Database, job: Job, followers: set[object], ending: Callable[[], bool], last: str | None
 ) -> AsyncIterator[str]:
     """An event `progress` whenever the job has come further, and `end` when it has ended; then no more.
 
     `last` is the event that the client had; `ending` says that the service ends, and with it the stream: a
-    browser then comes back by itself.
+    browser then comes back by itself. While it lasts, the stream is among the followers.
     """
+    stream = object()
+    followers.add(stream)
+    try:
+        async for text in _events(database, job, ending, last):
+            yield text
+    finally:
+        followers.discard(stream)
+
+
+async def _events(
+    database: Database, job: Job, ending: Callable[[], bool], last: str | None
+) -> AsyncIterator[str]:
     yield f"retry: {RECONNECT_MILLISECONDS}\n\n"
     spoken = time.monotonic()
     while True:

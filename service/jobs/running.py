@@ -63,7 +63,10 @@ class LostError(Exception):
 
 
 class Runner:
-    """Works on the jobs of one archive, in the event loop of a service. `start` it, and `stop` it."""
+    """Works on the jobs of one archive, in the event loop of a service. `start` it, and `stop` it.
+
+    `followers` are the event streams that are open.
+    """
 
     def __init__(self, parts: Parts) -> None:
         self._parts = parts
@@ -72,6 +75,7 @@ class Runner:
         self._id = str(uuid.uuid4())
         self._look = asyncio.Event()
         self._at_work = 0
+        self.followers: set[object] = set()
         self._arriving = 0
         self._open = False
         self._running: asyncio.Task[None] | None = None

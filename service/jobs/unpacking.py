@@ -16,6 +16,9 @@ from service.jobs.members import PIECE, ArchiveLimits, Readable
 XZ_MEMORY_BYTES = 128 * 1024**2
 """What `xz -9` needs to unpack is half of it."""
 
+MOST_STREAMS = 100_000
+"""Some programs pack every 64 KiB by itself: as many as the largest archive has, and no more."""
+
 # The furthest that the reader of a tar file goes back is one header.
 KEPT = 1024
 
@@ -109,6 +112,7 @@ class Unpacked:
         self._make = make
         self._limits = limits
         self._unpacker = None if make is None else make()
+        self._streams = 1
         self._left = b""
         self._taken = self._made = 0
         # The last piece, with the end of the one before, and where that begins.
@@ -177,6 +181,9 @@ class Unpacked:
                         return b""
                     self._left = taken.lstrip(b"\0")
                 self._unpacker = self._make()
+                self._streams += 1
+                if self._streams > MOST_STREAMS:
+                    raise ValueError(f"it is more than {MOST_STREAMS} streams")
             hungry = self._unpacker.hungry
             data = self._left or (self._take() if hungry else b"")
             piece, self._left = self._unpacker.unpack(data)

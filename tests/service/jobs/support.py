@@ -33,6 +33,11 @@ def ended(client: httpx.Client, job_id: str, seconds: float = 120) -> dict[str, 
     return job(client, job_id)
 
 
+def has_stored(client: httpx.Client, job_id: str, many: int) -> bool:
+    """Whether a job has stored so many shapes."""
+    return bool(job(client, job_id)["counts"]["stored"] >= many)
+
+
 def files(client: httpx.Client, job_id: str, **query: Any) -> list[dict[str, Any]]:
     """All files of a job, page by page."""
     found: list[dict[str, Any]] = []

@@ -8,6 +8,7 @@ from datetime import UTC, datetime, timedelta
 import pytest
 from sqlalchemy import func, select, update
 
+from service.jobs import events as events_module
 from service.jobs import service as jobs_service
 from service.shapes import service as shapes_service
 from service.storage.job_tables import JobFileRow, JobPieceRow, JobRow
@@ -194,6 +195,28 @@ def test_progress_as_events(clean: Running, held: threading.Event) -> None:
     assert clean.client.get(address, headers={"last-event-id": told[-1][0]}).status_code == 204
     late = events(clean.client.get(address).text.splitlines())
     assert [(name, data["state"]) for _, name, data in late] == [("end", "done")]
+
+
+def test_only_so_many_follow_at_a_time(
+    clean: Running, held: threading.Event, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(events_module, "FOLLOWERS", 2)
+    job_id = begun(clean.client, pack(meshes(range(2))))
+    address = f"/jobs/{job_id}/events"
+
+    def answered() -> int:
+        with clean.client.stream("GET", address) as answer:
+            return answer.status_code
+
+    with clean.client.stream("GET", address) as one, clean.client.stream("GET", address) as other:
+        # An iterator that is dropped would end its stream.
+        lines = [one.iter_lines(), other.iter_lines()]
+        assert [next(each) for each in lines] == ["retry: 2000"] * 2
+        assert_problem(clean.client.get(address), 503, "busy")
+    # Who has gone away is counted no longer.
+    wait_until(lambda: answered() == 200, seconds=30)
+    held.set()
+    ended(clean.client, job_id)
 
 
 def test_rate_and_remaining_time(clean: Running, monkeypatch: pytest.MonkeyPatch) -> None:

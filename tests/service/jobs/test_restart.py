@@ -10,7 +10,7 @@ import httpx
 
 from service.storage.checking import check
 from tests.service.jobs.packing import pack
-from tests.service.jobs.support import begun, ended, events, files, job
+from tests.service.jobs.support import begun, ended, events, files, has_stored, job
 from tests.service.support import small_file, wait_until
 from tests.service.test_processes import server
 
@@ -53,10 +53,6 @@ def assert_all_there(client: httpx.Client, folder: Path, job_id: str) -> None:
     for shape_id, name in by_id.items():
         assert client.get(f"/shapes/{shape_id}/file").content == GOOD[name]
     assert check(folder / "archive.sqlite3", lock_seconds=10).faults == []
-
-
-def has_stored(client: httpx.Client, job_id: str, many: int) -> bool:
-    return bool(job(client, job_id)["counts"]["stored"] >= many)
 
 
 def test_a_job_of_a_service_that_is_killed_again_and_again(tmp_path: Path) -> None:
