@@ -37,7 +37,7 @@ async def readyz(parts: Service) -> Readiness | Response:
         faults.append("no worker process is ready yet")
     if not await run_in_threadpool(parts.readers.ready):
         faults.append("no process that reads uploads is ready yet")
-    if not parts.comparing_is_warm.is_set():
+    if not parts.comparing_is_ready.is_set():
         faults.append("what compares shapes is not loaded yet")
     if faults:
         return problem_response("not-ready", "; ".join(faults), retry_after=1)

@@ -19,7 +19,7 @@ from service.storage.database import Database
 class Parts:
     """Everything that lives from the start of the service to its end. `threads` compare embeddings.
 
-    `comparing_is_warm` is set once what they run is compiled and loaded.
+    `comparing_is_ready` is set once what they run is loaded, and embeddings are ready for it.
     """
 
     settings: Settings
@@ -32,4 +32,4 @@ class Parts:
     in_flight: InFlight
     metrics: Metrics
     threads: ThreadPoolExecutor
-    comparing_is_warm: Event
+    comparing_is_ready: Event

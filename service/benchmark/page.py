@@ -10,6 +10,9 @@ from service.benchmark.growth import FORMATS, exponent
 from service.benchmark.growth import Row as GrowthRow
 from service.benchmark.match_tables import match_table, peer_table
 from service.benchmark.matching import Row as MatchRow
+from service.benchmark.search_tables import kept_table, search_table
+from service.benchmark.searching import EXHAUSTIVE, Kept
+from service.benchmark.searching import Row as SearchRow
 from service.benchmark.table1 import Row as Table1Row
 
 PLOT = "benchmark-growth.png"
@@ -25,6 +28,8 @@ class Found:
     growth: list[GrowthRow] = field(default_factory=list)
     table1: list[Table1Row] = field(default_factory=list)
     match: list[MatchRow] = field(default_factory=list)
+    search: list[SearchRow] = field(default_factory=list)
+    kept: list[Kept] = field(default_factory=list)
 
     def as_json(self) -> dict[str, object]:
         """The object that `--json` prints: lists of rows by subject; seconds and bytes."""
@@ -40,6 +45,11 @@ class Found:
             found["table1"] = [{**asdict(row), "faster": row.faster()} for row in self.table1]
         if self.match:
             found["match"] = [asdict(row) for row in self.match]
+        if self.search:
+            found["search"] = {
+                "rows": [asdict(row) for row in self.search],
+                "kept": [asdict(row) for row in self.kept],
+            }
         return found
 
 
@@ -91,6 +101,20 @@ def page(found: Found, command: str, *, picture: bool) -> str:
                 f"way; its spectra, of {SPECTRUM} eigenvalues, apart. The ratios say how many times longer "
                 "its match takes than ours of packed shapes, and from records; from meshes, its spectra "
                 "count on one side, and our embeddings and their packing on the other.",
+            ]
+    if found.search:
+        parts += [
+            "## Queries over HTTP",
+            _markdown(search_table(found.search)),
+            f"By the id of a stored shape, {found.search[0].queries} after the first, with all defaults but "
+            f"that archives of up to {EXHAUSTIVE:,} shapes are searched exhaustively. Shapes beyond those of "
+            "the collection are their embeddings with noise. Memory is of the service's own process.",
+        ]
+        if found.kept:
+            parts += [
+                _markdown(kept_table(found.kept)),
+                f"The cascade against exhaustive search of {found.kept[0].shapes:,} shapes, ranked by CC: "
+                f"{found.kept[0].queries} queries, from whose answers their own noisy copies are left out.",
             ]
     return "\n\n".join(parts) + "\n"
 

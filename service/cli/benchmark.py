@@ -8,12 +8,14 @@ from typing import Annotated
 
 import typer
 
+from service.benchmark.archive import originals
 from service.benchmark.embedding import embedding_rows, shapedna
 from service.benchmark.functional_maps import functional_maps
 from service.benchmark.growth import growth_rows
 from service.benchmark.matching import matching_rows
 from service.benchmark.meshes import read_source
 from service.benchmark.page import PLOT, Found, page
+from service.benchmark.searching import SIZES, searching_rows
 from service.benchmark.table1 import table1_rows
 from service.cli.console import fail, output, progress
 
@@ -25,6 +27,7 @@ class Subject(StrEnum):
     GROWTH = "growth"
     TABLE1 = "table1"
     MATCH = "match"
+    SEARCH = "search"
 
 
 def command(
@@ -38,13 +41,22 @@ def command(
     only: Annotated[
         list[Subject] | None, typer.Option(help="Measure this alone; repeatable. [default: everything]")
     ] = None,
+    sizes: Annotated[
+        list[int] | None,
+        typer.Option(
+            "--shapes",
+            min=1,
+            help="Shapes of an archive that is queried, about 50 kB of disk each; repeatable. "
+            "[default: 380, 10000, 100000]",
+        ),
+    ] = None,
     peers: Annotated[bool, typer.Option("--peers", help="Measure LaPy and pyfmaps beside it.")] = False,
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Write benchmark.md and its picture there.")
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print all numbers as one object.")] = False,
 ) -> None:
-    """Measure what embedding costs by stage, against size and against Table 1, and what one match costs.
+    """Measure what embedding costs, by stage, against size and against Table 1; what a match and a query cost.
 
     Each figure is a median of several; where peers are measured too, in turn with them. Measure on a machine
     that does nothing else, with OMP_NUM_THREADS=1.
@@ -71,12 +83,17 @@ def command(
                     found.table1.extend(table1_rows(source))
                 case Subject.MATCH:
                     found.match.extend(matching_rows(source, matcher))
+                case Subject.SEARCH:
+                    rows, kept = searching_rows(originals(source), Path(scratch), sizes=sizes or SIZES)
+                    found.search.extend(rows)
+                    found.kept.extend(kept)
             bar.advance(task)
     asked = " ".join(
         [
             "isoshape benchmark",
             *([folder.resolve().name] if folder else []),
             *(f"--only {subject}" for subject in subjects if only),
+            *(f"--shapes {size}" for size in sizes or ()),
             *(["--peers"] if peers else []),
         ]
     )

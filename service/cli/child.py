@@ -6,6 +6,7 @@ import subprocess
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from pathlib import Path
 from types import FrameType, TracebackType
 from typing import Self
 
@@ -29,10 +30,12 @@ def sigterm_exits() -> Iterator[None]:
 class ChildService:
     """`isoshape serve` on a loopback port, with some more variables in its environment.
 
+    Quietly: what it prints but errors is dropped.
+
     It is started when made, and ended at the end of a `with` block.
     """
 
-    def __init__(self, port: int, settings: Mapping[str, str]) -> None:
+    def __init__(self, port: int, settings: Mapping[str, str], *, quiet: bool = False) -> None:
         # -P: whatever lies in the working folder is not part of the program.
         command = [
             sys.executable,
@@ -45,7 +48,8 @@ class ChildService:
             "--port",
             str(port),
         ]
-        self._process = subprocess.Popen(command, env=os.environ | settings)
+        output = subprocess.DEVNULL if quiet else None
+        self._process = subprocess.Popen(command, env=os.environ | settings, stdout=output)
         self.url = f"http://{LOOPBACK}:{port}"
 
     def __enter__(self) -> Self:
@@ -67,6 +71,12 @@ class ChildService:
     def ended(self) -> bool:
         """Whether it has ended."""
         return self._process.poll() is not None
+
+    def memory(self) -> int:
+        """Bytes that it holds in memory now, its workers not counted; on Linux."""
+        status = Path(f"/proc/{self._process.pid}/status").read_text(encoding="ascii")
+        (line,) = (line for line in status.splitlines() if line.startswith("VmRSS:"))
+        return 1024 * int(line.split()[1])
 
     def wait(self) -> int:
         """Wait for its end, by a signal say; its exit status."""

@@ -2,6 +2,7 @@
 
 import asyncio
 from contextlib import suppress
+from time import monotonic
 
 from starlette.concurrency import run_in_threadpool
 
@@ -16,6 +17,9 @@ log = get_logger("search")
 
 SECONDS, WARM_SECONDS = 0.5, 0.05
 """How often is looked for what has come, and for a worker that is warm."""
+
+FIRST_SECONDS = 5.0
+"""How long the service counts as not ready while it makes ready what is stored at its start."""
 
 AT_ONCE = 16
 
@@ -43,24 +47,28 @@ class Stocking:
 
     async def _run(self) -> None:
         await self._warm()
+        ready, latest = self._parts.comparing_is_ready, monotonic() + FIRST_SECONDS
         while True:
             with suppress(ServiceError):
                 in_use, missing = await run_in_threadpool(self._missing)
                 for start in range(0, len(missing), AT_ONCE):
                     await run_in_threadpool(self._put, in_use, missing[start : start + AT_ONCE])
+                    if monotonic() > latest:
+                        ready.set()
+                ready.set()
             await asyncio.sleep(SECONDS)
 
     async def _warm(self) -> None:
         """Load what a search runs once a worker has compiled it, so that no query waits for that."""
-        work, ready = self._parts.work, self._parts.comparing_is_warm
-        while not ready.is_set():
+        warm = False
+        while not warm:
             if self._parts.pool.pids():
                 # A lost worker, and storage that is away, are told of to those who ask.
                 with suppress(ServiceError):
                     parameters = (await run_in_threadpool(self._in_use)).pipeline.parameters
-                    records = await work.do(example_records, parameters)
+                    records = await self._parts.work.do(example_records, parameters)
                     await run_in_threadpool(warm_comparing, records, parameters)
-                    ready.set()
+                    warm = True
             await asyncio.sleep(WARM_SECONDS)
 
     def _in_use(self) -> InUse:

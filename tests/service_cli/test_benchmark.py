@@ -5,6 +5,7 @@ from functools import partial
 
 import pytest
 
+from service.benchmark import searching
 from service.cli import benchmark
 
 
@@ -17,6 +18,29 @@ def small(monkeypatch):
     monkeypatch.setattr(benchmark, "growth_rows", grown)
     once = partial(benchmark.matching_rows, vertices=1000, pairs=1, repeats=1, matches=1)
     monkeypatch.setattr(benchmark, "matching_rows", once)
+
+
+def test_queries_of_archives_made_of_the_collection(run, collection, monkeypatch):
+    fewer = partial(benchmark.searching_rows, queries=3)
+    monkeypatch.setattr(benchmark, "searching_rows", fewer)
+    monkeypatch.setattr(searching, "EXHAUSTIVE", 30)
+    monkeypatch.setattr(searching, "kept_rows", partial(searching.kept_rows, queries=3, lengths=[(8, 4)]))
+    sizes = ("--shapes", 30, "--shapes", 40)
+    done = run("benchmark", collection, "--only", "search", *sizes, "--json")
+    assert (done.status, done.stderr) == (0, "")
+    found = json.loads(done.stdout)["search"]
+    assert [(row["shapes"], row["exhaustive"], row["compared"]) for row in found["rows"]] == [
+        (30, True, 29),
+        (40, False, 39),
+    ]
+    for row in found["rows"]:
+        assert 0.0 < row["median"] <= row["p95"]
+        assert row["memory"] > 2**20
+    cascade, everything = found["kept"]
+    assert (cascade["length"], cascade["finalists"], everything["length"]) == (8, 4, None)
+    assert everything["first"] == 1.0
+    page = run("benchmark", collection, "--only", "search", "--shapes", 20)
+    assert "## Queries over HTTP" in page.stdout
 
 
 def test_a_page_and_its_picture(run, collection, tmp_path):
