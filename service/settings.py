@@ -190,14 +190,14 @@ class Settings(BaseSettings):
         description="On PostgreSQL: to how many others a signature is linked in the graph that is searched.",
     )
     hnsw_ef_construction: int = Field(
-        default=64,
+        default=200,
         ge=4,
         le=1_000,
         validate_default=True,
         description="On PostgreSQL: how many near ones are kept in mind while a signature is linked.",
     )
     hnsw_ef_search: int = Field(
-        default=200,
+        default=400,
         ge=1,
         le=1_000,
         description="On PostgreSQL: how many near ones are kept in mind while the graph is searched.",

@@ -93,6 +93,9 @@ def copy_archive(source: Database, target: Database, advance: Advance) -> Copied
             _go_on_counting(origin, copy, table)
         for fingerprint in writing.scalars(select(EmbeddingRow.fingerprint).distinct()).all():
             ensure_graph(writing, fingerprint)
+        if copy.dialect.name == POSTGRESQL:
+            # Or queries are planned for empty tables until the server looks at them by itself.
+            copy.execute(text("ANALYZE"))
         shapes, blobs, embeddings = (
             copy.execute(select(func.count()).select_from(row)).scalar_one()
             for row in (ShapeRow, BlobRow, EmbeddingRow)

@@ -18,5 +18,5 @@ class GraphParameters:
     """
 
     m: int = 16
-    ef_construction: int = 64
-    ef_search: int = 200
+    ef_construction: int = 200
+    ef_search: int = 400

@@ -147,12 +147,14 @@ def test_a_value_out_of_range_is_refused_by_name(
 
 
 def test_a_graph_that_cannot_be_made_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("ISOSHAPE_HNSW_M", "33")
+    monkeypatch.setenv("ISOSHAPE_HNSW_M", "100")
+    assert load_settings().graph.ef_construction == 200
+    monkeypatch.setenv("ISOSHAPE_HNSW_EF_CONSTRUCTION", "199")
     with pytest.raises(SettingsError, match="HNSW_EF_CONSTRUCTION: must be at least twice ISOSHAPE_HNSW_M"):
         load_settings()
-    monkeypatch.setenv("ISOSHAPE_HNSW_EF_CONSTRUCTION", "66")
+    monkeypatch.setenv("ISOSHAPE_HNSW_EF_CONSTRUCTION", "200")
     graph = load_settings().graph
-    assert (graph.m, graph.ef_construction, graph.ef_search) == (33, 66, 200)
+    assert (graph.m, graph.ef_construction, graph.ef_search) == (100, 200, 400)
 
 
 def test_parameters_come_from_a_file(tmp_path: Path) -> None:
