@@ -9,7 +9,7 @@ import numpy as np
 
 from core.embedding import Embedding, Float32s, Scores
 from core.errors import IncompatibleEmbeddingsError, ParameterError
-from core.kernels.many import match_many, sift_many
+from core.kernels.many import match_many
 from core.kernels.packed import packed_row
 from core.matching import embedding_key
 from core.mesh import Ints
@@ -52,18 +52,6 @@ def match_rows(query: Float32s, rows: Sequence[Float32s], parameters: Parameters
     scores = np.empty((len(rows), 3))
     match_many(_own(query), addresses, lengths, rounds_of(parameters), scores)
     return Scores(cc=scores[:, 0].copy(), ssd=scores[:, 1].copy(), sim=scores[:, 2].copy())
-
-
-def sift_rows(query: Float32s, rows: Sequence[Float32s], parameters: Parameters) -> Float32s:
-    """Roughly the CC of one shape with each of c others, float32, shape (c,): to choose whom to match.
-
-    One search in each spectral domain, from the query alone, refined once. Parameters as in `match_rows`.
-    """
-    addresses, lengths = _places(rows)
-    scores = np.empty(len(rows), dtype=np.float32)
-    rounds = rounds_of(parameters)._replace(sides=1, kept_maps=1, align_rounds=0)
-    sift_many(_own(query), addresses, lengths, rounds, scores)
-    return scores
 
 
 def _places(rows: Sequence[Float32s]) -> tuple[Ints, Ints]:

@@ -1,12 +1,16 @@
-"""One shape against many, of which the rows may lie anywhere in memory."""
+"""One shape against many: in full, of which the rows may lie anywhere in memory, and roughly, by sketches."""
 
 import numpy as np
+from numpy.typing import NDArray
 
 from core.compiled import kernel
 from core.embedding import Float32s
 from core.kernels.matching import Rounds, best_map, match_pair
 from core.kernels.packed import Packed, row_at, unpacked
 from core.mesh import Floats, Ints
+
+SKETCHED = 32
+"""Samples of a sketch."""
 
 
 @kernel
@@ -52,13 +56,41 @@ def match_many(query: Float32s, addresses: Ints, lengths: Ints, rounds: Rounds, 
 
 
 @kernel
-def sift_many(query: Float32s, addresses: Ints, lengths: Ints, rounds: Rounds, scores: Float32s) -> None:
-    """Write roughly what the CC of one shape and each of c others is, from few samples and one side.
+def sift_many(query: Float32s, sketches: NDArray[np.uint8], rounds: Rounds, scores: Float32s) -> None:
+    """Write roughly the CC of one shape and each of c others: see `core.sketches.sift`.
 
-    Parameters as in `match_many`, but for `scores`, float32, shape (c,).
+    Parameters
+    ----------
+    query : float32, shape (l,)
+        A row.
+    sketches : uint8, shape (c, 4 + 36 b k)
+    rounds : Rounds
+        Of one side.
+    scores : float32, shape (c,)
+        Written.
     """
     x = unpacked(query)
-    rotation = np.empty((x.points.shape[1], x.points.shape[1]), dtype=np.float32)
-    for i in range(len(addresses)):
-        y = unpacked(row_at(addresses[i], lengths[i]))
-        scores[i] = 1.0 if precedes(x, y) == 0 else best_map(x, y, rounds, rotation)
+    columns = x.points.shape[1]
+    blocks, dimensions, _ = x.searched.shape
+    k = columns // blocks
+    rotation = np.empty((columns, columns), dtype=np.float32)
+    for i in range(len(sketches)):
+        count = int(sketches[i, :4].view(np.int32)[0])
+        if count == 0:
+            scores[i] = -1.0
+            continue
+        scales = sketches[i, 4 : 4 + 4 * columns].view(np.float32)
+        whole = sketches[i, 4 + 4 * columns :].view(np.int8)
+        points = np.empty((count, columns), dtype=np.float32)
+        for j in range(count):
+            for c in range(columns):
+                points[j, c] = np.float32(whole[j * columns + c]) * scales[c]
+        searched = np.empty((blocks, dimensions, count), dtype=np.float32)
+        for block in range(blocks):
+            for c in range(dimensions):
+                for j in range(count):
+                    searched[block, c, j] = points[j, block * k + c]
+        places = np.arange(count + 1).astype(np.int32)
+        # From one side, splines of the other are not read, nor is what only scores read.
+        y = Packed(points, searched, x.operators, places, places, x.warp, x.radius, x.key)
+        scores[i] = best_map(x, y, rounds, rotation)

@@ -8,18 +8,18 @@ from datetime import UTC, datetime
 from typing import Any
 
 import numpy as np
-from sqlalchemy import insert, update
 
 from core.embedding import Embedding, Float32s, Spectrum
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
 from core.records import embedding_to_bytes
+from core.sketches import sketch_of
+from service.benchmark import repository
 from service.benchmark.meshes import Source
 from service.pipelines.active import Pipelines
 from service.pipelines.starting import begin
 from service.storage.database import Database
 from service.storage.migrate import migrate
-from service.storage.tables import ArchiveRow, BlobRow, EmbeddingRow, ShapeRow
 
 NOISE = 0.2
 """The most that coordinates are shaken by, over their root mean square; signatures by a quarter of it."""
@@ -73,19 +73,14 @@ def fill(url: str, source: Sequence[Original], count: int, told: Callable[[int],
     begin(Pipelines(DEFAULT), database)
     for start in range(0, count, AT_ONCE):
         numbers = range(start, min(start + AT_ONCE, count))
-        blobs, shapes, embeddings = zip(*_rows(source, numbers), strict=True)
+        rows = [list(kind) for kind in zip(*_rows(source, numbers), strict=True)]
         with database.write() as session:
-            session.execute(insert(BlobRow), list(blobs))
-            session.execute(insert(ShapeRow), list(shapes))
-            session.execute(insert(EmbeddingRow), list(embeddings))
-            session.execute(update(ArchiveRow).values(revision=numbers[-1] + 1))
+            repository.add(session, rows, numbers[-1] + 1)
         told(len(numbers))
     database.close()
 
 
-def _rows(
-    source: Sequence[Original], numbers: range
-) -> Iterator[tuple[dict[str, Any], dict[str, Any], dict[str, Any]]]:
+def _rows(source: Sequence[Original], numbers: range) -> Iterator[tuple[dict[str, Any], ...]]:
     now = datetime.now(UTC)
     for number in numbers:
         original = source[number % len(source)]
@@ -117,6 +112,7 @@ def _rows(
                 "signature": embedding.signature,
                 "record": embedding_to_bytes(embedding),
             },
+            {"embedding_number": number + 1, "data": sketch_of(embedding).tobytes()},
         )
 
 

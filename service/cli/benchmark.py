@@ -56,7 +56,7 @@ def command(
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print all numbers as one object.")] = False,
 ) -> None:
-    """Measure what embedding costs, by stage, against size and against Table 1; what a match and a query cost.
+    """Measure what embedding costs, by stage, against size and Table 1, and what a match and a query cost.
 
     Each figure is a median of several; where peers are measured too, in turn with them. Measure on a machine
     that does nothing else, with OMP_NUM_THREADS=1.

@@ -17,8 +17,9 @@ from core.parameters import Parameters
 from core.pipeline import Pipeline
 from core.reading import Limits, read_mesh, write_mesh
 from core.records import embedding_from_bytes, embedding_to_bytes
-from core.rows import match_rows, row_of, sift_rows
+from core.rows import match_rows, row_of
 from core.signatures import signature_distances
+from core.sketches import sift, sketch_of
 from service.pictures.thumbnail import SIZES, draw
 
 
@@ -32,6 +33,8 @@ class Embedded:
         The whole embedding.
     signature : float32, shape (s,)
         Of the embedding.
+    sketch : bytes
+        Of `core.sketches`.
     facts : dict
         What was measured on the mesh, by name.
     milliseconds : dict
@@ -40,6 +43,7 @@ class Embedded:
 
     record: bytes
     signature: NDArray[np.float32]
+    sketch: bytes
     facts: dict[str, Any]
     milliseconds: dict[str, float]
 
@@ -76,6 +80,7 @@ def embed_mesh(mesh: Mesh, parameters: Parameters, read: float) -> Embedded:
     return Embedded(
         record=embedding_to_bytes(embedding),
         signature=embedding.signature,
+        sketch=sketch_of(embedding).tobytes(),
         facts=asdict(embedding.facts),
         milliseconds={"read": read, "embed": embed},
     )
@@ -140,7 +145,7 @@ def warm_comparing(records: Sequence[bytes], parameters: Parameters) -> None:
     if parameters.pairs == "both-ways":
         rows = [row_of(embedding, parameters) for embedding in embeddings]
         match_rows(rows[0], rows, parameters)
-        sift_rows(rows[0], rows, parameters)
+        sift(rows[0], np.stack([sketch_of(embedding) for embedding in embeddings]), parameters)
 
 
 @lru_cache(maxsize=4)

@@ -27,6 +27,7 @@ class Candidates:
     signature : float32, shape (s,)
         The query's.
     signatures : float32, shape (c, s)
+    sketches : uint8, shape (c, l)
     finalists : int or None
         How many of them are compared in full, after a rough look at each; None is all.
     stored : int
@@ -37,6 +38,7 @@ class Candidates:
     embeddings: NDArray[np.int64]
     signature: NDArray[np.float32]
     signatures: NDArray[np.float32]
+    sketches: NDArray[np.uint8]
     finalists: int | None
     stored: int
 
@@ -47,6 +49,7 @@ class Candidates:
             shapes=self.shapes[places],
             embeddings=self.embeddings[places],
             signatures=self.signatures[places],
+            sketches=self.sketches[places],
         )
 
 
@@ -86,6 +89,7 @@ def candidates(parts: Parts, query: Query, options: Options) -> Candidates:
         signature=signature,
         # Where nothing is stored yet, the index knows of no length.
         signatures=signed.signatures[places].reshape(len(places), len(signature)),
+        sketches=signed.sketches[places] if shortlisted else np.empty((len(places), 0), np.uint8),
         finalists=options.finalists if shortlisted else None,
         stored=stored,
     )

@@ -3,6 +3,7 @@
 import asyncio
 from collections.abc import Awaitable, Callable, Sequence
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,8 +22,8 @@ from service.storage.database import Database
 
 log = get_logger("search")
 
-MATCHED, SIFTED, SENT = 32, 128, 256
-"""How many embeddings a thread matches or sifts, or a worker process is sent, at a time."""
+MATCHED, SIFTED, SENT = 32, 256, 256
+"""How many embeddings a thread matches, or sifts, or a worker process is sent, at a time."""
 
 
 async def compare_with(parts: Parts, query: Query, candidates: Candidates, rank_by: RankBy) -> Compared:
@@ -35,14 +36,15 @@ async def compare_with(parts: Parts, query: Query, candidates: Candidates, rank_
     if pipeline.parameters.pairs == "both-ways":
         rows = await run_in_threadpool(Rows, parts.database, query)
         if candidates.finalists is not None and candidates.finalists < len(embeddings):
-            rough = await _in_pieces(embeddings, SIFTED, parts.settings.workers, 1, _in(parts, rows.sifted))
-            candidates = _finalists(query, candidates, rough[0, places], candidates.finalists, rank_by)
+            sifted = _in(parts, rows.sifted)
+            rough = await _in_pieces(candidates.sketches, SIFTED, parts.settings.workers, 1, sifted)
+            candidates = _finalists(query, candidates, rough[0], candidates.finalists, rank_by)
             embeddings, places = np.unique(candidates.embeddings, return_inverse=True)
         score = _in(parts, rows.matched)
-        scores = await _in_pieces(embeddings, MATCHED, parts.settings.workers, 3, score)
     else:
         score = partial(_by_worker, parts, query)
-        scores = await _in_pieces(embeddings, SENT, parts.settings.workers, 3, score)
+    at_once = MATCHED if pipeline.parameters.pairs == "both-ways" else SENT
+    scores = await _in_pieces(embeddings, at_once, parts.settings.workers, 3, score)
     cc, ssd, sim = scores[:, places]
     known = np.isfinite(cc) & np.isfinite(ssd) & np.isfinite(sim)
     if not known.all():
@@ -67,20 +69,19 @@ def _finalists(
     return candidates.only(least(np.nan_to_num(-likeness, nan=np.inf), candidates.shapes, count))
 
 
-def _in(
-    parts: Parts, score: Callable[[Sequence[int]], Scores]
-) -> Callable[[Sequence[int]], Awaitable[Scores]]:
+def _in(parts: Parts, score: Callable[[NDArray[Any]], Scores]) -> Callable[[NDArray[Any]], Awaitable[Scores]]:
     """The function, run by the threads that compare."""
 
-    async def scores(numbers: Sequence[int]) -> Scores:
+    async def scores(piece: NDArray[Any]) -> Scores:
         with short_of_memory():
-            return await asyncio.wrap_future(parts.threads.submit(score, numbers))
+            return await asyncio.wrap_future(parts.threads.submit(score, piece))
 
     return scores
 
 
-async def _by_worker(parts: Parts, query: Query, numbers: Sequence[int]) -> Scores:
+async def _by_worker(parts: Parts, query: Query, embeddings: NDArray[np.int64]) -> Scores:
     """CC, SSD and sim, by a worker process: shape (3, c), NaN for those that are gone."""
+    numbers = embeddings.tolist()
     records = await run_in_threadpool(_read, parts.database, numbers)
     present = [place for place, number in enumerate(numbers) if number in records]
     found = await parts.work.score(
@@ -92,24 +93,24 @@ async def _by_worker(parts: Parts, query: Query, numbers: Sequence[int]) -> Scor
 
 
 async def _in_pieces(
-    embeddings: NDArray[np.int64],
+    whole: NDArray[Any],
     length: int,
     workers: int,
     kinds: int,
-    score: Callable[[Sequence[int]], Awaitable[Scores]],
+    score: Callable[[NDArray[Any]], Awaitable[Scores]],
 ) -> Scores:
-    """The scores of all embeddings, shape (kinds, c), of which a few pieces are at work at a time."""
-    length = max(1, min(length, -(-len(embeddings) // workers)))
+    """The scores of an array of c rows, shape (kinds, c), of which a few pieces are at work at a time."""
+    length = max(1, min(length, -(-len(whole) // workers)))
     turns = asyncio.Semaphore(2 * workers)
-    scores = np.full((kinds, len(embeddings)), np.nan)
+    scores = np.full((kinds, len(whole)), np.nan)
 
     async def piece(start: int) -> None:
         async with turns:
-            scores[:, start : start + length] = await score(embeddings[start : start + length].tolist())
+            scores[:, start : start + length] = await score(whole[start : start + length])
 
     try:
         async with asyncio.TaskGroup() as pieces:
-            for start in range(0, len(embeddings), length):
+            for start in range(0, len(whole), length):
                 pieces.create_task(piece(start))
     except ExceptionGroup as group:
         raise group.exceptions[0] from None

@@ -1,6 +1,6 @@
 """The SQL of search."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,7 +8,9 @@ from numpy.typing import NDArray
 from sqlalchemy import select
 
 from service.storage.database import ReadSession
-from service.storage.tables import ArchiveRow, BlobRow, EmbeddingRow, RemovalRow, ShapeRow
+from service.storage.tables import ArchiveRow, BlobRow, EmbeddingRow, RemovalRow, ShapeRow, SketchRow
+
+AT_ONCE = 20_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,11 +24,14 @@ class Signed:
     embeddings : int64, shape (n,)
         The number of each shape's embedding.
     signatures : float32, shape (n, s)
+    sketches : uint8, shape (n, l)
+        All zero where an embedding has none.
     """
 
     shapes: NDArray[np.int64]
     embeddings: NDArray[np.int64]
     signatures: NDArray[np.float32]
+    sketches: NDArray[np.uint8]
 
 
 def revision(session: ReadSession) -> int:
@@ -34,22 +39,36 @@ def revision(session: ReadSession) -> int:
     return session.scalars(select(ArchiveRow.revision)).one()
 
 
-def signed_since(session: ReadSession, fingerprint: str, since: int) -> Signed:
-    """The shapes that came, or were embedded, after a revision, as far as one pipeline embedded them."""
+NOTHING = Signed(
+    np.empty(0, np.int64), np.empty(0, np.int64), np.empty((0, 0), np.float32), np.empty((0, 0), np.uint8)
+)
+
+
+def signed_since(session: ReadSession, fingerprint: str, since: int) -> Iterator[Signed]:
+    """The shapes that came, or were embedded, after a revision, as far as one pipeline embedded them.
+
+    In batches, so that the rows of a large archive are not all there at once.
+    """
     query = (
-        select(ShapeRow.number, EmbeddingRow.number, EmbeddingRow.signature)
+        select(ShapeRow.number, EmbeddingRow.number, EmbeddingRow.signature, SketchRow.data)
         .join(
             EmbeddingRow,
             (EmbeddingRow.blob_number == ShapeRow.blob_number) & (EmbeddingRow.format == ShapeRow.format),
         )
+        .outerjoin(SketchRow, SketchRow.embedding_number == EmbeddingRow.number)
         .where(ShapeRow.revision > since, EmbeddingRow.fingerprint == fingerprint)
+        .execution_options(yield_per=AT_ONCE)
     )
-    rows = session.execute(query).all()
-    return Signed(
-        np.array([row[0] for row in rows], dtype=np.int64),
-        np.array([row[1] for row in rows], dtype=np.int64),
-        np.array([row[2] for row in rows], dtype=np.float32) if rows else np.empty((0, 0), np.float32),
-    )
+    for rows in session.execute(query).partitions():
+        shapes, embeddings, signatures, sketches = zip(*rows, strict=True)
+        length = max((len(one) for one in sketches if one is not None), default=0)
+        data = b"".join(bytes(length) if one is None else one for one in sketches)
+        yield Signed(
+            np.array(shapes, dtype=np.int64),
+            np.array(embeddings, dtype=np.int64),
+            np.array(signatures, dtype=np.float32),
+            np.frombuffer(data, dtype=np.uint8).reshape(len(rows), length),
+        )
 
 
 def removed_since(session: ReadSession, since: int) -> NDArray[np.int64]:

@@ -1,6 +1,6 @@
 """What a query and the stored embeddings are compared by."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,7 +9,8 @@ from core.embedding import Float32s
 from core.errors import BadRecordError
 from core.parameters import Parameters
 from core.records import embedding_from_bytes
-from core.rows import match_rows, row_of, sift_rows
+from core.rows import match_rows, row_of
+from core.sketches import Sketches, sift
 from service.search import repository
 from service.search.records import Query
 from service.search.shelf import Shelf
@@ -36,29 +37,19 @@ class Rows:
         self._parameters = query.in_use.pipeline.parameters
         self._query = row_of(embedding_from_bytes(query.record), self._parameters)
 
-    def matched(self, numbers: Sequence[int]) -> Scores:
+    def matched(self, embeddings: NDArray[np.int64]) -> Scores:
         """CC, SSD and sim of c embeddings by number: shape (3, c), NaN for those that are gone."""
-
-        def scores(rows: Sequence[Float32s]) -> Scores:
-            found = match_rows(self._query, rows, self._parameters)
-            return np.stack([found.cc, found.ssd, found.sim])
-
-        return self._of_present(numbers, 3, scores)
-
-    def sifted(self, numbers: Sequence[int]) -> Scores:
-        """Roughly their CC: shape (1, c), NaN for those that are gone."""
-        return self._of_present(
-            numbers, 1, lambda rows: sift_rows(self._query, rows, self._parameters)[None].astype(np.float64)
-        )
-
-    def _of_present(
-        self, numbers: Sequence[int], kinds: int, scores: Callable[[Sequence[Float32s]], Scores]
-    ) -> Scores:
+        numbers = embeddings.tolist()
         rows = shelved(self._database, self._shelf, self._parameters, numbers)
         present = [place for place, number in enumerate(numbers) if number in rows]
-        found = np.full((kinds, len(numbers)), np.nan)
-        found[:, present] = scores([rows[numbers[place]] for place in present])
-        return found
+        found = match_rows(self._query, [rows[numbers[place]] for place in present], self._parameters)
+        scores = np.full((3, len(numbers)), np.nan)
+        scores[:, present] = found.cc, found.ssd, found.sim
+        return scores
+
+    def sifted(self, sketches: Sketches) -> Scores:
+        """Roughly the CC of c embeddings by their sketches, (c, l): shape (1, c)."""
+        return sift(self._query, sketches, self._parameters)[None].astype(np.float64)
 
 
 def shelved(

@@ -1,6 +1,7 @@
-"""The signatures of all shapes, in memory, kept up with the database."""
+"""The signatures and sketches of all shapes, in memory, kept up with the database."""
 
 import threading
+from dataclasses import replace
 from typing import TypeVar
 
 import numpy as np
@@ -8,18 +9,16 @@ from numpy.typing import NDArray
 
 from service.logging import get_logger
 from service.search import repository
-from service.search.repository import Signed
+from service.search.repository import NOTHING, Signed
 from service.storage.database import ReadSession
 
 log = get_logger("search")
 
 _Scalar = TypeVar("_Scalar", bound=np.generic)
 
-_NONE = Signed(np.empty(0, np.int64), np.empty(0, np.int64), np.empty((0, 0), np.float32))
-
 
 class SignatureIndex:
-    """The signatures of one pipeline.
+    """The signatures and sketches of one pipeline.
 
     Whatever process wrote, it counted the archive's revision up; a query reads that first, and then only what
     changed since. What `current` returns is never changed afterwards, though it shares memory with what comes
@@ -30,7 +29,7 @@ class SignatureIndex:
         self._fingerprint = fingerprint
         self._lock = threading.Lock()
         self._revision = 0
-        self._room = _NONE
+        self._room = NOTHING
         self._length = 0
 
     def __len__(self) -> int:
@@ -43,45 +42,66 @@ class SignatureIndex:
             revision = repository.revision(session)
             if revision < self._revision:
                 log.warning("the database went back in time; reading it anew")
-                self._revision, self._room, self._length = 0, _NONE, 0
+                self._revision, self._room, self._length = 0, NOTHING, 0
             if revision > self._revision:
-                added = repository.signed_since(session, self._fingerprint, self._revision)
                 if self._revision:  # an index that holds nothing has nothing to drop
-                    removed = repository.removed_since(session, self._revision)
-                    self._drop(np.concatenate([removed, added.shapes]))
-                self._append(added)
+                    self._drop(repository.removed_since(session, self._revision))
+                for added in repository.signed_since(session, self._fingerprint, self._revision):
+                    if self._revision:
+                        self._drop(added.shapes)
+                    self._append(added)
                 self._revision = revision
             return self._used()
 
     def _used(self) -> Signed:
         room, n = self._room, self._length
-        return Signed(room.shapes[:n], room.embeddings[:n], room.signatures[:n])
+        return Signed(room.shapes[:n], room.embeddings[:n], room.signatures[:n], room.sketches[:n])
 
     def _drop(self, shapes: NDArray[np.int64]) -> None:
         """Leave out these shapes, in new memory."""
         used = self._used()
+        shapes = shapes[shapes <= used.shapes.max(initial=0)]
+        if not len(shapes):
+            return
         stays = ~np.isin(used.shapes, shapes)
         if not stays.all():
-            self._room = Signed(used.shapes[stays], used.embeddings[stays], used.signatures[stays])
+            self._room = Signed(
+                used.shapes[stays], used.embeddings[stays], used.signatures[stays], used.sketches[stays]
+            )
             self._length = int(stays.sum())
 
     def _append(self, added: Signed) -> None:
-        """Add shapes; in new memory, of twice the size, where there is no room behind the end."""
+        """Add shapes; in new memory, of a quarter more, where there is no room behind the end."""
         start, end = self._length, self._length + len(added.shapes)
+        width = max(self._room.sketches.shape[1], added.sketches.shape[1])
+        added = replace(added, sketches=_wide(added.sketches, width))
         if start == 0:
             self._room = added
         elif end > start:
+            self._room = replace(self._room, sketches=_wide(self._room.sketches, width))
             if end > len(self._room.shapes):
                 used = self._used()
+                room = end + end // 4
                 self._room = Signed(
-                    _grown(used.shapes, 2 * end),
-                    _grown(used.embeddings, 2 * end),
-                    _grown(used.signatures, 2 * end),
+                    _grown(used.shapes, room),
+                    _grown(used.embeddings, room),
+                    _grown(used.signatures, room),
+                    _grown(used.sketches, room),
                 )
             self._room.shapes[start:end] = added.shapes
             self._room.embeddings[start:end] = added.embeddings
             self._room.signatures[start:end] = added.signatures
+            self._room.sketches[start:end] = added.sketches
         self._length = end
+
+
+def _wide(sketches: NDArray[np.uint8], width: int) -> NDArray[np.uint8]:
+    """The sketches in rows of `width`: where none of several shapes has one, they come without a length."""
+    if sketches.shape[1] == width:
+        return sketches
+    wide = np.zeros((len(sketches), width), dtype=np.uint8)
+    wide[:, : sketches.shape[1]] = sketches
+    return wide
 
 
 def _grown(array: NDArray[_Scalar], length: int) -> NDArray[_Scalar]:

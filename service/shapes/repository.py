@@ -22,6 +22,7 @@ from service.storage.tables import (
     MetadataRow,
     RemovalRow,
     ShapeRow,
+    SketchRow,
     TagRow,
 )
 
@@ -169,15 +170,16 @@ def add_embedding(
     With the first of a pipeline, the graph of its signatures begins.
     """
     first = has_graphs(session) and latest_signature(session, fingerprint) is None
-    session.add(
-        EmbeddingRow(
-            blob_number=blob_number,
-            format=format,
-            fingerprint=fingerprint,
-            signature=embedded.signature,
-            record=embedded.record,
-        )
+    row = EmbeddingRow(
+        blob_number=blob_number,
+        format=format,
+        fingerprint=fingerprint,
+        signature=embedded.signature,
+        record=embedded.record,
     )
+    session.add(row)
+    session.flush()
+    session.add(SketchRow(embedding_number=row.number, data=embedded.sketch))
     session.execute(
         update(ShapeRow)
         .where(ShapeRow.blob_number == blob_number, ShapeRow.format == format)

@@ -113,6 +113,17 @@ class EmbeddingRow(Table):
     record: Mapped[bytes] = mapped_column(LargeBinary, deferred=True)
 
 
+class SketchRow(Table):
+    """The sketch of an embedding: see `core.sketches`. All are held in memory, so they lie close together."""
+
+    __tablename__ = "sketches"
+
+    embedding_number: Mapped[int] = mapped_column(
+        ForeignKey("embeddings.number", ondelete="CASCADE"), primary_key=True, autoincrement=False
+    )
+    data: Mapped[bytes] = mapped_column(LargeBinary)
+
+
 class RemovalRow(Table):
     """A shape that was deleted, for processes that still hold its signature."""
 

@@ -10,8 +10,8 @@ import pytest
 
 from core.parameters import DEFAULT
 from core.records import embedding_from_bytes
-from core.rows import match_rows, row_of, sift_rows
-from service.compute.tasks import example_records
+from core.rows import match_rows, row_of
+from core.sketches import sift, sketch_of
 from service.search import rows as rows_module
 from service.search.shelf import ABOUT, Shelf
 from tests.service.support import (
@@ -160,7 +160,8 @@ def test_finalists_are_those_that_sifting_puts_first(running: Running, rank_by: 
         embeddings, key=lambda name: np.linalg.norm(embeddings[name].signature - wanted.signature)
     )[:9]
     rows = [row_of(embeddings[name], DEFAULT) for name in names]
-    rough = sift_rows(row_of(wanted, DEFAULT), rows, DEFAULT).astype(np.float64)
+    sketches = np.stack([sketch_of(embeddings[name]) for name in names])
+    rough = sift(row_of(wanted, DEFAULT), sketches, DEFAULT).astype(np.float64)
     likeness = rough
     if rank_by == "combined":
         signatures = np.stack([embeddings[name].signature for name in names])
@@ -177,10 +178,3 @@ def test_finalists_are_those_that_sifting_puts_first(running: Running, rank_by: 
     exact = match_rows(row_of(wanted, DEFAULT), rows, DEFAULT)
     for result in found["results"]:
         assert result["cc"] == exact.cc[names.index(result["shape"]["name"])]
-
-
-def test_the_rough_match_of_a_shape_with_itself_is_one() -> None:
-    rows = [row_of(embedding_from_bytes(record), DEFAULT) for record in example_records(DEFAULT)]
-    found = sift_rows(rows[0], rows, DEFAULT)
-    assert found[0] == 1.0
-    assert found[1] < 1.0

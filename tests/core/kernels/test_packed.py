@@ -5,12 +5,10 @@ from itertools import product
 import numpy as np
 import pytest
 
-from core.kernels.matching import best_map
 from core.kernels.packed import ONE, opened, packed_row, row_at, unpacked
 from core.matching import embedding_key, match_prepared, prepare
-from core.mutual import rounds_of
 from core.parameters import DEFAULT
-from core.rows import match_rows, sift_rows
+from core.rows import match_rows
 from tests.core.clouds import cloud, embedded, packed
 
 K = DEFAULT.dimensions
@@ -67,18 +65,6 @@ def test_many_are_matched_as_one_by_one_whichever_is_the_query(prepared):
         assert (found[i].cc[i], found[i].ssd[i], found[i].sim[i]) == (1.0, 0.0, 1.0)
 
 
-def test_sifting_is_one_search_a_domain_refined_once(prepared):
-    rounds = rounds_of(DEFAULT)._replace(sides=1, kept_maps=1, align_rounds=0)
-    rows = [one.shape for one in prepared]
-    for i, j in product(range(len(rows)), repeat=2):
-        (found,) = sift_rows(rows[i], [rows[j]], DEFAULT)
-        expected = 1.0
-        if i != j:
-            rotation = np.empty((2 * K, 2 * K), dtype=np.float32)
-            expected = best_map(unpacked(rows[i]), unpacked(rows[j]), rounds, rotation)
-        assert found == np.float32(expected)
-
-
 def test_rows_that_cannot_be_written_to_are_matched_too(prepared):
     rows = [one.shape.copy() for one in prepared]
     expected = match_rows(rows[0], rows, DEFAULT).cc
@@ -89,7 +75,6 @@ def test_rows_that_cannot_be_written_to_are_matched_too(prepared):
 
 def test_no_rows_have_no_scores(prepared):
     assert match_rows(prepared[0].shape, [], DEFAULT).cc.shape == (0,)
-    assert sift_rows(prepared[0].shape, [], DEFAULT).shape == (0,)
 
 
 @pytest.mark.parametrize("change", [lambda row: np.zeros(len(row)), lambda row: np.repeat(row, 2)[::2]])
