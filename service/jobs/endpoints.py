@@ -72,6 +72,7 @@ def _body() -> dict[str, Any]:
         "body-too-large",
         "unsupported-media-type",
         "unknown-archive",
+        "archive-too-large",
         "busy",
         *WRITE_PROBLEMS,
     ),

@@ -27,7 +27,7 @@ def job(client: httpx.Client, job_id: str) -> dict[str, Any]:
     return dict(answer.json())
 
 
-def ended(client: httpx.Client, job_id: str, seconds: float = 120) -> dict[str, Any]:
+def ended(client: httpx.Client, job_id: str, seconds: float = 300) -> dict[str, Any]:
     """The job, when it has ended."""
     wait_until(lambda: job(client, job_id)["ended_at"], seconds=seconds)
     return job(client, job_id)

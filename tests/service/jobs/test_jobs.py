@@ -8,6 +8,7 @@ from datetime import UTC, datetime, timedelta
 import pytest
 from sqlalchemy import func, select, update
 
+from service.errors import StorageFullError, StorageUnavailableError, WorkerLostError
 from service.jobs import events as events_module
 from service.jobs import service as jobs_service
 from service.shapes import service as shapes_service
@@ -46,7 +47,7 @@ def held(clean: Running, monkeypatch: pytest.MonkeyPatch) -> Iterator[threading.
     store = shapes_service._store
 
     def wait_and_store(*arguments: object) -> object:
-        go_on.wait(60)
+        go_on.wait(300)
         return store(*arguments)  # type: ignore[arg-type]
 
     monkeypatch.setattr(shapes_service, "_store", wait_and_store)
@@ -178,7 +179,7 @@ def test_jobs_are_listed_the_latest_first(clean: Running) -> None:
 
 def test_progress_as_events(clean: Running, held: threading.Event) -> None:
     job_id = begun(clean.client, pack(meshes(range(6))))
-    wait_until(lambda: job(clean.client, job_id)["state"] == "running", seconds=60)
+    wait_until(lambda: job(clean.client, job_id)["state"] == "running", seconds=180)
     address = f"/jobs/{job_id}/events"
     with clean.client.stream("GET", address) as answer:
         assert answer.headers["content-type"].startswith("text/event-stream")
@@ -214,7 +215,7 @@ def test_only_so_many_follow_at_a_time(
         assert [next(each) for each in lines] == ["retry: 2000"] * 2
         assert_problem(clean.client.get(address), 503, "busy")
     # Who has gone away is counted no longer.
-    wait_until(lambda: answered() == 200, seconds=30)
+    wait_until(lambda: answered() == 200, seconds=180)
     held.set()
     ended(clean.client, job_id)
 
@@ -250,12 +251,12 @@ def test_rate_and_remaining_time(clean: Running, monkeypatch: pytest.MonkeyPatch
 def test_a_job_that_is_cancelled_stores_nothing_more(clean: Running, held: threading.Event) -> None:
     workers = clean.parts.settings.workers
     job_id = begun(clean.client, pack(meshes(range(3, 9))))
-    wait_until(lambda: at_work(clean) == workers, seconds=60)
+    wait_until(lambda: at_work(clean) == workers, seconds=180)
     cancelled = clean.client.post(f"/jobs/{job_id}/cancel")
     assert cancelled.status_code == 200
     assert cancelled.json()["state"] == "cancelled"
     held.set()
-    wait_until(lambda: at_work(clean) == 0, seconds=60)
+    wait_until(lambda: at_work(clean) == 0, seconds=180)
     assert stored(clean) == {}
     assert {file["outcome"] for file in files(clean.client, job_id)} == {"cancelled"}
     assert rows(clean, JobPieceRow) == 0
@@ -275,9 +276,9 @@ def at_work(running: Running) -> int:
 
 def test_what_a_cancelled_job_has_stored_stays(clean: Running) -> None:
     job_id = begun(clean.client, pack(meshes(range(40))))
-    wait_until(lambda: job(clean.client, job_id)["counts"]["stored"] >= 3, seconds=60)
+    wait_until(lambda: job(clean.client, job_id)["counts"]["stored"] >= 3, seconds=180)
     cancelled = clean.client.post(f"/jobs/{job_id}/cancel").json()
-    wait_until(lambda: at_work(clean) == 0, seconds=60)
+    wait_until(lambda: at_work(clean) == 0, seconds=180)
     counts = job(clean.client, job_id)["counts"]
     assert counts == cancelled["counts"]
     assert 3 <= counts["stored"] < 40
@@ -290,10 +291,10 @@ def test_what_a_cancelled_job_has_stored_stays(clean: Running) -> None:
 
 def test_a_job_that_is_deleted_is_cancelled_and_forgotten(clean: Running, held: threading.Event) -> None:
     job_id = begun(clean.client, pack(meshes(range(3, 9))))
-    wait_until(lambda: at_work(clean), seconds=60)
+    wait_until(lambda: at_work(clean), seconds=180)
     assert clean.client.delete(f"/jobs/{job_id}").status_code == 204
     held.set()
-    wait_until(lambda: at_work(clean) == 0, seconds=60)
+    wait_until(lambda: at_work(clean) == 0, seconds=180)
     for address in ("", "/files", "/events"):
         assert_problem(clean.client.get(f"/jobs/{job_id}{address}"), 404, "job-not-found")
     for method, address in (("POST", "/cancel"), ("DELETE", "")):
@@ -304,7 +305,7 @@ def test_a_job_that_is_deleted_is_cancelled_and_forgotten(clean: Running, held: 
 
 def test_requests_come_before_files(clean: Running, held: threading.Event) -> None:
     job_id = begun(clean.client, pack(meshes(range(10, 16))))
-    wait_until(lambda: at_work(clean) == clean.parts.settings.workers, seconds=60)
+    wait_until(lambda: at_work(clean) == clean.parts.settings.workers, seconds=180)
     # The files wait to be stored, and no request for a worker.
     assert clean.client.post("/query", files={"file": ("x.off", small_file(30))}).status_code == 200
     assert clean.client.get("/readyz").status_code == 200
@@ -317,10 +318,50 @@ def test_files_wait_while_requests_want_the_workers(clean: Running) -> None:
     work = clean.parts.work
     with work.admitted(), work.admitted():
         job_id = begun(clean.client, pack(meshes(range(4))))
-        wait_until(lambda: job(clean.client, job_id)["state"] == "running", seconds=60)
-        wait_until(lambda: job(clean.client, job_id)["counts"]["stored"] >= 1, seconds=60)
+        wait_until(lambda: job(clean.client, job_id)["state"] == "running", seconds=180)
+        wait_until(lambda: job(clean.client, job_id)["counts"]["stored"] >= 1, seconds=180)
         assert at_work(clean) <= 1
     assert ended(clean.client, job_id)["counts"]["stored"] == 4
+
+
+def failing(monkeypatch: pytest.MonkeyPatch, number: int, *errors: Exception) -> None:
+    """Have one small file fail to be stored so often, and each time so."""
+    store, left = shapes_service._store, list(errors)
+
+    def fail_or_store(*arguments: object) -> object:
+        if left and arguments[2].data == small_file(number):  # type: ignore[attr-defined]
+            raise left.pop(0)
+        return store(*arguments)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(shapes_service, "_store", fail_or_store)
+
+
+@pytest.mark.parametrize("error", [StorageFullError("full"), StorageUnavailableError("away")])
+def test_what_is_no_files_fault_has_the_job_wait(
+    clean: Running, monkeypatch: pytest.MonkeyPatch, error: Exception
+) -> None:
+    failing(monkeypatch, 1, error, error)
+    done = ended(clean.client, begun(clean.client, pack(meshes(range(4)))))
+    assert done["counts"] == {"files": 4, "waiting": 0, "stored": 4, "present": 0, "refused": 0}
+    assert len(stored(clean)) == 4
+
+
+def test_a_worker_that_is_lost_is_tried_again_once(clean: Running, monkeypatch: pytest.MonkeyPatch) -> None:
+    failing(monkeypatch, 1, WorkerLostError("killed"))
+    assert ended(clean.client, begun(clean.client, pack(meshes(range(3)))))["counts"]["stored"] == 3
+    clean.clear()
+    failing(monkeypatch, 1, WorkerLostError("killed"), WorkerLostError("killed"))
+    job_id = begun(clean.client, pack(meshes(range(3))))
+    assert ended(clean.client, job_id)["counts"]["stored"] == 2
+    assert causes(clean.client, job_id) == {"folder 1/1.off": "worker-lost"}
+
+
+def test_a_fault_that_no_one_foresaw_is_one_files(clean: Running, monkeypatch: pytest.MonkeyPatch) -> None:
+    failing(monkeypatch, 2, ZeroDivisionError("a secret"), ZeroDivisionError("a secret"))
+    job_id = begun(clean.client, pack(meshes(range(3))))
+    assert ended(clean.client, job_id)["counts"]["stored"] == 2
+    assert causes(clean.client, job_id) == {"folder 2/2.off": "internal-error"}
+    assert "secret" not in clean.client.get(f"/jobs/{job_id}/files").text
 
 
 def test_leftovers_are_cleared(clean: Running) -> None:

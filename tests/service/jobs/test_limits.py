@@ -1,0 +1,99 @@
+"""What an archive, and how many of them, may be sent."""
+
+import threading
+from collections.abc import Iterator
+
+import pytest
+
+from service.shapes import service as shapes_service
+from service.storage.job_tables import JobRow
+from tests.service.jobs.packing import pack
+from tests.service.jobs.support import begun, causes, ended, send
+from tests.service.jobs.test_jobs import rows
+from tests.service.support import Running, assert_problem, serving, settings_in, small_file, wait_until
+from tests.service.test_giving_up import send as send_part
+
+ARCHIVE = 20_000
+MEMBER = 5_000
+
+
+@pytest.fixture(scope="module")
+def strict(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
+    settings = settings_in(
+        tmp_path_factory.mktemp("strict"),
+        workers=1,
+        max_upload_bytes=2 * MEMBER,
+        max_archive_bytes=ARCHIVE,
+        max_archive_files=3,
+        max_unpacked_bytes=4 * MEMBER,
+        max_unpacked_ratio=2.0,
+        max_jobs=2,
+    )
+    with serving(settings) as running:
+        yield running
+
+
+def test_an_archive_above_the_limit_is_refused(strict: Running) -> None:
+    for size in (ARCHIVE + 1, ARCHIVE + 2_000_000):
+        problem = assert_problem(send(strict.client, b"x" * size), 413, "body-too-large")
+        assert f"at most {ARCHIVE} bytes" in problem["detail"]
+    # An archive may be larger than an upload, and an upload no larger than before.
+    upload = {"file": ("big.off", b"x" * (2 * MEMBER + 1))}
+    assert_problem(strict.client.post("/shapes", files=upload), 413, "body-too-large")
+
+
+@pytest.mark.parametrize("format", ["zip", "tar"])
+def test_an_archive_of_too_many_files_fails_and_nothing_of_it_is_stored(strict: Running, format: str) -> None:
+    assert_too_large(strict, pack({f"{number}.off": b"x" for number in range(4)}, format))
+
+
+def test_an_archive_that_unpacks_to_too_much_fails_and_nothing_of_it_is_stored(strict: Running) -> None:
+    assert_too_large(strict, pack({f"{number}.off": b"x" * 2 * MEMBER for number in range(3)}))
+
+
+def test_what_is_seen_to_be_too_large_at_once_is_refused_at_once(strict: Running) -> None:
+    archive = pack({"0.off": b"x" * 4 * MEMBER}, "tar.gz")
+    assert_problem(send(strict.client, archive), 422, "archive-too-large")
+
+
+def assert_too_large(strict: Running, archive: bytes) -> None:
+    done = ended(strict.client, begun(strict.client, archive))
+    assert done["state"] == "failed"
+    assert done["problem"]["type"].endswith(":archive-too-large")
+    assert done["counts"]["files"] == 0
+    assert strict.client.get("/shapes").json()["total"] == 0
+
+
+def test_a_file_above_the_limit_is_refused(strict: Running) -> None:
+    archive = pack({"large.off": small_file(0) + b"\n" * 2 * MEMBER, "0.off": small_file(0)})
+    job_id = begun(strict.client, archive)
+    assert ended(strict.client, job_id)["state"] == "done"
+    assert causes(strict.client, job_id) == {"large.off": "member-too-large"}
+
+
+def test_so_many_jobs_and_no_more(strict: Running, monkeypatch: pytest.MonkeyPatch) -> None:
+    go_on, store = threading.Event(), shapes_service._store
+
+    def wait_and_store(*arguments: object) -> object:
+        go_on.wait(300)
+        return store(*arguments)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(shapes_service, "_store", wait_and_store)
+    ids = [begun(strict.client, pack({f"{number}.off": small_file(number)})) for number in (1, 2)]
+    before = rows(strict, JobRow)
+    assert_problem(send(strict.client, pack({"3.off": small_file(3)})), 503, "busy")
+    assert rows(strict, JobRow) == before
+    go_on.set()
+    for job_id in ids:
+        assert ended(strict.client, job_id)["counts"]["stored"] == 1
+    assert ended(strict.client, begun(strict.client, pack({"3.off": small_file(3)})))["state"] == "done"
+
+
+def test_so_many_archives_at_a_time_are_received(strict: Running) -> None:
+    archive = pack({"4.off": small_file(4)})
+    body = {"files": {"file": ("x.zip", archive)}}
+    with send_part(strict, "/jobs", part=0.5, **body), send_part(strict, "/jobs", part=0.5, **body):
+        wait_until(lambda: send(strict.client, archive).status_code == 503, seconds=60)
+        assert_problem(send(strict.client, archive), 503, "busy")
+        assert strict.client.get("/jobs").status_code == 200
+    wait_until(lambda: send(strict.client, archive).status_code == 202, seconds=60)
