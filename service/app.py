@@ -119,7 +119,7 @@ def _start(settings: Settings, parameters: Parameters, gate: Gate, metrics: Metr
             graph=settings.graph,
         )
         migrate(database)
-        pipelines = Pipelines(parameters, room=settings.rows_bytes)
+        pipelines = Pipelines(parameters, room=settings.search_bytes)
         begin(pipelines, database)
     except BaseException:
         readers.kill()

@@ -177,10 +177,11 @@ class Settings(BaseSettings):
         default=100,
         description="How many of those are compared in full: the ones that a rough match finds most alike.",
     )
-    rows_bytes: int = Field(
-        default=1024**3,
+    search_bytes: int = Field(
+        default=1280 * 1024**2,
         ge=0,
-        description="Memory for embeddings made ready to be compared, about 100 kB each.",
+        description="Memory for searching: signatures and sketches of all shapes, about 900 bytes each, and "
+        "embeddings made ready to be compared, about 100 kB each.",
     )
 
     hnsw_m: int = Field(

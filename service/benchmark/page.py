@@ -106,7 +106,7 @@ def page(found: Found, command: str, *, picture: bool) -> str:
         parts += [
             "## Queries over HTTP",
             _markdown(search_table(found.search)),
-            f"By the id of a stored shape, {found.search[0].queries} after the first, with all defaults but "
+            "By the id of a stored shape, with all defaults but "
             f"that archives of up to {EXHAUSTIVE:,} shapes are searched exhaustively. Shapes beyond those of "
             "the collection are their embeddings with noise. Memory is of the service's own process.",
         ]

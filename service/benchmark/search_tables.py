@@ -13,6 +13,7 @@ def search_table(rows: Sequence[Row]) -> list[list[str]]:
         [
             "shapes",
             "compared in full",
+            "queries",
             "start, s",
             "first, ms",
             "median, ms",
@@ -24,6 +25,7 @@ def search_table(rows: Sequence[Row]) -> list[list[str]]:
             [
                 f"{row.shapes:,}",
                 f"{row.compared:,}",
+                f"{row.queries}",
                 f"{row.start:.1f}",
                 *(f"{1e3 * seconds:,.0f}" for seconds in (row.first, row.median, row.p95)),
                 *(f"{1e3 * row.stages[stage]:,.1f}" for stage in STAGES),

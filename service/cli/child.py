@@ -30,7 +30,7 @@ def sigterm_exits() -> Iterator[None]:
 class ChildService:
     """`isoshape serve` on a loopback port, with some more variables in its environment.
 
-    Quietly: what it prints but errors is dropped.
+    Quietly: what it prints is dropped.
 
     It is started when made, and ended at the end of a `with` block.
     """
@@ -49,7 +49,7 @@ class ChildService:
             str(port),
         ]
         output = subprocess.DEVNULL if quiet else None
-        self._process = subprocess.Popen(command, env=os.environ | settings, stdout=output)
+        self._process = subprocess.Popen(command, env=os.environ | settings, stdout=output, stderr=output)
         self.url = f"http://{LOOPBACK}:{port}"
 
     def __enter__(self) -> Self:

@@ -33,6 +33,11 @@ class Signed:
     signatures: NDArray[np.float32]
     sketches: NDArray[np.uint8]
 
+    @property
+    def nbytes(self) -> int:
+        """Memory held, in bytes."""
+        return sum(part.nbytes for part in (self.shapes, self.embeddings, self.signatures, self.sketches))
+
 
 def revision(session: ReadSession) -> int:
     """How many times what is searched has changed."""

@@ -63,6 +63,15 @@ class Shelf:
             known = self._rows.pop(number, None)
             self._bytes += row.nbytes - (0 if known is None else known.nbytes)
             self._rows[number] = row
-            while self._bytes > self._room:
-                _, dropped = self._rows.popitem(last=False)
-                self._bytes -= dropped.nbytes
+            self._shrink()
+
+    def resize(self, room: int) -> None:
+        """Have another number of bytes as the most that it may hold."""
+        with self._lock:
+            self._room = max(room, 0)
+            self._shrink()
+
+    def _shrink(self) -> None:
+        while self._bytes > self._room:
+            _, dropped = self._rows.popitem(last=False)
+            self._bytes -= dropped.nbytes

@@ -21,6 +21,9 @@ SECONDS, WARM_SECONDS = 0.5, 0.05
 FIRST_SECONDS = 5.0
 """How long the service counts as not ready while it makes ready what is stored at its start."""
 
+LEAST_SHARE = 4
+"""Of the memory for searching, the part that rows have at least, however long the signatures and sketches."""
+
 AT_ONCE = 16
 
 
@@ -81,8 +84,10 @@ class Stocking:
             in_use = self._parts.pipelines.current(session)
             if in_use.pipeline.parameters.pairs != "both-ways":
                 return in_use, []
-            embeddings = in_use.index.current(session).embeddings
-        shelf = in_use.shelf
+            signed = in_use.index.current(session)
+        embeddings, shelf = signed.embeddings, in_use.shelf
+        most = self._parts.settings.search_bytes
+        shelf.resize(max(most - signed.nbytes, most // LEAST_SHARE))
         places = shelf.free_places()
         if not places or len(shelf) >= len(embeddings):
             return in_use, []

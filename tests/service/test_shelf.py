@@ -58,6 +58,19 @@ def test_a_row_longer_than_all_the_room_is_not_kept() -> None:
     assert Shelf(0).free_places() == 0
 
 
+def test_with_less_room_the_oldest_go() -> None:
+    shelf = Shelf(1200)
+    for number in (1, 2, 3):
+        shelf.put(number, row(number))
+    shelf.resize(800)
+    assert shelf.missing([1, 2, 3]) == [1]
+    shelf.resize(-5)
+    assert (len(shelf), shelf.nbytes) == (0, 0)
+    shelf.resize(400)
+    shelf.put(4, row(4))
+    assert shelf.missing([4]) == []
+
+
 def test_free_places_go_by_the_rows_that_are_there() -> None:
     shelf = Shelf(10 * ABOUT)
     assert shelf.free_places() == 10
@@ -131,7 +144,7 @@ def test_rows_are_ready_soon_after_the_start_and_after_an_upload(
     assert len(answer(running)) == STORED
 
 
-@pytest.mark.parametrize("running", [{"rows_bytes": 0}, {"rows_bytes": 300_000}], indirect=True)
+@pytest.mark.parametrize("running", [{"search_bytes": 0}, {"search_bytes": 300_000}], indirect=True)
 def test_without_room_answers_are_the_same(running: Running, folder: Path) -> None:
     scores = answer(running)
     assert len(shelf_of(running)) <= 3
