@@ -27,7 +27,7 @@ NODE := tests/page/node_modules/.package-lock.json
 UV ?= $(BIN)/uv
 COMPILE := $(UV) pip compile --quiet --no-config --universal --python-version 3.11 --fork-strategy fewest \
 	--generate-hashes --no-annotate --custom-compile-command 'make lock' $(if $(UPGRADE),--upgrade)
-LOCKS := requirements.lock tests/requirements.lock tests/browser/requirements.lock docker/test/requirements.lock \
+LOCKS := requirements.lock tests/requirements.lock tests/browser/requirements.lock docker/cluster.lock docker/test/requirements.lock \
 	tests/supply/requirements.lock
 
 .PHONY: help environment demo test collections-test kill-test load-test lint types openapi lock lock-check image-test page-lint page-vendor browser-test screenshots sbom audit hostile-test mutation-test schema-test vector-test clean
@@ -124,6 +124,7 @@ lock: $(if $(filter $(BIN)/uv,$(UV)),$(DEV))
 	$(COMPILE) pyproject.toml --output-file requirements.lock
 	$(COMPILE) pyproject.toml --extra dev --constraint requirements.lock --output-file tests/requirements.lock
 	$(COMPILE) pyproject.toml --extra browser --constraint tests/requirements.lock --output-file tests/browser/requirements.lock
+	$(COMPILE) pyproject.toml --extra postgres --extra dask --constraint requirements.lock --output-file docker/cluster.lock
 	$(COMPILE) docker/test/requirements.in --constraint requirements.lock --output-file docker/test/requirements.lock
 	$(COMPILE) tests/supply/requirements.in --output-file tests/supply/requirements.lock
 

@@ -77,6 +77,9 @@ pass 'hadolint finds nothing in docker/Dockerfile'
 "$tools/bin/python" -c 'import sys; from compose_spec import PyCompose; PyCompose.from_yaml(sys.stdin.read())' \
     <docker/compose.yaml
 pass 'docker/compose.yaml keeps to the Compose specification'
+"$python" -c 'import sys, yaml; print(yaml.safe_dump(yaml.safe_load(sys.stdin)))' <docker/compose.cluster.yaml |
+    "$tools/bin/python" -c 'import sys; from compose_spec import PyCompose; PyCompose.from_yaml(sys.stdin.read())'
+pass 'docker/compose.cluster.yaml keeps to the Compose specification'
 
 say '== the build'
 base=$(sed -n 's/^FROM \([^ ]*\).*/\1/p' docker/Dockerfile | sort -u)

@@ -14,7 +14,8 @@ from core.parameters import Parameters
 from core.pipeline import Pipeline
 from service.compute.tasks import Embedded
 from service.compute.work import Work
-from service.errors import WorkerLostError
+from service.errors import ClusterUnavailableError, WorkerLostError
+from service.pipelines import reembedding as reembedding_module
 from service.pipelines.reembedding import Outcome, Reembedding
 from service.search import service as search_service
 from service.search.ranking import Compared
@@ -279,6 +280,22 @@ def test_a_file_that_cannot_be_embedded_keeps_the_archive_as_it_is_unless_left_o
 
     assert Reembedding(running.parts.database, running.parts.work, few).prune() == STORED - 1
     assert sorted(fingerprints(folder)) == sorted([old] + [few.fingerprint] * (STORED - 1))
+
+
+def test_a_cluster_that_is_away_is_waited_for(
+    stocked: tuple[Running, Path], few: Parameters, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(reembedding_module, "CLUSTER_SECONDS", 0.01)
+    away: list[bytes] = []
+
+    def go_away(data: bytes) -> None:
+        if len(away) < 20:
+            away.append(data)
+            raise ClusterUnavailableError("the scheduler was lost")
+
+    outcome, work = go_over(stocked[0], few, go_away)
+    assert (outcome.made, outcome.refused, outcome.active) == (STORED, [], True)
+    assert (len(away), len(work.embedded)) == (20, STORED)
 
 
 def test_what_lacks_an_embedding_of_the_pipeline_in_use_gets_it(stocked: tuple[Running, Path]) -> None:

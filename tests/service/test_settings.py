@@ -3,17 +3,21 @@
 import re
 import traceback
 from pathlib import Path
+from urllib.parse import urlsplit
 
 import pytest
 import yaml
+from sqlalchemy import make_url
 
 from core.parameters import DEFAULT, PAPER
 from service.jobs.running import ARRIVING
 from service.settings import OTHER_VARIABLES, PREFIX, Settings, SettingsError, load_parameters, load_settings
+from service.storage.postgresql import CONNECTIONS, MORE_CONNECTIONS
 
 ROOT = Path(__file__).parents[2]
 DOCUMENT = ROOT / "docs" / "settings.md"
 COMPOSE = ROOT / "docker" / "compose.yaml"
+CLUSTER = ROOT / "docker" / "compose.cluster.yaml"
 
 
 @pytest.fixture(autouse=True)
@@ -207,3 +211,31 @@ def test_uploads_in_the_container_fit_its_temporary_folder(monkeypatch: pytest.M
     archive = settings.max_archive_bytes / 2**20
     assert inside * largest + ARRIVING * archive <= int(room)
     assert int(room) + (inside + 22 * settings.workers) * largest + 1000 <= 1024 * int(memory)
+
+
+def test_the_compose_file_of_a_cluster_fits_together(monkeypatch: pytest.MonkeyPatch) -> None:
+    services = yaml.safe_load(CLUSTER.read_text())["services"]
+    for name, value in services["isoshape"]["environment"].items():
+        if name.startswith(PREFIX) and "$" not in str(value):
+            monkeypatch.setenv(name, str(value))
+    settings = load_settings()
+    database, scheduler = make_url(settings.database_url), urlsplit(settings.scheduler)
+    assert (database.host, database.username, database.database) == (
+        "postgres",
+        services["postgres"]["environment"]["POSTGRES_USER"],
+        services["postgres"]["environment"]["POSTGRES_DB"],
+    )
+    assert scheduler.hostname == "scheduler"
+    command = services["scheduler"]["command"]
+    assert command[command.index("--port") + 1] == str(scheduler.port)
+    assert settings.scheduler in services["worker"]["command"]
+    (most,) = re.findall(r"max_connections=(\d+)", " ".join(services["postgres"]["command"]))
+    connections = CONNECTIONS + MORE_CONNECTIONS
+    assert services["isoshape"]["deploy"]["replicas"] * connections < int(most) / 2
+    # The proxy lets through what the service takes, and a little around it.
+    (through,) = re.findall(r"client_max_body_size (\d+)m;", (CLUSTER.parent / "nginx.conf").read_text())
+    assert int(through) * 2**20 > settings.max_archive_bytes
+    for name in ("isoshape", "worker", "scheduler", "proxy"):
+        assert services[name]["read_only"]
+        assert services[name]["cap_drop"] == ["ALL"]
+    assert "ports" not in {key for name in services if name != "proxy" for key in services[name]}
