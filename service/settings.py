@@ -174,7 +174,7 @@ class Settings(BaseSettings):
         default=2_000, description="How many of the nearest by signature such a query looks at."
     )
     finalists: PositiveInt = Field(
-        default=100,
+        default=200,
         description="How many of those are compared in full: the ones that a rough match finds most alike.",
     )
     search_bytes: int = Field(
