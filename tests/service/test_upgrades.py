@@ -10,6 +10,8 @@ import pytest
 from sqlalchemy import text
 
 from core.parameters import DEFAULT
+from core.records import embedding_from_bytes
+from core.sketches import sketch_of
 from service.cli.reembed import reembed
 from service.errors import PipelineUnavailableError
 from service.pipelines.active import Pipelines
@@ -17,6 +19,7 @@ from service.pipelines.starting import begin
 from service.storage.checking import check
 from service.storage.database import Database
 from service.storage.migrate import migrate
+from tests.service.archives import make_archive, opened
 from tests.service.pipelines import active, fingerprints
 from tests.service.support import query, serving, settings_in
 
@@ -97,3 +100,22 @@ def test_an_archive_of_several_pipelines_is_searched_by_the_one_that_embedded_mo
     migrate(database)
     database.close()
     assert active(tmp_path) == told("0.1.0")["version"]["fingerprint"]
+
+
+def test_embeddings_that_had_no_sketches_get_those_that_they_would_have(tmp_path: Path) -> None:
+    path = make_archive(tmp_path / "archive.sqlite3", 1, 2, 3)
+    with opened(path) as connection:
+        made = dict(connection.execute("SELECT embedding_number, data FROM sketches"))
+        records = dict(connection.execute("SELECT number, record FROM embeddings"))
+        assert made == {
+            number: sketch_of(embedding_from_bytes(record)).tobytes() for number, record in records.items()
+        }
+        connection.execute("UPDATE embeddings SET record = x'00' WHERE number = 2")
+        connection.execute("DROP TABLE sketches")
+        connection.execute("UPDATE alembic_version SET version_num = '0005'")
+    database = Database(f"sqlite:///{path}", lock_seconds=1)
+    migrate(database)
+    database.close()
+    with opened(path) as connection:
+        found = dict(connection.execute("SELECT embedding_number, data FROM sketches"))
+    assert found == {number: made[number] for number in (1, 3)}
