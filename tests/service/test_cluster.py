@@ -42,7 +42,7 @@ def pool(made: Cluster) -> Iterator[ClusterPool]:
     """Two workers that are warm, whatever an earlier test did to them."""
     made.start(2 - len(made.workers))
     with ClusterPool(made.address, parameters=DEFAULT, seconds=60) as pool:
-        wait_until(lambda: len(pool.pids()) == 2, seconds=120)
+        wait_until(lambda: len(pool.pids()) == 2, seconds=240)
         yield pool
 
 
@@ -53,7 +53,7 @@ def service(made: Cluster, tmp_path: Path) -> Iterator[Running]:
     with using(POSTGRESQL):
         settings = settings_in(tmp_path, scheduler=made.address)
     with serving(settings) as running:
-        wait_until(lambda: len(running.parts.pool.pids()) == 2, seconds=120)
+        wait_until(lambda: len(running.parts.pool.pids()) == 2, seconds=240)
         yield running
 
 
@@ -64,7 +64,7 @@ def test_the_work_of_a_lost_worker_is_done_by_another(made: Cluster, pool: Clust
     assert [each.result(timeout=60) for each in napping] == [None, None]
     wait_until(lambda: (len(pool.pids()), pool.idle(), pool.busy()) == (1, 1, 0), seconds=30)
     made.start(1)
-    wait_until(lambda: len(pool.pids()) == 2, seconds=120)
+    wait_until(lambda: len(pool.pids()) == 2, seconds=240)
 
 
 def test_a_cluster_without_workers_says_so_and_goes_on_when_one_comes(
@@ -80,7 +80,7 @@ def test_a_cluster_without_workers_says_so_and_goes_on_when_one_comes(
     with pytest.raises(ClusterUnavailableError, match="no workers"):
         pool.submit(add, 1, 1)
     made.start(2)
-    wait_until(pool.ready, seconds=120)
+    wait_until(pool.ready, seconds=240)
     assert pool.submit(add, 1, 1).result() == 2
 
 
@@ -94,7 +94,7 @@ def test_a_scheduler_that_is_lost_is_said_and_found_again(made: Cluster, pool: C
     with pytest.raises(ClusterUnavailableError, match="cannot be reached"):
         pool.submit(add, 1, 1)
     made.start(2)
-    wait_until(pool.ready, seconds=120)
+    wait_until(pool.ready, seconds=240)
     assert pool.submit(add, 1, 1).result() == 2
 
 
@@ -143,7 +143,7 @@ def test_answers_are_those_of_one_machine(service: Running, tmp_path: Path) -> N
 def test_a_worker_that_is_killed_in_the_middle_of_a_bulk_job(made: Cluster, service: Running) -> None:
     members = {f"{number}.off": small_file(number) for number in range(MEMBERS)}
     job_id = begun(service.client, pack(members, "zip"))
-    wait_until(lambda: service.client.get("/shapes").json()["total"] >= 4, seconds=120)
+    wait_until(lambda: service.client.get("/shapes").json()["total"] >= 4, seconds=240)
     made.kill_worker()
     ended(service.client, job_id)
     told = files(service.client, job_id)
@@ -174,6 +174,6 @@ def test_a_scheduler_that_is_away(made: Cluster, service: Running) -> None:
     assert client.get("/shapes").status_code == 200
     assert client.get("/healthz").status_code == 200
     made.start(2)
-    wait_until(lambda: client.get("/readyz").status_code == 200, seconds=120)
+    wait_until(lambda: client.get("/readyz").status_code == 200, seconds=240)
     assert [send().status_code for send in sent] == [201, 200]
     assert ended(client, job_id)["counts"]["stored"] == 10
