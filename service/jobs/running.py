@@ -27,7 +27,7 @@ from service.errors import (
 )
 from service.jobs import repository, service
 from service.jobs.archives import read_members
-from service.jobs.errors import JobNotFoundError, MemberDamagedError
+from service.jobs.errors import ArchiveTooLargeError, JobNotFoundError, MemberDamagedError
 from service.jobs.members import Fault
 from service.jobs.records import Cause, FileRecord, JobRecord, Outcome, Settled
 from service.jobs.service import LEASE
@@ -57,6 +57,10 @@ TRIES = 2
 # None of these is the member's fault.
 OWN_FAULTS = (StorageFullError, StorageUnavailableError, PipelineUnavailableError, ClusterUnavailableError)
 
+# How often a job may fail in a way that no one foresaw before it is given up.
+FAULTS = 3
+UNFORESEEN = Cause(ServiceError.kind, PROBLEMS[ServiceError.kind].title)
+
 
 class LostError(Exception):
     """The job has ended, or another service works on it."""
@@ -78,6 +82,7 @@ class Runner:
         self.followers: set[object] = set()
         self._arriving = 0
         self._open = False
+        self._faults = 0
         self._running: asyncio.Task[None] | None = None
 
     def start(self) -> None:
@@ -129,11 +134,11 @@ class Runner:
                     continue
                 await self._work_on(job)
                 pauses = iter(PAUSES)
-            except ServiceError as error:
+            except OWN_FAULTS as error:
                 log.warning("jobs wait: %s", error)
                 await asyncio.sleep(next(pauses, PAUSES[-1]))
             except Exception as error:
-                log.error("working on a job failed", exc_info=error)
+                log.error("working on jobs failed", exc_info=error)
                 await asyncio.sleep(next(pauses, PAUSES[-1]))
 
     async def _work_on(self, job: JobRecord) -> None:
@@ -144,9 +149,21 @@ class Runner:
         try:
             await asyncio.wait({beating, doing}, return_when=asyncio.FIRST_COMPLETED)
             (doing if doing.done() else beating).result()
+            self._faults = 0
             log.info("a job has ended", extra={"fields": {"job": job.id}})
         except (LostError, JobNotFoundError):
             log.info("a job was ended, or is worked on elsewhere", extra={"fields": {"job": job.id}})
+        except OWN_FAULTS:
+            raise
+        except ArchiveTooLargeError as error:
+            await run_in_threadpool(service.fail, self._database, job, service.cause_of(error))
+        except Exception:
+            self._faults += 1
+            if self._faults == FAULTS:
+                # The jobs behind it must not wait for ever.
+                self._faults = 0
+                await run_in_threadpool(service.fail, self._database, job, UNFORESEEN)
+            raise
         finally:
             for task in (doing, beating):
                 task.cancel()
@@ -208,7 +225,7 @@ class Runner:
                 cause = service.cause_of(error)
             except Exception as error:
                 log.error("a member of an archive could not be stored", exc_info=error)
-                cause = Cause(ServiceError.kind, PROBLEMS[ServiceError.kind].title)
+                cause = UNFORESEEN
             if tries_left:
                 await asyncio.sleep(PAUSES[0])
         await self._refuse(job, file, cause)

@@ -64,7 +64,7 @@ class Counts(BaseModel):
     """The files of an archive by what became of them; folders are no files."""
 
     files: int = Field(description="All of them; none before the archive has been listed.")
-    waiting: int = Field(description="Nothing has become of them yet, or ever will: the job was cancelled.")
+    waiting: int = Field(description="Nothing has become of them yet; or ever will, where the job has ended.")
     stored: int = Field(description="Each is a new shape.")
     present: int = Field(description="The same bytes were stored under the name already.")
     refused: int = Field(description="Each has its cause.")

@@ -7,7 +7,7 @@ from core.reading import format_of
 from service.errors import BusyError
 from service.jobs import repository
 from service.jobs.archives import archive_format, list_members
-from service.jobs.errors import ArchiveTooLargeError, JobNotFoundError
+from service.jobs.errors import JobNotFoundError
 from service.jobs.members import ArchiveLimits, Fault, Member, Readable, shown
 from service.jobs.records import (
     Cause,
@@ -138,14 +138,11 @@ def remove(database: Database, job_id: str) -> None:
 def begin(database: Database, job: JobRecord, limits: ArchiveLimits) -> None:
     """List the members of a job that waits, which then runs.
 
-    An archive that holds too much is failed at once, and nothing of it taken.
+    Raises
+    ------
+    ArchiveTooLargeError
     """
-    try:
-        listing = list_members(StoredArchive(database, job), job.format, limits)
-    except ArchiveTooLargeError as error:
-        with database.write() as session:
-            repository.end(session, job.number, "failed", cause_of(error), datetime.now(UTC))
-        return
+    listing = list_members(StoredArchive(database, job), job.format, limits)
     members = [_listed(member) for member in listing.members]
     problem = None if listing.problem is None else cause_of(listing.problem)
     with database.write() as session:
@@ -171,6 +168,13 @@ def finish(database: Database, job: JobRecord) -> None:
             return
         failed = get(session, job.id).cause is not None
         repository.end(session, job.number, "failed" if failed else "done", None, datetime.now(UTC))
+
+
+def fail(database: Database, job: JobRecord, cause: Cause) -> None:
+    """End a job that cannot be gone on with; what it has stored stays."""
+    with database.write() as session:
+        repository.end(session, job.number, "failed", cause, datetime.now(UTC))
+    delete_archive(database, job.number)
 
 
 def delete_archive(database: Database, number: int) -> None:

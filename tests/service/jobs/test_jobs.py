@@ -10,7 +10,9 @@ from sqlalchemy import func, select, update
 
 from service.errors import StorageFullError, StorageUnavailableError, WorkerLostError
 from service.jobs import events as events_module
+from service.jobs import running as running_module
 from service.jobs import service as jobs_service
+from service.jobs.errors import ArchiveTooLargeError
 from service.shapes import service as shapes_service
 from service.storage.job_tables import JobFileRow, JobPieceRow, JobRow
 from tests.service.engines import on_both
@@ -362,6 +364,31 @@ def test_a_fault_that_no_one_foresaw_is_one_files(clean: Running, monkeypatch: p
     assert ended(clean.client, job_id)["counts"]["stored"] == 2
     assert causes(clean.client, job_id) == {"folder 2/2.off": "internal-error"}
     assert "secret" not in clean.client.get(f"/jobs/{job_id}/files").text
+
+
+@pytest.mark.parametrize(
+    ("error", "kind"),
+    [
+        (ArchiveTooLargeError("the limits were lowered"), "archive-too-large"),
+        (KeyError("x"), "internal-error"),
+    ],
+)
+def test_a_job_that_cannot_be_gone_on_with_fails_and_the_next_has_its_turn(
+    clean: Running, monkeypatch: pytest.MonkeyPatch, error: Exception, kind: str
+) -> None:
+    with monkeypatch.context() as patch:
+
+        def fail(*_arguments: object) -> None:
+            raise error
+
+        patch.setattr(running_module, "read_members", fail)
+        job_id = begun(clean.client, pack(meshes(range(3))))
+        failed = ended(clean.client, job_id)
+    assert failed["state"] == "failed"
+    assert failed["problem"]["type"].endswith(f":{kind}")
+    assert {file["outcome"] for file in files(clean.client, job_id)} == {"cancelled"}
+    assert rows(clean, JobPieceRow) == 0
+    assert ended(clean.client, begun(clean.client, pack(meshes(range(3)))))["counts"]["stored"] == 3
 
 
 def test_leftovers_are_cleared(clean: Running) -> None:
