@@ -1,19 +1,20 @@
 """Embeddings made ready to be compared before a query asks for them: at the start, and as shapes come."""
 
 import asyncio
+from collections.abc import Awaitable
 from contextlib import suppress
 from time import monotonic
+from typing import TypeVar
 
 from starlette.concurrency import run_in_threadpool
 
 from service.compute.tasks import example_records, warm_comparing
 from service.errors import ServiceError
-from service.logging import get_logger
 from service.parts import Parts
 from service.pipelines.active import InUse
 from service.search.rows import shelved
 
-log = get_logger("search")
+Done = TypeVar("Done")
 
 SECONDS, WARM_SECONDS = 0.5, 0.05
 """How often is looked for what has come, and for a worker that is warm."""
@@ -53,9 +54,9 @@ class Stocking:
         ready, latest = self._parts.comparing_is_ready, monotonic() + FIRST_SECONDS
         while True:
             with suppress(ServiceError):
-                in_use, missing = await run_in_threadpool(self._missing)
+                in_use, missing = await _whole(run_in_threadpool(self._missing))
                 for start in range(0, len(missing), AT_ONCE):
-                    await run_in_threadpool(self._put, in_use, missing[start : start + AT_ONCE])
+                    await _whole(run_in_threadpool(self._put, in_use, missing[start : start + AT_ONCE]))
                     if monotonic() > latest:
                         ready.set()
                 ready.set()
@@ -68,9 +69,9 @@ class Stocking:
             if self._parts.pool.pids():
                 # A lost worker, and storage that is away, are told of to those who ask.
                 with suppress(ServiceError):
-                    parameters = (await run_in_threadpool(self._in_use)).pipeline.parameters
+                    parameters = (await _whole(run_in_threadpool(self._in_use))).pipeline.parameters
                     records = await self._parts.work.do(example_records, parameters)
-                    await run_in_threadpool(warm_comparing, records, parameters)
+                    await _whole(run_in_threadpool(warm_comparing, records, parameters))
                     warm = True
             await asyncio.sleep(WARM_SECONDS)
 
@@ -95,3 +96,13 @@ class Stocking:
 
     def _put(self, in_use: InUse, numbers: list[int]) -> None:
         shelved(self._parts.database, in_use.shelf, in_use.pipeline.parameters, numbers)
+
+
+async def _whole(work: Awaitable[Done]) -> Done:
+    """What a thread does, waited for even when this is cancelled: it may be reading the database."""
+    begun = asyncio.ensure_future(work)
+    try:
+        return await asyncio.shield(begun)
+    except asyncio.CancelledError:
+        await asyncio.wait([begun])
+        raise
