@@ -78,7 +78,7 @@ def test_every_mesh_of_an_archive_is_stored_as_an_upload_would_be(clean: Running
         assert (shape["tags"], shape["metadata"]) == (["a", "b"], {"year": 2026})
         assert shape["name"] == file["path"].rpartition("/")[2]
         assert shape["embedded"]
-    assert rows(clean, JobPieceRow) == 0
+    wait_until(lambda: rows(clean, JobPieceRow) == 0, seconds=30)
 
 
 def test_files_that_cannot_be_stored_are_named_and_hold_up_nothing(clean: Running) -> None:
@@ -261,7 +261,7 @@ def test_a_job_that_is_cancelled_stores_nothing_more(clean: Running, held: threa
     wait_until(lambda: at_work(clean) == 0, seconds=180)
     assert stored(clean) == {}
     assert {file["outcome"] for file in files(clean.client, job_id)} == {"cancelled"}
-    assert rows(clean, JobPieceRow) == 0
+    wait_until(lambda: rows(clean, JobPieceRow) == 0, seconds=30)
     # Again, it changes nothing; and the next job has its turn.
     assert clean.client.post(f"/jobs/{job_id}/cancel").json() == cancelled.json()
     assert ended(clean.client, begun(clean.client, pack(meshes(range(2)))))["counts"]["stored"] == 2
@@ -302,7 +302,8 @@ def test_a_job_that_is_deleted_is_cancelled_and_forgotten(clean: Running, held: 
     for method, address in (("POST", "/cancel"), ("DELETE", "")):
         assert_problem(clean.client.request(method, f"/jobs/{job_id}{address}"), 404, "job-not-found")
     assert stored(clean) == {}
-    assert rows(clean, JobRow) == rows(clean, JobFileRow) == rows(clean, JobPieceRow) == 0
+    wait_until(lambda: rows(clean, JobPieceRow) == 0, seconds=30)
+    assert rows(clean, JobRow) == rows(clean, JobFileRow) == 0
 
 
 def test_requests_come_before_files(clean: Running, held: threading.Event) -> None:
@@ -387,7 +388,8 @@ def test_a_job_that_cannot_be_gone_on_with_fails_and_the_next_has_its_turn(
     assert failed["state"] == "failed"
     assert failed["problem"]["type"].endswith(f":{kind}")
     assert {file["outcome"] for file in files(clean.client, job_id)} == {"cancelled"}
-    assert rows(clean, JobPieceRow) == 0
+    # They go after the job has ended, a few at a time.
+    wait_until(lambda: rows(clean, JobPieceRow) == 0, seconds=30)
     assert ended(clean.client, begun(clean.client, pack(meshes(range(3)))))["counts"]["stored"] == 3
 
 
@@ -433,4 +435,5 @@ def test_an_archive_that_never_arrived_whole_is_no_job(clean: Running) -> None:
     new = jobs_service.NewJob("a", "zip", 10**8, (), {})
     with pytest.raises(OSError, match="gone"):
         jobs_service.receive(clean.parts.database, Broken(), new, 10)
-    assert rows(clean, JobRow) == rows(clean, JobPieceRow) == 0
+    wait_until(lambda: rows(clean, JobPieceRow) == 0, seconds=30)
+    assert rows(clean, JobRow) == 0
