@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.embedding import Float32s
-from core.errors import BadRecordError
+from core.errors import CoreError
 from core.parameters import Parameters
 from core.records import embedding_from_bytes
 from core.rows import match_rows, row_of
@@ -67,7 +67,7 @@ def shelved(
         for number, record in records.items():
             try:
                 rows[number] = row_of(embedding_from_bytes(record), parameters)
-            except BadRecordError:
+            except CoreError:
                 continue
             shelf.put(number, rows[number])
     return rows

@@ -10,9 +10,12 @@ from starlette.concurrency import run_in_threadpool
 
 from service.compute.tasks import example_records, warm_comparing
 from service.errors import ServiceError
+from service.logging import get_logger
 from service.parts import Parts
 from service.pipelines.active import InUse
 from service.search.rows import shelved
+
+log = get_logger("search")
 
 Done = TypeVar("Done")
 
@@ -37,6 +40,8 @@ class Stocking:
     def __init__(self, parts: Parts) -> None:
         self._parts = parts
         self._task: asyncio.Task[None] | None = None
+        # Numbers are never used again.
+        self._unusable: set[int] = set()
 
     def start(self) -> None:
         """Begin, in the running loop."""
@@ -53,12 +58,18 @@ class Stocking:
         await self._warm()
         ready, latest = self._parts.comparing_is_ready, monotonic() + FIRST_SECONDS
         while True:
-            with suppress(ServiceError):
+            # Whatever else goes wrong, queries are answered without what would be ready.
+            try:
                 in_use, missing = await _whole(run_in_threadpool(self._missing))
                 for start in range(0, len(missing), AT_ONCE):
                     await _whole(run_in_threadpool(self._put, in_use, missing[start : start + AT_ONCE]))
                     if monotonic() > latest:
                         ready.set()
+                ready.set()
+            except ServiceError:
+                pass
+            except Exception:
+                log.exception("embeddings could not be made ready")
                 ready.set()
             await asyncio.sleep(SECONDS)
 
@@ -92,10 +103,12 @@ class Stocking:
         places = shelf.free_places()
         if not places or len(shelf) >= len(embeddings):
             return in_use, []
-        return in_use, shelf.missing(dict.fromkeys(reversed(embeddings.tolist())))[:places]
+        wanted = shelf.missing(dict.fromkeys(reversed(embeddings.tolist())))
+        return in_use, [number for number in wanted if number not in self._unusable][:places]
 
     def _put(self, in_use: InUse, numbers: list[int]) -> None:
-        shelved(self._parts.database, in_use.shelf, in_use.pipeline.parameters, numbers)
+        rows = shelved(self._parts.database, in_use.shelf, in_use.pipeline.parameters, numbers)
+        self._unusable.update(number for number in numbers if number not in rows)
 
 
 async def _whole(work: Awaitable[Done]) -> Done:

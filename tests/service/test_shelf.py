@@ -1,7 +1,10 @@
 """Embeddings ready to be compared: what is kept of them, what a query does without, and finalists."""
 
 import re
+import shutil
+import sqlite3
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 from threading import Thread
 
@@ -13,6 +16,7 @@ from core.records import embedding_from_bytes
 from core.rows import match_rows, row_of
 from core.sketches import sift, sketch_of
 from service.search import rows as rows_module
+from service.search import stocking
 from service.search.shelf import ABOUT, Shelf
 from tests.service.support import (
     Running,
@@ -142,6 +146,25 @@ def test_rows_are_ready_soon_after_the_start_and_after_an_upload(
         assert len(answer(running)) == STORED + 1
     running.client.delete(f"/shapes/{record['id']}")
     assert len(answer(running)) == STORED
+
+
+def test_a_record_that_cannot_be_read_is_left_out_and_stops_nothing(folder: Path, tmp_path: Path) -> None:
+    shutil.copy(folder / "archive.sqlite3", tmp_path)
+    with closing(sqlite3.connect(tmp_path / "archive.sqlite3")) as connection, connection:
+        connection.execute("UPDATE embeddings SET record = x'00' WHERE number = 3")
+    with serving(settings_in(tmp_path)) as other:
+        wait_until(lambda: len(shelf_of(other)) == STORED - 1, seconds=30)
+        assert set(answer(other)) == {f"{number}.off" for number in range(STORED) if number != 2}
+
+
+def test_what_no_one_foresaw_does_not_keep_the_service_from_answering(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    with monkeypatch.context() as patch:
+        patch.setattr(stocking, "shelved", None)
+        with serving(settings_in(folder)) as other:
+            assert len(answer(other)) == STORED
+    assert "embeddings could not be made ready" in caplog.messages
 
 
 @pytest.mark.parametrize("running", [{"search_bytes": 0}, {"search_bytes": 300_000}], indirect=True)
