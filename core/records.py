@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from safetensors import SafetensorError
 from safetensors.numpy import load, save
 
-from core.embedding import Embedding, Facts, Spectrum
+from core.embedding import Embedding, Facts, Float32s, Int32s, Spectrum
 from core.errors import BadRecordError
 
 
@@ -71,6 +71,37 @@ def embedding_from_bytes(data: bytes) -> Embedding:
     if fault is not None:
         raise BadRecordError(f"not an embedding: {fault}")
     return embedding
+
+
+def points_from_bytes(data: bytes) -> tuple[Float32s, Int32s]:
+    """The embedded points of a record, and nothing else of it: the rest is neither read nor checked.
+
+    Returns
+    -------
+    float32, shape (d, b k)
+        The coordinates in all spectral domains side by side.
+    int32, shape (d,)
+        The sample nearest to each.
+
+    Raises
+    ------
+    BadRecordError
+        The bytes are not a record, or one of the two arrays has not its type or a number that is not finite.
+    """
+    try:
+        arrays = load(data)
+        domains = sum(name.startswith("coordinates_") for name in arrays)
+        coordinates = [arrays[f"coordinates_{i}"] for i in range(domains)]
+        points, regions = np.concatenate(coordinates, axis=1), arrays["regions"]
+    except (SafetensorError, KeyError, TypeError, ValueError) as error:
+        raise BadRecordError(f"not an embedding: {error}") from error
+    faults = (
+        *_array_faults("coordinates", points, np.float32, (None, None)),
+        *_array_faults("regions", regions, np.int32, (len(points),)),
+    )
+    if faults:
+        raise BadRecordError(f"not an embedding: {faults[0]}")
+    return points, regions
 
 
 def _faults(embedding: Embedding) -> Iterator[str]:

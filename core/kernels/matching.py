@@ -264,6 +264,75 @@ def score_pairs(
 
 
 @kernel
+def fit_map(
+    x: Packed,
+    y: Packed,
+    rounds: Rounds,
+    there: Int32s,
+    back: Int32s,
+    partners: Float32s,
+    sources: Float32s,
+    rotation: Float32s,
+) -> float:
+    """Write the map between two shapes, and what it pairs.
+
+    The maps that a search begins from are refined by nearest neighbours both ways, first on few samples and
+    for a few maps, then on all samples for the best. Last each sample's partner moves to the nearest of the
+    embedded points in its partner's region: two meshes of one shape have their samples at different places,
+    so even the best pairs of samples lie half a sample's spacing apart.
+
+    Parameters
+    ----------
+    x, y : Packed
+        Of m and n samples. What only scores read is not read.
+    rounds : Rounds
+    there : int32, shape (m,)
+        Written: the sample of y that each of x is paired with.
+    back : int32, shape (n,)
+        Written: the sample of x that each of y is paired with.
+    partners, sources : float32, shapes (m, b k) and (n, b k)
+        Written: the partners of the samples of x and of those of y.
+    rotation : float32, shape (b k, b k)
+        Zeros; written where blocks meet themselves: x.points @ rotation lies on y.points.
+
+    Returns
+    -------
+    float
+        CC of the pairs, the mean over the domains.
+    """
+    m = len(there)
+    n = len(back)
+    blocks = x.searched.shape[0]
+    columns = x.points.shape[1]
+    mine = x.points[:m]
+    yours = y.points[:n]
+    best_map(x, y, rounds, rotation)
+    targets = np.ascontiguousarray(yours.T)
+    score = refine_map(mine, yours, targets, blocks, rounds.final_rounds, EXACT, rotation, there, back)
+    cross = np.empty((columns, columns), dtype=np.float32)
+    first = np.empty(blocks, dtype=np.float32)
+    second = np.empty(blocks, dtype=np.float32)
+    for i in range(m):
+        partners[i] = yours[there[i]]
+    for j in range(n):
+        sources[j] = mine[back[j]]
+    for _ in range(rounds.slides):
+        ends = np.dot(mine, rotation)
+        starts = np.dot(yours, np.ascontiguousarray(rotation.T))
+        for i in range(m):
+            region = there[i]
+            row = closest(y.points, y.members, y.offsets[region], y.offsets[region + 1], ends, i)
+            partners[i] = y.points[row]
+        for j in range(n):
+            region = back[j]
+            row = closest(x.points, x.members, x.offsets[region], x.offsets[region + 1], starts, j)
+            sources[j] = x.points[row]
+        paired(mine, partners, sources, yours, blocks, cross, first, second)
+        score = turn(cross, first, second, EXACT, rotation)
+    return score
+
+
+@kernel
 def match_pair(
     x: Packed,
     y: Packed,
@@ -274,12 +343,7 @@ def match_pair(
     rotation: Float32s,
     scores: Floats,
 ) -> None:
-    """Match two shapes.
-
-    The maps that a search begins from are refined by nearest neighbours both ways, first on few samples and
-    for a few maps, then on all samples for the best. Last each sample's partner moves to the nearest of the
-    embedded points in its partner's region: two meshes of one shape have their samples at different places,
-    so even the best pairs of samples lie half a sample's spacing apart.
+    """Match two shapes: `fit_map`, then `score_pairs`.
 
     Parameters
     ----------
@@ -300,10 +364,7 @@ def match_pair(
     """
     m = len(x.offsets) - 1
     n = len(y.offsets) - 1
-    blocks = len(x.radius)
     columns = x.points.shape[1]
-    mine = x.points[:m]
-    yours = y.points[:n]
     rotation[:] = 0.0
     if same:
         for c in range(columns):
@@ -317,27 +378,5 @@ def match_pair(
         return
     partners = np.empty((m, columns), dtype=np.float32)
     sources = np.empty((n, columns), dtype=np.float32)
-    best_map(x, y, rounds, rotation)
-    targets = np.ascontiguousarray(yours.T)
-    refine_map(mine, yours, targets, blocks, rounds.final_rounds, EXACT, rotation, there, back)
-    cross = np.empty((columns, columns), dtype=np.float32)
-    first = np.empty(blocks, dtype=np.float32)
-    second = np.empty(blocks, dtype=np.float32)
-    for i in range(m):
-        partners[i] = yours[there[i]]
-    for j in range(n):
-        sources[j] = mine[back[j]]
-    for _ in range(rounds.slides):
-        ends = np.dot(mine, rotation)
-        starts = np.dot(yours, np.ascontiguousarray(rotation.T))
-        for i in range(m):
-            region = there[i]
-            row = closest(y.points, y.members, y.offsets[region], y.offsets[region + 1], ends, i)
-            partners[i] = y.points[row]
-        for j in range(n):
-            region = back[j]
-            row = closest(x.points, x.members, x.offsets[region], x.offsets[region + 1], starts, j)
-            sources[j] = x.points[row]
-        paired(mine, partners, sources, yours, blocks, cross, first, second)
-        turn(cross, first, second, EXACT, rotation)
+    fit_map(x, y, rounds, there, back, partners, sources, rotation)
     score_pairs(x, y, there, back, partners, sources, rotation, rounds.effective, scores)

@@ -87,7 +87,7 @@ def refine_map_reference(
 
 def best_map_reference(x: Packed, y: Packed, rounds: Rounds) -> tuple[float, Floats]:
     """The best correlation, and its map (b k, b k), of maps searched for and refined on the first samples."""
-    blocks = len(x.radius)
+    blocks = len(x.searched)
     some, others = (
         each.points[: min(rounds.align_samples, len(each.offsets) - 1)].astype(np.float64) for each in (x, y)
     )
@@ -128,28 +128,39 @@ def score_pairs_reference(
     return np.asarray(np.mean(scores, axis=0))
 
 
-def match_pair_reference(
-    x: Packed, y: Packed, rounds: Rounds, same: bool
-) -> tuple[Ints, Ints, Floats, Floats]:
-    """Partners there (m,) and back (n,), map (b k, b k) and scores (3,): what `match_pair` writes."""
-    blocks = len(x.radius)
+def fit_map_reference(
+    x: Packed, y: Packed, rounds: Rounds
+) -> tuple[float, Ints, Ints, Floats, Floats, Floats]:
+    """CC, partners' samples there (m,) and back (n,), partners, sources and map: what `fit_map` writes."""
+    blocks = len(x.searched)
     points, others = x.points.astype(np.float64), y.points.astype(np.float64)
     mine, yours = points[: len(x.offsets) - 1], others[: len(y.offsets) - 1]
-    if same:
-        there = back = np.arange(len(mine))
-        rotation = np.eye(points.shape[1])
-        scores = score_pairs_reference(x, y, there, back, yours, mine, rotation, rounds.effective)
-        return there, back, rotation, scores
     _, rotation = best_map_reference(x, y, rounds)
-    _, rotation, there, back = refine_map_reference(mine, yours, blocks, rounds.final_rounds, EXACT, rotation)
+    score, rotation, there, back = refine_map_reference(
+        mine, yours, blocks, rounds.final_rounds, EXACT, rotation
+    )
     partners, sources = yours[there], mine[back]
     for _ in range(rounds.slides):
         ends, starts = mine @ rotation, yours @ rotation.T
         partners = others[_slid(others, y, there, ends)]
         sources = points[_slid(points, x, back, starts)]
-        _, rotation = turn_reference(
+        score, rotation = turn_reference(
             np.concatenate([mine, sources]), np.concatenate([partners, yours]), blocks
         )
+    return score, there, back, partners, sources, rotation
+
+
+def match_pair_reference(
+    x: Packed, y: Packed, rounds: Rounds, same: bool
+) -> tuple[Ints, Ints, Floats, Floats]:
+    """Partners there (m,) and back (n,), map (b k, b k) and scores (3,): what `match_pair` writes."""
+    if same:
+        there = back = np.arange(len(x.offsets) - 1)
+        mine, yours = (each.points[: len(there)].astype(np.float64) for each in (x, y))
+        rotation = np.eye(x.points.shape[1])
+        scores = score_pairs_reference(x, y, there, back, yours, mine, rotation, rounds.effective)
+        return there, back, rotation, scores
+    _, there, back, partners, sources, rotation = fit_map_reference(x, y, rounds)
     scores = score_pairs_reference(x, y, there, back, partners, sources, rotation, rounds.effective)
     return there, back, rotation, scores
 

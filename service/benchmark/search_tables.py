@@ -39,11 +39,10 @@ def search_table(rows: Sequence[Row]) -> list[list[str]]:
 def kept_table(rows: Sequence[Kept]) -> list[list[str]]:
     """A line a length of the cascade."""
     return [
-        ["by signature", "in full", "the same first", "first of the class", "first ten of it", "median, ms"],
+        ["sifted", "screened", "in full", "the same first", "first of the class", "first ten of it", "median, ms"],
         *(
             [
-                "all" if row.length is None else f"{row.length:,}",
-                "all" if row.finalists is None else f"{row.finalists:,}",
+                *("all" if count is None else f"{count:,}" for count in (row.length, row.screened, row.finalists)),
                 *(f"{100 * share:.1f} %" for share in (row.first, row.nn, row.ten)),
                 f"{1e3 * row.median:,.0f}",
             ]

@@ -19,8 +19,16 @@ QUERIES, LONG, CHECKED = 100, 20, 40
 EXHAUSTIVE = 10_000
 """Archives up to this size are searched exhaustively too."""
 
-LENGTHS = ((250, 25), (500, 50), (1_000, 100), (2_000, 200), (4_000, 400))
-"""How many the cascade looks at by signature, and compares in full."""
+LENGTHS = (
+    (500, 100, 10),
+    (1_000, 200, 20),
+    (1_000, 300, 30),
+    (1_500, 300, 30),
+    (2_000, 400, 30),
+    (4_000, 400, 30),
+    (4_000, 800, 60),
+)
+"""How many the cascade sifts, screens, and compares in full beside the wanted ones."""
 
 STEP = 7919
 """Between the numbers that are asked for: it shares no factor with a size."""
@@ -68,8 +76,8 @@ class Kept:
     ----------
     shapes, queries : int
         Queries are originals; what was made of them is left out of the answers.
-    length, finalists : int or None
-        How many the cascade looks at by signature, and compares in full; None is every shape.
+    length, screened, finalists : int or None
+        How many the cascade sifts, screens, and compares in full beside the wanted ones; None is every shape.
     first : float
         Share of queries whose first answer is that of the exhaustive search.
     nn, ten : float
@@ -81,6 +89,7 @@ class Kept:
     shapes: int
     queries: int
     length: int | None
+    screened: int | None
     finalists: int | None
     first: float
     nn: float
@@ -158,14 +167,19 @@ def kept_rows(
     size: int,
     *,
     queries: int = CHECKED,
-    lengths: Sequence[tuple[int, int]] = LENGTHS,
+    lengths: Sequence[tuple[int, int, int]] = LENGTHS,
 ) -> list[Kept]:
     """Each length of the cascade against the exhaustive search, which is the last row."""
     asked = [number * STEP % len(source) for number in range(min(queries, len(source)))]
-    found: dict[tuple[int, int] | None, tuple[list[list[str]], float]] = {}
+    found: dict[tuple[int, int, int] | None, tuple[list[list[str]], float]] = {}
     for length in (*lengths, None):
-        most, finalists = length or (size, size)
-        settings = {"shortlist_from": 1, "shortlist_length": most, "finalists": finalists}
+        most, screened, finalists = length or (size, size, size)
+        settings = {
+            "shortlist_from": 1,
+            "shortlist_length": most,
+            "screened": screened,
+            "finalists": finalists,
+        }
         with _serving(url, **settings) as (_, client):
             answers, seconds = [], []
             for number in asked:
@@ -189,7 +203,8 @@ def kept_rows(
                 shapes=size,
                 queries=len(asked),
                 length=None if length is None else length[0],
-                finalists=None if length is None else length[1],
+                screened=None if length is None else length[1],
+                finalists=None if length is None else length[2],
                 first=float(np.mean([a[0] == b[0] for a, b in zip(answers, truth, strict=True)])),
                 nn=float(np.mean([one[0] for one in right])),
                 ten=float(np.mean([np.mean(one) for one in right])),

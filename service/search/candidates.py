@@ -28,8 +28,9 @@ class Candidates:
         The query's.
     signatures : float32, shape (c, s)
     sketches : uint8, shape (c, l)
-    finalists : int or None
-        How many of them are compared in full, after a rough look at each; None is all.
+    screened, finalists : int or None
+        How many of them are looked at more closely after a rough look at each, and how many of those are
+        compared in full; None is all.
     stored : int
         How many shapes there are in all.
     """
@@ -39,6 +40,7 @@ class Candidates:
     signature: NDArray[np.float32]
     signatures: NDArray[np.float32]
     sketches: NDArray[np.uint8]
+    screened: int | None
     finalists: int | None
     stored: int
 
@@ -83,6 +85,7 @@ def candidates(parts: Parts, query: Query, options: Options) -> Candidates:
         distances = signature_distances(signature, signed.signatures)[places]
         places = places[least(distances, signed.shapes[places], options.shortlist_length)]
         parts.metrics.queries_shortlisted.inc()
+    finalists = options.finalists + options.top_k
     return Candidates(
         shapes=signed.shapes[places],
         embeddings=signed.embeddings[places],
@@ -90,6 +93,7 @@ def candidates(parts: Parts, query: Query, options: Options) -> Candidates:
         # Where nothing is stored yet, the index knows of no length.
         signatures=signed.signatures[places].reshape(len(places), len(signature)),
         sketches=signed.sketches[places] if shortlisted else np.empty((len(places), 0), np.uint8),
-        finalists=options.finalists if shortlisted else None,
+        screened=max(options.screened, finalists) if shortlisted else None,
+        finalists=finalists if shortlisted else None,
         stored=stored,
     )

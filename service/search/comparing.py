@@ -32,20 +32,14 @@ async def compare_with(parts: Parts, query: Query, candidates: Candidates, rank_
     A candidate that was deleted meanwhile, or whose record cannot be read, is left out.
     """
     pipeline = query.in_use.pipeline
-    embeddings, places = np.unique(candidates.embeddings, return_inverse=True)
     if pipeline.parameters.pairs == "both-ways":
         rows = await run_in_threadpool(Rows, parts.database, query)
-        if candidates.finalists is not None and candidates.finalists < len(embeddings):
-            sifted = _in(parts, rows.sifted)
-            rough = await _in_pieces(candidates.sketches, SIFTED, parts.settings.workers, 1, sifted)
-            candidates = _finalists(query, candidates, rough[0], candidates.finalists, rank_by)
-            embeddings, places = np.unique(candidates.embeddings, return_inverse=True)
-        score = _in(parts, rows.matched)
+        candidates = await _finalists(parts, query, rows, candidates, rank_by)
+        score, at_once = _in(parts, rows.matched), MATCHED
     else:
-        score = partial(_by_worker, parts, query)
-    at_once = MATCHED if pipeline.parameters.pairs == "both-ways" else SENT
-    scores = await _in_pieces(embeddings, at_once, parts.settings.workers, 3, score)
-    cc, ssd, sim = scores[:, places]
+        score, at_once = partial(_by_worker, parts, query), SENT
+    scores = await _each_once(parts, candidates, at_once, 3, score)
+    cc, ssd, sim = scores
     known = np.isfinite(cc) & np.isfinite(ssd) & np.isfinite(sim)
     if not known.all():
         log.warning("%d candidates were deleted meanwhile, or cannot be read", np.count_nonzero(~known))
@@ -58,15 +52,44 @@ async def compare_with(parts: Parts, query: Query, candidates: Candidates, rank_
     )
 
 
-def _finalists(
+async def _finalists(
+    parts: Parts, query: Query, rows: Rows, candidates: Candidates, rank_by: RankBy
+) -> Candidates:
+    """Those that are matched in full: first the sketches are sifted, then what is left is screened.
+
+    Each step leaves those of greatest CC as far as it tells, or of greatest chance where that is asked.
+    """
+    if candidates.screened is not None and candidates.screened < len(candidates.shapes):
+        sifted = _in(parts, rows.sifted)
+        rough = await _in_pieces(candidates.sketches, SIFTED, parts.settings.workers, 1, sifted)
+        candidates = _likeliest(query, candidates, rough[0], candidates.screened, rank_by)
+    if candidates.finalists is not None and candidates.finalists < len(candidates.shapes):
+        rough = await _each_once(parts, candidates, MATCHED, 1, _in(parts, rows.screened))
+        candidates = _likeliest(query, candidates, rough[0], candidates.finalists, rank_by)
+    return candidates
+
+
+def _likeliest(
     query: Query, candidates: Candidates, rough: NDArray[np.float64], count: int, rank_by: RankBy
 ) -> Candidates:
-    """The candidates of greatest rough CC, or of greatest chance where that is asked; those gone are last."""
+    """The candidates of greatest CC, or of greatest chance where that is asked; those gone are last."""
     likeness = rough
     if rank_by == "combined":
         unknown = np.zeros(len(rough))
         likeness = query.in_use.pipeline.combined(rough, unknown, candidates.signature, candidates.signatures)
     return candidates.only(least(np.nan_to_num(-likeness, nan=np.inf), candidates.shapes, count))
+
+
+async def _each_once(
+    parts: Parts,
+    candidates: Candidates,
+    at_once: int,
+    kinds: int,
+    score: Callable[[NDArray[Any]], Awaitable[Scores]],
+) -> Scores:
+    """The scores of the candidates, shape (kinds, c), of which several may have one embedding."""
+    embeddings, places = np.unique(candidates.embeddings, return_inverse=True)
+    return (await _in_pieces(embeddings, at_once, parts.settings.workers, kinds, score))[:, places]
 
 
 def _in(parts: Parts, score: Callable[[NDArray[Any]], Scores]) -> Callable[[NDArray[Any]], Awaitable[Scores]]:

@@ -239,5 +239,6 @@ def _options(given: QueryOptions, parts: Parts, *, exclude_self: bool) -> Option
         embedding=given.embedding,
         shortlist_from=parts.settings.shortlist_from,
         shortlist_length=parts.settings.shortlist_length,
+        screened=parts.settings.screened,
         finalists=parts.settings.finalists,
     )

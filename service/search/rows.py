@@ -1,6 +1,7 @@
 """What a query and the stored embeddings are compared by."""
 
 from collections.abc import Sequence
+from contextlib import suppress
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,8 +9,8 @@ from numpy.typing import NDArray
 from core.embedding import Float32s
 from core.errors import CoreError
 from core.parameters import Parameters
-from core.records import embedding_from_bytes
-from core.rows import match_rows, row_of
+from core.records import embedding_from_bytes, points_from_bytes
+from core.rows import match_rows, points_row_of, row_of, screen_rows
 from core.sketches import Sketches, sift
 from service.search import repository
 from service.search.records import Query
@@ -45,6 +46,24 @@ class Rows:
         found = match_rows(self._query, [rows[numbers[place]] for place in present], self._parameters)
         scores = np.full((3, len(numbers)), np.nan)
         scores[:, present] = found.cc, found.ssd, found.sim
+        return scores
+
+    def screened(self, embeddings: NDArray[np.int64]) -> Scores:
+        """About the CC of c embeddings by number: shape (1, c), NaN for those that are gone.
+
+        Of their records, whether they are on the shelf or not, so that what is there never decides an answer.
+        """
+        numbers = embeddings.tolist()
+        with self._database.read() as session:
+            records = repository.embedding_records(session, numbers)
+        rows = {}
+        for number, record in records.items():
+            with suppress(CoreError):
+                rows[number] = points_row_of(*points_from_bytes(record), self._parameters)
+        present = [place for place, number in enumerate(numbers) if number in rows]
+        found = screen_rows(self._query, [rows[numbers[place]] for place in present], self._parameters)
+        scores = np.full((1, len(numbers)), np.nan)
+        scores[0, present] = found
         return scores
 
     def sifted(self, sketches: Sketches) -> Scores:

@@ -10,10 +10,11 @@ from threading import Thread
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from core.parameters import DEFAULT
-from core.records import embedding_from_bytes
-from core.rows import match_rows, row_of
+from core.records import embedding_from_bytes, points_from_bytes
+from core.rows import match_rows, points_row_of, row_of, screen_rows
 from core.sketches import sift, sketch_of
 from service.search import rows as rows_module
 from service.search import stocking
@@ -178,9 +179,11 @@ def test_without_room_answers_are_the_same(running: Running, folder: Path) -> No
 
 @pytest.mark.parametrize("rank_by", ["cc", "combined"])
 @pytest.mark.parametrize(
-    "running", [{"shortlist_from": 5, "shortlist_length": 9, "finalists": 4}], indirect=True
+    "running",
+    [{"shortlist_from": 5, "shortlist_length": 9, "screened": 6, "finalists": 2}],
+    indirect=True,
 )
-def test_finalists_are_those_that_sifting_puts_first(running: Running, rank_by: str) -> None:
+def test_finalists_are_those_that_sifting_and_screening_put_first(running: Running, rank_by: str) -> None:
     client = running.client
     shapes = client.get("/shapes").json()["shapes"]
     pipeline = pipeline_in_use(running)
@@ -192,25 +195,37 @@ def test_finalists_are_those_that_sifting_puts_first(running: Running, rank_by: 
         for shape, number in zip(shapes, signed.embeddings, strict=True)
     }
     wanted = embeddings.pop("3.off")
+    own = row_of(wanted, DEFAULT)
+
+    def likeliest(names: list[str], rough: NDArray[np.float32], count: int) -> list[str]:
+        likeness = rough.astype(np.float64)
+        if rank_by == "combined":
+            signatures = np.stack([embeddings[name].signature for name in names])
+            likeness = pipeline.combined(likeness, np.zeros(len(names)), wanted.signature, signatures)
+        return [names[place] for place in np.argsort(-likeness, kind="stable")[:count]]
+
     names = sorted(
         embeddings, key=lambda name: np.linalg.norm(embeddings[name].signature - wanted.signature)
     )[:9]
-    rows = [row_of(embeddings[name], DEFAULT) for name in names]
     sketches = np.stack([sketch_of(embeddings[name]) for name in names])
-    rough = sift(row_of(wanted, DEFAULT), sketches, DEFAULT).astype(np.float64)
-    likeness = rough
-    if rank_by == "combined":
-        signatures = np.stack([embeddings[name].signature for name in names])
-        likeness = pipeline.combined(rough, np.zeros(9), wanted.signature, signatures)
-    expected = {names[place] for place in np.argsort(-likeness, kind="stable")[:4]}
+    names = likeliest(names, sift(own, sketches, DEFAULT), 6)
+    numbers = {shape["name"]: int(number) for shape, number in zip(shapes, signed.embeddings, strict=True)}
+    points = [points_row_of(*points_from_bytes(records[numbers[name]]), DEFAULT) for name in names]
+    names = likeliest(names, screen_rows(own, points, DEFAULT), 3)
     body = {
         "shape_id": next(s["id"] for s in shapes if s["name"] == "3.off"),
-        "top_k": 100,
+        "top_k": 1,
         "rank_by": rank_by,
     }
     found = client.post("/query", json=body).json()
-    assert found["compared"] == 4
-    assert {result["shape"]["name"] for result in found["results"]} == expected
-    exact = match_rows(row_of(wanted, DEFAULT), rows, DEFAULT)
-    for result in found["results"]:
-        assert result["cc"] == exact.cc[names.index(result["shape"]["name"])]
+    assert found["compared"] == 3
+    (result,) = found["results"]
+    exact = match_rows(own, [row_of(embeddings[name], DEFAULT) for name in names], DEFAULT)
+    place = names.index(result["shape"]["name"])
+    assert (result["cc"], result["ssd"], result["sim"]) == (
+        exact.cc[place],
+        exact.ssd[place],
+        exact.sim[place],
+    )
+    if rank_by == "cc":
+        assert place == exact.cc.argmax()

@@ -24,7 +24,7 @@ def test_queries_of_archives_made_of_the_collection(run, collection, monkeypatch
     fewer = partial(benchmark.searching_rows, queries=3)
     monkeypatch.setattr(benchmark, "searching_rows", fewer)
     monkeypatch.setattr(searching, "EXHAUSTIVE", 30)
-    monkeypatch.setattr(searching, "kept_rows", partial(searching.kept_rows, queries=3, lengths=[(8, 4)]))
+    monkeypatch.setattr(searching, "kept_rows", partial(searching.kept_rows, queries=3, lengths=[(8, 6, 1)]))
     sizes = ("--shapes", 30, "--shapes", 40)
     done = run("benchmark", collection, "--only", "search", *sizes, "--json")
     assert (done.status, done.stderr) == (0, "")
@@ -37,7 +37,8 @@ def test_queries_of_archives_made_of_the_collection(run, collection, monkeypatch
         assert 0.0 < row["median"] <= row["p95"]
         assert row["memory"] > 2**20
     cascade, everything = found["kept"]
-    assert (cascade["length"], cascade["finalists"], everything["length"]) == (8, 4, None)
+    assert (cascade["length"], cascade["screened"], cascade["finalists"]) == (8, 6, 1)
+    assert everything["length"] is everything["screened"] is everything["finalists"] is None
     assert everything["first"] == 1.0
     page = run("benchmark", collection, "--only", "search", "--shapes", 20)
     assert "## Queries over HTTP" in page.stdout
