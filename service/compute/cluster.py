@@ -4,8 +4,10 @@ Dask does a lost worker's tasks again on another. What it does not do is said he
 or has no workers, fails what waits for it, and is looked for again until it is there.
 """
 
+import hashlib
 import logging
 import pickle
+import secrets
 import threading
 import time
 from collections.abc import Callable
@@ -14,12 +16,14 @@ from contextlib import suppress
 from typing import Any
 
 import dask
+import numpy as np
 from distributed import Client
 from distributed.scheduler import KilledWorker
+from numpy.typing import NDArray
 
 from core.parameters import Parameters
-from service.compute.remote import run, warm_up
-from service.compute.workers import Workers
+from service.compute.remote import run, run_here, warm_up
+from service.compute.workers import PlacedWorkers
 from service.errors import ClusterUnavailableError, TaskTimeLimitError, WorkerLostError
 from service.logging import get_logger
 
@@ -37,7 +41,7 @@ PATIENCE_SECONDS = 10.0
 dask.config.set({"distributed.admin.large-graph-warning-threshold": "4 GiB"})
 
 
-class ClusterPool(Workers):
+class ClusterPool(PlacedWorkers):
     """The workers of a Dask cluster.
 
     Parameters
@@ -60,6 +64,7 @@ class ClusterPool(Workers):
         seconds: float,
         replaced: Callable[[str], object] = lambda cause: None,
     ) -> None:
+        self.user = secrets.randbits(62)
         self._address = address
         self._parameters = parameters
         self._seconds = seconds
@@ -86,14 +91,55 @@ class ClusterPool(Workers):
         """
         if kwargs:
             raise TypeError("tasks take positional arguments only")
+        executor = self._there()
+        return self._follow(executor.submit(run, pickle.dumps((fn, args)), self._parameters, self._seconds))
+
+    def owners(self, keys: NDArray[np.int64]) -> NDArray[np.str_]:
+        """Which worker each key falls to, shape (n,): the one that it and the key hash highest with.
+
+        Raises
+        ------
+        ClusterUnavailableError
+            The scheduler is away, or no worker is warm.
+        """
+        self._there()
+        workers = sorted(self._pids)
+        if not workers:
+            raise ClusterUnavailableError("the cluster's workers are not ready yet")
+        different, places = np.unique(keys, return_inverse=True)
+        highest = [max(workers, key=lambda worker, key=key: _hash(worker, key)) for key in different.tolist()]  # type: ignore[misc]
+        return np.array(highest, dtype=np.str_)[places]
+
+    def submit_to(self, owner: str, fn: Callable[..., Any], /, *args: Any) -> Future[Any]:  # noqa: ANN401
+        """Have `fn(*args)` called in a worker's own process, or in another's if it has gone.
+
+        Nothing stops a call that has begun: it must be short, and may not end the process.
+
+        Raises
+        ------
+        ClusterUnavailableError
+            The scheduler is away, or has no workers.
+        """
+        self._there()
+        client = self._client
+        if client is None:
+            raise ClusterUnavailableError("the cluster's scheduler cannot be reached now")
+        executor = client.get_executor(pure=False, workers=[owner], allow_other_workers=True)
+        return self._follow(executor.submit(run_here, pickle.dumps((fn, args))))
+
+    def _there(self) -> Executor:
+        """The cluster, if it is there and has workers."""
         if self._closing.is_set():
             raise RuntimeError("the pool is shut down")
         executor = self._executor
         if executor is None or not self._threads:
             away = "scheduler cannot be reached" if executor is None else "scheduler has no workers"
             raise ClusterUnavailableError(f"the cluster's {away} now")
+        return executor
+
+    def _follow(self, given: Future[Any]) -> Future[Any]:
+        """The task that stands for what was given to the cluster."""
         task: Future[Any] = Future()
-        given = executor.submit(run, pickle.dumps((fn, args)), self._parameters, self._seconds)
         with self._lock:
             self._open.add(task)
         task.add_done_callback(lambda task: self._ended(task, given))
@@ -240,3 +286,8 @@ class ClusterPool(Workers):
 def _raise(task: Future[Any], error: BaseException) -> None:
     with suppress(InvalidStateError):
         task.set_exception(error)
+
+
+def _hash(worker: str, key: int) -> bytes:
+    """Highest random weight (Thaler and Ravishankar 1998)."""
+    return hashlib.blake2b(f"{worker} {key}".encode(), digest_size=8).digest()

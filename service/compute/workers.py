@@ -1,7 +1,12 @@
 """What a service asks of its workers, wherever they are."""
 
 from abc import abstractmethod
-from concurrent.futures import Executor
+from collections.abc import Callable
+from concurrent.futures import Executor, Future
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 
 class Workers(Executor):
@@ -34,3 +39,20 @@ class Workers(Executor):
     @abstractmethod
     def kill(self) -> None:
         """Shut down at once; nothing that was begun is waited for."""
+
+
+class PlacedWorkers(Workers):
+    """Workers of which each keeps something: a call is sent to where that is.
+
+    Workers may serve others too: `user` is a number that tells what this service has them keep from that.
+    """
+
+    user: int
+
+    @abstractmethod
+    def owners(self, keys: NDArray[np.int64]) -> NDArray[np.str_]:
+        """Which worker each key falls to, shape (n,): one that comes or goes moves no others' keys."""
+
+    @abstractmethod
+    def submit_to(self, owner: str, fn: Callable[..., Any], /, *args: Any) -> Future[Any]:  # noqa: ANN401
+        """Have `fn(*args)` called in a worker's own process, or in another's if it has gone."""

@@ -11,6 +11,7 @@ from starlette.concurrency import run_in_threadpool
 
 from core.signatures import least
 from service.compute.work import short_of_memory
+from service.compute.workers import PlacedWorkers
 from service.logging import get_logger
 from service.parts import Parts
 from service.search import repository
@@ -18,6 +19,8 @@ from service.search.candidates import Candidates
 from service.search.ranking import Compared, RankBy
 from service.search.records import Query
 from service.search.rows import Rows, Scores
+from service.search.spread import SENT as SPREAD
+from service.search.spread import spread_scores
 from service.storage.database import Database
 
 log = get_logger("search")
@@ -29,6 +32,7 @@ MATCHED, SIFTED, SENT = 32, 256, 256
 async def compare_with(parts: Parts, query: Query, candidates: Candidates, rank_by: RankBy) -> Compared:
     """Score the candidates, each embedding once, or those of them that sifting puts first.
 
+    Where no shortlist is made and the workers are a cluster's, these match them.
     A candidate that was deleted meanwhile, or whose record cannot be read, is left out.
     """
     pipeline = query.in_use.pipeline
@@ -36,6 +40,8 @@ async def compare_with(parts: Parts, query: Query, candidates: Candidates, rank_
         rows = await run_in_threadpool(Rows, parts.database, query)
         candidates = await _finalists(parts, query, rows, candidates, rank_by)
         score, at_once = _in(parts, rows.matched), MATCHED
+        if candidates.finalists is None and isinstance(parts.pool, PlacedWorkers):
+            score, at_once = partial(spread_scores, parts, parts.pool, query.in_use, rows.query), SPREAD
     else:
         score, at_once = partial(_by_worker, parts, query), SENT
     scores = await _each_once(parts, candidates, at_once, 3, score)

@@ -23,7 +23,7 @@ Scores = NDArray[np.float64]
 class Rows:
     """A query's row, and those of the stored embeddings: from the shelf, and else of their records.
 
-    Several threads may ask at once.
+    Several threads may ask at once. `query` is the query's row.
 
     Parameters
     ----------
@@ -36,14 +36,14 @@ class Rows:
         self._database = database
         self._shelf = query.in_use.shelf
         self._parameters = query.in_use.pipeline.parameters
-        self._query = row_of(embedding_from_bytes(query.record), self._parameters)
+        self.query = row_of(embedding_from_bytes(query.record), self._parameters)
 
     def matched(self, embeddings: NDArray[np.int64]) -> Scores:
         """CC, SSD and sim of c embeddings by number: shape (3, c), NaN for those that are gone."""
         numbers = embeddings.tolist()
         rows = shelved(self._database, self._shelf, self._parameters, numbers)
         present = [place for place, number in enumerate(numbers) if number in rows]
-        found = match_rows(self._query, [rows[numbers[place]] for place in present], self._parameters)
+        found = match_rows(self.query, [rows[numbers[place]] for place in present], self._parameters)
         scores = np.full((3, len(numbers)), np.nan)
         scores[:, present] = found.cc, found.ssd, found.sim
         return scores
@@ -61,14 +61,14 @@ class Rows:
             with suppress(CoreError):
                 rows[number] = points_row_of(*points_from_bytes(record), self._parameters)
         present = [place for place, number in enumerate(numbers) if number in rows]
-        found = screen_rows(self._query, [rows[numbers[place]] for place in present], self._parameters)
+        found = screen_rows(self.query, [rows[numbers[place]] for place in present], self._parameters)
         scores = np.full((1, len(numbers)), np.nan)
         scores[0, present] = found
         return scores
 
     def sifted(self, sketches: Sketches) -> Scores:
         """Roughly the CC of c embeddings by their sketches, (c, l): shape (1, c)."""
-        return sift(self._query, sketches, self._parameters)[None].astype(np.float64)
+        return sift(self.query, sketches, self._parameters)[None].astype(np.float64)
 
 
 def shelved(

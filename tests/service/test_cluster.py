@@ -1,5 +1,7 @@
 """A service whose workers are those of a Dask cluster: the same answers, and nothing lost with any of it."""
 
+import asyncio
+import os
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, wait
@@ -7,11 +9,18 @@ from pathlib import Path
 from typing import Any
 
 import httpx
+import numpy as np
 import pytest
 
 from core.parameters import DEFAULT
+from core.records import embedding_from_bytes
+from core.rows import match_rows, row_of
 from service.compute.cluster import ClusterPool
+from service.compute.workers import PlacedWorkers
 from service.errors import ClusterUnavailableError, WorkerLostError
+from service.search import spread
+from service.search.repository import embedding_records
+from service.search.spread import spread_scores
 from tests.service.dask_cluster import Cluster, cluster
 from tests.service.engines import POSTGRESQL, using
 from tests.service.jobs.packing import pack
@@ -67,6 +76,32 @@ def test_the_work_of_a_lost_worker_is_done_by_another(made: Cluster, pool: Clust
     wait_until(lambda: len(pool.pids()) == 2, seconds=240)
 
 
+def test_keys_stay_with_their_workers(made: Cluster, pool: ClusterPool) -> None:
+    keys = np.repeat(np.arange(400), 2)
+    owners = pool.owners(keys)
+    assert (owners[::2] == owners[1::2]).all()
+    addresses, shares = np.unique(owners, return_counts=True)
+    assert len(addresses) == 2
+    assert shares.min() >= 0.4 * len(keys)
+    pids = dict(zip(addresses, (pool.submit_to(each, os.getpid).result() for each in addresses), strict=True))
+    assert sorted(pids.values()) == sorted(pool.pids())
+    made.kill_worker(pids[addresses[0]])
+    # Whoever knows of the loss later is answered all the same.
+    assert pool.submit_to(str(addresses[0]), os.getpid).result(timeout=60) == pids[addresses[1]]
+    wait_until(lambda: len(pool.pids()) == 1, seconds=30)
+    assert set(pool.owners(keys)) == {addresses[1]}
+    made.start(1)
+    wait_until(lambda: len(pool.pids()) == 2, seconds=240)
+    stayed = pool.owners(keys) == addresses[1]
+    assert 0.4 * len(keys) <= stayed.sum() <= 0.6 * len(keys)
+
+
+def test_what_a_call_in_a_worker_raises_is_raised_here(pool: ClusterPool) -> None:
+    owner = str(pool.owners(np.zeros(1, dtype=np.int64))[0])
+    with pytest.raises(TypeError):
+        pool.submit_to(owner, add, 1, "one").result(timeout=60)
+
+
 def test_a_cluster_without_workers_says_so_and_goes_on_when_one_comes(
     made: Cluster, pool: ClusterPool
 ) -> None:
@@ -79,6 +114,8 @@ def test_a_cluster_without_workers_says_so_and_goes_on_when_one_comes(
     assert not pool.ready()
     with pytest.raises(ClusterUnavailableError, match="no workers"):
         pool.submit(add, 1, 1)
+    with pytest.raises(ClusterUnavailableError, match="no workers"):
+        pool.owners(np.zeros(1, dtype=np.int64))
     made.start(2)
     wait_until(pool.ready, seconds=240)
     assert pool.submit(add, 1, 1).result() == 2
@@ -138,6 +175,36 @@ def test_answers_are_those_of_one_machine(service: Running, tmp_path: Path) -> N
 
     with serving(settings_in(tmp_path / "alone")) as alone:
         assert answers(service) == answers(alone)
+
+
+def test_rows_are_kept_by_workers_and_made_again_where_one_is_lost(
+    made: Cluster, service: Running, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for number in range(6):
+        service.store(small_file(number), f"{number}.off")
+    parts, pool = service.parts, service.parts.pool
+    assert isinstance(pool, PlacedWorkers)
+    with parts.database.read() as session:
+        in_use = parts.pipelines.current(session)
+        signed = in_use.index.current(session)
+        records = embedding_records(session, signed.embeddings.tolist())
+    numbers = np.array(sorted(records))
+    rows = [row_of(embedding_from_bytes(records[number]), DEFAULT) for number in numbers.tolist()]
+    truth = match_rows(rows[0], rows, DEFAULT)
+
+    def assert_found(order: list[int]) -> None:
+        found = asyncio.run(spread_scores(parts, pool, in_use, rows[0], numbers[order]))
+        np.testing.assert_array_equal(found, np.stack([truth.cc, truth.ssd, truth.sim])[:, order])
+
+    monkeypatch.setattr(spread, "TOGETHER", 1)
+    assert_found([0, 1, 2, 3, 4, 5])
+    with monkeypatch.context() as patch:
+        patch.delattr(spread, "_read")
+        assert_found([5, 0, 3])
+    made.kill_worker()
+    assert_found([0, 1, 2, 3, 4, 5])
+    gone = asyncio.run(spread_scores(parts, pool, in_use, rows[0], numbers[-1:] + 1))
+    assert np.isnan(gone).all()
 
 
 def test_a_worker_that_is_killed_in_the_middle_of_a_bulk_job(made: Cluster, service: Running) -> None:
