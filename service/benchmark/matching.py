@@ -7,6 +7,7 @@ from statistics import median
 from time import perf_counter
 from typing import TypeVar
 
+import numpy as np
 from threadpoolctl import threadpool_limits
 
 from core.embedding import Embedding
@@ -16,12 +17,18 @@ from core.mesh import Mesh
 from core.mutual import Matched, matched, pack
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
-from core.records import embedding_from_bytes, embedding_to_bytes
+from core.records import embedding_from_bytes, embedding_to_bytes, points_from_bytes
+from core.rows import match_rows, points_row_of, row_of, screen_rows
+from core.sketches import sift, sketch_of
+from service.benchmark.archive import shaken
 from service.benchmark.functional_maps import Peer
 from service.benchmark.meshes import Source, resized
 from service.benchmark.timing import Spread
 
 VERTICES, PAIRS, REPEATS, MATCHES = 2800, 3, 5, 40
+MANY = 64
+"""Shapes that one is matched with in one call: the other of the pair, with other noise each."""
+
 PARTS = ("decode", "pack", "match")
 
 T = TypeVar("T")
@@ -39,16 +46,16 @@ class Beside:
         Their match by stage.
     embeddings : Spread
         Ours: embedding the two meshes.
-    packed, records, meshes : Spread
-        How many times longer theirs takes, in each turn: their match over the median of ours from packed
-        shapes, and from records; and both with what comes before, from two meshes in memory.
+    many, records, meshes : Spread
+        How many times longer theirs takes, in each turn: their match over the median of ours of many, and
+        from records; and both with what comes before, from two meshes in memory.
     """
 
     match: Spread
     spectra: Spread
     stages: dict[str, Spread]
     embeddings: Spread
-    packed: Spread
+    many: Spread
     records: Spread
     meshes: Spread
 
@@ -62,10 +69,10 @@ class Row:
     first, second : str
     vertices : tuple of int
         Of each.
-    packed : Spread
-        The compiled match of two shapes met before.
+    many, screened, sifted : Spread
+        Of one of `MANY`, as queries look at them: the match, and the two that are less exact.
     score : Spread
-        The same by `Pipeline.score`, which hashes both embeddings to find them.
+        One match by `Pipeline.score`, which hashes both embeddings to find what it knows of them.
     records : Spread
         From the bytes of two records to the scores, nothing kept.
     parts : dict of str to Spread
@@ -76,7 +83,9 @@ class Row:
     first: str
     second: str
     vertices: tuple[int, int]
-    packed: Spread
+    many: Spread
+    screened: Spread
+    sifted: Spread
     score: Spread
     records: Spread
     parts: dict[str, Spread]
@@ -100,18 +109,35 @@ class _Pair:
         self._meshes = first[1], second[1]
         self._method = method
         self._embeddings = [method.embed(mesh) for mesh in self._meshes]
-        self._packed = [_packed(embedding) for embedding in self._embeddings]
+        query, candidate = self._embeddings
+        copies = [candidate, *(shaken(candidate, number) for number in range(1, MANY))]
+        self._row = row_of(query, DEFAULT)
+        self._rows = [row_of(copy, DEFAULT) for copy in copies]
+        self._points = [
+            points_row_of(*points_from_bytes(embedding_to_bytes(copy)), DEFAULT) for copy in copies
+        ]
+        self._sketches = np.stack([sketch_of(copy) for copy in copies])
         self._records = [embedding_to_bytes(embedding) for embedding in self._embeddings]
 
     def ours(self) -> dict[str, float]:
-        """Seconds of one match from packed shapes, by `score`, and by part from records."""
+        """Seconds of one match among many, by `score`, and by part from records."""
         query, candidate = self._embeddings
-        _, packed = _seconds(lambda: _match(self._packed))
+        _, many = _seconds(lambda: match_rows(self._row, self._rows, DEFAULT))
+        _, screened = _seconds(lambda: screen_rows(self._row, self._points, DEFAULT))
+        _, sifted = _seconds(lambda: sift(self._row, self._sketches, DEFAULT))
         _, score = _seconds(lambda: self._method.score(query, [candidate]))
         embeddings, decode = _seconds(lambda: [embedding_from_bytes(record) for record in self._records])
         shapes, packing = _seconds(lambda: [_packed(embedding) for embedding in embeddings])
         _, match = _seconds(lambda: _match(shapes))
-        return {"packed": packed, "score": score, "decode": decode, "pack": packing, "match": match}
+        return {
+            "many": many / MANY,
+            "screened": screened / MANY,
+            "sifted": sifted / MANY,
+            "score": score,
+            "decode": decode,
+            "pack": packing,
+            "match": match,
+        }
 
     def turn(self, ours: list[dict[str, float]], peer: Peer | None) -> _Turn:
         """What was measured of ours, with one measurement of the peer's after it."""
@@ -132,7 +158,9 @@ class _Pair:
         return Row(
             *self._names,
             vertices=(first, second),
-            packed=spread("packed"),
+            many=spread("many"),
+            screened=spread("screened"),
+            sifted=spread("sifted"),
             score=spread("score"),
             records=spread(*PARTS),
             parts={part: spread(part) for part in PARTS},
@@ -167,7 +195,7 @@ def _beside(turns: Sequence[_Turn]) -> Beside:
         spectra=spread("spectra"),
         stages={stage: Spread.of([turn.stages[stage] for turn in turns]) for stage in turns[0].stages},
         embeddings=spread("embeddings"),
-        packed=Spread.of([turn.theirs["match"] / ours(turn, "packed") for turn in turns]),
+        many=Spread.of([turn.theirs["match"] / ours(turn, "many") for turn in turns]),
         records=Spread.of([turn.theirs["match"] / ours(turn, *PARTS) for turn in turns]),
         meshes=Spread.of(
             [

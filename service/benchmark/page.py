@@ -9,6 +9,7 @@ from service.benchmark.functional_maps import SPECTRUM
 from service.benchmark.growth import FORMATS, exponent
 from service.benchmark.growth import Row as GrowthRow
 from service.benchmark.match_tables import match_table, peer_table
+from service.benchmark.matching import MANY
 from service.benchmark.matching import Row as MatchRow
 from service.benchmark.search_tables import kept_table, search_table
 from service.benchmark.searching import EXHAUSTIVE, Kept
@@ -90,16 +91,17 @@ def page(found: Found, command: str, *, picture: bool) -> str:
         parts += [
             "## One match of two stored shapes",
             _markdown(match_table(found.match)),
-            "Both ways, in every embedding, to CC, SSD and sim. Packed: shapes met before, the compiled "
-            "match alone. Score: `Pipeline.score` of them. From records: the bytes of two records, nothing "
-            "kept, and its parts.",
+            f"Both ways, in every embedding, to CC, SSD and sim. One of {MANY}: a shape with that many that "
+            "are ready to be matched, in one call, as queries do it. Screened and sifted: the two looks that "
+            "leave few of them to be matched. Score: one by `Pipeline.score`. From records: the bytes of two "
+            "records, nothing kept, and its parts.",
         ]
         if all(row.peer is not None for row in found.match):
             parts += [
                 _markdown(peer_table(found.match)),
                 "Pyfmaps by its defaults: wave kernel signatures, a map fitted and refined by ZoomOut, one "
                 f"way; its spectra, of {SPECTRUM} eigenvalues, apart. The ratios say how many times longer "
-                "its match takes than ours of packed shapes, and from records; from meshes, its spectra "
+                "its match takes than ours of many in one call, and from records; from meshes, its spectra "
                 "count on one side, and our embeddings and their packing on the other.",
             ]
     if found.search:

@@ -38,11 +38,23 @@ def search_table(rows: Sequence[Row]) -> list[list[str]]:
 
 def kept_table(rows: Sequence[Kept]) -> list[list[str]]:
     """A line a length of the cascade."""
+
+    def count(of: int | None) -> str:
+        return "all" if of is None else f"{of:,}"
+
     return [
-        ["sifted", "screened", "in full", "the same first", "first of the class", "first ten of it", "median, ms"],
+        [
+            "sifted",
+            "screened",
+            "in full, beside those wanted",
+            "the same first",
+            "first of the class",
+            "first ten of it",
+            "median, ms",
+        ],
         *(
             [
-                *("all" if count is None else f"{count:,}" for count in (row.length, row.screened, row.finalists)),
+                *(count(of) for of in (row.length, row.screened, row.finalists)),
                 *(f"{100 * share:.1f} %" for share in (row.first, row.nn, row.ten)),
                 f"{1e3 * row.median:,.0f}",
             ]

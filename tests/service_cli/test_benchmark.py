@@ -73,8 +73,8 @@ def test_an_object_with_pyfmaps_beside_it(run, collection):
     done = run("benchmark", collection, "--only", "match", "--peers", "--json")
     assert (done.status, done.stderr) == (0, "")
     (row,) = json.loads(done.stdout)["match"]
-    assert row["packed"]["count"] == row["peer"]["match"]["count"] == 1
-    assert row["peer"]["packed"]["median"] > 0.0
+    assert row["many"]["count"] == row["peer"]["match"]["count"] == 1
+    assert row["peer"]["many"]["median"] > 0.0
 
 
 @pytest.mark.parametrize(
