@@ -139,6 +139,7 @@ lock-check: $(DEV)
 
 image-test: $(DEV)
 	docker/image-test.sh
+	docker/cluster-test.sh
 
 $(NODE): tests/page/package-lock.json
 	cd tests/page && npm ci --ignore-scripts --no-audit --no-fund --silent

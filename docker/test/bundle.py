@@ -1,16 +1,18 @@
-"""Write the configuration that an OCI runtime starts the built image with, as ``compose.yaml`` asks for it.
+"""Write the configuration that an OCI runtime starts a built image with, as a compose file asks for it.
 
-``bundle.py COMPOSE IMAGE ROOT DATA BUNDLE``: the compose file; the image's configuration, as ``buildah
-inspect`` prints it; the mounted root of a container of it; the folder that stands for the volume; the folder
-to write ``config.json`` to. The container has a network of its own with nothing but the loopback in it, so a
-service that asked for anything from outside would fail. Limits of memory and of processes need control groups
-and are not set here.
+``bundle.py COMPOSE SERVICE IMAGE ROOT BUNDLE``: the compose file, and which of its services; the image's
+configuration, as ``buildah inspect`` prints it; the mounted root of a container of it; the folder to write
+``config.json`` to. ``--volume NAME=FOLDER`` says what stands for a volume, ``--resolver FILE`` what is
+``/etc/resolv.conf``. Unless ``--network FILE`` names another, the container has a network of its own with
+nothing but the loopback in it, so a service that asked for anything from outside would fail. Limits of memory
+and of processes need control groups and are not set here.
 """
 
+import argparse
 import json
 import os
 import re
-import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -52,41 +54,59 @@ def interpolated(value: str) -> str:
     return VARIABLE.sub(replaced, value)
 
 
-def mounts(service: dict[str, Any], data: Path) -> list[dict[str, Any]]:
-    """The service's tmpfs and its one volume, with the options that Docker gives each."""
-    extra = []
+def mounts(
+    service: dict[str, Any], folder: Path, volumes: dict[str, str], resolver: Path | None
+) -> Iterator[dict[str, Any]]:
+    """The service's tmpfs and volumes, with the options that Docker gives each."""
+    yield from KERNEL
     for entry in service.get("tmpfs", []):
         path, _, options = entry.partition(":")
-        extra.append(mount("tmpfs", path, "nosuid", "nodev", "noexec", *filter(None, options.split(","))))
-    (volume,) = service["volumes"]
-    destination = volume.partition(":")[2]
-    bind = {"destination": destination, "type": "bind", "source": str(data), "options": ["rbind", "rw"]}
-    return [*KERNEL, *extra, bind]
+        yield mount("tmpfs", path, "nosuid", "nodev", "noexec", *filter(None, options.split(",")))
+    for entry in service.get("volumes", []):
+        source, destination, *options = entry.split(":")
+        where = str((folder / source).resolve()) if source.startswith(".") else volumes[source]
+        yield bind(where, destination, *(options or ["rw"]))
+    if resolver is not None:
+        yield bind(str(resolver), "/etc/resolv.conf", "ro")
 
 
-def configuration(service: dict[str, Any], image: dict[str, Any], root: Path, data: Path) -> dict[str, Any]:
+def bind(source: str, destination: str, *options: str) -> dict[str, Any]:
+    """A file or folder of this machine at a place in the container."""
+    return {
+        "destination": destination,
+        "type": "bind",
+        "source": str(source),
+        "options": ["rbind", *options],
+    }
+
+
+def configuration(
+    service: dict[str, Any],
+    image: dict[str, Any],
+    root: Path,
+    mounted: list[dict[str, Any]],
+    network: dict[str, str],
+) -> dict[str, Any]:
     """The runtime's ``config.json`` for the image run as the service."""
     user, _, group = (service.get("user") or image["User"]).partition(":")
     kept: list[str] = [] if service.get("cap_drop") == ["ALL"] else ["CAP_CHOWN", "CAP_SETUID", "CAP_SETGID"]
+    given = {name: interpolated(str(value)) for name, value in service.get("environment", {}).items()}
     return {
         "ociVersion": "1.0.0",
         "process": {
             "terminal": False,
             "user": {"uid": int(user), "gid": int(group)},
-            "args": [*(image.get("Entrypoint") or []), *image["Cmd"]],
-            "env": image["Env"]
-            + [
-                f"{name}={interpolated(str(value))}" for name, value in service.get("environment", {}).items()
-            ],
-            "cwd": image["WorkingDir"],
+            "args": [*(image.get("Entrypoint") or []), *(service.get("command") or image["Cmd"])],
+            "env": image["Env"] + [f"{name}={value}" for name, value in given.items()],
+            "cwd": service.get("working_dir") or image.get("WorkingDir") or "/",
             "capabilities": dict.fromkeys(CAPABILITY_SETS, kept),
             "noNewPrivileges": "no-new-privileges:true" in service.get("security_opt", []),
         },
         "root": {"path": str(root), "readonly": service.get("read_only", False)},
         "hostname": "isoshape",
-        "mounts": mounts(service, data),
+        "mounts": mounted,
         "linux": {
-            "namespaces": [{"type": kind} for kind in ("pid", "ipc", "uts", "mount", "network")],
+            "namespaces": [*({"type": kind} for kind in ("pid", "ipc", "uts", "mount")), network],
             "maskedPaths": HIDDEN,
             "readonlyPaths": FIXED,
         },
@@ -95,10 +115,20 @@ def configuration(service: dict[str, Any], image: dict[str, Any], root: Path, da
 
 def main() -> None:
     """Write what the arguments ask for."""
-    compose, inspected, root, data, bundle = map(Path, sys.argv[1:])
-    service = yaml.safe_load(compose.read_text())["services"]["isoshape"]
-    image = json.loads(inspected.read_text())["Docker"]["config"]
-    (bundle / "config.json").write_text(json.dumps(configuration(service, image, root, data), indent=2))
+    parser = argparse.ArgumentParser()
+    for name in ("compose", "service", "image", "root", "bundle"):
+        parser.add_argument(name, type=str if name == "service" else Path)
+    parser.add_argument("--volume", action="append", default=[])
+    parser.add_argument("--resolver", type=Path)
+    parser.add_argument("--network")
+    asked = parser.parse_args()
+    service = yaml.safe_load(asked.compose.read_text())["services"][asked.service]
+    image = json.loads(asked.image.read_text())["Docker"]["config"]
+    volumes = dict(volume.split("=", 1) for volume in asked.volume)
+    mounted = list(mounts(service, asked.compose.parent, volumes, asked.resolver))
+    network = {"type": "network"} | ({"path": asked.network} if asked.network else {})
+    made = configuration(service, image, asked.root, mounted, network)
+    (asked.bundle / "config.json").write_text(json.dumps(made, indent=2))
 
 
 if __name__ == "__main__":

@@ -1,7 +1,6 @@
-"""Use the service in the container as a client does: ``client.py fill`` it, later ``client.py again``.
+"""Use the service in the container as a client: ``client.py URL fill`` it, later ``client.py URL again``.
 
-Run inside the container's network, where the service answers on the loopback address. The environment
-holds ``ISOSHAPE_API_KEY``.
+Run where the container's network is reached. The environment holds ``ISOSHAPE_API_KEY``.
 """
 
 import json
@@ -68,5 +67,5 @@ def again(client: httpx.Client) -> None:
 
 if __name__ == "__main__":
     headers = {"Authorization": f"Bearer {os.environ['ISOSHAPE_API_KEY']}"}
-    with httpx.Client(base_url="http://127.0.0.1:8000", headers=headers, timeout=120) as session:
-        {"fill": fill, "again": again}[sys.argv[1]](session)
+    with httpx.Client(base_url=sys.argv[1], headers=headers, timeout=120) as session:
+        {"fill": fill, "again": again}[sys.argv[2]](session)
