@@ -30,7 +30,7 @@ COMPILE := $(UV) pip compile --quiet --no-config --universal --python-version 3.
 LOCKS := requirements.lock tests/requirements.lock tests/browser/requirements.lock docker/cluster.lock docker/test/requirements.lock \
 	tests/supply/requirements.lock
 
-.PHONY: help environment demo test collections-test kill-test load-test lint types openapi lock lock-check image-test page-lint page-vendor browser-test screenshots sbom audit hostile-test mutation-test schema-test vector-test clean
+.PHONY: help environment demo test collections-test kill-test load-test lint types openapi lock lock-check image-test page-lint page-vendor browser-test screenshots sbom audit hostile-test mutation-test schema-test vector-test duplicates-test clean
 
 help:
 	@echo 'make demo               ingest made shapes, query them, print the nearest three (CHECK=1: and check them)'
@@ -52,6 +52,7 @@ help:
 	@echo 'make hostile-test       upload every hostile file over HTTP'
 	@echo 'make mutation-test      upload 10,000 changed files over HTTP (COUNT=, SEED=)'
 	@echo 'make vector-test        the nearest of a million signatures by PostgreSQL: times and recall (SIGNATURES=: of so many)'
+	@echo 'make duplicates-test    find 40 copies planted in a gallery of poses (POSES=: so many of each body)'
 	@echo 'make schema-test        requests generated from the OpenAPI document'
 	@echo 'make sbom               write build/isoshape.cdx.json: what is installed, as a CycloneDX bill of materials'
 	@echo 'make audit              ask the package index for vulnerabilities of what is installed'
@@ -177,6 +178,10 @@ mutation-test: $(DEV)
 SIGNATURES ?= 1000000
 vector-test: $(DEV)
 	OMP_NUM_THREADS=1 $(BIN)/python -m tests.vectors --count $(SIGNATURES)
+
+POSES ?= 8
+duplicates-test: $(DEV)
+	OMP_NUM_THREADS=1 $(BIN)/python -m tests.duplicates --poses $(POSES)
 
 schema-test: $(DEV)
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -m schema tests/schema

@@ -9,9 +9,13 @@ from core.cleaning import clean, face_areas
 from core.frame import normal_frame
 from core.mesh import Floats, Ints, Mesh
 
-POINTS, SPREAD, NEIGHBOURS = 4000, 500, 8
-"""Points that the closest face is found by, how many of them stand for the surface, and how many faces are
-looked at for each."""
+POINTS, MOST, SPREAD, NEIGHBOURS = 4000, 40_000, 500, 8
+"""Points that the closest face is found by, at least and at most; how many of them stand for the surface; and
+how many faces are looked at for each.
+
+There are two points a face where that lies between: of a fine mesh that loses half its vertices, fewer points
+would leave 0.005 of the root of the area, as much as other poses do.
+"""
 
 STEPS = (0.7548776662466927, 0.5698402909980532)
 """1 / g and 1 / g^2 with g^3 = g + 1: the multiples of these fill a square evenly."""
@@ -50,7 +54,7 @@ class Outline:
     @property
     def spread(self) -> Floats:
         """Those of the points that stand for the surface, shape (SPREAD, 3)."""
-        return self.points[:: POINTS // SPREAD]
+        return self.points[:: len(self.points) // SPREAD]
 
     def inside(self, points: Floats) -> Floats:
         """Points of the file, shape (n, 3), at unit area."""
@@ -103,10 +107,11 @@ def closest_on_triangles(corners: Floats, points: Floats) -> Floats:
 
 
 def _spread(corners: Floats, areas: Floats) -> tuple[Floats, Ints]:
-    """`POINTS` points on faces with corners of shape (f, 3, 3), and the face of each, evenly by area."""
-    order = np.arange(POINTS)
+    """Points on faces with corners of shape (f, 3, 3), and the face of each, evenly by area."""
+    count = POINTS * min(max(round(2 * len(areas) / POINTS), 1), MOST // POINTS)
+    order = np.arange(count)
     total = np.cumsum(areas)
-    wanted = (order + 0.5) / POINTS * total[-1]
+    wanted = (order + 0.5) / count * total[-1]
     faces = np.minimum(np.searchsorted(total, wanted), len(areas) - 1)
     u, v = (np.mod(0.5 + order * step, 1.0) for step in STEPS)
     root = np.sqrt(u)

@@ -16,12 +16,13 @@ from core.outline import Outline, closest
 
 Kinship = Literal["same", "scaled", "mirrored"]
 
-RESIDUAL = 0.01
+RESIDUAL = 0.003
 """Two surfaces are one form where no more than this is left, over the root of the area.
 
-Measured on the gallery: copies that are turned, scaled, mirrored, split or simplified to half their vertices
-leave at most 0.0027, other poses at least 0.022. With the samples' positions alone it is 0.037 and 0.044, as
-another meshing moves the samples by their own spacing; so the surfaces themselves are laid onto each other.
+Copies that are turned, scaled, mirrored, split or simplified to half their vertices leave at most 0.0014,
+made shapes and scanned ones alike; other poses and individuals of the gallery at least 0.006. With the
+samples' positions alone it is 0.037 and 0.044, as another meshing moves the samples by their own spacing; so
+the surfaces themselves are laid onto each other.
 """
 
 SIZE = 0.03
@@ -77,11 +78,14 @@ class Alignment:
 
         A mirror image is "mirrored" in any size.
         """
-        if self.residual > residual:
-            return None
-        if self.mirrored:
-            return "mirrored"
-        return "same" if max(self.scale, 1.0 / self.scale) <= 1.0 + size else "scaled"
+        return None if self.residual > residual else kinship(self.scale, mirrored=self.mirrored, size=size)
+
+
+def kinship(scale: float, *, mirrored: bool, size: float = SIZE) -> Kinship:
+    """What a form of another scale, and perhaps mirrored, is to the first."""
+    if mirrored:
+        return "mirrored"
+    return "same" if max(scale, 1.0 / scale) <= 1.0 + size else "scaled"
 
 
 def best_similarity(source: Floats, target: Floats, *, sign: int, scaled: bool) -> Similarity:

@@ -18,6 +18,7 @@ from service.compute.pool import LocalPool
 from service.compute.processes import start as start_processes
 from service.compute.work import Work
 from service.compute.workers import Workers
+from service.duplicates.endpoints import router as duplicates_router
 from service.endpoints import router as service_router
 from service.idempotency.keys import InFlight
 from service.jobs.endpoints import ADDRESS as JOBS_ADDRESS
@@ -84,6 +85,7 @@ def create_app(settings: Settings) -> FastAPI:
         redoc_url=None,
     )
     app.include_router(search_router)
+    app.include_router(duplicates_router)
     app.include_router(shapes_router)
     app.include_router(jobs_router)
     app.include_router(session_router)

@@ -23,6 +23,7 @@ from urllib.parse import quote
 import httpx
 from pydantic import BaseModel, JsonValue, ValidationError
 
+from service.duplicates.schemas import DuplicatesAnswer
 from service.jobs.schemas import Job, JobFile, JobFilePage, JobPage
 from service.problems import MEDIA_TYPE, TYPE_PREFIX, Problem
 from service.search.ranking import RankBy
@@ -310,6 +311,14 @@ class Client:
     def compare(self, first: str, second: str) -> CompareAnswer:
         """Two stored shapes point by point, by their ids."""
         return _parse(CompareAnswer, self._send("POST", "/compare", json={"first": first, "second": second}))
+
+    def duplicates(
+        self, *, min_cc: float | None = None, max_residual: float | None = None, tag: Sequence[str] = ()
+    ) -> DuplicatesAnswer:
+        """Groups of near-identical shapes, among those that have every tag."""
+        given = {"min_cc": min_cc, "max_residual": max_residual, "tag": list(tag)}
+        wanted = {name: value for name, value in given.items() if value is not None}
+        return _parse(DuplicatesAnswer, self._send("GET", "/duplicates", params=wanted))
 
     def version(self) -> Version:
         """Which service this is."""

@@ -21,6 +21,7 @@ compared is the shape as one would measure it along its surface.
 * **POST /shapes** stores a mesh file with a name, tags and metadata.
 * **POST /query** finds the stored shapes most like a file, or like a stored shape.
 * **POST /compare** compares two stored shapes point by point.
+* **GET /duplicates** finds stored shapes that are one form: turned, scaled, mirrored or meshed anew.
 * **POST /jobs** stores every mesh of an archive.
 
 A service may ask for a key, in `Authorization: Bearer` or `X-API-Key`. There are two kinds: one may do

@@ -21,6 +21,7 @@ COMMANDS = (
     "demo",
     "ingest",
     "query",
+    "duplicates",
     "evaluate",
     "calibrate",
     "ablation",

@@ -11,7 +11,7 @@ from core.frame import normal_frame
 from core.gallery import make_shape
 from core.gallery.one_body import make_person
 from core.mesh import Mesh
-from core.outline import POINTS, closest, closest_on_triangles, outline
+from core.outline import closest, closest_on_triangles, outline
 from core.perturbation import subdivide
 from core.pipeline import simplify
 from core.rigid import RESIDUAL, Alignment, align, best_similarity
@@ -89,7 +89,7 @@ def test_points_are_spread_by_area_on_a_surface_of_unit_area() -> None:
     )
     assert areas.sum() == pytest.approx(1.0)
     counts = np.bincount(made.faces, minlength=len(areas))
-    assert (np.abs(counts - POINTS * areas) <= 1.0 + 1e-6).all()
+    assert (np.abs(counts - len(made.points) * areas) <= 1.0 + 1e-6).all()
     assert_allclose(closest(made, made.points), made.points, atol=1e-9)
 
 

@@ -50,13 +50,15 @@ def file_form(data: bytes, name: str) -> dict[str, Any]:
     return {"files": {"file": (name, data)}}
 
 
-def send(running: Running, path: str, *, part: float = 1.0, **body: Any) -> socket.socket:
-    """A connection on which a POST, or the beginning of one, has been sent."""
-    request = running.client.build_request("POST", path, **body)
+def send(
+    running: Running, path: str, *, method: str = "POST", part: float = 1.0, **body: Any
+) -> socket.socket:
+    """A connection on which a request, or the beginning of one, has been sent."""
+    request = running.client.build_request(method, path, **body)
     head = "".join(f"{name}: {value}\r\n" for name, value in request.headers.items())
     content = request.read()
     connection = socket.create_connection((running.client.base_url.host, running.client.base_url.port))
-    connection.sendall(f"POST {path} HTTP/1.1\r\n{head}\r\n".encode())
+    connection.sendall(f"{method} {path} HTTP/1.1\r\n{head}\r\n".encode())
     connection.sendall(content[: round(part * len(content))])
     return connection
 

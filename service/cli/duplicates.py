@@ -1,0 +1,51 @@
+"""`isoshape duplicates`: which stored shapes are near-identical."""
+
+from typing import Annotated
+
+import typer
+from rich import box
+from rich.table import Table
+
+from service.cli.console import output, say
+from service.cli.target import Key, Url, service_at
+from service.duplicates.schemas import DuplicatesAnswer
+
+
+def command(
+    *,
+    min_cc: Annotated[
+        float | None, typer.Option(min=-1.0, max=1.0, help="Only pairs of at least this cc.")
+    ] = None,
+    max_residual: Annotated[
+        float | None, typer.Option(help="How far apart two surfaces may lie, over the root of the area.")
+    ] = None,
+    tag: Annotated[
+        list[str] | None, typer.Option(help="Only among shapes with this tag; repeatable.")
+    ] = None,
+    as_csv: Annotated[bool, typer.Option("--csv", help="Print a row a shape, as CSV.")] = False,
+    url: Url = None,
+    key: Key = None,
+) -> None:
+    """Find stored shapes that are one form: turned, scaled, mirrored or meshed anew."""
+    with service_at(url, key) as client:
+        answer = client.duplicates(min_cc=min_cc, max_residual=max_residual, tag=tag or [])
+    if as_csv:
+        typer.echo(answer.csv().replace("\r\n", "\n"), nl=False)
+    else:
+        _print(answer)
+    found = sum(len(group) for group in answer.groups)
+    say(f"{found} of {answer.shapes} shapes in {len(answer.groups)} groups; {answer.aligned} pairs aligned")
+
+
+def _print(answer: DuplicatesAnswer) -> None:
+    table = Table(box=box.SIMPLE_HEAD, collapse_padding=True)
+    table.add_column("group", justify="right")
+    table.add_column("name", overflow="fold")
+    table.add_column("kinship")
+    for name in ("scale", "cc", "residual"):
+        table.add_column(name, justify="right", no_wrap=True)
+    for number, group in enumerate(answer.groups, 1):
+        for one in group:
+            numbers = f"{one.scale:.4g}", f"{one.cc:.4f}", f"{one.residual:.4f}"
+            table.add_row(str(number), one.shape.name, one.kinship, *numbers)
+    output().print(table)

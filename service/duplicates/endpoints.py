@@ -1,0 +1,61 @@
+"""The address /duplicates."""
+
+from typing import Annotated
+
+from fastapi import APIRouter, Query, Request, Response
+
+from service.dependencies import Service
+from service.disconnect import while_connected
+from service.duplicates import service
+from service.duplicates.schemas import DuplicatesAnswer, DuplicatesOptions
+from service.duplicates.service import Duplicates
+from service.pipelines.active import InUse
+from service.problems import documented
+from service.search.service import in_one_pipeline
+from service.stages import Stages
+
+MEDIA_TYPE = "text/csv"
+
+router = APIRouter(tags=["search"])
+
+
+@router.get(
+    "/duplicates",
+    summary="Find near-identical shapes",
+    response_model=DuplicatesAnswer,
+    responses={
+        200: {
+            "description": "The groups.",
+            "content": {MEDIA_TYPE: {"schema": {"type": "string", "contentMediaType": MEDIA_TYPE}}},
+        },
+        **documented(
+            "bad-request-fields",
+            "busy",
+            "shutting-down",
+            "worker-lost",
+            "cluster-unavailable",
+            "time-limit",
+            "pipeline-unavailable",
+            "storage-unavailable",
+        ),
+    },
+)
+async def duplicates(
+    options: Annotated[DuplicatesOptions, Query()], request: Request, parts: Service
+) -> DuplicatesAnswer | Response:
+    """Groups of shapes that are one rigid form: turned, moved, scaled, mirrored or meshed anew.
+
+    Two poses of one body are none. Among thousands of shapes it takes minutes: give filters.
+    """
+    stages = Stages()
+    wanted = options.wanted()
+
+    async def found(in_use: InUse) -> Duplicates:
+        return await service.find(parts, wanted, in_use, stages)
+
+    with parts.work.admitted():
+        groups = await while_connected(request, in_one_pipeline(parts, found))
+    answer = DuplicatesAnswer.of(groups, milliseconds=stages.so_far())
+    if options.format == "csv":
+        return Response(answer.csv(), media_type=MEDIA_TYPE)
+    return answer

@@ -1,0 +1,187 @@
+"""Finding the stored shapes that are near-identical."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from starlette.concurrency import run_in_threadpool
+
+from core.errors import BadRecordError, MeshError
+from core.mesh import Mesh
+from core.rigid import Alignment
+from service.duplicates import tasks
+from service.duplicates.groups import Groups, Link, Member
+from service.duplicates.pairs import Stock, near, stock
+from service.errors import FileTimeLimitError, ShapeNotFoundError
+from service.logging import get_logger
+from service.parts import Parts
+from service.pipelines.active import InUse
+from service.search import repository
+from service.search.candidates import Candidates
+from service.search.comparing import compare_with
+from service.search.records import Query
+from service.shapes import repository as shapes_repository
+from service.shapes.records import ShapeFilter, ShapeRecord
+from service.stages import Stages
+
+log = get_logger("duplicates")
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """Among which shapes to look, and how alike near-identical ones are at least."""
+
+    filter: ShapeFilter
+    min_cc: float
+    max_residual: float
+
+
+@dataclass(frozen=True)
+class Duplicates:
+    """The groups; how many shapes were looked at, and how many pairs were compared and laid together."""
+
+    groups: list[list[tuple[Member, ShapeRecord]]]
+    shapes: int
+    compared: int
+    aligned: int
+
+
+@dataclass(frozen=True)
+class _Side:
+    """A shape as it is laid onto another."""
+
+    mesh: Mesh
+    record: bytes
+
+
+async def find(parts: Parts, wanted: Wanted, in_use: InUse, stages: Stages) -> Duplicates:
+    """The groups of near-identical shapes.
+
+    Each shape is compared with those behind it that are near by signature; the meshes of those that are
+    alike by CC are laid onto each other, unless other links have brought them into one group already. A
+    shape that was deleted meanwhile, or whose file cannot be read any more, is left out.
+    """
+
+    def read() -> Stock:
+        with parts.database.read() as session:
+            return stock(session, in_use, wanted.filter)
+
+    with stages.stage("shortlist"):
+        stored = await run_in_threadpool(read)
+    with stages.stage("compare"):
+        alike = [await _alike(parts, stored, place, wanted, in_use) for place in range(len(stored.shapes))]
+    groups = Groups()
+    with stages.stage("align"):
+        aligned = sum([await _link(parts, groups, each, wanted, in_use) for each in alike])
+    with stages.stage("results"):
+        shown = await _shown(parts, groups.members(), in_use)
+    return Duplicates(shown, len(stored.shapes), sum(each.compared for each in alike), aligned)
+
+
+@dataclass(frozen=True)
+class _Alike:
+    """A shape, the others that are like it, each with its embedding and CC, and how many were compared."""
+
+    shape: int
+    embedding: int
+    others: Sequence[tuple[int, int, float]]
+    compared: int
+
+
+async def _alike(parts: Parts, stored: Stock, place: int, wanted: Wanted, in_use: InUse) -> _Alike:
+    """The shapes behind one that have the CC wanted: numbers, those of their embeddings, and CC."""
+    shape, embedding = int(stored.shapes[place]), int(stored.embeddings[place])
+    places = await run_in_threadpool(near, stored, place, wanted.max_residual)
+    record = (await _records(parts, [embedding])).get(embedding) if len(places) else None
+    if record is None:
+        return _Alike(shape, embedding, [], 0)
+    candidates = Candidates(
+        shapes=stored.shapes[places],
+        embeddings=stored.embeddings[places],
+        signature=stored.signatures[place],
+        signatures=stored.signatures[places],
+        sketches=np.empty((len(places), 0), np.uint8),
+        screened=None,
+        finalists=None,
+        stored=len(stored.shapes),
+    )
+    found = await compare_with(parts, Query(in_use, record, frozenset([shape])), candidates, "cc")
+    own = dict(zip(candidates.shapes.tolist(), candidates.embeddings.tolist(), strict=True))
+    scores = zip(found.shapes.tolist(), found.cc.tolist(), strict=True)
+    others = [(number, own[number], cc) for number, cc in scores if cc >= wanted.min_cc]
+    return _Alike(shape, embedding, others, len(places))
+
+
+async def _link(parts: Parts, groups: Groups, alike: _Alike, wanted: Wanted, in_use: InUse) -> int:
+    """Join a shape with those that it is near-identical to; how many were laid onto it."""
+    count = 0
+    first: _Side | None = None
+    for number, embedding, cc in alike.others:
+        if groups.joined(alike.shape, number):
+            continue
+        try:
+            first = first or await _side(parts, alike.shape, alike.embedding)
+            found = await _aligned(parts, first, await _side(parts, number, embedding), in_use)
+        except (BadRecordError, FileTimeLimitError, MeshError, ShapeNotFoundError) as error:
+            log.warning("two shapes cannot be laid onto each other: %s", error)
+            continue
+        count += 1
+        if found.residual <= wanted.max_residual:
+            groups.join(Link(alike.shape, number, cc, found.residual, found.scale, found.mirrored))
+    return count
+
+
+async def _aligned(parts: Parts, first: _Side, second: _Side, in_use: InUse) -> Alignment:
+    parameters = in_use.pipeline.parameters
+    return await parts.work.do(
+        tasks.aligned, first.mesh, second.mesh, first.record, second.record, parameters
+    )
+
+
+async def _side(parts: Parts, number: int, embedding: int) -> _Side:
+    """A shape's mesh, read anew, and its record.
+
+    Raises
+    ------
+    ShapeNotFoundError
+        It is gone, or its embedding is.
+    """
+
+    def read() -> tuple[bytes, str, bytes]:
+        with parts.database.read() as session:
+            shapes = shapes_repository.records(session, "", [number])
+            records = repository.embedding_records(session, [embedding])
+            data = shapes_repository.file_of(session, shapes[0].id) if shapes else None
+        if data is None or embedding not in records:
+            raise ShapeNotFoundError(str(number))
+        return data, shapes[0].format, records[embedding]
+
+    data, format, record = await run_in_threadpool(read)
+    return _Side(await parts.work.read(data, format), record)
+
+
+async def _records(parts: Parts, embeddings: list[int]) -> dict[int, bytes]:
+    def read() -> dict[int, bytes]:
+        with parts.database.read() as session:
+            return repository.embedding_records(session, embeddings)
+
+    return await run_in_threadpool(read)
+
+
+async def _shown(
+    parts: Parts, groups: list[list[Member]], in_use: InUse
+) -> list[list[tuple[Member, ShapeRecord]]]:
+    """The groups with their shapes' records, without those of which fewer than two are left."""
+
+    def read() -> list[list[tuple[Member, ShapeRecord]]]:
+        shown = []
+        with parts.database.read() as session:
+            for group in groups:
+                numbers = [member.shape for member in group]
+                records = shapes_repository.records(session, in_use.fingerprint, numbers)
+                known = {record.number: record for record in records}
+                left = [(member, known[member.shape]) for member in group if member.shape in known]
+                shown.append(left)
+        return [group for group in shown if len(group) > 1]
+
+    return await run_in_threadpool(read)
