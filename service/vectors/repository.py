@@ -4,8 +4,9 @@ With these no signature need be in the service's memory. They are for databases 
 there is `service.search.signatures`.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,12 +27,15 @@ from service.shapes.records import ShapeFilter
 from service.shapes.repository import matching
 from service.storage.columns import POSTGRESQL, PgVector, vector_text
 from service.storage.database import ReadSession
-from service.storage.tables import EmbeddingRow, ShapeRow
+from service.storage.tables import EmbeddingRow, ShapeRow, SketchRow
 
 Found = Select[int, int, float]
+Chosen = TypeVar("Chosen", bound=Select[*tuple[Any, ...]])
 
-MORE = 2
-"""So many times as many are taken from the graph as are wanted: then hardly one of the nearest is missed."""
+MORE = 4
+"""So many times as many are taken from the graph as are wanted, unless told: it misses mostly the last."""
+
+AT_ONCE = 10_000
 
 MOST_SEEN = 100_000
 """The graph is left, and all are searched, where a filter means so few that this many are not enough."""
@@ -62,6 +66,7 @@ def nearest(
     *,
     shapes: ShapeFilter,
     ef_search: int | None,
+    more: int = MORE,
 ) -> Nearest:
     """The shapes with the nearest signatures of one pipeline, as many as are wanted or there are.
 
@@ -77,6 +82,8 @@ def nearest(
     ef_search : int or None
         How many near ones the search of the graph keeps in mind, 1 to 1,000; None is the exact search, which
         reads all signatures. The graph may miss some of the nearest, yet gives as many as are wanted.
+    more : int
+        How many times as many are taken from the graph as are wanted, to be put in order by distance.
     """
     if ef_search is not None:
         for name, value in (
@@ -85,18 +92,67 @@ def nearest(
             ("hnsw.max_scan_tuples", MOST_SEEN),
         ):
             session.execute(select(func.set_config(name, str(value), True)))
-        found = _run(session, _by_graph(fingerprint, signature, count, shapes))
+        found = _run(session, _by_graph(fingerprint, signature, count, shapes, more * count))
         if len(found.shapes) == count:
             return found
     return _run(session, _exactly(fingerprint, signature, count, shapes))
 
 
-def _by_graph(fingerprint: str, signature: NDArray[np.float32], count: int, shapes: ShapeFilter) -> Found:
+def is_many(
+    session: ReadSession, fingerprint: str, shapes: ShapeFilter, without: Sequence[int], many: int
+) -> bool:
+    """Whether a pipeline embedded so many of the shapes that are meant, or more, without some numbers."""
+    found = _embedded(select(ShapeRow.number), fingerprint, shapes).where(ShapeRow.number.not_in(without))
+    some = found.limit(many).subquery()
+    return (session.scalar(select(func.count()).select_from(some)) or 0) >= many
+
+
+def signatures(
+    session: ReadSession, fingerprint: str, shapes: ShapeFilter
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float32]]:
+    """The numbers of all shapes that are meant, of their embeddings, and their signatures, (n, s)."""
+    query = select(ShapeRow.number, EmbeddingRow.number, EmbeddingRow.signature)
+    found = _embedded(query, fingerprint, shapes).order_by(ShapeRow.number)
+    rows = session.execute(found.execution_options(yield_per=AT_ONCE)).all()
+    length = len(rows[0][2]) if rows else 0
+    return (
+        np.array([row[0] for row in rows], dtype=np.int64),
+        np.array([row[1] for row in rows], dtype=np.int64),
+        np.array([row[2] for row in rows], dtype=np.float32).reshape(len(rows), length),
+    )
+
+
+def signed(
+    session: ReadSession, embeddings: NDArray[np.int64]
+) -> dict[int, tuple[NDArray[np.float32], bytes | None]]:
+    """The signatures of embeddings, and their sketches, where they have one, by number."""
+    query = select(EmbeddingRow.number, EmbeddingRow.signature, SketchRow.data).outerjoin(
+        SketchRow, SketchRow.embedding_number == EmbeddingRow.number
+    )
+    found: dict[int, tuple[NDArray[np.float32], bytes | None]] = {}
+    for start in range(0, len(embeddings), AT_ONCE):
+        some = embeddings[start : start + AT_ONCE].tolist()
+        for number, signature, sketch in session.execute(query.where(EmbeddingRow.number.in_(some))):
+            found[number] = (signature, sketch)
+    return found
+
+
+def latest(session: ReadSession, fingerprint: str, count: int) -> list[int]:
+    """The numbers of a pipeline's newest embeddings, the newest first."""
+    query = select(EmbeddingRow.number).where(EmbeddingRow.fingerprint == fingerprint)
+    return list(session.scalars(query.order_by(EmbeddingRow.number.desc()).limit(count)))
+
+
+def _by_graph(
+    fingerprint: str, signature: NDArray[np.float32], count: int, shapes: ShapeFilter, taken: int
+) -> Found:
     """In the order of an expression that is the graph's; the graph gives nearly this order."""
     expression = cast(EmbeddingRow.signature, PgVector(len(signature)))
-    some = _distances(fingerprint, expression, signature, shapes).limit(MORE * count)
+    some = _distances(fingerprint, expression, signature, shapes).limit(taken)
     near = some.order_by(text("distance")).cte("near").prefix_with("MATERIALIZED", dialect=POSTGRESQL)
-    return select(near.c.shape, near.c.embedding, near.c.distance).order_by("distance", "shape").limit(count)
+    # Plus nothing, since what the graph gives counts as ordered already, and PostgreSQL would not order it.
+    order = near.c.distance + literal(0.0, literal_execute=True)
+    return select(near.c.shape, near.c.embedding, near.c.distance).order_by(order, near.c.shape).limit(count)
 
 
 def _exactly(fingerprint: str, signature: NDArray[np.float32], count: int, shapes: ShapeFilter) -> Found:
@@ -113,7 +169,13 @@ def _distances(
         ShapeRow.number.label("shape"),
         EmbeddingRow.number.label("embedding"),
         vector.op("<->", return_type=Float())(wanted).label("distance"),
-    ).join(
+    )
+    return _embedded(query, fingerprint, shapes)
+
+
+def _embedded(query: Chosen, fingerprint: str, shapes: ShapeFilter) -> Chosen:
+    """Of shapes and their embeddings, those that are meant and that a pipeline made."""
+    query = query.join(
         EmbeddingRow,
         (EmbeddingRow.blob_number == ShapeRow.blob_number) & (EmbeddingRow.format == ShapeRow.format),
     )

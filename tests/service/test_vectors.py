@@ -123,6 +123,24 @@ def test_the_graph_misses_next_to_nothing(stored: Stored) -> None:
         assert len(np.unique(found.shapes)) == WANTED
 
 
+def test_what_the_graph_gives_is_put_in_order(stored: Stored) -> None:
+    """Of a narrow search that goes on in turns, of which each may bring what is nearer than the last one's."""
+    many = 300
+    shares = {}
+    for more in (1, 4):
+        found = []
+        for query in stored.queries:
+            with stored.database.read() as session:
+                session.execute(text("SET LOCAL enable_seqscan = off"))
+                found.append(
+                    nearest(session, FINGERPRINT, query, many, shapes=EVERYTHING, ef_search=1, more=more)
+                )
+            assert (np.diff(found[-1].distances) >= 0).all()
+        truth = [stored.truth(query)[:many] for query in stored.queries]
+        shares[more] = np.mean([recall(*each) for each in zip(found, truth, strict=True)])
+    assert shares[4] > shares[1]
+
+
 def test_the_graph_is_what_is_searched(stored: Stored, monkeypatch: pytest.MonkeyPatch) -> None:
     plans: dict[int | None, str] = {}
 

@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable
 from contextlib import closing
 from datetime import UTC, datetime
+from itertools import product
 
 import numpy as np
 import psycopg
@@ -21,7 +22,7 @@ from service.storage.columns import vector_text
 from service.storage.database import Database
 from service.storage.graph import ensure_graph, name_of
 from service.storage.graph_parameters import GraphParameters
-from service.vectors.repository import nearest
+from service.vectors.repository import MORE, nearest
 from tests.service import engines
 
 LENGTH = 33
@@ -32,7 +33,6 @@ AT_ONCE = 20_000
 TAGGED = 10
 """Every so manieth shape has the tag."""
 
-MOST = 1_000
 MEMORY = "&options=-c%20maintenance_work_mem%3D2GB"
 
 
@@ -96,11 +96,19 @@ def measured(
     return np.array(milliseconds), np.array(recall)
 
 
-def main(count: int, queries: int, seed: int) -> None:
+def main(
+    count: int,
+    queries: int,
+    seed: int,
+    graph: GraphParameters,
+    wanted: list[int],
+    more: list[int],
+    efs: list[int],
+    unfiltered: bool,
+) -> None:
     stored, asked = signatures(count, queries, seed)
     url = engines.empty_database(migrated=True) + MEMORY
     fill(url, stored)
-    graph = GraphParameters()
     with closing(Database(url, lock_seconds=60, graph=graph)) as database:
         began = time.perf_counter()
         with database.write() as session:
@@ -112,41 +120,51 @@ def main(count: int, queries: int, seed: int) -> None:
             size = connection.execute(told).scalar_one()
         how = f"m {graph.m}, ef_construction {graph.ef_construction}"
         print(f"{count:,} signatures of {LENGTH} numbers; {how}: in {build:.0f} s, {size / 2**20:.0f} MiB.\n")
-        there = {step: [truth(stored, query, MOST, step) for query in asked] for step in (1, TAGGED)}
-        print("| search | filter | wanted | p50 ms | p95 ms | recall, mean | recall, least |")
-        print("|---|---|---:|---:|---:|---:|---:|")
-        for ef in (None, 100, 400, 1_000):
-            for shapes, step, about in (
-                (ShapeFilter(), 1, ""),
-                (ShapeFilter(tags=("tenth",)), TAGGED, f"1 of {TAGGED}"),
-            ):
-                for wanted in (100, MOST):
+        there = {step: [truth(stored, query, max(wanted), step) for query in asked] for step in (1, TAGGED)}
+        print("| ef_search | taken | filter | wanted | p50 ms | p95 ms | recall, mean | recall, least |")
+        print("|---|---|---|---:|---:|---:|---:|---:|")
+        everything, tenth = ShapeFilter(), ShapeFilter(tags=("tenth",))
+        meant = [(everything, 1, "")] + ([] if unfiltered else [(tenth, TAGGED, f"1 of {TAGGED}")])
+        ways = [(None, 1), *((each, times) for each in efs for times in more)]
+        for (ef, times), (shapes, step, about), most in product(ways, meant, wanted):
 
-                    def search(
-                        query: NDArray[np.float32],
-                        wanted: int = wanted,
-                        shapes: ShapeFilter = shapes,
-                        ef: int | None = ef,
-                    ) -> NDArray[np.int64]:
-                        with database.read() as session:
-                            return nearest(
-                                session, FINGERPRINT, query, wanted, shapes=shapes, ef_search=ef
-                            ).shapes
+            def search(
+                query: NDArray[np.float32],
+                ef: int | None = ef,
+                times: int = times,
+                shapes: ShapeFilter = shapes,
+                most: int = most,
+            ) -> NDArray[np.int64]:
+                with database.read() as session:
+                    return nearest(
+                        session, FINGERPRINT, query, most, shapes=shapes, ef_search=ef, more=times
+                    ).shapes
 
-                    few = asked if ef is not None else asked[: max(1, queries // 5)]
-                    milliseconds, recall = measured(few, [each[:wanted] for each in there[step]], search)
-                    p50, p95 = np.percentile(milliseconds, [50, 95])
-                    how = "exact" if ef is None else f"graph, ef_search {ef}"
-                    times = f"{p50:.1f} | {p95:.1f} | {recall.mean():.4f} | {recall.min():.3f}"
-                    print(f"| {how} | {about} | {wanted:,} | {times} |", flush=True)
+            few = asked if ef is not None else asked[: max(1, queries // 5)]
+            milliseconds, recall = measured(few, [each[:most] for each in there[step]], search)
+            p50, p95 = np.percentile(milliseconds, [50, 95])
+            how = "exact |" if ef is None else f"{ef} | {times} times"
+            figures = f"{p50:.1f} | {p95:.1f} | {recall.mean():.4f} | {recall.min():.3f}"
+            print(f"| {how} | {about} | {most:,} | {figures} |", flush=True)
 
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
+    usual = GraphParameters()
     parser.add_argument("--count", type=int, default=1_000_000)
     parser.add_argument("--queries", type=int, default=50)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--m", type=int, default=usual.m)
+    parser.add_argument("--ef-construction", type=int, default=usual.ef_construction)
+    parser.add_argument("--ef-search", type=int, nargs="+", default=[100, usual.ef_search, 1_000])
+    parser.add_argument("--wanted", type=int, nargs="+", default=[100, 1_000])
+    parser.add_argument("--more", type=int, nargs="+", default=[MORE])
+    parser.add_argument("--unfiltered", action="store_true")
+    given = parser.parse_args()
     try:
-        main(**vars(parser.parse_args()))
+        main(
+            *(given.count, given.queries, given.seed, GraphParameters(given.m, given.ef_construction)),
+            *(given.wanted, given.more, given.ef_search, given.unfiltered),
+        )
     finally:
         engines.stop()
