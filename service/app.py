@@ -122,7 +122,7 @@ def _start(settings: Settings, parameters: Parameters, gate: Gate, metrics: Metr
         )
         migrate(database)
         pipelines = Pipelines(parameters, room=settings.search_bytes)
-        begin(pipelines, database)
+        begin(pipelines, database, in_memory=settings.signatures == "memory")
     except BaseException:
         readers.kill()
         pool.kill()

@@ -188,6 +188,11 @@ class Settings(BaseSettings):
         "embeddings made ready to be compared, about 100 kB each.",
     )
 
+    signatures: Literal["memory", "database"] = Field(
+        default="memory",
+        description="Where the nearest signatures are looked for: in the memory of the service, or, on "
+        "PostgreSQL, by the database, so that none need be in memory.",
+    )
     hnsw_m: int = Field(
         default=16,
         ge=2,
@@ -230,6 +235,13 @@ class Settings(BaseSettings):
         if scheduler and not _SCHEDULER.fullmatch(scheduler):
             raise ValueError("must be the address of a Dask scheduler, as in tcp://host:8786")
         return scheduler
+
+    @field_validator("signatures")
+    @classmethod
+    def _can_be_looked_for(cls, signatures: str, others: ValidationInfo) -> str:
+        if signatures == "database" and not str(others.data.get("database_url", "")).startswith("postgresql"):
+            raise ValueError("database is for PostgreSQL; an SQLite file has its signatures in memory")
+        return signatures
 
     @field_validator("hnsw_ef_construction")
     @classmethod

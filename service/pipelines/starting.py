@@ -9,9 +9,10 @@ from service.storage.graph import ensure_graph
 log = get_logger("pipelines")
 
 
-def begin(pipelines: Pipelines, database: Database) -> None:
-    """Take up the archive's pipeline, read its signatures, and log if it is not the one that was asked for.
+def begin(pipelines: Pipelines, database: Database, *, in_memory: bool = True) -> None:
+    """Take up the archive's pipeline, and log if it is not the one that was asked for.
 
+    Its signatures are read if they are searched in memory.
     Where the graph of signatures is not there, or was made with other parameters, it is made first.
 
     Raises
@@ -24,7 +25,8 @@ def begin(pipelines: Pipelines, database: Database) -> None:
         ensure_graph(session, fingerprint(session))
     with database.read() as session:
         in_use = pipelines.current(session)
-        in_use.index.current(session)
+        if in_memory:
+            in_use.index.current(session)
         pending = pipelines.pending(session)
         embedded, files = repository.count_embedded(session, in_use.fingerprint)
     parameters = in_use.pipeline.parameters

@@ -10,8 +10,11 @@ from core.signatures import least, signature_distances
 from service.logging import get_logger
 from service.parts import Parts
 from service.search.records import Options, Query
+from service.search.repository import Signed
+from service.search.stored import signed_in_database
 from service.shapes import repository as shapes_repository
 from service.shapes.records import ShapeFilter
+from service.storage.database import ReadSession
 
 log = get_logger("search")
 
@@ -63,12 +66,44 @@ def candidates(parts: Parts, query: Query, options: Options) -> Candidates:
         area, most = embedding.facts.area, options.sizes**2
         wanted = replace(wanted, area=(area / most, area * most))
     with parts.database.read() as session:
-        signed = query.in_use.index.current(session)
         stored = shapes_repository.count(session, ShapeFilter())
-        chosen = np.ones(len(signed.shapes), dtype=bool)
-        if not wanted.is_empty:
-            meant = shapes_repository.numbers(session, wanted)
-            chosen &= np.isin(signed.shapes, np.array(meant, dtype=np.int64))
+        if parts.settings.signatures == "database":
+            ef_search = parts.settings.hnsw_ef_search
+            signed, shortlisted = signed_in_database(
+                session, query, embedding.signature, wanted, options, ef_search=ef_search
+            )
+        else:
+            signed, shortlisted = _in_memory(session, query, embedding.signature, wanted, options, stored)
+    if shortlisted:
+        parts.metrics.queries_shortlisted.inc()
+    finalists = options.finalists + options.top_k
+    return Candidates(
+        shapes=signed.shapes,
+        embeddings=signed.embeddings,
+        signature=embedding.signature,
+        # Where nothing is stored yet, no length is known.
+        signatures=signed.signatures.reshape(len(signed.shapes), len(embedding.signature)),
+        sketches=signed.sketches,
+        screened=max(options.screened, finalists) if shortlisted else None,
+        finalists=finalists if shortlisted else None,
+        stored=stored,
+    )
+
+
+def _in_memory(
+    session: ReadSession,
+    query: Query,
+    signature: NDArray[np.float32],
+    wanted: ShapeFilter,
+    options: Options,
+    stored: int,
+) -> tuple[Signed, bool]:
+    """The shapes to look at, and whether they are a shortlist, by the signatures in memory."""
+    signed = query.in_use.index.current(session)
+    chosen = np.ones(len(signed.shapes), dtype=bool)
+    if not wanted.is_empty:
+        meant = shapes_repository.numbers(session, wanted)
+        chosen &= np.isin(signed.shapes, np.array(meant, dtype=np.int64))
     if stored > len(signed.shapes):
         log.info(
             "%d of %d stored shapes have no embedding of the pipeline in use and are not searched",
@@ -79,21 +114,11 @@ def candidates(parts: Parts, query: Query, options: Options) -> Candidates:
         for number in query.itself:
             chosen &= signed.shapes != number
     places = np.flatnonzero(chosen)
-    signature = embedding.signature
     shortlisted = not options.exhaustive and len(places) >= options.shortlist_from
     if shortlisted:
         distances = signature_distances(signature, signed.signatures)[places]
         places = places[least(distances, signed.shapes[places], options.shortlist_length)]
-        parts.metrics.queries_shortlisted.inc()
-    finalists = options.finalists + options.top_k
-    return Candidates(
-        shapes=signed.shapes[places],
-        embeddings=signed.embeddings[places],
-        signature=signature,
-        # Where nothing is stored yet, the index knows of no length.
-        signatures=signed.signatures[places].reshape(len(places), len(signature)),
-        sketches=signed.sketches[places] if shortlisted else np.empty((len(places), 0), np.uint8),
-        screened=max(options.screened, finalists) if shortlisted else None,
-        finalists=finalists if shortlisted else None,
-        stored=stored,
+    sketches = signed.sketches[places] if shortlisted else np.empty((len(places), 0), np.uint8)
+    return Signed(signed.shapes[places], signed.embeddings[places], signed.signatures[places], sketches), (
+        shortlisted
     )

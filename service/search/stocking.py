@@ -14,6 +14,8 @@ from service.logging import get_logger
 from service.parts import Parts
 from service.pipelines.active import InUse
 from service.search.rows import shelved
+from service.search.shelf import ABOUT
+from service.vectors.repository import latest
 
 log = get_logger("search")
 
@@ -96,14 +98,19 @@ class Stocking:
             in_use = self._parts.pipelines.current(session)
             if in_use.pipeline.parameters.pairs != "both-ways":
                 return in_use, []
-            signed = in_use.index.current(session)
-        embeddings, shelf = signed.embeddings, in_use.shelf
-        most = self._parts.settings.search_bytes
-        shelf.resize(max(most - signed.nbytes, most // LEAST_SHARE))
+            most = self._parts.settings.search_bytes
+            if self._parts.settings.signatures == "database":
+                newest, room = latest(session, in_use.fingerprint, most // ABOUT), most
+            else:
+                signed = in_use.index.current(session)
+                newest = signed.embeddings[::-1].tolist()
+                room = max(most - signed.nbytes, most // LEAST_SHARE)
+        shelf = in_use.shelf
+        shelf.resize(room)
         places = shelf.free_places()
-        if not places or len(shelf) >= len(embeddings):
+        if not places or len(shelf) >= len(newest):
             return in_use, []
-        wanted = shelf.missing(dict.fromkeys(reversed(embeddings.tolist())))
+        wanted = shelf.missing(dict.fromkeys(newest))
         return in_use, [number for number in wanted if number not in self._unusable][:places]
 
     def _put(self, in_use: InUse, numbers: list[int]) -> None:
