@@ -4,7 +4,8 @@ import json
 import math
 from collections.abc import Iterator
 from dataclasses import asdict, fields
-from typing import Any
+from functools import lru_cache
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,9 @@ from safetensors.numpy import load, save
 
 from core.embedding import Embedding, Facts, Float32s, Int32s, Spectrum
 from core.errors import BadRecordError
+
+Points = tuple[tuple[Float32s, ...], Int32s]
+"""Coordinates in each spectral domain, (d, k), and the sample nearest to each of the d points, (d,)."""
 
 
 def embedding_to_bytes(embedding: Embedding) -> bytes:
@@ -73,35 +77,57 @@ def embedding_from_bytes(data: bytes) -> Embedding:
     return embedding
 
 
-def points_from_bytes(data: bytes) -> tuple[Float32s, Int32s]:
-    """The embedded points of a record, and nothing else of it: the rest is neither read nor checked.
+def points_from_bytes(data: bytes) -> Points:
+    """The embedded points of a record: views of its bytes, whose numbers are not checked.
 
-    Returns
-    -------
-    float32, shape (d, b k)
-        The coordinates in all spectral domains side by side.
-    int32, shape (d,)
-        The sample nearest to each.
+    Some twenty times as fast as `embedding_from_bytes`.
 
     Raises
     ------
     BadRecordError
-        The bytes are not a record, or one of the two arrays has not its type or a number that is not finite.
+        The bytes are not a record, or do not say that it has such arrays.
     """
     try:
-        arrays = load(data)
-        domains = sum(name.startswith("coordinates_") for name in arrays)
-        coordinates = [arrays[f"coordinates_{i}"] for i in range(domains)]
-        points, regions = np.concatenate(coordinates, axis=1), arrays["regions"]
-    except (SafetensorError, KeyError, TypeError, ValueError) as error:
+        end = 8 + int.from_bytes(data[:8], "little")
+        if end % 4:
+            raise ValueError("the header has not its length")
+        regions, *coordinates = (
+            np.frombuffer(data, one.dtype, math.prod(one.shape), end + one.start).reshape(one.shape)
+            for one in _layout(data[8:end])
+        )
+    except (KeyError, TypeError, ValueError, RecursionError, OverflowError, AttributeError) as error:
         raise BadRecordError(f"not an embedding: {error}") from error
-    faults = (
-        *_array_faults("coordinates", points, np.float32, (None, None)),
-        *_array_faults("regions", regions, np.int32, (len(points),)),
-    )
-    if faults:
-        raise BadRecordError(f"not an embedding: {faults[0]}")
-    return points, regions
+    if regions.ndim != 1 or any(one.ndim != 2 or len(one) != len(regions) for one in coordinates):
+        raise BadRecordError("not an embedding: its points have not the shape of such")
+    return tuple(coordinates), regions
+
+
+class _Place(NamedTuple):
+    """An array of a record: its type, and where it begins behind the header."""
+
+    dtype: type[np.generic]
+    shape: tuple[int, ...]
+    start: int
+
+
+@lru_cache(maxsize=1024)
+def _layout(header: bytes) -> list[_Place]:
+    """The regions and the coordinates as the header of the safetensors format has them; most are the same."""
+    entries = json.loads(header)
+    domains = sum(name.startswith("coordinates_") for name in entries)
+    names = ["regions", *(f"coordinates_{i}" for i in range(domains))]
+    found = []
+    for name in names:
+        entry = entries[name]
+        dtype = np.int32 if name == "regions" else np.float32
+        if entry["dtype"] != {np.int32: "I32", np.float32: "F32"}[dtype]:
+            raise ValueError(f"{name} is of type {entry['dtype']}")
+        start, stop = entry["data_offsets"]
+        shape = tuple(int(length) for length in entry["shape"])
+        if min(shape) < 1 or start < 0 or stop - start != 4 * math.prod(shape) or start % 4:
+            raise ValueError(f"{name} has not its length")
+        found.append(_Place(dtype, shape, start))
+    return found
 
 
 def _faults(embedding: Embedding) -> Iterator[str]:

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from core.embedding import Embedding, Float32s, Int32s, Scores
-from core.errors import BadRecordError, IncompatibleEmbeddingsError, ParameterError
-from core.kernels.many import match_many, screen_many
-from core.kernels.packed import HEAD, packed_row, points_row
+from core.embedding import Embedding, Float32s, Scores
+from core.errors import IncompatibleEmbeddingsError, ParameterError
+from core.kernels.many import match_many
+from core.kernels.packed import packed_row
 from core.matching import embedding_key
 from core.mesh import Ints
 from core.mutual import pack, rounds_of
@@ -36,58 +36,6 @@ def row_of(embedding: Embedding, parameters: Parameters) -> Float32s:
     if parameters.pairs != "both-ways":
         raise ParameterError('rows are of parameters with pairs "both-ways"')
     return packed_row(pack(embedding, embedding_key(embedding), parameters))
-
-
-def points_row_of(points: Float32s, regions: Int32s, parameters: Parameters) -> Float32s:
-    """What `screen_rows` reads of a shape, float32, shape (l,), made in a thirtieth of `row_of`'s time.
-
-    Flat splines, which do not bend, stand for those that searches begin with, and there is none for sim.
-
-    Parameters
-    ----------
-    points : float32, shape (d, b k)
-        Spectral coordinates in b domains side by side.
-    regions : int32, shape (d,)
-    parameters : Parameters
-        With pairs "both-ways".
-
-    Raises
-    ------
-    BadRecordError
-        The regions are not those of samples.
-    """
-    d, columns = points.shape
-    m, b = int(regions.max()) + 1, len(parameters.operators)
-    some = min(parameters.search_samples or m, m)
-    searched, first = parameters.search_dimensions or parameters.dimensions, parameters.first_dimensions
-    splines = b * (searched - first + 1) * some * some
-    row = np.empty(HEAD + b + d * columns + max(m, 0) + 1 + d + (splines + 1) // 2, dtype=np.float32)
-    if not 1 <= m <= d or not points_row(points, regions, (m, some, searched, first, b), row):
-        raise BadRecordError("the regions are not those of samples")
-    return row
-
-
-def screen_rows(query: Float32s, rows: Sequence[Float32s], parameters: Parameters) -> Float32s:
-    """About the CC of one shape with each of c others, whose splines may be flat.
-
-    Parameters
-    ----------
-    query : float32, shape (l,)
-        Of `row_of`.
-    rows : sequence of float32, each of a shape (l,)
-        Of `points_row_of`.
-    parameters : Parameters
-        With pairs "both-ways", those that all rows were made with.
-
-    Returns
-    -------
-    float32, shape (c,)
-        In [-1, 1].
-    """
-    addresses, lengths = _places(rows)
-    scores = np.empty(len(rows), dtype=np.float32)
-    screen_many(_own(query), addresses, lengths, rounds_of(parameters), scores)
-    return scores
 
 
 def match_rows(query: Float32s, rows: Sequence[Float32s], parameters: Parameters) -> Scores:

@@ -14,6 +14,7 @@ from service import logging
 from service.access.endpoints import router as session_router
 from service.access.gate import Gate
 from service.access.middleware import AccessControl
+from service.compute.at_work import AtWork
 from service.compute.pool import LocalPool
 from service.compute.processes import start as start_processes
 from service.compute.work import Work
@@ -139,7 +140,18 @@ def _start(settings: Settings, parameters: Parameters, gate: Gate, metrics: Metr
     _watch(metrics, pool, readers, work, pipelines)
     threads = ThreadPoolExecutor(settings.workers, thread_name_prefix="compare")
     return Parts(
-        settings, database, pool, readers, work, pipelines, gate, InFlight(), metrics, threads, Event()
+        settings=settings,
+        database=database,
+        pool=pool,
+        readers=readers,
+        work=work,
+        pipelines=pipelines,
+        gate=gate,
+        in_flight=InFlight(),
+        metrics=metrics,
+        threads=threads,
+        searches=AtWork(),
+        comparing_is_ready=Event(),
     )
 
 

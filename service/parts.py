@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from threading import Event
 
 from service.access.gate import Gate
+from service.compute.at_work import AtWork
 from service.compute.pool import LocalPool
 from service.compute.work import Work
 from service.compute.workers import Workers
@@ -17,8 +18,9 @@ from service.storage.database import Database
 
 @dataclass(frozen=True)
 class Parts:
-    """Everything that lives from the start of the service to its end. `threads` compare embeddings.
+    """Everything that lives from the start of the service to its end.
 
+    `threads` compare embeddings, and `searches` counts the searches that have them compare.
     `comparing_is_ready` is set once what they run is loaded, and embeddings are ready for it.
     """
 
@@ -32,4 +34,5 @@ class Parts:
     in_flight: InFlight
     metrics: Metrics
     threads: ThreadPoolExecutor
+    searches: AtWork
     comparing_is_ready: Event

@@ -171,14 +171,14 @@ class Settings(BaseSettings):
         description="With at least this many candidates, a query looks only at the nearest by signature.",
     )
     shortlist_length: PositiveInt = Field(
-        default=1_500, description="How many of the nearest by signature such a query looks at."
+        default=1_000, description="How many of the nearest by signature such a query looks at."
     )
     screened: PositiveInt = Field(
         default=300,
         description="How many of those are looked at more closely: what a rough match finds most alike.",
     )
     finalists: PositiveInt = Field(
-        default=30,
+        default=20,
         description="How many more than are wanted are compared in full: what that look finds most alike.",
     )
     search_bytes: int = Field(

@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from core.compiled import kernel
 from core.embedding import Float32s
-from core.kernels.matching import Rounds, best_map, fit_map, match_pair
+from core.kernels.matching import Rounds, best_map, match_pair
 from core.kernels.packed import Packed, row_at, unpacked
 from core.mesh import Floats, Ints
 
@@ -53,35 +53,6 @@ def match_many(query: Float32s, addresses: Ints, lengths: Ints, rounds: Rounds, 
             match_pair(y, x, rounds, False, back, there, rotation, scores[i])
         else:
             match_pair(x, y, rounds, order == 0, there, back, rotation, scores[i])
-
-
-@kernel
-def screen_many(query: Float32s, addresses: Ints, lengths: Ints, rounds: Rounds, scores: Float32s) -> None:
-    """Write CC of one shape and each of c others, alone of what `match_many` writes.
-
-    Parameters
-    ----------
-    query : float32, shape (l,)
-        A row.
-    addresses, lengths : int64, shape (c,)
-        Of the others' rows in memory, which may be without the softer spline.
-    rounds : Rounds
-    scores : float32, shape (c,)
-        Written.
-    """
-    x = unpacked(query)
-    columns = x.points.shape[1]
-    m = len(x.offsets) - 1
-    there = np.empty(m, dtype=np.int32)
-    partners = np.empty((m, columns), dtype=np.float32)
-    rotation = np.empty((columns, columns), dtype=np.float32)
-    for i in range(len(addresses)):
-        y = unpacked(row_at(addresses[i], lengths[i]))
-        n = len(y.offsets) - 1
-        back = np.empty(n, dtype=np.int32)
-        sources = np.empty((n, columns), dtype=np.float32)
-        rotation[:] = 0.0
-        scores[i] = fit_map(x, y, rounds, there, back, partners, sources, rotation)
 
 
 @kernel

@@ -1,6 +1,5 @@
 """What the kernels read of one shape, and the one row of bytes that it is kept in."""
 
-import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,14 +15,8 @@ Int16s = NDArray[np.int16]
 ONE = 32767
 """What 1 is in a spline's matrix, which is kept in whole numbers: its entries lie in [-1, 1]."""
 
-FLAT = 1e-6
-"""The least length of what is new in a coordinate, over its own, that is more than rounding."""
-
 HEAD = 12
-"""Numbers before a row's arrays, int32: m, d, s, b, k, j, splines of a domain, key, the softer one's side."""
-
-
-Sizes = tuple[int, int, int, int, int]
+"""Numbers before a row's arrays, int32: m, d, s, b, k, j, how many splines a domain has, and the key."""
 
 
 class Packed(NamedTuple):
@@ -63,9 +56,8 @@ def packed_row(shape: Packed) -> Float32s:
     head = np.zeros(HEAD, dtype=np.int32)
     b, j, s = shape.searched.shape
     d, columns = shape.points.shape
-    head[:7] = len(shape.offsets) - 1, d, s, b, columns // b, j, shape.operators.shape[1]
+    head[:7] = shape.warp.shape[1], d, s, b, columns // b, j, shape.operators.shape[1]
     head[7:11] = shape.key
-    head[11] = shape.warp.shape[1]
     arrays = (head, shape.radius, shape.points, shape.offsets, shape.members, shape.operators, shape.warp)
     return np.concatenate([_floats(array) for array in arrays])
 
@@ -74,103 +66,6 @@ def _floats(array: NDArray[Any]) -> Float32s:
     """The bytes of an array as float32, filled up to whole ones."""
     data = np.ascontiguousarray(array).tobytes()
     return np.frombuffer(data + bytes(-len(data) % 4), dtype=np.float32)
-
-
-@kernel
-def flat_splines(searched: Float32s, first: int, operators: Int16s) -> None:
-    """Write what splines of no bending make of targets: the least-squares affine map of each dimension.
-
-    Stiff splines are nearly that, and these take a hundredth of their time.
-
-    Parameters
-    ----------
-    searched : float32, shape (b, j, s)
-    first : int
-        Dimensions of the first stage.
-    operators : int16, shape (b, j - first + 1, s, s)
-        Written, over `ONE`: projections onto the constants and the first coordinates.
-    """
-    b, j, s = searched.shape
-    axes = np.empty((j + 1, s), dtype=np.float32)
-    for block in range(b):
-        projection = np.full((s, s), np.float32(1.0 / s))
-        axes[0] = np.float32(1.0 / math.sqrt(s))
-        known = 1
-        for c in range(j):
-            axis = axes[known]
-            axis[:] = searched[block, c]
-            size = math.sqrt(np.dot(axis, axis))
-            # Twice, so that rounding leaves nothing of the others.
-            for _ in range(2):
-                for other in range(known):
-                    axis -= np.dot(axes[other], axis) * axes[other]
-            left = math.sqrt(np.dot(axis, axis))
-            if left > FLAT * size:
-                axis *= np.float32(1.0 / left)
-                for i in range(s):
-                    for place in range(s):
-                        projection[i, place] += axis[i] * axis[place]
-                known += 1
-            if c + 1 >= first:
-                for i in range(s):
-                    for place in range(s):
-                        whole = np.rint(projection[i, place] * np.float32(ONE))
-                        operators[block, c + 1 - first, i, place] = np.int16(min(max(whole, -ONE), ONE))
-
-
-@kernel
-def points_row(
-    points: Float32s, regions: Int32s, sizes: tuple[int, int, int, int, int], row: Float32s
-) -> bool:
-    """Write the row of a shape with flat splines to search by, and without the softer spline.
-
-    Parameters
-    ----------
-    points : float32, shape (d, b k)
-    regions : int32, shape (d,)
-        The sample nearest to each point, in [0, m).
-    sizes : tuple of int
-        m; how many of the samples and in how many dimensions is searched, from how many on; and b.
-    row : float32, shape (12 + b + d b k + m + 1 + d + l,)
-        l is half of the numbers of the splines, rounded up.
-
-    Returns
-    -------
-    bool
-        Whether every region is a sample's; else the row is of no use.
-    """
-    samples, some, searched, first, blocks = sizes
-    d, columns = points.shape
-    stages = searched - first + 1
-    row[:] = 0.0
-    head = row.view(np.int32)
-    head[0] = samples
-    head[1] = d
-    head[2] = some
-    head[3] = blocks
-    head[4] = columns // blocks
-    head[5] = searched
-    head[6] = stages
-    at = HEAD + blocks
-    row[at : at + d * columns] = points.reshape(d * columns)
-    at += d * columns
-    offsets = head[at : at + samples + 1]
-    at += samples + 1
-    members = head[at : at + d]
-    at += d
-    for i in range(d):
-        if regions[i] < 0 or regions[i] >= samples:
-            return False
-        offsets[regions[i] + 1] += 1
-    for i in range(samples):
-        offsets[i + 1] += offsets[i]
-    place = offsets.copy()
-    for i in range(d):
-        members[place[regions[i]]] = i
-        place[regions[i]] += 1
-    operators = row[at:].view(np.int16)[: blocks * stages * some * some]
-    flat_splines(unpacked(row).searched, first, operators.reshape((blocks, stages, some, some)))
-    return True
 
 
 @kernel
@@ -191,9 +86,8 @@ def unpacked(row: Float32s) -> Packed:
     length = (b * stages * s * s + 1) // 2
     operators = row[at : at + length].view(np.int16)[: b * stages * s * s].reshape((b, stages, s, s))
     at += length
-    side = sizes[11]
-    length = (b * side * side + 1) // 2
-    warp = row[at : at + length].view(np.int16)[: b * side * side].reshape((b, side, side))
+    length = (b * m * m + 1) // 2
+    warp = row[at : at + length].view(np.int16)[: b * m * m].reshape((b, m, m))
     searched = np.empty((b, j, s), dtype=np.float32)
     for block in range(b):
         for c in range(j):

@@ -18,7 +18,8 @@ from core.mutual import Matched, matched, pack
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
 from core.records import embedding_from_bytes, embedding_to_bytes, points_from_bytes
-from core.rows import match_rows, points_row_of, row_of, screen_rows
+from core.rows import match_rows, row_of
+from core.screening import screen
 from core.sketches import sift, sketch_of
 from service.benchmark.archive import shaken
 from service.benchmark.functional_maps import Peer
@@ -113,9 +114,7 @@ class _Pair:
         copies = [candidate, *(shaken(candidate, number) for number in range(1, MANY))]
         self._row = row_of(query, DEFAULT)
         self._rows = [row_of(copy, DEFAULT) for copy in copies]
-        self._points = [
-            points_row_of(*points_from_bytes(embedding_to_bytes(copy)), DEFAULT) for copy in copies
-        ]
+        self._points = [points_from_bytes(embedding_to_bytes(copy)) for copy in copies]
         self._sketches = np.stack([sketch_of(copy) for copy in copies])
         self._records = [embedding_to_bytes(embedding) for embedding in self._embeddings]
 
@@ -123,7 +122,7 @@ class _Pair:
         """Seconds of one match among many, by `score`, and by part from records."""
         query, candidate = self._embeddings
         _, many = _seconds(lambda: match_rows(self._row, self._rows, DEFAULT))
-        _, screened = _seconds(lambda: screen_rows(self._row, self._points, DEFAULT))
+        _, screened = _seconds(lambda: screen(self._row, self._points, DEFAULT))
         _, sifted = _seconds(lambda: sift(self._row, self._sketches, DEFAULT))
         _, score = _seconds(lambda: self._method.score(query, [candidate]))
         embeddings, decode = _seconds(lambda: [embedding_from_bytes(record) for record in self._records])

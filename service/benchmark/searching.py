@@ -20,12 +20,11 @@ EXHAUSTIVE = 10_000
 """Archives up to this size are searched exhaustively too."""
 
 LENGTHS = (
+    (250, 50, 10),
     (500, 100, 10),
     (1_000, 200, 20),
-    (1_000, 300, 30),
-    (1_500, 300, 30),
+    (1_000, 300, 20),
     (2_000, 400, 30),
-    (4_000, 400, 30),
     (4_000, 800, 60),
 )
 """How many the cascade sifts, screens, and compares in full beside the wanted ones."""

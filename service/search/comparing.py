@@ -30,11 +30,16 @@ MATCHED, SIFTED, SENT = 32, 256, 256
 
 
 async def compare_with(parts: Parts, query: Query, candidates: Candidates, rank_by: RankBy) -> Compared:
-    """Score the candidates, each embedding once, or those of them that sifting puts first.
+    """Score the candidates, each embedding once, or those of them that sifting and screening put first.
 
     Where no shortlist is made and the workers are a cluster's, these match them.
     A candidate that was deleted meanwhile, or whose record cannot be read, is left out.
     """
+    with parts.searches.one():
+        return await _compared(parts, query, candidates, rank_by)
+
+
+async def _compared(parts: Parts, query: Query, candidates: Candidates, rank_by: RankBy) -> Compared:
     pipeline = query.in_use.pipeline
     if pipeline.parameters.pairs == "both-ways":
         rows = await run_in_threadpool(Rows, parts.database, query)

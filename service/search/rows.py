@@ -10,7 +10,8 @@ from core.embedding import Float32s
 from core.errors import CoreError
 from core.parameters import Parameters
 from core.records import embedding_from_bytes, points_from_bytes
-from core.rows import match_rows, points_row_of, row_of, screen_rows
+from core.rows import match_rows, row_of
+from core.screening import screen
 from core.sketches import Sketches, sift
 from service.search import repository
 from service.search.records import Query
@@ -56,12 +57,12 @@ class Rows:
         numbers = embeddings.tolist()
         with self._database.read() as session:
             records = repository.embedding_records(session, numbers)
-        rows = {}
+        clouds = {}
         for number, record in records.items():
             with suppress(CoreError):
-                rows[number] = points_row_of(*points_from_bytes(record), self._parameters)
-        present = [place for place, number in enumerate(numbers) if number in rows]
-        found = screen_rows(self.query, [rows[numbers[place]] for place in present], self._parameters)
+                clouds[number] = points_from_bytes(record)
+        present = [place for place, number in enumerate(numbers) if number in clouds]
+        found = screen(self.query, [clouds[numbers[place]] for place in present], self._parameters)
         scores = np.full((1, len(numbers)), np.nan)
         scores[0, present] = found
         return scores

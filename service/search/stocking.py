@@ -36,7 +36,7 @@ AT_ONCE = 16
 class Stocking:
     """Fills the room of the shelf in use, the newest embeddings first, one thread at a time.
 
-    What has no room waits for a query that needs it.
+    What has no room waits for a query that needs it, and this for queries that are at work.
     """
 
     def __init__(self, parts: Parts) -> None:
@@ -64,6 +64,7 @@ class Stocking:
             try:
                 in_use, missing = await _whole(run_in_threadpool(self._missing))
                 for start in range(0, len(missing), AT_ONCE):
+                    await self._parts.searches.nothing()
                     await _whole(run_in_threadpool(self._put, in_use, missing[start : start + AT_ONCE]))
                     if monotonic() > latest:
                         ready.set()

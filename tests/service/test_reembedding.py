@@ -338,5 +338,5 @@ def test_a_running_service_says_when_a_newer_one_has_taken_the_archive_over(
     assert client.get(f"/shapes/{shape['id']}").json() == {**shape, "embedded": False}
     assert client.get(f"/shapes/{shape['id']}/file").content == small_file(0)
     search_by(old)
-    assert client.get("/readyz").status_code == 200
+    wait_until(lambda: client.get("/readyz").status_code == 200, seconds=60)
     assert query(client, small_file(0)).json()["compared"] == STORED + 1

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from core.parameters import DEFAULT
 from core.records import embedding_from_bytes, points_from_bytes
-from core.rows import match_rows, points_row_of, row_of, screen_rows
+from core.rows import match_rows, row_of
+from core.screening import screen
 from core.sketches import sift, sketch_of
 from service.search import rows as rows_module
 from service.search import stocking
@@ -210,8 +211,8 @@ def test_finalists_are_those_that_sifting_and_screening_put_first(running: Runni
     sketches = np.stack([sketch_of(embeddings[name]) for name in names])
     names = likeliest(names, sift(own, sketches, DEFAULT), 6)
     numbers = {shape["name"]: int(number) for shape, number in zip(shapes, signed.embeddings, strict=True)}
-    points = [points_row_of(*points_from_bytes(records[numbers[name]]), DEFAULT) for name in names]
-    names = likeliest(names, screen_rows(own, points, DEFAULT), 3)
+    points = [points_from_bytes(records[numbers[name]]) for name in names]
+    names = likeliest(names, screen(own, points, DEFAULT), 3)
     body = {
         "shape_id": next(s["id"] for s in shapes if s["name"] == "3.off"),
         "top_k": 1,
