@@ -29,6 +29,7 @@ from tests.service.support import (
     serving,
     settings_in,
     small_file,
+    wait_until,
 )
 
 pytestmark = on_both
