@@ -128,6 +128,8 @@ def test_unknown_variables_are_refused_by_name(monkeypatch: pytest.MonkeyPatch) 
         ("API_KEYS", "isoshape_a-key-itself"),
         ("API_KEYS", "0" * 63),
         ("READ_KEYS", "0" * 64 + "," + "g" * 64),
+        ("SIGNATURES", "database"),
+        ("SIGNATURES", "disk"),
         ("SCHEDULER", "localhost:8786"),
         ("SCHEDULER", "tcp://localhost"),
         ("SCHEDULER", "http://localhost:8786"),
