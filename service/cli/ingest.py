@@ -8,6 +8,7 @@ import typer
 from core.reading import FORMATS
 from service.cli.bulk import is_archive, store_archive
 from service.cli.console import fail, output, progress, say
+from service.cli.metadata import About, read_metadata, row_of
 from service.cli.target import Key, Url, service_at
 from service.cli.upload import AT_ONCE, Item, upload_all
 from service.collections import MeshFile, find_meshes
@@ -20,6 +21,12 @@ def command(
     ],
     *,
     tag: Annotated[list[str] | None, typer.Option(help="Give every file this tag too; repeatable.")] = None,
+    metadata: Annotated[
+        Path | None,
+        typer.Option(
+            help="CSV file: the column name tells the file, tags its tags, and the others metadata."
+        ),
+    ] = None,
     url: Url = None,
     key: Key = None,
     at_once: Annotated[int, typer.Option(min=1, max=64, help="Uploads under way at a time.")] = AT_ONCE,
@@ -30,13 +37,18 @@ def command(
     of the class folder, directly below the folder given; a file given itself has none but that of labels.csv.
     What is there already, the same bytes under the same name, stays as it is: the command may be run again. A
     file that is refused does not stop the others. An archive (zip, tar, tar.gz, tar.bz2, tar.xz) is sent as
-    it is, and unpacked by the service; files in it have no class.
+    it is, and unpacked by the service; files in it have no class, and no row of the metadata.
     """
     archives = [path for path in paths if is_archive(path)]
     found = find_meshes([path for path in paths if path not in archives])
     if not found.files and not archives:
         fail(f"no meshes there; the formats read are {', '.join(FORMATS)}")
-    items = [Item(file.path.name, file.path, _tags(file, tag or [])) for file in found.files]
+    rows = {} if metadata is None else read_metadata(metadata)
+    named = {file.path: row_of(rows, file.path) for file in found.files}
+    items = [_item(file, rows.get(named[file.path] or "", About()), tag or []) for file in found.files]
+    stray = sorted(set(rows) - set(named.values()))
+    if stray:
+        say(f"{metadata}: no file has the name {', '.join(stray)}")
     created = present = 0
     refused: list[tuple[str, str]] = []
     with service_at(url, key) as client, progress() as bar:
@@ -69,6 +81,6 @@ def class_tag(label: str) -> str:
     return " ".join(label.replace(",", " ").split())[:TAG_CHARACTERS].strip()
 
 
-def _tags(file: MeshFile, more: list[str]) -> tuple[str, ...]:
+def _item(file: MeshFile, about: About, more: list[str]) -> Item:
     own = [] if file.label is None else [class_tag(file.label)]
-    return (*filter(None, own), *more)
+    return Item(file.path.name, file.path, (*filter(None, own), *about.tags, *more), about.metadata)

@@ -1,6 +1,6 @@
 """Many uploads, several under way at a time."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,11 +13,12 @@ AT_ONCE = 4
 
 @dataclass(frozen=True)
 class Item:
-    """A mesh to store: where its bytes are, or the bytes themselves; and its tags."""
+    """A mesh to store: where its bytes are, or the bytes themselves; its tags and metadata."""
 
     name: str
     data: bytes | Path
     tags: tuple[str, ...]
+    metadata: Mapping[str, str] | None = None
 
     @property
     def origin(self) -> str:
@@ -51,7 +52,7 @@ def upload_all(
 def _upload(client: Client, item: Item) -> Upload | str:
     try:
         data = item.data.read_bytes() if isinstance(item.data, Path) else item.data
-        return client.upload((item.name, data), tags=item.tags)
+        return client.upload((item.name, data), tags=item.tags, metadata=item.metadata)
     except ProblemError as error:
         return f"{error.kind}: {error.problem.detail}"
     except OSError as error:

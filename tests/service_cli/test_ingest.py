@@ -117,3 +117,51 @@ def test_a_service_that_is_away(collection: Path, run: Run) -> None:
 )
 def test_a_class_becomes_a_tag_that_the_service_takes(label: str, tag: str) -> None:
     assert class_tag(label) == tag
+
+
+def test_metadata_of_a_spreadsheet(archive: Client, collection: Path, tmp_path: Path, run: Run) -> None:
+    table = tmp_path / "parts.csv"
+    rows = [
+        "name,tags,material,number",
+        'cup-0.off,"drink; kitchen,old",clay,007',
+        "pliers/pliers-0.off,,steel,",
+        "nothing.off,,wood,1",
+    ]
+    table.write_text("\ufeff" + "\r\n".join(rows), encoding="utf-8")
+    done = run("ingest", collection, "--metadata", table, "--tag", "made")
+    assert done.status == 0
+    assert done.stderr.splitlines()[0] == f"{table}: no file has the name nothing.off"
+    stored = {shape.name: (shape.tags, shape.metadata) for shape in archive.shapes()}
+    assert stored["cup-0.off"] == (
+        ["cup", "drink", "kitchen", "old", "made"],
+        {"material": "clay", "number": "007"},
+    )
+    assert stored["pliers-0.off"] == (["pliers", "made"], {"material": "steel"})
+    assert stored["octopus-0.off"] == (["octopus", "made"], {})
+    assert [shape.name for shape in archive.shapes(metadata=["number=007"])] == ["cup-0.off"]
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("file,material\na.off,clay\n", "the columns, name among them"),
+        ("", "the columns, name among them"),
+        ("name,material,material\n", "a column has no name, or the name of another"),
+        ("name,\na.off,clay\n", "a column has no name, or the name of another"),
+        ("name,material\na.off,clay\na.off,clay\n", "line 3: a.off is listed twice"),
+        ("name,material\n,clay\n", "line 2: no name"),
+        ("name,material\na.off\n", "line 2: not as many cells as there are columns"),
+        ("name,material\na.off,clay,more\n", "line 2: not as many cells as there are columns"),
+        (f"name,tags\na.off,{'t' * 65}\n", "line 2: tags: a tag must have 1 to 64 characters"),
+        ('name,material\n"a.off,clay\n', "unexpected end of data"),
+    ],
+)
+def test_metadata_that_cannot_be_used(
+    archive: Client, collection: Path, tmp_path: Path, run: Run, text: str, said: str
+) -> None:
+    table = tmp_path / "parts.csv"
+    table.write_text(text, encoding="utf-8")
+    done = run("ingest", collection, "--metadata", table)
+    assert done.status == 1
+    assert said in done.stderr
+    assert archive.page().total == 0

@@ -1,0 +1,80 @@
+"""What a CSV file says of meshes: a row a file, `tags`, and metadata in all other columns."""
+
+import csv
+from dataclasses import dataclass
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from service.collections import CollectionError
+from service.problems import faults_of
+from service.shapes.fields import split_tags
+from service.shapes.schemas import ShapeFields
+
+NAME, TAGS = "name", "tags"
+
+
+@dataclass(frozen=True)
+class About:
+    """What is written about a mesh."""
+
+    tags: tuple[str, ...] = ()
+    metadata: dict[str, str] | None = None
+
+
+def read_metadata(path: Path) -> dict[str, About]:
+    """The rows of a CSV file by what stands in the column `name`.
+
+    That is a file's name, with some of its folders before it where names are repeated. What stands in `tags`
+    is split at commas and semicolons; every other column is a key, whose empty cells are left out. Values
+    stay text, as numbers of parts may begin with a zero.
+
+    Raises
+    ------
+    CollectionError
+        It cannot be read, has no column `name`, names a file twice, or holds what no shape may have.
+    """
+    try:
+        # Spreadsheets write a byte order mark, which would become part of the first column's name.
+        with path.open(encoding="utf-8-sig", newline="") as stream:
+            reader = csv.DictReader(stream, skipinitialspace=True, strict=True)
+            _check_columns(path, list(reader.fieldnames or ()))
+            rows: dict[str, About] = {}
+            for row in reader:
+                name = (row[NAME] or "").strip().replace("\\", "/")
+                if not name or name in rows:
+                    told = f"{name} is listed twice" if name else "no name"
+                    raise CollectionError(f"{path}, line {reader.line_num}: {told}")
+                rows[name] = _about(path, reader.line_num, row)
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise CollectionError(f"{path}: {error}") from error
+    return rows
+
+
+def row_of(rows: dict[str, About], path: Path) -> str | None:
+    """The name that means a file, the longest if there are several."""
+    parts = path.parts
+    names = ("/".join(parts[start:]) for start in range(len(parts)))
+    return next((name for name in names if name in rows), None)
+
+
+def _check_columns(path: Path, columns: list[str]) -> None:
+    if NAME not in columns:
+        raise CollectionError(f"{path}: the first line must name the columns, {NAME} among them")
+    if not all(columns) or len(set(columns)) < len(columns):
+        raise CollectionError(f"{path}: a column has no name, or the name of another")
+
+
+def _about(path: Path, line: int, row: dict[str, str | None]) -> About:
+    if None in row or None in row.values():
+        raise CollectionError(f"{path}, line {line}: not as many cells as there are columns")
+    cells = {key: (cell or "").strip() for key, cell in row.items()}
+    tags = split_tags([cells.pop(TAGS, "").replace(";", ",")])
+    del cells[NAME]
+    metadata = {key: cell for key, cell in cells.items() if cell}
+    try:
+        checked = ShapeFields.model_validate({"name": "any", "tags": tags, "metadata": metadata})
+    except ValidationError as error:
+        faults = "; ".join(f"{fault.field}: {fault.message}" for fault in faults_of(error.errors()))
+        raise CollectionError(f"{path}, line {line}: {faults}") from error
+    return About(tuple(checked.tags), metadata)
