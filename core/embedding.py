@@ -49,6 +49,8 @@ class Facts:
         Vertices merged with another, and degenerate or repeated faces dropped, by cleaning.
     boundary_edges, nonmanifold_edges : int
         Edges with one face, and with more than two.
+    openness : float
+        See `core.openness`. Embeddings of before it was measured have 0.
     """
 
     vertices: int
@@ -61,6 +63,7 @@ class Facts:
     dropped_faces: int
     boundary_edges: int
     nonmanifold_edges: int
+    openness: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)

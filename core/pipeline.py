@@ -28,6 +28,7 @@ from core.graph import (
 from core.lewis import lewis_weights
 from core.matching import Prepared, embedding_key, match_prepared, prepare
 from core.mesh import Floats, Ints, Mesh
+from core.openness import openness
 from core.parameters import Parameters
 from core.rows import match_rows
 from core.sampling import covering, keyed_uniform, random_draw, sort_and_cut
@@ -43,11 +44,13 @@ def measure(mesh: Mesh, cleaned: Cleaned, frame: Frame) -> Facts:
     """Facts of a mesh as it was read, its cleaned form and its frame."""
     faces = cleaned.mesh.faces
     volume = signed_volume(frame.apply(cleaned.mesh.vertices), faces)
-    sheets = half_edges(faces).sheets
+    sides = half_edges(faces)
+    sheets = sides.sheets
+    area = float(face_areas(cleaned.mesh.vertices, faces).sum())
     return Facts(
         vertices=len(mesh.vertices),
         faces=len(mesh.faces),
-        area=float(face_areas(cleaned.mesh.vertices, faces).sum()),
+        area=area,
         volume=float(abs(volume) * frame.scale**3),
         scale=frame.scale,
         components=cleaned.components,
@@ -55,6 +58,7 @@ def measure(mesh: Mesh, cleaned: Cleaned, frame: Frame) -> Facts:
         dropped_faces=cleaned.dropped_faces,
         boundary_edges=int((sheets == 1).sum()),
         nonmanifold_edges=int((sheets > 2).sum()),
+        openness=openness(cleaned.mesh.vertices, sides.edges[sheets == 1], area),
     )
 
 

@@ -51,6 +51,7 @@ def command(
         say(f"{metadata}: no file has the name {', '.join(stray)}")
     created = present = 0
     refused: list[tuple[str, str]] = []
+    warnings: list[tuple[str, str]] = []
     with service_at(url, key) as client, progress() as bar:
         task = bar.add_task("storing", total=len(items))
         for item, outcome in upload_all(client, items, at_once):
@@ -58,6 +59,7 @@ def command(
                 refused.append((item.origin, outcome))
             elif outcome.created:
                 created += 1
+                warnings += [(item.origin, warning) for warning in outcome.shape.warnings]
             else:
                 present += 1
             bar.advance(task)
@@ -70,7 +72,7 @@ def command(
     output().print(
         f"{created} stored, {present} already there, {len(refused)} refused{left_out}", soft_wrap=True
     )
-    for origin, cause in sorted(refused):
+    for origin, cause in sorted(warnings) + sorted(refused):
         say(f"{origin}: {cause}")
     if refused:
         raise typer.Exit(1)

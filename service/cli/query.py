@@ -35,6 +35,8 @@ def command(
     else:
         print_answer(output(), answer)
         times = ", ".join(f"{stage} {time:.0f}" for stage, time in answer.milliseconds.items())
+        for warning in answer.warnings:
+            say(f"{file}: {warning}")
         say(f"{answer.compared} of {answer.stored} stored shapes compared; milliseconds: {times}")
 
 

@@ -70,7 +70,8 @@ class Found:
 class Answer:
     """What a search found.
 
-    `best_cc` is the highest of all that were compared, if any were; `embedding` the query's, if asked for.
+    `best_cc` is the highest of all that were compared, if any were; `openness` is of the query's surface, and
+    `embedding` its own, if asked for.
     """
 
     pipeline: Pipeline
@@ -78,4 +79,5 @@ class Answer:
     best_cc: float | None
     compared: int
     stored: int
+    openness: float
     embedding: Embedding | None

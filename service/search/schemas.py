@@ -8,7 +8,7 @@ from service.search.ranking import RankBy
 from service.search.records import Answer, Comparison, Found
 from service.shapes.fields import ListedTags, split_tags
 from service.shapes.filters import Filters
-from service.shapes.schemas import SHAPE, EmbeddingArrays, Shape
+from service.shapes.schemas import SHAPE, EmbeddingArrays, Shape, warnings_of
 
 PIPELINE = "3f1c9a7be2d40586"
 MILLISECONDS: dict[str, Any] = {
@@ -169,6 +169,7 @@ class QueryAnswer(BaseModel):
     stored: int = Field(description="How many shapes are stored.")
     pipeline: str = Field(description="Fingerprint of the pipeline that made and compared the embeddings.")
     milliseconds: dict[str, float] = Field(description="How long each stage took, and all of it.")
+    warnings: list[str] = Field(default=[], description="What to know of the query's surface.")
     embedding: EmbeddingArrays | None = Field(default=None, description="Of the query, if asked for.")
 
     @classmethod
@@ -182,6 +183,7 @@ class QueryAnswer(BaseModel):
             stored=answer.stored,
             pipeline=answer.pipeline.fingerprint,
             milliseconds=milliseconds,
+            warnings=warnings_of(answer.openness),
             embedding=None if answer.embedding is None else EmbeddingArrays.of(answer.embedding),
         )
 

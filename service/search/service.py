@@ -87,13 +87,15 @@ async def search(parts: Parts, query: Query, options: Options, stages: Stages) -
         best = ranked(compared, options.rank_by)
         best = best[compared.cc[best] >= options.min_cc][: options.top_k]
         found = await _results(parts, query, compared, best, correspondences=options.correspondences)
+    embedding = embedding_from_bytes(query.record)
     return Answer(
         pipeline=query.in_use.pipeline,
         found=found,
         best_cc=float(compared.cc.max()) if len(compared.cc) else None,
         compared=len(compared.shapes),
         stored=chosen.stored,
-        embedding=embedding_from_bytes(query.record) if options.embedding else None,
+        openness=embedding.facts.openness,
+        embedding=embedding if options.embedding else None,
     )
 
 

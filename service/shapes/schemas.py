@@ -6,6 +6,7 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict, Field, JsonValue
 
 from core.embedding import Embedding, Spectrum
+from core.openness import INCOMPLETE
 from service.shapes.fields import Metadata, Name, Tags
 from service.shapes.pages import write_cursor
 from service.shapes.records import Changes, Page, ShapeRecord
@@ -29,11 +30,23 @@ SHAPE: dict[str, Any] = {
         "dropped_faces": 0,
         "boundary_edges": 0,
         "nonmanifold_edges": 0,
+        "openness": 0.0,
     },
+    "warnings": [],
     "embedded": True,
     "created_at": "2026-01-31T12:00:00Z",
     "updated_at": "2026-01-31T12:00:00Z",
 }
+
+
+def warnings_of(openness: float) -> list[str]:
+    """What to know of a surface when it is compared."""
+    if openness <= INCOMPLETE:
+        return []
+    return [
+        "the surface looks incomplete: its open rims would bound "
+        f"{100 * openness:.0f} % of its area. Parts are compared as if they were whole"
+    ]
 
 
 class MeshFacts(BaseModel):
@@ -49,6 +62,11 @@ class MeshFacts(BaseModel):
     dropped_faces: int = Field(description="Faces without area, or repeated.")
     boundary_edges: int = Field(description="Edges with one face only.")
     nonmanifold_edges: int = Field(description="Edges with more than two faces.")
+    openness: float = Field(
+        default=0.0,
+        description="Areas of the discs that the rims of holes would bound, over the surface area; 0 for a "
+        "closed surface, and for one that was embedded before this was measured.",
+    )
 
 
 class Shape(BaseModel):
@@ -64,6 +82,7 @@ class Shape(BaseModel):
     bytes: int = Field(description="Size of the file.")
     sha256: str = Field(description="Of the file.")
     facts: MeshFacts
+    warnings: list[str] = Field(default=[], description="What to know when it is compared.")
     embedded: bool = Field(
         description="Whether it has an embedding of the pipeline in use. Without one it is not searched."
     )
@@ -82,6 +101,7 @@ class Shape(BaseModel):
             bytes=record.size,
             sha256=record.sha256,
             facts=MeshFacts.model_validate(record.facts),
+            warnings=warnings_of(record.facts.get("openness", 0.0)),
             embedded=record.embedded,
             created_at=record.created_at,
             updated_at=record.updated_at,

@@ -26,7 +26,7 @@ def test_an_answer_has_the_names_that_scripts_rely_on(stocked: Running) -> None:
     assert answer.status_code == 200, answer.text
     body = answer.json()
     names = {"results", "matched", "compared", "stored", "pipeline", "milliseconds"}
-    assert set(body) == {*names, "embedding"}
+    assert set(body) == {*names, "warnings", "embedding"}
     assert body["embedding"] is None
     assert (body["compared"], body["stored"]) == (8, 8)
     assert body["pipeline"] == stocked.client.get("/version").json()["fingerprint"]

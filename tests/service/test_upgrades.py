@@ -56,10 +56,9 @@ def test_an_archive_of_a_release_is_served(release: str, tmp_path: Path) -> None
     assert set(fingerprints(tmp_path)) == {active(tmp_path)} == {DEFAULT.fingerprint}
     with serving(settings) as running:
         shapes = running.client.get("/shapes").json()["shapes"]
-        # Another method may measure otherwise.
-        assert [{**shape, "facts": 0} for shape in shapes] == [
-            {**shape, "facts": 0} for shape in before["shapes"]
-        ]
+        # Another method may measure otherwise, and a newer version may tell more.
+        for shape, was in zip(shapes, before["shapes"], strict=True):
+            assert {**{key: shape[key] for key in was}, "facts": 0} == {**was, "facts": 0}
         for shape in shapes:
             data = running.client.get(f"/shapes/{shape['id']}/file").content
             assert hashlib.sha256(data).hexdigest() == shape["sha256"]

@@ -14,6 +14,7 @@ import pytest
 import trimesh
 
 from core.mesh import Mesh
+from core.perturbation import cut_part
 from core.pipeline import Pipeline
 from core.reading import FORMATS, read_mesh, write_mesh
 from service.compute.tasks import Embedded
@@ -235,3 +236,15 @@ def test_a_signature_of_another_length_is_not_stored(
     assert _rows(service) == {"shapes": 1, "blobs": 1, "embeddings": 1}
     results = query(service.client, small_file(0)).json()["results"]
     assert [result["shape"]["id"] for result in results] == [kept["id"]]
+
+
+def test_what_looks_incomplete_is_stored_and_searched_with_a_warning(service: Running) -> None:
+    whole = read_mesh(small_file(1), "off")
+    part = write_mesh(cut_part(whole, 0.4, 0), "off")
+    assert service.store(small_file(1), "whole.off")["warnings"] == []
+    stored = service.store(part, "part.off")
+    (warning,) = stored["warnings"]
+    assert "looks incomplete" in warning
+    assert f"{100 * stored['facts']['openness']:.0f} %" in warning
+    assert query(service.client, part).json()["warnings"] == [warning]
+    assert query(service.client, small_file(1)).json()["warnings"] == []
