@@ -1,8 +1,9 @@
 """The application."""
 
+import asyncio
 from collections.abc import AsyncIterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from threading import Event
 
 from fastapi import FastAPI
@@ -19,6 +20,8 @@ from service.compute.pool import LocalPool
 from service.compute.processes import start as start_processes
 from service.compute.work import Work
 from service.compute.workers import Workers
+from service.deleted.endpoints import router as deleted_router
+from service.deleted.service import keep_purging
 from service.duplicates.endpoints import router as duplicates_router
 from service.endpoints import router as service_router
 from service.idempotency.keys import InFlight
@@ -65,10 +68,14 @@ def create_app(settings: Settings) -> FastAPI:
         app.state.runner.start()
         stocking = Stocking(app.state.parts)
         stocking.start()
+        purging = asyncio.create_task(keep_purging(app.state.parts))
         metrics.watch("job_files", "Files of bulk jobs that are at work.", lambda: app.state.runner.at_work)
         try:
             yield
         finally:
+            purging.cancel()
+            with suppress(asyncio.CancelledError):
+                await purging
             await stocking.stop()
             await app.state.runner.stop()
             await run_in_threadpool(_stop, app.state.parts)
@@ -88,6 +95,7 @@ def create_app(settings: Settings) -> FastAPI:
     app.include_router(search_router)
     app.include_router(duplicates_router)
     app.include_router(shapes_router)
+    app.include_router(deleted_router)
     app.include_router(jobs_router)
     app.include_router(session_router)
     app.include_router(service_router)

@@ -23,6 +23,7 @@ from urllib.parse import quote
 import httpx
 from pydantic import BaseModel, JsonValue, ValidationError
 
+from service.deleted.schemas import DeletedShape, DeletedShapePage
 from service.duplicates.schemas import DuplicatesAnswer
 from service.jobs.schemas import Job, JobFile, JobFilePage, JobPage
 from service.problems import MEDIA_TYPE, TYPE_PREFIX, Problem
@@ -274,6 +275,13 @@ class Client:
         """The bytes that were uploaded."""
         return self._send("GET", f"/shapes/{_segment(shape_id)}/file").content
 
+    def replace_file(self, shape_id: str, file: File, *, if_sha256: str | None = None) -> Shape:
+        """Have a shape be of another file; where a SHA-256 is given, only if its file has that one now."""
+        headers = {} if if_sha256 is None else {"If-Match": f'"{if_sha256}"'}
+        path = f"/shapes/{_segment(shape_id)}/file"
+        answer = self._send("PUT", path, files={"file": _named_bytes(file)}, headers=headers)
+        return _parse(Shape, answer)
+
     def update(
         self,
         shape_id: str,
@@ -294,6 +302,24 @@ class Client:
     def delete(self, shape_id: str) -> None:
         """Take it out of the archive."""
         self._send("DELETE", f"/shapes/{_segment(shape_id)}")
+
+    def deleted(self) -> Iterator[DeletedShape]:
+        """The shapes that can be restored, those deleted first before the others."""
+        cursor: dict[str, str] = {}
+        while True:
+            page = _parse(DeletedShapePage, self._send("GET", "/deleted", params={"limit": 500, **cursor}))
+            yield from page.shapes
+            if page.next_cursor is None:
+                return
+            cursor = {"cursor": page.next_cursor}
+
+    def restore(self, shape_id: str) -> Shape:
+        """Undo a deletion."""
+        return _parse(Shape, self._send("POST", f"/shapes/{_segment(shape_id)}/restore"))
+
+    def purge(self, shape_id: str) -> None:
+        """Forget a deleted shape for good."""
+        self._send("DELETE", f"/deleted/{_segment(shape_id)}")
 
     def query_file(self, file: File, **options: Unpack[QueryArguments]) -> QueryAnswer:
         """The stored shapes most like a file."""

@@ -51,6 +51,12 @@ class NameTakenError(ServiceError):
     kind = "name-taken"
 
 
+class FileChangedError(ServiceError):
+    """The shape's file is not the one that the client means."""
+
+    kind = "file-changed"
+
+
 class NotEmbeddedError(ServiceError):
     """The shape has no embedding made with the pipeline in use."""
 
@@ -249,6 +255,7 @@ PROBLEMS: dict[str, ProblemKind] = {
     "method-not-allowed": ProblemKind(405, "The address does not answer this method"),
     "name-taken": ProblemKind(409, "The name is taken"),
     "not-embedded": ProblemKind(409, "The shape has no embedding of the pipeline in use"),
+    "file-changed": ProblemKind(412, "The file is another by now"),
     "body-too-large": ProblemKind(413, "The upload is too large"),
     "unsupported-media-type": ProblemKind(415, "The body's media type is not one that is read"),
     "file-time-limit": ProblemKind(422, "The file takes too long to work on"),

@@ -10,7 +10,7 @@ PREFIX = "isoshape_"
 SECONDS = (0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0, 30.0, 60.0, 120.0)
 SHAPES = (1, 10, 100, 300, 1_000, 3_000, 10_000, 100_000)
 
-METHODS = frozenset({"GET", "HEAD", "POST", "PATCH", "DELETE", "OPTIONS"})
+METHODS = frozenset({"GET", "HEAD", "POST", "PATCH", "PUT", "DELETE", "OPTIONS"})
 # Of what a client sends freely there is no telling how many kinds there are.
 OTHER = "other"
 

@@ -4,6 +4,7 @@ import json
 import os
 import re
 from dataclasses import replace
+from datetime import timedelta
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -153,6 +154,13 @@ class Settings(BaseSettings):
         allow_inf_nan=False,
         description="How long the record of a bulk job that has ended is kept.",
     )
+    undo_days: float = Field(
+        default=0.0,
+        ge=0,
+        le=3660,
+        allow_inf_nan=False,
+        description="How long a deleted shape can be restored; 0 is not at all, and nothing is kept of it.",
+    )
     max_vertices: PositiveInt = Field(
         default=DEFAULT_LIMITS.vertices, description="The most vertices a mesh may have."
     )
@@ -274,6 +282,11 @@ class Settings(BaseSettings):
         return GraphParameters(
             m=self.hnsw_m, ef_construction=self.hnsw_ef_construction, ef_search=self.hnsw_ef_search
         )
+
+    @property
+    def undo_time(self) -> timedelta:
+        """How long a deleted shape can be restored."""
+        return timedelta(days=self.undo_days)
 
     @property
     def limits(self) -> Limits:

@@ -80,3 +80,26 @@ UPLOAD_BODY: dict[str, Any] = {
         }
     },
 }
+FILE_BODY: dict[str, Any] = {
+    "required": True,
+    "content": {
+        "multipart/form-data": {
+            "schema": {
+                "type": "object",
+                "required": ["file"],
+                "additionalProperties": False,
+                "properties": {"file": FILE_FIELD},
+            }
+        }
+    },
+}
+IF_MATCH: dict[str, Any] = {
+    "name": "If-Match",
+    "in": "header",
+    "required": False,
+    "description": "The ETag of the file that is to be replaced. If it is another by now, nothing is done.",
+    "schema": {"type": "string"},
+}
+ETAG_HEADER: dict[str, Any] = {
+    "ETag": {"description": "Of the file: its SHA-256, in double quotes.", "schema": {"type": "string"}}
+}

@@ -10,16 +10,19 @@ from core.reading import FORMATS, format_of
 from service.access.middleware import KEY_IN_SCOPE
 from service.dependencies import Service
 from service.disconnect import while_connected
-from service.errors import BadRequestFieldsError
+from service.errors import BadRequestFieldsError, FieldFault
 from service.idempotency.keys import HEADER, REPLAYED, payload_of, read_key
 from service.idempotency.records import Claim
 from service.pipelines.active import fingerprint
 from service.problems import documented, faults_of
-from service.shapes import files, service
+from service.shapes import files, replacing, service
 from service.shapes.documentation import (
+    ETAG_HEADER,
+    FILE_BODY,
     FILE_PROBLEMS,
     IDEMPOTENCY_KEY,
     IDEMPOTENCY_PROBLEMS,
+    IF_MATCH,
     READ_PROBLEMS,
     REPLAYED_HEADER,
     UPLOAD_BODY,
@@ -28,7 +31,7 @@ from service.shapes.documentation import (
 from service.shapes.fields import base_name, read_metadata, split_tags
 from service.shapes.filters import Filters
 from service.shapes.pages import read_cursor
-from service.shapes.records import NewShape, Stored
+from service.shapes.records import NewFile, NewShape, Stored
 from service.shapes.schemas import EmbeddingArrays, Shape, ShapeChanges, ShapeFields, ShapePage
 from service.uploads import Form, single, uploaded
 
@@ -129,18 +132,6 @@ def change_shape(shape_id: ShapeId, changes: ShapeChanges, parts: Service) -> Sh
         return Shape.of(service.change(session, fingerprint(session), shape_id, changes.changes()))
 
 
-@router.delete(
-    "/shapes/{shape_id}",
-    status_code=204,
-    summary="Delete a shape",
-    responses=documented("shape-not-found", *WRITE_PROBLEMS),
-)
-def delete_shape(shape_id: ShapeId, parts: Service) -> None:
-    """Delete the record, and its file and embedding unless another shape has the same bytes."""
-    with parts.database.write() as session:
-        service.remove(session, fingerprint(session), shape_id)
-
-
 @router.head("/shapes/{shape_id}/file", include_in_schema=False)
 @router.get(
     "/shapes/{shape_id}/file",
@@ -173,6 +164,32 @@ def read_file(shape_id: ShapeId, request: Request, parts: Service) -> Response:
         "X-Content-Type-Options": "nosniff",
     }
     return Response(data, media_type=files.media_type(shape.format), headers=headers)
+
+
+@router.put(
+    "/shapes/{shape_id}/file",
+    summary="Replace the file",
+    response_model=Shape,
+    response_description="The shape is of the new file, and the next query sees it so.",
+    responses={
+        200: {"headers": ETAG_HEADER},
+        **documented(*FILE_PROBLEMS, "shape-not-found", "name-taken", "file-changed", *WRITE_PROBLEMS),
+    },
+    openapi_extra={"parameters": [IF_MATCH], "requestBody": FILE_BODY},
+)
+async def replace_file(shape_id: ShapeId, request: Request, response: Response, parts: Service) -> Shape:
+    """Read another file and embed its mesh; the shape's id, name, tags and metadata stay."""
+    settings = parts.settings
+    async with uploaded(request, max_bytes=settings.max_upload_bytes, max_fields=1) as form:
+        if form.fields:
+            raise BadRequestFieldsError(*(FieldFault(name, "not taken here") for name in form.fields))
+        mesh_format = format_of(form.filename)
+        with parts.work.admitted():
+            file = NewFile(await form.bytes(), mesh_format)
+            work = replacing.replace_file(parts, shape_id, file, request.headers.get("If-Match"))
+            record = await while_connected(request, work)
+    response.headers["ETag"] = files.entity_tag(record.sha256)
+    return Shape.of(record)
 
 
 @router.get(

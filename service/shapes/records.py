@@ -31,19 +31,38 @@ class ShapeRecord:
 
 
 @dataclass(frozen=True)
-class NewShape:
-    """A file to be stored, and what is written about it."""
+class NewFile:
+    """A file to be stored."""
 
     data: bytes
     format: str
-    name: str
-    tags: tuple[str, ...]
-    metadata: Mapping[str, Any]
 
     @cached_property
     def sha256(self) -> str:
         """Of the file, as hexadecimal digits."""
         return sha256(self.data)
+
+
+@dataclass(frozen=True)
+class NewShape(NewFile):
+    """A file to be stored, and what is written about it.
+
+    A shape that is restored has its id and the time of its creation already.
+    """
+
+    name: str
+    tags: tuple[str, ...]
+    metadata: Mapping[str, Any]
+    id: str | None = None
+    created_at: datetime | None = None
+
+
+@dataclass(frozen=True)
+class StoredFile:
+    """Where the bytes of a file are, and what was measured on its mesh."""
+
+    blob_number: int
+    facts: Mapping[str, Any]
 
 
 @dataclass(frozen=True)

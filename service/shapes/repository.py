@@ -11,7 +11,7 @@ from sqlalchemy import Select, case, delete, func, literal, select, update
 
 from service.compute.tasks import Embedded
 from service.shapes.fields import plain_values
-from service.shapes.records import Changes, NewShape, ShapeFilter, ShapeRecord
+from service.shapes.records import Changes, NewShape, ShapeFilter, ShapeRecord, StoredFile
 from service.storage.columns import UtcDateTime
 from service.storage.database import ReadSession, WriteSession
 from service.storage.graph import ensure_graph, has_graphs
@@ -193,14 +193,14 @@ def add_shape(session: WriteSession, blob_number: int, new: NewShape, facts: Map
     """Store a shape on a blob; its number."""
     now = datetime.now(UTC)
     row = ShapeRow(
-        id=str(uuid.uuid4()),
+        id=new.id or str(uuid.uuid4()),
         blob_number=blob_number,
         format=new.format,
         name=new.name,
         folded_name=new.name.casefold(),
         meta=dict(new.metadata),
         facts=dict(facts),
-        created_at=now,
+        created_at=new.created_at or now,
         updated_at=now,
         revision=next_revision(session),
     )
@@ -220,9 +220,7 @@ def facts_on(session: ReadSession, blob_number: int, format: str) -> dict[str, A
 
 def change(session: WriteSession, number: int, changes: Changes) -> None:
     """Write the changes."""
-    # A clock that was set back does not make a shape older than it is.
-    now = literal(datetime.now(UTC), UtcDateTime())
-    values: dict[str, Any] = {"updated_at": case((ShapeRow.updated_at > now, ShapeRow.updated_at), else_=now)}
+    values = _updated_now()
     if changes.name is not None:
         values |= {"name": changes.name, "folded_name": changes.name.casefold()}
     if changes.metadata is not None:
@@ -250,11 +248,34 @@ def is_name_taken(session: ReadSession, record: ShapeRecord, name: str) -> bool:
     return session.scalar(query) is not None
 
 
+def replace_file(session: WriteSession, record: ShapeRecord, format: str, file: StoredFile) -> None:
+    """Have a shape be of another file, and delete what no other shape needs of the one before."""
+    session.execute(
+        update(ShapeRow)
+        .where(ShapeRow.number == record.number)
+        .values(
+            {
+                **_updated_now(),
+                "blob_number": file.blob_number,
+                "format": format,
+                "facts": dict(file.facts),
+                "revision": next_revision(session),
+            }
+        )
+    )
+    _drop_unused(session, record.sha256)
+
+
 def remove(session: WriteSession, record: ShapeRecord) -> None:
     """Delete a shape, and the bytes and embeddings that no other shape needs."""
     session.execute(delete(ShapeRow).where(ShapeRow.number == record.number))
     session.add(RemovalRow(shape_number=record.number, revision=next_revision(session)))
-    blob_number = session.scalars(select(BlobRow.number).where(BlobRow.sha256 == record.sha256)).one()
+    _drop_unused(session, record.sha256)
+
+
+def _drop_unused(session: WriteSession, sha256: str) -> None:
+    """Delete bytes, and embeddings of them, that no shape has any more."""
+    blob_number = session.scalars(select(BlobRow.number).where(BlobRow.sha256 == sha256)).one()
     formats = set(session.scalars(select(ShapeRow.format).where(ShapeRow.blob_number == blob_number)))
     session.execute(
         delete(EmbeddingRow).where(
@@ -263,6 +284,12 @@ def remove(session: WriteSession, record: ShapeRecord) -> None:
     )
     if not formats:
         session.execute(delete(BlobRow).where(BlobRow.number == blob_number))
+
+
+def _updated_now() -> dict[str, Any]:
+    """A clock that was set back does not make a shape older than it is."""
+    now = literal(datetime.now(UTC), UtcDateTime())
+    return {"updated_at": case((ShapeRow.updated_at > now, ShapeRow.updated_at), else_=now)}
 
 
 def next_revision(session: WriteSession) -> int:

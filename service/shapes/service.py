@@ -18,7 +18,16 @@ from service.idempotency.records import Claim, Kept
 from service.parts import Parts
 from service.pipelines.active import fingerprint as active_fingerprint
 from service.shapes import repository
-from service.shapes.records import Changes, NewShape, Page, ShapeFilter, ShapeRecord, Stored
+from service.shapes.records import (
+    Changes,
+    NewFile,
+    NewShape,
+    Page,
+    ShapeFilter,
+    ShapeRecord,
+    Stored,
+    StoredFile,
+)
 from service.shapes.schemas import Shape
 from service.stages import Stages
 from service.storage.database import Database, ReadSession, WriteSession
@@ -169,29 +178,42 @@ def _store(
         kept = None if claim is None else idempotency.answer_to(session, claim, now)
         if kept is not None:
             return kept
-        if active_fingerprint(session) != fingerprint:
+        put = put_file(session, fingerprint, new, embedded)
+        if put is None:
             return None
-        embedding_is_there = repository.is_embedded(session, fingerprint, new.sha256, new.format)
-        if embedded is None and not embedding_is_there:
-            return None
-        blob_number = repository.add_blob(session, new.data, new.sha256)
-        if embedded is not None and not embedding_is_there:
-            check_signature(session, fingerprint, embedded)
-            repository.add_embedding(session, blob_number, new.format, fingerprint, embedded)
         present = repository.same(session, fingerprint, new)
         if present is not None:
             stored = Stored(present, created=False)
         else:
-            facts = (
-                repository.facts_on(session, blob_number, new.format) if embedded is None else embedded.facts
-            )
-            number = repository.add_shape(session, blob_number, new, facts or {})
+            number = repository.add_shape(session, put.blob_number, new, put.facts)
             stored = Stored(repository.records(session, fingerprint, [number])[0], created=True)
         if claim is not None:
             idempotency.keep(session, claim, answer_of(stored), now)
         if also is not None:
             also(session, stored)
         return stored
+
+
+def put_file(
+    session: WriteSession, fingerprint: str, file: NewFile, embedded: Embedded | None
+) -> StoredFile | None:
+    """Store the bytes and the embedding of a file, as far as they are not there.
+
+    None where there is no embedding: the one that was there when the file was looked up has gone, or is of a
+    pipeline that the archive is searched by no more.
+    """
+    if active_fingerprint(session) != fingerprint:
+        return None
+    embedding_is_there = repository.is_embedded(session, fingerprint, file.sha256, file.format)
+    if embedded is None and not embedding_is_there:
+        return None
+    blob_number = repository.add_blob(session, file.data, file.sha256)
+    if embedded is None:
+        return StoredFile(blob_number, repository.facts_on(session, blob_number, file.format) or {})
+    if not embedding_is_there:
+        check_signature(session, fingerprint, embedded)
+        repository.add_embedding(session, blob_number, file.format, fingerprint, embedded)
+    return StoredFile(blob_number, embedded.facts)
 
 
 def answer_of(stored: Stored) -> Kept:

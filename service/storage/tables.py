@@ -133,6 +133,30 @@ class RemovalRow(Table):
     revision: Mapped[int] = mapped_column(index=True)
 
 
+class DeletedRow(Table):
+    """A deleted shape, which can be restored.
+
+    It has the bytes once more, so that nothing else need know of it: the blob and the embeddings go with the
+    last shape that has them, and a restored shape is stored anew. `number` orders them by when they were
+    deleted.
+    """
+
+    __tablename__ = "deleted_shapes"
+    __table_args__ = ({"sqlite_autoincrement": True},)
+
+    number: Mapped[int] = mapped_column(primary_key=True)
+    id: Mapped[str] = mapped_column(AnyText(36), unique=True)
+    name: Mapped[str] = mapped_column(String(255))
+    tags: Mapped[list[str]] = mapped_column(JSON)
+    meta: Mapped[dict[str, Any]] = mapped_column(JSON)
+    format: Mapped[str] = mapped_column(String(8))
+    sha256: Mapped[str] = mapped_column(String(64))
+    size: Mapped[int]
+    created_at: Mapped[datetime] = mapped_column(UtcDateTime)
+    deleted_at: Mapped[datetime] = mapped_column(UtcDateTime, index=True)
+    data: Mapped[bytes] = mapped_column(LargeBinary, deferred=True)
+
+
 class PipelineRow(Table):
     """A pipeline that made embeddings: the version of the method, and its parameters."""
 

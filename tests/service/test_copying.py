@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 
 from core.parameters import DEFAULT
 from service.cli.commands import command_line
+from service.deleted import repository as deleted
 from service.errors import ArchiveError, ArchiveTooNewError
 from service.idempotency import repository as idempotency
 from service.idempotency.records import Claim, Kept
@@ -51,7 +52,9 @@ def archive(tmp_path: Path) -> Path:
         for name in ("4", twin.name):
             number = session.scalars(select(ShapeRow.number).where(ShapeRow.name == name)).one()
             if name == "4":
-                repository.remove(session, repository.records(session, DEFAULT.fingerprint, [number])[0])
+                record = repository.records(session, DEFAULT.fingerprint, [number])[0]
+                deleted.keep(session, record, now)
+                repository.remove(session, record)
     return path
 
 

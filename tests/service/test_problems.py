@@ -72,7 +72,11 @@ def test_an_address_where_nothing_is(shared: Running, path: str) -> None:
 
 @pytest.mark.parametrize(("method", "path"), [each for each in OPERATIONS if "{shape_id}" in each[1]])
 def test_a_shape_that_is_not_there(shared: Running, method: str, path: str) -> None:
-    body: dict[str, Any] = {"json": {}} if method == "PATCH" else {}
+    bodies: dict[str, dict[str, Any]] = {
+        "PATCH": {"json": {}},
+        "PUT": {"files": {"file": ("shape.off", small_file(0))}},
+    }
+    body = bodies.get(method, {})
     assert_problem(shared.client.request(method, address(path), **body), 404, "shape-not-found")
     long = path.replace("{shape_id}", "x" * 65)
     assert_problem(shared.client.request(method, long, **body), 422, "bad-request-fields")

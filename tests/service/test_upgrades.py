@@ -111,6 +111,7 @@ def test_embeddings_that_had_no_sketches_get_those_that_they_would_have(tmp_path
         }
         connection.execute("UPDATE embeddings SET record = x'00' WHERE number = 2")
         connection.execute("DROP TABLE sketches")
+        connection.execute("DROP TABLE deleted_shapes")
         connection.execute("UPDATE alembic_version SET version_num = '0005'")
     database = Database(f"sqlite:///{path}", lock_seconds=1)
     migrate(database)

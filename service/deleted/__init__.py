@@ -1,0 +1,1 @@
+"""Shapes that were deleted, kept for some days so that they can be restored."""
