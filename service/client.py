@@ -271,9 +271,10 @@ class Client:
         """One record."""
         return _parse(Shape, self._send("GET", f"/shapes/{_segment(shape_id)}"))
 
-    def file(self, shape_id: str) -> bytes:
-        """The bytes that were uploaded."""
-        return self._send("GET", f"/shapes/{_segment(shape_id)}/file").content
+    def file(self, shape_id: str, *, format: str | None = None) -> bytes:
+        """The bytes that were uploaded, or the mesh in a format."""
+        wanted = {} if format is None else {"format": format}
+        return self._send("GET", f"/shapes/{_segment(shape_id)}/file", params=wanted).content
 
     def replace_file(self, shape_id: str, file: File, *, if_sha256: str | None = None) -> Shape:
         """Have a shape be of another file; where a SHA-256 is given, only if its file has that one now."""

@@ -24,6 +24,15 @@ FILE_PROBLEMS = (
     "worker-lost",
     "cluster-unavailable",
 )
+EXPORT_PROBLEMS = (
+    "mesh-too-complex",
+    "non-finite-coordinates",
+    "file-time-limit",
+    "busy",
+    "shutting-down",
+    "worker-lost",
+    "cluster-unavailable",
+)
 READ_PROBLEMS = ("bad-request-fields", "storage-unavailable")
 WRITE_PROBLEMS = (*READ_PROBLEMS, "storage-full")
 

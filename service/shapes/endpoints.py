@@ -5,6 +5,7 @@ from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Path, Query, Request, Response
 from pydantic import Field, ValidationError
+from starlette.concurrency import run_in_threadpool
 
 from core.reading import FORMATS, format_of
 from service.access.middleware import KEY_IN_SCOPE
@@ -15,9 +16,10 @@ from service.idempotency.keys import HEADER, REPLAYED, payload_of, read_key
 from service.idempotency.records import Claim
 from service.pipelines.active import fingerprint
 from service.problems import documented, faults_of
-from service.shapes import files, replacing, service
+from service.shapes import exporting, files, replacing, service
 from service.shapes.documentation import (
     ETAG_HEADER,
+    EXPORT_PROBLEMS,
     FILE_BODY,
     FILE_PROBLEMS,
     IDEMPOTENCY_KEY,
@@ -31,7 +33,7 @@ from service.shapes.documentation import (
 from service.shapes.fields import base_name, read_metadata, split_tags
 from service.shapes.filters import Filters
 from service.shapes.pages import read_cursor
-from service.shapes.records import NewFile, NewShape, Stored
+from service.shapes.records import NewFile, NewShape, ShapeRecord, Stored
 from service.shapes.schemas import EmbeddingArrays, Shape, ShapeChanges, ShapeFields, ShapePage
 from service.uploads import Form, single, uploaded
 
@@ -139,31 +141,56 @@ def change_shape(shape_id: ShapeId, changes: ShapeChanges, parts: Service) -> Sh
     summary="Get the file",
     responses={
         200: {
-            "description": "The bytes that were uploaded, with their SHA-256 as ETag.",
+            "description": "The bytes that were uploaded, with their SHA-256 as ETag; or the mesh in another "
+            "format.",
             "content": {
                 media_type: {"schema": {"type": "string", "contentMediaType": media_type}}
                 for media_type in sorted({files.media_type(name) for name in FORMATS})
             },
         },
         304: {"description": "The client has the file already, by its If-None-Match."},
-        **documented("shape-not-found", *READ_PROBLEMS),
+        **documented("shape-not-found", *EXPORT_PROBLEMS, *READ_PROBLEMS),
     },
 )
-def read_file(shape_id: ShapeId, request: Request, parts: Service) -> Response:
-    """The very bytes that were uploaded. HEAD gives the headers alone."""
-    with parts.database.read() as session:
-        shape = service.get(session, fingerprint(session), shape_id)
-        tag = files.entity_tag(shape.sha256)
-        if files.is_known(request.headers.get("If-None-Match"), tag):
-            return Response(status_code=304, headers={"ETag": tag})
-        data = b"" if request.method == "HEAD" else service.get_file(session, shape_id)
+async def read_file(
+    shape_id: ShapeId,
+    request: Request,
+    parts: Service,
+    format: Annotated[
+        Literal["stl", "obj", "ply", "off", "glb"] | None,
+        Query(
+            description="Have the mesh written in this format, unless the file is of it. obj and off hold "
+            "the very coordinates, the others 32 bits of each; nothing but vertices and triangles is written."
+        ),
+    ] = None,
+) -> Response:
+    """The very bytes that were uploaded, or their mesh in another format. HEAD gives the headers alone."""
+    known = request.headers.get("If-None-Match")
+
+    def read() -> tuple[ShapeRecord, str, str, bytes | None]:
+        with parts.database.read() as session:
+            shape = service.get(session, fingerprint(session), shape_id)
+            kind = shape.format if format is None else str(format)
+            tag = files.entity_tag(shape.sha256 if kind == shape.format else f"{shape.sha256}-{kind}")
+            wanted = request.method != "HEAD" and kind == shape.format and not files.is_known(known, tag)
+            return shape, kind, tag, service.get_file(session, shape_id) if wanted else None
+
+    shape, kind, tag, data = await run_in_threadpool(read)
+    if files.is_known(known, tag):
+        return Response(status_code=304, headers={"ETag": tag})
+    size = shape.size
+    if kind != shape.format:
+        with parts.work.admitted():
+            data = await while_connected(request, exporting.exported(parts, shape, kind))
+        size = len(data)
     headers = {
-        "Content-Length": str(shape.size),
+        "Content-Length": str(size),
         "ETag": tag,
-        "Content-Disposition": files.disposition(shape.name, shape.format),
+        "Content-Disposition": files.disposition(shape.name, kind),
         "X-Content-Type-Options": "nosniff",
     }
-    return Response(data, media_type=files.media_type(shape.format), headers=headers)
+    body = b"" if request.method == "HEAD" else data
+    return Response(body, media_type=files.media_type(kind), headers=headers)
 
 
 @router.put(

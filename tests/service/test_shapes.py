@@ -8,8 +8,13 @@ from urllib.parse import unquote
 import numpy as np
 import pytest
 
+from core.errors import MeshTooComplexError
+from core.mesh import Mesh
+from core.reading import FORMATS, read_mesh, write_mesh
 from core.records import embedding_from_bytes
-from service.shapes import repository
+from service.client import Client
+from service.shapes import files, repository
+from service.shapes.exporting import check_size
 from tests.service.engines import on_both
 from tests.service.support import Running, assert_problem, pipeline_in_use, small_file, upload
 
@@ -302,3 +307,46 @@ def test_the_embedding_is_the_one_that_is_stored(service: Running) -> None:
     assert again.content == archive.content
     answer = service.client.get(address, params={"format": "xml"})
     assert assert_problem(answer, 422, "bad-request-fields")["errors"][0]["field"] == "format"
+
+
+@pytest.mark.parametrize("format", FORMATS)
+def test_a_mesh_is_written_in_another_format(service: Running, format: str) -> None:
+    shape = service.store(small_file(0), name="bird.off")
+    answer = service.client.get(f"/shapes/{shape['id']}/file", params={"format": format})
+    assert answer.status_code == 200
+    assert answer.headers["content-type"] == files.media_type(format)
+    assert answer.headers["content-disposition"].endswith(
+        f"''bird.off{'' if format == 'off' else f'.{format}'}"
+    )
+    written, mesh = read_mesh(answer.content, format), read_mesh(small_file(0), "off")
+    exact = format in {"obj", "off"}
+    np.testing.assert_allclose(
+        written.vertices[written.faces], mesh.vertices[mesh.faces], rtol=0, atol=0 if exact else 1e-6
+    )
+    tag = answer.headers["etag"]
+    assert (tag == f'"{shape["sha256"]}"') == (format == "off")
+    address, wanted = f"/shapes/{shape['id']}/file", {"format": format}
+    again = service.client.get(address, params=wanted, headers={"if-none-match": tag})
+    assert (again.status_code, again.content) == (304, b"")
+    head = service.client.head(address, params=wanted)
+    assert (head.headers["content-length"], head.content) == (str(len(answer.content)), b"")
+    with Client(str(service.client.base_url)) as client:
+        assert client.file(shape["id"], format=format) == answer.content
+
+
+def test_no_larger_file_is_written_than_may_be_uploaded() -> None:
+    mesh = read_mesh(small_file(0), "off")
+    # As many digits as there are.
+    mesh = Mesh(-np.pi * 1e-300 * (1.0 + mesh.vertices**2), mesh.faces)
+    for format in FORMATS:
+        size = len(write_mesh(mesh, format)) - 1024
+        with pytest.raises(MeshTooComplexError, match=format.upper()):
+            check_size(mesh, format, size)
+        check_size(mesh, format, 3 * size)
+
+
+def test_an_unknown_format_is_not_written(service: Running) -> None:
+    shape = service.store(small_file(0), name="bird.off")
+    for wrong in ("step", "", "OFF"):
+        answer = service.client.get(f"/shapes/{shape['id']}/file", params={"format": wrong})
+        assert_problem(answer, 422, "bad-request-fields")

@@ -1,0 +1,43 @@
+"""A stored mesh as a file of another format."""
+
+from starlette.concurrency import run_in_threadpool
+
+from core.errors import MeshTooComplexError
+from core.mesh import Mesh
+from core.reading import write_mesh
+from service.parts import Parts
+from service.shapes.records import ShapeRecord
+from service.shapes.service import get_file
+
+_VERTEX = {"obj": 80, "off": 78, "ply": 12, "glb": 12, "stl": 0}
+_FACE = {"obj": 30, "off": 31, "ply": 13, "glb": 12, "stl": 50}
+"""The most bytes that each takes, in lines or in 32 bits; vertices of STL are written with the faces."""
+
+
+async def exported(parts: Parts, shape: ShapeRecord, format: str) -> bytes:
+    """The mesh of a shape, written in a format: what `core.reading.write_mesh` keeps of it.
+
+    Raises
+    ------
+    MeshTooComplexError
+        It may take more bytes than an upload may have.
+    NonFiniteCoordinatesError
+        A coordinate is too large for the 32 bits of the format.
+    """
+
+    def read() -> bytes:
+        with parts.database.read() as session:
+            return get_file(session, shape.id)
+
+    mesh = await parts.work.read(await run_in_threadpool(read), shape.format)
+    check_size(mesh, format, parts.settings.max_upload_bytes)
+    return await parts.work.do(write_mesh, mesh, format)
+
+
+def check_size(mesh: Mesh, format: str, limit: int) -> None:
+    """Raise MeshTooComplexError where a mesh may take more bytes than the limit."""
+    size = len(mesh.vertices) * _VERTEX[format] + len(mesh.faces) * _FACE[format]
+    if size > limit:
+        raise MeshTooComplexError(
+            f"the mesh may take {size} bytes as {format.upper()}; at most {limit} bytes are written"
+        )
