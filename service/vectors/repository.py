@@ -32,7 +32,7 @@ from service.storage.tables import EmbeddingRow, ShapeRow, SketchRow
 Found = Select[int, int, float]
 Chosen = TypeVar("Chosen", bound=Select[*tuple[Any, ...]])
 
-MORE = 4
+MORE = 2
 """So many times as many are taken from the graph as are wanted, unless told: it misses mostly the last."""
 
 AT_ONCE = 10_000
