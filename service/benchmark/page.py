@@ -8,10 +8,12 @@ from service.benchmark.embedding import Row as EmbeddingRow
 from service.benchmark.functional_maps import SPECTRUM
 from service.benchmark.growth import FORMATS, exponent
 from service.benchmark.growth import Row as GrowthRow
+from service.benchmark.load import SHARE
+from service.benchmark.load import Row as LoadRow
 from service.benchmark.match_tables import match_table, peer_table
 from service.benchmark.matching import MANY
 from service.benchmark.matching import Row as MatchRow
-from service.benchmark.search_tables import kept_table, search_table
+from service.benchmark.search_tables import kept_table, load_table, search_table
 from service.benchmark.searching import EXHAUSTIVE, Kept
 from service.benchmark.searching import Row as SearchRow
 from service.benchmark.table1 import Row as Table1Row
@@ -31,6 +33,7 @@ class Found:
     match: list[MatchRow] = field(default_factory=list)
     search: list[SearchRow] = field(default_factory=list)
     kept: list[Kept] = field(default_factory=list)
+    load: list[LoadRow] = field(default_factory=list)
 
     def as_json(self) -> dict[str, object]:
         """The object that `--json` prints: lists of rows by subject; seconds and bytes."""
@@ -51,6 +54,8 @@ class Found:
                 "rows": [asdict(row) for row in self.search],
                 "kept": [asdict(row) for row in self.kept],
             }
+        if self.load:
+            found["load"] = [asdict(row) for row in self.load]
         return found
 
 
@@ -118,6 +123,13 @@ def page(found: Found, command: str, *, picture: bool) -> str:
                 f"The cascade against exhaustive search of {found.kept[0].shapes:,} shapes, ranked by CC: "
                 f"{found.kept[0].queries} queries, from whose answers their own noisy copies are left out.",
             ]
+    if found.load:
+        parts += [
+            "## Many clients at once",
+            _markdown(load_table(found.load)),
+            "Capacity: what is answered while all clients ask again as soon as they have an answer. Then "
+            f"{SHARE:.0%} of it is asked for evenly, and a query's time counts from when it was due.",
+        ]
     return "\n\n".join(parts) + "\n"
 
 

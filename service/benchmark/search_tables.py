@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+from service.benchmark.load import Row as LoadRow
 from service.benchmark.searching import Kept, Row
 
 STAGES = ("read", "shortlist", "compare", "results")
@@ -57,6 +58,35 @@ def kept_table(rows: Sequence[Kept]) -> list[list[str]]:
                 *(count(of) for of in (row.length, row.screened, row.finalists)),
                 *(f"{100 * share:.1f} %" for share in (row.first, row.nn, row.ten)),
                 f"{1e3 * row.median:,.0f}",
+            ]
+            for row in rows
+        ),
+    ]
+
+
+def load_table(rows: Sequence[LoadRow]) -> list[list[str]]:
+    """A line a measurement: milliseconds."""
+    return [
+        [
+            "shapes",
+            "clients querying, ingesting",
+            "capacity, queries and uploads a second",
+            "one client alone: median, p95, ms",
+            "under half of the capacity: median, p95, ms",
+            "p95 over that of one alone",
+            "queries, uploads",
+            "errors",
+        ],
+        *(
+            [
+                f"{row.shapes:,}",
+                f"{row.querying}, {row.ingesting}",
+                f"{row.queries_a_second:.1f}, {row.uploads_a_second:.1f}",
+                f"{1e3 * row.alone_median:,.0f}, {1e3 * row.alone_p95:,.0f}",
+                f"{1e3 * row.median:,.0f}, {1e3 * row.p95:,.0f}",
+                f"{row.p95 / row.alone_p95:.1f}",
+                f"{row.queries:,}, {row.uploads:,}",
+                f"{row.errors}",
             ]
             for row in rows
         ),

@@ -125,7 +125,8 @@ def searching_rows(
 
 
 @contextmanager
-def _serving(url: str, **settings: int) -> Iterator[tuple[ChildService, Client]]:
+def served(url: str, **settings: int) -> Iterator[tuple[ChildService, Client]]:
+    """The service on an archive, ready, and a client of it."""
     with bind(LOOPBACK, 0) as bound:
         port = bound.getsockname()[1]
     changed = {f"ISOSHAPE_{name.upper()}": str(value) for name, value in settings.items()}
@@ -137,7 +138,7 @@ def _serving(url: str, **settings: int) -> Iterator[tuple[ChildService, Client]]
 
 def _measured(url: str, size: int, queries: int, *, exhaustive: bool) -> Row:
     began = perf_counter()
-    with _serving(url) as (service, client):
+    with served(url) as (service, client):
         start = perf_counter() - began
         seconds, stages, compared = [], [], 0
         for number in range(queries + 1):
@@ -179,7 +180,7 @@ def kept_rows(
             "screened": screened,
             "finalists": finalists,
         }
-        with _serving(url, **settings) as (_, client):
+        with served(url, **settings) as (_, client):
             answers, seconds = [], []
             for number in asked:
                 copies = [shape_id(copy) for copy in range(number, size, len(source))]

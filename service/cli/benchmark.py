@@ -12,6 +12,7 @@ from service.benchmark.archive import originals
 from service.benchmark.embedding import embedding_rows, shapedna
 from service.benchmark.functional_maps import functional_maps
 from service.benchmark.growth import growth_rows
+from service.benchmark.load import load_row
 from service.benchmark.matching import matching_rows
 from service.benchmark.meshes import read_source
 from service.benchmark.page import PLOT, Found, page
@@ -28,6 +29,7 @@ class Subject(StrEnum):
     TABLE1 = "table1"
     MATCH = "match"
     SEARCH = "search"
+    LOAD = "load"
 
 
 def command(
@@ -87,6 +89,8 @@ def command(
                     rows, kept = searching_rows(originals(source), Path(scratch), sizes=sizes or SIZES)
                     found.search.extend(rows)
                     found.kept.extend(kept)
+                case Subject.LOAD:
+                    found.load.append(load_row(source, originals(source), Path(scratch)))
             bar.advance(task)
     asked = " ".join(
         [

@@ -5,7 +5,8 @@ from functools import partial
 
 import pytest
 
-from service.benchmark import searching
+from service.benchmark import load, searching
+from service.benchmark.page import Found, page
 from service.cli import benchmark
 
 
@@ -40,8 +41,26 @@ def test_queries_of_archives_made_of_the_collection(run, collection, monkeypatch
     assert (cascade["length"], cascade["screened"], cascade["finalists"]) == (8, 6, 1)
     assert everything["length"] is everything["screened"] is everything["finalists"] is None
     assert everything["first"] == 1.0
-    page = run("benchmark", collection, "--only", "search", "--shapes", 20)
-    assert "## Queries over HTTP" in page.stdout
+    text = page(
+        Found(search=[searching.Row(**row) for row in found["rows"]], kept=[searching.Kept(**cascade)]),
+        "isoshape benchmark",
+        picture=False,
+    )
+    assert "## Queries over HTTP" in text
+    assert "| 8 | 6 | 1 |" in text
+
+
+def test_clients_at_once(run, collection, monkeypatch):
+    short = partial(benchmark.load_row, shapes=20, capacity_seconds=3.0, alone=3, seconds=3.0)
+    monkeypatch.setattr(benchmark, "load_row", short)
+    done = run("benchmark", collection, "--only", "load", "--json")
+    assert (done.status, done.stderr) == (0, "")
+    (row,) = json.loads(done.stdout)["load"]
+    assert (row["shapes"], row["querying"], row["ingesting"], row["errors"]) == (20, 8, 2, 0)
+    assert row["queries"] > 0
+    assert 0.0 < row["median"] <= row["p95"]
+    text = page(Found(load=[load.Row(**row)]), "isoshape benchmark", picture=False)
+    assert "## Many clients at once" in text
 
 
 def test_a_page_and_its_picture(run, collection, tmp_path):
