@@ -30,7 +30,7 @@ COMPILE := $(UV) pip compile --quiet --no-config --universal --python-version 3.
 LOCKS := requirements.lock tests/requirements.lock tests/browser/requirements.lock docker/cluster.lock docker/test/requirements.lock \
 	tests/supply/requirements.lock
 
-.PHONY: help environment demo test collections-test kill-test load-test lint types openapi lock lock-check image-test page-lint page-vendor browser-test screenshots sbom audit hostile-test mutation-test schema-test vector-test duplicates-test clean
+.PHONY: help environment demo test collections-test kill-test load-test lint types openapi lock lock-check image-test page-lint page-vendor browser-test screenshots sbom audit hostile-test mutation-test schema-test vector-test duplicates-test partial-test clean
 
 help:
 	@echo 'make demo               ingest made shapes, query them, print the nearest three (CHECK=1: and check them)'
@@ -53,6 +53,7 @@ help:
 	@echo 'make mutation-test      upload 10,000 changed files over HTTP (COUNT=, SEED=)'
 	@echo 'make vector-test        the nearest of a million signatures by PostgreSQL: times and recall (SIGNATURES=: of so many)'
 	@echo 'make duplicates-test    find 40 copies planted in a gallery of poses (POSES=: so many of each body)'
+	@echo 'make partial-test       cut parts of ISOSHAPE_DATA/psb, and find what they are parts of (MODELS=: among so many)'
 	@echo 'make schema-test        requests generated from the OpenAPI document'
 	@echo 'make sbom               write build/isoshape.cdx.json: what is installed, as a CycloneDX bill of materials'
 	@echo 'make audit              ask the package index for vulnerabilities of what is installed'
@@ -182,6 +183,11 @@ vector-test: $(DEV)
 POSES ?= 8
 duplicates-test: $(DEV)
 	OMP_NUM_THREADS=1 $(BIN)/python -m tests.duplicates --poses $(POSES)
+
+MODELS ?= 95
+partial-test: $(DEV)
+	@test -d "$${ISOSHAPE_DATA:-}" || { echo 'ISOSHAPE_DATA must name the folder of collections' >&2; exit 1; }
+	OMP_NUM_THREADS=1 $(BIN)/python -m tests.partial "$$ISOSHAPE_DATA/psb" --limit $(MODELS)
 
 schema-test: $(DEV)
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -m schema tests/schema

@@ -74,7 +74,8 @@ def outline(mesh: Mesh) -> Outline:
     areas = face_areas(surface.vertices, surface.faces)
     unit = float(np.sqrt(areas.sum()))
     corners = (surface.vertices[surface.faces] - frame.centre) / unit
-    points, faces = _spread(corners, areas)
+    count = POINTS * min(max(round(2 * len(areas) / POINTS), 1), MOST // POINTS)
+    points, faces = spread(corners, areas, count)
     return Outline(unit, frame.centre, frame.axes, corners, points, faces, cKDTree(points))
 
 
@@ -106,9 +107,8 @@ def closest_on_triangles(corners: Floats, points: Floats) -> Floats:
     return np.where(inside[..., None], points[..., 0, :] - heights[..., None] * normals, best)
 
 
-def _spread(corners: Floats, areas: Floats) -> tuple[Floats, Ints]:
-    """Points on faces with corners of shape (f, 3, 3), and the face of each, evenly by area."""
-    count = POINTS * min(max(round(2 * len(areas) / POINTS), 1), MOST // POINTS)
+def spread(corners: Floats, areas: Floats, count: int) -> tuple[Floats, Ints]:
+    """So many points on faces with corners of shape (f, 3, 3), and the face of each, evenly by area."""
     order = np.arange(count)
     total = np.cumsum(areas)
     wanted = (order + 0.5) / count * total[-1]

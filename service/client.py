@@ -95,6 +95,7 @@ class QueryArguments(TypedDict, total=False):
 
     top_k: int
     rank_by: RankBy
+    partial: bool
     exhaustive: bool
     tag: Sequence[str]
     name: str

@@ -1,7 +1,7 @@
 """What the running service is made of."""
 
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from threading import Event
 
 from service.access.gate import Gate
@@ -11,6 +11,7 @@ from service.compute.work import Work
 from service.compute.workers import Workers
 from service.idempotency.keys import InFlight
 from service.metrics import Metrics
+from service.partial.shelf import PatchShelf
 from service.pipelines.active import Pipelines
 from service.settings import Settings
 from service.storage.database import Database
@@ -36,3 +37,4 @@ class Parts:
     threads: ThreadPoolExecutor
     searches: AtWork
     comparing_is_ready: Event
+    patches: PatchShelf = field(default_factory=PatchShelf)

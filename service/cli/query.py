@@ -19,6 +19,9 @@ def command(
     *,
     top_k: Annotated[int, typer.Option(min=1, max=100, help="Results at most.")] = 3,
     rank_by: Annotated[RankBy, typer.Option(help="What they are sorted by.")] = "cc",
+    partial: Annotated[
+        bool, typer.Option("--partial", help="The file is a part: find what it is a part of.")
+    ] = False,
     tag: Annotated[
         list[str] | None, typer.Option(help="Only among shapes with this tag; repeatable.")
     ] = None,
@@ -29,7 +32,7 @@ def command(
     """Find the stored shapes most like a mesh file."""
     mesh = (file.name, file.read_bytes())
     with service_at(url, key) as client:
-        answer = client.query_file(mesh, top_k=top_k, rank_by=rank_by, filter=tag or [])
+        answer = client.query_file(mesh, top_k=top_k, rank_by=rank_by, partial=partial, filter=tag or [])
     if as_json:
         typer.echo(answer.model_dump_json(exclude_none=True))
     else:
@@ -51,7 +54,11 @@ def print_answer(console: Console, answer: QueryAnswer) -> None:
     table.add_column("tags", overflow="fold")
     for name in ("cc", "ssd", "sim", "combined"):
         table.add_column(name, justify="right", no_wrap=True)
+    partial = any(result.part_distance is not None for result in answer.results)
+    if partial:
+        table.add_column("part distance", justify="right", no_wrap=True)
     for result in answer.results:
+        told = [] if result.part_distance is None else [f"{result.part_distance:.4f}"]
         table.add_row(
             str(result.rank),
             result.shape.name,
@@ -60,7 +67,8 @@ def print_answer(console: Console, answer: QueryAnswer) -> None:
             f"{result.ssd:.4f}",
             f"{result.sim:.4f}",
             f"{result.combined:.3f}",
+            *told,
         )
     console.print(table)
-    if not answer.matched:
+    if not (answer.matched or partial):
         console.print("Not even the first is like it: its cc is below the pipeline's threshold.")

@@ -11,6 +11,7 @@ from service.dependencies import Service
 from service.disconnect import while_connected
 from service.errors import BadRequestFieldsError, FieldFault, UnsupportedBodyError
 from service.page.answers import comparing_page
+from service.partial import service as partial
 from service.parts import Parts
 from service.pictures import service as pictures
 from service.pictures.glb import MEDIA_TYPE
@@ -182,6 +183,11 @@ async def _with_file(request: Request, parts: Parts, address: dict[str, list[str
 
             async def found(in_use: InUse) -> Answer:
                 wanted = await service.by_file(parts, data, mesh_format, in_use, stages)
+                if options.partial:
+                    mesh = await parts.work.read(data, mesh_format)
+                    return await partial.search(
+                        parts, wanted, mesh, _options(options, parts, exclude_self=False), stages
+                    )
                 return await service.search(
                     parts, wanted, _options(options, parts, exclude_self=False), stages
                 )
@@ -203,6 +209,11 @@ async def _with_id(request: Request, parts: Parts, address: dict[str, list[str]]
 
         async def found(in_use: InUse) -> Answer:
             wanted = await service.by_id(parts, options.shape_id, in_use, stages)
+            if options.partial:
+                mesh = await partial.stored_mesh(parts, options.shape_id, in_use.fingerprint)
+                return await partial.search(
+                    parts, wanted, mesh, _options(options, parts, exclude_self=True), stages
+                )
             return await service.search(parts, wanted, _options(options, parts, exclude_self=True), stages)
 
         answer = await while_connected(request, service.in_one_pipeline(parts, found))

@@ -56,7 +56,7 @@ class Comparison:
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """One shape of an answer."""
+    """One shape of an answer; `part_distance` is of a query with a part."""
 
     shape: ShapeRecord
     cc: float
@@ -64,6 +64,7 @@ class Found:
     sim: float
     combined: float
     comparison: Comparison | None
+    part_distance: float | None = None
 
 
 @dataclass(frozen=True, eq=False)

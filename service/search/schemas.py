@@ -64,6 +64,11 @@ class QueryOptions(Filters):
         default="cc",
         description="What to sort by: cc, sim and combined from the highest, ssd from the lowest.",
     )
+    partial: bool = Field(
+        default=False,
+        description="The query is a part, cut or scanned: sort by part_distance, from the lowest. What that "
+        "needs of a stored shape is made when it is first compared so, in about 0.1 s.",
+    )
     exhaustive: bool = Field(
         default=False, description="Compare with every stored shape, however many there are."
     )
@@ -139,6 +144,11 @@ class Result(BaseModel):
     ssd: float = Field(description="Sum of squared differences of them, 0 or more; less is more alike.")
     sim: float = Field(description="Share of points with an effective partner, in [0, 1].")
     combined: float = Field(description=COMBINED)
+    part_distance: float | None = Field(
+        default=None,
+        description="With partial: how unlike the surface about the query's points is to that about the "
+        "nearest points of the shape, 0 or more; it tells by its order among shapes.",
+    )
     shape: Shape
     correspondence: list[Pair] | None = Field(
         default=None, description="From the query (first) to the shape (second), if asked for."
@@ -276,6 +286,7 @@ def _result(rank: int, found: Found) -> Result:
         ssd=found.ssd,
         sim=found.sim,
         combined=found.combined,
+        part_distance=found.part_distance,
         shape=Shape.of(found.shape),
         correspondence=None if found.comparison is None else pairs(found.comparison),
     )

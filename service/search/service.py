@@ -86,7 +86,7 @@ async def search(parts: Parts, query: Query, options: Options, stages: Stages) -
     with stages.stage("results"):
         best = ranked(compared, options.rank_by)
         best = best[compared.cc[best] >= options.min_cc][: options.top_k]
-        found = await _results(parts, query, compared, best, correspondences=options.correspondences)
+        found = await results(parts, query, compared, best, correspondences=options.correspondences)
     embedding = embedding_from_bytes(query.record)
     return Answer(
         pipeline=query.in_use.pipeline,
@@ -116,7 +116,7 @@ async def compare(parts: Parts, first_id: str, second_id: str, in_use: InUse, st
         return await _match(parts.work, first, second, in_use.pipeline)
 
 
-async def _results(
+async def results(
     parts: Parts, query: Query, compared: Compared, best: NDArray[np.intp], *, correspondences: bool
 ) -> list[Found]:
     """The best as they are shown; one that was deleted a moment ago is left out."""

@@ -8,7 +8,7 @@ from tests.service.support import Running, pipeline_in_use, query, small_file
 
 pytestmark = on_both
 
-RESULT = {"rank", "cc", "ssd", "sim", "combined", "shape", "correspondence"}
+RESULT = {"rank", "cc", "ssd", "sim", "combined", "part_distance", "shape", "correspondence"}
 
 
 @pytest.fixture(scope="module")

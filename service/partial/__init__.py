@@ -1,0 +1,1 @@
+"""Queries with a part: which stored shapes have what lies about the part's points."""

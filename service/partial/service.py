@@ -1,0 +1,107 @@
+"""Finding the stored shapes that a part may be of."""
+
+import asyncio
+from dataclasses import replace
+
+import numpy as np
+from starlette.concurrency import run_in_threadpool
+
+from core import partial
+from core.embedding import Float32s
+from core.errors import MeshError
+from core.mesh import Mesh
+from core.records import embedding_from_bytes
+from core.signatures import least
+from service.errors import FileTimeLimitError
+from service.logging import get_logger
+from service.partial import repository
+from service.parts import Parts
+from service.search.candidates import candidates
+from service.search.comparing import compare_with
+from service.search.records import Answer, Options, Query
+from service.search.service import results
+from service.shapes import service as shapes_service
+from service.shapes.records import ShapeRecord
+from service.stages import Stages
+
+log = get_logger("partial")
+
+
+async def stored_mesh(parts: Parts, shape_id: str, fingerprint: str) -> Mesh:
+    """The mesh of a stored shape, read anew."""
+
+    def read() -> tuple[ShapeRecord, bytes]:
+        with parts.database.read() as session:
+            shape = shapes_service.get(session, fingerprint, shape_id)
+            return shape, shapes_service.get_file(session, shape_id)
+
+    shape, data = await run_in_threadpool(read)
+    return await parts.work.read(data, shape.format)
+
+
+async def search(parts: Parts, query: Query, mesh: Mesh, options: Options, stages: Stages) -> Answer:
+    """The stored shapes that the query's mesh is most likely a part of, by `core.partial.part_distances`.
+
+    What lies about the points of a stored shape is made when it is first asked for, and then kept in memory.
+    """
+    with stages.stage("shortlist"):
+        chosen = await run_in_threadpool(candidates, parts, query, options)
+    parts.metrics.query_compared.observe(len(chosen.shapes))
+    with stages.stage("patches"):
+        asked = await parts.work.do(partial.parts, mesh)
+        known = await _patches(parts, np.unique(chosen.embeddings).tolist())
+    with stages.stage("compare"):
+        there = np.flatnonzero(np.isin(chosen.embeddings, np.array(list(known), dtype=np.int64)))
+        chosen = replace(chosen.only(there), screened=None, finalists=None)
+        wholes = [known[number] for number in chosen.embeddings.tolist()]
+        distances = await run_in_threadpool(partial.part_distances, asked, wholes)
+        order = least(distances, chosen.shapes, options.top_k)
+        compared = await compare_with(parts, query, chosen.only(order), "cc")
+    with stages.stage("results"):
+        best = np.flatnonzero(compared.cc >= options.min_cc)
+        found = await results(parts, query, compared, best, correspondences=options.correspondences)
+    told = dict(zip(chosen.shapes.tolist(), distances.tolist(), strict=True))
+    embedding = embedding_from_bytes(query.record)
+    return Answer(
+        pipeline=query.in_use.pipeline,
+        found=[replace(one, part_distance=told[one.shape.number]) for one in found],
+        best_cc=float(compared.cc.max()) if len(compared.cc) else None,
+        compared=len(chosen.shapes),
+        stored=chosen.stored,
+        openness=embedding.facts.openness,
+        embedding=embedding if options.embedding else None,
+    )
+
+
+async def _patches(parts: Parts, embeddings: list[int]) -> dict[int, Float32s]:
+    """Those of embeddings by number, without those that are gone, or whose file cannot be read any more."""
+    turns = asyncio.Semaphore(2 * parts.settings.workers)
+    found = {number: made for number in embeddings if (made := parts.patches.get(number)) is not None}
+
+    async def add(number: int) -> None:
+        async with turns:
+            made = await _made(parts, number)
+        if made is not None:
+            parts.patches.put(number, made)
+            found[number] = made
+
+    async with asyncio.TaskGroup() as group:
+        for number in embeddings:
+            if number not in found:
+                group.create_task(add(number))
+    return found
+
+
+async def _made(parts: Parts, embedding: int) -> Float32s | None:
+    def read() -> tuple[bytes, str] | None:
+        with parts.database.read() as session:
+            return repository.file_of(session, embedding)
+
+    file = await run_in_threadpool(read)
+    if file is None:
+        return None
+    try:
+        return await parts.work.do(partial.patches, await parts.work.read(*file))
+    except (FileTimeLimitError, MeshError) as error:
+        log.warning("a stored shape is left out of a query with a part: %s", error)
+        return None

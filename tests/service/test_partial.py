@@ -1,0 +1,72 @@
+"""Queries with a part, over HTTP."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from core.gallery import make_shape
+from core.perturbation import cut_part
+from core.reading import write_mesh
+from service.client import Client
+from service.partial.shelf import PatchShelf
+from tests.service.support import Running, assert_problem, query, serving, settings_in
+
+CLASSES = ("bird", "cup", "octopus", "plane")
+
+
+@pytest.fixture(scope="module")
+def stocked(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
+    with serving(settings_in(tmp_path_factory.mktemp("partial"))) as running:
+        for label in CLASSES:
+            running.store(write_mesh(make_shape(label, 0), "off"), f"{label}.off", tags=label)
+        yield running
+
+
+def part_of(label: str) -> bytes:
+    return write_mesh(cut_part(make_shape(label, 0), 0.5, 1), "off")
+
+
+@pytest.mark.parametrize("label", CLASSES)
+def test_what_a_part_is_of_comes_first(stocked: Running, label: str) -> None:
+    answer = query(stocked.client, part_of(label), partial="true").json()
+    found = answer["results"]
+    assert found[0]["shape"]["name"] == f"{label}.off"
+    distances = [result["part_distance"] for result in found]
+    assert distances == sorted(distances)
+    assert 0.0 <= distances[0] < 0.8 * distances[1]
+    assert (len(found), answer["compared"], answer["stored"]) == (3, len(CLASSES), len(CLASSES))
+    assert "partial=true" in answer["warnings"][0]
+    plain = query(stocked.client, part_of(label)).json()["results"]
+    assert all(result["part_distance"] is None for result in plain)
+    scores = {result["shape"]["id"]: result["cc"] for result in plain}
+    assert all(scores.get(one["shape"]["id"], one["cc"]) == one["cc"] for one in found)
+
+
+def test_with_a_stored_part_and_with_filters(stocked: Running) -> None:
+    part = stocked.store(part_of("octopus"), "arm.off", tags="part")
+    with Client(str(stocked.client.base_url)) as client:
+        answer = client.query_shape(part["id"], partial=True, top_k=1)
+        assert [result.shape.name for result in answer.results] == ["octopus.off"]
+        others = client.query_shape(part["id"], partial=True, tag=["plane"])
+        assert [result.shape.name for result in others.results] == ["plane.off"]
+        # Made once: the patches of a shape that is gone are asked for no more.
+        client.delete(part["id"])
+        again = client.query_file(("arm.off", part_of("octopus")), partial=True, correspondences=True)
+    assert again.results[0].shape.name == "octopus.off"
+    assert again.results[0].correspondence
+    assert again.compared == len(CLASSES)
+    wrong = query(stocked.client, part_of("cup"), partial="perhaps")
+    assert_problem(wrong, 422, "bad-request-fields")
+
+
+def test_the_shelf_drops_what_was_unused_longest() -> None:
+    one = np.zeros((2, 4), np.float32)
+    shelf = PatchShelf(3 * one.nbytes)
+    for number in (1, 2, 3):
+        shelf.put(number, one)
+    shelf.put(2, one)
+    assert shelf.get(1) is one
+    shelf.put(4, one)
+    assert shelf.get(2) is None
+    assert [shelf.get(number) is one for number in (1, 3, 4)] == [True, True, True]
