@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from pathlib import Path
+from zipfile import ZipFile
 
 import pytest
 from playwright.sync_api import Browser, expect
@@ -65,6 +66,40 @@ def test_many_files_are_stored_and_a_bad_one_is_told_of(
     assert sorted(shape["name"] for shape in stored) == [file.name for file in files]
     assert all(shape["tags"] == ["new", "bulk"] for shape in stored)
     expect(page.locator("#gallery li")).to_have_count(10)
+
+
+def test_an_archive_is_stored_with_progress_and_its_bad_file_told_of(
+    visit: Visit, service: Running, tmp_path: Path
+) -> None:
+    archive = tmp_path / "parts.zip"
+    with ZipFile(archive, "w") as packed:
+        for number in range(3):
+            packed.writestr(f"new/{number}.off", small_file(number))
+        packed.writestr("new/bad.off", "not a mesh")
+    page = visit.open()
+    page.fill("#store-tags", "packed")
+    page.set_input_files("#store-files", archive)
+    row = page.locator("#jobs > li")
+    expect(row).to_have_count(1)
+    expect(row.locator("span").nth(1)).to_have_text("3 of 4 stored, 0 stored already, 1 not stored")
+    expect(row.locator("progress")).to_have_js_property("value", 1)
+    (job,) = service.client.get("/jobs").json()["jobs"]
+    (bad,) = service.client.get(f"/jobs/{job['id']}/files", params={"outcome": "refused"}).json()["files"]
+    expect(row.locator("li")).to_have_text(f"new/bad.off: {bad['problem']['detail']}")
+    expect(row.get_by_role("button")).to_have_count(0)
+    expect(page.locator("#gallery li")).to_have_count(9)
+    assert service.client.get("/shapes", params={"tag": "packed"}).json()["total"] == 3
+    page.set_input_files("#store-files", archive)
+    expect(row.nth(1).locator("span").nth(1)).to_have_text("0 of 4 stored, 3 stored already, 1 not stored")
+
+
+def test_a_file_that_is_no_archive_is_told_of(visit: Visit, tmp_path: Path) -> None:
+    broken = tmp_path / "broken.zip"
+    broken.write_bytes(b"PK no archive")
+    visit.expected = ["4"]
+    page = visit.open()
+    page.set_input_files("#store-files", broken)
+    expect(page.locator("#jobs .bad")).to_contain_text("archive")
 
 
 def test_a_shape_is_deleted_only_when_that_is_confirmed(visit: Visit, service: Running) -> None:

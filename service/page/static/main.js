@@ -3,6 +3,7 @@
 import { session, signIn, signOut, signedOut } from "./api.js";
 import { byId, showTrouble } from "./dom.js";
 import { openGallery } from "./gallery.js";
+import { openJobs } from "./jobs.js";
 import "./store.js";
 
 /** @import { Session } from "./types.js" */
@@ -22,8 +23,9 @@ async function enter(own) {
   for (const part of document.querySelectorAll("[data-needs=full]")) {
     /** @type {HTMLElement} */ (part).hidden = own.access !== "full";
   }
-  if (may) await openGallery(own.access === "full");
-  else key.focus();
+  if (!may) return key.focus();
+  await openGallery(own.access === "full");
+  if (own.access === "full") await openJobs();
 }
 
 async function begin() {

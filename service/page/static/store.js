@@ -3,6 +3,7 @@
 import { address, send } from "./api.js";
 import { byId, make, onDrop } from "./dom.js";
 import { reload } from "./gallery.js";
+import { isArchive, sendArchive } from "./jobs.js";
 
 const AT_ONCE = 2;
 
@@ -18,7 +19,10 @@ const outcomes = { stored: 0, there: 0, failed: 0 };
 /** @param {File[]} files */
 function store(files) {
   const tags = byId("store-tags", HTMLInputElement).value.trim();
-  for (const file of files) waiting.push(job(file, tags));
+  for (const file of files) {
+    if (isArchive(file)) sendArchive(file, tags);
+    else waiting.push(job(file, tags));
+  }
   for (let i = active; i < AT_ONCE; i++) work();
 }
 
@@ -54,6 +58,7 @@ function job(file, tags) {
 }
 
 async function work() {
+  if (waiting.length === 0) return;
   active++;
   for (let next = waiting.shift(); next; next = waiting.shift()) {
     await next();

@@ -13,6 +13,12 @@
  * @typedef {{ results: Result[], matched: boolean, compared: number, stored: number, embedding: Embedding | null,
  *             milliseconds: Record<string, number> }} Answer
  * @typedef {Scores & { correspondence: Pair[] }} Comparison
+ * @typedef {{ files: number, waiting: number, stored: number, present: number, refused: number }} Counts
+ * @typedef {{ title: string, detail: string }} Cause
+ * @typedef {{ id: string, state: string, archive: string, counts: Counts, remaining_seconds: number | null,
+ *             problem: Cause | null, ended_at: string | null }} Job
+ * @typedef {{ jobs: Job[] }} JobPage
+ * @typedef {{ files: { path: string, problem: Cause | null }[], next_cursor: string | null }} JobFilePage
  * @typedef {{ access: "none" | "read" | "full", signed_in: boolean }} Session
  */
 
