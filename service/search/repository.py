@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from sqlalchemy import select
+from sqlalchemy import func, select
 
 from service.storage.database import ReadSession
 from service.storage.tables import ArchiveRow, BlobRow, EmbeddingRow, RemovalRow, ShapeRow, SketchRow
@@ -44,6 +44,11 @@ def revision(session: ReadSession) -> int:
     return session.scalars(select(ArchiveRow.revision)).one()
 
 
+def shapes_stored(session: ReadSession) -> int:
+    """How many shapes there are."""
+    return session.scalars(select(func.count()).select_from(ShapeRow)).one()
+
+
 NOTHING = Signed(
     np.empty(0, np.int64), np.empty(0, np.int64), np.empty((0, 0), np.float32), np.empty((0, 0), np.uint8)
 )
@@ -71,7 +76,7 @@ def signed_since(session: ReadSession, fingerprint: str, since: int) -> Iterator
         yield Signed(
             np.array(shapes, dtype=np.int64),
             np.array(embeddings, dtype=np.int64),
-            np.array(signatures, dtype=np.float32),
+            np.stack(signatures),
             np.frombuffer(data, dtype=np.uint8).reshape(len(rows), length),
         )
 

@@ -1,7 +1,7 @@
 """The signatures and sketches of all shapes, in memory, kept up with the database."""
 
 import threading
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import TypeVar
 
 import numpy as np
@@ -44,12 +44,15 @@ class SignatureIndex:
                 log.warning("the database went back in time; reading it anew")
                 self._revision, self._room, self._length = 0, NOTHING, 0
             if revision > self._revision:
-                if self._revision:  # an index that holds nothing has nothing to drop
+                expected = 0
+                if self._revision:
                     self._drop(repository.removed_since(session, self._revision))
+                else:  # an index that holds nothing has nothing to drop
+                    expected = repository.shapes_stored(session)
                 for added in repository.signed_since(session, self._fingerprint, self._revision):
                     if self._revision:
                         self._drop(added.shapes)
-                    self._append(added)
+                    self._append(added, expected)
                 self._revision = revision
             return self._used()
 
@@ -70,18 +73,22 @@ class SignatureIndex:
             )
             self._length = int(stays.sum())
 
-    def _append(self, added: Signed) -> None:
-        """Add shapes; in new memory, of a quarter more, where there is no room behind the end."""
+    def _append(self, added: Signed, expected: int) -> None:
+        """Add shapes; in new memory where there is no room behind the end.
+
+        That has room for a quarter more, and for as many as are expected in all: memory is held where it is
+        written to.
+        """
         start, end = self._length, self._length + len(added.shapes)
         width = max(self._room.sketches.shape[1], added.sketches.shape[1])
         added = replace(added, sketches=_wide(added.sketches, width))
         if start == 0:
-            self._room = added
-        elif end > start:
+            self._room = Signed(*(getattr(added, field.name)[:0] for field in fields(added)))
+        if end > start:
             self._room = replace(self._room, sketches=_wide(self._room.sketches, width))
             if end > len(self._room.shapes):
                 used = self._used()
-                room = end + end // 4
+                room = max(end + end // 4, expected + expected // 4)
                 self._room = Signed(
                     _grown(used.shapes, room),
                     _grown(used.embeddings, room),

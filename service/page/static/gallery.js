@@ -106,7 +106,7 @@ function knowTag(tag) {
  * @param {HTMLLIElement} own
  */
 async function remove(shape, own) {
-  byId("deletion-text", HTMLElement).textContent = `${shape.name} will be gone from every answer, and cannot be had back.`;
+  byId("deletion-text", HTMLElement).textContent = `${shape.name} will be gone from every answer. Unless the service keeps what is deleted for some days, it is gone for good.`;
   dialog.returnValue = "keep";
   dialog.showModal();
   await new Promise((closed) => dialog.addEventListener("close", closed, { once: true }));
