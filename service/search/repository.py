@@ -69,16 +69,17 @@ def signed_since(session: ReadSession, fingerprint: str, since: int) -> Iterator
         .where(ShapeRow.revision > since, EmbeddingRow.fingerprint == fingerprint)
         .execution_options(yield_per=AT_ONCE)
     )
-    for rows in session.execute(query).partitions():
-        shapes, embeddings, signatures, sketches = zip(*rows, strict=True)
-        length = max((len(one) for one in sketches if one is not None), default=0)
-        data = b"".join(bytes(length) if one is None else one for one in sketches)
-        yield Signed(
-            np.array(shapes, dtype=np.int64),
-            np.array(embeddings, dtype=np.int64),
-            np.stack(signatures),
-            np.frombuffer(data, dtype=np.uint8).reshape(len(rows), length),
-        )
+    with session.execute(query) as found:
+        for rows in found.partitions():
+            shapes, embeddings, signatures, sketches = zip(*rows, strict=True)
+            length = max((len(one) for one in sketches if one is not None), default=0)
+            data = b"".join(bytes(length) if one is None else one for one in sketches)
+            yield Signed(
+                np.array(shapes, dtype=np.int64),
+                np.array(embeddings, dtype=np.int64),
+                np.stack(signatures),
+                np.frombuffer(data, dtype=np.uint8).reshape(len(rows), length),
+            )
 
 
 def removed_since(session: ReadSession, since: int) -> NDArray[np.int64]:

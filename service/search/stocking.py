@@ -9,6 +9,7 @@ from typing import TypeVar
 from starlette.concurrency import run_in_threadpool
 
 from service.compute.tasks import example_records, warm_comparing
+from service.compute.workers import PlacedWorkers
 from service.errors import ServiceError
 from service.logging import get_logger
 from service.parts import Parts
@@ -36,7 +37,8 @@ AT_ONCE = 16
 class Stocking:
     """Fills the room of the shelf in use, the newest embeddings first, one thread at a time.
 
-    What has no room waits for a query that needs it, and this for queries that are at work.
+    What has no room waits for a query that needs it, and this for queries that are at work. Where workers
+    keep embeddings of their own, nothing is made ready here.
     """
 
     def __init__(self, parts: Parts) -> None:
@@ -97,7 +99,7 @@ class Stocking:
         """The numbers of embeddings that are not on the shelf and for which there is room."""
         with self._parts.database.read() as session:
             in_use = self._parts.pipelines.current(session)
-            if in_use.pipeline.parameters.pairs != "both-ways":
+            if in_use.pipeline.parameters.pairs != "both-ways" or isinstance(self._parts.pool, PlacedWorkers):
                 return in_use, []
             most = self._parts.settings.search_bytes
             if self._parts.settings.signatures == "database":
