@@ -38,12 +38,16 @@ from service.pipelines.active import Pipelines
 from service.pipelines.starting import begin
 from service.problems import handle_problems
 from service.search.endpoints import router as search_router
+from service.search.shelf import Shelf
 from service.search.stocking import Stocking
 from service.settings import Settings, load_parameters, load_settings
 from service.shapes.endpoints import router as shapes_router
 from service.storage.database import Database
 from service.storage.migrate import migrate
 from service.system import VERSION
+
+PATCH_BYTES = 256 * 1024**2
+"""Memory for the patches of stored shapes, about 51 kB each."""
 
 log = logging.get_logger("app")
 
@@ -160,6 +164,7 @@ def _start(settings: Settings, parameters: Parameters, gate: Gate, metrics: Metr
         threads=threads,
         searches=AtWork(),
         comparing_is_ready=Event(),
+        patches=Shelf(PATCH_BYTES),
     )
 
 

@@ -1,7 +1,7 @@
 """What the running service is made of."""
 
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from threading import Event
 
 from service.access.gate import Gate
@@ -11,8 +11,8 @@ from service.compute.work import Work
 from service.compute.workers import Workers
 from service.idempotency.keys import InFlight
 from service.metrics import Metrics
-from service.partial.shelf import PatchShelf
 from service.pipelines.active import Pipelines
+from service.search.shelf import Shelf
 from service.settings import Settings
 from service.storage.database import Database
 
@@ -22,7 +22,8 @@ class Parts:
     """Everything that lives from the start of the service to its end.
 
     `threads` compare embeddings, and `searches` counts the searches that have them compare.
-    `comparing_is_ready` is set once what they run is loaded, and embeddings are ready for it.
+    `comparing_is_ready` is set once what they run is loaded, and embeddings are ready for it. `patches` are
+    those of stored shapes that queries with a part have asked for.
     """
 
     settings: Settings
@@ -37,4 +38,4 @@ class Parts:
     threads: ThreadPoolExecutor
     searches: AtWork
     comparing_is_ready: Event
-    patches: PatchShelf = field(default_factory=PatchShelf)
+    patches: Shelf

@@ -76,7 +76,7 @@ async def search(parts: Parts, query: Query, mesh: Mesh, options: Options, stage
 async def _patches(parts: Parts, embeddings: list[int]) -> dict[int, Float32s]:
     """Those of embeddings by number, without those that are gone, or whose file cannot be read any more."""
     turns = asyncio.Semaphore(2 * parts.settings.workers)
-    found = {number: made for number in embeddings if (made := parts.patches.get(number)) is not None}
+    found = parts.patches.rows(embeddings)
 
     async def add(number: int) -> None:
         async with turns:
@@ -85,10 +85,13 @@ async def _patches(parts: Parts, embeddings: list[int]) -> dict[int, Float32s]:
             parts.patches.put(number, made)
             found[number] = made
 
-    async with asyncio.TaskGroup() as group:
-        for number in embeddings:
-            if number not in found:
-                group.create_task(add(number))
+    try:
+        async with asyncio.TaskGroup() as group:
+            for number in embeddings:
+                if number not in found:
+                    group.create_task(add(number))
+    except ExceptionGroup as several:
+        raise several.exceptions[0] from None
     return found
 
 

@@ -1,4 +1,4 @@
-"""Embeddings ready to be matched, in memory."""
+"""What is made of embeddings to compare them by, in memory."""
 
 import threading
 from collections import OrderedDict
@@ -11,7 +11,9 @@ ABOUT = 100_000
 
 
 class Shelf:
-    """The rows of `core.rows` of one pipeline's embeddings, by the embedding's number, which is never reused.
+    """What is made of one pipeline's embeddings, by the embedding's number, which is never reused.
+
+    That is the rows of `core.rows`, or the patches of `core.partial`.
 
     A row that is taken off for want of room stays as long as someone reads it.
 

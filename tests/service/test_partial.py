@@ -2,14 +2,15 @@
 
 from collections.abc import Iterator
 
-import numpy as np
 import pytest
 
 from core.gallery import make_shape
+from core.mesh import Mesh
 from core.perturbation import cut_part
 from core.reading import write_mesh
 from service.client import Client
-from service.partial.shelf import PatchShelf
+from service.compute.work import Work
+from service.errors import WorkerLostError
 from tests.service.support import Running, assert_problem, query, serving, settings_in
 
 CLASSES = ("bird", "cup", "octopus", "plane")
@@ -60,13 +61,18 @@ def test_with_a_stored_part_and_with_filters(stocked: Running) -> None:
     assert_problem(wrong, 422, "bad-request-fields")
 
 
-def test_the_shelf_drops_what_was_unused_longest() -> None:
-    one = np.zeros((2, 4), np.float32)
-    shelf = PatchShelf(3 * one.nbytes)
-    for number in (1, 2, 3):
-        shelf.put(number, one)
-    shelf.put(2, one)
-    assert shelf.get(1) is one
-    shelf.put(4, one)
-    assert shelf.get(2) is None
-    assert [shelf.get(number) is one for number in (1, 3, 4)] == [True, True, True]
+def test_a_worker_that_is_lost_meanwhile_is_said(stocked: Running, monkeypatch: pytest.MonkeyPatch) -> None:
+    read = Work.read
+    lost = []
+
+    async def losing(self: Work, data: bytes, format: str) -> Mesh:
+        # The query's own file is read; those of stored shapes are lost.
+        if len(data) != len(part_of("bird")):
+            lost.append(format)
+            raise WorkerLostError("a worker process was lost")
+        return await read(self, data, format)
+
+    monkeypatch.setattr(stocked.parts.patches, "rows", lambda numbers: {})
+    monkeypatch.setattr(Work, "read", losing)
+    assert_problem(query(stocked.client, part_of("bird"), partial="true"), 503, "worker-lost")
+    assert lost
