@@ -112,7 +112,11 @@ def _rows(source: Sequence[Original], numbers: range) -> Iterator[tuple[dict[str
                 "signature": embedding.signature,
                 "record": embedding_to_bytes(embedding),
             },
-            {"embedding_number": number + 1, "data": sketch_of(embedding).tobytes()},
+            {
+                "embedding_number": number + 1,
+                "data": sketch_of(embedding).tobytes(),
+                "signature": embedding.signature.astype("<f4").tobytes(),
+            },
         )
 
 

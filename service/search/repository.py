@@ -60,26 +60,31 @@ def signed_since(session: ReadSession, fingerprint: str, since: int) -> Iterator
     In batches, so that the rows of a large archive are not all there at once.
     """
     query = (
-        select(ShapeRow.number, EmbeddingRow.number, EmbeddingRow.signature, SketchRow.data)
+        select(ShapeRow.number, EmbeddingRow.number, SketchRow.signature, SketchRow.data)
         .join(
             EmbeddingRow,
             (EmbeddingRow.blob_number == ShapeRow.blob_number) & (EmbeddingRow.format == ShapeRow.format),
         )
-        .outerjoin(SketchRow, SketchRow.embedding_number == EmbeddingRow.number)
+        .join(SketchRow, SketchRow.embedding_number == EmbeddingRow.number)
         .where(ShapeRow.revision > since, EmbeddingRow.fingerprint == fingerprint)
         .execution_options(yield_per=AT_ONCE)
     )
     with session.execute(query) as found:
         for rows in found.partitions():
             shapes, embeddings, signatures, sketches = zip(*rows, strict=True)
-            length = max((len(one) for one in sketches if one is not None), default=0)
-            data = b"".join(bytes(length) if one is None else one for one in sketches)
             yield Signed(
                 np.array(shapes, dtype=np.int64),
                 np.array(embeddings, dtype=np.int64),
-                np.stack(signatures),
-                np.frombuffer(data, dtype=np.uint8).reshape(len(rows), length),
+                stacked(signatures).view("<f4"),
+                stacked(sketches),
             )
+
+
+def stacked(rows: Sequence[bytes]) -> NDArray[np.uint8]:
+    """Bytes as rows of an array, all of one length; all zero where there are none."""
+    length = max(map(len, rows), default=0)
+    data = b"".join(one or bytes(length) for one in rows)
+    return np.frombuffer(data, dtype=np.uint8).reshape(len(rows), length)
 
 
 def removed_since(session: ReadSession, since: int) -> NDArray[np.int64]:

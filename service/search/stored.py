@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from core.signatures import least, signature_distances
 from service.search.records import Options, Query
-from service.search.repository import Signed
+from service.search.repository import Signed, stacked
 from service.shapes.records import ShapeFilter
 from service.storage.database import ReadSession
 from service.vectors import repository
@@ -61,10 +61,7 @@ def signed_in_database(
     others = ~np.isin(found.shapes, itself)
     numbers, embeddings = found.shapes[others], found.embeddings[others]
     known = repository.signed(session, embeddings)
-    signatures = np.stack([known[number][0] for number in embeddings.tolist()])
+    signatures = stacked([known[number][0] for number in embeddings.tolist()]).view("<f4")
     nearest = least(signature_distances(signature, signatures), numbers, options.shortlist_length)
-    sketches = [known[number][1] for number in embeddings[nearest].tolist()]
-    length = max((len(sketch) for sketch in sketches if sketch is not None), default=0)
-    data = b"".join(bytes(length) if sketch is None else sketch for sketch in sketches)
-    looked_at = np.frombuffer(data, dtype=np.uint8).reshape(len(nearest), length)
-    return Signed(numbers[nearest], embeddings[nearest], signatures[nearest], looked_at), True
+    sketches = stacked([known[number][1] for number in embeddings[nearest].tolist()])
+    return Signed(numbers[nearest], embeddings[nearest], signatures[nearest], sketches), True

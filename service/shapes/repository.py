@@ -179,7 +179,13 @@ def add_embedding(
     )
     session.add(row)
     session.flush()
-    session.add(SketchRow(embedding_number=row.number, data=embedded.sketch))
+    session.add(
+        SketchRow(
+            embedding_number=row.number,
+            data=embedded.sketch,
+            signature=embedded.signature.astype("<f4").tobytes(),
+        )
+    )
     session.execute(
         update(ShapeRow)
         .where(ShapeRow.blob_number == blob_number, ShapeRow.format == format)

@@ -35,6 +35,12 @@ REFERENCES = {
         SELECT number FROM embeddings
         WHERE NOT EXISTS (SELECT 1 FROM shapes WHERE shapes.blob_number = embeddings.blob_number
                           AND shapes.format = embeddings.format)""",
+    "embedding {} has no sketch": """
+        SELECT number FROM embeddings
+        WHERE NOT EXISTS (SELECT 1 FROM sketches WHERE sketches.embedding_number = embeddings.number)""",
+    "embedding {} has another signature beside its sketch": """
+        SELECT number FROM embeddings JOIN sketches ON sketches.embedding_number = embeddings.number
+        WHERE sketches.signature <> embeddings.signature""",
     "shape {} is there, and is among those that were deleted": """
         SELECT id FROM shapes JOIN removals ON removals.shape_number = shapes.number""",
     "shape {} has a revision that the archive has not reached": """

@@ -114,7 +114,11 @@ class EmbeddingRow(Table):
 
 
 class SketchRow(Table):
-    """The sketch of an embedding: see `core.sketches`. All are held in memory, so they lie close together."""
+    """The sketch of an embedding, see `core.sketches`, and its signature once more.
+
+    Both are held in memory of all embeddings, so they lie close together: a start that took the signatures
+    from among the records would read a page of each record.
+    """
 
     __tablename__ = "sketches"
 
@@ -122,6 +126,7 @@ class SketchRow(Table):
         ForeignKey("embeddings.number", ondelete="CASCADE"), primary_key=True, autoincrement=False
     )
     data: Mapped[bytes] = mapped_column(LargeBinary)
+    signature: Mapped[bytes] = mapped_column(LargeBinary)
 
 
 class RemovalRow(Table):

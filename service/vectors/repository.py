@@ -122,17 +122,13 @@ def signatures(
     )
 
 
-def signed(
-    session: ReadSession, embeddings: NDArray[np.int64]
-) -> dict[int, tuple[NDArray[np.float32], bytes | None]]:
-    """The signatures of embeddings, and their sketches, where they have one, by number."""
-    query = select(EmbeddingRow.number, EmbeddingRow.signature, SketchRow.data).outerjoin(
-        SketchRow, SketchRow.embedding_number == EmbeddingRow.number
-    )
-    found: dict[int, tuple[NDArray[np.float32], bytes | None]] = {}
+def signed(session: ReadSession, embeddings: NDArray[np.int64]) -> dict[int, tuple[bytes, bytes]]:
+    """The signatures of embeddings and their sketches, which may be empty, by number."""
+    query = select(SketchRow.embedding_number, SketchRow.signature, SketchRow.data)
+    found: dict[int, tuple[bytes, bytes]] = {}
     for start in range(0, len(embeddings), AT_ONCE):
         some = embeddings[start : start + AT_ONCE].tolist()
-        for number, signature, sketch in session.execute(query.where(EmbeddingRow.number.in_(some))):
+        for number, signature, sketch in session.execute(query.where(SketchRow.embedding_number.in_(some))):
             found[number] = (signature, sketch)
     return found
 

@@ -95,8 +95,19 @@ def test_a_spoilt_embedding_is_named(
     [
         ("UPDATE embeddings SET record = x'00' WHERE number = 3", ["embedding 3 cannot be read"]),
         ("UPDATE embeddings SET record = 'text' WHERE number = 3", ["embedding 3 cannot be read"]),
-        ("UPDATE embeddings SET signature = 'text' WHERE number = 3", ["embeddings row 3 has a value"]),
-        ("UPDATE embeddings SET signature = x'00000000' WHERE number = 1", ["embedding 1 has a signature"]),
+        (
+            "UPDATE embeddings SET signature = 'text' WHERE number = 3",
+            ["embeddings row 3 has a value", "embedding 3 has another signature"],
+        ),
+        (
+            "UPDATE embeddings SET signature = x'00000000' WHERE number = 1",
+            ["embedding 1 has a signature", "embedding 1 has another signature"],
+        ),
+        (
+            "UPDATE sketches SET signature = x'00000000' WHERE embedding_number = 2",
+            ["embedding 2 has another signature beside its sketch"],
+        ),
+        ("DELETE FROM sketches WHERE embedding_number = 2", ["embedding 2 has no sketch"]),
         ("UPDATE blobs SET data = x'00' WHERE number = 1", ["blob 1 has 1 bytes", "blob 1 does not have"]),
         (
             "UPDATE blobs SET data = 'text' WHERE number = 1",

@@ -101,14 +101,14 @@ def test_an_archive_of_several_pipelines_is_searched_by_the_one_that_embedded_mo
     assert active(tmp_path) == told("0.1.0")["version"]["fingerprint"]
 
 
-def test_embeddings_that_had_no_sketches_get_those_that_they_would_have(tmp_path: Path) -> None:
+def test_embeddings_that_had_no_sketches_get_those_and_their_signatures(tmp_path: Path) -> None:
     path = make_archive(tmp_path / "archive.sqlite3", 1, 2, 3)
     with opened(path) as connection:
-        made = dict(connection.execute("SELECT embedding_number, data FROM sketches"))
+        made = {row[0]: row[1:] for row in connection.execute("SELECT * FROM sketches")}
         records = dict(connection.execute("SELECT number, record FROM embeddings"))
-        assert made == {
-            number: sketch_of(embedding_from_bytes(record)).tobytes() for number, record in records.items()
-        }
+        for number, record in records.items():
+            embedding = embedding_from_bytes(record)
+            assert made[number] == (sketch_of(embedding).tobytes(), embedding.signature.tobytes())
         connection.execute("UPDATE embeddings SET record = x'00' WHERE number = 2")
         connection.execute("DROP TABLE sketches")
         connection.execute("DROP TABLE deleted_shapes")
@@ -117,5 +117,5 @@ def test_embeddings_that_had_no_sketches_get_those_that_they_would_have(tmp_path
     migrate(database)
     database.close()
     with opened(path) as connection:
-        found = dict(connection.execute("SELECT embedding_number, data FROM sketches"))
-    assert found == {number: made[number] for number in (1, 3)}
+        found = {row[0]: row[1:] for row in connection.execute("SELECT * FROM sketches")}
+    assert found == {**made, 2: (b"", made[2][1])}
