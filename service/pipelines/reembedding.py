@@ -17,7 +17,6 @@ from service.logging import get_logger
 from service.pipelines import repository
 from service.pipelines.active import keep
 from service.shapes import repository as shapes_repository
-from service.shapes.service import check_signature
 from service.storage.database import Database
 
 PRUNED_AT_ONCE = 200
@@ -162,8 +161,8 @@ class Reembedding:
             wanted = repository.names(session, number, format)
             if not wanted or shapes_repository.is_embedded(session, fingerprint, sha256, format):
                 return False
-            check_signature(session, fingerprint, embedded)
             shapes_repository.add_embedding(session, number, format, fingerprint, embedded)
+            shapes_repository.look_again(session, number, format, embedded.facts)
             return True
 
     def _go_over(self) -> bool:

@@ -59,10 +59,11 @@ class NewShape(NewFile):
 
 @dataclass(frozen=True)
 class StoredFile:
-    """Where the bytes of a file are, and what was measured on its mesh."""
+    """Where the bytes of a file are, what was measured on its mesh, and whether the bytes came just now."""
 
     blob_number: int
     facts: Mapping[str, Any]
+    created: bool
 
 
 @dataclass(frozen=True)

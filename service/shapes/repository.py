@@ -2,19 +2,19 @@
 
 import uuid
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from datetime import UTC, datetime
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
 from sqlalchemy import Select, case, delete, func, literal, select, update
 
 from service.compute.tasks import Embedded
+from service.errors import SignatureLengthError
 from service.shapes.fields import plain_values
 from service.shapes.records import Changes, NewShape, ShapeFilter, ShapeRecord, StoredFile
 from service.storage.columns import UtcDateTime
 from service.storage.database import ReadSession, WriteSession
-from service.storage.graph import ensure_graph, has_graphs
+from service.storage.graph import ensure_graph
 from service.storage.tables import (
     ArchiveRow,
     BlobRow,
@@ -141,80 +141,98 @@ def is_embedded(session: ReadSession, fingerprint: str, sha256: str, format: str
     return session.scalar(query) is not None
 
 
-def latest_signature(session: ReadSession, fingerprint: str) -> NDArray[np.float32] | None:
-    """The signature that one pipeline made last of those that are stored."""
-    return session.scalar(
-        select(EmbeddingRow.signature)
-        .where(EmbeddingRow.fingerprint == fingerprint)
-        .order_by(EmbeddingRow.number.desc())
-        .limit(1)
-    )
+def blob_number(session: ReadSession, sha256: str) -> int | None:
+    """The number of the blob that holds some bytes."""
+    return session.scalar(select(BlobRow.number).where(BlobRow.sha256 == sha256))
 
 
 def add_blob(session: WriteSession, data: bytes, sha256: str) -> int:
-    """The number of the blob that holds these bytes, stored now if they were not."""
-    number = session.scalar(select(BlobRow.number).where(BlobRow.sha256 == sha256))
-    if number is not None:
-        return number
-    row = BlobRow(sha256=sha256, size=len(data), data=data)
-    session.add(row)
-    session.flush()
-    return row.number
+    """Store bytes that are not there; the number of their blob."""
+    return int(session.insert(BlobRow, {"sha256": sha256, "size": len(data), "data": data}))
 
 
 def add_embedding(
     session: WriteSession, blob_number: int, format: str, fingerprint: str, embedded: Embedded
 ) -> None:
-    """Store an embedding, and have the shapes on its blob looked at again by every process.
+    """Store an embedding that is not there. With the first of a pipeline, the graph of its signatures begins.
 
-    With the first of a pipeline, the graph of its signatures begins.
+    Raises
+    ------
+    SignatureLengthError
+        Those that are stored are longer or shorter: those of one pipeline are searched as one matrix.
     """
-    first = has_graphs(session) and latest_signature(session, fingerprint) is None
-    row = EmbeddingRow(
-        blob_number=blob_number,
-        format=format,
-        fingerprint=fingerprint,
-        signature=embedded.signature,
-        record=embedded.record,
+    latest = session.scalar(
+        select(EmbeddingRow.signature)
+        .where(EmbeddingRow.fingerprint == fingerprint)
+        .order_by(EmbeddingRow.number.desc())
+        .limit(1)
     )
-    session.add(row)
-    session.flush()
-    session.add(
-        SketchRow(
-            embedding_number=row.number,
-            data=embedded.sketch,
-            signature=embedded.signature.astype("<f4").tobytes(),
+    if latest is not None and len(latest) != len(embedded.signature):
+        raise SignatureLengthError(
+            f"the signature has {len(embedded.signature)} numbers, and those that are stored {len(latest)}"
         )
+    number = session.insert(
+        EmbeddingRow,
+        {
+            "blob_number": blob_number,
+            "format": format,
+            "fingerprint": fingerprint,
+            "signature": embedded.signature,
+            "record": embedded.record,
+        },
     )
-    session.execute(
-        update(ShapeRow)
-        .where(ShapeRow.blob_number == blob_number, ShapeRow.format == format)
-        .values(revision=next_revision(session), facts=embedded.facts)
-    )
-    if first:
+    beside = {"data": embedded.sketch, "signature": embedded.signature.astype("<f4").tobytes()}
+    session.insert(SketchRow, {"embedding_number": number, **beside})
+    if latest is None:
         ensure_graph(session, fingerprint)
 
 
-def add_shape(session: WriteSession, blob_number: int, new: NewShape, facts: Mapping[str, Any]) -> int:
-    """Store a shape on a blob; its number."""
+def look_again(session: WriteSession, blob_number: int, format: str, facts: Mapping[str, Any]) -> None:
+    """Have every process look again at the shapes on a blob that has been embedded."""
+    session.execute(
+        update(ShapeRow)
+        .where(ShapeRow.blob_number == blob_number, ShapeRow.format == format)
+        .values(revision=next_revision(session), facts=facts)
+    )
+
+
+def add_shape(
+    session: WriteSession, blob_number: int, new: NewShape, facts: Mapping[str, Any]
+) -> ShapeRecord:
+    """Store a shape on a blob that is embedded."""
     now = datetime.now(UTC)
-    row = ShapeRow(
+    record = ShapeRecord(
+        number=0,
         id=new.id or str(uuid.uuid4()),
-        blob_number=blob_number,
-        format=new.format,
         name=new.name,
-        folded_name=new.name.casefold(),
-        meta=dict(new.metadata),
-        facts=dict(facts),
+        tags=new.tags,
+        metadata=new.metadata,
+        format=new.format,
+        size=len(new.data),
+        sha256=new.sha256,
+        facts=facts,
+        embedded=True,
         created_at=new.created_at or now,
         updated_at=now,
-        revision=next_revision(session),
     )
-    session.add(row)
-    session.flush()
-    _write_tags(session, row.number, new.tags)
-    _write_plain_values(session, row.number, new.metadata)
-    return row.number
+    number = session.insert(
+        ShapeRow,
+        {
+            "id": record.id,
+            "blob_number": blob_number,
+            "format": record.format,
+            "name": record.name,
+            "folded_name": record.name.casefold(),
+            "meta": dict(record.metadata),
+            "facts": dict(record.facts),
+            "created_at": record.created_at,
+            "updated_at": record.updated_at,
+            "revision": next_revision(session),
+        },
+    )
+    _write_tags(session, number, new.tags)
+    _write_plain_values(session, number, new.metadata)
+    return replace(record, number=number)
 
 
 def facts_on(session: ReadSession, blob_number: int, format: str) -> dict[str, Any] | None:
@@ -299,10 +317,11 @@ def _updated_now() -> dict[str, Any]:
 
 
 def next_revision(session: WriteSession) -> int:
-    """Count a change of what is searched."""
-    return session.scalars(
-        update(ArchiveRow).values(revision=ArchiveRow.revision + 1).returning(ArchiveRow.revision)
-    ).one()
+    """Count a change of what is searched: once a transaction, since nobody sees a part of one."""
+    if session.revision is None:
+        counted = update(ArchiveRow).values(revision=ArchiveRow.revision + 1).returning(ArchiveRow.revision)
+        session.revision = session.scalars(counted).one()
+    return session.revision
 
 
 def _is_its_embedding(fingerprint: str) -> Any:  # noqa: ANN401

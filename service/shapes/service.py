@@ -12,7 +12,7 @@ from core.embedding import Embedding
 from core.pipeline import Pipeline
 from core.records import embedding_from_bytes
 from service.compute.tasks import Embedded
-from service.errors import NameTakenError, NotEmbeddedError, ShapeNotFoundError, SignatureLengthError
+from service.errors import NameTakenError, NotEmbeddedError, ShapeNotFoundError
 from service.idempotency import repository as idempotency
 from service.idempotency.records import Claim, Kept
 from service.parts import Parts
@@ -181,12 +181,11 @@ def _store(
         put = put_file(session, fingerprint, new, embedded)
         if put is None:
             return None
-        present = repository.same(session, fingerprint, new)
+        present = None if put.created else repository.same(session, fingerprint, new)
         if present is not None:
             stored = Stored(present, created=False)
         else:
-            number = repository.add_shape(session, put.blob_number, new, put.facts)
-            stored = Stored(repository.records(session, fingerprint, [number])[0], created=True)
+            stored = Stored(repository.add_shape(session, put.blob_number, new, put.facts), created=True)
         if claim is not None:
             idempotency.keep(session, claim, answer_of(stored), now)
         if also is not None:
@@ -204,16 +203,21 @@ def put_file(
     """
     if active_fingerprint(session) != fingerprint:
         return None
-    embedding_is_there = repository.is_embedded(session, fingerprint, file.sha256, file.format)
-    if embedded is None and not embedding_is_there:
+    blob_number = repository.blob_number(session, file.sha256)
+    created = blob_number is None
+    there = not created and repository.is_embedded(session, fingerprint, file.sha256, file.format)
+    if embedded is None and not there:
         return None
-    blob_number = repository.add_blob(session, file.data, file.sha256)
+    if blob_number is None:
+        blob_number = repository.add_blob(session, file.data, file.sha256)
     if embedded is None:
-        return StoredFile(blob_number, repository.facts_on(session, blob_number, file.format) or {})
-    if not embedding_is_there:
-        check_signature(session, fingerprint, embedded)
+        facts = repository.facts_on(session, blob_number, file.format) or {}
+        return StoredFile(blob_number, facts, created)
+    if not there:
         repository.add_embedding(session, blob_number, file.format, fingerprint, embedded)
-    return StoredFile(blob_number, embedded.facts)
+        if not created:
+            repository.look_again(session, blob_number, file.format, embedded.facts)
+    return StoredFile(blob_number, embedded.facts, created)
 
 
 def answer_of(stored: Stored) -> Kept:
@@ -223,12 +227,3 @@ def answer_of(stored: Stored) -> Kept:
         location=f"/shapes/{stored.shape.id}",
         body=Shape.of(stored.shape).model_dump_json(),
     )
-
-
-def check_signature(session: ReadSession, fingerprint: str, embedded: Embedded) -> None:
-    """Refuse a longer or shorter signature: those of one pipeline are searched as one matrix."""
-    stored = repository.latest_signature(session, fingerprint)
-    if stored is not None and len(stored) != len(embedded.signature):
-        raise SignatureLengthError(
-            f"the signature has {len(embedded.signature)} numbers, and those that are stored {len(stored)}"
-        )

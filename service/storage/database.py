@@ -1,10 +1,11 @@
 """The database, and its two kinds of session: one reads, one writes and commits at its end."""
 
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from typing import Any
 
-from sqlalchemy import Connection, Engine, make_url, select
+from sqlalchemy import Connection, Engine, insert, make_url, select
 from sqlalchemy.orm import Session
 
 from service.errors import StorageFullError, StorageUnavailableError
@@ -14,7 +15,7 @@ from service.storage.graph_parameters import GraphParameters
 from service.storage.lock import ArchiveLock
 from service.storage.postgresql import open_postgresql
 from service.storage.sqlite import WRITES, open_sqlite, path_of
-from service.storage.tables import ArchiveRow
+from service.storage.tables import ArchiveRow, Table
 
 
 class ReadSession(Session):
@@ -24,12 +25,21 @@ class ReadSession(Session):
 class WriteSession(ReadSession):
     """One transaction, committed at its end. Only one is open at a time.
 
-    `graph` is how graphs of signatures are made.
+    `graph` is how graphs of signatures are made. `revision` is that of the archive after it, once something
+    that is searched has changed.
     """
 
     def __init__(self, engine: Engine, graph: GraphParameters) -> None:
         super().__init__(engine)
         self.graph = graph
+        self.revision: int | None = None
+
+    def insert(self, table: type[Table], row: Mapping[str, Any]) -> Any:  # noqa: ANN401
+        """Write a row; its primary key's first number. Several times as fast as an object that is added."""
+        into = Table.metadata.tables[table.__tablename__]
+        key = self.connection().execute(insert(into), row).inserted_primary_key
+        assert key is not None
+        return key[0]
 
 
 class Database:

@@ -43,7 +43,8 @@ def archive(tmp_path: Path) -> Path:
             ("a", "B", "\u00e4"),
             {"k\0": "\\0", "n": [1.5, None]},
         )
-        blob = repository.add_blob(session, twin.data, twin.sha256)
+        blob = repository.blob_number(session, twin.sha256)
+        assert blob is not None
         repository.add_shape(session, blob, twin, embedded(1).facts)
         session.add(ThumbnailRow(blob_number=blob, format="off", size=128, drawing=1, data=b"\0\xff"))
         now = datetime.now(UTC)
@@ -97,8 +98,8 @@ def test_a_number_that_was_given_is_not_given_again(archive: Path, tmp_path: Pat
     for place in (url, back):
         with opened(place) as database, database.write() as session:
             new = NewShape(b"new", "off", "new", (), {})
-            number = repository.add_shape(session, repository.add_blob(session, b"new", new.sha256), new, {})
-            assert number == 71
+            shape = repository.add_shape(session, repository.add_blob(session, b"new", new.sha256), new, {})
+            assert shape.number == 71
             assert session.scalars(select(ShapeRow.blob_number).where(ShapeRow.number == 71)).one() == 5
 
 

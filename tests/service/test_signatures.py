@@ -37,9 +37,11 @@ def store(database: Database, content: int, name: str, fingerprint: str = FINGER
     embedded = Embedded(b"record", signature, bytes([content, 1]), {}, {})
     new = NewShape(str(content).encode(), "off", name, (), {})
     with database.write() as session:
-        blob = repository.add_blob(session, new.data, new.sha256)
+        blob = repository.blob_number(session, new.sha256)
+        blob = repository.add_blob(session, new.data, new.sha256) if blob is None else blob
         if not repository.is_embedded(session, fingerprint, new.sha256, "off"):
             repository.add_embedding(session, blob, "off", fingerprint, embedded)
+            repository.look_again(session, blob, "off", embedded.facts)
         if repository.same(session, fingerprint, new) is None:
             repository.add_shape(session, blob, new, {})
 
