@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from core.reading import FORMATS
+from core.reading import ENDINGS, READABLE
 
 LABELS_FILE = "labels.csv"
 
@@ -86,7 +86,7 @@ def read_collection(folder: Path) -> list[tuple[Path, str]]:
         raise CollectionError(f"{folder}: there is no such folder")
     files = find_meshes([folder]).files
     if not files:
-        raise CollectionError(f"{folder}: no meshes; the formats read are {', '.join(sorted(FORMATS))}")
+        raise CollectionError(f"{folder}: no meshes; the formats read are {', '.join(sorted(READABLE))}")
     labelled = [(file.path, file.label) for file in files if file.label is not None]
     if len(labelled) < len(files):
         stray = next(file.path for file in files if file.label is None)
@@ -115,7 +115,7 @@ def _scan(folder: Path, label: str | None, above: frozenset[Path]) -> Found:
             found = _scan(entry, label or entry.name, here)
             files.extend(found.files)
             ignored += found.ignored
-        elif entry.suffix.lower().lstrip(".") in FORMATS:
+        elif entry.suffix.lower().lstrip(".") in ENDINGS:
             files.append(MeshFile(entry, label))
         else:
             ignored += 1

@@ -1,13 +1,23 @@
-"""Meshes from files and files from meshes: STL, OBJ, PLY, OFF and GLB.
+"""Meshes from files and files from meshes: STL, OBJ, PLY, OFF and GLB; from files alone: 3MF and STEP.
 
-Every format has a check, in plain code, that compares what a file declares with what it holds and writes it
-anew in the plainest form of its format: positions and triangles. trimesh reads only that, and must find as
-many of both.
+Each of the first has a check, in plain code, that compares what a file declares with what it holds and
+writes it anew in the plainest form of its format: positions and triangles. trimesh reads only that, and must
+find as many of both. 3MF is read by code of its own over zipfile and expat. STEP is made a GLB by cascadio,
+and checked as one.
 """
 
-from core.reading.names import FORMATS, format_of
+from core.reading.names import ENDINGS, FORMATS, READABLE, format_of
 from core.reading.plain import DEFAULT_LIMITS, Limits
 from core.reading.read import read_mesh
 from core.reading.write import write_mesh
 
-__all__ = ["DEFAULT_LIMITS", "FORMATS", "Limits", "format_of", "read_mesh", "write_mesh"]
+__all__ = [
+    "DEFAULT_LIMITS",
+    "ENDINGS",
+    "FORMATS",
+    "READABLE",
+    "Limits",
+    "format_of",
+    "read_mesh",
+    "write_mesh",
+]

@@ -1,11 +1,37 @@
 """The formats that are read, by name."""
 
 from core.errors import UnknownFormatError
+from core.reading import step
 
 FORMATS: tuple[str, ...] = ("stl", "obj", "ply", "off", "glb")
+"""The formats that are read and written."""
+
+READABLE: tuple[str, ...] = (*FORMATS, "3mf", "step")
+"""The formats that are read: STEP with the package cascadio."""
+
+ENDINGS: dict[str, str] = {**{name: name for name in READABLE}, "stp": "step"}
+"""What the name of a file ends in, and its format."""
 
 
 def known(format: str) -> str:
+    """Return the name of a format in small letters.
+
+    Raises
+    ------
+    UnknownFormatError
+        It is not one of `READABLE`, or what reads it is not installed.
+    """
+    name = ENDINGS.get(format.lower())
+    if name is None:
+        raise UnknownFormatError(f"the format {_shown(format)} is not one of {', '.join(READABLE)}")
+    if name == "step" and not step.is_read():
+        raise UnknownFormatError(
+            "STEP is not read here: it needs the extra 'step', as pip install 'isoshape[step]'"
+        )
+    return name
+
+
+def written(format: str) -> str:
     """Return the name of a format in small letters.
 
     Raises
@@ -15,11 +41,18 @@ def known(format: str) -> str:
     """
     name = format.lower()
     if name not in FORMATS:
-        shown = "".join(letter for letter in name[:16] if letter.isalnum())
         raise UnknownFormatError(
-            f"the format {shown or 'of a file without an extension'} is not one of {', '.join(FORMATS)}"
+            f"the format {_shown(format)} is not one that is written: {', '.join(FORMATS)}"
         )
     return name
+
+
+def _shown(format: str) -> str:
+    """Return what a stranger called a format as it can be shown."""
+    return (
+        "".join(letter for letter in format.lower()[:16] if letter.isalnum())
+        or "of a file without an extension"
+    )
 
 
 def format_of(filename: str) -> str:
@@ -33,11 +66,11 @@ def format_of(filename: str) -> str:
     Returns
     -------
     format : str
-        One of `FORMATS`.
+        One of `READABLE`.
 
     Raises
     ------
     UnknownFormatError
-        There is no extension, or it is not that of a format in `FORMATS`.
+        There is no extension, it is not that of a format in `READABLE`, or what reads it is not installed.
     """
     return known(filename.rpartition(".")[2] if "." in filename else "")

@@ -17,8 +17,8 @@ class Limits:
     faces : int
         Triangles, after polygons are cut into triangles, instances counted each.
     parts : int
-        Solids of an STL, objects and groups of an OBJ, primitives of a GLB in every place they are shown.
-        Loose components are not parts.
+        Solids of an STL, objects and groups of an OBJ; primitives of a GLB, objects of a 3MF and parts of a
+        STEP in every place they are shown. Loose components are not parts.
     """
 
     vertices: int = 2_000_000

@@ -11,7 +11,7 @@ from core.errors import (
     NoTrianglesError,
 )
 from core.mesh import Mesh
-from core.reading import glb, obj, off, ply, stl
+from core.reading import glb, obj, off, ply, step, stl, threemf
 from core.reading.loading import load
 from core.reading.names import known
 from core.reading.plain import DEFAULT_LIMITS, Limits
@@ -32,14 +32,15 @@ def read_mesh(data: bytes, format: str, *, limits: Limits = DEFAULT_LIMITS) -> M
     """Read a mesh from the bytes of a file.
 
     Polygons are cut into triangles, and all objects, groups, solids and instances are joined, each where its
-    file places it. Vertices are neither merged nor moved.
+    file places it. Vertices are neither merged nor moved. 3MF and STEP say what their unit is: they are read
+    in millimetres.
 
     Parameters
     ----------
     data : bytes
         The whole file.
     format : str
-        One of `FORMATS`.
+        One of `READABLE`.
     limits : Limits
         The largest mesh that is read.
 
@@ -50,7 +51,7 @@ def read_mesh(data: bytes, format: str, *, limits: Limits = DEFAULT_LIMITS) -> M
     Raises
     ------
     UnknownFormatError
-        The format is not one of `FORMATS`.
+        The format is not one of `READABLE`, or what reads it is not installed.
     EmptyFileError
         There are no bytes.
     MalformedMeshError
@@ -70,7 +71,7 @@ def read_mesh(data: bytes, format: str, *, limits: Limits = DEFAULT_LIMITS) -> M
     if not data:
         raise EmptyFileError("the file is empty")
     for start, archive in _ARCHIVES.items():
-        if data.startswith(start):
+        if data.startswith(start) and name != "3mf":
             raise MalformedMeshError(f"the file is compressed ({archive}); send the {name.upper()} itself")
     try:
         # What overflows becomes infinite, and is refused as that.
@@ -91,6 +92,10 @@ def read_mesh(data: bytes, format: str, *, limits: Limits = DEFAULT_LIMITS) -> M
 
 def _read(data: bytes, name: str, limits: Limits) -> Mesh:
     """Check, read, and compare what was declared with what was read."""
+    if name == "3mf":
+        return threemf.read(data, limits)
+    if name == "step":
+        return _read_step(data, limits)
     plain = _CHECKS[name](data, limits)
     if plain.faces == 0:
         raise NoTrianglesError(f"the {name.upper()} has no faces")
@@ -101,6 +106,15 @@ def _read(data: bytes, name: str, limits: Limits) -> Mesh:
             f"but {len(vertices)} and {len(faces)} can be read"
         )
     return Mesh(vertices, faces)
+
+
+def _read_step(data: bytes, limits: Limits) -> Mesh:
+    """Read what a STEP was made into."""
+    try:
+        mesh = _read(step.to_glb(data), "glb", limits)
+    except NoTrianglesError:
+        raise NoTrianglesError("nothing in the STEP can be made into triangles") from None
+    return Mesh(mesh.vertices * step.MILLIMETRES, mesh.faces)
 
 
 def _degenerate(mesh: Mesh) -> bool:

@@ -5,7 +5,7 @@ import numpy as np
 from core.errors import NonFiniteCoordinatesError
 from core.mesh import Mesh
 from core.reading.loading import save
-from core.reading.names import known
+from core.reading.names import written
 from core.reading.text import face_lines
 
 
@@ -33,7 +33,7 @@ def write_mesh(mesh: Mesh, format: str) -> bytes:
     NonFiniteCoordinatesError
         A coordinate is too large for the 32 bits of the format.
     """
-    name = known(format)
+    name = written(format)
     if name == "obj":
         return _vertex_lines(mesh, "v %r %r %r\n") + face_lines(mesh.faces + 1, "f %d %d %d\n")
     if name == "off":

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from core.reading import FORMATS
+from core.reading import READABLE
 from service.cli.bulk import is_archive, store_archive
 from service.cli.console import fail, output, progress, say
 from service.cli.metadata import About, read_metadata, row_of
@@ -42,7 +42,7 @@ def command(
     archives = [path for path in paths if is_archive(path)]
     found = find_meshes([path for path in paths if path not in archives])
     if not found.files and not archives:
-        fail(f"no meshes there; the formats read are {', '.join(FORMATS)}")
+        fail(f"no meshes there; the formats read are {', '.join(READABLE)}")
     rows = {} if metadata is None else read_metadata(metadata)
     named = {file.path: row_of(rows, file.path) for file in found.files}
     items = [_item(file, rows.get(named[file.path] or "", About()), tag or []) for file in found.files]

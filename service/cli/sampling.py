@@ -17,7 +17,7 @@ from core.errors import CoreError
 from core.gallery import CLASSES, make_shape
 from core.gallery.one_body import make_person
 from core.mesh import Mesh
-from core.reading import FORMATS, format_of, read_mesh
+from core.reading import READABLE, format_of, read_mesh
 from core.sampling_robustness import DELTAS, ROBUST_TAU
 from core.sampling_study import PoseEvidence, ShapeEvidence, Study, study_pose, study_shape
 from core.sampling_surface import EVIDENCE, Surface
@@ -99,7 +99,7 @@ def _shapes(paths: Sequence[Path]) -> list[Source]:
         return [(label, partial(make_shape, label, 0)) for label in CLASSES]
     files = find_meshes(paths).files
     if not files:
-        fail(f"no meshes there; the formats read are {', '.join(FORMATS)}")
+        fail(f"no meshes there; the formats read are {', '.join(READABLE)}")
     return [(str(file.path), partial(_read, file.path)) for file in files]
 
 

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from core.reading import FORMATS
+from core.reading import READABLE
 from service.idempotency.keys import HEADER, REPLAYED
 
 FILE_PROBLEMS = (
@@ -39,7 +39,8 @@ WRITE_PROBLEMS = (*READ_PROBLEMS, "storage-full")
 FILE_FIELD = {
     "type": "string",
     "contentMediaType": "application/octet-stream",
-    "description": f"The mesh. Its name tells the format by the ending: {', '.join(sorted(FORMATS))}.",
+    "description": f"The mesh. Its name tells the format by the ending: {', '.join(sorted(READABLE))}; step "
+    "and stp where the service has the extra for them. 3MF and STEP are read in millimetres.",
 }
 IDEMPOTENCY_PROBLEMS = ("idempotency-key-malformed", "idempotency-key-reused", "idempotency-key-in-flight")
 

@@ -7,7 +7,7 @@ from fastapi import APIRouter, Path, Query, Request, Response
 from pydantic import Field, ValidationError
 from starlette.concurrency import run_in_threadpool
 
-from core.reading import FORMATS, format_of
+from core.reading import READABLE, format_of
 from service.access.middleware import KEY_IN_SCOPE
 from service.dependencies import Service
 from service.disconnect import while_connected
@@ -145,7 +145,7 @@ def change_shape(shape_id: ShapeId, changes: ShapeChanges, parts: Service) -> Sh
             "format.",
             "content": {
                 media_type: {"schema": {"type": "string", "contentMediaType": media_type}}
-                for media_type in sorted({files.media_type(name) for name in FORMATS})
+                for media_type in sorted({files.media_type(name) for name in READABLE})
             },
         },
         304: {"description": "The client has the file already, by its If-None-Match."},

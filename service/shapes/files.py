@@ -2,8 +2,16 @@
 
 from urllib.parse import quote
 
+from core.reading import ENDINGS
+
 # Registered media types where there are any; OFF and PLY have none.
-MEDIA_TYPES = {"stl": "model/stl", "obj": "model/obj", "glb": "model/gltf-binary"}
+MEDIA_TYPES = {
+    "stl": "model/stl",
+    "obj": "model/obj",
+    "glb": "model/gltf-binary",
+    "3mf": "model/3mf",
+    "step": "model/step",
+}
 OTHER_MEDIA_TYPE = "application/octet-stream"
 
 
@@ -18,7 +26,7 @@ def disposition(name: str, format: str) -> str:
     An old client reads `filename`, in which whatever is not a harmless ASCII character is replaced; a newer
     one reads `filename*`, where every byte but letters, digits and a few signs is escaped.
     """
-    if not name.lower().endswith(f".{format}"):
+    if ENDINGS.get(name.lower().rpartition(".")[2]) != format:
         name = f"{name}.{format}"
     harmless = "".join(c if c.isascii() and (c.isalnum() or c in " .-_()") else "_" for c in name)
     return f"attachment; filename=\"{harmless}\"; filename*=UTF-8''{quote(name, safe='')}"

@@ -19,7 +19,7 @@ from core.errors import (
     UnknownFormatError,
 )
 from core.mesh import Mesh
-from core.reading import FORMATS, Limits, format_of, read_mesh, write_mesh
+from core.reading import ENDINGS, FORMATS, READABLE, Limits, format_of, read_mesh, write_mesh
 from tests.core.files import CUBE, TRIANGLES
 
 EXACT = ("obj", "off")
@@ -43,6 +43,8 @@ def sphere(subdivisions=3, scale=1.0):
 
 def test_names_of_formats():
     assert FORMATS == ("stl", "obj", "ply", "off", "glb")
+    assert READABLE == ("stl", "obj", "ply", "off", "glb", "3mf", "step")
+    assert set(ENDINGS.values()) == set(READABLE)
 
 
 @pytest.mark.parametrize(
@@ -54,6 +56,9 @@ def test_names_of_formats():
         ("../b/c.off", "off"),
         (".glb", "glb"),
         ("é .glb", "glb"),
+        ("a.3MF", "3mf"),
+        ("a.Step", "step"),
+        ("a.STP", "step"),
     ],
 )
 def test_format_of(filename, expected):
@@ -64,16 +69,22 @@ def test_format_of(filename, expected):
     "filename", ["", "stl", "a.", "a.gltf", "a.stl.gz", "a.stl/b", "a.dae", "a.stl\n", "/etc/passwd"]
 )
 def test_format_of_anything_else(filename):
-    with pytest.raises(UnknownFormatError, match="stl, obj, ply, off, glb") as caught:
+    with pytest.raises(UnknownFormatError, match="stl, obj, ply, off, glb, 3mf, step") as caught:
         format_of(filename)
     assert "passwd" not in str(caught.value)
 
 
-@pytest.mark.parametrize("format", ["gltf", "dae", "3mf", "zip", "", "stl_ascii", "json", "xyz", "dict"])
+@pytest.mark.parametrize("format", ["gltf", "dae", "zip", "", "stl_ascii", "json", "xyz", "dict"])
 def test_only_the_formats_listed_are_read_or_written(format):
     with pytest.raises(UnknownFormatError):
         read_mesh(b"solid", format)
     with pytest.raises(UnknownFormatError):
+        write_mesh(sphere(0), format)
+
+
+@pytest.mark.parametrize("format", ["3mf", "step", "stp"])
+def test_what_is_only_read_is_not_written(format):
+    with pytest.raises(UnknownFormatError, match="written: stl, obj, ply, off, glb"):
         write_mesh(sphere(0), format)
 
 

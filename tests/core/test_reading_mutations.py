@@ -1,5 +1,7 @@
 """Whatever happens to the bytes of a file: a valid mesh or a mesh error, and nothing else."""
 
+import zipfile
+
 import numpy as np
 import pytest
 import trimesh
@@ -10,6 +12,7 @@ from core.errors import MeshError
 from core.mesh import Mesh
 from core.reading import FORMATS, Limits, read_mesh, write_mesh
 from tests.core.files import CUBE, SQUARES, binary_ply, glb, obj, off, ply, stl
+from tests.core.threemf_files import package
 
 SPHERE = trimesh.creation.icosphere(subdivisions=1)
 MESH = Mesh(SPHERE.vertices, SPHERE.faces)
@@ -32,6 +35,8 @@ TOKENS = [
     b"f ",
 ]
 SEEDS = {
+    "3mf": (package(), "3mf"),
+    "3mf that is not compressed": (package(method=zipfile.ZIP_STORED), "3mf"),
     **{f"{name} written here": (write_mesh(MESH, name), name) for name in FORMATS},
     "stl in text": (stl(SPHERE.triangles[:12]), "stl"),
     "obj of squares": (obj(), "obj"),

@@ -62,17 +62,14 @@ def _archives() -> list[Hostile]:
             "unknown-format",
             {
                 "bomb.zip": zip_bomb,
-                "bomb.3mf": lambda: zip_bomb(inside="3D/3dmodel.model"),
                 "bomb.zae": lambda: zip_bomb(inside="scene.dae"),
                 "mesh.zip": _zipped("mesh.stl", mesh),
-                "mesh.3mf": _zipped("3D/3dmodel.model", BOMB),
                 "mesh.zae": _zipped("scene.dae", OUTSIDE),
                 "mesh.stl.zip": _zipped("../../../etc/cron.d/mesh.stl", mesh),
                 "mesh.stl.gz": gzip.compress(mesh, mtime=0),
                 "mesh.tar": bytes(1024),
                 "mesh.7z": sevenzip,
                 "mesh.gltf": b"{}",
-                "mesh.step": b"ISO-10303-21;\n",
                 "mesh.pickle": b"cos\nsystem\n(S'true'\ntR.",
                 "mesh.npz": _zipped("a.npy", b"cos\nsystem\n(S'true'\ntR."),
             },
@@ -81,6 +78,9 @@ def _archives() -> list[Hostile]:
         *malformed(
             "archive",
             {
+                "bomb.3mf": lambda: zip_bomb(inside="3D/3dmodel.model"),
+                "mesh.3mf": _zipped("3D/3dmodel.model", BOMB),
+                "mesh.step": b"ISO-10303-21;\n",
                 "bomb-called.stl": zip_bomb,
                 "bomb-called.glb": zip_bomb,
                 "zip-called.obj": _zipped("mesh.obj", obj()),

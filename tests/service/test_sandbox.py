@@ -13,13 +13,15 @@ import numpy as np
 import pytest
 
 from core.errors import MeshTooComplexError
-from core.reading import DEFAULT_LIMITS, FORMATS, read_mesh
+from core.reading import DEFAULT_LIMITS, FORMATS, READABLE, read_mesh
 from service.compute import sandbox
 from service.compute.pool import LocalPool
 from service.compute.seat import HELD_BYTES
 from service.errors import TaskTimeLimitError
 from service.settings import Settings
 from tests.core.files import glb
+from tests.core.step_files import step_box, step_sphere
+from tests.core.threemf_files import package
 from tests.service.support import small_file, wait_until
 from tests.service.tasks import nap, warm
 
@@ -43,9 +45,14 @@ def read(pool: LocalPool, data: bytes, format: str, seconds: float = 30) -> sand
     return readable
 
 
-@pytest.mark.parametrize("format", FORMATS)
+FILES = {**{format: small_file(0, format) for format in FORMATS}, "3mf": package(), "step": step_sphere()}
+# A corner that is none keeps OpenCASCADE busy for ever.
+ENDLESS = step_box().replace(b"(0.0,0.0,0.0)", b"(NaN,1E999,0.0)")
+
+
+@pytest.mark.parametrize("format", READABLE)
 def test_every_format_is_read_as_anywhere(readers: LocalPool, format: str) -> None:
-    data = small_file(0, format)
+    data = FILES[format]
     readable = read(readers, data, format)
     here = read_mesh(data, format)
     assert np.array_equal(readable.mesh.vertices, here.vertices)
@@ -145,6 +152,12 @@ def test_processor_time_is_counted_file_by_file(readers: LocalPool) -> None:
     assert readers.pids() != pids
 
 
+def test_what_never_ends_is_ended(readers: LocalPool) -> None:
+    with pytest.raises(TaskTimeLimitError, match="processor time"):
+        read(readers, ENDLESS, "step", 1)
+    assert read(readers, step_box(), "step").mesh is not None
+
+
 def spin(seconds: float) -> None:
     end = time.process_time() + seconds
     while time.process_time() < end:
@@ -189,6 +202,26 @@ def test_a_descriptor_left_open_takes_no_more_bytes(tmp_path: Path) -> None:
     )
     done = subprocess.run([sys.executable, "-c", script, str(tmp_path / "open")], check=False)
     assert done.returncode == errno.EFBIG
+    assert (tmp_path / "open").read_bytes() == b""
+
+
+def test_a_reader_of_step_says_nothing_and_writes_nothing_after(tmp_path: Path) -> None:
+    """OpenCASCADE prints what it could not read, and passes the rest on through files in memory."""
+    script = (
+        "import sys, os; from core.errors import MeshError; from core.reading import DEFAULT_LIMITS\n"
+        "from service.compute import sandbox; from tests.core.step_files import step_box\n"
+        "descriptor = os.open(sys.argv[1], os.O_CREAT | os.O_WRONLY)\n"
+        f"sandbox.enter({MEMORY})\n"
+        "assert sandbox.read_file(step_box(), 'step', DEFAULT_LIMITS, 30).mesh is not None\n"
+        "try: sandbox.read_file(step_box()[:2000], 'step', DEFAULT_LIMITS, 30)\n"
+        "except MeshError: print('refused', flush=True)\n"
+        "try: os.write(descriptor, b'x')\n"
+        "except OSError as error: sys.exit(error.errno)\n"
+    )
+    command = [sys.executable, "-c", script, str(tmp_path / "open")]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT) as process:
+        said, _ = process.communicate()
+    assert (process.returncode, said) == (errno.EFBIG, b"refused\n")
     assert (tmp_path / "open").read_bytes() == b""
 
 
