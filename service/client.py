@@ -48,6 +48,9 @@ RETRIES = {
     "worker-lost": 1,
     "cluster-unavailable": 3,
 }
+# A proxy in front says the same without a problem document.
+PROXY_RETRIES = 5
+BUSY = frozenset({httpx.codes.TOO_MANY_REQUESTS, httpx.codes.SERVICE_UNAVAILABLE})
 LONGEST_WAIT_SECONDS = 30.0
 # A large mesh may wait for a worker and then be worked on for minutes.
 TIMEOUT = httpx.Timeout(600.0, connect=10.0)
@@ -365,13 +368,17 @@ class Client:
         while True:
             try:
                 answer = self._http.request(method, path, **arguments)
-            except (httpx.TransportError, httpx.UnsupportedProtocol) as error:
-                raise UnreachableError(f"no answer from {self.url}: {error}") from error
+            except (httpx.TransportError, httpx.UnsupportedProtocol) as fault:
+                raise UnreachableError(f"no answer from {self.url}: {fault}") from fault
             if answer.is_success:
                 return answer
-            problem = _problem(answer)
-            if attempt >= RETRIES.get(problem.kind, 0):
-                raise problem
+            error = _error(answer)
+            if isinstance(error, ProblemError):
+                retries = RETRIES.get(error.kind, 0)
+            else:
+                retries = PROXY_RETRIES if answer.status_code in BUSY else 0
+            if attempt >= retries:
+                raise error
             time.sleep(_wait(answer, attempt))
             attempt += 1
 
@@ -383,11 +390,11 @@ def _parse(model: type[Model], answer: httpx.Response) -> Model:
         raise UnexpectedAnswerError(f"{answer.request.url} gave no {model.__name__}") from error
 
 
-def _problem(answer: httpx.Response) -> ProblemError:
+def _error(answer: httpx.Response) -> ProblemError | UnexpectedAnswerError:
     if answer.headers.get("content-type", "").startswith(MEDIA_TYPE):
         with suppress(ValidationError):
             return ProblemError(Problem.model_validate_json(answer.content))
-    raise UnexpectedAnswerError(
+    return UnexpectedAnswerError(
         f"{answer.request.url} answered {answer.status_code}, and not with a problem document"
     )
 

@@ -1,15 +1,14 @@
 """`isoshape copy`: an archive moved between an SQLite file and PostgreSQL."""
 
 from contextlib import closing
-from pathlib import Path
 from typing import Annotated
 
 import typer
-from pydantic import ValidationError
 from rich.progress import TaskID
 
 from service.cli.console import fail, output, progress
-from service.settings import Settings, SettingsError, load_settings
+from service.cli.target import database_named
+from service.settings import load_settings
 from service.storage.copying import copy_archive
 from service.storage.database import Database
 from service.storage.sqlite import path_of
@@ -25,7 +24,7 @@ def command(
     a file wait until it is copied. A copy that is stopped, or is not the same, leaves the target empty.
     """
     settings = load_settings()
-    from_url, to_url = _url("SOURCE", source), _url("TARGET", target)
+    from_url, to_url = database_named("SOURCE", source), database_named("TARGET", target)
     if from_url.startswith("sqlite") and not path_of(from_url).is_file():
         fail(f"there is no archive at {path_of(from_url)}")
     if from_url == to_url:
@@ -48,14 +47,3 @@ def command(
         "embeddings: copied, and compared row by row",
         soft_wrap=True,
     )
-
-
-def _url(argument: str, place: str) -> str:
-    """The URL of a database, which may be named by the path of a file."""
-    url = place if "://" in place else f"sqlite:///{Path(place).absolute()}"
-    try:
-        return Settings(database_url=url).database_url
-    except ValidationError as error:
-        raise SettingsError(
-            f"{argument}: {error.errors()[0]['msg'].removeprefix('Value error, ')}"
-        ) from error

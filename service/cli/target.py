@@ -2,10 +2,12 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Annotated
 
 import httpx
 import typer
+from pydantic import ValidationError
 from sqlalchemy.engine import make_url
 from sqlalchemy.exc import ArgumentError
 
@@ -13,14 +15,15 @@ from service.access.keys import digest_of, new_key
 from service.cli.console import say
 from service.cli.server import DEFAULT_PORT, LOOPBACK, in_thread
 from service.client import Client, ClientError, ProblemError
-from service.settings import Settings, load_settings
+from service.settings import Settings, SettingsError, load_settings
 
 Url = Annotated[
     str | None,
     typer.Option(
         envvar="ISOSHAPE_URL",
-        help="Address of the service. Without one: the database that ISOSHAPE_DATABASE_URL names; "
-        f"else a service at {LOOPBACK}:{DEFAULT_PORT}; else the default database.",
+        help="Address of the service, or of a database, as sqlite:///folder/file.sqlite3. Without one: the "
+        "database that ISOSHAPE_DATABASE_URL names; else a service at "
+        f"{LOOPBACK}:{DEFAULT_PORT}; else the default database.",
     ),
 ]
 
@@ -41,7 +44,8 @@ PROBE = httpx.Timeout(2.0)
 def service_at(url: str | None, key: str | None = None) -> Iterator[Client]:
     """A client of the service that is meant, after one line that says which it is.
 
-    A database is reached through the whole service, run by this process for as long as the command lasts.
+    A database is reached through the whole service, run by this process for as long as the command lasts; its
+    settings are those of the environment.
 
     Raises
     ------
@@ -50,8 +54,15 @@ def service_at(url: str | None, key: str | None = None) -> Iterator[Client]:
     StartError
         The database cannot be opened.
     SettingsError
-        The environment is wrong.
+        The environment is wrong, or the address is that of no database.
     """
+    if url and "://" in url and not url.lower().startswith(("http://", "https://")):
+        settings = load_settings()
+        settings = settings.model_copy(update={"database_url": database_named("--url", url)})
+        say(f"using the database {_shown(settings.database_url)}")
+        with _own_service(settings) as client:
+            yield client
+        return
     if url:
         with Client(url, key=key) as client:
             client.version()
@@ -68,6 +79,23 @@ def service_at(url: str | None, key: str | None = None) -> Iterator[Client]:
     say(f"using the database {_shown(settings.database_url)}")
     with _own_service(settings) as client:
         yield client
+
+
+def database_named(argument: str, place: str) -> str:
+    """The URL of a database, which may be named by the path of a file.
+
+    Raises
+    ------
+    SettingsError
+        It is none.
+    """
+    url = place if "://" in place else f"sqlite:///{Path(place).absolute()}"
+    try:
+        return Settings(database_url=url).database_url
+    except ValidationError as error:
+        raise SettingsError(
+            f"{argument}: {error.errors()[0]['msg'].removeprefix('Value error, ')}"
+        ) from error
 
 
 def _answers(url: str, key: str | None) -> bool:

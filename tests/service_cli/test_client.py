@@ -8,6 +8,7 @@ import httpx
 import pytest
 
 from service.client import (
+    PROXY_RETRIES,
     RETRIES,
     Client,
     ProblemError,
@@ -205,6 +206,20 @@ def test_a_service_that_was_busy_gets_the_whole_file_again() -> None:
         client.upload(("a.off", b"the bytes"))
     assert len(bodies) == 2
     assert all(b"the bytes" in body for body in bodies)
+
+
+@pytest.mark.parametrize(("status", "times"), [(429, 1 + PROXY_RETRIES), (503, 1 + PROXY_RETRIES), (502, 1)])
+def test_a_proxy_that_is_busy_is_asked_again_too(status: int, times: int) -> None:
+    asked = 0
+
+    def refuse(request: httpx.Request) -> httpx.Response:
+        nonlocal asked
+        asked += 1
+        return httpx.Response(status, text="<html>later</html>", headers={"retry-after": "0"})
+
+    with answering(refuse) as client, pytest.raises(UnexpectedAnswerError, match=str(status)):
+        client.delete("x")
+    assert asked == times
 
 
 def test_retried_kinds_are_temporary_ones() -> None:
