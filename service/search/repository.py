@@ -57,7 +57,8 @@ NOTHING = Signed(
 def signed_since(session: ReadSession, fingerprint: str, since: int) -> Iterator[Signed]:
     """The shapes that came, or were embedded, after a revision, as far as one pipeline embedded them.
 
-    In batches, so that the rows of a large archive are not all there at once.
+    In batches, so that the rows of a large archive are not all there at once; by the connection, whose rows
+    take half as long as the session's.
     """
     query = (
         select(ShapeRow.number, EmbeddingRow.number, SketchRow.signature, SketchRow.data)
@@ -69,7 +70,7 @@ def signed_since(session: ReadSession, fingerprint: str, since: int) -> Iterator
         .where(ShapeRow.revision > since, EmbeddingRow.fingerprint == fingerprint)
         .execution_options(yield_per=AT_ONCE)
     )
-    with session.execute(query) as found:
+    with session.connection().execute(query) as found:
         for rows in found.partitions():
             shapes, embeddings, signatures, sketches = zip(*rows, strict=True)
             yield Signed(
