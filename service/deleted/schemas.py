@@ -44,6 +44,7 @@ class DeletedShapePage(BaseModel):
 
     shapes: list[DeletedShape]
     total: int = Field(description="How many can be restored in all.")
+    undo_days: float = Field(description="How many days after its deletion a shape can be restored.")
     next_cursor: str | None = Field(description="Give it as `cursor` to go on; null on the last page.")
 
     @classmethod
@@ -52,5 +53,6 @@ class DeletedShapePage(BaseModel):
         return cls(
             shapes=[DeletedShape.of(record, keep) for record in page.shapes],
             total=page.total,
+            undo_days=keep / timedelta(days=1),
             next_cursor=None if page.after is None else write_cursor(page.after),
         )

@@ -13,7 +13,7 @@ from tests.service.support import Running, serving, settings_in
 
 @pytest.fixture(scope="session")
 def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
-    with serving(settings_in(tmp_path_factory.mktemp("browser"), workers=1)) as running:
+    with serving(settings_in(tmp_path_factory.mktemp("browser"), workers=1, undo_days=7)) as running:
         yield running
 
 

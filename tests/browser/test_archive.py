@@ -120,6 +120,50 @@ def test_a_shape_is_deleted_only_when_that_is_confirmed(visit: Visit, service: R
     assert len(names) == 5
 
 
+def test_what_was_deleted_is_restored(visit: Visit, service: Running) -> None:
+    before = {shape["name"]: shape for shape in service.client.get("/shapes").json()["shapes"]}
+    page = visit.open()
+    for name in ("fish-1.ply", "glasses-2.ply", "fish-2.ply"):
+        page.get_by_role("button", name=f"Delete {name}").click()
+        assert "It can be restored for 7 days." in page.inner_text("#deletion-text")
+        page.locator("#deletion").get_by_role("button", name="Delete").click()
+        expect(page.locator("#undo")).to_contain_text(f"{name} is deleted.")
+    page.get_by_role("button", name="Undo: restore fish-2.ply").click()
+    expect(page.locator("#undo")).to_have_text("fish-2.ply is stored again, and stands last.")
+    expect(page.locator("#gallery li")).to_have_count(4)
+    expect(page.locator("#gallery .name").last).to_have_text("fish-2.ply")
+    # Others may have been deleted before; the latest comes first.
+    page.locator("#deleted summary").click()
+    rows = page.locator("#deleted-list li")
+    expect(rows.nth(0)).to_contain_text("glasses-2.ply")
+    expect(rows.nth(1)).to_contain_text("fish-1.ply")
+    total = service.client.get("/deleted").json()["total"]
+    expect(page.locator("#deleted-count")).to_have_text(str(total))
+    page.get_by_role("button", name="Restore glasses-2.ply").first.click()
+    expect(page.locator("#gallery li")).to_have_count(5)
+    expect(rows.nth(0)).to_contain_text("fish-1.ply")
+    expect(page.locator("#deleted-count")).to_have_text(str(total - 1))
+    after = service.client.get("/shapes").json()["shapes"]
+    for shape in after:
+        assert [shape[key] for key in ("id", "tags", "sha256")] == [
+            before[shape["name"]][key] for key in ("id", "tags", "sha256")
+        ]
+    assert len(after) == 5
+
+
+def test_what_cannot_be_restored_is_told_of(visit: Visit, service: Running) -> None:
+    visit.expected = ["409"]
+    page = visit.open()
+    page.get_by_role("button", name="Delete fish-1.ply").click()
+    page.locator("#deletion").get_by_role("button", name="Delete").click()
+    undo = page.get_by_role("button", name="Undo: restore fish-1.ply")
+    undo.wait_for()
+    service.store(made("fish", 1), "fish-1.ply")
+    undo.click()
+    expect(page.locator("#gallery-trouble")).to_contain_text("name")
+    expect(undo).to_be_visible()
+
+
 def test_a_shape_alone(visit: Visit) -> None:
     page = visit.open()
     page.get_by_role("link", name="fish-1.ply").click()
@@ -184,7 +228,14 @@ def test_signing_in_with_a_key(
     page.keyboard.press("Enter")
     page.wait_for_selector("#gallery li")
     assert page.is_visible("#store") == may_store
-    assert (page.get_by_role("button", name="Delete fish-0.ply").count() == 1) == may_store
+    delete = page.get_by_role("button", name="Delete fish-0.ply")
+    assert (delete.count() == 1) == may_store
+    # This service keeps nothing of what is deleted.
+    assert page.is_hidden("#deleted")
+    if may_store:
+        delete.click()
+        assert "It is gone for good." in page.inner_text("#deletion-text")
+        page.keyboard.press("Escape")
     page.set_input_files("#find-file", file_in(tmp_path))
     expect(page.locator("#cards canvas[data-drawn]")).to_have_count(4)
     page.click("#sign-out")

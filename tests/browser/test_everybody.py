@@ -38,7 +38,10 @@ def test_axe_finds_no_serious_problem(visit: Visit, tmp_path: Path) -> None:
     assert serious(page) == []
     page.get_by_role("button", name="Delete fish-0.ply").click()
     assert serious(page) == []
-    page.keyboard.press("Escape")
+    page.locator("#deletion").get_by_role("button", name="Delete").click()
+    page.locator("#deleted summary").click()
+    page.wait_for_selector("#deleted-list li")
+    assert serious(page) == []
     page.get_by_role("link", name="fish-1.ply", exact=True).click()
     page.wait_for_selector("#cards canvas[data-drawn]")
     assert serious(page) == []
@@ -75,7 +78,11 @@ def test_everything_by_keyboard(visit: Visit) -> None:
     page.keyboard.press("Tab")
     page.keyboard.press("Enter")
     expect(page.locator("#gallery li")).to_have_count(5)
-    assert page.evaluate("document.activeElement.ariaLabel") == "Delete fish-1.ply"
+    # Enter again takes it back.
+    assert page.evaluate("document.activeElement.ariaLabel") == "Undo: restore fish-0.ply"
+    page.keyboard.press("Enter")
+    expect(page.locator("#gallery li")).to_have_count(6)
+    assert page.evaluate("document.activeElement.id") == "undo"
 
 
 @pytest.mark.parametrize("visit", [{**PHONE}], indirect=True)

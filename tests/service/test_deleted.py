@@ -113,7 +113,7 @@ def test_deleted_shapes_are_listed_in_the_order_of_their_deletion(service: Runni
     seen, cursor = [], {}
     while cursor is not None:
         page = service.client.get("/deleted", params={"limit": 2, **cursor}).json()
-        assert page["total"] == 5
+        assert (page["total"], page["undo_days"]) == (5, DAYS)
         seen += [shape["id"] for shape in page["shapes"]]
         cursor = {"cursor": page["next_cursor"]} if page["next_cursor"] else None
     assert seen == ids[::-1]

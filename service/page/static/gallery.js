@@ -1,6 +1,7 @@
 // The stored shapes: searched by name and tag, more as one scrolls, and deleted.
 
 import { address, ask } from "./api.js";
+import { deleted, fate } from "./deleted.js";
 import { button, byId, listed, make, showTrouble } from "./dom.js";
 import { findStored } from "./find.js";
 
@@ -106,7 +107,7 @@ function knowTag(tag) {
  * @param {HTMLLIElement} own
  */
 async function remove(shape, own) {
-  byId("deletion-text", HTMLElement).textContent = `${shape.name} will be gone from every answer. Unless the service keeps what is deleted for some days, it is gone for good.`;
+  byId("deletion-text", HTMLElement).textContent = `${shape.name} will be gone from every answer. ${fate()}`;
   dialog.returnValue = "keep";
   dialog.showModal();
   await new Promise((closed) => dialog.addEventListener("close", closed, { once: true }));
@@ -117,8 +118,9 @@ async function remove(shape, own) {
     own.remove();
     total--;
     tell();
-    /** @type {HTMLElement | null | undefined} */ (next?.querySelector(".buttons button:last-child"))?.focus();
     showTrouble(trouble);
+    if (deleted(shape)) return;
+    /** @type {HTMLElement | null | undefined} */ (next?.querySelector(".buttons button:last-child"))?.focus();
   } catch (error) {
     showTrouble(trouble, error);
   }

@@ -2,7 +2,8 @@
 
 import { session, signIn, signOut, signedOut } from "./api.js";
 import { byId, showTrouble } from "./dom.js";
-import { openGallery } from "./gallery.js";
+import { openDeleted } from "./deleted.js";
+import { openGallery, reload } from "./gallery.js";
 import { openJobs } from "./jobs.js";
 import "./store.js";
 
@@ -25,7 +26,7 @@ async function enter(own) {
   }
   if (!may) return key.focus();
   await openGallery(own.access === "full");
-  if (own.access === "full") await openJobs();
+  if (own.access === "full") await Promise.all([openJobs(), openDeleted(reload)]);
 }
 
 async function begin() {

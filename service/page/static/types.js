@@ -19,6 +19,8 @@
  *             problem: Cause | null, ended_at: string | null }} Job
  * @typedef {{ jobs: Job[] }} JobPage
  * @typedef {{ files: { path: string, problem: Cause | null }[], next_cursor: string | null }} JobFilePage
+ * @typedef {{ id: string, name: string, deleted_at: string, gone_at: string }} DeletedShape
+ * @typedef {{ shapes: DeletedShape[], total: number, undo_days: number, next_cursor: string | null }} DeletedPage
  * @typedef {{ access: "none" | "read" | "full", signed_in: boolean }} Session
  */
 
