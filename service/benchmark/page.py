@@ -13,6 +13,8 @@ from service.benchmark.load import Row as LoadRow
 from service.benchmark.match_tables import match_table, peer_table
 from service.benchmark.matching import MANY
 from service.benchmark.matching import Row as MatchRow
+from service.benchmark.pictures import Row as PictureRow
+from service.benchmark.pictures import picture_table
 from service.benchmark.search_tables import kept_table, load_table, search_table
 from service.benchmark.searching import EXHAUSTIVE, Kept
 from service.benchmark.searching import Row as SearchRow
@@ -34,6 +36,7 @@ class Found:
     search: list[SearchRow] = field(default_factory=list)
     kept: list[Kept] = field(default_factory=list)
     load: list[LoadRow] = field(default_factory=list)
+    pictures: list[PictureRow] = field(default_factory=list)
 
     def as_json(self) -> dict[str, object]:
         """The object that `--json` prints: lists of rows by subject; seconds and bytes."""
@@ -56,6 +59,8 @@ class Found:
             }
         if self.load:
             found["load"] = [asdict(row) for row in self.load]
+        if self.pictures:
+            found["pictures"] = [asdict(row) for row in self.pictures]
         return found
 
 
@@ -129,6 +134,13 @@ def page(found: Found, command: str, *, picture: bool) -> str:
             _markdown(load_table(found.load)),
             "Capacity: what is answered while all clients ask again as soon as they have an answer. Then "
             f"{SHARE:.0%} of it is asked for evenly, and a query's time counts from when it was due.",
+        ]
+    if found.pictures:
+        parts += [
+            "## Thumbnails over HTTP",
+            _markdown(picture_table(found.pictures)),
+            "256 pixels a side, as the page asks for them. Drawn: the first time, in a warm worker, the file "
+            "read first; kept: every other time, from the database.",
         ]
     return "\n\n".join(parts) + "\n"
 

@@ -16,6 +16,7 @@ from service.benchmark.load import load_row
 from service.benchmark.matching import matching_rows
 from service.benchmark.meshes import read_source
 from service.benchmark.page import PLOT, Found, page
+from service.benchmark.pictures import picture_rows
 from service.benchmark.searching import SIZES, searching_rows
 from service.benchmark.table1 import table1_rows
 from service.cli.console import fail, output, progress
@@ -30,6 +31,7 @@ class Subject(StrEnum):
     MATCH = "match"
     SEARCH = "search"
     LOAD = "load"
+    PICTURES = "pictures"
 
 
 def command(
@@ -91,6 +93,8 @@ def command(
                     found.kept.extend(kept)
                 case Subject.LOAD:
                     found.load.append(load_row(source, originals(source), Path(scratch)))
+                case Subject.PICTURES:
+                    found.pictures.extend(picture_rows(source, Path(scratch)))
             bar.advance(task)
     asked = " ".join(
         [

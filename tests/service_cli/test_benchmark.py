@@ -5,8 +5,9 @@ from functools import partial
 
 import pytest
 
-from service.benchmark import load, searching
+from service.benchmark import load, pictures, searching
 from service.benchmark.page import Found, page
+from service.benchmark.timing import Spread
 from service.cli import benchmark
 
 
@@ -61,6 +62,21 @@ def test_clients_at_once(run, collection, monkeypatch):
     assert 0.0 < row["median"] <= row["p95"]
     text = page(Found(load=[load.Row(**row)]), "isoshape benchmark", picture=False)
     assert "## Many clients at once" in text
+
+
+def test_thumbnails(run, collection, monkeypatch):
+    few = partial(benchmark.picture_rows, vertices=(500,), meshes=2)
+    monkeypatch.setattr(benchmark, "picture_rows", few)
+    done = run("benchmark", collection, "--only", "pictures", "--json")
+    assert (done.status, done.stderr) == (0, "")
+    (row,) = json.loads(done.stdout)["pictures"]
+    assert row["vertices"] == 500
+    assert all(row[which]["count"] == 2 for which in ("drawn", "kept", "unchanged"))
+    assert 1_000 < row["size"] < 100_000
+    spreads = {which: Spread(**row[which]) for which in ("drawn", "kept", "unchanged")}
+    text = page(Found(pictures=[pictures.Row(**{**row, **spreads})]), "isoshape benchmark", picture=False)
+    assert "## Thumbnails over HTTP" in text
+    assert "| 500 |" in text
 
 
 def test_a_page_and_its_picture(run, collection, tmp_path):
