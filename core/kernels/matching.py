@@ -8,10 +8,13 @@ import numpy as np
 from core.compiled import kernel
 from core.embedding import Float32s, Int32s
 from core.kernels.neighbours import closest, nearest_both, paired, paired_both
-from core.kernels.packed import Int16s, Packed, opened
+from core.kernels.packed import ONE, Int16s, Packed
 from core.kernels.rotation import EXACT, ROUGH, turn
 from core.kernels.spline_search import spline_search
 from core.mesh import Floats
+
+FINEST = 8191
+"""The most that the largest coordinate is in whole numbers, where a spline's entries are up to `ONE`."""
 
 
 class Rounds(NamedTuple):
@@ -178,21 +181,39 @@ def best_map(x: Packed, y: Packed, rounds: Rounds, rotation: Float32s) -> float:
 def _effective_share(
     warp: Int16s, targets: Float32s, matches: Int32s, low: int, k: int, gamma: float, count: int
 ) -> float:
-    """Distinct matches that the softer spline brings a point within gamma of, over min(m, count)."""
+    """Distinct matches that the softer spline brings a point within gamma of, over min(m, count).
+
+    In whole numbers, whose sums of products may be taken in any order, and so by vectors; a point is left as
+    soon as it is too far away in some of its coordinates. A spline makes no vector longer, so that what comes
+    out is at most the root of m times the largest that goes in: it stays under 2^31.
+    """
     m = len(matches)
-    block = np.empty((k, m), dtype=np.float32)
+    most = np.float32(0.0)
     for i in range(m):
         for c in range(k):
-            block[c, i] = targets[i, low + c]
-    ends = np.dot(block, opened(warp))
-    apart = np.zeros(m, dtype=np.float32)
-    for c in range(k):
-        for i in range(m):
-            apart[i] += (ends[c, i] - block[c, i]) ** 2
+            most = max(most, abs(targets[i, low + c]))
+    largest = min(FINEST, math.floor(2**31 / ONE / math.sqrt(m)) - 1)
+    scale = np.float32(largest) / most if most > 0.0 else np.float32(0.0)
+    block = np.empty((k, m), dtype=np.int16)
+    for i in range(m):
+        for c in range(k):
+            block[c, i] = np.int16(np.floor(targets[i, low + c] * scale + np.float32(0.5)))
+    limit = np.float32((gamma * scale) ** 2)
     taken = np.zeros(count, dtype=np.bool_)
     share = 0.0
     for i in range(m):
-        if apart[i] <= gamma * gamma and not taken[matches[i]]:
+        if taken[matches[i]]:
+            continue
+        apart = np.float32(0.0)
+        for c in range(k):
+            total = np.int32(0)
+            for j in range(m):
+                total = np.int32(total + np.int32(np.int32(warp[i, j]) * np.int32(block[c, j])))
+            step = np.float32(total) * np.float32(1.0 / ONE) - np.float32(block[c, i])
+            apart += step * step
+            if apart > limit:
+                break
+        if apart <= limit:
             taken[matches[i]] = True
             share += 1.0
     return share / min(m, count)
@@ -235,28 +256,40 @@ def score_pairs(
     turned = np.dot(sources, rotation)
     scores[:] = 0.0
     yours = y.points[:n]
-    cross = np.empty((columns, columns), dtype=np.float32)
-    first = np.empty(blocks, dtype=np.float32)
-    second = np.empty(blocks, dtype=np.float32)
-    paired(ends, partners, turned, yours, blocks, cross, first, second)
+    sums = np.zeros((2, columns), dtype=np.float32)
+    products = np.zeros((3, columns), dtype=np.float32)
     steps = np.zeros(columns, dtype=np.float32)
     for i in range(m):
         for c in range(columns):
+            sums[0, c] += ends[i, c]
+            sums[1, c] += partners[i, c]
+            products[0, c] += ends[i, c] * ends[i, c]
+            products[1, c] += partners[i, c] * partners[i, c]
+            products[2, c] += ends[i, c] * partners[i, c]
             steps[c] += (ends[i, c] - partners[i, c]) ** 2
     for j in range(n):
         for c in range(columns):
+            sums[0, c] += turned[j, c]
+            sums[1, c] += yours[j, c]
+            products[0, c] += turned[j, c] * turned[j, c]
+            products[1, c] += yours[j, c] * yours[j, c]
+            products[2, c] += turned[j, c] * yours[j, c]
             steps[c] += (turned[j, c] - yours[j, c]) ** 2
+    share = np.float32(1.0) / np.float32(m + n)
     for block in range(blocks):
         low = block * k
-        trace = 0.0
+        one = np.float32(0.0)
+        other = np.float32(0.0)
+        both = np.float32(0.0)
+        apart = np.float32(0.0)
         for c in range(low, low + k):
-            trace += cross[c, c]
-        size = math.sqrt(max(0.0, first[block] * second[block]))
-        if size > 0.0:
-            scores[0] += max(-1.0, min(1.0, trace / size)) / blocks
-        apart = 0.0
-        for c in range(low, low + k):
+            one += products[0, c] - sums[0, c] * sums[0, c] * share
+            other += products[1, c] - sums[1, c] * sums[1, c] * share
+            both += products[2, c] - sums[0, c] * sums[1, c] * share
             apart += steps[c]
+        size = math.sqrt(max(0.0, float(one * other)))
+        if size > 0.0:
+            scores[0] += max(-1.0, min(1.0, float(both) / size)) / blocks
         scores[1] += math.sqrt(apart) / (m + n) / blocks
         gamma = effective * 0.5 * (x.radius[block] + y.radius[block])
         scores[2] += 0.5 * _effective_share(x.warp[block], partners, there, low, k, gamma, n) / blocks
