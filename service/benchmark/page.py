@@ -8,6 +8,7 @@ from service.benchmark.embedding import Row as EmbeddingRow
 from service.benchmark.functional_maps import SPECTRUM
 from service.benchmark.growth import FORMATS, exponent
 from service.benchmark.growth import Row as GrowthRow
+from service.benchmark.ingesting import Row as IngestRow
 from service.benchmark.load import SHARE
 from service.benchmark.load import Row as LoadRow
 from service.benchmark.match_tables import match_table, peer_table
@@ -15,7 +16,7 @@ from service.benchmark.matching import MANY
 from service.benchmark.matching import Row as MatchRow
 from service.benchmark.pictures import Row as PictureRow
 from service.benchmark.pictures import picture_table
-from service.benchmark.search_tables import kept_table, load_table, search_table
+from service.benchmark.search_tables import ingest_table, kept_table, load_table, search_table
 from service.benchmark.searching import EXHAUSTIVE, Kept
 from service.benchmark.searching import Row as SearchRow
 from service.benchmark.table1 import Row as Table1Row
@@ -35,6 +36,7 @@ class Found:
     match: list[MatchRow] = field(default_factory=list)
     search: list[SearchRow] = field(default_factory=list)
     kept: list[Kept] = field(default_factory=list)
+    ingest: list[IngestRow] = field(default_factory=list)
     load: list[LoadRow] = field(default_factory=list)
     pictures: list[PictureRow] = field(default_factory=list)
 
@@ -57,6 +59,8 @@ class Found:
                 "rows": [asdict(row) for row in self.search],
                 "kept": [asdict(row) for row in self.kept],
             }
+        if self.ingest:
+            found["ingest"] = [asdict(row) for row in self.ingest]
         if self.load:
             found["load"] = [asdict(row) for row in self.load]
         if self.pictures:
@@ -128,6 +132,13 @@ def page(found: Found, command: str, *, picture: bool) -> str:
                 f"The cascade against exhaustive search of {found.kept[0].shapes:,} shapes, ranked by CC: "
                 f"{found.kept[0].queries} queries, from whose answers their own noisy copies are left out.",
             ]
+    if found.ingest:
+        parts += [
+            "## A folder stored",
+            _markdown(ingest_table(found.ingest)),
+            "The collection's files sent over HTTP as `isoshape ingest` sends them, to an empty archive on "
+            "SQLite. The processors are shared by the service, its workers, one for each, and the sender.",
+        ]
     if found.load:
         parts += [
             "## Many clients at once",

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+from service.benchmark.ingesting import Row as IngestRow
 from service.benchmark.load import Row as LoadRow
 from service.benchmark.searching import Kept, Row
 
@@ -62,6 +63,23 @@ def kept_table(rows: Sequence[Kept]) -> list[list[str]]:
             for row in rows
         ),
     ]
+
+
+def ingest_table(rows: Sequence[IngestRow]) -> list[list[str]]:
+    """A line a number of processors; the last is that of one."""
+    table = [["processors", "shapes", "shapes a second", "times one processor"]]
+    one = rows[-1].a_second.median
+    for row in rows:
+        rate = row.a_second
+        table.append(
+            [
+                str(row.processors),
+                f"{row.shapes:,}",
+                f"{rate.median:.1f} ({rate.low:.1f} to {rate.high:.1f})",
+                f"{rate.median / one:.2f}",
+            ]
+        )
+    return table
 
 
 def load_table(rows: Sequence[LoadRow]) -> list[list[str]]:

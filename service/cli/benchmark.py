@@ -12,6 +12,7 @@ from service.benchmark.archive import originals
 from service.benchmark.embedding import embedding_rows, shapedna
 from service.benchmark.functional_maps import functional_maps
 from service.benchmark.growth import growth_rows
+from service.benchmark.ingesting import ingesting_rows
 from service.benchmark.load import load_row
 from service.benchmark.matching import matching_rows
 from service.benchmark.meshes import read_source
@@ -30,6 +31,7 @@ class Subject(StrEnum):
     TABLE1 = "table1"
     MATCH = "match"
     SEARCH = "search"
+    INGEST = "ingest"
     LOAD = "load"
     PICTURES = "pictures"
 
@@ -91,6 +93,8 @@ def command(
                     rows, kept = searching_rows(originals(source), Path(scratch), sizes=sizes or SIZES)
                     found.search.extend(rows)
                     found.kept.extend(kept)
+                case Subject.INGEST:
+                    found.ingest.extend(ingesting_rows(source, Path(scratch)))
                 case Subject.LOAD:
                     found.load.append(load_row(source, originals(source), Path(scratch)))
                 case Subject.PICTURES:

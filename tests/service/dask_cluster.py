@@ -59,7 +59,10 @@ class Cluster:
 
     def _run(self, program: str, *options: str) -> subprocess.Popen[bytes]:
         command = [sys.executable, "-m", f"distributed.cli.{program}", *options]
-        environment = os.environ | {"DASK_DISTRIBUTED__WORKER__DAEMON": "False"}
+        environment = os.environ | {
+            "DASK_DISTRIBUTED__WORKER__DAEMON": "False",
+            "DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED": "False",
+        }
         with (self._folder / "dask.txt").open("ab") as log:
             return subprocess.Popen(command, env=environment, stdout=log, stderr=log)
 

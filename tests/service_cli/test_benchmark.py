@@ -1,11 +1,13 @@
 """`isoshape benchmark`: its page, its object, and what it is asked."""
 
 import json
+import subprocess
+import sys
 from functools import partial
 
 import pytest
 
-from service.benchmark import load, pictures, searching
+from service.benchmark import ingesting, load, pictures, searching
 from service.benchmark.page import Found, page
 from service.benchmark.timing import Spread
 from service.cli import benchmark
@@ -62,6 +64,29 @@ def test_clients_at_once(run, collection, monkeypatch):
     assert 0.0 < row["median"] <= row["p95"]
     text = page(Found(load=[load.Row(**row)]), "isoshape benchmark", picture=False)
     assert "## Many clients at once" in text
+
+
+def test_a_folder_stored_on_all_processors_and_on_one(run, collection, monkeypatch):
+    monkeypatch.setattr(benchmark, "ingesting_rows", partial(benchmark.ingesting_rows, turns=1))
+    before = ingesting.processors()
+    done = run("benchmark", collection, "--only", "ingest", "--json")
+    assert (done.status, done.stderr) == (0, "")
+    rows = json.loads(done.stdout)["ingest"]
+    assert [row["processors"] for row in rows] == sorted({len(before), 1}, reverse=True)
+    assert all(row["shapes"] > 0 and row["a_second"]["median"] > 0.0 for row in rows)
+    assert ingesting.processors() == before
+    shown = [ingesting.Row(**{**row, "a_second": Spread(**row["a_second"])}) for row in rows]
+    text = page(Found(ingest=shown), "isoshape benchmark", picture=False)
+    assert "## A folder stored" in text
+    assert text.rstrip().count("| 1.00 |") >= 1
+
+
+def test_the_processors_of_a_process_are_chosen():
+    everything = ingesting.processors()
+    with ingesting.on(everything[:1]):
+        asked = [sys.executable, "-c", "import os; print(len(os.sched_getaffinity(0)))"]
+        assert subprocess.run(asked, capture_output=True, check=True).stdout == b"1\n"
+    assert ingesting.processors() == everything
 
 
 def test_thumbnails(run, collection, monkeypatch):
