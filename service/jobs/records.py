@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from datetime import datetime
+from datetime import datetime, timedelta
 from typing import Any, Literal, get_args
 
 State = Literal["arriving", "waiting", "running", "done", "failed", "cancelled"]
@@ -15,6 +15,11 @@ OUTCOMES: tuple[Outcome, ...] = get_args(Outcome)
 
 ACTIVE: tuple[State, ...] = ("waiting", "running")
 ENDED: tuple[State, ...] = ("done", "failed", "cancelled")
+
+# How long a service that says nothing is taken to live: its jobs are then anybody's.
+LEASE = timedelta(seconds=10)
+# While an archive arrives; no lease is longer.
+ARRIVING_LEASE = 6 * LEASE
 
 
 @dataclass(frozen=True)

@@ -4,9 +4,20 @@ import uuid
 from collections.abc import Iterable, Mapping
 from datetime import datetime
 
-from sqlalchemy import Select, delete, func, insert, or_, select, update
+from sqlalchemy import ColumnElement, Select, delete, func, insert, or_, select, update
 
-from service.jobs.records import ACTIVE, ENDED, Cause, FileRecord, JobRecord, NewJob, Outcome, Settled, State
+from service.jobs.records import (
+    ACTIVE,
+    ARRIVING_LEASE,
+    ENDED,
+    Cause,
+    FileRecord,
+    JobRecord,
+    NewJob,
+    Outcome,
+    Settled,
+    State,
+)
 from service.storage.database import ReadSession, WriteSession
 from service.storage.job_tables import JobFileRow, JobPieceRow, JobRow
 
@@ -117,7 +128,7 @@ def without_outcome(session: ReadSession, number: int) -> list[FileRecord]:
 
 def claim(session: WriteSession, runner: str, until: datetime, now: datetime) -> JobRecord | None:
     """The oldest job that no living service works on, for this one to."""
-    free = or_(JobRow.leased_until.is_(None), JobRow.leased_until <= now, JobRow.runner == runner)
+    free = or_(JobRow.leased_until.is_(None), _is_over(now), JobRow.runner == runner)
     query = select(JobRow).where(JobRow.state.in_(ACTIVE), free).order_by(JobRow.number).limit(1)
     row = session.scalars(query).one_or_none()
     if row is None:
@@ -221,7 +232,7 @@ def with_leftovers(session: ReadSession, now: datetime, forget_before: datetime)
 
     That is the archive of what has ended, the record of what ended long ago, and what never arrived whole.
     """
-    gone = (JobRow.state == ARRIVING) & (JobRow.leased_until <= now) | (JobRow.ended_at <= forget_before)
+    gone = (JobRow.state == ARRIVING) & _is_over(now) | (JobRow.ended_at <= forget_before)
     archived = (
         JobRow.state.in_(ENDED)
         & select(JobPieceRow.place).where(JobPieceRow.job_number == JobRow.number).exists()
@@ -243,6 +254,11 @@ def drop_pieces(session: WriteSession, number: int, limit: int) -> int:
 def remove(session: WriteSession, number: int) -> None:
     """Delete a job's record, its list of members and whatever is left of its archive."""
     session.execute(delete(JobRow).where(JobRow.number == number))
+
+
+def _is_over(now: datetime) -> ColumnElement[bool]:
+    """Whether a lease is: one that ends later than any was given was given before the clock was set back."""
+    return or_(JobRow.leased_until <= now, JobRow.leased_until > now + ARRIVING_LEASE)
 
 
 def _shown() -> Select[JobRow]:

@@ -29,8 +29,7 @@ from service.jobs import repository, service
 from service.jobs.archives import read_members
 from service.jobs.errors import ArchiveTooLargeError, JobNotFoundError, MemberDamagedError
 from service.jobs.members import Fault
-from service.jobs.records import Cause, FileRecord, JobRecord, Outcome, Settled
-from service.jobs.service import LEASE
+from service.jobs.records import LEASE, Cause, FileRecord, JobRecord, Outcome, Settled
 from service.jobs.stored import StoredArchive
 from service.logging import get_logger
 from service.parts import Parts

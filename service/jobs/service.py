@@ -10,6 +10,7 @@ from service.jobs.archives import archive_format, list_members
 from service.jobs.errors import JobNotFoundError
 from service.jobs.members import ArchiveLimits, Fault, Member, Readable, shown
 from service.jobs.records import (
+    ARRIVING_LEASE,
     Cause,
     FileRecord,
     FilesPage,
@@ -25,8 +26,6 @@ from service.settings import Settings
 from service.shapes.records import NewShape
 from service.storage.database import Database, ReadSession, WriteSession
 
-# How long a service that says nothing is taken to live: its jobs are then anybody's.
-LEASE = timedelta(seconds=10)
 PIECES_AT_ONCE = 8
 RATE_WINDOW = 30
 DETAIL_CHARACTERS = 1000
@@ -57,13 +56,13 @@ def receive(database: Database, file: Readable, new: NewJob, most: int) -> JobRe
         if repository.count_open(session) >= most:
             raise BusyError(f"{most} jobs wait or are at work; send the archive when one has ended")
         now = datetime.now(UTC)
-        number = repository.add(session, new, receiver, now + 6 * LEASE, now)
+        number = repository.add(session, new, receiver, now + ARRIVING_LEASE, now)
     try:
         file.seek(0)
         place = 0
         while data := file.read(PIECE_BYTES):
             with database.write() as session:
-                repository.add_piece(session, number, place, data, datetime.now(UTC) + 6 * LEASE)
+                repository.add_piece(session, number, place, data, datetime.now(UTC) + ARRIVING_LEASE)
             place += 1
         with database.write() as session:
             repository.acknowledge(session, number)

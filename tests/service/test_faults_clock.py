@@ -1,14 +1,24 @@
-"""A wall clock that is set back a day: order, pages, times, sessions and rates stay right."""
+"""A wall clock that is set back a day: order, pages, times, jobs, sessions and rates stay right."""
 
 import time
 from collections.abc import Iterator
 from datetime import UTC, datetime, timedelta, tzinfo
 
 import pytest
+from sqlalchemy import update
 
 from service.access.keys import digest_of
-from service.shapes import repository
+from service.deleted import service as deleted
+from service.jobs import repository as job_repository
+from service.jobs import running as job_running
+from service.jobs import service as jobs
+from service.jobs.records import NewJob
+from service.shapes import endpoints, repository
+from service.shapes import service as shapes
+from service.storage.job_tables import JobRow
 from tests.service.engines import on_both
+from tests.service.jobs.packing import pack
+from tests.service.jobs.support import ended
 from tests.service.support import Running, assert_problem, query, serving, settings_in, small_file, upload
 
 pytestmark = on_both
@@ -42,7 +52,8 @@ def clocked(tmp_path_factory: pytest.TempPathFactory, engine: str) -> Iterator[R
 def set_back(patch: pytest.MonkeyPatch) -> None:
     """Have every wall clock in the service a day behind. The monotonic clock is never set."""
     real = time.time
-    patch.setattr(repository, "datetime", DayBefore)
+    for module in (repository, shapes, endpoints, deleted, jobs, job_running):
+        patch.setattr(module, "datetime", DayBefore)
     patch.setattr(time, "time", lambda: real() - DAY.total_seconds())
 
 
@@ -85,6 +96,30 @@ def test_order_and_pages_go_by_what_was_stored_first(
     assert (again.status_code, again.json()["id"]) == (200, third["id"])
     for shape in (first, second, third):
         assert client.delete(f"/shapes/{shape['id']}").status_code == 204
+
+
+def test_a_job_is_done(clocked: Running, monkeypatch: pytest.MonkeyPatch) -> None:
+    """And so is that of a service which died before the clock was set back: its lease ends tomorrow."""
+    client, database = clocked.client, clocked.parts.database
+    archive = pack({"7.off": small_file(7)})
+    with database.write() as session:
+        now = datetime.now(UTC)
+        new = NewJob(archive="left.zip", format="zip", size=len(archive), tags=(), metadata={})
+        number = job_repository.add(session, new, "died", now, now)
+        job_repository.add_piece(session, number, 0, archive, now)
+        job_repository.acknowledge(session, number)
+        left = update(JobRow).where(JobRow.number == number).values(runner="died", leased_until=now + DAY)
+        session.execute(left)
+    with monkeypatch.context() as patch:
+        set_back(patch)
+        told = client.post("/jobs", files={"file": ("new.zip", pack({"8.off": small_file(8)}))})
+        assert told.status_code == 202
+        for job in client.get("/jobs").json()["jobs"]:
+            done = ended(client, job["id"])
+            assert (done["state"], done["counts"]["stored"]) == ("done", 1)
+    names = [shape["name"] for shape in client.get("/shapes").json()["shapes"]]
+    assert names == ["7.off", "8.off"]
+    clocked.clear()
 
 
 def test_a_session_lasts(clocked: Running, monkeypatch: pytest.MonkeyPatch) -> None:
