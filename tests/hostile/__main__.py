@@ -7,26 +7,30 @@ from pathlib import Path
 
 from tests.hostile.corpus import CORPUS
 from tests.hostile.serving import memory, server
-from tests.hostile.table import page
+from tests.hostile.table import table
 from tests.hostile.uploading import memory_after, upload_each
+from tests.pages import put
 
-ROUNDS = 2
+ROUNDS = 3
 
 
 def main() -> int:
     """0 if every file was answered as it must be."""
     parser = argparse.ArgumentParser(prog="python -m tests.hostile", description=__doc__)
-    parser.add_argument("--out", type=Path, help="the page to write; it is printed otherwise")
+    parser.add_argument("--out", type=Path, help="the page that has a place for it; it is printed otherwise")
     out = parser.parse_args().out
     with tempfile.TemporaryDirectory() as folder, server(Path(folder)) as (pid, client):
-        at_rest = memory(pid)
+        held = {"before the first file": memory(pid)}
         outcomes = upload_each(pid, client, CORPUS)
-        after = memory_after(pid, client, [case for case in CORPUS if not case.slow], ROUNDS)
-    text = page(outcomes, at_rest, after)
+        held["after all of them"] = memory(pid)
+        usual = [case for case in CORPUS if not case.slow]
+        for number, after in enumerate(memory_after(pid, client, usual, ROUNDS), start=1):
+            held[f"after {number} more of {len(usual)} files"] = after
+    text = table(outcomes, held)
     if out is None:
         print(text)
     else:
-        out.write_text(text, encoding="utf-8")
+        put(out, "uploads", text)
     return 0 if all(outcome.right for outcome in outcomes) else 1
 
 

@@ -1,27 +1,30 @@
 """`python -m tests.hostile.changed`: upload changed files to a service, and look at what it has taken.
 
-Every answer must be 201 or a refusal of the file by name of its cause. What is stored must have finite
-numbers, and indices that refer to something.
+Every answer must be 201 or a refusal of the file by name of its cause. What was stored is read back: its mesh
+and its embedding must have finite numbers, and indices that refer to something; `isoshape check` of the
+archive must find nothing.
 """
 
 import argparse
-import io
 import math
 import sys
 import tempfile
 import time
 from collections import Counter
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
 
 import httpx
-import numpy as np
 
 from service.problems import MEDIA_TYPE, TYPE_PREFIX
+from service.storage.checking import check
 from tests.hostile.mutation import mutations
 from tests.hostile.serving import server
+from tests.hostile.stored import fault_in_embedding, fault_in_mesh, other_format
+from tests.pages import put
 
 REFUSALS = {
     "empty-file",
@@ -38,24 +41,48 @@ AT_A_TIME = 4
 
 @dataclass
 class Tally:
-    """What came of the uploads: answers counted, what was wrong, and the longest wait in seconds."""
+    """What came of the uploads.
 
-    answers: Counter[str] = field(default_factory=Counter)
+    Attributes
+    ----------
+    answers : Counter
+        By format and answer: "stored", or the kind of problem.
+    faults : list of str
+    worst, seconds : float
+        The longest wait, and how long all took.
+    """
+
+    answers: Counter[tuple[str, str]] = field(default_factory=Counter)
     faults: list[str] = field(default_factory=list)
     worst: float = 0.0
     seconds: float = 0.0
 
+    def count(self, answer: str) -> int:
+        """How many files of any format had an answer."""
+        return sum(count for (_, each), count in self.answers.items() if each == answer)
+
     def __str__(self) -> str:
-        total = sum(self.answers.values())
-        answers = ", ".join(f"{answer} {count}" for answer, count in self.answers.most_common())
-        return (
-            f"{total} changed files in {self.seconds:.0f} s, the worst {self.worst:.1f} s: {answers}; "
-            f"{len(self.faults)} faults"
-        )
+        formats = sorted({format for format, _ in self.answers})
+        kinds = sorted({answer for _, answer in self.answers}, key=lambda answer: -self.count(answer))
+        lines = [
+            f"| answer | {' | '.join(formats)} | all |",
+            f"|---|{'---:|' * (len(formats) + 1)}",
+            *(
+                f"| {'201' if kind == 'stored' else f'422 {kind}' if kind in REFUSALS else kind} | "
+                + " | ".join(str(self.answers[format, kind]) for format in formats)
+                + f" | {self.count(kind)} |"
+                for kind in kinds
+            ),
+            "",
+            f"{sum(self.answers.values())} changed files in {self.seconds:.0f} s, the worst {self.worst:.1f} "
+            f"s; {self.count('stored')} stored and read back; {len(self.faults)} faults.",
+            *(f"* {fault}" for fault in self.faults),
+        ]
+        return "\n".join(lines)
 
 
 def upload_changed(client: httpx.Client, count: int, seed: int, seconds: float = math.inf) -> Tally:
-    """Upload so many changed files, four at a time; what is stored is looked at, and deleted.
+    """Upload so many changed files, four at a time, and read back what is stored, which stays there.
 
     It ends early, with what it has, when so many seconds are over.
     """
@@ -68,15 +95,18 @@ def upload_changed(client: httpx.Client, count: int, seed: int, seconds: float =
         try:
             answer = client.post("/shapes", files={"file": (f"{number}.{format}", data)})
         except httpx.TimeoutException:
-            return "none", "no answer in time", time.perf_counter() - start
-        return *_judged(client, answer), time.perf_counter() - start
+            return "no answer in time", "no answer in time", time.perf_counter() - start
+        took = time.perf_counter() - start
+        return *_judged(client, format, answer), took
 
     with ThreadPoolExecutor(AT_A_TIME) as threads:
         changed = enumerate(islice(mutations(seed), count))
         # Some at a time: a map takes all that it is given at once.
         while tally.seconds < seconds and (batch := list(islice(changed, 64))):
-            for (number, _), (name, fault, took) in zip(batch, threads.map(one, batch), strict=True):
-                tally.answers[name] += 1
+            for (number, (format, _)), (name, fault, took) in zip(
+                batch, threads.map(one, batch), strict=True
+            ):
+                tally.answers[format, name] += 1
                 tally.worst = max(tally.worst, took)
                 if fault:
                     tally.faults.append(f"seed {seed}, file {number}: {fault}")
@@ -84,14 +114,14 @@ def upload_changed(client: httpx.Client, count: int, seed: int, seconds: float =
     return tally
 
 
-def _judged(client: httpx.Client, answer: httpx.Response) -> tuple[str, str]:
+def _judged(client: httpx.Client, format: str, answer: httpx.Response) -> tuple[str, str]:
     """A name for the answer, and what is wrong with it or with what was stored; "" if nothing is."""
     if answer.status_code == 201:
-        address = answer.headers["location"]
-        arrays = client.get(f"{address}/embedding", params={"format": "npz"})
-        fault = fault_in(answer.json()["facts"], arrays.content)
-        assert client.delete(address).status_code == 204
-        return "stored", fault
+        facts, address = answer.json()["facts"], answer.headers["location"]
+        npz = client.get(f"{address}/embedding", params={"format": "npz"}).content
+        other = other_format(format)
+        mesh = client.get(f"{address}/file", params={"format": other}).content
+        return "stored", fault_in_embedding(facts, npz) or fault_in_mesh(facts, mesh, other)
     if answer.headers.get("content-type") != MEDIA_TYPE:
         return str(answer.status_code), f"{answer.status_code} without a problem document"
     problem = answer.json()
@@ -100,26 +130,12 @@ def _judged(client: httpx.Client, answer: httpx.Response) -> tuple[str, str]:
     return kind, f"{answer.status_code} {kind}: {problem['detail']}" if wrong else ""
 
 
-def fault_in(facts: dict[str, float], npz: bytes) -> str:
-    """What is wrong with a stored shape, by its facts and the arrays of its embedding; "" if nothing is."""
-    if not all(np.isfinite(value) and value >= 0 for value in facts.values()):
-        return f"facts {facts}"
-    if not (facts["area"] > 0 and facts["scale"] > 0 and facts["faces"] >= 1 and facts["vertices"] >= 3):
-        return f"no surface: {facts}"
-    with np.load(io.BytesIO(npz), allow_pickle=False) as arrays:
-        found = dict(arrays)
-    for name, array in found.items():
-        if array.dtype.kind == "f" and not np.isfinite(array).all():
-            return f"{name} holds a number that is not finite"
-    samples = len(found["positions"])
-    bounds = dict.fromkeys(("graph_edges", "tree_edges", "regions"), samples)
-    for name, bound in {**bounds, "vertices": facts["vertices"]}.items():
-        if found[name].size and not (found[name].min() >= 0 and found[name].max() < bound):
-            return f"{name} holds an index outside 0 .. {bound} - 1"
-    lengths = (samples, len(found["vertices"]), len(found["tree_edges"]) + 1)
-    if samples == 0 or len(set(lengths)) > 1:
-        return f"samples, vertices and edges of the tree do not fit together: {lengths}"
-    return ""
+def faults_of_archive(path: Path, tally: Tally) -> Iterator[str]:
+    """What `isoshape check` finds in the archive, and whether it has as many shapes as were stored."""
+    report = check(path, lock_seconds=10)
+    yield from (f"isoshape check: {fault}" for fault in report.faults)
+    if report.shapes != tally.count("stored"):
+        yield f"{tally.count('stored')} were stored, and the archive has {report.shapes}"
 
 
 def main() -> int:
@@ -128,14 +144,16 @@ def main() -> int:
     parser.add_argument("--count", type=int, default=10_000, help="how many files")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--seconds", type=float, default=math.inf, help="when to end with what there is")
+    parser.add_argument("--out", type=Path, help="the page that has a place for it; it is printed otherwise")
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder, server(Path(folder)) as (_, client):
         tally = upload_changed(client, arguments.count, arguments.seed, arguments.seconds)
-        remaining = client.get("/shapes").json()["total"]
-    print(tally)
-    for fault in tally.faults:
-        print(fault)
-    return 1 if tally.faults or remaining else 0
+        tally.faults += faults_of_archive(Path(folder) / "archive.sqlite3", tally)
+    if arguments.out is None:
+        print(tally)
+    else:
+        put(arguments.out, "changed", str(tally))
+    return 1 if tally.faults else 0
 
 
 if __name__ == "__main__":

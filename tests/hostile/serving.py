@@ -1,4 +1,4 @@
-"""`isoshape serve` as a process of its own, and what it and its children hold in memory."""
+"""`isoshape serve` as a process of its own, and what it and its workers hold in memory."""
 
 import os
 import socket
@@ -7,17 +7,38 @@ import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 
 import httpx
 
+from tests.load.memory import children, resident
 from tests.service.support import wait_until
 
 LIMIT_SECONDS = 180.0
 """The longest that a file may be worked on: the service's own limits of time are shorter together."""
 
-_PAGE = os.sysconf("SC_PAGE_SIZE")
+
+@dataclass(frozen=True)
+class Memory:
+    """MiB that are resident; what processes share is counted for each.
+
+    Attributes
+    ----------
+    service : float
+        In the process that answers.
+    workers : float
+        In the processes that read files and embed, together.
+    """
+
+    service: float
+    workers: float
+
+    @property
+    def total(self) -> float:
+        """Of all of them."""
+        return self.service + self.workers
 
 
 @contextmanager
@@ -57,28 +78,16 @@ def _answers(process: subprocess.Popen[bytes], client: httpx.Client) -> bool:
         return False
 
 
-def memory(pid: int) -> int:
-    """Bytes that a process and its descendants hold in memory; what they share is counted for each."""
-    total, waiting = 0, [pid]
-    while waiting:
-        each = Path(f"/proc/{waiting.pop()}")
-        try:
-            total += int((each / "statm").read_text().split()[1]) * _PAGE
-            waiting += [
-                int(child)
-                for task in (each / "task").iterdir()
-                for child in (task / "children").read_text().split()
-            ]
-        except (FileNotFoundError, ProcessLookupError):
-            continue  # it has ended meanwhile
-    return total
+def memory(pid: int) -> Memory:
+    """What the service of a process id and its workers hold now."""
+    return Memory(resident(pid), sum(map(resident, children(pid))))
 
 
 class Peak:
-    """The most memory that a process and its descendants hold at once, looked at fifty times a second."""
+    """The most MiB that a service and its workers hold at once, looked at fifty times a second."""
 
     def __init__(self, pid: int) -> None:
-        self.bytes = memory(pid)
+        self.mib = memory(pid).total
         self._pid = pid
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._watch, daemon=True)
@@ -95,4 +104,4 @@ class Peak:
 
     def _watch(self) -> None:
         while not self._over.wait(0.02):
-            self.bytes = max(self.bytes, memory(self._pid))
+            self.mib = max(self.mib, memory(self._pid).total)

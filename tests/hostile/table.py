@@ -1,53 +1,42 @@
-"""docs/hostile.md: what came of the hostile files, row by row."""
+"""The tables of docs/hostile.md: what came of the hostile files, row by row, and what the service held."""
 
 from collections import Counter
+from collections.abc import Mapping
 
 from tests.hostile.case import ROWS
+from tests.hostile.serving import Memory
 from tests.hostile.uploading import Outcome
 
-MIB = 1 << 20
-HEAD = """\
-# Hostile uploads
 
-Files made by `tests/hostile/`, uploaded one after another over HTTP to an `isoshape serve` with default
-settings and two workers. The answer to each file is fixed beforehand; `201` is for a file that is strange and
-yet a mesh. Memory is that of the service and all its processes, what they share counted for each, at its peak
-while a file was worked on.
-
-    python -m tests.hostile --out docs/hostile.md
-
-"""
-
-
-def page(outcomes: list[Outcome], at_rest: int, after: list[int]) -> str:
-    """The page.
+def table(outcomes: list[Outcome], held: Mapping[str, Memory]) -> str:
+    """Both tables, and a line of totals between them.
 
     Parameters
     ----------
     outcomes : list of Outcome
-    at_rest : int
-        Bytes of memory before the first file.
-    after : list of int
-        The same after each further round of all files that are not large.
+    held : mapping
+        Memory by the moment at which it was looked at.
     """
     rows = ["| input | files | answer | worst seconds | peak memory, MiB |", "|---|---:|---|---:|---:|"]
     for key, title in ROWS.items():
         own = [outcome for outcome in outcomes if outcome.case.row == key]
         seconds, peak = max(outcome.seconds for outcome in own), max(outcome.peak for outcome in own)
-        rows.append(f"| {title} | {len(own)} | {_answers(own)} | {seconds:.2f} | {peak / MIB:.0f} |")
+        rows.append(f"| {title} | {len(own)} | {_answers(own)} | {seconds:.2f} | {peak:.0f} |")
     wrong = [outcome for outcome in outcomes if not outcome.right]
     failed = sum(outcome.status >= 500 for outcome in outcomes)
     silent = sum(outcome.status == 0 for outcome in outcomes)
-    rounds = ", ".join(f"{bytes_ / MIB:.0f}" for bytes_ in after)
     lines = [
         *rows,
         "",
         f"{len(outcomes)} files: {len(wrong)} answered otherwise than they must be, {failed} answered with "
         f"5xx, {silent} not answered in time.",
-        f"Memory before the first file {at_rest / MIB:.0f} MiB; after each of {len(after)} more rounds of "
-        f"all files but the large ones {rounds} MiB.",
+        *(f"* {_wrong(outcome)}" for outcome in wrong),
+        "",
+        "| memory, MiB | service | its workers |",
+        "|---|---:|---:|",
+        *(f"| {moment} | {memory.service:.0f} | {memory.workers:.0f} |" for moment, memory in held.items()),
     ]
-    return HEAD + "\n".join(lines) + "\n" + "".join(f"* {_wrong(outcome)}\n" for outcome in wrong)
+    return "\n".join(lines)
 
 
 def _answers(outcomes: list[Outcome]) -> str:

@@ -7,10 +7,13 @@ from itertools import islice
 import numpy as np
 import pytest
 
-from core.reading import FORMATS, read_mesh
-from tests.hostile.changed import fault_in, upload_changed
+from core.reading import FORMATS, read_mesh, write_mesh
+from service.storage.sqlite import path_of
+from tests.hostile.changed import faults_of_archive, upload_changed
 from tests.hostile.mutation import mutation, mutations, sources
+from tests.hostile.stored import fault_in_embedding, fault_in_mesh, other_format
 from tests.service.support import Running, serving, settings_in
+from tests.service.trouble import url_of
 
 COUNT = 500
 
@@ -40,18 +43,21 @@ def test_no_change_is_a_fault_of_the_service_and_nothing_wrong_is_stored(running
     tally = upload_changed(running.client, COUNT, seed=1)
     assert tally.faults == []
     assert sum(tally.answers.values()) == COUNT
-    assert running.client.get("/shapes").json()["total"] == 0
+    assert list(faults_of_archive(path_of(url_of(running.parts.database)), tally)) == []
     # Many were taken and many refused, so that both ways are tried.
-    assert tally.answers["stored"] > COUNT / 10
-    assert tally.answers["malformed-mesh"] > COUNT / 10
+    assert tally.count("stored") > COUNT / 10
+    assert tally.count("malformed-mesh") > COUNT / 10
+    said = str(tally).splitlines()[-1]
+    assert said.startswith(f"{COUNT} changed files in ")
+    assert said.endswith("; 0 faults.")
 
 
-def test_a_wrong_shape_would_be_seen(running: Running) -> None:
+def test_a_wrong_embedding_would_be_seen(running: Running) -> None:
     format, data = sources()[0]
     answer = running.client.post("/shapes", files={"file": (f"sound.{format}", data)})
     facts = answer.json()["facts"]
     npz = running.client.get(answer.headers["location"] + "/embedding", params={"format": "npz"}).content
-    assert fault_in(facts, npz) == ""
+    assert fault_in_embedding(facts, npz) == ""
     with np.load(io.BytesIO(npz)) as arrays:
         sound = dict(arrays)
     for name, place, value in (
@@ -66,6 +72,23 @@ def test_a_wrong_shape_would_be_seen(running: Running) -> None:
         wrong[place] = value
         buffer = io.BytesIO()
         np.savez(buffer, **{**sound, name: wrong})
-        assert name in fault_in(facts, buffer.getvalue())
-    assert "area" in fault_in({**facts, "area": 0.0}, npz)
-    assert "nan" in fault_in({**facts, "volume": float("nan")}, npz)
+        assert name in fault_in_embedding(facts, buffer.getvalue())
+    assert "area" in fault_in_embedding({**facts, "area": 0.0}, npz)
+    assert "nan" in fault_in_embedding({**facts, "volume": float("nan")}, npz)
+
+
+@pytest.mark.parametrize("format", ["off", "obj"])
+def test_a_wrong_mesh_would_be_seen(format: str) -> None:
+    assert other_format(format) != format
+    mesh = read_mesh(sources()[0][1], sources()[0][0])
+    facts = {"vertices": len(mesh.vertices), "faces": len(mesh.faces)}
+    sound = write_mesh(mesh, format)
+    assert fault_in_mesh(facts, sound, format) == ""
+    first = repr(float(mesh.vertices[0, 0])).encode()
+    assert fault_in_mesh(facts, sound.replace(first, b"nan", 1), format) == "a coordinate is not finite"
+    assert "facts" in fault_in_mesh({**facts, "faces": facts["faces"] + 1}, sound, format)
+    for broken in (b"", b"v " + sound, sound[: len(sound) // 2]):
+        assert fault_in_mesh(facts, broken, format) != ""
+    far = np.where(mesh.faces == 0, len(mesh.vertices), mesh.faces)
+    unchecked = type("Unchecked", (), {"vertices": mesh.vertices, "faces": far})
+    assert "outside" in fault_in_mesh(facts, write_mesh(unchecked, format), format)

@@ -8,7 +8,7 @@ import httpx
 
 from service.problems import MEDIA_TYPE, TYPE_PREFIX
 from tests.hostile.case import Hostile
-from tests.hostile.serving import Peak, memory
+from tests.hostile.serving import Memory, Peak, memory
 
 
 @dataclass(frozen=True)
@@ -22,15 +22,15 @@ class Outcome:
         The answer; 0 where there was none within the limit of time.
     seconds : float
         From sending to the answer.
-    peak : int
-        Bytes of memory that the service and its children held at most meanwhile.
+    peak : float
+        MiB that the service and its workers held at most meanwhile.
     """
 
     case: Hostile
     status: int
     kind: str
     seconds: float
-    peak: int
+    peak: float
 
     @property
     def right(self) -> bool:
@@ -47,7 +47,7 @@ def upload_each(pid: int, client: httpx.Client, cases: Iterable[Hostile]) -> lis
             start = time.perf_counter()
             status, kind = answer(client, case.filename, data)
             seconds = time.perf_counter() - start
-        outcomes.append(Outcome(case, status, kind, seconds, peak.bytes))
+        outcomes.append(Outcome(case, status, kind, seconds, peak.mib))
     return outcomes
 
 
@@ -64,8 +64,8 @@ def answer(client: httpx.Client, filename: str, data: bytes) -> tuple[int, str]:
     return response.status_code, response.json()["type"].removeprefix(TYPE_PREFIX)
 
 
-def memory_after(pid: int, client: httpx.Client, cases: Iterable[Hostile], rounds: int) -> list[int]:
-    """The memory of the service after each of some rounds of all the files."""
+def memory_after(pid: int, client: httpx.Client, cases: Iterable[Hostile], rounds: int) -> list[Memory]:
+    """What the service holds after each of some rounds of all the files."""
     cases = list(cases)
     after = []
     for _ in range(rounds):
