@@ -10,6 +10,7 @@ from pathlib import Path
 
 from tests.kill.cycles import Cycle, run_cycle, verify
 from tests.kill.ledger import Ledger
+from tests.pages import put
 from tests.service.test_processes import server
 
 
@@ -18,6 +19,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.kill", description=__doc__)
     parser.add_argument("--cycles", type=int, default=200)
     parser.add_argument("--seed", type=int, default=0, help="of the moments, and of what is written")
+    parser.add_argument("--out", type=Path, help="the page that has a place for it; it is printed otherwise")
     options = parser.parse_args()
     folder = Path(tempfile.mkdtemp(prefix="isoshape-kill-"))
     ledger, cycles, began = Ledger(), list[Cycle](), time.monotonic()
@@ -33,14 +35,26 @@ def main() -> int:
     if faults:
         return fail(folder, "the end", faults)
     shutil.rmtree(folder)
-    starts = sorted(cycle.start_seconds for cycle in cycles)
-    print(f"{len(cycles)} kills in {time.monotonic() - began:.0f} s, seed {options.seed}")
-    print(f"{ledger.uploads} uploads and {ledger.deletions} deletions acknowledged: none lost, none torn")
-    print(f"{ledger.found} uploads that were not acknowledged were there, whole")
-    print(f"{sum(cycle.journal for cycle in cycles)} kills in the middle of a commit, rolled back")
-    print(f"ready after {statistics.median(starts):.1f} s (median), {starts[-1]:.1f} s at most")
-    print(f"workers ended within {max(cycle.orphan_seconds for cycle in cycles):.1f} s of the kill")
+    text = summary(cycles, ledger, time.monotonic() - began, options.seed)
+    if options.out is None:
+        print(text)
+    else:
+        put(options.out, "kills", text)
     return 0
+
+
+def summary(cycles: list[Cycle], ledger: Ledger, seconds: float, seed: int) -> str:
+    """What the cycles came to, as a list."""
+    starts = sorted(cycle.start_seconds for cycle in cycles)
+    lines = [
+        f"{len(cycles)} kills in {seconds:.0f} s, seed {seed}",
+        f"{ledger.uploads} uploads and {ledger.deletions} deletions acknowledged: none lost, none torn",
+        f"{ledger.found} uploads that were not acknowledged were there, whole",
+        f"{sum(cycle.journal for cycle in cycles)} kills in the middle of a commit, rolled back",
+        f"ready after {statistics.median(starts):.1f} s (median), {starts[-1]:.1f} s at most",
+        f"workers ended within {max(cycle.orphan_seconds for cycle in cycles):.1f} s of the kill",
+    ]
+    return "\n".join(f"* {line}" for line in lines)
 
 
 def fail(folder: Path, where: str, faults: list[str]) -> int:

@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 import tempfile
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from core.gallery import CLASSES, make_shape
 from core.reading import write_mesh
 from service.storage.checking import check
 from tests.load.memory import Growth, Watch
+from tests.pages import put
 from tests.service.support import small_file
 from tests.service.test_processes import server
 
@@ -27,6 +29,7 @@ def main() -> int:
     """Run the load; 1 if an answer was wrong, the archive is not whole, or memory grows."""
     parser = argparse.ArgumentParser(prog="python -m tests.load", description=__doc__)
     parser.add_argument("--minutes", type=float, default=20)
+    parser.add_argument("--out", type=Path, help="the page that has a place for it; it is printed otherwise")
     parser.add_argument("--users", type=int, default=8, help="clients at a time")
     parser.add_argument("--locust", type=Path, default=ROOT / ".venv/load/bin/locust")
     options = parser.parse_args()
@@ -52,7 +55,18 @@ def main() -> int:
             stored = client.get("/shapes").json()["total"]
         counts = json.loads((folder / "counts.json").read_text())
         faults = check(folder / "archive.sqlite3", lock_seconds=10).faults
-    return report(options.minutes, options.users, counts, watch, stored, faults)
+    own, workers = watch.growth(60 * options.minutes * WARM_UP)
+    text = table(options.minutes, options.users, counts, own, workers, stored)
+    if options.out is None:
+        print(text)
+    else:
+        put(options.out, "load", text)
+    wrong = [f"{count} times {what}" for what, count in counts["broken"].items()]
+    wrong += [f"isoshape check: {fault}" for fault in faults]
+    wrong += grown("service", own) + grown("workers", workers)
+    for each in wrong:
+        print(each, file=sys.stderr)
+    return 1 if wrong else 0
 
 
 def write_files(folder: Path) -> None:
@@ -63,25 +77,35 @@ def write_files(folder: Path) -> None:
         (folder / f"{label}.off").write_bytes(write_mesh(make_shape(label, 0), "off"))
 
 
-def report(
-    minutes: float, users: int, counts: dict[str, Any], watch: Watch, stored: int, faults: list[str]
-) -> int:
-    """Print the tables, and what is wrong."""
-    print(f"{minutes:g} minutes, {users} clients, {stored} shapes at the end\n")
-    print("| request | answers | median ms | 95 % ms |\n|---|---|---:|---:|")
+def table(
+    minutes: float, users: int, counts: dict[str, Any], own: Growth, workers: Growth, stored: int
+) -> str:
+    """How the requests were answered, and how much memory the service and its workers held."""
+    answers = Counter[str]()
     for row in counts["rows"]:
-        answers = ", ".join(f"{status}: {count}" for status, count in sorted(row["statuses"].items()))
-        print(f"| {row['request']} | {answers} | {row['median']:.0f} | {row['p95']:.0f} |")
-    print("\n| memory, MiB | after warm-up | at the end | most | a minute |\n|---|---:|---:|---:|---:|")
-    own, workers = watch.growth(60 * minutes * WARM_UP)
-    for name, each in (("service", own), ("workers", workers)):
-        print(f"| {name} | {each.first:.0f} | {each.last:.0f} | {each.most:.0f} | {each.slope:+.2f} |")
-    wrong = [f"{count} times {what}" for what, count in counts["broken"].items()]
-    wrong += [f"isoshape check: {fault}" for fault in faults]
-    wrong += grown("service", own) + grown("workers", workers)
-    for each in wrong:
-        print(each, file=sys.stderr)
-    return 1 if wrong else 0
+        answers.update(row["statuses"])
+    failed = sum(count for status, count in answers.items() if status >= "500" and status != "503")
+    lines = [
+        f"{minutes:g} minutes, {users} clients, {stored} shapes at the end. {answers.total()} requests: "
+        f"{answers['503']} answered 503 with Retry-After while the queue was full, {failed} with another "
+        f"5xx, {sum(counts['broken'].values())} otherwise than they must be.",
+        "",
+        "| request | answers | median ms | 95 % ms |",
+        "|---|---|---:|---:|",
+    ]
+    for row in counts["rows"]:
+        each = ", ".join(f"{status}: {count}" for status, count in sorted(row["statuses"].items()))
+        lines.append(f"| {row['request']} | {each} | {row['median']:.0f} | {row['p95']:.0f} |")
+    lines += [
+        "",
+        "| memory, MiB | after warm-up | at the end | most | a minute |",
+        "|---|---:|---:|---:|---:|",
+    ]
+    for name, growth in (("service", own), ("workers", workers)):
+        lines.append(
+            f"| {name} | {growth.first:.0f} | {growth.last:.0f} | {growth.most:.0f} | {growth.slope:+.2f} |"
+        )
+    return "\n".join(lines)
 
 
 def grown(name: str, growth: Growth) -> list[str]:

@@ -21,8 +21,10 @@ TURNS = 3
 
 
 @contextmanager
-def server(folder: Path, **settings: str) -> Iterator[tuple[subprocess.Popen[bytes], httpx.Client]]:
-    """`isoshape serve` on a folder's archive; killed at the end if it still runs."""
+def server(
+    folder: Path, *, seconds: float = 180, **settings: str
+) -> Iterator[tuple[subprocess.Popen[bytes], httpx.Client]]:
+    """`isoshape serve` on a folder's archive, ready in some seconds; killed at the end if it still runs."""
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
@@ -36,7 +38,7 @@ def server(folder: Path, **settings: str) -> Iterator[tuple[subprocess.Popen[byt
         process = subprocess.Popen(command, env=environment, stdout=log, stderr=log)
     try:
         with httpx.Client(base_url=f"http://127.0.0.1:{port}", timeout=120) as client:
-            wait_until(lambda: answers(client) or process.poll() is not None, seconds=180)
+            wait_until(lambda: answers(client) or process.poll() is not None, seconds=seconds)
             assert process.poll() is None, f"the service ended: {(folder / 'log.txt').read_text()}"
             yield process, client
     finally:
