@@ -54,7 +54,7 @@ help:
 	@echo 'make vector-test        the nearest of a million signatures by PostgreSQL: times and recall (SIGNATURES=: of so many)'
 	@echo 'make duplicates-test    find 40 copies planted in a gallery of poses (POSES=: so many of each body)'
 	@echo 'make partial-test       cut parts of ISOSHAPE_DATA/psb, and find what they are parts of (MODELS=: among so many)'
-	@echo 'make schema-test        requests generated from the OpenAPI document'
+	@echo 'make schema-test        requests generated from the OpenAPI document (SEED=)'
 	@echo 'make sbom               write build/isoshape.cdx.json: what is installed, as a CycloneDX bill of materials'
 	@echo 'make audit              ask the package index for vulnerabilities of what is installed'
 	@echo 'make clean              remove what these made'
@@ -190,7 +190,7 @@ partial-test: $(DEV)
 	OMP_NUM_THREADS=1 $(BIN)/python -m tests.partial "$$ISOSHAPE_DATA/psb" --limit $(MODELS)
 
 schema-test: $(DEV)
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -m schema tests/schema
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -m schema tests/schema --hypothesis-seed=$(SEED)
 
 # Tools about the packages, in an environment of their own: what they need is no business of the packages.
 $(SUPPLY)/.installed: tests/supply/requirements.lock $(PACKAGES)

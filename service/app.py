@@ -6,7 +6,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import asynccontextmanager, suppress
 from threading import Event
 
-from fastapi import FastAPI
+from fastapi import Depends, FastAPI
 from starlette.concurrency import run_in_threadpool
 from threadpoolctl import threadpool_limits
 
@@ -37,6 +37,7 @@ from service.pictures.endpoints import router as pictures_router
 from service.pipelines.active import Pipelines
 from service.pipelines.starting import begin
 from service.problems import handle_problems
+from service.repeated import refuse_repeated
 from service.search.endpoints import router as search_router
 from service.search.shelf import Shelf
 from service.search.stocking import Stocking
@@ -90,6 +91,7 @@ def create_app(settings: Settings) -> FastAPI:
         summary="Finds, among stored 3D shapes, those most like an uploaded one, whatever their pose.",
         description=DESCRIPTION,
         openapi_tags=TAGS,
+        dependencies=[Depends(refuse_repeated)],
         lifespan=lifespan,
         redirect_slashes=False,
         # The framework's own pages take their scripts from a public server.

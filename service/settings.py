@@ -172,7 +172,9 @@ class Settings(BaseSettings):
         description="The most parts (solids, groups, instances) that a file may be made of.",
     )
     max_form_fields: PositiveInt = Field(
-        default=10, description="The most fields beside the file in one form."
+        default=640,
+        description="The most fields beside the file in one form. A query may name 500 shapes to leave out, "
+        "and 32 of each tag and metadata.",
     )
     shortlist_from: PositiveInt = Field(
         default=5_000,

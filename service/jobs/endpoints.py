@@ -146,7 +146,7 @@ def list_job_files(
         200: {
             "description": "Server-sent events: `progress` whenever the job has come further, and `end` when "
             "it has ended, each with the job as JSON.",
-            "content": {events.MEDIA_TYPE: {"schema": {"type": "string"}}},
+            "content": {events.MEDIA_TYPE: {"itemSchema": events.EVENT}},
         },
         204: {"description": "The client has had the end, by its Last-Event-ID, and need not come back."},
         **documented("job-not-found", "busy", *READ_PROBLEMS),

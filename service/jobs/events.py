@@ -3,6 +3,7 @@
 import asyncio
 import time
 from collections.abc import AsyncIterator, Callable
+from typing import Any
 
 from starlette.concurrency import run_in_threadpool
 
@@ -12,6 +13,20 @@ from service.jobs.schemas import Job
 from service.storage.database import Database
 
 MEDIA_TYPE = "text/event-stream"
+# Of each event, in the OpenAPI document.
+EVENT: dict[str, Any] = {
+    "type": "object",
+    "required": ["id", "event", "data"],
+    "properties": {
+        "id": {"type": "string", "description": "What to send as Last-Event-ID."},
+        "event": {"type": "string", "enum": ["progress", "end"]},
+        "data": {
+            "type": "string",
+            "contentMediaType": "application/json",
+            "contentSchema": {"$ref": "#/components/schemas/Job"},
+        },
+    },
+}
 # Set by whoever runs the server: whether it was asked to stop.
 ENDING_IN_SCOPE = "isoshape.ending"
 # How many streams may be open. Each asks the database twice a second.

@@ -52,7 +52,11 @@ IDEMPOTENCY_KEY: dict[str, Any] = {
     "(draft-ietf-httpapi-idempotency-key-header). The same key with the same file and fields has the first "
     "answer again, for as long as the service keeps it; with others it is refused. An upload that stored "
     "nothing has no answer to keep, and is tried anew.",
-    "schema": {"type": "string", "examples": ['"8e03978e-40d5-43e8-bc93-6894a57f9324"']},
+    "schema": {
+        "type": "string",
+        "pattern": r'^"([ !#-\[\]-~]|\\["\\]){1,255}"$',
+        "examples": ['"8e03978e-40d5-43e8-bc93-6894a57f9324"'],
+    },
 }
 REPLAYED_HEADER: dict[str, Any] = {
     REPLAYED: {
@@ -78,6 +82,7 @@ UPLOAD_BODY: dict[str, Any] = {
                     "tags": {
                         "type": "array",
                         "items": {"type": "string"},
+                        "maxItems": 32,
                         "description": "Up to 32 tags: the field repeated, one field with commas, or both.",
                     },
                     "metadata": {

@@ -24,7 +24,7 @@ class Filters(BaseModel):
     name: Annotated[str, AfterValidator(clean_text)] | None = Field(
         default=None, max_length=255, description="Only shapes with this text in their name, in either case."
     )
-    metadata: list[str] = Field(
+    metadata: list[Annotated[str, Field(json_schema_extra={"pattern": "^[^=]+="})]] = Field(
         default=[],
         max_length=METADATA_FILTERS,
         description="Only shapes whose metadata holds this, as key=value; all of them, if repeated. "

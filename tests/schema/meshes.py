@@ -1,4 +1,4 @@
-"""Meshes for the tests that are generated from the OpenAPI document."""
+"""Files and cursors for the tests that are generated from the OpenAPI document."""
 
 from functools import cache
 from typing import Any
@@ -8,9 +8,11 @@ import schemathesis
 from hypothesis import strategies as st
 
 from core.reading import FORMATS
+from service.shapes.pages import write_cursor
+from tests.service.jobs.packing import pack
 from tests.service.support import small_file
 
-FORMAT = "mesh"
+MESH, ARCHIVE, CURSOR = "mesh", "archive", "cursor"
 
 
 @cache
@@ -19,22 +21,31 @@ def meshes() -> dict[bytes, str]:
     return {small_file(number, format): format for number in range(3) for format in FORMATS}
 
 
+@cache
+def archives() -> tuple[bytes, ...]:
+    """Archives of meshes that are no others, and of what is none; the times in them are always the same."""
+    contents = ({"3.off": small_file(3), "4.stl": small_file(4, "stl")}, {"a/none.obj": b"v 0 0 0\n"})
+    return tuple(pack(files, format) for files in contents for format in ("zip", "tar", "tar.xz"))
+
+
 def register() -> None:
-    """Have files of meshes generated where a schema says that a text is of the format "mesh"."""
-    schemathesis.openapi.format(FORMAT, st.sampled_from(sorted(meshes())))
+    """Have files and cursors generated where a schema says that a text is of their format."""
+    schemathesis.openapi.format(MESH, st.sampled_from(sorted(meshes())))
+    schemathesis.openapi.format(ARCHIVE, st.sampled_from(sorted(archives())))
+    schemathesis.openapi.format(CURSOR, st.integers(0, 5).map(write_cursor))
 
 
-def mark_files(document: dict[str, Any]) -> None:
-    """Say of every upload in the document that it is of that format."""
-    for path in document["paths"].values():
-        for operation in path.values():
+def mark(document: dict[str, Any]) -> None:
+    """Say in the document which texts are meshes, archives and cursors."""
+    for path, operations in document["paths"].items():
+        for operation in operations.values():
             content = operation.get("requestBody", {}).get("content", {})
-            form = content.get("multipart/form-data", {}).get("schema", {})
-            if "file" in form.get("properties", {}):
-                form["properties"] = {
-                    **form["properties"],
-                    "file": {**form["properties"]["file"], "format": FORMAT},
-                }
+            properties = content.get("multipart/form-data", {}).get("schema", {}).get("properties", {})
+            if "file" in properties:
+                properties["file"]["format"] = ARCHIVE if path == "/jobs" else MESH
+            for parameter in operation.get("parameters", []):
+                if parameter["name"] == "cursor":
+                    parameter["schema"] = {"type": "string", "format": CURSOR}
 
 
 def forget_repetitions(document: dict[str, Any]) -> None:
