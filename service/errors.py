@@ -150,6 +150,10 @@ class WorkerLostError(ServiceError):
     retry_after = 1
 
 
+class WorkerCrashedError(WorkerLostError):
+    """The worker process broke down by itself, in the middle of the task; nobody killed it."""
+
+
 class ClusterUnavailableError(ServiceError):
     """The scheduler of the Dask cluster is away, or has no workers."""
 

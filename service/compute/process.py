@@ -10,9 +10,13 @@ from pathlib import Path
 from typing import Any
 
 from service.compute.worker import serve
-from service.errors import TaskGivenUpError, TaskTimeLimitError, WorkerLostError
+from service.errors import TaskGivenUpError, TaskTimeLimitError, WorkerCrashedError, WorkerLostError
 
 ASK_SECONDS = 0.25
+# A process that has let go of its end is about to be over, though not at once on a busy machine.
+END_SECONDS = 10.0
+# What ends a process that has gone wrong in itself; whoever stops one sends another signal.
+CRASHES = {signal.SIGSEGV, signal.SIGABRT, signal.SIGBUS, signal.SIGFPE, signal.SIGILL}
 
 # Spawned, not forked: a fork of a process with threads may hold a lock that no one will ever release.
 _spawn = multiprocessing.get_context("spawn")
@@ -79,9 +83,11 @@ class WorkerProcess:
                     raise TaskGivenUpError("no one waits for the work any more")
             done, answer = self._connection.recv()
         except (EOFError, OSError) as error:
-            self._process.join(ASK_SECONDS)
+            self._process.join(END_SECONDS)
             if self._process.exitcode == -signal.SIGXCPU:
                 raise TaskTimeLimitError("the work took more processor time than the limit") from error
+            if -(self._process.exitcode or 0) in CRASHES:
+                raise WorkerCrashedError("the worker process broke down over the work") from error
             raise WorkerLostError("the worker process died before it had answered; try again") from error
         if not done:
             raise answer

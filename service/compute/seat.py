@@ -8,7 +8,7 @@ from queue import Empty, SimpleQueue
 from typing import Any
 
 from service.compute.process import WorkerProcess
-from service.errors import TaskGivenUpError, TaskTimeLimitError, WorkerLostError
+from service.errors import TaskGivenUpError, TaskTimeLimitError, WorkerCrashedError, WorkerLostError
 from service.logging import get_logger
 
 log = get_logger("compute")
@@ -19,7 +19,12 @@ RESTART_SECONDS = 1.0
 HELD_BYTES = 768 * 1024**2
 # About what a new process takes to start.
 GIVEN_UP_SECONDS = 2.0
-CAUSES = {WorkerLostError: "died", TaskTimeLimitError: "time-limit", TaskGivenUpError: "given-up"}
+CAUSES = {
+    WorkerLostError: "died",
+    WorkerCrashedError: "died",
+    TaskTimeLimitError: "time-limit",
+    TaskGivenUpError: "given-up",
+}
 
 
 class Task(Future[Any]):

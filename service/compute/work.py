@@ -7,13 +7,19 @@ from contextlib import contextmanager
 from typing import ParamSpec, TypeVar
 
 from core.embedding import Match, Scores
-from core.errors import MeshTooComplexError
+from core.errors import MalformedMeshError, MeshTooComplexError
 from core.mesh import Mesh
 from core.pipeline import Pipeline
 from core.reading import Limits
 from service.compute.sandbox import Readable, read_file
 from service.compute.tasks import Embedded, embed_mesh, match_records, score_records
-from service.errors import BusyError, FileTimeLimitError, TaskTimeLimitError, WorkerLostError
+from service.errors import (
+    BusyError,
+    FileTimeLimitError,
+    TaskTimeLimitError,
+    WorkerCrashedError,
+    WorkerLostError,
+)
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -112,10 +118,14 @@ class Work:
         with _at_fault():
             return await asyncio.wrap_future(self._executor.submit(function, *arguments, **named))
 
-    def _reading(self, data: bytes, format: str) -> asyncio.Future[Readable]:
-        return asyncio.wrap_future(
-            self._readers.submit(read_file, data, format, self._limits, self._read_seconds)
-        )
+    async def _reading(self, data: bytes, format: str) -> Readable:
+        try:
+            return await asyncio.wrap_future(
+                self._readers.submit(read_file, data, format, self._limits, self._read_seconds)
+            )
+        except WorkerCrashedError as error:
+            # It would again: to be told to try again would only end more of them.
+            raise MalformedMeshError("what reads such files broke down over this one") from error
 
     def _embedding(self, read: Readable, pipeline: Pipeline) -> asyncio.Future[Embedded]:
         return asyncio.wrap_future(

@@ -50,6 +50,8 @@ class Hostile:
         The answer: an HTTP status and the kind of problem, "" for none.
     slow : bool
         Whether it is too large for every run of the tests.
+    fatal : bool
+        Whether it ends the process that reads it, so that only the service may be given it.
     """
 
     row: str
@@ -58,6 +60,7 @@ class Hostile:
     status: int
     kind: str
     slow: bool = False
+    fatal: bool = False
 
 
 Table = dict[str, bytes | Callable[[], bytes]]

@@ -11,6 +11,7 @@ import pytest
 
 from service.compute import work as work_module
 from service.search import rows as rows_module
+from tests.hostile.corpus import CORPUS
 from tests.kill.cycles import runs
 from tests.service.calls import assert_recovered, reads, the_kept
 from tests.service.support import (
@@ -68,6 +69,14 @@ def test_a_worker_that_is_killed(
         killer.start()
         assert_problem(calls[name](), 503, "worker-lost")
     killer.join()
+    assert_recovered(frail, kept)
+
+
+def test_a_file_over_which_its_reader_breaks_down(frail: Running, kept: str) -> None:
+    """Nobody is told to send it again."""
+    (case,) = (case for case in CORPUS if case.fatal)
+    problem = assert_problem(upload(frail.client, case.make(), case.filename), 422, "malformed-mesh")
+    assert "broke down" in problem["detail"]
     assert_recovered(frail, kept)
 
 
