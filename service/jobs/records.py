@@ -18,8 +18,10 @@ ENDED: tuple[State, ...] = ("done", "failed", "cancelled")
 
 # How long a service that says nothing is taken to live: its jobs are then anybody's.
 LEASE = timedelta(seconds=10)
-# While an archive arrives; no lease is longer.
+# While an archive arrives.
 ARRIVING_LEASE = 6 * LEASE
+# No lease ends so much later than now, be it that another process was held up since it asked for the time.
+LONGEST_LEASE = timedelta(minutes=10)
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@ from sqlalchemy import ColumnElement, Select, delete, func, insert, or_, select,
 
 from service.jobs.records import (
     ACTIVE,
-    ARRIVING_LEASE,
     ENDED,
+    LONGEST_LEASE,
     Cause,
     FileRecord,
     JobRecord,
@@ -258,7 +258,7 @@ def remove(session: WriteSession, number: int) -> None:
 
 def _is_over(now: datetime) -> ColumnElement[bool]:
     """Whether a lease is: one that ends later than any was given was given before the clock was set back."""
-    return or_(JobRow.leased_until <= now, JobRow.leased_until > now + ARRIVING_LEASE)
+    return or_(JobRow.leased_until <= now, JobRow.leased_until > now + LONGEST_LEASE)
 
 
 def _shown() -> Select[JobRow]:
