@@ -18,8 +18,8 @@ class Change:
 
 NAMED = (
     Change(
-        "even mesh: long edges split, large meshes simplified, rough ones smoothed",
-        ("refine_vertices", "decimate_above", "smooth_above"),
+        "even mesh: holes closed, long edges split, large meshes simplified, rough ones smoothed",
+        ("fill_holes", "refine_vertices", "decimate_above", "smooth_above"),
     ),
     Change(
         "samples: 100, covering, weights of Eqs. 11 and 12 normalised",

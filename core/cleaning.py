@@ -1,12 +1,13 @@
 """Cleaning: coinciding vertices are merged; faces that span nothing and negligible parts are dropped."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from core.compiled import compiled, constant
-from core.edges import component_labels, starts_of
+from core.edges import HalfEdges, component_labels, half_edges, starts_of
 from core.errors import DegenerateMeshError
 from core.mesh import Floats, Ints, Mesh
 from core.ordering import canonical_order
@@ -49,6 +50,11 @@ class Cleaned:
     components: int
     merged_vertices: int
     dropped_faces: int
+
+    @cached_property
+    def sides(self) -> HalfEdges:
+        """Of the mesh's faces, sorted by their edges."""
+        return half_edges(self.mesh.faces)
 
 
 def vertex_areas(vertices: Floats, faces: Ints) -> Floats:
@@ -133,8 +139,11 @@ def merge_vertices(vertices: Floats) -> tuple[Ints, Ints]:
 
 def _distinct_faces(faces: Ints) -> NDArray[np.bool_]:
     """True for faces with three different corners, the first of each set of faces on the same corners."""
-    low, high = faces.min(axis=1), faces.max(axis=1)
-    middle = faces.sum(axis=1) - low - high
+    # By columns, which takes a tenth of the time that rows of three would.
+    one, other, third = faces.T
+    low = np.minimum(np.minimum(one, other), third)
+    high = np.maximum(np.maximum(one, other), third)
+    middle = one + other + third - low - high
     proper = (low != middle) & (middle != high)
     order = lexical_order(low, middle, high)
     again = ~starts_of(low[order], middle[order], high[order])

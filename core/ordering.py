@@ -1,8 +1,8 @@
 """An order of the vertices that the shape itself gives, so that no later choice hangs on the file's."""
 
 import numpy as np
-from scipy.sparse import coo_array
 
+from core.compiled import compiled, constant
 from core.mesh import Floats, Ints
 from core.radix import lexical_order
 
@@ -49,6 +49,32 @@ def _split(ranks: Ints, values: Floats, tolerance: float = TIE) -> Ints:
     return result
 
 
+@compiled
+def _side_lengths(vertices: Floats, faces: Ints) -> Floats:
+    """Of each face's sides, shape (f, 3), from each corner to the next."""
+    lengths = np.empty((len(faces), 3))
+    for f in range(len(faces)):
+        for i in range(3):
+            start, end = faces[f, i], faces[f, (i + 1) % 3]
+            square = 0.0
+            for axis in range(3):
+                square += (vertices[start, axis] - vertices[end, axis]) ** 2
+            lengths[f, i] = np.sqrt(square)
+    return lengths
+
+
+@compiled
+def _from_neighbours(faces: Ints, lengths: Floats, weights: Floats) -> Floats:
+    """For each vertex, the sum over the sides at it of their lengths times their other ends' weights."""
+    sums = np.zeros(len(weights))
+    for f in range(len(faces)):
+        for i in range(3):
+            start, end = faces[f, i], faces[f, (i + 1) % 3]
+            sums[start] += lengths[f, i] * weights[end]
+            sums[end] += lengths[f, i] * weights[start]
+    return sums
+
+
 def canonical_order(vertices: Floats, faces: Ints, centre: Floats) -> Ints:
     """Vertices by their place in the shape: the same order in any pose, however the file lists them.
 
@@ -74,15 +100,14 @@ def canonical_order(vertices: Floats, faces: Ints, centre: Floats) -> Ints:
     ranks = settled(np.linalg.norm(vertices - centre, axis=1))
     if count > MOST_VERTICES:
         return np.argsort(ranks, kind="stable")
-    rows, columns = faces[:, [0, 1, 2]].ravel(), faces[:, [1, 2, 0]].ravel()
-    lengths = np.linalg.norm(vertices[rows] - vertices[columns], axis=1)
-    links = coo_array((lengths / lengths.max(), (rows, columns)), shape=(count, count)).tocsr()
-    links = links + links.T
+    vertices, faces = constant(vertices), constant(faces)
+    lengths = _side_lengths(vertices, faces)
+    lengths /= lengths.max()
     for _ in range(MARKS):
         for _ in range(ROUNDS):
             if ranks.max() == count - 1:
                 return np.argsort(ranks)
-            finer = _split(ranks, links @ independent(ranks))
+            finer = _split(ranks, _from_neighbours(faces, lengths, independent(ranks)))
             told = finer.max() > ranks.max()
             ranks = finer
             if not told:

@@ -17,6 +17,10 @@ Operator = Literal["affinity", "laplace-beltrami"]
 Pairs = Literal["both-ways", "nearest"]
 
 
+LATER: dict[str, float] = {"fill_holes": 0.0}
+"""Parameters that came later, with the value that stands for the method before: it changes no fingerprint."""
+
+
 @dataclass(frozen=True)
 class Parameters:
     """A frozen set of parameters; every stored embedding carries its fingerprint.
@@ -25,6 +29,8 @@ class Parameters:
     ----------
     name : str
         What people call it; not part of the fingerprint.
+    fill_holes : float
+        Rims are closed that bound at most this share of the surface: see `core.filling`; 0 for none.
     refine_vertices : int
         Long edges are split as for an even mesh of so many vertices; 0 leaves the mesh as it is.
     decimate_above, decimate_to : int
@@ -95,9 +101,10 @@ class Parameters:
     """
 
     name: str = "default"
+    fill_holes: float = 0.9
     refine_vertices: int = 2000
-    decimate_above: int = 40_000
-    decimate_to: int = 20_000
+    decimate_above: int = 30_000
+    decimate_to: int = 5_000
     smooth_above: float = 0.2
     smooth_rounds: int = 10
     degree: int = 6
@@ -158,6 +165,7 @@ class Parameters:
 
     def _check_ranges(self) -> None:
         rules = {
+            "fill_holes must be 0 to 10": 0.0 <= self.fill_holes <= 10.0,
             "refine_vertices must be 0 to 100,000": 0 <= self.refine_vertices <= 100_000,
             "decimate_to must be at least 500 and below decimate_above": self.decimate_above == 0
             or 500 <= self.decimate_to < self.decimate_above,
@@ -217,8 +225,8 @@ class Parameters:
     @property
     def fingerprint(self) -> str:
         """Sixteen hexadecimal digits: a hash of the parameters and of the method version."""
-        values = asdict(self)
-        del values["name"]
+        left_out = {"name", *(name for name, before in LATER.items() if getattr(self, name) == before)}
+        values = {name: value for name, value in asdict(self).items() if name not in left_out}
         text = json.dumps({"method": METHOD_VERSION, **values}, sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
@@ -268,6 +276,7 @@ DEFAULT = Parameters()
 
 PAPER = Parameters(
     name="paper",
+    fill_holes=0.0,
     refine_vertices=0,
     decimate_above=0,
     smooth_above=0.0,

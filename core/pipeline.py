@@ -12,9 +12,9 @@ from scipy.spatial import cKDTree
 from core.cleaning import Cleaned, clean, face_areas, vertex_areas
 from core.combination import CALIBRATED, signature_evidence
 from core.denoising import roughness, smoothed
-from core.edges import half_edges
 from core.embedding import Embedding, Facts, Float32s, Match, Scores
 from core.errors import DegenerateMeshError, IncompatibleEmbeddingsError, ParameterError
+from core.filling import filled
 from core.form import signed_volume
 from core.frame import Frame, normal_frame
 from core.geodesics import geodesics
@@ -44,8 +44,7 @@ def measure(mesh: Mesh, cleaned: Cleaned, frame: Frame) -> Facts:
     """Facts of a mesh as it was read, its cleaned form and its frame."""
     faces = cleaned.mesh.faces
     volume = signed_volume(frame.apply(cleaned.mesh.vertices), faces)
-    sides = half_edges(faces)
-    sheets = sides.sheets
+    sheets = cleaned.sides.sheets
     area = float(face_areas(cleaned.mesh.vertices, faces).sum())
     return Facts(
         vertices=len(mesh.vertices),
@@ -58,8 +57,13 @@ def measure(mesh: Mesh, cleaned: Cleaned, frame: Frame) -> Facts:
         dropped_faces=cleaned.dropped_faces,
         boundary_edges=int((sheets == 1).sum()),
         nonmanifold_edges=int((sheets > 2).sum()),
-        openness=openness(cleaned.mesh.vertices, sides.edges[sheets == 1], area),
+        openness=openness(cleaned.mesh.vertices, cleaned.sides.edges[sheets == 1], area),
     )
+
+
+def without_holes(cleaned: Cleaned, most: float) -> Mesh:
+    """The mesh with its holes closed as `core.filling.filled` does; 0 leaves it as it is."""
+    return filled(cleaned.mesh, most, cleaned.sides) if most else cleaned.mesh
 
 
 def simplify(mesh: Mesh, vertices: int) -> Mesh:
@@ -97,11 +101,15 @@ class Pipeline:
         self._prepared_bytes = 0
 
     def normalise(self, mesh: Mesh) -> tuple[Mesh, Cleaned, Frame]:
-        """The mesh that is sampled: clean, in its frame, simplified, smoothed, refined; and how it came."""
+        """The mesh that is sampled, and how it came.
+
+        It is clean, without holes, in its normal frame, simplified, smoothed and refined.
+        """
         wanted = self.parameters
         cleaned = clean(mesh)
-        frame = normal_frame(cleaned.mesh)
-        normal = Mesh(frame.apply(cleaned.mesh.vertices), cleaned.mesh.faces)
+        surface = without_holes(cleaned, wanted.fill_holes)
+        frame = normal_frame(surface)
+        normal = Mesh(frame.apply(surface.vertices), surface.faces)
         if wanted.decimate_above and len(normal.vertices) > wanted.decimate_above:
             normal = simplify(normal, wanted.decimate_to)
         if wanted.smooth_above and roughness(normal) > wanted.smooth_above:

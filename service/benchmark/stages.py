@@ -15,6 +15,7 @@ READING, REST = "read", "rest"
 
 STAGES: dict[str, tuple[ModuleType, str]] = {
     "clean": (pipeline, "clean"),
+    "close holes": (pipeline, "without_holes"),
     "normal frame": (pipeline, "normal_frame"),
     "simplify": (pipeline, "simplify"),
     "refine": (pipeline, "refine"),
@@ -30,7 +31,7 @@ STAGES: dict[str, tuple[ModuleType, str]] = {
 }
 """The function that each stage is, by the module that calls it."""
 
-SAMPLING = ("clean", "normal frame", "simplify", "refine", "edge graph", "Lewis weights", "covering")
+SAMPLING = tuple(list(STAGES)[: list(STAGES).index("covering") + 1])
 """What comes before the samples are known."""
 
 EMBEDDING = tuple(stage for stage in (*STAGES, REST) if stage not in SAMPLING)

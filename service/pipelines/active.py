@@ -5,7 +5,7 @@ import threading
 from dataclasses import asdict, dataclass
 
 from core.errors import ParameterError
-from core.parameters import DEFAULT, METHOD_VERSION, PAPER, Parameters
+from core.parameters import DEFAULT, LATER, METHOD_VERSION, PAPER, Parameters
 from core.pipeline import Pipeline
 from service.errors import PipelineUnavailableError
 from service.logging import get_logger
@@ -147,7 +147,7 @@ def _parameters(fingerprint: str, written: Written | None) -> Parameters:
             f"version {METHOD_VERSION}: use the Isoshape that embedded it, or {REMEDY}"
         )
     try:
-        parameters = Parameters.from_json(json.dumps(dict(written.parameters)))
+        parameters = Parameters.from_json(json.dumps({**LATER, **written.parameters}))
     except ParameterError:
         parameters = None
     if parameters is None or parameters.fingerprint != fingerprint:

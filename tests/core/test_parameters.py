@@ -12,9 +12,10 @@ from core.errors import ParameterError
 from core.parameters import DEFAULT, PAPER, Parameters
 
 OTHER = {
+    "fill_holes": 0.2,
     "refine_vertices": 2001,
     "decimate_above": 50_000,
-    "decimate_to": 19_000,
+    "decimate_to": 4_000,
     "smooth_above": 0.3,
     "smooth_rounds": 5,
     "degree": 7,
@@ -57,10 +58,12 @@ OTHER = {
 }
 
 OUT_OF_RANGE = [
+    ("fill_holes", -0.1),
+    ("fill_holes", 10.1),
     ("refine_vertices", -1),
     ("refine_vertices", 100_001),
     ("decimate_to", 499),
-    ("decimate_to", 40_000),
+    ("decimate_to", 30_000),
     ("smooth_above", -0.1),
     ("smooth_above", 1001.0),
     ("smooth_rounds", 0),
@@ -219,7 +222,7 @@ def test_what_is_no_object_is_refused(text):
 
 @pytest.mark.parametrize("name", ["degrees", "", "fingerprint", "__class__", "from_json"])
 def test_an_unknown_name_is_refused_and_the_known_are_told(name):
-    with pytest.raises(ParameterError, match=r"unknown parameter .*known are name, refine_vertices"):
+    with pytest.raises(ParameterError, match=r"unknown parameter .*known are name, fill_holes"):
         Parameters.from_json(json.dumps({name: 1}))
 
 
