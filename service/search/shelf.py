@@ -4,7 +4,10 @@ import threading
 from collections import OrderedDict
 from collections.abc import Iterable
 
+import numpy as np
+
 from core.embedding import Float32s
+from core.mesh import Ints
 
 ABOUT = 100_000
 """Bytes of a row, before one is known."""
@@ -66,6 +69,13 @@ class Shelf:
             self._bytes += row.nbytes - (0 if known is None else known.nbytes)
             self._rows[number] = row
             self._shrink()
+
+    def keep(self, numbers: Ints) -> None:
+        """Take off the rows of all embeddings but these, shape (n,): nobody asks for what is deleted."""
+        with self._lock:
+            held = np.fromiter(self._rows, dtype=np.int64, count=len(self._rows))
+            for number in held[~np.isin(held, numbers)].tolist():
+                self._bytes -= self._rows.pop(number).nbytes
 
     def resize(self, room: int) -> None:
         """Have another number of bytes as the most that it may hold."""

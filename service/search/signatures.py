@@ -36,6 +36,11 @@ class SignatureIndex:
         """How many shapes it holds, as of the last query."""
         return self._length
 
+    @property
+    def revision(self) -> int:
+        """Of the archive, as of the last query."""
+        return self._revision
+
     def current(self, session: ReadSession) -> Signed:
         """The shapes and signatures as the session sees them."""
         with self._lock:

@@ -46,6 +46,7 @@ class Stocking:
         self._task: asyncio.Task[None] | None = None
         # Numbers are never used again.
         self._unusable: set[int] = set()
+        self._seen: tuple[str, int] | None = None
 
     def start(self) -> None:
         """Begin, in the running loop."""
@@ -106,6 +107,10 @@ class Stocking:
                 newest, room = latest(session, in_use.fingerprint, most // ABOUT), most
             else:
                 signed = in_use.index.current(session)
+                seen = (in_use.fingerprint, in_use.index.revision)
+                if seen != self._seen:
+                    in_use.shelf.keep(signed.embeddings)
+                    self._seen = seen
                 newest = signed.embeddings[::-1].tolist()
                 room = max(most - signed.nbytes, most // LEAST_SHARE)
         shelf = in_use.shelf

@@ -77,6 +77,17 @@ def test_with_less_room_the_oldest_go() -> None:
     assert shelf.missing([4]) == []
 
 
+def test_only_what_is_named_is_kept() -> None:
+    shelf = Shelf(1200)
+    for number in (1, 2, 3):
+        shelf.put(number, row(number))
+    shelf.keep(np.array([3, 1, 7]))
+    assert shelf.missing([1, 2, 3]) == [2]
+    assert (len(shelf), shelf.nbytes) == (2, 800)
+    shelf.keep(np.empty(0, dtype=np.int64))
+    assert (len(shelf), shelf.nbytes) == (0, 0)
+
+
 def test_free_places_go_by_the_rows_that_are_there() -> None:
     shelf = Shelf(10 * ABOUT)
     assert shelf.free_places() == 10
@@ -148,6 +159,23 @@ def test_rows_are_ready_soon_after_the_start_and_after_an_upload(
         assert len(answer(running)) == STORED + 1
     running.client.delete(f"/shapes/{record['id']}")
     assert len(answer(running)) == STORED
+    wait_until(lambda: len(shelf) == STORED, seconds=30)
+
+
+@pytest.mark.parametrize("running", [{}], indirect=True)
+def test_what_comes_is_made_ready_whatever_was_deleted_before(running: Running) -> None:
+    """Rows of what is gone would fill the room, and be counted for those that lack."""
+    shelf = shelf_of(running)
+    wait_until(lambda: len(shelf) == STORED, seconds=30)
+    gone = [running.store(small_file(number), f"{number}.off")["id"] for number in (31, 32)]
+    wait_until(lambda: len(shelf) == STORED + 2, seconds=30)
+    before = set(shelf.missing(range(1000)))
+    for shape in gone:
+        running.client.delete(f"/shapes/{shape}")
+    late = running.store(small_file(33), "late.off")
+    wait_until(lambda: len(shelf) == STORED + 1, seconds=30)
+    assert len(before - set(shelf.missing(range(1000)))) == 1
+    running.client.delete(f"/shapes/{late['id']}")
 
 
 def test_a_record_that_cannot_be_read_is_left_out_and_stops_nothing(folder: Path, tmp_path: Path) -> None:
