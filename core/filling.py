@@ -26,7 +26,6 @@ def filled(mesh: Mesh, most: float, sides: HalfEdges | None = None) -> Mesh:
         With its coincident vertices merged.
     most : float
         Rims are closed whose discs are at most this share of the area of the part that they are of; >= 0.
-
     sides : HalfEdges, optional
         Of its faces, where they are known.
 
