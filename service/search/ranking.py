@@ -29,11 +29,14 @@ class Compared:
 
 
 def ranked(compared: Compared, by: RankBy) -> NDArray[np.intp]:
-    """Places in `compared`, the most alike first; of equals, the shape that was stored first."""
+    """Places in `compared`, the most alike first; of equals, the least SSD, then the one stored first.
+
+    Near copies, as two scans of one part, can have the CC and sim of the very same shape: SSD tells them.
+    """
     likeness = {
         "cc": compared.cc,
         "ssd": -compared.ssd,
         "sim": compared.sim,
         "combined": compared.combined,
     }[by]
-    return np.lexsort((compared.shapes, -likeness))
+    return np.lexsort((compared.shapes, compared.ssd, -likeness))

@@ -62,7 +62,8 @@ class QueryOptions(Filters):
     top_k: int = Field(default=3, ge=1, le=100, description="How many results at most.")
     rank_by: RankBy = Field(
         default="cc",
-        description="What to sort by: cc, sim and combined from the highest, ssd from the lowest.",
+        description="What to sort by: cc, sim and combined from the highest, ssd from the lowest. "
+        "Of equals, the one of the least ssd comes first, then the one stored first.",
     )
     partial: bool = Field(
         default=False,

@@ -60,5 +60,12 @@ def test_ranking_is_a_stable_sort_by_likeness(by: RankBy) -> None:
     compared = Compared(random.permutation(n), *(random.integers(0, 6, n) / 6 for _ in range(4)))
     order = ranked(compared, by)
     value = getattr(compared, by) * (1 if by == "ssd" else -1)
-    truth = sorted(range(n), key=lambda i: (value[i], compared.shapes[i]))
+    truth = sorted(range(n), key=lambda i: (value[i], compared.ssd[i], compared.shapes[i]))
     assert order.tolist() == truth
+
+
+def test_a_near_copy_that_was_stored_first_comes_after_the_shape_itself() -> None:
+    ones = np.ones(3)
+    compared = Compared(np.array([7, 8, 9]), ones, np.array([1e-7, 0.0, 0.0]), ones, ones)
+    for by in ("cc", "sim", "combined"):
+        assert ranked(compared, by).tolist() == [1, 2, 0]
