@@ -1,0 +1,34 @@
+"""Clients of the service's HTTP interface, for Python programs and for the command line.
+
+    from service.client import Client
+
+    with Client("http://127.0.0.1:8000") as archive:
+        archive.upload("horse.off", tags=["horse"])
+        for result in archive.query_file("another.off", top_k=5).results:
+            print(result.rank, result.shape.name, result.cc)
+
+`AsyncClient` has the same methods, to be awaited. What both return are the models that the
+service answers with.
+"""
+
+from service.client.asynchronous import AsyncClient
+from service.client.calls import File
+from service.client.errors import ClientError, ProblemError, UnexpectedAnswerError, UnreachableError
+from service.client.retries import PROXY_RETRIES, RETRIES
+from service.client.search_calls import QueryArguments
+from service.client.shape_calls import Upload
+from service.client.sync import Client
+
+__all__ = [
+    "PROXY_RETRIES",
+    "RETRIES",
+    "AsyncClient",
+    "Client",
+    "ClientError",
+    "File",
+    "ProblemError",
+    "QueryArguments",
+    "UnexpectedAnswerError",
+    "UnreachableError",
+    "Upload",
+]

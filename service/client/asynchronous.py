@@ -1,0 +1,159 @@
+"""The client whose answers are awaited."""
+
+import asyncio
+from collections.abc import AsyncIterator, Callable, Coroutine
+from contextlib import ExitStack
+from functools import wraps
+from itertools import count
+from types import TracebackType
+from typing import Any, Concatenate, ParamSpec, Self, TypeVar
+
+import httpx
+
+from service.client import job_calls, search_calls, shape_calls
+from service.client.calls import (
+    NO_ANSWER,
+    TIMEOUT,
+    Call,
+    Step,
+    headers_with,
+    no_address,
+    no_answer,
+    signature_of,
+)
+from service.client.retries import pause
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+
+def _method(make: Callable[P, Call[T]]) -> Callable[Concatenate["AsyncClient", P], Coroutine[Any, Any, T]]:
+    """The method that makes a call."""
+
+    @wraps(make)
+    async def method(self: "AsyncClient", /, *given: P.args, **options: P.kwargs) -> T:
+        return await self.send(make(*given, **options))
+
+    method.__dict__["__signature__"] = signature_of(make)
+    return method
+
+
+def _series(make: Callable[P, Call[Step[T]]]) -> Callable[Concatenate["AsyncClient", P], AsyncIterator[T]]:
+    """The method that goes through a series."""
+
+    @wraps(make)
+    async def method(self: "AsyncClient", /, *given: P.args, **options: P.kwargs) -> AsyncIterator[T]:
+        call: Call[Step[T]] | None = make(*given, **options)
+        while call is not None:
+            step = await self.send(call)
+            for item in step.items:
+                yield item
+            call = step.more
+            if call is not None and step.seconds:
+                await asyncio.sleep(step.seconds)
+
+    method.__dict__["__signature__"] = signature_of(make, AsyncIterator)
+    return method
+
+
+class AsyncClient:
+    """The service at an address, its answers awaited.
+
+    The methods are those of `Client`; what gives many items is gone through with `async for`.
+
+    Parameters
+    ----------
+    url : str
+        For example "http://127.0.0.1:8000".
+    key : str, optional
+        Where the service asks for one.
+    transport : httpx.AsyncBaseTransport, optional
+        How to get there, instead of the network.
+    timeout : httpx.Timeout, optional
+        Ten minutes for an answer, unless given.
+
+    Making one raises `ClientError` where the key cannot be sent; every method `ProblemError`,
+    `UnreachableError` or `UnexpectedAnswerError`. Several tasks of one event loop may use it at a time.
+    """
+
+    def __init__(
+        self,
+        url: str,
+        *,
+        key: str | None = None,
+        transport: httpx.AsyncBaseTransport | None = None,
+        timeout: httpx.Timeout = TIMEOUT,
+    ) -> None:
+        headers = headers_with(key)
+        try:
+            self._http = httpx.AsyncClient(
+                base_url=url, headers=headers, transport=transport, timeout=timeout
+            )
+        except httpx.InvalidURL as error:
+            raise no_address(url, error) from error
+        self.url = url
+
+    async def __aenter__(self) -> Self:
+        return self
+
+    async def __aexit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        await self.close()
+
+    async def close(self) -> None:
+        """Close the connections."""
+        await self._http.aclose()
+
+    async def ready(self) -> bool:
+        """Whether the service can do its work; false too when there is no answer."""
+        try:
+            return (await self._http.get("/readyz")).is_success
+        except httpx.TransportError:
+            return False
+
+    async def send(self, call: Call[T]) -> T:
+        """What a call reads; a service that is busy for the moment is asked again."""
+        with ExitStack() as stack:
+            prepared = await asyncio.to_thread(call.prepared, stack)
+            for attempt in count():
+                try:
+                    answer = await self._http.request(call.method, call.path, **prepared)
+                except NO_ANSWER as fault:
+                    raise no_answer(self.url, fault) from fault
+                seconds = pause(answer, attempt)
+                if seconds is None:
+                    break
+                await asyncio.sleep(seconds)
+        return call.read(answer)
+
+    upload = _method(shape_calls.upload)
+    page = _method(shape_calls.page)
+    shapes = _series(shape_calls.shapes)
+    shape = _method(shape_calls.shape)
+    file = _method(shape_calls.file)
+    embedding = _method(shape_calls.embedding)
+    thumbnail = _method(shape_calls.thumbnail)
+    preview = _method(shape_calls.preview)
+    preview_file = _method(shape_calls.preview_file)
+    replace_file = _method(shape_calls.replace_file)
+    update = _method(shape_calls.update)
+    delete = _method(shape_calls.delete)
+    deleted = _series(shape_calls.deleted)
+    restore = _method(shape_calls.restore)
+    purge = _method(shape_calls.purge)
+    send_archive = _method(job_calls.send_archive)
+    job = _method(job_calls.job)
+    jobs = _series(job_calls.jobs)
+    follow_job = _series(job_calls.follow_job)
+    job_files = _series(job_calls.job_files)
+    cancel_job = _method(job_calls.cancel_job)
+    delete_job = _method(job_calls.delete_job)
+    query_file = _method(search_calls.query_file)
+    query_shape = _method(search_calls.query_shape)
+    compare = _method(search_calls.compare)
+    duplicates = _method(search_calls.duplicates)
+    version = _method(search_calls.version)

@@ -1,0 +1,186 @@
+"""What is sent and how its answer is read, whoever sends it: a client that waits, or one that awaits."""
+
+import inspect
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Generic, Protocol, TypeVar, get_args, get_type_hints
+from urllib.parse import quote
+
+import httpx
+from pydantic import BaseModel, ValidationError
+
+from service.client.errors import ClientError, UnexpectedAnswerError, UnreachableError
+
+File = str | Path | tuple[str, bytes]
+"""A mesh to send: its path, or its name (whose ending tells the format) and its bytes."""
+
+T = TypeVar("T")
+U = TypeVar("U")
+Model = TypeVar("Model", bound=BaseModel)
+APage = TypeVar("APage", bound="Page")
+
+# Items that the service gives at a time, at most.
+LONGEST_PAGE = 500
+# A large mesh may wait for a worker and then be worked on for minutes.
+TIMEOUT = httpx.Timeout(600.0, connect=10.0)
+# What httpx raises where there is no answer.
+NO_ANSWER = (httpx.TransportError, httpx.UnsupportedProtocol)
+
+
+@dataclass(frozen=True)
+class Call(Generic[T]):
+    """A request, and how its answer is read.
+
+    Attributes
+    ----------
+    method, path : str
+    read : callable
+        What is returned for an answer that is a success.
+    params, data, headers : dict
+        Of the address, the form and the header.
+    json : object
+        The body, if it is JSON.
+    file : File, optional
+        The form's file.
+    streamed : bool
+        Send the file piece by piece, as what is too large to be read at once.
+    """
+
+    method: str
+    path: str
+    read: Callable[[httpx.Response], T]
+    params: Mapping[str, Any] = field(default_factory=dict)
+    data: Mapping[str, str | list[str]] = field(default_factory=dict)
+    headers: Mapping[str, str] = field(default_factory=dict)
+    json: object = None
+    file: File | None = None
+    streamed: bool = False
+
+    def prepared(self, stack: ExitStack) -> dict[str, Any]:
+        """What httpx takes beside the method and the address; the stack closes what it opens.
+
+        Raises
+        ------
+        OSError
+            The file cannot be read.
+        """
+        given: dict[str, Any] = {"headers": dict(self.headers)}
+        # A body without a file is no form, and an address given no parameters keeps its own.
+        given |= {"params": self.params} if self.params else {}
+        given |= {"json": self.json} if self.json is not None else {}
+        if isinstance(self.file, tuple):
+            given |= {"data": self.data, "files": {"file": self.file}}
+        elif self.file is not None:
+            path = Path(self.file)
+            content = stack.enter_context(path.open("rb")) if self.streamed else path.read_bytes()
+            given |= {"data": self.data, "files": {"file": (path.name, content)}}
+        return given
+
+    def then(self, change: Callable[[T], U]) -> "Call[U]":
+        """The same request, with something made of what is read."""
+        return Call(**{**vars(self), "read": lambda answer: change(self.read(answer))})
+
+
+@dataclass(frozen=True)
+class Step(Generic[T]):
+    """Some of the items of a series, and what is asked for more, after so many seconds."""
+
+    items: Sequence[T]
+    more: "Call[Step[T]] | None"
+    seconds: float = 0.0
+
+
+class Page(Protocol):
+    """Items, and what to name to get those that follow."""
+
+    @property
+    def next_cursor(self) -> str | None:
+        """None on the last page."""
+
+
+def pages(one: Callable[[str | None], Call[APage]], items: Callable[[APage], Sequence[T]]) -> Call[Step[T]]:
+    """The items of all pages, from the call of a page by its cursor."""
+
+    def after(cursor: str | None) -> Call[Step[T]]:
+        return one(cursor).then(step)
+
+    def step(page: APage) -> Step[T]:
+        return Step(items(page), None if page.next_cursor is None else after(page.next_cursor))
+
+    return after(None)
+
+
+def parsed(model: type[Model]) -> Callable[[httpx.Response], Model]:
+    """Reads answers that are one of these."""
+
+    def read(answer: httpx.Response) -> Model:
+        try:
+            return model.model_validate_json(answer.content)
+        except ValidationError as error:
+            raise UnexpectedAnswerError(f"{answer.request.url} gave no {model.__name__}") from error
+
+    return read
+
+
+def content(answer: httpx.Response) -> bytes:
+    """The body as it is."""
+    return answer.content
+
+
+def nothing(_answer: httpx.Response) -> None:
+    """An answer that has no body."""
+
+
+def segment(shape_id: str) -> str:
+    """An id as one segment of an address: whatever it holds, it names no other address."""
+    return quote(shape_id, safe="")
+
+
+def given(**values: object) -> dict[str, Any]:
+    """Those that are not None."""
+    return {name: value for name, value in values.items() if value is not None}
+
+
+def headers_with(key: str | None) -> dict[str, str]:
+    """The header that carries a key.
+
+    Raises
+    ------
+    ClientError
+        The key cannot be sent.
+    """
+    key = (key or "").strip()
+    if not (key.isascii() and key.isprintable()):
+        raise ClientError("the key holds characters that no key has")
+    return {"Authorization": f"Bearer {key}"} if key else {}
+
+
+def no_address(url: str, error: Exception) -> UnreachableError:
+    """The error for an address that is none."""
+    return UnreachableError(f"{url!r} is not an address: {error}")
+
+
+def no_answer(url: str, fault: Exception) -> UnreachableError:
+    """The error for an address at which nothing answers."""
+    return UnreachableError(f"no answer from {url}: {fault}")
+
+
+def signature_of(make: Callable[..., object], origin: Any = None) -> inspect.Signature:  # noqa: ANN401
+    """Of the method that makes a call: the arguments of what describes the call, and what is read.
+
+    Parameters
+    ----------
+    make : callable
+        Annotated to return a `Call`.
+    origin : generic type, optional
+        For a series: what its items come as, as `Iterator`.
+    """
+    (read,) = get_args(get_type_hints(make)["return"])
+    signature = inspect.signature(make)
+    this = inspect.Parameter("self", inspect.Parameter.POSITIONAL_OR_KEYWORD)
+    return signature.replace(
+        parameters=[this, *signature.parameters.values()],
+        return_annotation=read if origin is None else origin[get_args(read)],
+    )

@@ -1,0 +1,47 @@
+"""What a request ends with that did not succeed."""
+
+from contextlib import suppress
+
+import httpx
+from pydantic import ValidationError
+
+from service.problems import MEDIA_TYPE, TYPE_PREFIX, Problem
+
+
+class ClientError(Exception):
+    """A request that did not succeed."""
+
+
+class UnreachableError(ClientError):
+    """There is no answer: nothing listens at the address, or the connection was lost."""
+
+
+class UnexpectedAnswerError(ClientError):
+    """The answer is not one of this service."""
+
+
+class ProblemError(ClientError):
+    """The service answered with a problem document.
+
+    Attributes
+    ----------
+    problem : Problem
+        The document.
+    kind : str
+        The last part of its type, on which a program may branch: "shape-not-found", "no-triangles", ...
+    """
+
+    def __init__(self, problem: Problem) -> None:
+        super().__init__(f"{problem.title}: {problem.detail}")
+        self.problem = problem
+        self.kind = problem.type.removeprefix(TYPE_PREFIX)
+
+
+def error_of(answer: httpx.Response) -> ProblemError | UnexpectedAnswerError:
+    """What an answer that is no success says."""
+    if answer.headers.get("content-type", "").startswith(MEDIA_TYPE):
+        with suppress(ValidationError):
+            return ProblemError(Problem.model_validate_json(answer.content))
+    return UnexpectedAnswerError(
+        f"{answer.request.url} answered {answer.status_code}, and not with a problem document"
+    )

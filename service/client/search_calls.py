@@ -1,0 +1,77 @@
+"""What is sent to search and to compare."""
+
+from collections.abc import Sequence
+from typing import Any, Literal, TypedDict, Unpack
+
+from service.client.calls import Call, File, given, parsed
+from service.duplicates.schemas import DuplicatesAnswer
+from service.search.ranking import RankBy
+from service.search.schemas import CompareAnswer, QueryAnswer
+from service.system import Version
+
+
+class QueryArguments(TypedDict, total=False):
+    """How to search; what each is for and its default stand in `service.search.schemas.QueryOptions`."""
+
+    top_k: int
+    rank_by: RankBy
+    partial: bool
+    exhaustive: bool
+    tag: Sequence[str]
+    name: str
+    metadata: Sequence[str]
+    filter: Sequence[str]
+    exclude: Sequence[str]
+    min_cc: float
+    scale: Literal["ignore", "respect"]
+    exclude_self: bool
+    correspondences: bool
+    embedding: bool
+
+
+def query_file(file: File, **options: Unpack[QueryArguments]) -> Call[QueryAnswer]:
+    """The stored shapes most like a file."""
+    fields = {name: _field(value) for name, value in options.items()}
+    return Call("POST", "/query", parsed(QueryAnswer), data=fields, file=file)
+
+
+def query_shape(shape_id: str, **options: Unpack[QueryArguments]) -> Call[QueryAnswer]:
+    """The stored shapes most like a stored one."""
+    body: dict[str, Any] = {"shape_id": shape_id, **options}
+    for name in {"exclude", "filter", "metadata", "tag"} & set(body):
+        body[name] = list(body[name])
+    return Call("POST", "/query", parsed(QueryAnswer), json=body)
+
+
+def compare(first: str, second: str) -> Call[CompareAnswer]:
+    """Two stored shapes point by point, by their ids."""
+    return Call("POST", "/compare", parsed(CompareAnswer), json={"first": first, "second": second})
+
+
+def duplicates(
+    *,
+    min_cc: float | None = None,
+    max_residual: float | None = None,
+    tag: Sequence[str] = (),
+    name: str | None = None,
+    metadata: Sequence[str] = (),
+) -> Call[DuplicatesAnswer]:
+    """Groups of near-identical shapes, among those that are meant; `metadata` are written key=value."""
+    wanted = given(
+        min_cc=min_cc, max_residual=max_residual, tag=list(tag), name=name, metadata=list(metadata)
+    )
+    return Call("GET", "/duplicates", parsed(DuplicatesAnswer), params=wanted)
+
+
+def version() -> Call[Version]:
+    """Which service this is."""
+    return Call("GET", "/version", parsed(Version))
+
+
+def _field(value: object) -> str | list[str]:
+    """A query option as a form's field, a list as a field that is repeated."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return list(value)
+    return str(value)

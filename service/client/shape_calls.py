@@ -1,0 +1,159 @@
+"""What is sent about stored shapes and their files."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import httpx
+from pydantic import JsonValue
+
+from service.client.calls import (
+    LONGEST_PAGE,
+    Call,
+    File,
+    Step,
+    content,
+    given,
+    nothing,
+    pages,
+    parsed,
+    segment,
+)
+from service.deleted.schemas import DeletedShape, DeletedShapePage
+from service.shapes.schemas import EmbeddingArrays, Shape, ShapePage
+
+
+@dataclass(frozen=True)
+class Upload:
+    """A stored shape, and whether this upload created it or found it there."""
+
+    shape: Shape
+    created: bool
+
+
+def fields_of(
+    name: str | None, tags: Sequence[str], metadata: Mapping[str, JsonValue] | None
+) -> dict[str, str | list[str]]:
+    """The form's fields that describe what is stored."""
+    return given(
+        name=name,
+        tags=",".join(tags) if tags else None,
+        metadata=None if metadata is None else json.dumps(metadata),
+    )
+
+
+def upload(
+    file: File,
+    *,
+    name: str | None = None,
+    tags: Sequence[str] = (),
+    metadata: Mapping[str, JsonValue] | None = None,
+) -> Call[Upload]:
+    """Store a mesh. The same bytes under the same name are stored once: then `created` is false."""
+
+    def read(answer: httpx.Response) -> Upload:
+        return Upload(parsed(Shape)(answer), created=answer.status_code == httpx.codes.CREATED)
+
+    return Call("POST", "/shapes", read, data=fields_of(name, tags, metadata), file=file)
+
+
+def page(
+    *,
+    tags: Sequence[str] = (),
+    name: str | None = None,
+    metadata: Sequence[str] = (),
+    limit: int = 50,
+    cursor: str | None = None,
+) -> Call[ShapePage]:
+    """Some of the stored shapes, oldest first; `metadata` are conditions written key=value."""
+    wanted = given(tag=list(tags), metadata=list(metadata), limit=limit, name=name, cursor=cursor)
+    return Call("GET", "/shapes", parsed(ShapePage), params=wanted)
+
+
+def shapes(
+    *, tags: Sequence[str] = (), name: str | None = None, metadata: Sequence[str] = ()
+) -> Call[Step[Shape]]:
+    """All of them, page by page."""
+
+    def one(cursor: str | None) -> Call[ShapePage]:
+        return page(tags=tags, name=name, metadata=metadata, limit=LONGEST_PAGE, cursor=cursor)
+
+    return pages(one, lambda found: found.shapes)
+
+
+def shape(shape_id: str) -> Call[Shape]:
+    """One record."""
+    return Call("GET", f"/shapes/{segment(shape_id)}", parsed(Shape))
+
+
+def file(shape_id: str, *, format: str | None = None) -> Call[bytes]:
+    """The bytes that were uploaded, or the mesh in a format."""
+    return Call("GET", f"/shapes/{segment(shape_id)}/file", content, params=given(format=format))
+
+
+def embedding(shape_id: str) -> Call[EmbeddingArrays]:
+    """What is stored to compare a shape by."""
+    return Call("GET", f"/shapes/{segment(shape_id)}/embedding", parsed(EmbeddingArrays))
+
+
+def thumbnail(shape_id: str, *, size: Literal[64, 128, 256, 512] = 256) -> Call[bytes]:
+    """A picture as PNG, of so many pixels a side, on a transparent ground."""
+    return Call("GET", f"/shapes/{segment(shape_id)}/thumbnail.png", content, params={"size": size})
+
+
+def preview(shape_id: str) -> Call[bytes]:
+    """The mesh as a viewer shows it: a GLB, simplified if it is large, between -1 and 1 and y up."""
+    return Call("GET", f"/shapes/{segment(shape_id)}/preview.glb", content)
+
+
+def preview_file(file: File) -> Call[bytes]:
+    """The same of a file that is not stored."""
+    return Call("POST", "/preview", content, file=file)
+
+
+def replace_file(shape_id: str, file: File, *, if_sha256: str | None = None) -> Call[Shape]:
+    """Have a shape be of another file; where a SHA-256 is given, only if its file has that one now."""
+    headers = {} if if_sha256 is None else {"If-Match": f'"{if_sha256}"'}
+    return Call("PUT", f"/shapes/{segment(shape_id)}/file", parsed(Shape), headers=headers, file=file)
+
+
+def update(
+    shape_id: str,
+    *,
+    name: str | None = None,
+    tags: Sequence[str] | None = None,
+    metadata: Mapping[str, JsonValue] | None = None,
+) -> Call[Shape]:
+    """Replace what is given; the rest stays."""
+    changes: dict[str, Any] = given(
+        name=name,
+        tags=None if tags is None else list(tags),
+        metadata=None if metadata is None else dict(metadata),
+    )
+    return Call("PATCH", f"/shapes/{segment(shape_id)}", parsed(Shape), json=changes)
+
+
+def delete(shape_id: str) -> Call[None]:
+    """Take it out of the archive."""
+    return Call("DELETE", f"/shapes/{segment(shape_id)}", nothing)
+
+
+def deleted() -> Call[Step[DeletedShape]]:
+    """The shapes that can be restored, those deleted first before the others."""
+
+    def one(cursor: str | None) -> Call[DeletedShapePage]:
+        wanted = given(limit=LONGEST_PAGE, cursor=cursor)
+        return Call("GET", "/deleted", parsed(DeletedShapePage), params=wanted)
+
+    return pages(one, lambda found: found.shapes)
+
+
+def restore(shape_id: str) -> Call[Shape]:
+    """Undo a deletion."""
+    return Call("POST", f"/shapes/{segment(shape_id)}/restore", parsed(Shape))
+
+
+def purge(shape_id: str) -> Call[None]:
+    """Forget a deleted shape for good."""
+    return Call("DELETE", f"/deleted/{segment(shape_id)}", nothing)
