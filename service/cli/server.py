@@ -19,6 +19,8 @@ DEFAULT_PORT = 8000
 READY_SECONDS = 300.0
 # Of a service that one command uses, and which is asked for nothing any more.
 SHUTDOWN_SECONDS = 10
+# Longer than proxies and clients keep a connection: a next request would meet one that is being closed.
+KEEP_ALIVE_SECONDS = 75
 
 
 class PortError(Exception):
@@ -139,6 +141,7 @@ def _config(app: ASGIApp, shutdown_seconds: int) -> uvicorn.Config:
         log_level="critical",
         access_log=False,
         timeout_graceful_shutdown=shutdown_seconds,
+        timeout_keep_alive=KEEP_ALIVE_SECONDS,
     )
 
 

@@ -8,17 +8,19 @@ from queue import Empty, SimpleQueue
 from typing import Any
 
 from service.compute.process import WorkerProcess
+from service.compute.starting import Starting
 from service.errors import TaskGivenUpError, TaskTimeLimitError, WorkerCrashedError, WorkerLostError
 from service.logging import get_logger
 
 log = get_logger("compute")
 
-START_SECONDS = 180.0
 RESTART_SECONDS = 1.0
 # Three times what a warm process needs. Memory that is free, but in pieces, is not given back by itself.
 HELD_BYTES = 768 * 1024**2
 # About what a new process takes to start.
 GIVEN_UP_SECONDS = 2.0
+# The next process is started when the one at work has so large a share of its tasks left.
+AHEAD = 0.1
 CAUSES = {
     WorkerLostError: "died",
     WorkerCrashedError: "died",
@@ -80,8 +82,10 @@ class Seat(threading.Thread):
         self._warm = warm
         self._replaced = replaced
         self._tasks_each = tasks_each
+        self._last_alone = tasks_each and tasks_each - max(1, round(AHEAD * tasks_each))
         self._tasks_done = 0
         self._process: WorkerProcess | None = None
+        self._next: Starting | None = None
 
     def run(self) -> None:
         """Do tasks until the end of the queue."""
@@ -95,26 +99,34 @@ class Seat(threading.Thread):
             task = self._tasks.get()
             if task is None:
                 self._empty()
+                self._drop_next()
                 return
             if task.set_running_or_notify_cancel():
                 self.busy = True
                 self._do(task)
                 self.busy = False
-                if self._is_spent():
-                    self._empty()
+                self._renew()
             # Not kept until the next one comes: its arguments may be large.
             del task
 
-    def _is_spent(self) -> bool:
-        """Whether the process has done its share, or holds on to what a large task needed."""
+    def _renew(self) -> None:
+        """End a process that has done its share, or holds on to what a large task needed.
+
+        The one that follows it is started before its share is done, so that the seat is hardly ever empty.
+        """
         process = self._process
-        return self._tasks_done == self._tasks_each or (process is not None and process.held() > HELD_BYTES)
+        if process is None:
+            return
+        if self._tasks_done == self._tasks_each or process.held() > HELD_BYTES:
+            self._empty()
+        elif self._next is None and self._tasks_done == self._last_alone:
+            self._next = Starting(self._warm, self._abandoned)
 
     def stop_starting(self) -> None:
         """Do not wait for a process that is still warming up."""
-        process = self._process
-        if self.pid is None and process is not None:
-            process.kill()
+        starting = self._next
+        if starting is not None:
+            starting.kill()
 
     def stop_working(self) -> None:
         """Do not wait for the task that is being done."""
@@ -158,24 +170,23 @@ class Seat(threading.Thread):
         return self._process
 
     def _fill(self) -> bool:
-        """Start a process and warm it; whether that succeeded."""
-        if self._abandoned.is_set():
+        """Put a warm process there; whether that succeeded."""
+        if self._next is None:
+            self._next = Starting(self._warm, self._abandoned)
+        self._process = self._next.take()
+        self._next = None
+        if self._process is None:
             return False
-        try:
-            self._process = WorkerProcess()
-            self._tasks_done = 0
-            # Whoever abandons the pool now sees the process and kills it; whoever did before, did not.
-            if self._abandoned.is_set():
-                self._process.kill()
-            self._process.send(self._warm, ())
-            self._process.receive(START_SECONDS)
-        except Exception as error:
-            if not self._abandoned.is_set():
-                log.error("a worker process could not be started", exc_info=error)
-            self._empty()
-            return False
+        self._tasks_done = 0
         self.pid = self._process.pid
         return True
+
+    def _drop_next(self) -> None:
+        if self._next is not None:
+            self._next.kill()
+            process = self._next.take()
+            if process is not None:
+                process.end()
 
     def _empty(self) -> None:
         self.pid = None

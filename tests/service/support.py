@@ -1,5 +1,6 @@
 """A real service on loopback, and meshes to send to it."""
 
+import multiprocessing
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -91,6 +92,11 @@ def wait_until(condition: Callable[[], object], *, seconds: float) -> None:
     while not condition():
         assert time.monotonic() < end, "waited in vain"
         time.sleep(0.02)
+
+
+def children() -> set[int | None]:
+    """The process ids of the workers that this process has started, and which are not over."""
+    return {child.pid for child in multiprocessing.active_children()}
 
 
 @cache

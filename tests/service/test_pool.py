@@ -17,7 +17,7 @@ from service.compute.pool import LocalPool
 from service.compute.workers import Workers
 from service.errors import TaskGivenUpError, TaskTimeLimitError, WorkerLostError
 from tests.service.dask_cluster import cluster
-from tests.service.support import wait_until
+from tests.service.support import children, wait_until
 from tests.service.tasks import (
     add,
     die,
@@ -203,13 +203,15 @@ def test_shutdown_finishes_what_was_begun_and_cancels_what_was_not() -> None:
 
 
 def test_shutdown_does_not_wait_for_a_worker_that_is_warming_up() -> None:
+    others = children()
     pool = LocalPool(1, seconds=5, warm=_never_warm)
     waiting = pool.submit(add, 1, 1)
-    wait_until(lambda: pool._seats[0]._process, seconds=10)
+    wait_until(lambda: children() - others, seconds=10)
     start = time.monotonic()
     pool.shutdown(cancel_futures=True)
     assert time.monotonic() - start < 5
     assert waiting.cancelled()
+    assert children() == others
 
 
 def test_leaving_the_block_finishes_what_was_given() -> None:

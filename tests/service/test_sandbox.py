@@ -22,7 +22,7 @@ from service.settings import Settings
 from tests.core.files import glb
 from tests.core.step_files import step_box, step_sphere
 from tests.core.threemf_files import package
-from tests.service.support import small_file, wait_until
+from tests.service.support import children, small_file, wait_until
 from tests.service.tasks import nap, warm
 
 MEMORY = 768 * 1024**2
@@ -173,6 +173,25 @@ def test_a_process_is_replaced_after_so_many_tasks() -> None:
         with pytest.raises(TypeError):
             pool.submit(nap, "long").result()
         assert {pool.submit(os.getpid).result() for _ in range(3)} & set(pids) == set()
+
+
+def test_the_next_process_is_started_before_it_is_needed() -> None:
+    others = children()
+    with LocalPool(1, seconds=60, warm=warm, tasks_each=20) as pool:
+        first = pool.submit(os.getpid).result()
+        assert {pool.submit(os.getpid).result() for _ in range(17)} == {first}
+        wait_until(lambda: len(children() - others) == 2, seconds=60)
+        assert pool.pids() == [first]
+        (following,) = children() - others - {first}
+        assert [pool.submit(os.getpid).result() for _ in range(3)] == [first, first, following]
+    assert children() == others
+
+
+def test_a_pool_that_closes_leaves_no_process_that_was_on_its_way() -> None:
+    others = children()
+    with LocalPool(1, seconds=60, warm=warm, tasks_each=2) as pool:
+        pool.submit(os.getpid).result()
+    assert children() == others
 
 
 def hold(size: int) -> None:
