@@ -25,8 +25,11 @@ async function enter(own) {
     /** @type {HTMLElement} */ (part).hidden = own.access !== "full";
   }
   if (!may) return key.focus();
-  await openGallery(own.access === "full");
-  if (own.access === "full") await Promise.all([openJobs(), openDeleted(reload)]);
+  const full = own.access === "full";
+  // Before anything can be deleted: the question whether to says what becomes of a shape.
+  if (full) await openDeleted(reload);
+  await openGallery(full);
+  if (full) await openJobs();
 }
 
 async function begin() {
