@@ -1,8 +1,9 @@
-"""The client against the real service, and against answers that no service of ours gives."""
+"""Both clients against the real service, and against answers that no service of ours gives."""
 
-from collections.abc import Callable
+import inspect
+from collections.abc import AsyncIterator, Callable, Iterator
 from pathlib import Path
-from typing import get_type_hints
+from typing import Any, get_type_hints
 
 import httpx
 import pytest
@@ -10,6 +11,7 @@ import pytest
 from service.client import (
     PROXY_RETRIES,
     RETRIES,
+    AsyncClient,
     Client,
     ProblemError,
     QueryArguments,
@@ -19,11 +21,29 @@ from service.client import (
 from service.errors import PROBLEMS
 from service.problems import MEDIA_TYPE, TYPE_PREFIX
 from service.search.schemas import QueryOptions
+from service.shapes.schemas import Shape
 from tests.service.jobs.packing import pack
+from tests.service_cli.awaited import Awaited
 from tests.service_cli.conftest import mesh_bytes
 
 CUP = ("cup-0.off", mesh_bytes("cup", 0))
 OCTOPUS = ("octopus-0.off", mesh_bytes("octopus", 0))
+
+Make = Callable[..., Client]
+Answering = Callable[[Callable[[httpx.Request], httpx.Response]], Client]
+
+
+@pytest.fixture(params=[Client, Awaited], ids=["waiting", "awaited"])
+def make(request: pytest.FixtureRequest) -> Make:
+    """What makes a client: one that waits, or one whose answers are awaited."""
+    return request.param
+
+
+@pytest.fixture
+def archive(archive: Client, make: Make) -> Iterator[Client]:
+    """A client of either kind, of a running service that holds nothing."""
+    with make(archive.url) as client:
+        yield client
 
 
 def test_a_shape_from_upload_to_deletion(archive: Client) -> None:
@@ -135,32 +155,37 @@ def test_an_id_names_no_other_address(archive: Client) -> None:
 
 
 @pytest.mark.parametrize("url", ["http://127.0.0.1:9", "ftp://127.0.0.1", "nothing", "http://[::1"])
-def test_unreachable(url: str) -> None:
-    with pytest.raises(UnreachableError), Client(url) as client:
+def test_unreachable(url: str, make: Make) -> None:
+    with pytest.raises(UnreachableError), make(url) as client:
         client.version()
 
 
-def test_unreachable_is_not_ready() -> None:
-    with Client("http://127.0.0.1:9") as client:
+def test_unreachable_is_not_ready(make: Make) -> None:
+    with make("http://127.0.0.1:9") as client:
         assert not client.ready()
 
 
-def answering(handler: Callable[[httpx.Request], httpx.Response]) -> Client:
-    return Client("http://elsewhere", transport=httpx.MockTransport(handler))
+@pytest.fixture
+def answering(make: Make) -> Answering:
+    """What makes a client that has its answers from a function."""
+    return lambda handler: make("http://elsewhere", transport=httpx.MockTransport(handler))
 
 
 @pytest.mark.parametrize(
-    "answer",
+    "given",
     [
-        httpx.Response(200, text="<html>hello</html>"),
-        httpx.Response(200, json={"version": "1.0", "service": "another"}),
-        httpx.Response(502, text="Bad gateway"),
-        httpx.Response(500, json={"detail": "x"}, headers={"content-type": MEDIA_TYPE}),
-        httpx.Response(302, headers={"location": "/login"}),
+        {"status_code": 200, "text": "<html>hello</html>"},
+        {"status_code": 200, "json": {"version": "1.0", "service": "another"}},
+        {"status_code": 502, "text": "Bad gateway"},
+        {"status_code": 500, "json": {"detail": "x"}, "headers": {"content-type": MEDIA_TYPE}},
+        {"status_code": 302, "headers": {"location": "/login"}},
     ],
 )
-def test_another_service_is_told_apart(answer: httpx.Response) -> None:
-    with answering(lambda request: answer) as client, pytest.raises(UnexpectedAnswerError, match="/version"):
+def test_another_service_is_told_apart(given: dict[str, Any], answering: Answering) -> None:
+    with (
+        answering(lambda request: httpx.Response(**given)) as client,
+        pytest.raises(UnexpectedAnswerError, match="/version"),
+    ):
         client.version()
 
 
@@ -181,7 +206,7 @@ def problem(kind: str) -> httpx.Response:
 @pytest.mark.parametrize(
     "kind", ["busy", "worker-lost", "storage-unavailable", "storage-full", "no-triangles"]
 )
-def test_only_what_may_pass_is_tried_again_and_not_for_ever(kind: str) -> None:
+def test_only_what_may_pass_is_tried_again_and_not_for_ever(kind: str, answering: Answering) -> None:
     asked = 0
 
     def refuse(request: httpx.Request) -> httpx.Response:
@@ -195,7 +220,7 @@ def test_only_what_may_pass_is_tried_again_and_not_for_ever(kind: str) -> None:
     assert asked == 1 + RETRIES.get(kind, 0)
 
 
-def test_a_service_that_was_busy_gets_the_whole_file_again() -> None:
+def test_a_service_that_was_busy_gets_the_whole_file_again(answering: Answering) -> None:
     bodies: list[bytes] = []
 
     def busy_once(request: httpx.Request) -> httpx.Response:
@@ -208,8 +233,25 @@ def test_a_service_that_was_busy_gets_the_whole_file_again() -> None:
     assert all(b"the bytes" in body for body in bodies)
 
 
+def test_an_archive_that_is_streamed_is_sent_again_from_its_beginning(
+    answering: Answering, tmp_path: Path
+) -> None:
+    path = tmp_path / "meshes.zip"
+    path.write_bytes(bytes(range(256)) * 1000)
+    bodies: list[bytes] = []
+
+    def busy_once(request: httpx.Request) -> httpx.Response:
+        bodies.append(request.read())
+        return problem("busy" if len(bodies) == 1 else "bad-request")
+
+    with answering(busy_once) as client, pytest.raises(ProblemError):
+        client.send_archive(path)
+    assert len(bodies) == 2
+    assert all(path.read_bytes() in body for body in bodies)
+
+
 @pytest.mark.parametrize(("status", "times"), [(429, 1 + PROXY_RETRIES), (503, 1 + PROXY_RETRIES), (502, 1)])
-def test_a_proxy_that_is_busy_is_asked_again_too(status: int, times: int) -> None:
+def test_a_proxy_that_is_busy_is_asked_again_too(status: int, times: int, answering: Answering) -> None:
     asked = 0
 
     def refuse(request: httpx.Request) -> httpx.Response:
@@ -228,3 +270,18 @@ def test_retried_kinds_are_temporary_ones() -> None:
 
 def test_query_arguments_are_the_services_own() -> None:
     assert set(get_type_hints(QueryArguments)) == set(QueryOptions.model_fields)
+
+
+def test_both_have_the_same_methods() -> None:
+    def described(kind: type) -> dict[str, object]:
+        public = {name: each for name, each in vars(kind).items() if not name.startswith("_")}
+        return {name: (list(parameters(each)), inspect.getdoc(each)) for name, each in public.items()}
+
+    def parameters(method: Callable[..., object]) -> Iterator[tuple[str, object, object]]:
+        for each in inspect.signature(method).parameters.values():
+            yield each.name, each.kind, each.default
+
+    assert described(AsyncClient) == described(Client)
+    assert inspect.signature(Client.shape).return_annotation is Shape
+    assert inspect.signature(AsyncClient.shapes).return_annotation == AsyncIterator[Shape]
+    assert list(inspect.signature(Client("http://elsewhere").shape).parameters) == ["shape_id"]
