@@ -3,7 +3,7 @@
 Every shape in turn is perturbed and is the query; its own clean self is left out of the ranking.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -53,6 +53,8 @@ class Kind:
         In the order of the curve, the mildest first.
     certain : tuple of float
         Those of the amounts that leave nothing to chance: one seed tells all.
+    part : bool
+        What is left is a part of the shape: it is also looked for by `core.partial`.
     """
 
     name: str
@@ -61,12 +63,13 @@ class Kind:
     perturb: Callable[[Mesh, float, int], Mesh]
     amounts: tuple[float, ...]
     certain: tuple[float, ...] = ()
+    part: bool = False
 
 
 KINDS = (
     Kind("noise", "Gaussian noise", "% of the diagonal", add_noise, (0.001, 0.003, 0.005, 0.01)),
-    Kind("holes", "holes", "% of the area gone", remove_discs, (0.1, 0.2, 0.3, 0.4)),
-    Kind("cut", "a part cut away", "% of the area gone", cut_part, (0.1, 0.2, 0.3, 0.4)),
+    Kind("holes", "holes", "% of the area gone", remove_discs, (0.1, 0.2, 0.3, 0.4), part=True),
+    Kind("cut", "a part cut away", "% of the area gone", cut_part, (0.1, 0.2, 0.3, 0.4), part=True),
     Kind("decimation", "decimation", "% of the faces kept", decimate, (0.5, 0.25, 0.1)),
     Kind("subdivision", "subdivision", "% of the edges split", subdivide, (0.5, 1.0), certain=(1.0,)),
     Kind("soup", "triangle soup", "% drawn in", make_soup, (0.0, 0.01, 0.05), certain=(0.0,)),
@@ -76,10 +79,19 @@ KINDS = (
 
 @dataclass(frozen=True)
 class Retrieval:
-    """Share of the queries whose first answer is of their class, by CC and by the combined score."""
+    """Share of the queries whose first answer is of their class.
+
+    Attributes
+    ----------
+    cc, combined : float
+        By CC, and by the combined score.
+    part : float or None
+        By the distance of `core.partial.part_distances`; None where nothing is missing.
+    """
 
     cc: float
     combined: float
+    part: float | None = None
 
 
 @dataclass(frozen=True)
@@ -106,7 +118,7 @@ class Level:
     unusable: tuple[int, ...]
 
     def ends(self, rank_by: str) -> tuple[float, float, float]:
-        """Mean, smallest and largest over the seeds; `rank_by` is "cc" or "combined"."""
+        """Mean, smallest and largest over the seeds; `rank_by` is "cc", "combined" or "part"."""
         found = [float(getattr(run, rank_by)) for run in self.runs]
         return float(np.mean(found)), min(found), max(found)
 
@@ -151,23 +163,25 @@ def tau_parameters(tau: float) -> Parameters:
 
 
 def nearest_neighbour(
-    cc: Floats, combined: Floats, scored: NDArray[np.bool_], labels: Sequence[str]
+    likeness: Mapping[str, Floats], scored: NDArray[np.bool_], labels: Sequence[str]
 ) -> Retrieval:
     """NN of `core.evaluation`, row i of each array being query i and column j stored shape j.
 
     Parameters
     ----------
-    cc, combined : float64, shape (n, n)
-        Not symmetric, since only the query is perturbed. The diagonal is not read.
+    likeness : mapping of str to float64, shape (n, n)
+        By the names of `Retrieval`; greater for what is more alike. Not symmetric, since only the query is
+        perturbed. The diagonal is not read.
     scored : bool, shape (n, n)
-        Where the two hold scores. A shape that was not scored is the last answer; a query without any finds
+        Where they hold scores. A shape that was not scored is the last answer; a query without any finds
         nothing.
     labels : sequence of n str
     """
     pairs = scored & ~np.eye(len(labels), dtype=bool)
     shares = {}
-    for name, found in (("cc", cc[pairs]), ("combined", combined[pairs])):
-        matrix = np.full(cc.shape, found.min(initial=0.0) - 1.0)
+    for name, scores in likeness.items():
+        found = scores[pairs]
+        matrix = np.full(scores.shape, found.min(initial=0.0) - 1.0)
         matrix[pairs] = found
         shares[name] = evaluate(matrix, labels, larger_is_closer=True).nn
     return Retrieval(**shares)

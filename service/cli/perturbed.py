@@ -13,10 +13,11 @@ from zlib import crc32
 import numpy as np
 
 from core.cleaning import clean
-from core.embedding import Embedding
+from core.embedding import Embedding, Float32s
 from core.errors import CoreError
-from core.mesh import Floats
+from core.mesh import Floats, Mesh
 from core.parameters import DEFAULT
+from core.partial import part_distances, parts, patches
 from core.pipeline import Pipeline
 from core.reading import format_of, read_mesh
 from core.robustness import KINDS, TAU, Kind, Level, Retrieval, nearest_neighbour, tau_parameters
@@ -60,15 +61,16 @@ def clean_retrieval(pool: Executor, gallery: Gallery, done: Done) -> Retrieval:
     """Each clean shape as a query against all others."""
     scores = score_pairs(pool, Pipeline(DEFAULT), gallery.embeddings, done)
     everything = np.ones(scores.cc.shape, dtype=bool)
-    return nearest_neighbour(scores.cc, scores.combined, everything, gallery.labels)
+    return nearest_neighbour({"cc": scores.cc, "combined": scores.combined}, everything, gallery.labels)
 
 
 @contextmanager
-def on_disk(gallery: Gallery) -> Iterator[Path]:
-    """A file with the gallery, so that each worker reads it once, and not once a query."""
+def on_disk(pool: Executor, gallery: Gallery) -> Iterator[Path]:
+    """A file with the gallery and its patches, so that each worker reads it once, and not once a query."""
+    known = list(pool.map(_patches, gallery.files))
     with TemporaryDirectory() as folder:
         path = Path(folder) / "gallery"
-        path.write_bytes(pickle.dumps(list(gallery.embeddings)))
+        path.write_bytes(pickle.dumps((list(gallery.embeddings), known)))
         yield path
 
 
@@ -86,7 +88,8 @@ def perturbed_level(
     runs, own, unusable = [], [], []
     count = len(gallery.files)
     for seed in range(1 if amount in kind.certain else seeds):
-        cc, combined = np.zeros((count, count)), np.zeros((count, count))
+        names = ("cc", "combined", "part") if kind.part else ("cc", "combined")
+        likeness = {name: np.zeros((count, count)) for name in names}
         scored = np.zeros((count, count), dtype=bool)
         query = partial(_query, stored, kind.name, amount, seed)
         futures = {pool.submit(query, path): i for i, path in enumerate(gallery.files)}
@@ -95,11 +98,12 @@ def perturbed_level(
             if isinstance(row, str):
                 tell(f"{gallery.files[i]}, {kind.title} {100 * amount:g} %: {row}")
             else:
-                cc[i], combined[i] = row
+                for name, found in row.items():
+                    likeness[name][i] = found
                 scored[i] = True
             done(1)
-        runs.append(nearest_neighbour(cc, combined, scored, gallery.labels))
-        mine = np.diagonal(cc)[np.diagonal(scored)]
+        runs.append(nearest_neighbour(likeness, scored, gallery.labels))
+        mine = np.diagonal(likeness["cc"])[np.diagonal(scored)]
         own.append(float(mine.mean()) if len(mine) else 0.0)
         unusable.append(count - len(mine))
     return Level(kind.name, amount, tuple(runs), tuple(own), tuple(unusable))
@@ -109,7 +113,7 @@ def tau_level(gallery: Gallery, tau: float, workers: int, tell: Told, done: Done
     """Gallery and queries embedded anew under a sparse ratio; `done` is told of each shape twice."""
     parameters = tau_parameters(tau)
     count = len(gallery.files)
-    cc, combined = np.zeros((count, count)), np.zeros((count, count))
+    likeness = {name: np.zeros((count, count)) for name in ("cc", "combined")}
     scored = np.zeros((count, count), dtype=bool)
     with worker_pool(parameters, workers) as pool:
         files = list(zip(gallery.files, gallery.labels, strict=True))
@@ -118,9 +122,10 @@ def tau_level(gallery: Gallery, tau: float, workers: int, tell: Told, done: Done
             scores = score_pairs(pool, Pipeline(parameters), found.embeddings, lambda _: None)
             places = [gallery.files.index(path) for path in found.files]
             grid = np.ix_(places, places)
-            cc[grid], combined[grid], scored[grid] = scores.cc, scores.combined, True
+            likeness["cc"][grid], likeness["combined"][grid] = scores.cc, scores.combined
+            scored[grid] = True
     done(count)
-    run = nearest_neighbour(cc, combined, scored, gallery.labels)
+    run = nearest_neighbour(likeness, scored, gallery.labels)
     return Level(TAU, tau, (run,), (), (count - len(found.files),))
 
 
@@ -129,13 +134,14 @@ def seed_of(path: Path, seed: int) -> int:
     return int(np.random.SeedSequence([seed, crc32(path.name.encode())]).generate_state(1)[0])
 
 
-def _query(stored: Path, kind: str, amount: float, seed: int, path: Path) -> tuple[Floats, Floats] | str:
-    """CC and combined of a perturbed file with the whole gallery, each (n,), or why there is none."""
-    perturb = next(each.perturb for each in KINDS if each.name == kind)
-    pipeline, gallery = _pipeline(), _load(stored)
+def _query(stored: Path, kind: str, amount: float, seed: int, path: Path) -> dict[str, Floats] | str:
+    """How alike a perturbed file is to each of the gallery, (n,) by a name, or why that is not known."""
+    way = next(each for each in KINDS if each.name == kind)
+    pipeline, (gallery, known) = _pipeline(), _load(stored)
     try:
-        mesh = clean(read_mesh(path.read_bytes(), format_of(path.name))).mesh
-        query = pipeline.embed(perturb(mesh, amount, seed_of(path, seed)))
+        mesh = way.perturb(_clean(path), amount, seed_of(path, seed))
+        query = pipeline.embed(mesh)
+        found = {"part": -part_distances(parts(mesh), known)} if way.part else {}
     except CoreError as error:
         return f"{error.kind}: {error}"
     except Exception as error:
@@ -143,7 +149,16 @@ def _query(stored: Path, kind: str, amount: float, seed: int, path: Path) -> tup
         return f"{type(error).__name__}: {error}"
     signatures = np.stack([embedding.signature for embedding in gallery])
     scores = pipeline.score(query, gallery)
-    return scores.cc, pipeline.combined(scores.cc, scores.sim, query.signature, signatures)
+    combined = pipeline.combined(scores.cc, scores.sim, query.signature, signatures)
+    return {"cc": scores.cc, "combined": combined, **found}
+
+
+def _patches(path: Path) -> Float32s:
+    return patches(_clean(path))
+
+
+def _clean(path: Path) -> Mesh:
+    return clean(read_mesh(path.read_bytes(), format_of(path.name))).mesh
 
 
 @lru_cache(maxsize=1)
@@ -152,6 +167,6 @@ def _pipeline() -> Pipeline:
 
 
 @lru_cache(maxsize=1)
-def _load(stored: Path) -> list[Embedding]:
-    embeddings: list[Embedding] = pickle.loads(stored.read_bytes())
-    return embeddings
+def _load(stored: Path) -> tuple[list[Embedding], list[Float32s]]:
+    loaded: tuple[list[Embedding], list[Float32s]] = pickle.loads(stored.read_bytes())
+    return loaded

@@ -44,7 +44,8 @@ def command(
     """Measure retrieval with perturbed queries against the clean collection; Fig. 9 of the paper.
 
     Noise, holes, parts cut away, decimation, subdivision, triangle soup, loose parts and the sparse ratio
-    tau, each by several amounts; the first neighbour by CC and by the combined score. An amount and a seed
+    tau, each by several amounts; the first neighbour by CC and by the combined score, and with holes and cuts also as a
+    part (`partial=true`). An amount and a seed
     cost about as much as evaluating the collection twice.
     """
     chosen = set(only or NAMES)
@@ -81,7 +82,7 @@ def _study(
                 fail("no file could be used")
             task = bar.add_task("clean queries", total=count * (count - 1) // 2)
             clean = clean_retrieval(pool, gallery, partial(bar.advance, task))
-            with on_disk(gallery) as stored:
+            with on_disk(pool, gallery) as stored:
                 for kind in kinds:
                     runs = sum(1 if amount in kind.certain else seeds for amount in kind.amounts)
                     task = bar.add_task(kind.title, total=count * runs)

@@ -11,7 +11,8 @@ from core.robustness import KINDS, Level, Study
 from service.drawing import Panel, draw_grid
 from service.robustness.table import TITLES, UNITS, amount_of
 
-_COLOURS = {"cc": "#0072b2", "combined": "#d55e00"}
+_COLOURS = {"cc": "#0072b2", "combined": "#d55e00", "part": "#009e73"}
+_NAMES = {"cc": "by cc", "combined": "by combined", "part": "as a part"}
 _COLUMNS = 4
 SHOWN = "person"
 
@@ -32,9 +33,13 @@ def curves_figure(study: Study) -> bytes:
     for row in grid:
         row[0].set_ylabel("NN", fontsize=8)
     grid[0, 0].set_ylim(0.0, 1.02)
-    handles, names = grid[0, 0].get_legend_handles_labels()
+    known = {
+        name: handle
+        for axes in grid.flat
+        for handle, name in zip(*axes.get_legend_handles_labels(), strict=True)
+    }
     figure.legend(
-        handles, names, loc="outside lower center", ncols=min(4, 2 * width), fontsize=8, frameon=False
+        known.values(), known, loc="outside lower center", ncols=min(5, 2 * width), fontsize=8, frameon=False
     )
     data = BytesIO()
     # Without the drawing program's version, so that the file changes only when the picture does.
@@ -57,14 +62,17 @@ def shapes_figure() -> bytes:
 
 def _curves(axes: Axes, study: Study, levels: list[Level]) -> None:
     places = range(len(levels))
-    for rank_by, clean in (("cc", study.clean.cc), ("combined", study.clean.combined)):
-        colour = _COLOURS[rank_by]
+    for rank_by, colour in _COLOURS.items():
+        if any(getattr(run, rank_by) is None for run in levels[0].runs):
+            continue
         ends = [level.ends(rank_by) for level in levels]
         means = [mean for mean, _, _ in ends]
         bars = [[mean - least for mean, least, _ in ends], [most - mean for mean, _, most in ends]]
-        axes.axhline(clean, color=colour, linestyle=":", linewidth=1, label=f"{rank_by}, clean")
+        clean = getattr(study.clean, rank_by)
+        if clean is not None:
+            axes.axhline(clean, color=colour, linestyle=":", linewidth=1, label=f"{rank_by}, clean")
         axes.errorbar(
-            places, means, yerr=bars, color=colour, marker="o", markersize=4, capsize=3, label=f"by {rank_by}"
+            places, means, yerr=bars, color=colour, marker="o", markersize=4, capsize=3, label=_NAMES[rank_by]
         )
     axes.set_xticks(places, [amount_of(level) for level in levels])
     axes.set_xlim(-0.3, len(levels) - 0.7)

@@ -15,6 +15,7 @@ _TERMS = (
     "**own CC**: the mean CC of a perturbed shape with its own clean self.",
     "A seed settles all chance; each shape's is its own. What leaves nothing to chance (all edges split, "
     "faces drawn in by nothing, tau) is run once.",
+    "**NN as a part**: the query with `partial=true`, which is for shapes of which something is missing.",
     "**Gaussian noise**: isotropic, on every vertex; the deviation of each coordinate as a share of the "
     "bounding box's diagonal. Neighbouring vertices move independently, so the finer the mesh, the rougher "
     "its surface becomes.",

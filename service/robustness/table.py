@@ -4,6 +4,8 @@ from core.robustness import KINDS, TAU, TAU_VERTICES, Level, Study
 from service.sampling.tables import TextTable
 
 TITLES = {TAU: "sparse ratio tau", **{kind.name: kind.title for kind in KINDS}}
+# What each ranking falls from: a whole shape is looked for by CC or by the combined score.
+CLEAN = {"cc": "cc", "combined": "combined", "part": "combined"}
 UNITS = {TAU: f"of about {TAU_VERTICES} vertices", **{kind.name: kind.unit for kind in KINDS}}
 
 
@@ -13,25 +15,41 @@ def amount_of(level: Level) -> str:
 
 
 def table(study: Study) -> TextTable:
-    """NN by CC and by the combined score, with the fall in points against the clean queries."""
+    """NN by CC, by the combined score and of parts, with the fall in points against the clean queries."""
     rows: list[tuple[str, ...]] = [
-        ("none", "", f"{study.clean.cc:.3f}", "", f"{study.clean.combined:.3f}", "", "", "")
+        ("none", "", f"{study.clean.cc:.3f}", "", f"{study.clean.combined:.3f}", *[""] * 5)
     ]
     rows += [_row(study, level) for level in study.levels]
     return TextTable(
         f"{study.collection}: {study.shapes} shapes, {study.classes} classes, {study.seeds} seed(s)",
-        ("perturbation", "amount", "NN cc", "fall", "NN combined", "fall", "own CC", "unusable"),
+        (
+            "perturbation",
+            "amount",
+            "NN cc",
+            "fall",
+            "NN combined",
+            "fall",
+            "NN as a part",
+            "fall",
+            "own CC",
+            "unusable",
+        ),
         tuple(rows),
-        "NN is the mean over the seeds, and in brackets the smallest and the largest; the fall is in points.",
+        "NN is the mean over the seeds, and in brackets the smallest and the largest; the fall is in points, and "
+        "that of parts is from the clean queries by the combined score.",
     )
 
 
 def _row(study: Study, level: Level) -> tuple[str, ...]:
     cells = []
-    for rank_by, clean in (("cc", study.clean.cc), ("combined", study.clean.combined)):
+    for rank_by, clean in CLEAN.items():
+        if any(getattr(run, rank_by) is None for run in level.runs):
+            cells += ["", ""]
+            continue
+        clean_nn = getattr(study.clean, clean)
         mean, least, most = level.ends(rank_by)
         spread = f" ({least:.2f}–{most:.2f})" if len(level.runs) > 1 else ""
-        cells += [f"{mean:.3f}{spread}", f"{100 * (clean - mean):.1f}"]
+        cells += [f"{mean:.3f}{spread}", f"{100 * (clean_nn - mean):.1f}"]
     own = f"{sum(level.own_cc) / len(level.own_cc):.3f}" if level.own_cc else ""
     bad = str(max(level.unusable)) if any(level.unusable) else ""
     amount = f"{amount_of(level)} {UNITS[level.kind]}"

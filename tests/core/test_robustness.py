@@ -24,22 +24,35 @@ EVERYWHERE = np.ones((4, 4), dtype=bool)
 
 
 def test_rows_are_queries_and_the_diagonal_is_not_read():
-    assert nearest_neighbour(FINDS_ALL, FINDS_ALL, EVERYWHERE, LABELS) == Retrieval(1.0, 1.0)
+    assert nearest_neighbour({"cc": FINDS_ALL, "combined": FINDS_ALL}, EVERYWHERE, LABELS) == Retrieval(
+        1.0, 1.0
+    )
     turned = FINDS_ALL.copy()
     turned[1] = [0.1, 0.99, 0.7, 0.6]
-    assert nearest_neighbour(turned, FINDS_ALL, EVERYWHERE, LABELS) == Retrieval(0.75, 1.0)
-    assert nearest_neighbour(FINDS_ALL, turned, EVERYWHERE, LABELS) == Retrieval(1.0, 0.75)
+    assert nearest_neighbour({"cc": turned, "combined": FINDS_ALL}, EVERYWHERE, LABELS) == Retrieval(
+        0.75, 1.0
+    )
+    assert nearest_neighbour({"cc": FINDS_ALL, "combined": turned}, EVERYWHERE, LABELS) == Retrieval(
+        1.0, 0.75
+    )
 
 
 def test_what_is_not_scored_is_no_answer():
     scored = EVERYWHERE.copy()
     scored[3] = False
-    assert nearest_neighbour(FINDS_ALL, FINDS_ALL, scored, LABELS) == Retrieval(0.75, 0.75)
+    assert nearest_neighbour({"cc": FINDS_ALL, "combined": FINDS_ALL}, scored, LABELS) == Retrieval(
+        0.75, 0.75
+    )
     # Without its fellow in the gallery the second query finds nothing of its class either.
     scored[1, 0] = False
-    assert nearest_neighbour(FINDS_ALL, FINDS_ALL, scored, LABELS) == Retrieval(0.5, 0.5)
+    assert nearest_neighbour({"cc": FINDS_ALL, "combined": FINDS_ALL}, scored, LABELS) == Retrieval(0.5, 0.5)
     nothing = np.zeros((4, 4), dtype=bool)
-    assert nearest_neighbour(FINDS_ALL, FINDS_ALL, nothing, LABELS) == Retrieval(0.0, 0.0)
+    assert nearest_neighbour({"cc": FINDS_ALL, "combined": FINDS_ALL}, nothing, LABELS) == Retrieval(0.0, 0.0)
+
+
+def test_parts_are_ranked_where_they_are_scored():
+    scores = {"cc": FINDS_ALL, "combined": FINDS_ALL, "part": -FINDS_ALL}
+    assert nearest_neighbour(scores, EVERYWHERE, LABELS) == Retrieval(1.0, 1.0, 0.0)
 
 
 def test_mean_and_ends_over_the_seeds():

@@ -60,7 +60,7 @@ def test_noise_against_a_plain_loop(collection: Path, run: Run) -> None:
                 for row, query in zip(rows, queries, strict=True)
             ]
         )
-        return cc, nearest_neighbour(cc, combined, everywhere, labels)
+        return cc, nearest_neighbour({"cc": cc, "combined": combined}, everywhere, labels)
 
     assert study["clean"] == pytest.approx(vars(retrieval(gallery)[1]))
     for seed in (0, 1):
@@ -83,7 +83,10 @@ def test_every_kind_the_page_and_the_pictures(collection: Path, run: Run, tmp_pa
     assert [row[0] for row in rows[3:]] == [f"| {kind.title}" for kind in KINDS] + ["| sparse ratio tau"]
     assert [row[1].split()[0] for row in rows[3:]] == ["1", "40", "40", "10", "100", "5", "2", "0.2"]
     clean_cc, clean_combined = float(rows[2][2]), float(rows[2][4])
-    for row in rows[3:]:
+    for row, kind in zip(rows[3:], [*KINDS, None], strict=True):
+        assert bool(row[6].strip()) == bool(row[7].strip()) == (kind is not None and kind.part)
+        if kind is not None and kind.part:
+            assert float(row[7]) == pytest.approx(100 * (clean_combined - float(row[6])), abs=0.1)
         assert float(row[3]) == pytest.approx(100 * (clean_cc - float(row[2])), abs=0.1)
         assert float(row[5]) == pytest.approx(100 * (clean_combined - float(row[4])), abs=0.1)
     pictures = {path.name for path in out.iterdir()} - {"robustness.md"}
