@@ -6,7 +6,7 @@ find as many of both. 3MF is read by code of its own over zipfile and expat. STE
 and checked as one.
 """
 
-from core.reading.names import ENDINGS, FORMATS, READABLE, format_of
+from core.reading.names import ENDINGS, FORMATS, READABLE, WRITABLE, format_of
 from core.reading.plain import DEFAULT_LIMITS, Limits
 from core.reading.read import read_mesh
 from core.reading.write import write_mesh
@@ -16,6 +16,7 @@ __all__ = [
     "ENDINGS",
     "FORMATS",
     "READABLE",
+    "WRITABLE",
     "Limits",
     "format_of",
     "read_mesh",

@@ -4,9 +4,12 @@ from core.errors import UnknownFormatError
 from core.reading import step
 
 FORMATS: tuple[str, ...] = ("stl", "obj", "ply", "off", "glb")
-"""The formats that are read and written."""
+"""The formats of one mesh or scene a file, which are read and written."""
 
-READABLE: tuple[str, ...] = (*FORMATS, "3mf", "step")
+WRITABLE: tuple[str, ...] = (*FORMATS, "3mf")
+"""The formats that are written."""
+
+READABLE: tuple[str, ...] = (*WRITABLE, "step")
 """The formats that are read: STEP with the package cascadio."""
 
 ENDINGS: dict[str, str] = {**{name: name for name in READABLE}, "stp": "step"}
@@ -37,12 +40,12 @@ def written(format: str) -> str:
     Raises
     ------
     UnknownFormatError
-        It is not one of `FORMATS`.
+        It is not one of `WRITABLE`.
     """
     name = format.lower()
-    if name not in FORMATS:
+    if name not in WRITABLE:
         raise UnknownFormatError(
-            f"the format {_shown(format)} is not one that is written: {', '.join(FORMATS)}"
+            f"the format {_shown(format)} is not one that is written: {', '.join(WRITABLE)}"
         )
     return name
 

@@ -7,7 +7,7 @@ from itertools import islice
 import numpy as np
 
 from core.errors import MalformedMeshError
-from core.mesh import Ints
+from core.mesh import Floats, Ints
 
 _BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 # One meaning for every byte: white space is a space, a tab or a newline, and what is not ASCII, which only
@@ -154,3 +154,11 @@ def face_lines(faces: Ints, form: str) -> bytes:
     """Write one line a face; `form` has a %d for each corner and ends with a newline."""
     blocks = (faces[start : start + _BLOCK] for start in range(0, len(faces), _BLOCK))
     return b"".join((form * len(block) % tuple(block.ravel().tolist())).encode() for block in blocks)
+
+
+def vertex_lines(vertices: Floats, form: str) -> bytes:
+    """Write one line a vertex; `form` has a %r for each coordinate and ends with a newline.
+
+    trimesh's fixed number of decimals would not do for small units.
+    """
+    return (form * len(vertices) % tuple(vertices.ravel().tolist())).encode()

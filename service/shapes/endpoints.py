@@ -157,10 +157,11 @@ async def read_file(
     request: Request,
     parts: Service,
     format: Annotated[
-        Literal["stl", "obj", "ply", "off", "glb"] | None,
+        Literal["stl", "obj", "ply", "off", "glb", "3mf"] | None,
         Query(
-            description="Have the mesh written in this format, unless the file is of it. obj and off hold "
-            "the very coordinates, the others 32 bits of each; nothing but vertices and triangles is written."
+            description="Have the mesh written in this format, unless the file is of it. obj, off and 3mf "
+            "hold the very coordinates, the others 32 bits of each; nothing but vertices and triangles is "
+            "written. 3mf takes the coordinates for millimetres."
         ),
     ] = None,
 ) -> Response:

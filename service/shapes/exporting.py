@@ -9,9 +9,10 @@ from service.parts import Parts
 from service.shapes.records import ShapeRecord
 from service.shapes.service import get_file
 
-_VERTEX = {"obj": 80, "off": 78, "ply": 12, "glb": 12, "stl": 0}
-_FACE = {"obj": 30, "off": 31, "ply": 13, "glb": 12, "stl": 50}
-"""The most bytes that each takes, in lines or in 32 bits; vertices of STL are written with the faces."""
+_VERTEX = {"obj": 80, "off": 78, "ply": 12, "glb": 12, "stl": 0, "3mf": 98}
+_FACE = {"obj": 30, "off": 31, "ply": 13, "glb": 12, "stl": 50, "3mf": 58}
+"""The most bytes that each takes, in lines or in 32 bits; vertices of STL are written with the faces, and
+a 3MF is counted as it is before it is packed."""
 
 
 async def exported(parts: Parts, shape: ShapeRecord, format: str) -> bytes:

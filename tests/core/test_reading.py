@@ -19,7 +19,7 @@ from core.errors import (
     UnknownFormatError,
 )
 from core.mesh import Mesh
-from core.reading import ENDINGS, FORMATS, READABLE, Limits, format_of, read_mesh, write_mesh
+from core.reading import ENDINGS, FORMATS, READABLE, WRITABLE, Limits, format_of, read_mesh, write_mesh
 from tests.core.files import CUBE, TRIANGLES
 
 EXACT = ("obj", "off")
@@ -43,6 +43,7 @@ def sphere(subdivisions=3, scale=1.0):
 
 def test_names_of_formats():
     assert FORMATS == ("stl", "obj", "ply", "off", "glb")
+    assert WRITABLE == ("stl", "obj", "ply", "off", "glb", "3mf")
     assert READABLE == ("stl", "obj", "ply", "off", "glb", "3mf", "step")
     assert set(ENDINGS.values()) == set(READABLE)
 
@@ -82,9 +83,9 @@ def test_only_the_formats_listed_are_read_or_written(format):
         write_mesh(sphere(0), format)
 
 
-@pytest.mark.parametrize("format", ["3mf", "step", "stp"])
+@pytest.mark.parametrize("format", ["step", "stp"])
 def test_what_is_only_read_is_not_written(format):
-    with pytest.raises(UnknownFormatError, match="written: stl, obj, ply, off, glb"):
+    with pytest.raises(UnknownFormatError, match="written: stl, obj, ply, off, glb, 3mf"):
         write_mesh(sphere(0), format)
 
 
