@@ -16,13 +16,16 @@ import httpx
 import numpy as np
 
 from core.gallery import CLASSES, make_shape
-from core.reading import write_mesh
+from core.mesh import Mesh
+from core.reading import format_of, read_mesh, write_mesh
 from service.benchmark.archive import fill, originals, shape_id
 from service.benchmark.meshes import read_source
 from service.benchmark.searching import STEP
 from service.cli.child import ChildService
+from service.cli.sample import spread
 from service.cli.server import LOOPBACK, bind, wait_until_ready
 from service.client import Client
+from service.collections import read_collection
 from tests.service import engines
 from tests.service.dask_cluster import Cluster, cluster
 from tests.service.support import wait_until
@@ -63,8 +66,14 @@ def serving(url: str, scheduler: str) -> Iterator[Client]:
         yield client
 
 
-def files(count: int, first_pose: int) -> list[bytes]:
-    """Made shapes as files, that no other call gives."""
+def files(count: int, first_pose: int, collection: Path | None) -> list[bytes]:
+    """Made shapes, or those of a collection spread over its classes, as files that no other call gives."""
+    if collection is not None:
+        # Of another size each time: a file that was sent before would not be embedded again.
+        size = 1.0 + first_pose / 1000
+        chosen = [path for path, _ in spread(read_collection(collection), count)]
+        read = (read_mesh(path.read_bytes(), format_of(path.name)) for path in chosen)
+        return [write_mesh(Mesh(size * mesh.vertices, mesh.faces), "ply") for mesh in read]
     labels = list(CLASSES)
     return [
         write_mesh(make_shape(labels[i % len(labels)], first_pose + i // len(labels)), "ply")
@@ -103,7 +112,7 @@ def turn(
     wait_until(lambda: idle in httpx.get(f"{client.url}/metrics").text, seconds=600)
     matched, used, compared = search(client, asked.shapes, asked.queries)
     print(f"| query of {compared:,} | {workers} | {matched:,.0f} matches/s | {used} |", flush=True)
-    stored, used = ingest(client, files(asked.files, pose))
+    stored, used = ingest(client, files(asked.files, pose, asked.collection))
     print(f"| ingest | {workers} | {stored:.1f} shapes/s | {used} |", flush=True)
     return matched, stored
 
@@ -118,7 +127,7 @@ def main(asked: argparse.Namespace) -> None:
                 [turn(made, client, workers, asked, 10 + 10 * i) for i, workers in enumerate((2, 1, 2))]
             )
         two, one = found[[0, 2]].mean(axis=0), found[1]
-        most = ceilings(files(len(CLASSES), 1), asked.seconds)
+        most = ceilings(files(len(CLASSES), 1, asked.collection), asked.seconds)
         print("\n| what | one worker | two | times | one process alone | two | times |")
         print("|---|---:|---:|---:|---:|---:|---:|")
         for name, a, b in zip(("query", "ingest"), one, two, strict=True):
@@ -131,6 +140,7 @@ if __name__ == "__main__":
     parser.add_argument("--shapes", type=int, default=20_000)
     parser.add_argument("--queries", type=int, default=10)
     parser.add_argument("--files", type=int, default=112)
+    parser.add_argument("--collection", type=Path, help="ingest these meshes instead of made ones")
     parser.add_argument("--seconds", type=float, default=5.0)
     try:
         main(parser.parse_args())
