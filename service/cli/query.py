@@ -1,17 +1,21 @@
 """`isoshape query`: the stored shapes most like a file."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from service.cli.console import output, say
+from service.cli.console import output, progress, say
 from service.cli.target import Key, Url, service_at
+from service.client import Client, QueryArguments
 from service.search.ranking import RankBy
 from service.search.schemas import QueryAnswer
+
+# What the page is drawn with.
+UNASKED = {"results": {"__all__": {"correspondence"}}}
 
 
 def command(
@@ -25,16 +29,57 @@ def command(
     tag: Annotated[
         list[str] | None, typer.Option(help="Only among shapes with this tag; repeatable.")
     ] = None,
+    name: Annotated[str | None, typer.Option(help="Only among shapes with this text in their name.")] = None,
+    metadata: Annotated[
+        list[str] | None,
+        typer.Option(metavar="KEY=VALUE", help="Only among shapes whose metadata holds this; repeatable."),
+    ] = None,
+    exclude: Annotated[
+        list[str] | None, typer.Option(metavar="ID", help="Not the shape with this id; repeatable.")
+    ] = None,
+    exclude_self: Annotated[
+        bool, typer.Option("--exclude-self", help="Not the shapes with the very bytes of the file.")
+    ] = False,
+    min_cc: Annotated[
+        float | None, typer.Option(min=-1.0, max=1.0, help="Only results of at least this cc.")
+    ] = None,
+    scale: Annotated[
+        Literal["ignore", "respect"], typer.Option(help="respect: only shapes of about the file's size.")
+    ] = "ignore",
+    exhaustive: Annotated[
+        bool, typer.Option("--exhaustive", help="Compare with every shape, however many are stored.")
+    ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the service's answer as it is.")] = False,
+    html: Annotated[
+        Path | None, typer.Option(help="Write a page with pictures of what corresponds to this file too.")
+    ] = None,
     url: Url = None,
     key: Key = None,
 ) -> None:
     """Find the stored shapes most like a mesh file."""
     mesh = (file.name, file.read_bytes())
+    asked: QueryArguments = {
+        "top_k": top_k,
+        "rank_by": rank_by,
+        "partial": partial,
+        "tag": tag or [],
+        "metadata": metadata or [],
+        "exclude": exclude or [],
+        "exclude_self": exclude_self,
+        "scale": scale,
+        "exhaustive": exhaustive,
+    }
+    if name is not None:
+        asked["name"] = name
+    if min_cc is not None:
+        asked["min_cc"] = min_cc
+    drawn: QueryArguments = {**asked, "correspondences": html is not None}
     with service_at(url, key) as client:
-        answer = client.query_file(mesh, top_k=top_k, rank_by=rank_by, partial=partial, filter=tag or [])
+        answer = client.query_file(mesh, **drawn)
+        if html is not None:
+            write_report(client, mesh, asked, answer, html)
     if as_json:
-        typer.echo(answer.model_dump_json(exclude_none=True))
+        typer.echo(answer.model_dump_json(exclude_none=True, exclude=UNASKED))
     else:
         print_answer(output(), answer)
         times = ", ".join(f"{stage} {time:.0f}" for stage, time in answer.milliseconds.items())
@@ -43,10 +88,26 @@ def command(
         say(f"{answer.compared} of {answer.stored} stored shapes compared; milliseconds: {times}")
 
 
+def write_report(
+    client: Client, mesh: tuple[str, bytes], asked: QueryArguments, answer: QueryAnswer, path: Path
+) -> None:
+    """Write the page of an answer, in UTF-8 whatever the system's own is."""
+    # Here, so that a query without a page does not wait for what draws it.
+    from service.report.making import report  # noqa: PLC0415
+
+    with progress() as bar:
+        task = bar.add_task("drawing", total=len(answer.results))
+        text = report(client, mesh, dict(asked), answer, lambda: bar.advance(task))
+    path.write_bytes(text.encode())
+
+
 def print_answer(console: Console, answer: QueryAnswer) -> None:
     """The results as a table."""
-    if not answer.results:
+    if not answer.compared:
         console.print("nothing is stored that could be compared")
+        return
+    if not answer.results:
+        console.print("no shape that was compared has so high a cc")
         return
     table = Table(box=box.SIMPLE_HEAD, collapse_padding=True)
     table.add_column("rank", justify="right")

@@ -1,11 +1,13 @@
-"""A mesh as a small picture."""
+"""A mesh as a small picture, plain or painted."""
 
+from collections.abc import Callable
 from io import BytesIO
 
 import numpy as np
 from PIL import Image
 
-from core.mesh import Floats, Mesh
+from core.mesh import Floats, Ints, Mesh
+from service.pictures.colours import spread
 from service.pictures.raster import NOTHING, nearest_triangles
 from service.pictures.view import camera, frame, upright
 
@@ -24,6 +26,34 @@ def draw(mesh: Mesh, format: str, size: int) -> bytes:
 
     The same mesh always gives the same bytes.
     """
+    return _drawn(mesh, format, size, lambda *seen: _SURFACE)
+
+
+def draw_painted(mesh: Mesh, format: str, size: int, points: Floats, colours: Floats) -> bytes:
+    """The same picture, each place with the colour of the points near it.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    format : str
+        Of the file that it was read from, which says what is up.
+    size : int
+        Pixels a side.
+    points : float64, shape (p, 3), p >= 1
+        In the mesh's frame.
+    colours : float64, shape (p, 3)
+        Red, green and blue of each, in [0, 1].
+    """
+
+    def colour(seen: Ints, pixels: Floats, corners: Floats) -> Floats:
+        places = np.einsum("pc,pcx->px", _shares(corners[seen], pixels), mesh.vertices[mesh.faces[seen]])
+        return spread(points, colours, places)[:, :3].astype(np.float64)
+
+    return _drawn(mesh, format, size, colour)
+
+
+def _drawn(mesh: Mesh, format: str, size: int, colour: Callable[[Ints, Floats, Floats], Floats]) -> bytes:
+    """The picture in colours of p pixels: by the triangle of each, by where it is, and by all corners."""
     middle, half = frame(mesh.vertices)
     seen_from = camera() @ upright(format)
     points = (mesh.vertices - middle) / half @ seen_from.T
@@ -37,11 +67,21 @@ def draw(mesh: Mesh, format: str, size: int) -> bytes:
     corners = points[mesh.faces]
     seen = nearest_triangles(corners, fine)
     hit = seen != NOTHING
+    pixels = np.argwhere(hit)[:, ::-1].astype(np.float64) + 0.5
     colours = np.zeros((fine, fine, 4))
-    colours[hit] = np.hstack([np.outer(_light(corners), _SURFACE), np.full((len(corners), 1), 255.0)])[
-        seen[hit]
-    ]
+    colours[hit, :3] = _light(corners)[seen[hit], None] * colour(seen[hit], pixels, corners)
+    colours[hit, 3] = 255.0
     return _png(_coarser(colours))
+
+
+def _shares(corners: Floats, pixels: Floats) -> Floats:
+    """Barycentric coordinates, shape (p, 3), of p pixels, each in a triangle of its own."""
+    sides = corners[:, 1:, :2] - corners[:, :1, :2]
+    across = pixels - corners[:, 0, :2]
+    area = sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0]
+    b = (across[:, 0] * sides[:, 1, 1] - across[:, 1] * sides[:, 1, 0]) / area
+    c = (sides[:, 0, 0] * across[:, 1] - sides[:, 0, 1] * across[:, 0]) / area
+    return np.stack([1.0 - b - c, b, c], axis=1)
 
 
 def _light(corners: Floats) -> Floats:

@@ -1,13 +1,17 @@
 """`isoshape query`, and which service a command talks to."""
 
+import hashlib
 import json
 from pathlib import Path
 
 import pytest
 
+from core.mesh import Mesh
+from core.reading import read_mesh, write_mesh
 from service.cli import target
 from service.client import Client
-from service.search.schemas import QueryAnswer
+from service.search.schemas import QueryAnswer, QueryOptions
+from tests.service.html import Parsed
 from tests.service_cli.conftest import Run, mesh_bytes
 
 
@@ -49,6 +53,55 @@ def test_json_is_the_services_answer(archive: Client, cup: Path, run: Run) -> No
     assert [result["shape"]["name"] for result in tagged["results"]] == ["pliers.off"]
 
 
+def test_every_option_of_a_search_is_one_of_the_command(run: Run) -> None:
+    words = run("query", "--help").stdout.split()
+    # The older name of tag; what the page asks for; and arrays, which are for programs.
+    missing = {"filter", "correspondences", "embedding"}
+    for name in set(QueryOptions.model_fields) - missing:
+        assert f"--{name.replace('_', '-')}" in words
+
+
+def test_filters(archive: Client, cup: Path, run: Run) -> None:
+    mesh = read_mesh(mesh_bytes("cup", 0), "off")
+    same = archive.upload(("cup.off", mesh_bytes("cup", 0)), metadata={"made": "here"}).shape
+    archive.upload(("large cup.off", write_mesh(Mesh(3 * mesh.vertices, mesh.faces), "off")))
+    archive.upload(("octopus.off", mesh_bytes("octopus", 0)))
+
+    def found(*options: object) -> set[str]:
+        answer = json.loads(run("query", cup, *options, "--json", "--url", archive.url).stdout)
+        return {result["shape"]["name"] for result in answer["results"]}
+
+    everything = {"cup.off", "large cup.off", "octopus.off"}
+    assert found() == found("--exhaustive") == found("--scale", "ignore") == everything
+    assert found("--scale", "respect", "--min-cc", 0.5) == {"cup.off"}
+    assert found("--min-cc", 0.999) == everything - {"octopus.off"}
+    assert found("--name", "CUP") == everything - {"octopus.off"}
+    assert found("--metadata", "made=here") == {"cup.off"}
+    assert found("--exclude", same.id) == found("--exclude-self") == everything - {"cup.off"}
+    none = run("query", cup, "--min-cc", 1, "--name", "octopus", "--url", archive.url)
+    assert none.stdout == "no shape that was compared has so high a cc\n"
+
+
+def test_a_page_with_pictures(archive: Client, cup: Path, run: Run, tmp_path: Path) -> None:
+    stored = [archive.upload((f"{label}.off", mesh_bytes(label, 1))).shape for label in ("cup", "octopus")]
+    paths = [tmp_path / "one.html", tmp_path / "two.html"]
+    done = run("query", cup, "--html", paths[0], "--url", archive.url)
+    assert (done.status, "cup.off" in done.stdout) == (0, True)
+    printed = run("query", cup, "--html", paths[1], "--json", "--url", archive.url)
+    assert "correspondence" not in json.loads(printed.stdout)["results"][0]
+    text = paths[0].read_bytes()
+    assert text == paths[1].read_bytes()
+    parsed = Parsed(text.decode())
+    assert len(set(parsed.pictures)) >= 4
+    assert len(parsed.pictures) == 5
+    assert {"1. cup.off", "2. octopus.off", stored[0].id, hashlib.sha256(cup.read_bytes()).hexdigest()} <= {
+        *parsed.texts
+    }
+    nowhere = run("query", cup, "--html", tmp_path / "no" / "a.html", "--url", archive.url)
+    assert nowhere.status == 1
+    assert nowhere.stderr.endswith("No such file or directory\n")
+
+
 def test_nothing_stored(archive: Client, cup: Path, run: Run) -> None:
     done = run("query", cup, "--url", archive.url)
     assert (done.status, done.stdout) == (0, "nothing is stored that could be compared\n")
@@ -84,8 +137,9 @@ def test_a_database_without_a_service(
     stored = run("ingest", cup)
     assert (stored.status, stored.stdout) == (0, "1 stored, 0 already there, 0 refused\n")
     assert stored.stderr == "using the database sqlite:///own/archive.sqlite3\n"
-    found = json.loads(run("query", cup, "--json").stdout)
+    found = json.loads(run("query", cup, "--json", "--html", "found.html").stdout)
     assert found["results"][0]["cc"] == pytest.approx(1.0, abs=1e-6)
+    assert "1. a cup.off" in Parsed(Path("found.html").read_text(encoding="utf-8")).texts
     assert Path("own/archive.sqlite3").is_file()
     assert archive.page().total == 0
 

@@ -1,0 +1,1 @@
+"""A query and what it found, as one page that needs nothing else."""

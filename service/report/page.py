@@ -1,0 +1,173 @@
+"""The report as HTML: a query, what was found, how it was asked; no script, and nothing from elsewhere."""
+
+import json
+from base64 import b64encode
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from html import escape
+
+from service.report.style import STYLE
+from service.search.schemas import QueryAnswer, Result
+from service.system import Version
+
+SCORES = {
+    "CC": "The correlation of the matched points’ spectral coordinates: 1 for the same shape in any pose, "
+    "near 0 for shapes that have nothing in common.",
+    "SSD": "How far those coordinates are apart: the root of their squared differences, over the number of "
+    "pairs: 0 for the same shape, and more the less alike two shapes are.",
+    "sim": "The share of points, from 0 to 1, whose partner on the other shape a smooth map explains.",
+    "combined": "The chance, from 0 to 1, that both are of one class, by CC and sim, by their spectra and by "
+    "their form.",
+}
+PART_DISTANCE = (
+    "How unlike the surface about the query’s points is to that about the nearest points of the shape: 0 or "
+    "more, and it tells by its order."
+)
+
+
+@dataclass(frozen=True)
+class Found:
+    """A result, and its pictures: of the query and of the shape, points that correspond in one colour."""
+
+    result: Result
+    query: bytes
+    shape: bytes
+
+
+@dataclass(frozen=True)
+class Report:
+    """What stands in a report.
+
+    Attributes
+    ----------
+    name, sha256 : str
+        Of the file that was asked with.
+    picture : bytes
+        Of it, as PNG.
+    options : mapping
+        How it was searched, by the names of the interface.
+    answer : QueryAnswer
+    found : tuple of Found
+        Its results.
+    version : Version
+        Of the service.
+    """
+
+    name: str
+    sha256: str
+    picture: bytes
+    options: Mapping[str, object]
+    answer: QueryAnswer
+    found: tuple[Found, ...]
+    version: Version
+
+
+def page(report: Report) -> str:
+    """The report as a page. The same report always gives the same text."""
+    title = f"Shapes most like {escape(report.name)}"
+    return "\n".join(
+        [
+            "<!doctype html>",
+            '<html lang="en">',
+            "<head>",
+            '<meta charset="utf-8">',
+            '<meta name="viewport" content="width=device-width, initial-scale=1">',
+            '<meta http-equiv="Content-Security-Policy" '
+            "content=\"default-src 'none'; img-src data:; style-src 'unsafe-inline'\">",
+            f"<title>{title}</title>",
+            f"<style>\n{STYLE}</style>",
+            "</head>",
+            "<body>",
+            "<main>",
+            f"<h1>{title}</h1>",
+            *(f"<p>{escape(line)}</p>" for line in _summary(report.answer)),
+            f"<figure>{_picture(report.picture, 'The query')}",
+            f"<figcaption>The query, {escape(report.name)}</figcaption></figure>",
+            *(_section(found, report.name) for found in report.found),
+            *_explained(report.answer),
+            *_asked(report),
+            "</main>",
+            "</body>",
+            "</html>",
+            "",
+        ]
+    )
+
+
+def _summary(answer: QueryAnswer) -> list[str]:
+    lines = [f"Compared with {answer.compared} of {answer.stored} stored shapes."]
+    if not answer.results:
+        lines.append("None of them is among the results.")
+    elif not answer.matched:
+        lines.append("None of them is like the query, by the pipeline’s threshold of CC: these come nearest.")
+    return lines + answer.warnings
+
+
+def _section(found: Found, query: str) -> str:
+    result, shape = found.result, found.result.shape
+    name = escape(shape.name)
+    pictures = _picture(found.query, f"{query}, coloured") + _picture(found.shape, f"{shape.name}, coloured")
+    facts = {
+        "tags": ", ".join(shape.tags),
+        "metadata": _written(shape.metadata) if shape.metadata else "",
+        "vertices, faces": f"{shape.facts.vertices}, {shape.facts.faces}",
+        "to know": " ".join(shape.warnings),
+        "id": shape.id,
+    }
+    return "\n".join(
+        [
+            f'<section aria-label="Result {result.rank}">',
+            f"<h2>{result.rank}. {name}</h2>",
+            f'<figure class="pair">{pictures}',
+            f"<figcaption>{escape(query)} and {name}: points that correspond have one colour.</figcaption>",
+            "</figure>",
+            _table("Scores", _scores(result).items(), numbers=True),
+            _table("The shape", ((key, value) for key, value in facts.items() if value)),
+            "</section>",
+        ]
+    )
+
+
+def _scores(result: Result) -> dict[str, str]:
+    part = {} if result.part_distance is None else {"part distance": f"{result.part_distance:.4f}"}
+    return {
+        "CC": f"{result.cc:.4f}",
+        "SSD": f"{result.ssd:.4f}",
+        "sim": f"{result.sim:.4f}",
+        "combined": f"{result.combined:.3f}",
+        **part,
+    }
+
+
+def _explained(answer: QueryAnswer) -> list[str]:
+    partial = any(result.part_distance is not None for result in answer.results)
+    scores = {**SCORES, "part distance": PART_DISTANCE} if partial else SCORES
+    told = [f"<dt>{name}</dt><dd>{text}</dd>" for name, text in scores.items()]
+    return ["<h2>What the numbers say</h2>", "<dl>", *told, "</dl>"]
+
+
+def _asked(report: Report) -> list[str]:
+    given = {name: _written(value) for name, value in report.options.items() if value not in (None, [])}
+    version = report.version
+    made = {
+        "file": report.name,
+        "SHA-256": report.sha256,
+        "pipeline": f"{version.pipeline}, {report.answer.pipeline}",
+        "service": f"{version.service} {version.version}, method {version.method}",
+    }
+    return ["<h2>How it was asked</h2>", _table("Parameters", [*given.items(), *made.items()])]
+
+
+def _written(value: object) -> str:
+    return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
+
+
+def _table(caption: str, rows: Iterable[tuple[str, str]], *, numbers: bool = False) -> str:
+    kind = ' class="numbers"' if numbers else ""
+    cells = [f'<tr><th scope="row">{escape(name)}</th><td>{escape(value)}</td></tr>' for name, value in rows]
+    return "\n".join([f"<table{kind}>", f"<caption>{caption}</caption>", *cells, "</table>"])
+
+
+def _picture(png: bytes, text: str) -> str:
+    data = b64encode(png).decode("ascii")
+    return f'<img src="data:image/png;base64,{data}" width="256" height="256" alt="{escape(text)}">'

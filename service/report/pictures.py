@@ -1,0 +1,71 @@
+"""The pictures of a report, drawn from previews: what a shape looks like, and which points correspond."""
+
+import json
+import struct
+from dataclasses import dataclass
+
+import numpy as np
+
+from core.mesh import Floats, Mesh
+from core.reading import read_mesh
+from service.pictures.colours import colours_of_points
+from service.pictures.thumbnail import draw, draw_painted
+from service.pictures.view import upright
+from service.search.schemas import Pair
+
+SIZE = 256
+"""Pixels a side."""
+
+_GLB = "glb"
+# The length of the JSON stands after the header of the file, and the JSON after its own.
+_LENGTH, _JSON = 12, 20
+
+
+@dataclass(frozen=True, eq=False)
+class Preview:
+    """A shape as the service shows it.
+
+    Attributes
+    ----------
+    mesh : Mesh
+        y up, between -1 and 1.
+    placing : float64, shape (3, 4)
+        Takes a point of the file (x, y, z, 1) to the mesh.
+    """
+
+    mesh: Mesh
+    placing: Floats
+
+    @classmethod
+    def of(cls, glb: bytes, format: str) -> "Preview":
+        """A preview of the service, of a file of this format."""
+        (length,) = struct.unpack_from("<I", glb, _LENGTH)
+        (node,) = json.loads(glb[_JSON : _JSON + length])["nodes"]
+        middle, half = np.array(node["extras"]["middle"]), float(node["extras"]["half"])
+        turn = upright(format) / half
+        return cls(read_mesh(glb, _GLB), np.hstack([turn, -(turn @ middle)[:, None]]))
+
+    def placed(self, points: Floats) -> Floats:
+        """Points of the file, shape (p, 3), in the frame of the mesh."""
+        return np.asarray(points @ self.placing[:, :3].T + self.placing[:, 3])
+
+
+def alone(shape: Preview) -> bytes:
+    """A PNG of a shape."""
+    return draw(shape.mesh, _GLB, SIZE)
+
+
+def matched(first: Preview, second: Preview, pairs: list[Pair]) -> tuple[bytes, bytes]:
+    """A PNG of each of two shapes; points that correspond have one colour."""
+    ends = [
+        shape.placed(np.array([point.position for point in points]))
+        for shape, points in (
+            (first, [pair.first for pair in pairs]),
+            (second, [pair.second for pair in pairs]),
+        )
+    ]
+    colours = colours_of_points(ends[0], np.eye(3))
+    return (
+        draw_painted(first.mesh, _GLB, SIZE, ends[0], colours),
+        draw_painted(second.mesh, _GLB, SIZE, ends[1], colours),
+    )
