@@ -51,7 +51,7 @@ def command(
     ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the service's answer as it is.")] = False,
     html: Annotated[
-        Path | None, typer.Option(help="Write a page with pictures of what corresponds to this file too.")
+        Path | None, typer.Option(help="Also write a page, with pictures of what corresponds, to this file.")
     ] = None,
     url: Url = None,
     key: Key = None,

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from service.client import Client
-from tests.service_cli.conftest import mesh_bytes
+from tests.service_cli.conftest import Run, mesh_bytes
 
 ROOT = Path(__file__).parents[2]
 ADDRESS = "http://127.0.0.1:8000"
@@ -47,3 +47,11 @@ def test_the_examples_of_the_page(archive: Client, example: Example) -> None:
     assert pairs == "100 points correspond"
     assert [shape.metadata for shape in archive.shapes()] == [{"folder": "parts"}] * 2
     assert example("docs/client.md", 1) == ["cup.stl ['pliers.stl']", "pliers.stl ['cup.stl']"]
+
+
+def test_the_options_of_a_query_are_all_on_the_page(run: Run) -> None:
+    rows = re.findall(r"^\| (`--.*?) \|", (ROOT / "docs/client.md").read_text(), re.MULTILINE)
+    told = {option for row in rows for option in re.findall(r"--[a-z-]+", row)}
+    known = re.findall(r"^\W*(--[a-z-]+)", run("query", "--help").stdout, re.MULTILINE)
+    assert told == set(known) - {"--help"}
+    assert len(known) == len(set(known))
