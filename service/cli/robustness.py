@@ -44,9 +44,9 @@ def command(
     """Measure retrieval with perturbed queries against the clean collection; Fig. 9 of the paper.
 
     Noise, holes, parts cut away, decimation, subdivision, triangle soup, loose parts and the sparse ratio
-    tau, each by several amounts; the first neighbour by CC and by the combined score, and with holes and cuts also as a
-    part (`partial=true`). An amount and a seed
-    cost about as much as evaluating the collection twice.
+    tau, each by several amounts; the first neighbour by CC and by the combined score, and with holes and
+    cuts also as a part (`partial=true`). An amount and a seed cost about as much as evaluating the collection
+    twice.
     """
     chosen = set(only or NAMES)
     if unknown := sorted(chosen - set(NAMES)):

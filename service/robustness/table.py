@@ -35,8 +35,8 @@ def table(study: Study) -> TextTable:
             "unusable",
         ),
         tuple(rows),
-        "NN is the mean over the seeds, and in brackets the smallest and the largest; the fall is in points, and "
-        "that of parts is from the clean queries by the combined score.",
+        "NN is the mean over the seeds, and in brackets the smallest and the largest; the fall is in points, "
+        "that of parts from the clean queries by the combined score.",
     )
 
 
