@@ -1,9 +1,12 @@
-"""Reading and writing through trimesh: nothing else in the core imports it."""
+"""Reading and writing through trimesh: nothing else in the core imports it.
+
+It is imported when it is first needed: that takes a quarter of a second, and of a service's processes only
+those that read uploads need it at once.
+"""
 
 import io
 
 import numpy as np
-import trimesh
 
 from core.mesh import Floats, Ints, Mesh
 from core.reading.plain import Plain
@@ -25,6 +28,8 @@ def load(plain: Plain) -> tuple[Floats, Ints]:
     vertices : float64, shape (n, 3)
     faces : int64, shape (f, 3)
     """
+    import trimesh  # noqa: PLC0415
+
     scene = trimesh.load_scene(
         io.BytesIO(plain.data),
         file_type=plain.format,
@@ -38,6 +43,8 @@ def load(plain: Plain) -> tuple[Floats, Ints]:
 
 def save(mesh: Mesh, format: str) -> bytes:
     """Write a mesh in 32 bits: "stl" (binary), "ply" (binary, little-endian) or "glb"."""
+    import trimesh  # noqa: PLC0415
+
     whole = trimesh.Trimesh(vertices=mesh.vertices, faces=mesh.faces, process=False)
     written = whole.export(file_type=format)
     assert isinstance(written, bytes)

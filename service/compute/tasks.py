@@ -15,7 +15,7 @@ from core.errors import BadRecordError, DegenerateMeshError
 from core.mesh import Mesh
 from core.parameters import Parameters
 from core.pipeline import Pipeline
-from core.reading import Limits, read_mesh, write_mesh
+from core.reading import Limits, read_mesh
 from core.records import embedding_from_bytes, embedding_to_bytes
 from core.rows import match_rows, row_of
 from core.signatures import signature_distances
@@ -131,11 +131,7 @@ def warm(parameters: Parameters) -> None:
 
 def example_records(parameters: Parameters) -> list[bytes]:
     """Two records to try things on: of surfaces with and without a rim, which go different ways."""
-    limits = Limits()
-    return [
-        embed_file(write_mesh(mesh, "ply"), "ply", limits, parameters).record
-        for mesh in (_bumpy_sheet(), _ring())
-    ]
+    return [embed_mesh(mesh, parameters, 0.0).record for mesh in (_bumpy_sheet(), _ring())]
 
 
 def warm_comparing(records: Sequence[bytes], parameters: Parameters) -> None:
