@@ -23,6 +23,7 @@ from core.pipeline import Pipeline
 from core.reading import DEFAULT_LIMITS, format_of
 from core.records import embedding_from_bytes
 from service.compute.tasks import embed_file
+from service.compute.worker import end_with_parent
 
 Floats = NDArray[np.float64]
 A = TypeVar("A")
@@ -110,6 +111,7 @@ def default_workers() -> int:
 
 def _start_worker(parameters: Parameters) -> None:
     global _pipeline  # noqa: PLW0603  a pool's initializer has no other place to leave something
+    end_with_parent()
     threadpool_limits(1)
     _pipeline = Pipeline(parameters, memory=PREPARED_BYTES)
 

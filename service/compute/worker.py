@@ -22,7 +22,7 @@ def serve(connection: "Connection[Any, Any]") -> None:
         os.environ[name] = "1"
     # An interrupt from the terminal reaches every process of the group; the parent decides what it means.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+    end_with_parent()
     while True:
         try:
             function, arguments = connection.recv()
@@ -35,8 +35,12 @@ def serve(connection: "Connection[Any, Any]") -> None:
         connection.send_bytes(answer)
 
 
-def _end_with_parent() -> None:
+def end_with_parent() -> None:
     """Do not go on with a task whose parent was killed: no one is left to stop it, or to wait for it."""
+    threading.Thread(target=_end_after_parent, daemon=True).start()
+
+
+def _end_after_parent() -> None:
     parent = multiprocessing.parent_process()
     if parent is not None:
         parent.join()

@@ -1,6 +1,8 @@
 """`isoshape evaluate`, against the pipeline asked pair by pair."""
 
 import json
+import subprocess
+import sys
 from collections.abc import Iterator
 from concurrent.futures import Executor
 from pathlib import Path
@@ -16,6 +18,8 @@ from core.reading import format_of, read_mesh
 from service.cli.sample import spread
 from service.cli.scoring import embed_files, score_pairs, worker_pool
 from service.collections import read_collection
+from tests.kill.cycles import runs
+from tests.service.support import wait_until
 from tests.service_cli.conftest import CLASSES, Run, mesh_bytes
 
 KEYS = [
@@ -162,3 +166,18 @@ def test_a_sample_falls_back_on_small_classes() -> None:
     files = made({"a": 1, "b": 2, "c": 1})
     assert [label for _, label in spread(files, 3)] == ["a", "b", "b"]
     assert spread(made({"a": 1, "b": 1}), 2) == made({"a": 1, "b": 1})
+
+
+def test_the_workers_of_a_command_that_is_killed_end_too() -> None:
+    script = (
+        "import os, time; from core.parameters import DEFAULT; from service.cli.scoring import worker_pool\n"
+        "with worker_pool(DEFAULT, 1) as pool:\n"
+        "    print(pool.submit(os.getpid).result(), flush=True)\n"
+        "    time.sleep(600)\n"
+    )
+    with subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, text=True) as command:
+        assert command.stdout is not None
+        worker = int(command.stdout.readline())
+        assert runs(worker)
+        command.kill()
+    wait_until(lambda: not runs(worker), seconds=60)
