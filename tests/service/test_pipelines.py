@@ -1,15 +1,16 @@
 """One archive under several pipelines, and many clients at a time."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import pytest
-from sqlalchemy import Executable, delete, text, update
+from sqlalchemy import Executable, delete, select, text, update
 
-from core.parameters import DEFAULT, PAPER
+from core.parameters import DEFAULT, PAPER, Parameters
 from service.errors import PipelineUnavailableError
 from service.pipelines import repository
 from service.pipelines.active import Pipelines, keep
@@ -18,23 +19,33 @@ from service.shapes import repository as shapes_repository
 from service.shapes.records import NewShape
 from service.storage.database import Database
 from service.storage.migrate import migrate
-from service.storage.tables import PipelineRow
+from service.storage.tables import EmbeddingRow, PipelineRow
 from tests.service.engines import on_both, url_in
-from tests.service.pipelines import fingerprints, write_parameters
+from tests.service.pipelines import active, fingerprints, write_parameters
 from tests.service.support import Running, assert_problem, query, serving, settings_in, small_file, upload
+from tests.service.trouble import url_of
 
 pytestmark = on_both
 
 
-def test_an_archive_of_another_pipeline_is_served_as_it_is(tmp_path: Path) -> None:
-    with serving(settings_in(tmp_path, workers=1)) as running:
-        first = running.store(small_file(0), name="first", tags="old")
-        second = running.store(small_file(1), name="second")
-        before = running.client.get("/version").json()
-        assert before["pending"] is None
-        by_file = query(running.client, small_file(0)).json()["results"]
-        by_id = running.client.post("/query", json={"shape_id": first["id"]}).json()["results"]
-    with serving(settings_in(tmp_path, workers=1, pipeline="paper")) as running:
+@contextmanager
+def another(service: Running, **settings: Any) -> Iterator[Running]:
+    """One more service on the archive of the shared one."""
+    url = url_of(service.parts.database)
+    with serving(
+        service.parts.settings.model_copy(update={"database_url": url, "workers": 1, **settings})
+    ) as other:
+        yield other
+
+
+def test_an_archive_of_another_pipeline_is_served_as_it_is(service: Running) -> None:
+    first = service.store(small_file(0), name="first", tags="old")
+    second = service.store(small_file(1), name="second")
+    before = service.client.get("/version").json()
+    assert before["pending"] is None
+    by_file = query(service.client, small_file(0)).json()["results"]
+    by_id = service.client.post("/query", json={"shape_id": first["id"]}).json()["results"]
+    with another(service, pipeline="paper") as running:
         client = running.client
         assert client.get("/version").json() == {
             **before,
@@ -48,27 +59,28 @@ def test_an_archive_of_another_pipeline_is_served_as_it_is(tmp_path: Path) -> No
         answer = query(client, small_file(2)).json()
         assert answer["results"][0]["shape"]["id"] == third["id"]
         assert (answer["pipeline"], answer["compared"]) == (before["fingerprint"], 3)
-    assert fingerprints(tmp_path) == [before["fingerprint"]] * 3
+    with service.parts.database.read() as session:
+        assert session.scalars(select(EmbeddingRow.fingerprint)).all() == [before["fingerprint"]] * 3
 
 
 def test_an_empty_archive_takes_up_the_pipeline_that_the_settings_name(tmp_path: Path) -> None:
-    with serving(settings_in(tmp_path, workers=1)) as running:
-        shape = running.store(small_file(0))
-        assert running.client.delete(f"/shapes/{shape['id']}").status_code == 204
-    with serving(settings_in(tmp_path, workers=1, pipeline="paper")) as running:
+    database = Database(url_in(tmp_path), lock_seconds=1)
+    migrate(database)
+    begin(Pipelines(DEFAULT), database)
+    database.close()
+    assert active(tmp_path) == DEFAULT.fingerprint
+    with serving(settings_in(tmp_path, pipeline="paper")) as running:
         told = running.client.get("/version").json()
         assert (told["pipeline"], told["pending"]) == ("paper", None)
         running.store(small_file(0))
     assert fingerprints(tmp_path) == [PAPER.fingerprint]
 
 
-def test_a_shape_without_an_embedding_of_the_pipeline_in_use_is_said(tmp_path: Path) -> None:
-    with serving(settings_in(tmp_path, workers=1)) as running:
-        client = running.client
-        lost, kept = (running.store(small_file(number), f"{number}.off") for number in range(2))
-        with running.parts.database.write() as session:
-            session.execute(text("DELETE FROM embeddings WHERE number = 1"))
-    with serving(settings_in(tmp_path, workers=1)) as running:
+def test_a_shape_without_an_embedding_of_the_pipeline_in_use_is_said(service: Running) -> None:
+    lost, kept = (service.store(small_file(number), f"{number}.off") for number in range(2))
+    with service.parts.database.write() as session:
+        session.execute(text("DELETE FROM embeddings WHERE number = (SELECT min(number) FROM embeddings)"))
+    with another(service) as running:
         client = running.client
         assert client.get(f"/shapes/{lost['id']}").json() == {**lost, "embedded": False}
         assert_problem(client.get(f"/shapes/{lost['id']}/embedding"), 409, "not-embedded")
@@ -85,6 +97,18 @@ def test_a_shape_without_an_embedding_of_the_pipeline_in_use_is_said(tmp_path: P
         assert answer["results"][0]["shape"]["id"] == lost["id"]
 
 
+def archive_of(parameters: Parameters, folder: Path) -> Database:
+    """A folder's archive, of one shape, which is searched by a pipeline."""
+    database = Database(url_in(folder), lock_seconds=1)
+    migrate(database)
+    with database.write() as session:
+        keep(session, parameters)
+        repository.activate(session, parameters.fingerprint)
+        new = NewShape(data=b"x", format="off", name="x", tags=(), metadata={})
+        shapes_repository.add_shape(session, shapes_repository.add_blob(session, b"x", new.sha256), new, {})
+    return database
+
+
 @pytest.mark.parametrize(
     ("change", "said"),
     [
@@ -98,13 +122,8 @@ def test_an_archive_of_an_unknown_pipeline_is_refused_at_the_start(
     tmp_path: Path, change: Callable[[dict[str, Any]], Executable], said: str
 ) -> None:
     few = write_parameters(tmp_path)
-    database = Database(url_in(tmp_path), lock_seconds=1)
-    migrate(database)
+    database = archive_of(few, tmp_path)
     with database.write() as session:
-        keep(session, few)
-        repository.activate(session, few.fingerprint)
-        new = NewShape(data=b"x", format="off", name="x", tags=(), metadata={})
-        shapes_repository.add_shape(session, shapes_repository.add_blob(session, b"x", new.sha256), new, {})
         session.execute(change(asdict(few)))
     with pytest.raises(PipelineUnavailableError, match=said) as refused:
         begin(Pipelines(DEFAULT), database)
@@ -114,13 +133,12 @@ def test_an_archive_of_an_unknown_pipeline_is_refused_at_the_start(
 
 def test_parameters_that_are_not_written_down_are_taken_from_the_settings(tmp_path: Path) -> None:
     few = write_parameters(tmp_path)
-    with serving(settings_in(tmp_path, workers=1, pipeline=str(tmp_path / "few.json"))) as running:
-        running.store(small_file(0))
-        with running.parts.database.write() as session:
-            session.execute(text("DELETE FROM pipelines"))
-    with serving(settings_in(tmp_path, workers=1, pipeline=str(tmp_path / "few.json"))):
-        pass
-    with serving(settings_in(tmp_path, workers=1)) as running:
+    database = archive_of(few, tmp_path)
+    with database.write() as session:
+        session.execute(delete(PipelineRow))
+    begin(Pipelines(few), database)
+    database.close()
+    with serving(settings_in(tmp_path)) as running:
         told = running.client.get("/version").json()
         assert (told["pipeline"], told["fingerprint"]) == ("few", few.fingerprint)
 
