@@ -45,11 +45,11 @@ class Running:
 
 
 def settings_in(folder: Path, **values: Any) -> Settings:
-    """Settings with a folder's archive by the engine in use, and two workers unless said otherwise."""
+    """Settings with a folder's archive by the engine in use, and one worker unless said otherwise."""
     return Settings(
         **{
             "database_url": url_in(folder),
-            "workers": 2,
+            "workers": 1,
             "log_level": "error",
             **values,
         }

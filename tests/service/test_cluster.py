@@ -37,7 +37,7 @@ from tests.service.support import (
 )
 from tests.service.tasks import add, nap
 
-MEMBERS = 24
+MEMBERS = 16
 
 
 @pytest.fixture(scope="module")
@@ -55,28 +55,25 @@ def pool(made: Cluster) -> Iterator[ClusterPool]:
         yield pool
 
 
-@pytest.fixture
-def service(made: Cluster, tmp_path: Path) -> Iterator[Running]:
+@pytest.fixture(scope="module")
+def running(made: Cluster, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
     """A service on the cluster and on PostgreSQL."""
-    made.start(2 - len(made.workers))
     with using(POSTGRESQL):
-        settings = settings_in(tmp_path, scheduler=made.address)
+        settings = settings_in(tmp_path_factory.mktemp("running"), scheduler=made.address)
     with serving(settings) as running:
-        wait_until(lambda: len(running.parts.pool.pids()) == 2, seconds=240)
         yield running
 
 
-def test_the_work_of_a_lost_worker_is_done_by_another(made: Cluster, pool: ClusterPool) -> None:
-    napping: list[Future[Any]] = [pool.submit(nap, 2) for _ in range(2)]
-    assert (pool.idle(), pool.busy(), pool.waiting()) == (0, 2, 0)
-    made.kill_worker(pool.pids()[0])
-    assert [each.result(timeout=60) for each in napping] == [None, None]
-    wait_until(lambda: (len(pool.pids()), pool.idle(), pool.busy()) == (1, 1, 0), seconds=30)
-    made.start(1)
-    wait_until(lambda: len(pool.pids()) == 2, seconds=240)
+@pytest.fixture
+def service(made: Cluster, running: Running) -> Running:
+    """It, holding nothing, on two workers that are warm."""
+    made.start(2 - len(made.workers))
+    wait_until(lambda: len(running.parts.pool.pids()) == 2, seconds=240)
+    running.clear()
+    return running
 
 
-def test_keys_stay_with_their_workers(made: Cluster, pool: ClusterPool) -> None:
+def test_the_work_and_the_keys_of_a_lost_worker_go_to_another(made: Cluster, pool: ClusterPool) -> None:
     keys = np.repeat(np.arange(400), 2)
     owners = pool.owners(keys)
     assert (owners[::2] == owners[1::2]).all()
@@ -85,10 +82,13 @@ def test_keys_stay_with_their_workers(made: Cluster, pool: ClusterPool) -> None:
     assert shares.min() >= 0.4 * len(keys)
     pids = dict(zip(addresses, (pool.submit_to(each, os.getpid).result() for each in addresses), strict=True))
     assert sorted(pids.values()) == sorted(pool.pids())
+    napping: list[Future[Any]] = [pool.submit(nap, 2) for _ in range(2)]
+    assert (pool.idle(), pool.busy(), pool.waiting()) == (0, 2, 0)
     made.kill_worker(pids[addresses[0]])
     # Whoever knows of the loss later is answered all the same.
     assert pool.submit_to(str(addresses[0]), os.getpid).result(timeout=60) == pids[addresses[1]]
-    wait_until(lambda: len(pool.pids()) == 1, seconds=30)
+    assert [each.result(timeout=60) for each in napping] == [None, None]
+    wait_until(lambda: (len(pool.pids()), pool.idle(), pool.busy()) == (1, 1, 0), seconds=30)
     assert set(pool.owners(keys)) == {addresses[1]}
     made.start(1)
     wait_until(lambda: len(pool.pids()) == 2, seconds=240)
@@ -100,39 +100,6 @@ def test_what_a_call_in_a_worker_raises_is_raised_here(pool: ClusterPool) -> Non
     owner = str(pool.owners(np.zeros(1, dtype=np.int64))[0])
     with pytest.raises(TypeError):
         pool.submit_to(owner, add, 1, "one").result(timeout=60)
-
-
-def test_a_cluster_without_workers_says_so_and_goes_on_when_one_comes(
-    made: Cluster, pool: ClusterPool
-) -> None:
-    waiting = [pool.submit(nap, 600) for _ in range(3)]
-    while made.workers:
-        made.kill_worker()
-    for each in waiting:
-        with pytest.raises(ClusterUnavailableError, match="no workers"):
-            each.result(timeout=60)
-    assert not pool.ready()
-    with pytest.raises(ClusterUnavailableError, match="no workers"):
-        pool.submit(add, 1, 1)
-    with pytest.raises(ClusterUnavailableError, match="no workers"):
-        pool.owners(np.zeros(1, dtype=np.int64))
-    made.start(2)
-    wait_until(pool.ready, seconds=240)
-    assert pool.submit(add, 1, 1).result() == 2
-
-
-def test_a_scheduler_that_is_lost_is_said_and_found_again(made: Cluster, pool: ClusterPool) -> None:
-    waiting = [pool.submit(nap, 600) for _ in range(3)]
-    made.kill_scheduler()
-    for each in waiting:
-        with pytest.raises(ClusterUnavailableError, match="scheduler"):
-            each.result(timeout=60)
-    assert (pool.ready(), pool.idle(), pool.busy(), pool.starting(), pool.waiting()) == (False, 0, 0, 0, 0)
-    with pytest.raises(ClusterUnavailableError, match="cannot be reached"):
-        pool.submit(add, 1, 1)
-    made.start(2)
-    wait_until(pool.ready, seconds=240)
-    assert pool.submit(add, 1, 1).result() == 2
 
 
 def test_a_pool_that_is_killed_waits_for_nothing(made: Cluster, pool: ClusterPool) -> None:
@@ -240,7 +207,40 @@ def test_a_scheduler_that_is_away(made: Cluster, service: Running) -> None:
         assert_problem(answer, 503, "cluster-unavailable")
     assert client.get("/shapes").status_code == 200
     assert client.get("/healthz").status_code == 200
-    made.start(2)
+    made.start(1)
     wait_until(lambda: client.get("/readyz").status_code == 200, seconds=240)
     assert [send().status_code for send in sent] == [201, 200]
     assert ended(client, job_id)["counts"]["stored"] == 10
+
+
+def test_a_cluster_without_workers_says_so_and_goes_on_when_one_comes(
+    made: Cluster, pool: ClusterPool
+) -> None:
+    waiting = [pool.submit(nap, 600) for _ in range(3)]
+    while made.workers:
+        made.kill_worker()
+    for each in waiting:
+        with pytest.raises(ClusterUnavailableError, match="no workers"):
+            each.result(timeout=60)
+    assert not pool.ready()
+    with pytest.raises(ClusterUnavailableError, match="no workers"):
+        pool.submit(add, 1, 1)
+    with pytest.raises(ClusterUnavailableError, match="no workers"):
+        pool.owners(np.zeros(1, dtype=np.int64))
+    made.start(1)
+    wait_until(pool.ready, seconds=240)
+    assert pool.submit(add, 1, 1).result() == 2
+
+
+def test_a_scheduler_that_is_lost_is_said_and_found_again(made: Cluster, pool: ClusterPool) -> None:
+    waiting = [pool.submit(nap, 600) for _ in range(3)]
+    made.kill_scheduler()
+    for each in waiting:
+        with pytest.raises(ClusterUnavailableError, match="scheduler"):
+            each.result(timeout=60)
+    assert (pool.ready(), pool.idle(), pool.busy(), pool.starting(), pool.waiting()) == (False, 0, 0, 0, 0)
+    with pytest.raises(ClusterUnavailableError, match="cannot be reached"):
+        pool.submit(add, 1, 1)
+    made.start(1)
+    wait_until(pool.ready, seconds=240)
+    assert pool.submit(add, 1, 1).result() == 2

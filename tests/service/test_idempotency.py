@@ -21,6 +21,7 @@ from service.shapes.service import answer_of, ingest
 from service.storage.tables import IdempotencyKeyRow
 from tests.service.engines import on_both
 from tests.service.support import Running, assert_problem, serving, settings_in, small_file, wait_until
+from tests.service.trouble import url_of
 
 pytestmark = on_both
 
@@ -214,27 +215,30 @@ def test_many_at_a_time_have_one_answer(service: Running) -> None:
     assert total(service) == 1
 
 
-def test_answers_outlive_the_service_until_they_expire(tmp_path: Path) -> None:
-    settings = settings_in(tmp_path, workers=1, idempotency_hours=2)
-    with serving(settings) as running:
-        first = send(running.client, small_file(0))
-        send(running.client, small_file(1), key='"second"')
-        assert total(running) == 2
-    with serving(settings) as running:
-        assert_replayed(send(running.client, small_file(0)), first)
-        assert_problem(send(running.client, small_file(2)), 422, "idempotency-key-reused")
-        with running.parts.database.read() as session:
-            expiry = select(IdempotencyKeyRow.expires_at).where(IdempotencyKeyRow.key.startswith("8e"))
-            left = session.scalars(expiry).one() - datetime.now(UTC)
-        assert timedelta(hours=1.8) < left <= timedelta(hours=2)
-        with running.parts.database.write() as session:
-            session.execute(text("UPDATE idempotency_keys SET expires_at = '2001-01-01 00:00:00.000000'"))
-        anew = send(running.client, small_file(2))
-        assert (anew.status_code, REPLAYED in anew.headers) == (201, False)
-        assert_replayed(send(running.client, small_file(2)), anew)
-        with running.parts.database.read() as session:
-            kept = session.execute(text("SELECT key FROM idempotency_keys")).scalars().all()
-        assert kept == [KEY.strip('"')]
+def test_answers_outlive_the_service_until_they_expire(service: Running) -> None:
+    url = url_of(service.parts.database)
+    settings = service.parts.settings.model_copy(
+        update={"database_url": url, "workers": 1, "idempotency_hours": 2}
+    )
+    with serving(settings) as ended:
+        first = send(ended.client, small_file(0))
+        send(ended.client, small_file(1), key='"second"')
+        assert total(ended) == 2
+    # By another service on its archive.
+    assert_replayed(send(service.client, small_file(0)), first)
+    assert_problem(send(service.client, small_file(2)), 422, "idempotency-key-reused")
+    with service.parts.database.read() as session:
+        expiry = select(IdempotencyKeyRow.expires_at).where(IdempotencyKeyRow.key.startswith("8e"))
+        left = session.scalars(expiry).one() - datetime.now(UTC)
+    assert timedelta(hours=1.8) < left <= timedelta(hours=2)
+    with service.parts.database.write() as session:
+        session.execute(text("UPDATE idempotency_keys SET expires_at = '2001-01-01 00:00:00.000000'"))
+    anew = send(service.client, small_file(2))
+    assert (anew.status_code, REPLAYED in anew.headers) == (201, False)
+    assert_replayed(send(service.client, small_file(2)), anew)
+    with service.parts.database.read() as session:
+        kept = session.execute(text("SELECT key FROM idempotency_keys")).scalars().all()
+    assert kept == [KEY.strip('"')]
 
 
 def test_keys_belong_to_the_api_key_that_they_come_with(tmp_path: Path) -> None:

@@ -32,6 +32,10 @@ from tests.service.support import (
 
 STORED = 12
 
+PLAIN: dict[str, int] = {}
+NARROW = [{"search_bytes": 0}, {"search_bytes": 300_000}]
+SHORT = {"shortlist_from": 5, "shortlist_length": 9, "screened": 6, "finalists": 2}
+
 
 def row(value: float, length: int = 100) -> np.ndarray:
     return np.full(length, value, dtype=np.float32)
@@ -114,18 +118,29 @@ def test_many_threads_at_once() -> None:
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Of an archive of 12 shapes."""
+def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, dict[str, float]]]:
+    """The folder of an archive of 12 shapes, and an answer with every row on the shelf."""
     folder = tmp_path_factory.mktemp("shelf")
     with serving(settings_in(folder)) as running:
         for number in range(STORED):
             running.store(small_file(number), f"{number}.off")
-    return folder
+        wait_until(lambda: len(shelf_of(running)) == STORED, seconds=30)
+        return folder, answer(running)
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
+def folder(made: tuple[Path, object]) -> Path:
+    return made[0]
+
+
+@pytest.fixture(scope="module")
+def roomy(made: tuple[object, dict[str, dict[str, float]]]) -> dict[str, dict[str, float]]:
+    return made[1]
+
+
+@pytest.fixture(scope="module")
 def running(folder: Path, request: pytest.FixtureRequest) -> Iterator[Running]:
-    """A service over it, with the settings that the test gives."""
+    """A service over it, with the settings that the tests give."""
     with serving(settings_in(folder, **request.param)) as running:
         yield running
 
@@ -144,7 +159,7 @@ def answer(running: Running, number: int = 20, **options: object) -> dict[str, d
     }
 
 
-@pytest.mark.parametrize("running", [{}], indirect=True)
+@pytest.mark.parametrize("running", [PLAIN], indirect=True)
 def test_rows_are_ready_soon_after_the_start_and_after_an_upload(
     running: Running, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -162,7 +177,7 @@ def test_rows_are_ready_soon_after_the_start_and_after_an_upload(
     wait_until(lambda: len(shelf) == STORED, seconds=30)
 
 
-@pytest.mark.parametrize("running", [{}], indirect=True)
+@pytest.mark.parametrize("running", [PLAIN], indirect=True)
 def test_what_comes_is_made_ready_whatever_was_deleted_before(running: Running) -> None:
     """Rows of what is gone would fill the room, and be counted for those that lack."""
     shelf = shelf_of(running)
@@ -197,21 +212,14 @@ def test_what_no_one_foresaw_does_not_keep_the_service_from_answering(
     assert "embeddings could not be made ready" in caplog.messages
 
 
-@pytest.mark.parametrize("running", [{"search_bytes": 0}, {"search_bytes": 300_000}], indirect=True)
-def test_without_room_answers_are_the_same(running: Running, folder: Path) -> None:
-    scores = answer(running)
+@pytest.mark.parametrize("running", NARROW, indirect=True)
+def test_without_room_answers_are_the_same(running: Running, roomy: dict[str, dict[str, float]]) -> None:
+    assert answer(running) == roomy
     assert len(shelf_of(running)) <= 3
-    with serving(settings_in(folder)) as other:
-        wait_until(lambda: len(shelf_of(other)) == STORED, seconds=30)
-        assert answer(other) == scores
 
 
 @pytest.mark.parametrize("rank_by", ["cc", "combined"])
-@pytest.mark.parametrize(
-    "running",
-    [{"shortlist_from": 5, "shortlist_length": 9, "screened": 6, "finalists": 2}],
-    indirect=True,
-)
+@pytest.mark.parametrize("running", [SHORT], indirect=True)
 def test_finalists_are_those_that_sifting_and_screening_put_first(running: Running, rank_by: str) -> None:
     client = running.client
     shapes = client.get("/shapes").json()["shapes"]
