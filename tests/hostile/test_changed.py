@@ -15,7 +15,7 @@ from tests.hostile.stored import fault_in_embedding, fault_in_mesh, other_format
 from tests.service.support import Running, serving, settings_in
 from tests.service.trouble import url_of
 
-COUNT = 500
+COUNT = 150
 
 
 @pytest.fixture(scope="module")
