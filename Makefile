@@ -85,14 +85,16 @@ demo: $(RUNTIME)
 	$(BIN)/isoshape demo $(if $(filter-out 0,$(CHECK)),--check)
 
 # Two workers suit two cores. One thread each: BLAS threads on top of the workers only get in each other's way.
+# A file's tests stay together, so that what they share is started once; files go by name, and the last are short.
 WORKERS ?= 2
+AT_A_TIME := -n $(WORKERS) --dist loadfile --no-loadscope-reorder
 test: $(DEV)
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n $(WORKERS)
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest $(AT_A_TIME)
 
 # Where the collections are asked for, none of their tests may be skipped.
 collections-test: $(DEV)
 	@test -d "$${ISOSHAPE_DATA:-}" || { echo 'ISOSHAPE_DATA must name the folder of collections' >&2; exit 1; }
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n $(WORKERS) -m collections -p tests.no_skips
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest $(AT_A_TIME) -m collections -p tests.no_skips
 
 CYCLES ?= 200
 kill-test: $(DEV)
