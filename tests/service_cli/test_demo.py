@@ -26,7 +26,7 @@ def free_port() -> int:
 @pytest.fixture
 def small(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(demo, "CLASSES", CLASSES)
-    monkeypatch.setattr(demo, "POSES", 3)
+    monkeypatch.setattr(demo, "POSES", 2)
 
 
 @pytest.mark.usefixtures("small")
@@ -38,7 +38,7 @@ def test_check_then_again_with_another_gallery(run: Run, monkeypatch: pytest.Mon
     )
     rows = [line.split() for line in done.stdout.splitlines()]
     first = [row for row in rows if len(row) == 7 and row[1] == "1"]
-    assert [row[0] for row in first] == [f"{label}-03.ply" for label in CLASSES]
+    assert [row[0] for row in first] == [f"{label}-02.ply" for label in CLASSES]
     assert [(row[2].rpartition("-")[0], row[6]) for row in first] == [(label, "same") for label in CLASSES]
     assert len([row for row in rows if row and row[-1] in {"same", "other"}]) == 9
     assert Path("isoshape-data/demo.sqlite3").is_file()
@@ -47,14 +47,14 @@ def test_check_then_again_with_another_gallery(run: Run, monkeypatch: pytest.Mon
     shape = demo._shape
 
     def misnamed(label: str, pose: int) -> tuple[str, bytes]:
-        return shape("pliers", pose) if (label, pose) == ("cup", 2) else shape(label, pose)
+        return shape("pliers", pose) if (label, pose) == ("cup", 1) else shape(label, pose)
 
     monkeypatch.setattr(demo, "_shape", misnamed)
-    monkeypatch.setattr(demo, "POSES", 2)
+    monkeypatch.setattr(demo, "POSES", 1)
     done = run("demo", "--check", "--port", free_port())
     assert done.status == 1
-    assert done.stderr.splitlines()[-1].endswith("the first neighbour is of another class for pliers-02.ply")
-    assert done.stdout.count("-02.ply") == 3
+    assert done.stderr.splitlines()[-1].endswith("the first neighbour is of another class for pliers-01.ply")
+    assert done.stdout.count("-01.ply") == 3
 
 
 def test_a_taken_port(run: Run) -> None:
