@@ -27,21 +27,21 @@ def small(monkeypatch):
 def test_queries_of_archives_made_of_the_collection(run, collection, monkeypatch):
     fewer = partial(benchmark.searching_rows, queries=3)
     monkeypatch.setattr(benchmark, "searching_rows", fewer)
-    monkeypatch.setattr(searching, "EXHAUSTIVE", 30)
-    monkeypatch.setattr(searching, "kept_rows", partial(searching.kept_rows, queries=3, lengths=[(8, 6, 1)]))
-    sizes = ("--shapes", 30, "--shapes", 40)
+    monkeypatch.setattr(searching, "EXHAUSTIVE", 10)
+    monkeypatch.setattr(searching, "kept_rows", partial(searching.kept_rows, queries=3, lengths=[(6, 5, 1)]))
+    sizes = ("--shapes", 10, "--shapes", 14)
     done = run("benchmark", collection, "--only", "search", *sizes, "--json")
     assert (done.status, done.stderr) == (0, "")
     found = json.loads(done.stdout)["search"]
     assert [(row["shapes"], row["exhaustive"], row["compared"]) for row in found["rows"]] == [
-        (30, True, 29),
-        (40, False, 39),
+        (10, True, 9),
+        (14, False, 13),
     ]
     for row in found["rows"]:
         assert 0.0 < row["median"] <= row["p95"]
         assert row["memory"] > 2**20
     cascade, everything = found["kept"]
-    assert (cascade["length"], cascade["screened"], cascade["finalists"]) == (8, 6, 1)
+    assert (cascade["length"], cascade["screened"], cascade["finalists"]) == (6, 5, 1)
     assert everything["length"] is everything["screened"] is everything["finalists"] is None
     assert everything["first"] == 1.0
     text = page(
@@ -50,16 +50,16 @@ def test_queries_of_archives_made_of_the_collection(run, collection, monkeypatch
         picture=False,
     )
     assert "## Queries over HTTP" in text
-    assert "| 8 | 6 | 1 |" in text
+    assert "| 6 | 5 | 1 |" in text
 
 
 def test_clients_at_once(run, collection, monkeypatch):
-    short = partial(benchmark.load_row, shapes=20, capacity_seconds=3.0, alone=3, seconds=3.0)
+    short = partial(benchmark.load_row, shapes=10, capacity_seconds=2.0, alone=3, seconds=2.0)
     monkeypatch.setattr(benchmark, "load_row", short)
     done = run("benchmark", collection, "--only", "load", "--json")
     assert (done.status, done.stderr) == (0, "")
     (row,) = json.loads(done.stdout)["load"]
-    assert (row["shapes"], row["querying"], row["ingesting"], row["errors"]) == (20, 8, 2, 0)
+    assert (row["shapes"], row["querying"], row["ingesting"], row["errors"]) == (10, 8, 2, 0)
     assert row["queries"] > 0
     assert 0.0 < row["median"] <= row["p95"]
     text = page(Found(load=[load.Row(**row)]), "isoshape benchmark", picture=False)

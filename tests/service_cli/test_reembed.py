@@ -23,7 +23,7 @@ from tests.service.pipelines import active, embeddings, write_parameters
 from tests.service.support import small_file, wait_until
 from tests.service_cli.conftest import Run
 
-STORED = 300
+STORED = 120
 
 
 @pytest.fixture
