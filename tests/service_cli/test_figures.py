@@ -17,14 +17,14 @@ PNG = b"\x89PNG\r\n\x1a\n"
 
 def test_a_folder_of_meshes(run, collection, tmp_path):
     out = tmp_path / "new" / "out"
-    done = run("figures", collection, "--out", out, "--class", "pliers")
+    done = run("figures", collection, "--limit", 6, "--out", out, "--class", "pliers")
     assert (done.status, done.stderr) == (0, "")
     assert {path.name for path in out.iterdir()} == NAMES | {"figures.md"}
     page = (out / "figures.md").read_text()
     for name in NAMES:
         assert f"]({name})" in page
         assert (out / name).read_bytes().startswith(PNG)
-    assert "of 9 shapes in 3 classes" in page
+    assert "of 6 shapes in 3 classes" in page
     assert "two shapes of class pliers" in page
 
 
