@@ -67,16 +67,16 @@ def test_a_server_that_goes_away_under_load(tmp_path: Path, mode: str) -> None:
         for thread in threads:
             thread.start()
         try:
-            wait_until(lambda: len(acknowledged) >= 20, seconds=60)
+            wait_until(lambda: len(acknowledged) >= 8, seconds=60)
             with stopped(mode):
                 failed = counted[503]
-                wait_until(lambda: counted[503] >= failed + 10, seconds=30)
+                wait_until(lambda: counted[503] >= failed + 5, seconds=30)
                 assert client.get("/healthz").status_code == 200
                 assert_problem(client.get("/readyz"), 503, "not-ready")
                 assert_problem(client.get("/shapes"), 503, "storage-unavailable")
             wait_until(lambda: client.get("/readyz").status_code == 200, seconds=30)
             many = len(acknowledged)
-            wait_until(lambda: len(acknowledged) >= many + 20, seconds=60)
+            wait_until(lambda: len(acknowledged) >= many + 8, seconds=60)
         finally:
             over.set()
             for thread in threads:
