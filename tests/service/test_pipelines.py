@@ -64,10 +64,9 @@ def test_an_archive_of_another_pipeline_is_served_as_it_is(service: Running) -> 
 
 
 def test_an_empty_archive_takes_up_the_pipeline_that_the_settings_name(tmp_path: Path) -> None:
-    database = Database(url_in(tmp_path), lock_seconds=1)
-    migrate(database)
-    begin(Pipelines(DEFAULT), database)
-    database.close()
+    with serving(settings_in(tmp_path)) as running:
+        shape = running.store(small_file(0))
+        assert running.client.delete(f"/shapes/{shape['id']}").status_code == 204
     assert active(tmp_path) == DEFAULT.fingerprint
     with serving(settings_in(tmp_path, pipeline="paper")) as running:
         told = running.client.get("/version").json()
