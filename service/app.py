@@ -41,6 +41,7 @@ from service.repeated import refuse_repeated
 from service.search.endpoints import router as search_router
 from service.search.shelf import Shelf
 from service.search.stocking import Stocking
+from service.sets.endpoints import router as sets_router
 from service.settings import Settings, load_parameters, load_settings
 from service.shapes.endpoints import router as shapes_router
 from service.storage.database import Database
@@ -103,6 +104,7 @@ def create_app(settings: Settings) -> FastAPI:
     app.include_router(shapes_router)
     app.include_router(deleted_router)
     app.include_router(jobs_router)
+    app.include_router(sets_router)
     app.include_router(session_router)
     app.include_router(service_router)
     app.include_router(pictures_router)

@@ -8,6 +8,8 @@ from prometheus_client.exposition import choose_encoder
 from starlette.concurrency import run_in_threadpool
 
 from core.parameters import METHOD_VERSION
+from service.access.keys import Grant
+from service.access.middleware import GRANT_IN_SCOPE
 from service.dependencies import Service
 from service.errors import ServiceError
 from service.problems import documented, problem_response
@@ -67,14 +69,17 @@ def read_metrics(request: Request, parts: Service) -> Response:
     summary="Which version is it?",
     responses=documented("pipeline-unavailable", "storage-unavailable"),
 )
-def read_version(parts: Service) -> Version:
+def read_version(request: Request, parts: Service) -> Version:
     """The service's version, and the pipeline that the archive is searched by.
 
-    Where the settings name another pipeline, `pending` tells of that one.
+    Where the settings name another pipeline, `pending` tells of that one; but not to keys that are limited to
+    collections, since it counts the files of all.
     """
+    grant: Grant | None = request.scope.get(GRANT_IN_SCOPE)
+    limited = grant is not None and grant.collections is not None
     with parts.database.read() as session:
         parameters = parts.pipelines.current(session).pipeline.parameters
-        pending = parts.pipelines.pending(session)
+        pending = None if limited else parts.pipelines.pending(session)
     return Version(
         version=VERSION,
         pipeline=parameters.name,

@@ -45,6 +45,18 @@ class ShapeNotFoundError(ServiceError):
         super().__init__(f"there is no shape {shape_id!r}")
 
 
+class CollectionNotFoundError(ServiceError):
+    """There is no collection of this name."""
+
+    kind = "collection-not-found"
+
+
+class CollectionNotEmptyError(ServiceError):
+    """The collection cannot be deleted."""
+
+    kind = "collection-not-empty"
+
+
 class NameTakenError(ServiceError):
     """Another shape with the same bytes has the name already."""
 
@@ -256,8 +268,10 @@ PROBLEMS: dict[str, ProblemKind] = {
     "rate-limit": ProblemKind(429, "The key has made too many requests"),
     "not-found": ProblemKind(404, "There is nothing at this address"),
     "shape-not-found": ProblemKind(404, "There is no such shape"),
+    "collection-not-found": ProblemKind(404, "There is no such collection"),
     "method-not-allowed": ProblemKind(405, "The address does not answer this method"),
     "name-taken": ProblemKind(409, "The name is taken"),
+    "collection-not-empty": ProblemKind(409, "The collection is not empty"),
     "not-embedded": ProblemKind(409, "The shape has no embedding of the pipeline in use"),
     "file-changed": ProblemKind(412, "The file is another by now"),
     "body-too-large": ProblemKind(413, "The upload is too large"),

@@ -12,7 +12,7 @@ from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from service.access.middleware import KEY_IN_SCOPE
+from service.access.middleware import COLLECTION_IN_SCOPE, KEY_IN_SCOPE
 from service.errors import FileTooLargeError, ShuttingDownError
 from service.logging import get_logger, request_id
 from service.metrics import METHODS, OTHER, Metrics
@@ -89,6 +89,8 @@ class RequestContext:
             }
             if KIND_IN_SCOPE in scope:
                 fields["problem"] = scope[KIND_IN_SCOPE]
+            if COLLECTION_IN_SCOPE in scope:
+                fields["collection"] = scope[COLLECTION_IN_SCOPE]
             if KEY_IN_SCOPE in scope:
                 # Enough of the digest to tell keys apart; the key cannot be had from it.
                 fields["key"] = scope[KEY_IN_SCOPE][:8]

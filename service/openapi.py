@@ -1,6 +1,7 @@
 """The OpenAPI document of the service."""
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,8 +11,11 @@ from pydantic.json_schema import models_json_schema
 
 from service.access.rules import SAFE_METHODS, needed
 from service.access.sessions import COOKIE
+from service.errors import PROBLEMS
 from service.links import link
-from service.problems import Problem, documented
+from service.problems import MEDIA_TYPE, Problem, documented
+from service.sets.choosing import PARAMETER
+from service.sets.choosing import PROBLEMS as CHOOSING_PROBLEMS
 from service.settings import Settings
 
 DESCRIPTION = """\
@@ -23,9 +27,11 @@ compared is the shape as one would measure it along its surface.
 * **POST /compare** compares two stored shapes point by point.
 * **GET /duplicates** finds stored shapes that are one form: turned, scaled, mirrored or meshed anew.
 * **POST /jobs** stores every mesh of an archive.
+* **GET /collections** lists the named sets of shapes. Every call works in one: that which its header
+  `Isoshape-Collection`, or the parameter `collection`, names, or else `default`.
 
 A service may ask for a key, in `Authorization: Bearer` or `X-API-Key`. There are two kinds: one may do
-everything, the other may read, query and compare.
+everything, the other may read, query and compare. Either may be limited to some collections.
 
 Every error is a problem document (`application/problem+json`, RFC 9457), whose `type` never changes. Every
 answer has an `X-Request-ID`: your own, if you send one, and the one to look for in the logs.
@@ -35,6 +41,7 @@ TAGS = [
     {"name": "search", "description": "Which shapes are alike."},
     {"name": "shapes", "description": "What is stored."},
     {"name": "jobs", "description": "Archives of many meshes."},
+    {"name": "collections", "description": "Named sets of shapes."},
     {"name": "session", "description": "Signing in, for the page."},
     {"name": "service", "description": "The service itself."},
 ]
@@ -72,6 +79,8 @@ def describe(app: FastAPI) -> None:
             for path, operations in schema["paths"].items():
                 for method, operation in operations.items():
                     _say_who_may_ask(method.upper(), path, operation)
+                    if any(parameter["name"] == PARAMETER for parameter in operation.get("parameters", [])):
+                        _add_problems(operation, CHOOSING_PROBLEMS)
             link(schema["paths"])
             app.openapi_schema = schema
         return app.openapi_schema
@@ -88,8 +97,22 @@ def _say_who_may_ask(method: str, path: str, operation: dict[str, Any]) -> None:
         kinds += ["unauthorized", "rate-limit"]
     if level == "full":
         kinds += ["forbidden"]
-    for status, response in documented(*kinds).items():
-        operation["responses"][str(status)] = response
+    _add_problems(operation, kinds)
+
+
+def _add_problems(operation: dict[str, Any], kinds: Sequence[str]) -> None:
+    """Have an operation answer these kinds of problem too."""
+    responses = operation["responses"]
+    there = [
+        kind
+        for status, response in responses.items()
+        if int(status) >= 400
+        for kind in response["content"][MEDIA_TYPE]["examples"]
+    ]
+    added = {str(PROBLEMS[kind].status) for kind in kinds}
+    for status, response in documented(*there, *kinds).items():
+        if str(status) in added:
+            responses[str(status)] = response
 
 
 def document() -> dict[str, Any]:

@@ -16,6 +16,7 @@ from sqlalchemy.exc import ArgumentError
 from core.errors import ParameterError
 from core.parameters import DEFAULT, PAPER, Parameters
 from core.reading import DEFAULT_LIMITS, Limits
+from service.access.keys import Entry
 from service.storage.graph_parameters import GraphParameters
 
 PREFIX = "ISOSHAPE_"
@@ -26,7 +27,6 @@ OTHER_VARIABLES = frozenset({"ISOSHAPE_API_KEY", "ISOSHAPE_DATA", "ISOSHAPE_URL"
 Digests = Annotated[tuple[str, ...], NoDecode]
 
 _SCHEDULER = re.compile(r"(?:tcp|tls)://[^\s/:]+:\d{1,5}")
-_DIGEST = re.compile(r"[0-9a-f]{64}")
 
 
 class SettingsError(Exception):
@@ -65,11 +65,13 @@ class Settings(BaseSettings):
     )
     api_keys: Digests = Field(
         default=(),
-        description="SHA-256 digests of the keys that may do everything, separated by commas.",
+        description="SHA-256 digests of the keys that may do everything, separated by commas; as "
+        "digest:name+name, in these collections alone.",
     )
     read_keys: Digests = Field(
         default=(),
-        description="SHA-256 digests of the keys that may read, query and compare, separated by commas.",
+        description="SHA-256 digests of the keys that may read, query and compare, separated by commas; as "
+        "digest:name+name, in these collections alone.",
     )
     rate_limit: int = Field(
         default=1_200,
@@ -265,13 +267,17 @@ class Settings(BaseSettings):
     def _are_digests(cls, value: object) -> object:
         if not isinstance(value, str):
             return value
-        digests = tuple(part.strip().lower() for part in value.split(",") if part.strip())
-        if not all(_DIGEST.fullmatch(digest) for digest in digests):
+        try:
+            entries = [Entry.read(part) for part in value.split(",") if part.strip()]
+        except ValueError as error:
             raise ValueError(
-                "must be SHA-256 digests of keys, of 64 hexadecimal digits each, separated by commas; "
+                "must be SHA-256 digests of keys, of 64 hexadecimal digits each, separated by commas, and "
+                "behind those that are limited to collections a colon and their names, joined by +; "
                 "`isoshape key` makes a key and prints its digest"
-            )
-        return digests
+            ) from error
+        if len({entry.digest for entry in entries}) < len(set(entries)):
+            raise ValueError("a digest stands there twice, with different collections")
+        return tuple(entry.write() for entry in entries)
 
     @property
     def has_keys(self) -> bool:

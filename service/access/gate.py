@@ -5,7 +5,7 @@ from starlette.requests import cookie_parser
 
 from service.access.keys import Grant, KeyRing
 from service.access.rates import RateLimit
-from service.access.rules import SAFE_METHODS, from_another_site, needed
+from service.access.rules import SAFE_METHODS, from_another_site, needed, of_all_collections
 from service.access.sessions import COOKIE, Sessions
 from service.errors import CrossSiteError, ForbiddenError, RateLimitError, UnauthorizedError
 from service.settings import Settings
@@ -60,6 +60,8 @@ class Gate:
             raise UnauthorizedError("send a key as Authorization: Bearer, or as X-API-Key")
         if level == "full" and grant.level != "full":
             raise ForbiddenError("the key may read and query, and change nothing")
+        if grant.collections is not None and of_all_collections(method, path):
+            raise ForbiddenError("the key is limited to some collections")
         if grant.digest is not None:
             seconds = self._rates.wait(grant.digest)
             if seconds is not None:

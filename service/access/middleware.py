@@ -7,8 +7,11 @@ from service.access.gate import Gate
 from service.errors import ServiceError
 from service.problems import problem_of
 
-# Where the digest of the request's key is kept, for the log.
+# Where the digest of the request's key is kept, for the log, and what the request may do.
 KEY_IN_SCOPE = "isoshape.key"
+GRANT_IN_SCOPE = "isoshape.grant"
+# And the name of the collection that it works in, once that is known.
+COLLECTION_IN_SCOPE = "isoshape.collection"
 
 
 class AccessControl:
@@ -33,6 +36,7 @@ class AccessControl:
                 response.headers["Connection"] = "close"
             await response(scope, receive, send)
             return
+        scope[GRANT_IN_SCOPE] = grant
         if grant is not None and grant.digest is not None:
             scope[KEY_IN_SCOPE] = grant.digest
         await self._app(scope, receive, send)

@@ -28,6 +28,15 @@ PAGE_FILES = "/page/"
 READING_POSTS = frozenset({"/query", "/compare", "/preview", "/session"})
 
 
+# Of the whole service, whatever collection: not for a key that is limited to some.
+OF_ALL_COLLECTIONS = frozenset({"/metrics"})
+
+
+def of_all_collections(method: str, path: str) -> bool:
+    """Whether a request needs a key that is limited to no collections."""
+    return path in OF_ALL_COLLECTIONS or (path.startswith("/collections/") and method not in SAFE_METHODS)
+
+
 def needed(method: str, path: str) -> Level | None:
     """The level that a request needs; None for one that anybody may make."""
     if ("GET" if method == "HEAD" else method, path) in PUBLIC:

@@ -18,6 +18,7 @@ from service.benchmark import repository
 from service.benchmark.meshes import Source
 from service.pipelines.active import Pipelines
 from service.pipelines.starting import begin
+from service.sets.records import DEFAULT_COLLECTION
 from service.storage.database import Database
 from service.storage.migrate import migrate
 
@@ -94,6 +95,7 @@ def _rows(source: Sequence[Original], numbers: range) -> Iterator[tuple[dict[str
             {
                 "number": number + 1,
                 "id": str(uuid.UUID(int=number + 1)),
+                "collection_number": DEFAULT_COLLECTION.number,
                 "blob_number": number + 1,
                 "format": "off",
                 "name": name,

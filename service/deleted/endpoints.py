@@ -3,7 +3,7 @@
 from typing import Annotated
 
 from fastapi import APIRouter, Query, Request
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import ConfigDict, Field
 
 from service.deleted import service
 from service.deleted.schemas import DeletedShapePage
@@ -11,6 +11,7 @@ from service.dependencies import Service
 from service.disconnect import while_connected
 from service.pipelines.active import fingerprint
 from service.problems import documented
+from service.sets.choosing import InCollection, NamedInAddress
 from service.shapes.documentation import FILE_PROBLEMS, READ_PROBLEMS, WRITE_PROBLEMS
 from service.shapes.endpoints import ShapeId
 from service.shapes.pages import read_cursor
@@ -19,7 +20,7 @@ from service.shapes.schemas import Shape
 router = APIRouter(tags=["shapes"])
 
 
-class Listing(BaseModel):
+class Listing(NamedInAddress):
     """Which deleted shapes to list."""
 
     model_config = ConfigDict(extra="forbid")
@@ -36,13 +37,14 @@ class Listing(BaseModel):
     summary="Delete a shape",
     responses=documented("shape-not-found", *WRITE_PROBLEMS),
 )
-def delete_shape(shape_id: ShapeId, parts: Service) -> None:
+def delete_shape(shape_id: ShapeId, parts: Service, collection: InCollection) -> None:
     """Delete the record, and its file and embedding unless another shape has the same bytes.
 
     It can be restored for as long as the service is set to keep what was deleted.
     """
     with parts.database.write() as session:
-        service.delete(session, fingerprint(session), shape_id, parts.settings.undo_time)
+        own = fingerprint(session), collection.number, shape_id
+        service.delete(session, *own, parts.settings.undo_time)
 
 
 @router.post(
@@ -56,18 +58,23 @@ def delete_shape(shape_id: ShapeId, parts: Service) -> None:
         *WRITE_PROBLEMS,
     ),
 )
-async def restore_shape(shape_id: ShapeId, request: Request, parts: Service) -> Shape:
+async def restore_shape(
+    shape_id: ShapeId, request: Request, parts: Service, collection: InCollection
+) -> Shape:
     """Undo a deletion: the shape has its id, name, tags and metadata again, and is listed last."""
     with parts.work.admitted():
-        return Shape.of(await while_connected(request, service.restore(parts, shape_id)))
+        work = service.restore(parts, collection.number, shape_id)
+        return Shape.of(await while_connected(request, work))
 
 
 @router.get("/deleted", summary="List deleted shapes", responses=documented(*READ_PROBLEMS))
-def list_deleted(listing: Annotated[Listing, Query()], parts: Service) -> DeletedShapePage:
+def list_deleted(
+    listing: Annotated[Listing, Query()], parts: Service, collection: InCollection
+) -> DeletedShapePage:
     """The shapes that can be restored, those deleted first before the others, a page at a time."""
     after, keep = read_cursor(listing.cursor), parts.settings.undo_time
     with parts.database.read() as session:
-        page = service.list_page(session, keep, after=after, limit=listing.limit)
+        page = service.list_page(session, collection.number, keep, after=after, limit=listing.limit)
     return DeletedShapePage.of(page, keep)
 
 
@@ -77,7 +84,7 @@ def list_deleted(listing: Annotated[Listing, Query()], parts: Service) -> Delete
     summary="Purge a deleted shape",
     responses=documented("shape-not-found", *WRITE_PROBLEMS),
 )
-def purge_shape(shape_id: ShapeId, parts: Service) -> None:
+def purge_shape(shape_id: ShapeId, parts: Service, collection: InCollection) -> None:
     """Forget a deleted shape and its file now, for good."""
     with parts.database.write() as session:
-        service.purge(session, shape_id, parts.settings.undo_time)
+        service.purge(session, collection.number, shape_id, parts.settings.undo_time)

@@ -2,18 +2,20 @@
 
 from datetime import datetime
 
-from sqlalchemy import delete, func, select, update
+from sqlalchemy import ColumnElement, delete, func, select, update
 
 from service.deleted.records import DeletedRecord
+from service.sets.records import CollectionNumber
 from service.shapes.records import ShapeRecord
 from service.storage.database import ReadSession, WriteSession
 from service.storage.tables import BlobRow, DeletedRow
 
 
-def keep(session: WriteSession, record: ShapeRecord, now: datetime) -> None:
-    """Write down a shape, which is then deleted, with its bytes; these go from table to table."""
+def keep(session: WriteSession, collection: CollectionNumber, record: ShapeRecord, now: datetime) -> None:
+    """Write down a collection's shape, to be deleted then, with its bytes; these go from table to table."""
     row = DeletedRow(
         id=record.id,
+        collection_number=collection,
         name=record.name,
         tags=list(record.tags),
         meta=dict(record.metadata),
@@ -30,26 +32,30 @@ def keep(session: WriteSession, record: ShapeRecord, now: datetime) -> None:
     session.execute(update(DeletedRow).where(DeletedRow.number == row.number).values(data=data))
 
 
-def count(session: ReadSession, since: datetime) -> int:
-    """How many were deleted since a moment."""
-    query = select(func.count()).select_from(DeletedRow).where(DeletedRow.deleted_at > since)
+def count(session: ReadSession, collection: CollectionNumber, since: datetime) -> int:
+    """How many were deleted from a collection since a moment."""
+    query = select(func.count()).select_from(DeletedRow).where(*_since(collection, since))
     return session.scalar(query) or 0
 
 
-def page(session: ReadSession, since: datetime, *, after: int, limit: int) -> list[DeletedRecord]:
-    """The next `limit`, by number, that were deleted since a moment."""
+def page(
+    session: ReadSession, collection: CollectionNumber, since: datetime, *, after: int, limit: int
+) -> list[DeletedRecord]:
+    """The next `limit`, by number, that were deleted from a collection since a moment."""
     query = (
         select(DeletedRow)
-        .where(DeletedRow.deleted_at > since, DeletedRow.number > after)
+        .where(*_since(collection, since), DeletedRow.number > after)
         .order_by(DeletedRow.number)
         .limit(limit)
     )
     return [_record(row) for row in session.scalars(query)]
 
 
-def by_id(session: ReadSession, shape_id: str, since: datetime) -> DeletedRecord | None:
-    """The one with an id, if it was deleted since a moment."""
-    row = session.scalar(select(DeletedRow).where(DeletedRow.id == shape_id, DeletedRow.deleted_at > since))
+def by_id(
+    session: ReadSession, collection: CollectionNumber, shape_id: str, since: datetime
+) -> DeletedRecord | None:
+    """The one with an id, if it was deleted from a collection since a moment."""
+    row = session.scalar(select(DeletedRow).where(DeletedRow.id == shape_id, *_since(collection, since)))
     return None if row is None else _record(row)
 
 
@@ -73,6 +79,10 @@ def any_until(session: ReadSession, moment: datetime) -> bool:
     """Whether one was deleted at a moment, or before."""
     query = select(DeletedRow.number).where(DeletedRow.deleted_at <= moment).limit(1)
     return session.scalar(query) is not None
+
+
+def _since(collection: CollectionNumber, since: datetime) -> tuple[ColumnElement[bool], ...]:
+    return DeletedRow.collection_number == collection, DeletedRow.deleted_at > since
 
 
 def _record(row: DeletedRow) -> DeletedRecord:

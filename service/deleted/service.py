@@ -10,6 +10,7 @@ from service.deleted.records import DeletedPage, DeletedRecord
 from service.errors import NameTakenError, ServiceError, ShapeNotFoundError
 from service.logging import get_logger
 from service.parts import Parts
+from service.sets.records import CollectionNumber
 from service.shapes import service as shapes_service
 from service.shapes.records import NewShape, ShapeRecord, Stored
 from service.storage.database import Database, ReadSession, WriteSession
@@ -19,39 +20,49 @@ log = get_logger("deleted")
 PURGE_SECONDS = 600.0
 
 
-def delete(session: WriteSession, fingerprint: str, shape_id: str, keep: timedelta) -> None:
-    """Delete a shape. It can be restored for so long; not at all, and nothing of it stays, if that is 0."""
-    record = shapes_service.get(session, fingerprint, shape_id)
+def delete(
+    session: WriteSession, fingerprint: str, collection: CollectionNumber, shape_id: str, keep: timedelta
+) -> None:
+    """Delete a collection's shape. It can be restored for so long.
+
+    Not at all, and nothing of it stays, if that is 0.
+    """
+    record = shapes_service.get(session, fingerprint, collection, shape_id)
     if keep:
-        repository.keep(session, record, datetime.now(UTC))
-    shapes_service.remove(session, fingerprint, shape_id)
+        repository.keep(session, collection, record, datetime.now(UTC))
+    shapes_service.remove(session, fingerprint, collection, shape_id)
 
 
-def list_page(session: ReadSession, keep: timedelta, *, after: int, limit: int) -> DeletedPage:
-    """One page of the shapes that can be restored, those deleted first before the others."""
+def list_page(
+    session: ReadSession, collection: CollectionNumber, keep: timedelta, *, after: int, limit: int
+) -> DeletedPage:
+    """One page of the collection's shapes that can be restored, those deleted first before the others."""
     since = datetime.now(UTC) - keep
-    found = repository.page(session, since, after=after, limit=limit + 1)
+    found = repository.page(session, collection, since, after=after, limit=limit + 1)
     more = len(found) > limit
     found = found[:limit]
-    return DeletedPage(found, repository.count(session, since), found[-1].number if more else None)
+    total = repository.count(session, collection, since)
+    return DeletedPage(found, total, found[-1].number if more else None)
 
 
-def get(session: ReadSession, shape_id: str, keep: timedelta) -> DeletedRecord:
-    """The deleted shape with an id.
+def get(session: ReadSession, collection: CollectionNumber, shape_id: str, keep: timedelta) -> DeletedRecord:
+    """The deleted shape of a collection with an id.
 
     Raises
     ------
     ShapeNotFoundError
         None has it, or it was deleted longer ago.
     """
-    record = repository.by_id(session, shape_id, datetime.now(UTC) - keep)
+    record = repository.by_id(session, collection, shape_id, datetime.now(UTC) - keep)
     if record is None:
         raise ShapeNotFoundError(shape_id)
     return record
 
 
-async def restore(parts: Parts, shape_id: str) -> ShapeRecord:
-    """Store a deleted shape again, under its id: its file is embedded anew unless another shape has it.
+async def restore(parts: Parts, collection: CollectionNumber, shape_id: str) -> ShapeRecord:
+    """Store a collection's deleted shape again, under its id.
+
+    Its file is embedded anew unless another shape has it.
 
     Raises
     ------
@@ -62,12 +73,19 @@ async def restore(parts: Parts, shape_id: str) -> ShapeRecord:
 
     def read() -> tuple[DeletedRecord, bytes]:
         with parts.database.read() as session:
-            record = get(session, shape_id, keep)
+            record = get(session, collection, shape_id, keep)
             return record, repository.data_of(session, record.number) or b""
 
     record, data = await run_in_threadpool(read)
     new = NewShape(
-        data, record.format, record.name, record.tags, record.metadata, record.id, record.created_at
+        data,
+        record.format,
+        collection,
+        record.name,
+        record.tags,
+        record.metadata,
+        record.id,
+        record.created_at,
     )
 
     def undone(session: WriteSession, stored: Stored) -> None:
@@ -81,9 +99,9 @@ async def restore(parts: Parts, shape_id: str) -> ShapeRecord:
     return done.shape
 
 
-def purge(session: WriteSession, shape_id: str, keep: timedelta) -> None:
-    """Forget a deleted shape for good."""
-    repository.remove(session, get(session, shape_id, keep).number)
+def purge(session: WriteSession, collection: CollectionNumber, shape_id: str, keep: timedelta) -> None:
+    """Forget a collection's deleted shape for good."""
+    repository.remove(session, get(session, collection, shape_id, keep).number)
 
 
 def purge_old(database: Database, keep: timedelta) -> None:

@@ -12,6 +12,7 @@ from service.duplicates.service import Duplicates
 from service.pipelines.active import InUse
 from service.problems import documented
 from service.search.service import in_one_pipeline
+from service.sets.choosing import InCollection
 from service.stages import Stages
 
 MEDIA_TYPE = "text/csv"
@@ -41,14 +42,17 @@ router = APIRouter(tags=["search"])
     },
 )
 async def duplicates(
-    options: Annotated[DuplicatesOptions, Query()], request: Request, parts: Service
+    options: Annotated[DuplicatesOptions, Query()],
+    request: Request,
+    parts: Service,
+    collection: InCollection,
 ) -> DuplicatesAnswer | Response:
     """Groups of shapes that are one rigid form: turned, moved, scaled, mirrored or meshed anew.
 
     Two poses of one body are none. Among thousands of shapes it takes minutes: give filters.
     """
     stages = Stages()
-    wanted = options.wanted()
+    wanted = options.wanted(collection.number)
 
     async def found(in_use: InUse) -> Duplicates:
         return await service.find(parts, wanted, in_use, stages)

@@ -9,6 +9,8 @@ from pydantic import BaseModel, Field
 from core.rigid import RESIDUAL, Kinship
 from service.duplicates.groups import Member
 from service.duplicates.service import Duplicates, Wanted
+from service.sets.choosing import NamedInAddress
+from service.sets.records import CollectionNumber
 from service.shapes.filters import Filters
 from service.shapes.records import ShapeRecord
 from service.shapes.schemas import Shape
@@ -19,7 +21,7 @@ FORMULA = ("=", "+", "-", "@", "\t", "\r")
 """What a spreadsheet takes for a formula begins so."""
 
 
-class DuplicatesOptions(Filters):
+class DuplicatesOptions(NamedInAddress, Filters):
     """Among which shapes to look for near-identical ones, and what these are."""
 
     min_cc: float = Field(
@@ -37,9 +39,9 @@ class DuplicatesOptions(Filters):
     )
     format: Literal["json", "csv"] = Field(default="json", description="csv has a row a shape.")
 
-    def wanted(self) -> Wanted:
-        """What to look for."""
-        return Wanted(self.filtered(), self.min_cc, self.max_residual)
+    def wanted(self, collection: CollectionNumber) -> Wanted:
+        """What to look for in a collection."""
+        return Wanted(self.filtered(collection), self.min_cc, self.max_residual)
 
 
 class Duplicate(BaseModel):

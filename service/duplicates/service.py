@@ -20,6 +20,7 @@ from service.search import repository
 from service.search.candidates import Candidates
 from service.search.comparing import compare_with
 from service.search.records import Query
+from service.sets.records import CollectionNumber
 from service.shapes import repository as shapes_repository
 from service.shapes.records import ShapeFilter, ShapeRecord
 from service.stages import Stages
@@ -74,7 +75,7 @@ async def find(parts: Parts, wanted: Wanted, in_use: InUse, stages: Stages) -> D
     with stages.stage("align"):
         aligned = sum([await _link(parts, groups, each, wanted, in_use) for each in alike])
     with stages.stage("results"):
-        shown = await _shown(parts, groups.members(), in_use)
+        shown = await _shown(parts, wanted.filter.collection, groups.members(), in_use)
     return Duplicates(shown, len(stored.shapes), sum(each.compared for each in alike), aligned)
 
 
@@ -115,13 +116,15 @@ async def _alike(parts: Parts, stored: Stock, place: int, wanted: Wanted, in_use
 async def _link(parts: Parts, groups: Groups, alike: _Alike, wanted: Wanted, in_use: InUse) -> int:
     """Join a shape with those that it is near-identical to; how many were laid onto it."""
     count = 0
+    collection = wanted.filter.collection
     first: _Side | None = None
     for number, embedding, cc in alike.others:
         if groups.joined(alike.shape, number):
             continue
         try:
-            first = first or await _side(parts, alike.shape, alike.embedding)
-            found = await _aligned(parts, first, await _side(parts, number, embedding), in_use)
+            first = first or await _side(parts, collection, alike.shape, alike.embedding)
+            second = await _side(parts, collection, number, embedding)
+            found = await _aligned(parts, first, second, in_use)
         except (BadRecordError, FileTimeLimitError, MeshError, ShapeNotFoundError) as error:
             log.warning("two shapes cannot be laid onto each other: %s", error)
             continue
@@ -138,8 +141,8 @@ async def _aligned(parts: Parts, first: _Side, second: _Side, in_use: InUse) -> 
     )
 
 
-async def _side(parts: Parts, number: int, embedding: int) -> _Side:
-    """A shape's mesh, read anew, and its record.
+async def _side(parts: Parts, collection: CollectionNumber, number: int, embedding: int) -> _Side:
+    """The mesh of a collection's shape, read anew, and its record.
 
     Raises
     ------
@@ -149,9 +152,9 @@ async def _side(parts: Parts, number: int, embedding: int) -> _Side:
 
     def read() -> tuple[bytes, str, bytes]:
         with parts.database.read() as session:
-            shapes = shapes_repository.records(session, "", [number])
+            shapes = shapes_repository.records(session, "", collection, [number])
             records = repository.embedding_records(session, [embedding])
-            data = shapes_repository.file_of(session, shapes[0].id) if shapes else None
+            data = shapes_repository.file_of(session, collection, shapes[0].id) if shapes else None
         if data is None or embedding not in records:
             raise ShapeNotFoundError(str(number))
         return data, shapes[0].format, records[embedding]
@@ -169,7 +172,7 @@ async def _records(parts: Parts, embeddings: list[int]) -> dict[int, bytes]:
 
 
 async def _shown(
-    parts: Parts, groups: list[list[Member]], in_use: InUse
+    parts: Parts, collection: CollectionNumber, groups: list[list[Member]], in_use: InUse
 ) -> list[list[tuple[Member, ShapeRecord]]]:
     """The groups with their shapes' records, without those of which fewer than two are left."""
 
@@ -178,7 +181,7 @@ async def _shown(
         with parts.database.read() as session:
             for group in groups:
                 numbers = [member.shape for member in group]
-                records = shapes_repository.records(session, in_use.fingerprint, numbers)
+                records = shapes_repository.records(session, in_use.fingerprint, collection, numbers)
                 known = {record.number: record for record in records}
                 left = [(member, known[member.shape]) for member in group if member.shape in known]
                 shown.append(left)

@@ -2,7 +2,8 @@
 
 draft-ietf-httpapi-idempotency-key-header-07: the value is a string of RFC 8941, in double quotes. A key that
 comes again with another payload is 422; one whose first request has no answer yet, 409; one that is
-malformed, 400. Keys belong to the API key that they come with, so that nobody meets another's.
+malformed, 400. Keys belong to the API key that they come with, and to the collection that the request names,
+so that nobody meets another's.
 """
 
 import hashlib
@@ -60,7 +61,7 @@ class InFlight:
     """
 
     def __init__(self) -> None:
-        self._keys: set[tuple[str, str]] = set()
+        self._keys: set[tuple[int, str, str]] = set()
 
     @contextmanager
     def taken(self, claim: Claim | None) -> Iterator[None]:
@@ -74,7 +75,7 @@ class InFlight:
         if claim is None:
             yield
             return
-        key = (claim.scope, claim.key)
+        key = (claim.collection, claim.scope, claim.key)
         if key in self._keys:
             raise IdempotencyKeyInFlightError(f"the first request with the {HEADER} has no answer yet")
         self._keys.add(key)

@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from datetime import datetime
 
+from service.sets.records import CollectionNumber
+
 
 @dataclass(frozen=True)
 class Claim:
@@ -10,6 +12,8 @@ class Claim:
 
     Attributes
     ----------
+    collection : CollectionNumber
+        The one that the request names.
     scope : str
         Whose key it is: the digest of the API key that it came with, or empty.
     key : str
@@ -20,6 +24,7 @@ class Claim:
         Until when its answer is kept.
     """
 
+    collection: CollectionNumber
     scope: str
     key: str
     payload: str

@@ -18,7 +18,7 @@ def answer_to(session: ReadSession, claim: Claim, now: datetime) -> Kept | None:
     IdempotencyKeyReusedError
         That request had another payload.
     """
-    row = session.get(IdempotencyKeyRow, (claim.scope, claim.key))
+    row = session.get(IdempotencyKeyRow, (claim.collection, claim.scope, claim.key))
     if row is None or row.expires_at <= now:
         return None
     if row.payload != claim.payload:
@@ -33,6 +33,7 @@ def keep(session: WriteSession, claim: Claim, kept: Kept, now: datetime) -> None
     session.execute(delete(IdempotencyKeyRow).where(IdempotencyKeyRow.expires_at <= now))
     session.add(
         IdempotencyKeyRow(
+            collection_number=claim.collection,
             scope=claim.scope,
             key=claim.key,
             payload=claim.payload,

@@ -16,6 +16,7 @@ from service.jobs.records import NewJob, Outcome
 from service.jobs.running import Runner
 from service.jobs.schemas import Job, JobFields, JobFilePage, JobPage
 from service.problems import documented, faults_of
+from service.sets.choosing import InCollection, address
 from service.shapes.documentation import READ_PROBLEMS, UPLOAD_BODY, WRITE_PROBLEMS
 from service.shapes.fields import base_name, read_metadata, split_tags
 from service.shapes.pages import read_cursor
@@ -78,7 +79,9 @@ def _body() -> dict[str, Any]:
     ),
     openapi_extra={"requestBody": _body()},
 )
-async def create_job(request: Request, response: Response, parts: Service, jobs: Jobs) -> Job:
+async def create_job(
+    request: Request, response: Response, parts: Service, jobs: Jobs, collection: InCollection
+) -> Job:
     """Have every mesh in a zip or tar stored as by an upload of its own, with these tags and this metadata.
 
     A shape has the name of its file, without the folders. A file that cannot be stored is refused with its
@@ -92,6 +95,7 @@ async def create_job(request: Request, response: Response, parts: Service, jobs:
             fields = _fields(form.fields)
             format = await run_in_threadpool(service.format_of_archive, form.spooled, settings)
             new = NewJob(
+                collection=collection.number,
                 archive=shown(base_name(form.filename))[:ARCHIVE_CHARACTERS],
                 format=format,
                 size=form.size,
@@ -102,22 +106,22 @@ async def create_job(request: Request, response: Response, parts: Service, jobs:
                 service.receive, parts.database, form.spooled, new, settings.max_jobs
             )
     jobs.look()
-    response.headers["Location"] = f"{ADDRESS}/{job.id}"
-    return await run_in_threadpool(events.read, parts.database, job.id)
+    response.headers["Location"] = address(f"{ADDRESS}/{job.id}", collection)
+    return await run_in_threadpool(events.read, parts.database, collection.number, job.id)
 
 
 @router.get(ADDRESS, summary="List jobs", responses=documented(*READ_PROBLEMS))
-def list_jobs(parts: Service, cursor: Cursor = None, limit: Limit = 50) -> JobPage:
+def list_jobs(parts: Service, collection: InCollection, cursor: Cursor = None, limit: Limit = 50) -> JobPage:
     """The jobs that have not ended, or ended in the last days, the latest first."""
     before = read_cursor(cursor)
     with parts.database.read() as session:
-        return JobPage.of(service.list_page(session, before=before, limit=limit))
+        return JobPage.of(service.list_page(session, collection.number, before=before, limit=limit))
 
 
 @router.get("/jobs/{job_id}", summary="Read a job", responses=documented("job-not-found", *READ_PROBLEMS))
-def read_job(job_id: JobId, parts: Service) -> Job:
+def read_job(job_id: JobId, parts: Service, collection: InCollection) -> Job:
     """How far a job is, and when it will have ended."""
-    return events.read(parts.database, job_id)
+    return events.read(parts.database, collection.number, job_id)
 
 
 @router.get(
@@ -128,6 +132,7 @@ def read_job(job_id: JobId, parts: Service) -> Job:
 def list_job_files(
     job_id: JobId,
     parts: Service,
+    collection: InCollection,
     outcome: Annotated[Outcome | None, Query(description="Only files of which this became.")] = None,
     cursor: Cursor = None,
     limit: Limit = 50,
@@ -135,7 +140,8 @@ def list_job_files(
     """What became of each file of the archive, in its order; none before the job has begun."""
     after = read_cursor(cursor)
     with parts.database.read() as session:
-        return JobFilePage.of(service.list_files(session, job_id, outcome, after=after, limit=limit))
+        found = service.list_files(session, collection.number, job_id, outcome, after=after, limit=limit)
+        return JobFilePage.of(found)
 
 
 @router.get(
@@ -152,9 +158,11 @@ def list_job_files(
         **documented("job-not-found", "busy", *READ_PROBLEMS),
     },
 )
-async def follow_job(job_id: JobId, request: Request, parts: Service, jobs: Jobs) -> Response:
+async def follow_job(
+    job_id: JobId, request: Request, parts: Service, jobs: Jobs, collection: InCollection
+) -> Response:
     """The progress of a job as an `EventSource` in a page reads it; the stream ends with the job."""
-    job = await run_in_threadpool(events.read, parts.database, job_id)
+    job = await run_in_threadpool(events.read, parts.database, collection.number, job_id)
     last = request.headers.get("Last-Event-ID")
     if job.has_ended and last == events.name_of(job):
         return Response(status_code=204)
@@ -162,7 +170,7 @@ async def follow_job(job_id: JobId, request: Request, parts: Service, jobs: Jobs
         raise BusyError(f"{events.FOLLOWERS} clients follow jobs already; GET /jobs/{job_id} tells as much")
     ending: Callable[[], bool] = request.scope.get(events.ENDING_IN_SCOPE, lambda: False)
     return StreamingResponse(
-        events.events(parts.database, job, jobs.followers, ending, last),
+        events.events(parts.database, collection.number, job, jobs.followers, ending, last),
         media_type=events.MEDIA_TYPE,
         headers={"Cache-Control": "no-store", "X-Accel-Buffering": "no"},
     )
@@ -173,11 +181,11 @@ async def follow_job(job_id: JobId, request: Request, parts: Service, jobs: Jobs
     summary="Cancel a job",
     responses=documented("job-not-found", *WRITE_PROBLEMS),
 )
-async def cancel_job(job_id: JobId, parts: Service, jobs: Jobs) -> Job:
+async def cancel_job(job_id: JobId, parts: Service, jobs: Jobs, collection: InCollection) -> Job:
     """Store nothing more of the archive. What is stored stays; a job that has ended is left as it is."""
-    await run_in_threadpool(service.cancel, parts.database, job_id)
+    await run_in_threadpool(service.cancel, parts.database, collection.number, job_id)
     jobs.look()
-    return await run_in_threadpool(events.read, parts.database, job_id)
+    return await run_in_threadpool(events.read, parts.database, collection.number, job_id)
 
 
 @router.delete(
@@ -186,9 +194,9 @@ async def cancel_job(job_id: JobId, parts: Service, jobs: Jobs) -> Job:
     summary="Delete a job",
     responses=documented("job-not-found", *WRITE_PROBLEMS),
 )
-async def delete_job(job_id: JobId, parts: Service, jobs: Jobs) -> None:
+async def delete_job(job_id: JobId, parts: Service, jobs: Jobs, collection: InCollection) -> None:
     """Cancel the job, unless it has ended, and delete its record. What it has stored stays."""
-    await run_in_threadpool(service.remove, parts.database, job_id)
+    await run_in_threadpool(service.remove, parts.database, collection.number, job_id)
     jobs.look()
 
 

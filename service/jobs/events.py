@@ -10,6 +10,7 @@ from starlette.concurrency import run_in_threadpool
 from service.errors import ServiceError
 from service.jobs import service
 from service.jobs.schemas import Job
+from service.sets.records import CollectionNumber
 from service.storage.database import Database
 
 MEDIA_TYPE = "text/event-stream"
@@ -37,15 +38,15 @@ SILENCE_SECONDS = 15.0
 RECONNECT_MILLISECONDS = 2000
 
 
-def read(database: Database, job_id: str) -> Job:
-    """The job as it is now.
+def read(database: Database, collection: CollectionNumber, job_id: str) -> Job:
+    """A collection's job as it is now.
 
     Raises
     ------
     JobNotFoundError
     """
     with database.read() as session:
-        return Job.of(service.progress(session, service.get(session, job_id)))
+        return Job.of(service.progress(session, service.get(session, collection, job_id)))
 
 
 def name_of(job: Job) -> str:
@@ -54,7 +55,12 @@ def name_of(job: Job) -> str:
 
 
 async def events(
-    database: Database, job: Job, followers: set[object], ending: Callable[[], bool], last: str | None
+    database: Database,
+    collection: CollectionNumber,
+    job: Job,
+    followers: set[object],
+    ending: Callable[[], bool],
+    last: str | None,
 ) -> AsyncIterator[str]:
     """An event `progress` whenever the job has come further, and `end` when it has ended; then no more.
 
@@ -64,14 +70,14 @@ async def events(
     stream = object()
     followers.add(stream)
     try:
-        async for text in _events(database, job, ending, last):
+        async for text in _events(database, collection, job, ending, last):
             yield text
     finally:
         followers.discard(stream)
 
 
 async def _events(
-    database: Database, job: Job, ending: Callable[[], bool], last: str | None
+    database: Database, collection: CollectionNumber, job: Job, ending: Callable[[], bool], last: str | None
 ) -> AsyncIterator[str]:
     yield f"retry: {RECONNECT_MILLISECONDS}\n\n"
     spoken = time.monotonic()
@@ -88,7 +94,7 @@ async def _events(
             yield ": \n\n"
         await asyncio.sleep(LOOK_SECONDS)
         try:
-            job = await run_in_threadpool(read, database, job.id)
+            job = await run_in_threadpool(read, database, collection, job.id)
         except ServiceError:
             # Deleted, or the database fails: whoever asks again hears it.
             return

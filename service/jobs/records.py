@@ -5,6 +5,8 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import Any, Literal, get_args
 
+from service.sets.records import CollectionNumber
+
 State = Literal["arriving", "waiting", "running", "done", "failed", "cancelled"]
 """Of a job. One that is arriving is not acknowledged, and is shown to nobody."""
 
@@ -34,8 +36,9 @@ class Cause:
 
 @dataclass(frozen=True)
 class NewJob:
-    """An archive to be received, and what is written about every shape in it."""
+    """An archive to be received, for which collection, and what is written about every shape in it."""
 
+    collection: CollectionNumber
     archive: str
     format: str
     size: int
@@ -49,6 +52,7 @@ class JobRecord:
 
     number: int
     id: str
+    collection: CollectionNumber
     state: State
     archive: str
     format: str

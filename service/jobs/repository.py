@@ -18,6 +18,7 @@ from service.jobs.records import (
     Settled,
     State,
 )
+from service.sets.records import CollectionNumber
 from service.storage.database import ReadSession, WriteSession
 from service.storage.job_tables import JobFileRow, JobPieceRow, JobRow
 
@@ -28,6 +29,7 @@ def add(session: WriteSession, new: NewJob, runner: str, until: datetime, now: d
     """A job whose archive is arriving; its number."""
     row = JobRow(
         id=str(uuid.uuid4()),
+        collection_number=new.collection,
         state=ARRIVING,
         archive=new.archive,
         format=new.format,
@@ -63,9 +65,9 @@ def piece(session: ReadSession, number: int, place: int) -> bytes | None:
     )
 
 
-def by_id(session: ReadSession, job_id: str) -> JobRecord | None:
-    """The job with an id."""
-    row = session.scalars(_shown().where(JobRow.id == job_id)).one_or_none()
+def by_id(session: ReadSession, collection: CollectionNumber, job_id: str) -> JobRecord | None:
+    """The job of a collection with an id."""
+    row = session.scalars(_shown(collection).where(JobRow.id == job_id)).one_or_none()
     return None if row is None else _record(row)
 
 
@@ -74,22 +76,28 @@ def by_number(session: ReadSession, number: int) -> JobRecord:
     return _record(session.scalars(select(JobRow).where(JobRow.number == number)).one())
 
 
-def page(session: ReadSession, *, before: int, limit: int) -> list[JobRecord]:
-    """The next jobs, the latest first, before the one with a number; 0 is no bound."""
-    query = _shown().order_by(JobRow.number.desc()).limit(limit)
+def page(session: ReadSession, collection: CollectionNumber, *, before: int, limit: int) -> list[JobRecord]:
+    """The next jobs of a collection, the latest first, before the one with a number; 0 is no bound."""
+    query = _shown(collection).order_by(JobRow.number.desc()).limit(limit)
     if before:
         query = query.where(JobRow.number < before)
     return [_record(row) for row in session.scalars(query)]
 
 
-def count(session: ReadSession) -> int:
-    """How many jobs there are."""
-    return session.scalar(select(func.count()).select_from(_shown().subquery())) or 0
+def count(session: ReadSession, collection: CollectionNumber) -> int:
+    """How many jobs a collection has."""
+    return session.scalar(select(func.count()).select_from(_shown(collection).subquery())) or 0
 
 
 def count_open(session: ReadSession) -> int:
     """How many have not ended, those that are arriving included."""
     return session.scalar(select(func.count()).where(JobRow.state.not_in(ENDED))) or 0
+
+
+def is_at_work(session: ReadSession, collection: CollectionNumber) -> bool:
+    """Whether a job of a collection has not ended, be it that it is arriving."""
+    query = select(JobRow.number).where(JobRow.collection_number == collection, JobRow.state.not_in(ENDED))
+    return session.scalar(query.limit(1)) is not None
 
 
 def counts(session: ReadSession, number: int) -> dict[Outcome | None, int]:
@@ -261,8 +269,8 @@ def _is_over(now: datetime) -> ColumnElement[bool]:
     return or_(JobRow.leased_until <= now, JobRow.leased_until > now + LONGEST_LEASE)
 
 
-def _shown() -> Select[JobRow]:
-    return select(JobRow).where(JobRow.state != ARRIVING)
+def _shown(collection: CollectionNumber) -> Select[JobRow]:
+    return select(JobRow).where(JobRow.collection_number == collection, JobRow.state != ARRIVING)
 
 
 def _cause_values(cause: Cause | None) -> Mapping[str, str | None]:
@@ -277,6 +285,7 @@ def _record(row: JobRow) -> JobRecord:
     return JobRecord(
         number=row.number,
         id=row.id,
+        collection=CollectionNumber(row.collection_number),
         state=row.state,  # type: ignore[arg-type]
         archive=row.archive,
         format=row.format,

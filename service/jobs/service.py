@@ -22,6 +22,8 @@ from service.jobs.records import (
     Settled,
 )
 from service.jobs.stored import PIECE_BYTES, StoredArchive
+from service.sets import repository as sets
+from service.sets.records import CollectionNumber
 from service.settings import Settings
 from service.shapes.records import NewShape
 from service.storage.database import Database, ReadSession, WriteSession
@@ -48,6 +50,8 @@ def receive(database: Database, file: Readable, new: NewJob, most: int) -> JobRe
 
     Raises
     ------
+    CollectionNotFoundError
+        Its collection is there no more.
     BusyError
         `most` jobs have not ended.
     """
@@ -55,6 +59,7 @@ def receive(database: Database, file: Readable, new: NewJob, most: int) -> JobRe
     with database.write() as session:
         if repository.count_open(session) >= most:
             raise BusyError(f"{most} jobs wait or are at work; send the archive when one has ended")
+        sets.require(session, new.collection)
         now = datetime.now(UTC)
         number = repository.add(session, new, receiver, now + ARRIVING_LEASE, now)
     try:
@@ -85,28 +90,34 @@ def progress(session: ReadSession, job: JobRecord) -> Progress:
     return Progress(job, repository.counts(session, job.number), rate)
 
 
-def get(session: ReadSession, job_id: str) -> JobRecord:
-    """The job with an id."""
-    job = repository.by_id(session, job_id)
+def get(session: ReadSession, collection: CollectionNumber, job_id: str) -> JobRecord:
+    """The job of a collection with an id."""
+    job = repository.by_id(session, collection, job_id)
     if job is None:
         raise JobNotFoundError(job_id)
     return job
 
 
-def list_page(session: ReadSession, *, before: int, limit: int) -> JobsPage:
-    """One page of the jobs, the latest first."""
-    found = repository.page(session, before=before, limit=limit + 1)
+def list_page(session: ReadSession, collection: CollectionNumber, *, before: int, limit: int) -> JobsPage:
+    """One page of a collection's jobs, the latest first."""
+    found = repository.page(session, collection, before=before, limit=limit + 1)
     more = len(found) > limit
     found = found[:limit]
     jobs = [progress(session, job) for job in found]
-    return JobsPage(jobs, repository.count(session), found[-1].number if more else None)
+    return JobsPage(jobs, repository.count(session, collection), found[-1].number if more else None)
 
 
 def list_files(
-    session: ReadSession, job_id: str, outcome: Outcome | None, *, after: int, limit: int
+    session: ReadSession,
+    collection: CollectionNumber,
+    job_id: str,
+    outcome: Outcome | None,
+    *,
+    after: int,
+    limit: int,
 ) -> FilesPage:
-    """One page of the members of a job, in the order of the archive."""
-    job = get(session, job_id)
+    """One page of the members of a collection's job, in the order of the archive."""
+    job = get(session, collection, job_id)
     # The places begin at 0, and a cursor holds what comes next.
     found = repository.files(session, job.number, outcome, after=after - 1, limit=limit + 1)
     more = len(found) > limit
@@ -116,20 +127,20 @@ def list_files(
     return FilesPage(job, found, total, found[-1].place + 1 if more else None)
 
 
-def cancel(database: Database, job_id: str) -> JobRecord:
-    """End a job, unless it has ended; what it has stored stays, and nothing more is stored."""
+def cancel(database: Database, collection: CollectionNumber, job_id: str) -> JobRecord:
+    """End a collection's job, unless it has ended; what it has stored stays, and nothing more is stored."""
     with database.write() as session:
-        job = get(session, job_id)
+        job = get(session, collection, job_id)
         ended = repository.end(session, job.number, "cancelled", None, datetime.now(UTC))
-        job = get(session, job_id)
+        job = get(session, collection, job_id)
     if ended:
         delete_archive(database, job.number)
     return job
 
 
-def remove(database: Database, job_id: str) -> None:
-    """Cancel a job, and forget it."""
-    job = cancel(database, job_id)
+def remove(database: Database, collection: CollectionNumber, job_id: str) -> None:
+    """Cancel a collection's job, and forget it."""
+    job = cancel(database, collection, job_id)
     with database.write() as session:
         repository.remove(session, job.number)
 
@@ -151,7 +162,12 @@ def begin(database: Database, job: JobRecord, limits: ArchiveLimits) -> None:
 def shape_of(job: JobRecord, file: FileRecord, data: bytes) -> NewShape:
     """The shape that a member is to be."""
     return NewShape(
-        data=data, format=format_of(file.name), name=file.name, tags=job.tags, metadata=job.metadata
+        data=data,
+        format=format_of(file.name),
+        collection=job.collection,
+        name=file.name,
+        tags=job.tags,
+        metadata=job.metadata,
     )
 
 
@@ -165,7 +181,7 @@ def finish(database: Database, job: JobRecord) -> None:
     with database.write() as session:
         if repository.without_outcome(session, job.number):
             return
-        failed = get(session, job.id).cause is not None
+        failed = get(session, job.collection, job.id).cause is not None
         repository.end(session, job.number, "failed" if failed else "done", None, datetime.now(UTC))
 
 

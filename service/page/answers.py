@@ -15,16 +15,27 @@ def page(request: Request, name: str) -> Response:
     return send(request, assets.load(name), {"Content-Security-Policy": assets.POLICY})
 
 
-def comparing_page(first: str, second: str) -> Response:
-    """The page of a shape with two in it, by their ids."""
-    text = assets.load("view.html").data.decode()
-    for end, shape_id in (("first", first), ("second", second)):
-        text = text.replace(f'data-{end}=""', f'data-{end}="{escape(shape_id)}"')
+def viewing_page(collection: str) -> Response:
+    """The page of a shape, told the collection that the shape is in."""
+    return _filled(_view(collection=collection))
+
+
+def comparing_page(first: str, second: str, collection: str) -> Response:
+    """The page of a shape with two of a collection in it, by their ids."""
     # It is sent from /compare, not from /shapes/<id>/view.
-    text = text.replace("../../", "./")
-    return Response(
-        text, media_type="text/html", headers={"Content-Security-Policy": assets.POLICY, **_ALWAYS}
-    )
+    return _filled(_view(first=first, second=second, collection=collection).replace("../../", "./"))
+
+
+def _view(**told: str) -> str:
+    text = assets.load("view.html").data.decode()
+    for name, value in told.items():
+        text = text.replace(f'data-{name}=""', f'data-{name}="{escape(value)}"')
+    return text
+
+
+def _filled(text: str) -> Response:
+    headers = {"Content-Security-Policy": assets.POLICY, **_ALWAYS}
+    return Response(text, media_type="text/html", headers=headers)
 
 
 def send(request: Request, asset: Asset, headers: dict[str, str] | None = None) -> Response:

@@ -20,6 +20,7 @@ from service.search.candidates import candidates
 from service.search.comparing import compare_with
 from service.search.records import Answer, Options, Query
 from service.search.service import results
+from service.sets.records import CollectionNumber
 from service.shapes import service as shapes_service
 from service.shapes.records import ShapeRecord
 from service.stages import Stages
@@ -27,13 +28,13 @@ from service.stages import Stages
 log = get_logger("partial")
 
 
-async def stored_mesh(parts: Parts, shape_id: str, fingerprint: str) -> Mesh:
-    """The mesh of a stored shape, read anew."""
+async def stored_mesh(parts: Parts, collection: CollectionNumber, shape_id: str, fingerprint: str) -> Mesh:
+    """The mesh of a collection's shape, read anew."""
 
     def read() -> tuple[ShapeRecord, bytes]:
         with parts.database.read() as session:
-            shape = shapes_service.get(session, fingerprint, shape_id)
-            return shape, shapes_service.get_file(session, shape_id)
+            shape = shapes_service.get(session, fingerprint, collection, shape_id)
+            return shape, shapes_service.get_file(session, collection, shape_id)
 
     shape, data = await run_in_threadpool(read)
     return await parts.work.read(data, shape.format)
@@ -59,7 +60,7 @@ async def search(parts: Parts, query: Query, mesh: Mesh, options: Options, stage
         compared = await compare_with(parts, query, chosen.only(order), "cc")
     with stages.stage("results"):
         best = np.flatnonzero(compared.cc >= options.min_cc)
-        found = await results(parts, query, compared, best, correspondences=options.correspondences)
+        found = await results(parts, query, compared, best, options)
     told = dict(zip(chosen.shapes.tolist(), distances.tolist(), strict=True))
     embedding = embedding_from_bytes(query.record)
     return Answer(

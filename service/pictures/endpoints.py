@@ -7,12 +7,14 @@ from fastapi import APIRouter, Query, Request, Response
 from core.reading import format_of
 from service.dependencies import Service
 from service.disconnect import while_connected
-from service.page.answers import page
+from service.page.answers import page, viewing_page
 from service.pictures import service
 from service.pictures.glb import MEDIA_TYPE
 from service.pictures.tasks import FACES
 from service.pictures.thumbnail import DRAWING
 from service.problems import documented
+from service.sets.choosing import InCollection
+from service.sets.records import DEFAULT_COLLECTION
 from service.shapes import files
 from service.shapes.documentation import FILE_FIELD, FILE_PROBLEMS, READ_PROBLEMS
 from service.shapes.endpoints import ShapeId
@@ -52,14 +54,15 @@ async def read_thumbnail(
     shape_id: ShapeId,
     request: Request,
     parts: Service,
+    collection: InCollection,
     size: Annotated[Literal["64", "128", "256", "512"], Query(description="Pixels a side.")] = "256",
 ) -> Response:
     """The shape drawn once for each size, and kept. z is up, but in OBJ and GLB y."""
-    shape = await service.record(parts, shape_id)
+    shape = await service.record(parts, collection.number, shape_id)
     headers = _headers(f"{shape.sha256[:32]}-{shape.format}-{size}-{DRAWING}")
     if files.is_known(request.headers.get("If-None-Match"), headers["ETag"]):
         return Response(status_code=304, headers=headers)
-    data = await while_connected(request, service.thumbnail(parts, shape, int(size)))
+    data = await while_connected(request, service.thumbnail(parts, collection.number, shape, int(size)))
     return Response(data, media_type="image/png", headers=headers)
 
 
@@ -73,18 +76,20 @@ async def read_thumbnail(
         **documented(*WORK_PROBLEMS),
     },
 )
-async def read_preview(shape_id: ShapeId, request: Request, parts: Service) -> Response:
+async def read_preview(
+    shape_id: ShapeId, request: Request, parts: Service, collection: InCollection
+) -> Response:
     """The mesh as a viewer shows it: whatever the file's format, simplified if it is large, and y up.
 
     Positions are stored between -1 and 1. The node's `extras` tell the way back: a point p of the file is
     stored as (p - middle) / half.
     """
-    shape = await service.record(parts, shape_id)
+    shape = await service.record(parts, collection.number, shape_id)
     headers = _headers(f"{shape.sha256[:32]}-{shape.format}-{FACES}-preview-1")
     if files.is_known(request.headers.get("If-None-Match"), headers["ETag"]):
         return Response(status_code=304, headers=headers)
     with parts.work.admitted():
-        data = await service.stored_file(parts, shape_id)
+        data = await service.stored_file(parts, collection.number, shape_id)
         made = await while_connected(request, service.preview(parts, data, shape.format))
     return Response(made, media_type=MEDIA_TYPE, headers=headers)
 
@@ -130,10 +135,14 @@ async def make_preview(request: Request, parts: Service) -> Response:
         **documented("shape-not-found", *READ_PROBLEMS),
     },
 )
-async def view_shape(shape_id: ShapeId, request: Request, parts: Service) -> Response:
+async def view_shape(
+    shape_id: ShapeId, request: Request, parts: Service, collection: InCollection
+) -> Response:
     """A page with the one shape in 3D."""
-    await service.record(parts, shape_id)
-    return page(request, "view.html")
+    await service.record(parts, collection.number, shape_id)
+    if collection == DEFAULT_COLLECTION:
+        return page(request, "view.html")
+    return viewing_page(collection.name)
 
 
 def _headers(tag: str) -> dict[str, str]:

@@ -18,6 +18,9 @@ from service.storage.database import ReadSession
 
 log = get_logger("search")
 
+FEW = 3
+"""Of so many shapes one that is meant is few."""
+
 
 @dataclass(frozen=True, eq=False)
 class Candidates:
@@ -35,7 +38,7 @@ class Candidates:
         How many of them are looked at more closely after a rough look at each, and how many of those are
         compared in full; None is all.
     stored : int
-        How many shapes there are in all.
+        How many shapes the collection has.
     """
 
     shapes: NDArray[np.int64]
@@ -66,11 +69,11 @@ def candidates(parts: Parts, query: Query, options: Options) -> Candidates:
         area, most = embedding.facts.area, options.sizes**2
         wanted = replace(wanted, area=(area / most, area * most))
     with parts.database.read() as session:
-        stored = shapes_repository.count(session, ShapeFilter())
+        stored = shapes_repository.stored(session, wanted.collection)
         if parts.settings.signatures == "database":
             ef_search = parts.settings.hnsw_ef_search
             signed, shortlisted = signed_in_database(
-                session, query, embedding.signature, wanted, options, ef_search=ef_search
+                session, query, embedding.signature, wanted, options, stored, ef_search=ef_search
             )
         else:
             signed, shortlisted = _in_memory(session, query, embedding.signature, wanted, options, stored)
@@ -100,25 +103,29 @@ def _in_memory(
 ) -> tuple[Signed, bool]:
     """The shapes to look at, and whether they are a shortlist, by the signatures in memory."""
     signed = query.in_use.index.current(session)
-    chosen = np.ones(len(signed.shapes), dtype=bool)
+    chosen = signed.collections == wanted.collection
+    lacking = stored - np.count_nonzero(chosen)
+    if lacking > 0:
+        log.info(
+            "%d of %d stored shapes have no embedding of the pipeline in use and are not searched",
+            lacking,
+            stored,
+        )
     if not wanted.is_empty:
         meant = shapes_repository.numbers(session, wanted)
         chosen &= np.isin(signed.shapes, np.array(meant, dtype=np.int64))
-    if stored > len(signed.shapes):
-        log.info(
-            "%d of %d stored shapes have no embedding of the pipeline in use and are not searched",
-            stored - len(signed.shapes),
-            stored,
-        )
     if options.exclude_self:
         for number in query.itself:
             chosen &= signed.shapes != number
     places = np.flatnonzero(chosen)
     shortlisted = not options.exhaustive and len(places) >= options.shortlist_from
     if shortlisted:
-        distances = signature_distances(signature, signed.signatures)[places]
+        # Where nearly all are meant, picking them out takes longer than looking at the others too.
+        if FEW * len(places) < len(signed.shapes):
+            distances = signature_distances(signature, signed.signatures[places])
+        else:
+            distances = signature_distances(signature, signed.signatures)[places]
         places = places[least(distances, signed.shapes[places], options.shortlist_length)]
-    sketches = signed.sketches[places] if shortlisted else np.empty((len(places), 0), np.uint8)
-    return Signed(signed.shapes[places], signed.embeddings[places], signed.signatures[places], sketches), (
-        shortlisted
-    )
+    if not shortlisted:
+        signed = replace(signed, sketches=np.empty((len(signed.shapes), 0), np.uint8))
+    return signed.only(places), shortlisted

@@ -27,6 +27,8 @@ from service.search.schemas import (
     QueryOptions,
     StoredQuery,
 )
+from service.sets.choosing import PARAMETER, InCollection
+from service.sets.records import CollectionNumber
 from service.shapes.documentation import FILE_FIELD, FILE_PROBLEMS
 from service.stages import Stages
 from service.uploads import is_form, is_json, single, uploaded
@@ -92,20 +94,21 @@ QUERY_BODY: dict[str, Any] = {
     ),
     openapi_extra=QUERY_BODY,
 )
-async def query(request: Request, parts: Service) -> QueryAnswer:
+async def query(request: Request, parts: Service, collection: InCollection) -> QueryAnswer:
     """Search with a mesh file, or with a stored shape by its id, whatever pose either is in.
 
     Options are fields of the form, or of the JSON object, or parameters of the address.
     """
-    address = {name: request.query_params.getlist(name) for name in request.query_params}
+    given = {name: request.query_params.getlist(name) for name in request.query_params}
+    address = {name: values for name, values in given.items() if name != PARAMETER}
     # Also what the body overrides must be sound.
     _validated(
         QueryOptions, _values({name: values for name, values in address.items() if name != "shape_id"})
     )
     if is_form(request):
-        return await _with_file(request, parts, address)
+        return await _with_file(request, parts, collection.number, address)
     if is_json(request):
-        return await _with_id(request, parts, address)
+        return await _with_id(request, parts, collection.number, address)
     raise UnsupportedBodyError("the body must be multipart/form-data with a file, or JSON with a shape_id")
 
 
@@ -142,6 +145,7 @@ async def compare(
     pair: CompareRequest,
     request: Request,
     parts: Service,
+    collection: InCollection,
     format: Annotated[
         Literal["json", "glb", "html"],
         Query(
@@ -151,14 +155,14 @@ async def compare(
     ] = "json",
 ) -> CompareAnswer | Response:
     """How alike two stored shapes are, and which of their points correspond."""
-    stages = Stages()
+    stages, own = Stages(), collection.number
 
     async def compared(in_use: InUse) -> tuple[Comparison, bytes]:
-        found = await service.compare(parts, pair.first, pair.second, in_use, stages)
+        found = await service.compare(parts, own, pair.first, pair.second, in_use, stages)
         if format != "glb":
             return found, b""
         with stages.stage("draw"):
-            return found, await pictures.coloured(parts, pair.first, pair.second, found)
+            return found, await pictures.coloured(parts, own, pair.first, pair.second, found)
 
     with parts.work.admitted():
         comparison, glb = await while_connected(request, service.in_one_pipeline(parts, compared))
@@ -166,11 +170,13 @@ async def compare(
     if format == "glb":
         return Response(glb, media_type=MEDIA_TYPE)
     if format == "html":
-        return comparing_page(pair.first, pair.second)
+        return comparing_page(pair.first, pair.second, collection.name)
     return CompareAnswer.of(comparison, milliseconds=stages.so_far())
 
 
-async def _with_file(request: Request, parts: Parts, address: dict[str, list[str]]) -> QueryAnswer:
+async def _with_file(
+    request: Request, parts: Parts, collection: CollectionNumber, address: dict[str, list[str]]
+) -> QueryAnswer:
     settings = parts.settings
     async with uploaded(
         request, max_bytes=settings.max_upload_bytes, max_fields=settings.max_form_fields
@@ -182,21 +188,20 @@ async def _with_file(request: Request, parts: Parts, address: dict[str, list[str
             data = await form.bytes()
 
             async def found(in_use: InUse) -> Answer:
-                wanted = await service.by_file(parts, data, mesh_format, in_use, stages)
+                wanted = await service.by_file(parts, collection, data, mesh_format, in_use, stages)
+                how = _options(options, parts, collection, exclude_self=False)
                 if options.partial:
                     mesh = await parts.work.read(data, mesh_format)
-                    return await partial.search(
-                        parts, wanted, mesh, _options(options, parts, exclude_self=False), stages
-                    )
-                return await service.search(
-                    parts, wanted, _options(options, parts, exclude_self=False), stages
-                )
+                    return await partial.search(parts, wanted, mesh, how, stages)
+                return await service.search(parts, wanted, how, stages)
 
             answer = await while_connected(request, service.in_one_pipeline(parts, found))
     return _answer(answer, parts, stages)
 
 
-async def _with_id(request: Request, parts: Parts, address: dict[str, list[str]]) -> QueryAnswer:
+async def _with_id(
+    request: Request, parts: Parts, collection: CollectionNumber, address: dict[str, list[str]]
+) -> QueryAnswer:
     try:
         body = await request.json()
     except (ValueError, RecursionError) as error:
@@ -208,13 +213,12 @@ async def _with_id(request: Request, parts: Parts, address: dict[str, list[str]]
     with parts.work.admitted():
 
         async def found(in_use: InUse) -> Answer:
-            wanted = await service.by_id(parts, options.shape_id, in_use, stages)
+            wanted = await service.by_id(parts, collection, options.shape_id, in_use, stages)
+            how = _options(options, parts, collection, exclude_self=True)
             if options.partial:
-                mesh = await partial.stored_mesh(parts, options.shape_id, in_use.fingerprint)
-                return await partial.search(
-                    parts, wanted, mesh, _options(options, parts, exclude_self=True), stages
-                )
-            return await service.search(parts, wanted, _options(options, parts, exclude_self=True), stages)
+                mesh = await partial.stored_mesh(parts, collection, options.shape_id, in_use.fingerprint)
+                return await partial.search(parts, wanted, mesh, how, stages)
+            return await service.search(parts, wanted, how, stages)
 
         answer = await while_connected(request, service.in_one_pipeline(parts, found))
     return _answer(answer, parts, stages)
@@ -237,12 +241,15 @@ def _validated(model: type[Model], values: dict[str, Any]) -> Model:
         raise BadRequestFieldsError(*faults_of(error.errors())) from error
 
 
-def _options(given: QueryOptions, parts: Parts, *, exclude_self: bool) -> Options:
+def _options(
+    given: QueryOptions, parts: Parts, collection: CollectionNumber, *, exclude_self: bool
+) -> Options:
+    shapes = given.filtered(collection)
     return Options(
         top_k=given.top_k,
         rank_by=given.rank_by,
         exhaustive=given.exhaustive,
-        filter=replace(given.filtered(), tags=(*given.tag, *given.filter), excluded=tuple(given.exclude)),
+        filter=replace(shapes, tags=(*given.tag, *given.filter), excluded=tuple(given.exclude)),
         exclude_self=exclude_self if given.exclude_self is None else given.exclude_self,
         min_cc=-1.0 if given.min_cc is None else given.min_cc,
         sizes=SAME_SIZE if given.scale == "respect" else None,

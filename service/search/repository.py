@@ -1,12 +1,13 @@
 """The SQL of search."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
 from sqlalchemy import func, select
 
+from service.sets.records import CollectionNumber
 from service.storage.database import ReadSession
 from service.storage.tables import ArchiveRow, BlobRow, EmbeddingRow, RemovalRow, ShapeRow, SketchRow
 
@@ -21,6 +22,8 @@ class Signed:
     ----------
     shapes : int64, shape (n,)
         Their numbers.
+    collections : int64, shape (n,)
+        The number of each shape's collection.
     embeddings : int64, shape (n,)
         The number of each shape's embedding.
     signatures : float32, shape (n, s)
@@ -29,6 +32,7 @@ class Signed:
     """
 
     shapes: NDArray[np.int64]
+    collections: NDArray[np.int64]
     embeddings: NDArray[np.int64]
     signatures: NDArray[np.float32]
     sketches: NDArray[np.uint8]
@@ -36,7 +40,11 @@ class Signed:
     @property
     def nbytes(self) -> int:
         """Memory held, in bytes."""
-        return sum(part.nbytes for part in (self.shapes, self.embeddings, self.signatures, self.sketches))
+        return sum(getattr(self, part.name).nbytes for part in fields(self))
+
+    def only(self, places: NDArray[np.integer] | NDArray[np.bool_]) -> "Signed":
+        """Those at some places, in new memory."""
+        return Signed(*(getattr(self, part.name)[places] for part in fields(self)))
 
 
 def revision(session: ReadSession) -> int:
@@ -50,7 +58,11 @@ def shapes_stored(session: ReadSession) -> int:
 
 
 NOTHING = Signed(
-    np.empty(0, np.int64), np.empty(0, np.int64), np.empty((0, 0), np.float32), np.empty((0, 0), np.uint8)
+    np.empty(0, np.int64),
+    np.empty(0, np.int64),
+    np.empty(0, np.int64),
+    np.empty((0, 0), np.float32),
+    np.empty((0, 0), np.uint8),
 )
 
 
@@ -61,7 +73,13 @@ def signed_since(session: ReadSession, fingerprint: str, since: int) -> Iterator
     take half as long as the session's.
     """
     query = (
-        select(ShapeRow.number, EmbeddingRow.number, SketchRow.signature, SketchRow.data)
+        select(
+            ShapeRow.number,
+            ShapeRow.collection_number,
+            EmbeddingRow.number,
+            SketchRow.signature,
+            SketchRow.data,
+        )
         .join(
             EmbeddingRow,
             (EmbeddingRow.blob_number == ShapeRow.blob_number) & (EmbeddingRow.format == ShapeRow.format),
@@ -72,9 +90,10 @@ def signed_since(session: ReadSession, fingerprint: str, since: int) -> Iterator
     )
     with session.connection().execute(query) as found:
         for rows in found.partitions():
-            shapes, embeddings, signatures, sketches = zip(*rows, strict=True)
+            shapes, collections, embeddings, signatures, sketches = zip(*rows, strict=True)
             yield Signed(
                 np.array(shapes, dtype=np.int64),
+                np.array(collections, dtype=np.int64),
                 np.array(embeddings, dtype=np.int64),
                 stacked(signatures).view("<f4"),
                 stacked(sketches),
@@ -100,7 +119,8 @@ def embedding_records(session: ReadSession, numbers: Sequence[int]) -> dict[int,
     return dict(session.execute(query).all())
 
 
-def numbers_of_bytes(session: ReadSession, sha256: str) -> list[int]:
-    """The numbers of the shapes with some bytes."""
+def numbers_of_bytes(session: ReadSession, collection: CollectionNumber, sha256: str) -> list[int]:
+    """The numbers of the collection's shapes with some bytes."""
     query = select(ShapeRow.number).join(BlobRow, BlobRow.number == ShapeRow.blob_number)
-    return list(session.scalars(query.where(BlobRow.sha256 == sha256)))
+    own = ShapeRow.collection_number == collection
+    return list(session.scalars(query.where(BlobRow.sha256 == sha256, own)))

@@ -18,6 +18,7 @@ from service.search.candidates import candidates
 from service.search.comparing import compare_with
 from service.search.ranking import Compared, ranked
 from service.search.records import Answer, Comparison, Found, Options, Query
+from service.sets.records import CollectionNumber
 from service.shapes import repository as shapes_repository
 from service.shapes import service as shapes_service
 from service.shapes.records import ShapeRecord, sha256
@@ -50,26 +51,30 @@ async def in_one_pipeline(parts: Parts, work: Callable[[InUse], Awaitable[Done]]
                 return done
 
 
-async def by_file(parts: Parts, data: bytes, format: str, in_use: InUse, stages: Stages) -> Query:
-    """The query that a file makes; the shapes with the same bytes are itself."""
+async def by_file(
+    parts: Parts, collection: CollectionNumber, data: bytes, format: str, in_use: InUse, stages: Stages
+) -> Query:
+    """The query that a file makes; the shapes of the collection with the same bytes are itself."""
     embedded = await parts.work.embed(data, format, in_use.pipeline)
     stages.milliseconds |= embedded.milliseconds
 
     def itself() -> frozenset[int]:
         with parts.database.read() as session:
-            return frozenset(repository.numbers_of_bytes(session, sha256(data)))
+            return frozenset(repository.numbers_of_bytes(session, collection, sha256(data)))
 
     return Query(in_use, embedded.record, await run_in_threadpool(itself))
 
 
-async def by_id(parts: Parts, shape_id: str, in_use: InUse, stages: Stages) -> Query:
-    """The query that a stored shape makes."""
+async def by_id(
+    parts: Parts, collection: CollectionNumber, shape_id: str, in_use: InUse, stages: Stages
+) -> Query:
+    """The query that a collection's shape makes."""
     fingerprint = in_use.fingerprint
 
     def read() -> Query:
         with parts.database.read() as session:
-            number = shapes_service.get(session, fingerprint, shape_id).number
-            record = shapes_service.get_record(session, fingerprint, shape_id)
+            number = shapes_service.get(session, fingerprint, collection, shape_id).number
+            record = shapes_service.get_record(session, fingerprint, collection, shape_id)
             return Query(in_use, record, frozenset([number]))
 
     with stages.stage("read"):
@@ -86,7 +91,7 @@ async def search(parts: Parts, query: Query, options: Options, stages: Stages) -
     with stages.stage("results"):
         best = ranked(compared, options.rank_by)
         best = best[compared.cc[best] >= options.min_cc][: options.top_k]
-        found = await results(parts, query, compared, best, correspondences=options.correspondences)
+        found = await results(parts, query, compared, best, options)
     embedding = embedding_from_bytes(query.record)
     return Answer(
         pipeline=query.in_use.pipeline,
@@ -99,15 +104,22 @@ async def search(parts: Parts, query: Query, options: Options, stages: Stages) -
     )
 
 
-async def compare(parts: Parts, first_id: str, second_id: str, in_use: InUse, stages: Stages) -> Comparison:
-    """Two stored shapes compared."""
+async def compare(
+    parts: Parts,
+    collection: CollectionNumber,
+    first_id: str,
+    second_id: str,
+    in_use: InUse,
+    stages: Stages,
+) -> Comparison:
+    """Two shapes of a collection compared."""
     fingerprint = in_use.fingerprint
 
     def read() -> tuple[bytes, bytes]:
         with parts.database.read() as session:
             return (
-                shapes_service.get_record(session, fingerprint, first_id),
-                shapes_service.get_record(session, fingerprint, second_id),
+                shapes_service.get_record(session, fingerprint, collection, first_id),
+                shapes_service.get_record(session, fingerprint, collection, second_id),
             )
 
     with stages.stage("read"):
@@ -117,19 +129,21 @@ async def compare(parts: Parts, first_id: str, second_id: str, in_use: InUse, st
 
 
 async def results(
-    parts: Parts, query: Query, compared: Compared, best: NDArray[np.intp], *, correspondences: bool
+    parts: Parts, query: Query, compared: Compared, best: NDArray[np.intp], options: Options
 ) -> list[Found]:
     """The best as they are shown; one that was deleted a moment ago is left out."""
     pipeline = query.in_use.pipeline
-    fingerprint = pipeline.fingerprint
+    fingerprint, collection = pipeline.fingerprint, options.filter.collection
 
     def read() -> list[tuple[ShapeRecord, bytes | None]]:
         with parts.database.read() as session:
-            shapes = shapes_repository.records(session, fingerprint, compared.shapes[best].tolist())
-            if not correspondences:
+            numbers = compared.shapes[best].tolist()
+            shapes = shapes_repository.records(session, fingerprint, collection, numbers)
+            if not options.correspondences:
                 return [(shape, None) for shape in shapes]
             return [
-                (shape, shapes_repository.embedding_of(session, fingerprint, shape.id)) for shape in shapes
+                (shape, shapes_repository.embedding_of(session, fingerprint, collection, shape.id))
+                for shape in shapes
             ]
 
     places = {int(compared.shapes[place]): place for place in best}

@@ -2,7 +2,7 @@
 
 import threading
 from dataclasses import fields, replace
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,8 +62,7 @@ class SignatureIndex:
             return self._used()
 
     def _used(self) -> Signed:
-        room, n = self._room, self._length
-        return Signed(room.shapes[:n], room.embeddings[:n], room.signatures[:n], room.sketches[:n])
+        return Signed(*(part[: self._length] for part in _parts(self._room)))
 
     def _drop(self, shapes: NDArray[np.int64]) -> None:
         """Leave out these shapes, in new memory."""
@@ -73,9 +72,7 @@ class SignatureIndex:
             return
         stays = ~np.isin(used.shapes, shapes)
         if not stays.all():
-            self._room = Signed(
-                used.shapes[stays], used.embeddings[stays], used.signatures[stays], used.sketches[stays]
-            )
+            self._room = used.only(stays)
             self._length = int(stays.sum())
 
     def _append(self, added: Signed, expected: int) -> None:
@@ -88,23 +85,20 @@ class SignatureIndex:
         width = max(self._room.sketches.shape[1], added.sketches.shape[1])
         added = replace(added, sketches=_wide(added.sketches, width))
         if start == 0:
-            self._room = Signed(*(getattr(added, field.name)[:0] for field in fields(added)))
+            self._room = Signed(*(part[:0] for part in _parts(added)))
         if end > start:
             self._room = replace(self._room, sketches=_wide(self._room.sketches, width))
             if end > len(self._room.shapes):
-                used = self._used()
                 room = max(end + end // 4, expected + expected // 4)
-                self._room = Signed(
-                    _grown(used.shapes, room),
-                    _grown(used.embeddings, room),
-                    _grown(used.signatures, room),
-                    _grown(used.sketches, room),
-                )
-            self._room.shapes[start:end] = added.shapes
-            self._room.embeddings[start:end] = added.embeddings
-            self._room.signatures[start:end] = added.signatures
-            self._room.sketches[start:end] = added.sketches
+                self._room = Signed(*(_grown(part, room) for part in _parts(self._used())))
+            for part, more in zip(_parts(self._room), _parts(added), strict=True):
+                part[start:end] = more
         self._length = end
+
+
+def _parts(signed: Signed) -> list[NDArray[Any]]:
+    """The arrays, in their order."""
+    return [getattr(signed, field.name) for field in fields(signed)]
 
 
 def _wide(sketches: NDArray[np.uint8], width: int) -> NDArray[np.uint8]:

@@ -5,7 +5,9 @@ from numpy.typing import NDArray
 
 from core.signatures import least, signature_distances
 from service.search.records import Options, Query
-from service.search.repository import Signed, stacked
+from service.search.repository import Signed, shapes_stored, stacked
+from service.sets.records import CollectionNumber
+from service.shapes import repository as shapes_repository
 from service.shapes.records import ShapeFilter
 from service.storage.database import ReadSession
 from service.vectors import repository
@@ -20,12 +22,14 @@ def signed_in_database(
     signature: NDArray[np.float32],
     shapes: ShapeFilter,
     options: Options,
+    stored: int,
     *,
     ef_search: int,
 ) -> tuple[Signed, bool]:
     """The shapes to look at, the nearest first where they are a shortlist; and whether they are.
 
-    Without a filter the shortlist is found by the graph, with one by looking at all that it means. Sketches
+    Without a filter the shortlist is found by the graph, with one by looking at all that it means; and so it
+    is in a collection that has not half of the shapes, which the graph would find among the others. Sketches
     are read for a shortlist alone.
 
     Parameters
@@ -38,6 +42,8 @@ def signed_in_database(
     shapes : ShapeFilter
         Which are meant.
     options : Options
+    stored : int
+        How many shapes the collection has.
     ef_search : int
         As `service.vectors.repository.nearest` takes it.
     """
@@ -48,15 +54,17 @@ def signed_in_database(
     ):
         numbers, embeddings, signatures = repository.signatures(session, fingerprint, shapes)
         others = ~np.isin(numbers, itself)
-        none = np.empty((int(others.sum()), 0), np.uint8)
-        return Signed(numbers[others], embeddings[others], signatures[others], none), False
+        none = np.empty((len(numbers), 0), np.uint8)
+        collections = np.full(len(numbers), shapes.collection, np.int64)
+        return Signed(numbers, collections, embeddings, signatures, none).only(others), False
+    by_graph = shapes.is_empty and _is_half(session, shapes.collection, stored)
     found = repository.nearest(
         session,
         fingerprint,
         signature,
         options.shortlist_length + len(itself) + CLOSE,
         shapes=shapes,
-        ef_search=ef_search if shapes.is_empty else None,
+        ef_search=ef_search if by_graph else None,
     )
     others = ~np.isin(found.shapes, itself)
     numbers, embeddings = found.shapes[others], found.embeddings[others]
@@ -64,4 +72,12 @@ def signed_in_database(
     signatures = stacked([known[number][0] for number in embeddings.tolist()]).view("<f4")
     nearest = least(signature_distances(signature, signatures), numbers, options.shortlist_length)
     sketches = stacked([known[number][1] for number in embeddings[nearest].tolist()])
-    return Signed(numbers[nearest], embeddings[nearest], signatures[nearest], sketches), True
+    collections = np.full(len(nearest), shapes.collection, np.int64)
+    return Signed(numbers[nearest], collections, embeddings[nearest], signatures[nearest], sketches), True
+
+
+def _is_half(session: ReadSession, collection: CollectionNumber, stored: int) -> bool:
+    """Whether a collection with so many shapes has half of all, or more."""
+    return not shapes_repository.others_hold_shapes(session, collection) or 2 * stored >= shapes_stored(
+        session
+    )

@@ -16,6 +16,7 @@ from service.idempotency.keys import HEADER, REPLAYED, payload_of, read_key
 from service.idempotency.records import Claim
 from service.pipelines.active import fingerprint
 from service.problems import documented, faults_of
+from service.sets.choosing import InCollection, NamedInAddress, address
 from service.shapes import exporting, files, replacing, service
 from service.shapes.documentation import (
     ETAG_HEADER,
@@ -42,7 +43,7 @@ router = APIRouter(tags=["shapes"])
 ShapeId = Annotated[str, Path(description="The id of a stored shape.", max_length=64)]
 
 
-class Listing(Filters):
+class Listing(NamedInAddress, Filters):
     """Which shapes to list."""
 
     cursor: str | None = Field(
@@ -68,12 +69,12 @@ class Listing(Filters):
     },
     openapi_extra={"parameters": [IDEMPOTENCY_KEY], "requestBody": UPLOAD_BODY},
 )
-async def create_shape(request: Request, parts: Service) -> Response:
+async def create_shape(request: Request, parts: Service, collection: InCollection) -> Response:
     """Read the file, embed its mesh, and store both with a name, tags and metadata.
 
     The same bytes may be stored under several names: they, and their embedding, are kept once. The same bytes
-    under the same name are one shape, so that an upload may be repeated safely; tags and metadata of such a
-    repetition are not looked at.
+    under the same name are one shape of the collection, so that an upload may be repeated safely; tags and
+    metadata of such a repetition are not looked at.
     """
     settings = parts.settings
     key = read_key(request.headers.getlist(HEADER))
@@ -86,6 +87,7 @@ async def create_shape(request: Request, parts: Service) -> Response:
             new = NewShape(
                 data=await form.bytes(),
                 format=mesh_format,
+                collection=collection.number,
                 name=fields.name,
                 tags=tuple(fields.tags),
                 metadata=fields.metadata,
@@ -94,33 +96,32 @@ async def create_shape(request: Request, parts: Service) -> Response:
             with parts.in_flight.taken(claim):
                 done = await while_connected(request, service.ingest(parts, new, claim))
     answer = service.answer_of(done) if isinstance(done, Stored) else done
-    headers = {"Location": answer.location}
+    headers = {"Location": address(answer.location, collection)}
     if answer is done:
         headers[REPLAYED] = "true"
     return Response(answer.body, answer.status, headers=headers, media_type="application/json")
 
 
 @router.get("/shapes", summary="List shapes", responses=documented(*READ_PROBLEMS))
-def list_shapes(listing: Annotated[Listing, Query()], parts: Service) -> ShapePage:
+def list_shapes(listing: Annotated[Listing, Query()], parts: Service, collection: InCollection) -> ShapePage:
     """The stored shapes, oldest first, a page at a time.
 
     A shape that is stored while you page comes on the last page; none is shown twice or left out.
     """
     after = read_cursor(listing.cursor)
+    wanted = listing.filtered(collection.number)
     with parts.database.read() as session:
-        page = service.list_page(
-            session, fingerprint(session), listing.filtered(), after=after, limit=listing.limit
-        )
+        page = service.list_page(session, fingerprint(session), wanted, after=after, limit=listing.limit)
     return ShapePage.of(page)
 
 
 @router.get(
     "/shapes/{shape_id}", summary="Read a shape", responses=documented("shape-not-found", *READ_PROBLEMS)
 )
-def read_shape(shape_id: ShapeId, parts: Service) -> Shape:
+def read_shape(shape_id: ShapeId, parts: Service, collection: InCollection) -> Shape:
     """The record of a shape: what it is called, and what was measured on its mesh."""
     with parts.database.read() as session:
-        return Shape.of(service.get(session, fingerprint(session), shape_id))
+        return Shape.of(service.get(session, fingerprint(session), collection.number, shape_id))
 
 
 @router.patch(
@@ -128,10 +129,11 @@ def read_shape(shape_id: ShapeId, parts: Service) -> Shape:
     summary="Change a shape",
     responses=documented("bad-request", "shape-not-found", "name-taken", "body-too-large", *WRITE_PROBLEMS),
 )
-def change_shape(shape_id: ShapeId, changes: ShapeChanges, parts: Service) -> Shape:
+def change_shape(shape_id: ShapeId, changes: ShapeChanges, parts: Service, collection: InCollection) -> Shape:
     """Change name, tags or metadata. Each that is given replaces the old one whole."""
     with parts.database.write() as session:
-        return Shape.of(service.change(session, fingerprint(session), shape_id, changes.changes()))
+        own = fingerprint(session), collection.number, shape_id
+        return Shape.of(service.change(session, *own, changes.changes()))
 
 
 @router.head("/shapes/{shape_id}/file", include_in_schema=False)
@@ -156,6 +158,7 @@ async def read_file(
     shape_id: ShapeId,
     request: Request,
     parts: Service,
+    collection: InCollection,
     format: Annotated[
         Literal["stl", "obj", "ply", "off", "glb", "3mf"] | None,
         Query(
@@ -170,11 +173,13 @@ async def read_file(
 
     def read() -> tuple[ShapeRecord, str, str, bytes | None]:
         with parts.database.read() as session:
-            shape = service.get(session, fingerprint(session), shape_id)
+            shape = service.get(session, fingerprint(session), collection.number, shape_id)
             kind = shape.format if format is None else str(format)
             tag = files.entity_tag(shape.sha256 if kind == shape.format else f"{shape.sha256}-{kind}")
             wanted = request.method != "HEAD" and kind == shape.format and not files.is_known(known, tag)
-            return shape, kind, tag, service.get_file(session, shape_id) if wanted else None
+            if not wanted:
+                return shape, kind, tag, None
+            return shape, kind, tag, service.get_file(session, collection.number, shape_id)
 
     shape, kind, tag, data = await run_in_threadpool(read)
     if files.is_known(known, tag):
@@ -182,7 +187,7 @@ async def read_file(
     size = shape.size
     if kind != shape.format:
         with parts.work.admitted():
-            data = await while_connected(request, exporting.exported(parts, shape, kind))
+            data = await while_connected(request, exporting.exported(parts, collection.number, shape, kind))
         size = len(data)
     headers = {
         "Content-Length": str(size),
@@ -205,7 +210,9 @@ async def read_file(
     },
     openapi_extra={"parameters": [IF_MATCH], "requestBody": FILE_BODY},
 )
-async def replace_file(shape_id: ShapeId, request: Request, response: Response, parts: Service) -> Shape:
+async def replace_file(
+    shape_id: ShapeId, request: Request, response: Response, parts: Service, collection: InCollection
+) -> Shape:
     """Read another file and embed its mesh; the shape's id, name, tags and metadata stay."""
     settings = parts.settings
     async with uploaded(request, max_bytes=settings.max_upload_bytes, max_fields=1) as form:
@@ -214,7 +221,8 @@ async def replace_file(shape_id: ShapeId, request: Request, response: Response, 
         mesh_format = format_of(form.filename)
         with parts.work.admitted():
             file = NewFile(await form.bytes(), mesh_format)
-            work = replacing.replace_file(parts, shape_id, file, request.headers.get("If-Match"))
+            if_match = request.headers.get("If-Match")
+            work = replacing.replace_file(parts, collection.number, shape_id, file, if_match)
             record = await while_connected(request, work)
     response.headers["ETag"] = files.entity_tag(record.sha256)
     return Shape.of(record)
@@ -237,6 +245,7 @@ async def replace_file(shape_id: ShapeId, request: Request, response: Response, 
 def read_embedding(
     shape_id: ShapeId,
     parts: Service,
+    collection: InCollection,
     format: Annotated[
         Literal["json", "npz"],
         Query(description="npz is for `numpy.load`; a spectrum's arrays begin with its name."),
@@ -244,7 +253,7 @@ def read_embedding(
 ) -> EmbeddingArrays | Response:
     """What the pipeline in use made of the shape: samples, graph, tree, signature and spectra."""
     with parts.database.read() as session:
-        embedding = service.get_embedding(session, fingerprint(session), shape_id)
+        embedding = service.get_embedding(session, fingerprint(session), collection.number, shape_id)
     if format == "json":
         return EmbeddingArrays.of(embedding)
     headers = {"Content-Disposition": f'attachment; filename="{embedding.fingerprint}.npz"'}
@@ -253,6 +262,7 @@ def read_embedding(
 
 def _claim(request: Request, parts: Service, key: str, new: NewShape, form: Form) -> Claim:
     return Claim(
+        collection=new.collection,
         scope=request.scope.get(KEY_IN_SCOPE, ""),
         key=key,
         payload=payload_of(new.sha256, form.filename, form.fields),

@@ -6,6 +6,7 @@ from core.errors import MeshTooComplexError
 from core.mesh import Mesh
 from core.reading import write_mesh
 from service.parts import Parts
+from service.sets.records import CollectionNumber
 from service.shapes.records import ShapeRecord
 from service.shapes.service import get_file
 
@@ -15,8 +16,8 @@ _FACE = {"obj": 30, "off": 31, "ply": 13, "glb": 12, "stl": 50, "3mf": 58}
 a 3MF is counted as it is before it is packed."""
 
 
-async def exported(parts: Parts, shape: ShapeRecord, format: str) -> bytes:
-    """The mesh of a shape, written in a format: what `core.reading.write_mesh` keeps of it.
+async def exported(parts: Parts, collection: CollectionNumber, shape: ShapeRecord, format: str) -> bytes:
+    """The mesh of a collection's shape, written in a format: what `core.reading.write_mesh` keeps of it.
 
     Raises
     ------
@@ -28,7 +29,7 @@ async def exported(parts: Parts, shape: ShapeRecord, format: str) -> bytes:
 
     def read() -> bytes:
         with parts.database.read() as session:
-            return get_file(session, shape.id)
+            return get_file(session, collection, shape.id)
 
     mesh = await parts.work.read(await run_in_threadpool(read), shape.format)
     check_size(mesh, format, parts.settings.max_upload_bytes)

@@ -5,6 +5,7 @@ from typing import Annotated
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from service.errors import BadRequestFieldsError, FieldFault
+from service.sets.records import CollectionNumber
 from service.shapes.fields import ListedTags, clean_text
 from service.shapes.records import ShapeFilter
 
@@ -32,12 +33,12 @@ class Filters(BaseModel):
         examples=[["source=scan"]],
     )
 
-    def filtered(self) -> ShapeFilter:
-        """What the parameters say of the shapes."""
+    def filtered(self, collection: CollectionNumber) -> ShapeFilter:
+        """What the parameters say of the shapes of a collection."""
         metadata = []
         for pair in self.metadata:
             key, equals, value = pair.partition("=")
             if not (key and equals):
                 raise BadRequestFieldsError(FieldFault("metadata", "must be written key=value"))
             metadata.append((key, value))
-        return ShapeFilter(tuple(self.tag), self.name, tuple(metadata))
+        return ShapeFilter(collection, tuple(self.tag), self.name, tuple(metadata))

@@ -7,6 +7,8 @@ from datetime import datetime
 from functools import cached_property
 from typing import Any
 
+from service.sets.records import CollectionNumber
+
 
 @dataclass(frozen=True)
 class ShapeRecord:
@@ -45,11 +47,12 @@ class NewFile:
 
 @dataclass(frozen=True)
 class NewShape(NewFile):
-    """A file to be stored, and what is written about it.
+    """A file to be stored, in which collection, and what is written about it.
 
     A shape that is restored has its id and the time of its creation already.
     """
 
+    collection: CollectionNumber
     name: str
     tags: tuple[str, ...]
     metadata: Mapping[str, Any]
@@ -77,12 +80,13 @@ class Changes:
 
 @dataclass(frozen=True)
 class ShapeFilter:
-    """Which shapes are meant: those that have every tag, the text in their name, and every plain value.
+    """Which shapes of a collection are meant: with every tag, the text in their name, and every plain value.
 
     `metadata` holds pairs of key and value, `excluded` the ids of shapes that are not meant, and `area` the
     least and the most surface in squared units of the files.
     """
 
+    collection: CollectionNumber
     tags: tuple[str, ...] = ()
     name: str | None = None
     metadata: tuple[tuple[str, str], ...] = ()
@@ -91,8 +95,8 @@ class ShapeFilter:
 
     @property
     def is_empty(self) -> bool:
-        """Whether every shape is meant."""
-        return self == ShapeFilter()
+        """Whether every shape of the collection is meant."""
+        return self == ShapeFilter(self.collection)
 
 
 @dataclass(frozen=True)

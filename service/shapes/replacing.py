@@ -6,6 +6,7 @@ from core.pipeline import Pipeline
 from service.compute.tasks import Embedded
 from service.errors import FileChangedError, NameTakenError
 from service.parts import Parts
+from service.sets.records import CollectionNumber
 from service.shapes import repository
 from service.shapes.files import entity_tag, is_known
 from service.shapes.records import NewFile, NewShape, ShapeRecord
@@ -13,8 +14,10 @@ from service.shapes.service import get, put_file
 from service.storage.database import Database
 
 
-async def replace_file(parts: Parts, shape_id: str, file: NewFile, if_match: str | None) -> ShapeRecord:
-    """Have a shape be of another file; id, name, tags and metadata stay.
+async def replace_file(
+    parts: Parts, collection: CollectionNumber, shape_id: str, file: NewFile, if_match: str | None
+) -> ShapeRecord:
+    """Have a collection's shape be of another file; id, name, tags and metadata stay.
 
     The embedding is made before the transaction begins, which then writes bytes, embedding and shape
     together: every query sees either file, and none a shape without one.
@@ -22,33 +25,36 @@ async def replace_file(parts: Parts, shape_id: str, file: NewFile, if_match: str
     Raises
     ------
     ShapeNotFoundError
-        No shape has the id.
+        No shape of the collection has the id.
     FileChangedError
         The file is not the one that the client means by If-Match.
     NameTakenError
-        Another shape has the name and the new file.
+        Another shape of the collection has the name and the new file.
     """
     while True:
-        pipeline, needed = await run_in_threadpool(_look_up, parts, shape_id, file, if_match)
+        pipeline, needed = await run_in_threadpool(_look_up, parts, collection, shape_id, file, if_match)
         embedded = await parts.work.embed(file.data, file.format, pipeline) if needed else None
         replaced = await run_in_threadpool(
-            _replace, parts.database, pipeline.fingerprint, shape_id, file, embedded, if_match
+            _replace, parts.database, pipeline.fingerprint, collection, shape_id, file, embedded, if_match
         )
         if replaced is not None:
             return replaced
 
 
-def _look_up(parts: Parts, shape_id: str, file: NewFile, if_match: str | None) -> tuple[Pipeline, bool]:
+def _look_up(
+    parts: Parts, collection: CollectionNumber, shape_id: str, file: NewFile, if_match: str | None
+) -> tuple[Pipeline, bool]:
     """The pipeline in use, and whether the file needs to be embedded."""
     with parts.database.read() as session:
         pipeline = parts.pipelines.current(session).pipeline
-        _check_match(get(session, pipeline.fingerprint, shape_id), if_match)
+        _check_match(get(session, pipeline.fingerprint, collection, shape_id), if_match)
         return pipeline, not repository.is_embedded(session, pipeline.fingerprint, file.sha256, file.format)
 
 
 def _replace(
     database: Database,
     fingerprint: str,
+    collection: CollectionNumber,
     shape_id: str,
     file: NewFile,
     embedded: Embedded | None,
@@ -56,18 +62,18 @@ def _replace(
 ) -> ShapeRecord | None:
     """One transaction; None when it comes too late."""
     with database.write() as session:
-        record = get(session, fingerprint, shape_id)
+        record = get(session, fingerprint, collection, shape_id)
         _check_match(record, if_match)
         put = put_file(session, fingerprint, file, embedded)
         if put is None:
             return None
         if (record.sha256, record.format) == (file.sha256, file.format):
-            return get(session, fingerprint, shape_id)
-        new = NewShape(file.data, file.format, record.name, record.tags, record.metadata)
+            return get(session, fingerprint, collection, shape_id)
+        new = NewShape(file.data, file.format, collection, record.name, record.tags, record.metadata)
         if repository.same(session, fingerprint, new) is not None:
             raise NameTakenError(f"another shape has this file and the name {record.name!r}")
         repository.replace_file(session, record, file.format, put)
-        return get(session, fingerprint, shape_id)
+        return get(session, fingerprint, collection, shape_id)
 
 
 def _check_match(record: ShapeRecord, if_match: str | None) -> None:

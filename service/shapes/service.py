@@ -17,6 +17,8 @@ from service.idempotency import repository as idempotency
 from service.idempotency.records import Claim, Kept
 from service.parts import Parts
 from service.pipelines.active import fingerprint as active_fingerprint
+from service.sets import repository as sets
+from service.sets.records import CollectionNumber
 from service.shapes import repository
 from service.shapes.records import (
     Changes,
@@ -48,6 +50,8 @@ async def ingest(
 
     Raises
     ------
+    CollectionNotFoundError
+        Its collection is there no more.
     IdempotencyKeyReusedError
         The claim's key has come with another payload before.
     """
@@ -80,50 +84,54 @@ def list_page(session: ReadSession, fingerprint: str, shapes: ShapeFilter, *, af
     return Page(found, repository.count(session, shapes), found[-1].number if more else None)
 
 
-def get(session: ReadSession, fingerprint: str, shape_id: str) -> ShapeRecord:
-    """The shape with an id."""
-    record = repository.by_id(session, fingerprint, shape_id)
+def get(session: ReadSession, fingerprint: str, collection: CollectionNumber, shape_id: str) -> ShapeRecord:
+    """The shape of a collection with an id."""
+    record = repository.by_id(session, fingerprint, collection, shape_id)
     if record is None:
         raise ShapeNotFoundError(shape_id)
     return record
 
 
-def get_file(session: ReadSession, shape_id: str) -> bytes:
-    """The bytes that were uploaded."""
-    data = repository.file_of(session, shape_id)
+def get_file(session: ReadSession, collection: CollectionNumber, shape_id: str) -> bytes:
+    """The bytes that were uploaded of a collection's shape."""
+    data = repository.file_of(session, collection, shape_id)
     if data is None:
         raise ShapeNotFoundError(shape_id)
     return data
 
 
-def get_record(session: ReadSession, fingerprint: str, shape_id: str) -> bytes:
-    """The bytes of a shape's embedding."""
-    record = repository.embedding_of(session, fingerprint, shape_id)
+def get_record(session: ReadSession, fingerprint: str, collection: CollectionNumber, shape_id: str) -> bytes:
+    """The bytes of the embedding of a collection's shape."""
+    record = repository.embedding_of(session, fingerprint, collection, shape_id)
     if record is None:
-        get(session, fingerprint, shape_id)
+        get(session, fingerprint, collection, shape_id)
         raise NotEmbeddedError(shape_id)
     return record
 
 
-def get_embedding(session: ReadSession, fingerprint: str, shape_id: str) -> Embedding:
-    """A shape's embedding."""
-    return embedding_from_bytes(get_record(session, fingerprint, shape_id))
+def get_embedding(
+    session: ReadSession, fingerprint: str, collection: CollectionNumber, shape_id: str
+) -> Embedding:
+    """The embedding of a collection's shape."""
+    return embedding_from_bytes(get_record(session, fingerprint, collection, shape_id))
 
 
-def change(session: WriteSession, fingerprint: str, shape_id: str, changes: Changes) -> ShapeRecord:
-    """Change a shape's name, tags or metadata."""
-    record = get(session, fingerprint, shape_id)
+def change(
+    session: WriteSession, fingerprint: str, collection: CollectionNumber, shape_id: str, changes: Changes
+) -> ShapeRecord:
+    """Change the name, tags or metadata of a collection's shape."""
+    record = get(session, fingerprint, collection, shape_id)
     if changes == Changes():
         return record
-    if changes.name is not None and repository.is_name_taken(session, record, changes.name):
+    if changes.name is not None and repository.is_name_taken(session, collection, record, changes.name):
         raise NameTakenError(f"another shape with the same file has the name {changes.name!r}")
     repository.change(session, record.number, changes)
-    return get(session, fingerprint, shape_id)
+    return get(session, fingerprint, collection, shape_id)
 
 
-def remove(session: WriteSession, fingerprint: str, shape_id: str) -> None:
-    """Delete a shape, and its file and embedding if no other shape has the same."""
-    repository.remove(session, get(session, fingerprint, shape_id))
+def remove(session: WriteSession, fingerprint: str, collection: CollectionNumber, shape_id: str) -> None:
+    """Delete a collection's shape, and its file and embedding if no other shape has the same."""
+    repository.remove(session, get(session, fingerprint, collection, shape_id))
 
 
 def as_npz(embedding: Embedding) -> bytes:
@@ -173,6 +181,7 @@ def _store(
     last shape that had it.
     """
     with database.write() as session:
+        sets.require(session, new.collection)
         now = datetime.now(UTC)
         # Another process, or a request that was given up, may have answered meanwhile.
         kept = None if claim is None else idempotency.answer_to(session, claim, now)

@@ -21,12 +21,12 @@ from service.storage.database import Database
 from service.storage.graph import ensure_graph
 from service.storage.job_tables import JobRow
 from service.storage.migrate import check_known, head, migrate
-from service.storage.tables import ArchiveRow, BlobRow, EmbeddingRow, PipelineRow, ShapeRow
+from service.storage.tables import ArchiveRow, BlobRow, CollectionRow, EmbeddingRow, PipelineRow, ShapeRow
 
 ROWS_AT_ONCE = 500
 BYTES_AT_ONCE = 16 * 1024**2
-# What a service writes as soon as it starts on an empty archive.
-WRITTEN_AT_THE_START = {ArchiveRow.__tablename__, PipelineRow.__tablename__}
+# What migrations write, and a service as soon as it starts on an empty archive.
+WRITTEN_AT_THE_START = {ArchiveRow.__tablename__, CollectionRow.__tablename__, PipelineRow.__tablename__}
 
 # Of jobs too, once the module of their tables is imported.
 _TABLES = JobRow.metadata

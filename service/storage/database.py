@@ -2,7 +2,7 @@
 
 import threading
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from typing import Any
 
 from sqlalchemy import Connection, Engine, insert, make_url, select
@@ -14,7 +14,7 @@ from service.storage.failures import translated
 from service.storage.graph_parameters import GraphParameters
 from service.storage.lock import ArchiveLock
 from service.storage.postgresql import open_postgresql
-from service.storage.sqlite import WRITES, open_sqlite, path_of
+from service.storage.sqlite import WRITES, open_sqlite, path_of, without_references
 from service.storage.tables import ArchiveRow, Table
 
 
@@ -102,9 +102,11 @@ class Database:
 
     @contextmanager
     def connect(self) -> Iterator[Connection]:
-        """A bare connection in one writing transaction, for migrations."""
-        with self._turn(), translated(), self._writing_engine.begin() as connection:
-            yield connection
+        """A bare connection in one writing transaction, for migrations. SQLite enforces no references."""
+        with self._turn(), translated(), self._writing_engine.connect() as connection:
+            unchecked = nullcontext() if self._lock is None else without_references(connection)
+            with unchecked, connection.begin():
+                yield connection
 
     def ping(self) -> None:
         """Ask the database for something.

@@ -22,10 +22,15 @@ class JobRow(Table):
     """
 
     __tablename__ = "jobs"
-    __table_args__ = (Index("jobs_by_state", "state"), {"sqlite_autoincrement": True})
+    __table_args__ = (
+        Index("jobs_by_state", "state"),
+        Index("jobs_by_collection", "collection_number", "number"),
+        {"sqlite_autoincrement": True},
+    )
 
     number: Mapped[int] = mapped_column(primary_key=True)
     id: Mapped[str] = mapped_column(AnyText(36), unique=True)
+    collection_number: Mapped[int] = mapped_column(ForeignKey("collections.number"))
     state: Mapped[str] = mapped_column(String(16))
     archive: Mapped[str] = mapped_column(String(255))
     format: Mapped[str] = mapped_column(String(8))

@@ -1,5 +1,7 @@
 """What SQLite needs to be told, and where it must not be trusted."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from sqlite3 import sqlite_version_info
 from typing import Any
@@ -53,6 +55,27 @@ def open_sqlite(url: URL, *, lock_seconds: float) -> Engine:
     event.listen(engine, "connect", _prepare)
     event.listen(engine, "begin", _begin)
     return engine
+
+
+@contextmanager
+def without_references(connection: Connection) -> Iterator[None]:
+    """Have a connection that is in no transaction enforce no references, until the end of the block.
+
+    SQLite changes a table by making it anew, and while references are enforced, dropping the old one deletes
+    what refers to its rows (sqlite.org/lang_altertable.html, "Making Other Kinds Of Table Schema Changes").
+    """
+    _tell(connection, "PRAGMA foreign_keys = OFF")
+    try:
+        yield
+    finally:
+        _tell(connection, "PRAGMA foreign_keys = ON")
+
+
+def _tell(connection: Connection, pragma: str) -> None:
+    """Past SQLAlchemy, which would begin a transaction, in which the pragma does nothing."""
+    cursor = connection.connection.cursor()
+    cursor.execute(pragma)
+    cursor.close()
 
 
 def write_ahead_log_is_safe(version: tuple[int, int, int]) -> bool:

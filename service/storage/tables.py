@@ -1,8 +1,8 @@
 """The tables.
 
-A blob is the bytes of a file, once per SHA-256. A shape is a record that people name; several may share a
-blob. An embedding belongs to a blob read in one format under one pipeline fingerprint, so that shapes on the
-same bytes share it. Migrations make the tables; a test holds the two equal.
+A blob is the bytes of a file, once per SHA-256. A shape is a record that people name, in one collection;
+several may share a blob. An embedding belongs to a blob read in one format under one pipeline fingerprint, so
+that shapes on the same bytes share it. Migrations make the tables; a test holds the two equal.
 """
 
 from datetime import datetime
@@ -20,6 +20,17 @@ class Table(DeclarativeBase):
     """Base of every table."""
 
     type_annotation_map: ClassVar = {int: Number}
+
+
+class CollectionRow(Table):
+    """A named set of shapes. The first is `default`, and is always there."""
+
+    __tablename__ = "collections"
+    __table_args__ = ({"sqlite_autoincrement": True},)
+
+    number: Mapped[int] = mapped_column(primary_key=True)
+    name: Mapped[str] = mapped_column(String(64), unique=True)
+    created_at: Mapped[datetime] = mapped_column(UtcDateTime)
 
 
 class BlobRow(Table):
@@ -43,14 +54,16 @@ class ShapeRow(Table):
 
     __tablename__ = "shapes"
     __table_args__ = (
-        UniqueConstraint("blob_number", "format", "name", name="one_shape_a_name"),
+        UniqueConstraint("blob_number", "format", "name", "collection_number", name="one_shape_a_name"),
         Index("shapes_by_revision", "revision"),
-        Index("shapes_by_folded_name", "folded_name"),
+        Index("shapes_by_collection", "collection_number", "number"),
+        Index("shapes_by_folded_name", "collection_number", "folded_name"),
         {"sqlite_autoincrement": True},
     )
 
     number: Mapped[int] = mapped_column(primary_key=True)
     id: Mapped[str] = mapped_column(AnyText(36), unique=True)
+    collection_number: Mapped[int] = mapped_column(ForeignKey("collections.number"))
     blob_number: Mapped[int] = mapped_column(ForeignKey("blobs.number"))
     format: Mapped[str] = mapped_column(String(8))
     name: Mapped[str] = mapped_column(String(255))
@@ -147,10 +160,14 @@ class DeletedRow(Table):
     """
 
     __tablename__ = "deleted_shapes"
-    __table_args__ = ({"sqlite_autoincrement": True},)
+    __table_args__ = (
+        Index("deleted_shapes_by_collection", "collection_number", "number"),
+        {"sqlite_autoincrement": True},
+    )
 
     number: Mapped[int] = mapped_column(primary_key=True)
     id: Mapped[str] = mapped_column(AnyText(36), unique=True)
+    collection_number: Mapped[int] = mapped_column(ForeignKey("collections.number"))
     name: Mapped[str] = mapped_column(String(255))
     tags: Mapped[list[str]] = mapped_column(JSON)
     meta: Mapped[dict[str, Any]] = mapped_column(JSON)
@@ -180,6 +197,9 @@ class IdempotencyKeyRow(Table):
 
     __tablename__ = "idempotency_keys"
 
+    collection_number: Mapped[int] = mapped_column(
+        ForeignKey("collections.number", ondelete="CASCADE"), primary_key=True, autoincrement=False
+    )
     scope: Mapped[str] = mapped_column(String(64), primary_key=True)
     key: Mapped[str] = mapped_column(String(255), primary_key=True)
     payload: Mapped[str] = mapped_column(String(64))

@@ -176,7 +176,10 @@ def _embedded(query: Chosen, fingerprint: str, shapes: ShapeFilter) -> Chosen:
         (EmbeddingRow.blob_number == ShapeRow.blob_number) & (EmbeddingRow.format == ShapeRow.format),
     )
     # Written out, so that the planner sees which pipeline's graph it is.
-    query = query.where(EmbeddingRow.fingerprint == bindparam(None, fingerprint, literal_execute=True))
+    query = query.where(
+        EmbeddingRow.fingerprint == bindparam(None, fingerprint, literal_execute=True),
+        ShapeRow.collection_number == shapes.collection,
+    )
     return query if shapes.is_empty else query.where(ShapeRow.number.in_(matching(shapes)))
 
 

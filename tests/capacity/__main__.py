@@ -30,6 +30,7 @@ from service.benchmark.meshes import Source
 from service.compute.tasks import embed_mesh
 from service.pipelines.active import Pipelines
 from service.pipelines.starting import begin
+from service.sets.records import DEFAULT_COLLECTION
 from service.shapes import repository
 from service.shapes.records import NewShape
 from service.storage.database import Database
@@ -75,7 +76,14 @@ def stored_in_a_second() -> None:
                 begin(Pipelines(DEFAULT), database)
                 began = time.perf_counter()
                 for number in range(STORED):
-                    new = NewShape(data + number.to_bytes(8, "big"), "ply", str(number), (), {})
+                    new = NewShape(
+                        data + number.to_bytes(8, "big"),
+                        "ply",
+                        DEFAULT_COLLECTION.number,
+                        str(number),
+                        (),
+                        {},
+                    )
                     with database.write() as session:
                         blob = repository.add_blob(session, new.data, new.sha256)
                         repository.add_embedding(session, blob, "ply", DEFAULT.fingerprint, embedded)

@@ -6,15 +6,18 @@ from contextlib import closing, contextmanager
 from functools import cache
 from pathlib import Path
 
+from alembic import command
+
 from core.parameters import DEFAULT
 from core.reading import Limits
 from service.compute.tasks import Embedded, embed_file
 from service.pipelines.active import Pipelines
 from service.pipelines.starting import begin
+from service.sets.records import DEFAULT_COLLECTION
 from service.shapes import repository
 from service.shapes.records import NewShape
 from service.storage.database import Database
-from service.storage.migrate import migrate
+from service.storage.migrate import _config, migrate
 from tests.service.support import small_file
 
 
@@ -29,7 +32,14 @@ def make_archive(path: Path, *numbers: int) -> Path:
     migrate(database)
     begin(Pipelines(DEFAULT), database)
     for number in numbers:
-        new = NewShape(small_file(number), "off", str(number), (f"tag {number}",), {"number": number})
+        new = NewShape(
+            small_file(number),
+            "off",
+            DEFAULT_COLLECTION.number,
+            str(number),
+            (f"tag {number}",),
+            {"number": number},
+        )
         made = embedded(number)
         with database.write() as session:
             blob = repository.add_blob(session, new.data, new.sha256)
@@ -37,6 +47,14 @@ def make_archive(path: Path, *numbers: int) -> Path:
             repository.add_shape(session, blob, new, made.facts)
     database.close()
     return path
+
+
+def begin_at(url: str, version: str) -> None:
+    """The tables of an archive as they were at a version, with nothing in them but what migrations write."""
+    config = _config()
+    with closing(Database(url, lock_seconds=5)) as database, database.connect() as connection:
+        config.attributes["connection"] = connection
+        command.upgrade(config, version)
 
 
 @contextmanager

@@ -18,6 +18,7 @@ from service.deleted import repository as deleted
 from service.errors import ArchiveError, ArchiveTooNewError
 from service.idempotency import repository as idempotency
 from service.idempotency.records import Claim, Kept
+from service.sets.records import DEFAULT_COLLECTION
 from service.shapes import repository
 from service.shapes.records import NewShape
 from service.storage.checking import check
@@ -39,6 +40,7 @@ def archive(tmp_path: Path) -> Path:
         twin = NewShape(
             small_file(1),
             "off",
+            DEFAULT_COLLECTION.number,
             "tw\u00efn \U0001f600",
             ("a", "B", "\u00e4"),
             {"k\0": "\\0", "n": [1.5, None]},
@@ -48,13 +50,15 @@ def archive(tmp_path: Path) -> Path:
         repository.add_shape(session, blob, twin, embedded(1).facts)
         session.add(ThumbnailRow(blob_number=blob, format="off", size=128, drawing=1, data=b"\0\xff"))
         now = datetime.now(UTC)
-        claim = Claim("", "key", "payload", now + timedelta(hours=1))
+        claim = Claim(DEFAULT_COLLECTION.number, "", "key", "payload", now + timedelta(hours=1))
         idempotency.keep(session, claim, Kept(201, "/shapes/x", "{}"), now)
         for name in ("4", twin.name):
             number = session.scalars(select(ShapeRow.number).where(ShapeRow.name == name)).one()
             if name == "4":
-                record = repository.records(session, DEFAULT.fingerprint, [number])[0]
-                deleted.keep(session, record, now)
+                record = repository.records(
+                    session, DEFAULT.fingerprint, DEFAULT_COLLECTION.number, [number]
+                )[0]
+                deleted.keep(session, DEFAULT_COLLECTION.number, record, now)
                 repository.remove(session, record)
     return path
 
@@ -97,7 +101,7 @@ def test_a_number_that_was_given_is_not_given_again(archive: Path, tmp_path: Pat
     copied(url, back)
     for place in (url, back):
         with opened(place) as database, database.write() as session:
-            new = NewShape(b"new", "off", "new", (), {})
+            new = NewShape(b"new", "off", DEFAULT_COLLECTION.number, "new", (), {})
             shape = repository.add_shape(session, repository.add_blob(session, b"new", new.sha256), new, {})
             assert shape.number == 71
             assert session.scalars(select(ShapeRow.blob_number).where(ShapeRow.number == 71)).one() == 5
@@ -111,7 +115,9 @@ def test_what_is_not_empty_is_left_alone(archive: Path, tmp_path: Path) -> None:
     assert content(other) == before
     with opened(file(other)) as database, database.write() as session:
         (number,) = session.scalars(select(ShapeRow.number))
-        repository.remove(session, repository.records(session, DEFAULT.fingerprint, [number])[0])
+        repository.remove(
+            session, repository.records(session, DEFAULT.fingerprint, DEFAULT_COLLECTION.number, [number])[0]
+        )
     with pytest.raises(ArchiveError, match="not empty"):
         copied(file(archive), file(other))
 

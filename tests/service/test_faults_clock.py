@@ -13,6 +13,7 @@ from service.jobs import repository as job_repository
 from service.jobs import running as job_running
 from service.jobs import service as jobs
 from service.jobs.records import ARRIVING_LEASE, NewJob
+from service.sets.records import DEFAULT_COLLECTION
 from service.shapes import endpoints, repository
 from service.shapes import service as shapes
 from service.storage.job_tables import JobRow
@@ -104,7 +105,14 @@ def test_a_job_is_done(clocked: Running, monkeypatch: pytest.MonkeyPatch) -> Non
     archive = pack({"7.off": small_file(7)})
     with database.write() as session:
         now = datetime.now(UTC)
-        new = NewJob(archive="left.zip", format="zip", size=len(archive), tags=(), metadata={})
+        new = NewJob(
+            DEFAULT_COLLECTION.number,
+            archive="left.zip",
+            format="zip",
+            size=len(archive),
+            tags=(),
+            metadata={},
+        )
         number = job_repository.add(session, new, "died", now, now)
         job_repository.add_piece(session, number, 0, archive, now)
         job_repository.acknowledge(session, number)
@@ -125,7 +133,7 @@ def test_a_job_is_done(clocked: Running, monkeypatch: pytest.MonkeyPatch) -> Non
 def test_an_archive_is_left_alone_while_it_arrives(clocked: Running) -> None:
     """Also by who asked for the time a moment before its receiver did; not for ever by a clock set back."""
     now = datetime.now(UTC)
-    new = NewJob(archive="half.zip", format="zip", size=1, tags=(), metadata={})
+    new = NewJob(DEFAULT_COLLECTION.number, archive="half.zip", format="zip", size=1, tags=(), metadata={})
     for lease, left_over in ((ARRIVING_LEASE + timedelta(seconds=5), False), (DAY, True), (-DAY, True)):
         with clocked.parts.database.write() as session:
             number = job_repository.add(session, new, "receiver", now + lease, now)

@@ -16,6 +16,7 @@ from service.access.keys import digest_of
 from service.compute.tasks import Embedded
 from service.idempotency.keys import HEADER, REPLAYED, payload_of, read_key
 from service.idempotency.records import Claim, Kept
+from service.sets.records import DEFAULT_COLLECTION
 from service.shapes.records import NewShape, Stored
 from service.shapes.service import answer_of, ingest
 from service.storage.tables import IdempotencyKeyRow
@@ -256,8 +257,14 @@ def test_keys_belong_to_the_api_key_that_they_come_with(tmp_path: Path) -> None:
 def test_an_answer_that_another_process_gave_meanwhile_is_the_answer(
     service: Running, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    new = NewShape(small_file(0), "off", "ball.off", tags=(), metadata={})
-    claim = Claim("", "a key", payload_of(new.sha256, "ball.off", {}), datetime.now(UTC) + timedelta(hours=1))
+    new = NewShape(small_file(0), "off", DEFAULT_COLLECTION.number, "ball.off", tags=(), metadata={})
+    claim = Claim(
+        DEFAULT_COLLECTION.number,
+        "",
+        "a key",
+        payload_of(new.sha256, "ball.off", {}),
+        datetime.now(UTC) + timedelta(hours=1),
+    )
     work = service.parts.work
     embed = work.embed
     answers: list[Stored | Kept] = []

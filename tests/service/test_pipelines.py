@@ -15,6 +15,7 @@ from service.errors import PipelineUnavailableError
 from service.pipelines import repository
 from service.pipelines.active import Pipelines, keep
 from service.pipelines.starting import begin
+from service.sets.records import DEFAULT_COLLECTION
 from service.shapes import repository as shapes_repository
 from service.shapes.records import NewShape
 from service.storage.database import Database
@@ -103,7 +104,7 @@ def archive_of(parameters: Parameters, folder: Path) -> Database:
     with database.write() as session:
         keep(session, parameters)
         repository.activate(session, parameters.fingerprint)
-        new = NewShape(data=b"x", format="off", name="x", tags=(), metadata={})
+        new = NewShape(b"x", "off", DEFAULT_COLLECTION.number, name="x", tags=(), metadata={})
         shapes_repository.add_shape(session, shapes_repository.add_blob(session, b"x", new.sha256), new, {})
     return database
 

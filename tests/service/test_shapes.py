@@ -13,6 +13,7 @@ from core.mesh import Mesh
 from core.reading import WRITABLE, read_mesh, write_mesh
 from core.records import embedding_from_bytes
 from service.client import Client
+from service.sets.records import DEFAULT_COLLECTION
 from service.shapes import files, repository
 from service.shapes.exporting import check_size
 from tests.service.engines import on_both
@@ -278,7 +279,9 @@ def test_a_file_has_its_media_type_and_is_not_sent_twice(
 def test_the_embedding_is_the_one_that_is_stored(service: Running) -> None:
     shape = service.store(small_file(0))
     with service.parts.database.read() as session:
-        record = repository.embedding_of(session, pipeline_in_use(service).fingerprint, shape["id"])
+        record = repository.embedding_of(
+            session, pipeline_in_use(service).fingerprint, DEFAULT_COLLECTION.number, shape["id"]
+        )
     assert record is not None
     stored = embedding_from_bytes(record)
     address = f"/shapes/{shape['id']}/embedding"

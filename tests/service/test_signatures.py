@@ -11,6 +11,7 @@ from service.compute.tasks import Embedded
 from service.search import signatures
 from service.search.repository import Signed, signed_since
 from service.search.signatures import SignatureIndex
+from service.sets.records import DEFAULT_COLLECTION
 from service.shapes import repository
 from service.shapes.records import NewShape
 from service.storage.database import Database, ReadSession
@@ -35,7 +36,7 @@ def store(database: Database, content: int, name: str, fingerprint: str = FINGER
     """Store a shape whose signature tells its content and its fingerprint."""
     signature = np.array([content, int(fingerprint, 16) % 97, 0.5], dtype=np.float32)
     embedded = Embedded(b"record", signature, bytes([content, 1]), {}, {})
-    new = NewShape(str(content).encode(), "off", name, (), {})
+    new = NewShape(str(content).encode(), "off", DEFAULT_COLLECTION.number, name, (), {})
     with database.write() as session:
         blob = repository.blob_number(session, new.sha256)
         blob = repository.add_blob(session, new.data, new.sha256) if blob is None else blob
@@ -48,7 +49,7 @@ def store(database: Database, content: int, name: str, fingerprint: str = FINGER
 
 def remove(database: Database, content: int, name: str) -> None:
     """Delete a shape."""
-    new = NewShape(str(content).encode(), "off", name, (), {})
+    new = NewShape(str(content).encode(), "off", DEFAULT_COLLECTION.number, name, (), {})
     with database.write() as session:
         record = repository.same(session, FINGERPRINT, new)
         assert record is not None

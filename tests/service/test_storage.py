@@ -201,7 +201,14 @@ def test_any_text_is_kept_and_found(database: Database, value: str) -> None:
     with database.write() as session:
         session.add(BlobRow(number=1, sha256="a", size=1, data=b"x"))
         session.flush()
-        columns = {"format": "off", "folded_name": "", "meta": {"key": value}, "facts": {}, "revision": 1}
+        columns = {
+            "collection_number": 1,
+            "format": "off",
+            "folded_name": "",
+            "meta": {"key": value},
+            "facts": {},
+            "revision": 1,
+        }
         for number in (1, 2):
             times = {"created_at": now, "updated_at": now}
             session.add(

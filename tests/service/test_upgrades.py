@@ -19,7 +19,7 @@ from service.pipelines.starting import begin
 from service.storage.checking import check
 from service.storage.database import Database
 from service.storage.migrate import migrate
-from tests.service.archives import make_archive, opened
+from tests.service.archives import begin_at, make_archive, opened
 from tests.service.pipelines import active, fingerprints
 from tests.service.support import query, serving, settings_in
 
@@ -110,12 +110,18 @@ def test_embeddings_that_had_no_sketches_get_those_and_their_signatures(tmp_path
             embedding = embedding_from_bytes(record)
             assert made[number] == (sketch_of(embedding).tobytes(), embedding.signature.tobytes())
         connection.execute("UPDATE embeddings SET record = x'00' WHERE number = 2")
-        connection.execute("DROP TABLE sketches")
-        connection.execute("DROP TABLE deleted_shapes")
-        connection.execute("UPDATE alembic_version SET version_num = '0005'")
-    database = Database(f"sqlite:///{path}", lock_seconds=1)
+    older = tmp_path / "older.sqlite3"
+    begin_at(f"sqlite:///{older}", "0005")
+    with opened(older) as connection:
+        connection.execute("ATTACH ? AS made", (str(path),))
+        for table in ("blobs", "shapes", "embeddings"):
+            columns = ", ".join(
+                name for (name,) in connection.execute("SELECT name FROM pragma_table_info(?)", (table,))
+            )
+            connection.execute(f"INSERT INTO {table} ({columns}) SELECT {columns} FROM made.{table}")
+    database = Database(f"sqlite:///{older}", lock_seconds=1)
     migrate(database)
     database.close()
-    with opened(path) as connection:
+    with opened(older) as connection:
         found = {row[0]: row[1:] for row in connection.execute("SELECT * FROM sketches")}
     assert found == {**made, 2: (b"", made[2][1])}

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from sqlalchemy import insert, text
 
 from core.parameters import DEFAULT
+from service.sets.records import DEFAULT_COLLECTION
 from service.shapes import repository
 from service.shapes.records import NewShape, ShapeFilter
 from service.storage.database import Database, ReadSession
@@ -29,7 +30,7 @@ LENGTH = 33
 GROUPS = 40
 WANTED = 100
 FINGERPRINT, OTHER = "f" * 16, "0" * 16
-EVERYTHING = ShapeFilter()
+EVERYTHING = ShapeFilter(DEFAULT_COLLECTION.number)
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,6 +77,7 @@ def stored(engine: str) -> Iterator[Stored]:
                         **shared,
                         "number": n,
                         "id": f"{n}",
+                        "collection_number": DEFAULT_COLLECTION.number,
                         "blob_number": n,
                         "name": f"{n}",
                         "facts": {"area": n},
@@ -170,10 +172,18 @@ def test_only_what_the_filter_means_is_found(stored: Stored, ef: int | None) -> 
     small = np.arange(50, 2_001)
     for query in stored.queries[:8]:
         for shapes, meant in (
-            (ShapeFilter(tags=("third",)), thirds),
-            (ShapeFilter(area=(50, 2_000)), small),
-            (ShapeFilter(tags=("third",), area=(50, 2_000)), np.intersect1d(thirds, small)),
-            (ShapeFilter(excluded=tuple(str(n) for n in stored.truth(query)[:5])), stored.truth(query)[5:]),
+            (ShapeFilter(DEFAULT_COLLECTION.number, tags=("third",)), thirds),
+            (ShapeFilter(DEFAULT_COLLECTION.number, area=(50, 2_000)), small),
+            (
+                ShapeFilter(DEFAULT_COLLECTION.number, tags=("third",), area=(50, 2_000)),
+                np.intersect1d(thirds, small),
+            ),
+            (
+                ShapeFilter(
+                    DEFAULT_COLLECTION.number, excluded=tuple(str(n) for n in stored.truth(query)[:5])
+                ),
+                stored.truth(query)[5:],
+            ),
         ):
             found, truth = stored.nearest(query, WANTED, shapes, ef), stored.truth(query, meant)[:WANTED]
             assert np.isin(found.shapes, meant).all()
@@ -185,9 +195,11 @@ def test_only_what_the_filter_means_is_found(stored: Stored, ef: int | None) -> 
 def test_all_are_found_where_a_filter_means_few(stored: Stored, ef: int | None) -> None:
     few = np.arange(200, 230)
     for query in stored.queries[:5]:
-        found = stored.nearest(query, WANTED, ShapeFilter(tags=("few",)), ef)
+        found = stored.nearest(query, WANTED, ShapeFilter(DEFAULT_COLLECTION.number, tags=("few",)), ef)
         np.testing.assert_array_equal(found.shapes, stored.truth(query, few))
-    nothing = stored.nearest(stored.queries[0], WANTED, ShapeFilter(tags=("nobody has it",)), ef)
+    nothing = stored.nearest(
+        stored.queries[0], WANTED, ShapeFilter(DEFAULT_COLLECTION.number, tags=("nobody has it",)), ef
+    )
     assert len(nothing.shapes) == len(nothing.embeddings) == len(nothing.distances) == 0
 
 
@@ -218,7 +230,10 @@ def test_a_graph_is_made_with_the_first_signature_and_anew_for_other_parameters(
     few, many = GraphParameters(m=4, ef_construction=10), GraphParameters(m=20, ef_construction=90)
     with closing(Database(url, lock_seconds=5, graph=few)) as database:
         for number in (1, 2):
-            new, made = NewShape(b"%d" % number, "off", "x", (), {}), embedded(number)
+            new, made = (
+                NewShape(b"%d" % number, "off", DEFAULT_COLLECTION.number, "x", (), {}),
+                embedded(number),
+            )
             assert len(graphs(few, make=True)) == number - 1
             with database.write() as session:
                 blob = repository.add_blob(session, new.data, new.sha256)

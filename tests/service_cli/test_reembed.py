@@ -14,6 +14,7 @@ from core.parameters import DEFAULT, Parameters
 from service.cli.reembed import bring_up
 from service.pipelines import repository
 from service.pipelines.active import keep
+from service.sets.records import DEFAULT_COLLECTION
 from service.settings import load_settings
 from service.shapes import repository as shapes_repository
 from service.shapes.records import NewShape
@@ -40,7 +41,7 @@ def few(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Parameters:
         repository.activate(session, DEFAULT.fingerprint)
         for number in range(STORED):
             data = small_file(number)
-            new = NewShape(data, "off", f"{number}.off", tags=(), metadata={})
+            new = NewShape(data, "off", DEFAULT_COLLECTION.number, f"{number}.off", tags=(), metadata={})
             blob = shapes_repository.add_blob(session, data, new.sha256)
             shapes_repository.add_shape(session, blob, new, {})
     database.close()

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from sqlalchemy import text
 
 from core.mesh import Floats
+from service.sets.records import DEFAULT_COLLECTION
 from service.shapes.records import ShapeFilter
 from service.storage.columns import vector_text
 from service.storage.database import Database
@@ -123,7 +124,10 @@ def main(
         there = {step: [truth(stored, query, max(wanted), step) for query in asked] for step in (1, TAGGED)}
         print("| ef_search | taken | filter | wanted | p50 ms | p95 ms | recall, mean | recall, least |")
         print("|---|---|---|---:|---:|---:|---:|---:|")
-        everything, tenth = ShapeFilter(), ShapeFilter(tags=("tenth",))
+        everything, tenth = (
+            ShapeFilter(DEFAULT_COLLECTION.number),
+            ShapeFilter(DEFAULT_COLLECTION.number, tags=("tenth",)),
+        )
         meant = [(everything, 1, "")] + ([] if unfiltered else [(tenth, TAGGED, f"1 of {TAGGED}")])
         ways = [(None, 1), *((each, times) for each in efs for times in more)]
         for (ef, times), (shapes, step, about), most in product(ways, meant, wanted):

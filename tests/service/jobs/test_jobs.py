@@ -13,6 +13,7 @@ from service.jobs import events as events_module
 from service.jobs import running as running_module
 from service.jobs import service as jobs_service
 from service.jobs.errors import ArchiveTooLargeError
+from service.sets.records import DEFAULT_COLLECTION
 from service.shapes import service as shapes_service
 from service.storage.job_tables import JobFileRow, JobPieceRow, JobRow
 from tests.service.engines import on_both
@@ -432,7 +433,7 @@ def test_an_archive_that_never_arrived_whole_is_no_job(clean: Running) -> None:
                 raise OSError("the disk is gone")
             return b"x" * size
 
-    new = jobs_service.NewJob("a", "zip", 10**8, (), {})
+    new = jobs_service.NewJob(DEFAULT_COLLECTION.number, "a", "zip", 10**8, (), {})
     with pytest.raises(OSError, match="gone"):
         jobs_service.receive(clean.parts.database, Broken(), new, 10)
     wait_until(lambda: rows(clean, JobPieceRow) == 0, seconds=30)
