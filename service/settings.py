@@ -22,7 +22,7 @@ from service.storage.graph_parameters import GraphParameters
 PREFIX = "ISOSHAPE_"
 
 # Read by other parts of the project, so not a mistake in the environment of a service.
-OTHER_VARIABLES = frozenset({"ISOSHAPE_API_KEY", "ISOSHAPE_DATA", "ISOSHAPE_URL"})
+OTHER_VARIABLES = frozenset({"ISOSHAPE_API_KEY", "ISOSHAPE_COLLECTION", "ISOSHAPE_DATA", "ISOSHAPE_URL"})
 
 Digests = Annotated[tuple[str, ...], NoDecode]
 

@@ -22,6 +22,7 @@ COMMANDS = (
     "ingest",
     "query",
     "duplicates",
+    "collections",
     "evaluate",
     "calibrate",
     "ablation",

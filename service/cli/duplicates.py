@@ -7,7 +7,7 @@ from rich import box
 from rich.table import Table
 
 from service.cli.console import output, say
-from service.cli.target import Key, Url, service_at
+from service.cli.target import Collection, Key, Url, service_at
 from service.duplicates.schemas import DuplicatesAnswer
 
 
@@ -25,9 +25,10 @@ def command(
     as_csv: Annotated[bool, typer.Option("--csv", help="Print a row a shape, as CSV.")] = False,
     url: Url = None,
     key: Key = None,
+    collection: Collection = None,
 ) -> None:
     """Find stored shapes that are one form: turned, scaled, mirrored or meshed anew."""
-    with service_at(url, key) as client:
+    with service_at(url, key, collection) as client:
         answer = client.duplicates(min_cc=min_cc, max_residual=max_residual, tag=tag or [])
     if as_csv:
         typer.echo(answer.csv().replace("\r\n", "\n"), nl=False)

@@ -9,7 +9,7 @@ from core.reading import READABLE
 from service.cli.bulk import is_archive, store_archive
 from service.cli.console import fail, output, progress, say
 from service.cli.metadata import About, read_metadata, row_of
-from service.cli.target import Key, Url, service_at
+from service.cli.target import Collection, Key, Url, service_at
 from service.cli.upload import AT_ONCE, Item, upload_all
 from service.collections import MeshFile, find_meshes
 from service.shapes.fields import TAG_CHARACTERS
@@ -29,6 +29,7 @@ def command(
     ] = None,
     url: Url = None,
     key: Key = None,
+    collection: Collection = None,
     at_once: Annotated[int, typer.Option(min=1, max=64, help="Uploads under way at a time.")] = AT_ONCE,
 ) -> None:
     """Store mesh files under their own names. A file's class becomes a tag.
@@ -52,7 +53,7 @@ def command(
     created = present = 0
     refused: list[tuple[str, str]] = []
     warnings: list[tuple[str, str]] = []
-    with service_at(url, key) as client, progress() as bar:
+    with service_at(url, key, collection) as client, progress() as bar:
         task = bar.add_task("storing", total=len(items))
         for item, outcome in upload_all(client, items, at_once):
             if isinstance(outcome, str):

@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.table import Table
 
 from service.cli.console import output, progress, say
-from service.cli.target import Key, Url, service_at
+from service.cli.target import Collection, Key, Url, service_at
 from service.client import Client, QueryArguments
 from service.search.ranking import RankBy
 from service.search.schemas import QueryAnswer
@@ -55,6 +55,7 @@ def command(
     ] = None,
     url: Url = None,
     key: Key = None,
+    collection: Collection = None,
 ) -> None:
     """Find the stored shapes most like a mesh file."""
     mesh = (file.name, file.read_bytes())
@@ -74,7 +75,7 @@ def command(
     if min_cc is not None:
         asked["min_cc"] = min_cc
     drawn: QueryArguments = {**asked, "correspondences": html is not None}
-    with service_at(url, key) as client:
+    with service_at(url, key, collection) as client:
         answer = client.query_file(mesh, **drawn)
         if html is not None:
             write_report(client, mesh, asked, answer, html)

@@ -81,10 +81,10 @@ def run(app: ASGIApp, bound: socket.socket, *, shutdown_seconds: int) -> None:
 
 
 @contextmanager
-def in_thread(app: ASGIApp, key: str | None = None) -> Iterator[Client]:
+def in_thread(app: ASGIApp, key: str | None = None, collection: str | None = None) -> Iterator[Client]:
     """Run the app, its lifespan and its workers on a free loopback port; yields a client once it is ready.
 
-    The client sends the key, if one is given.
+    The client sends the key, and names the collection, if they are given.
 
     Raises
     ------
@@ -102,7 +102,7 @@ def in_thread(app: ASGIApp, key: str | None = None) -> Iterator[Client]:
                 if not thread.is_alive():
                     raise StartError(f"the service could not start: {watched.error}")
                 time.sleep(0.01)
-            with Client(f"http://{LOOPBACK}:{port}", key=key) as client:
+            with Client(f"http://{LOOPBACK}:{port}", key=key, collection=collection) as client:
                 wait_until_ready(client, ended=lambda: not thread.is_alive())
                 yield client
         finally:

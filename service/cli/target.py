@@ -36,13 +36,22 @@ Key = Annotated[
     ),
 ]
 
+Collection = Annotated[
+    str | None,
+    typer.Option(
+        envvar="ISOSHAPE_COLLECTION",
+        metavar="NAME",
+        help="The collection to work in, which `isoshape collections --create` makes. [default: default]",
+    ),
+]
+
 # A local service answers at once, or is none.
 PROBE = httpx.Timeout(2.0)
 
 
 @contextmanager
-def service_at(url: str | None, key: str | None = None) -> Iterator[Client]:
-    """A client of the service that is meant, after one line that says which it is.
+def service_at(url: str | None, key: str | None = None, collection: str | None = None) -> Iterator[Client]:
+    """A client of the service that is meant, and of its collection, after one line that says which it is.
 
     A database is reached through the whole service, run by this process for as long as the command lasts; its
     settings are those of the environment.
@@ -50,21 +59,29 @@ def service_at(url: str | None, key: str | None = None) -> Iterator[Client]:
     Raises
     ------
     ClientError
-        There is no such service at the address given, or it wants another key.
+        There is no such service at the address given, or it wants another key, or has no such collection.
     StartError
         The database cannot be opened.
     SettingsError
         The environment is wrong, or the address is that of no database.
     """
+    with _client(url, key, collection) as client:
+        if collection is not None:
+            client.page(limit=1)
+        yield client
+
+
+@contextmanager
+def _client(url: str | None, key: str | None, collection: str | None) -> Iterator[Client]:
     if url and "://" in url and not url.lower().startswith(("http://", "https://")):
         settings = load_settings()
         settings = settings.model_copy(update={"database_url": database_named("--url", url)})
         say(f"using the database {_shown(settings.database_url)}")
-        with _own_service(settings) as client:
+        with _own_service(settings, collection) as client:
             yield client
         return
     if url:
-        with Client(url, key=key) as client:
+        with Client(url, key=key, collection=collection) as client:
             client.version()
             say(f"using the service at {url}")
             yield client
@@ -73,11 +90,11 @@ def service_at(url: str | None, key: str | None = None) -> Iterator[Client]:
     local = f"http://{LOOPBACK}:{DEFAULT_PORT}"
     if "database_url" not in settings.model_fields_set and _answers(local, key):
         say(f"using the service at {local}")
-        with Client(local, key=key) as client:
+        with Client(local, key=key, collection=collection) as client:
             yield client
         return
     say(f"using the database {_shown(settings.database_url)}")
-    with _own_service(settings) as client:
+    with _own_service(settings, collection) as client:
         yield client
 
 
@@ -110,7 +127,7 @@ def _answers(url: str, key: str | None) -> bool:
 
 
 @contextmanager
-def _own_service(settings: Settings) -> Iterator[Client]:
+def _own_service(settings: Settings, collection: str | None) -> Iterator[Client]:
     # Here, so that a command that talks to a service elsewhere does not wait for its imports.
     from service.app import create_app  # noqa: PLC0415
 
@@ -119,7 +136,7 @@ def _own_service(settings: Settings) -> Iterator[Client]:
     # Other users of this machine reach its port too.
     key = new_key()
     settings = settings.model_copy(update={"api_keys": (digest_of(key),), "read_keys": (), "rate_limit": 0})
-    with in_thread(create_app(settings), key) as client:
+    with in_thread(create_app(settings), key, collection) as client:
         yield client
 
 

@@ -10,7 +10,7 @@ from typing import Any, Concatenate, ParamSpec, Self, TypeVar
 
 import httpx
 
-from service.client import job_calls, search_calls, shape_calls
+from service.client import job_calls, search_calls, set_calls, shape_calls
 from service.client.calls import (
     NO_ANSWER,
     TIMEOUT,
@@ -67,12 +67,14 @@ class AsyncClient:
         For example "http://127.0.0.1:8000".
     key : str, optional
         Where the service asks for one.
+    collection : str, optional
+        The one that all calls work in; unless given, `default`, or the only one that the key may use.
     transport : httpx.AsyncBaseTransport, optional
         How to get there, instead of the network.
     timeout : httpx.Timeout, optional
         Ten minutes for an answer, unless given.
 
-    Making one raises `ClientError` where the key cannot be sent; every method `ProblemError`,
+    Making one raises `ClientError` where key or collection cannot be sent; every method `ProblemError`,
     `UnreachableError` or `UnexpectedAnswerError`. Several tasks of one event loop may use it at a time.
     """
 
@@ -81,10 +83,11 @@ class AsyncClient:
         url: str,
         *,
         key: str | None = None,
+        collection: str | None = None,
         transport: httpx.AsyncBaseTransport | None = None,
         timeout: httpx.Timeout = TIMEOUT,
     ) -> None:
-        headers = headers_with(key)
+        headers = headers_with(key, collection)
         try:
             self._http = httpx.AsyncClient(
                 base_url=url, headers=headers, transport=transport, timeout=timeout
@@ -156,4 +159,7 @@ class AsyncClient:
     query_shape = _method(search_calls.query_shape)
     compare = _method(search_calls.compare)
     duplicates = _method(search_calls.duplicates)
+    collections = _method(set_calls.collections)
+    create_collection = _method(set_calls.create_collection)
+    delete_collection = _method(set_calls.delete_collection)
     version = _method(search_calls.version)

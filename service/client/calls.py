@@ -12,6 +12,7 @@ import httpx
 from pydantic import BaseModel, ValidationError
 
 from service.client.errors import ClientError, UnexpectedAnswerError, UnreachableError
+from service.sets.records import is_name
 
 File = str | Path | tuple[str, bytes]
 """A mesh to send: its path, or its name (whose ending tells the format) and its bytes."""
@@ -20,6 +21,9 @@ T = TypeVar("T")
 U = TypeVar("U")
 Model = TypeVar("Model", bound=BaseModel)
 APage = TypeVar("APage", bound="Page")
+
+COLLECTION = "Isoshape-Collection"
+"""The header that names the collection which a call works in."""
 
 # Items that the service gives at a time, at most.
 LONGEST_PAGE = 500
@@ -143,18 +147,21 @@ def given(**values: object) -> dict[str, Any]:
     return {name: value for name, value in values.items() if value is not None}
 
 
-def headers_with(key: str | None) -> dict[str, str]:
-    """The header that carries a key.
+def headers_with(key: str | None, collection: str | None) -> dict[str, str]:
+    """The headers that carry a key, and name a collection.
 
     Raises
     ------
     ClientError
-        The key cannot be sent.
+        One of them cannot be sent.
     """
     key = (key or "").strip()
     if not (key.isascii() and key.isprintable()):
         raise ClientError("the key holds characters that no key has")
-    return {"Authorization": f"Bearer {key}"} if key else {}
+    if collection is not None and not is_name(collection):
+        raise ClientError(f"no collection can be called {collection!r}")
+    named = {} if collection is None else {COLLECTION: collection}
+    return {"Authorization": f"Bearer {key}", **named} if key else named
 
 
 def no_address(url: str, error: Exception) -> UnreachableError:

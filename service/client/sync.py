@@ -10,7 +10,7 @@ from typing import Concatenate, ParamSpec, Self, TypeVar
 
 import httpx
 
-from service.client import job_calls, search_calls, shape_calls
+from service.client import job_calls, search_calls, set_calls, shape_calls
 from service.client.calls import (
     NO_ANSWER,
     TIMEOUT,
@@ -64,12 +64,14 @@ class Client:
         For example "http://127.0.0.1:8000".
     key : str, optional
         Where the service asks for one.
+    collection : str, optional
+        The one that all calls work in; unless given, `default`, or the only one that the key may use.
     transport : httpx.BaseTransport, optional
         How to get there, instead of the network.
     timeout : httpx.Timeout, optional
         Ten minutes for an answer, unless given.
 
-    Making one raises `ClientError` where the key cannot be sent; every method `ProblemError`,
+    Making one raises `ClientError` where key or collection cannot be sent; every method `ProblemError`,
     `UnreachableError` or `UnexpectedAnswerError`. It may be used from several threads at a time.
     """
 
@@ -78,10 +80,11 @@ class Client:
         url: str,
         *,
         key: str | None = None,
+        collection: str | None = None,
         transport: httpx.BaseTransport | None = None,
         timeout: httpx.Timeout = TIMEOUT,
     ) -> None:
-        headers = headers_with(key)
+        headers = headers_with(key, collection)
         try:
             self._http = httpx.Client(base_url=url, headers=headers, transport=transport, timeout=timeout)
         except httpx.InvalidURL as error:
@@ -151,4 +154,7 @@ class Client:
     query_shape = _method(search_calls.query_shape)
     compare = _method(search_calls.compare)
     duplicates = _method(search_calls.duplicates)
+    collections = _method(set_calls.collections)
+    create_collection = _method(set_calls.create_collection)
+    delete_collection = _method(set_calls.delete_collection)
     version = _method(search_calls.version)

@@ -52,6 +52,13 @@ REFERENCES = {
 }
 """What must not be there, and the query that finds it."""
 
+COLLECTIONS = {
+    "the first collection is not default, but {}": """
+        SELECT coalesce((SELECT name FROM collections WHERE number = 1), 'not there') AS first
+        WHERE first <> 'default'""",
+}
+"""The same, of an archive that has collections. A reference to one that is not there is a foreign key."""
+
 
 @dataclass
 class Report:
@@ -110,7 +117,9 @@ def _references(connection: sqlite3.Connection, report: Report) -> None:
     connection.execute("BEGIN")
     try:
         (report.shapes,) = connection.execute("SELECT count(*) FROM shapes").fetchone()
-        for fault, query in REFERENCES.items():
+        tables = {name for (name,) in connection.execute("SELECT name FROM sqlite_master")}
+        looked_for = REFERENCES | (COLLECTIONS if "collections" in tables else {})
+        for fault, query in looked_for.items():
             report.faults.extend(fault.format(name) for (name,) in connection.execute(query))
     finally:
         connection.execute("ROLLBACK")

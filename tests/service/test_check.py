@@ -214,3 +214,13 @@ def test_the_command_prints_counts_and_faults_and_its_status_tells(
     done = run(archive.with_name("missing"))
     assert done.exit_code == 1
     assert "there is no archive at" in done.stderr
+
+
+def test_a_collection_that_is_not_there_is_named(archive: Path) -> None:
+    change(archive, "UPDATE shapes SET collection_number = 9 WHERE number = 2")
+    assert faults(archive) == ["shapes row 2 refers to a row of collections that is not there"]
+    change(archive, "UPDATE shapes SET collection_number = 1")
+    change(archive, "UPDATE collections SET name = 'another'")
+    assert faults(archive) == ["the first collection is not default, but another"]
+    change(archive, "DELETE FROM collections")
+    assert "the first collection is not default, but not there" in faults(archive)

@@ -18,6 +18,7 @@ from service.deleted import repository as deleted
 from service.errors import ArchiveError, ArchiveTooNewError
 from service.idempotency import repository as idempotency
 from service.idempotency.records import Claim, Kept
+from service.sets import repository as sets
 from service.sets.records import DEFAULT_COLLECTION
 from service.shapes import repository
 from service.shapes.records import NewShape
@@ -37,10 +38,13 @@ def archive(tmp_path: Path) -> Path:
     """An archive with a row in every table, the last shape of which was deleted."""
     path = make_archive(tmp_path / "archive.sqlite3", 1, 2, 3, 4)
     with opened(file(path)) as database, database.write() as session:
+        sets.add(session, "second")
+        second = sets.by_name(session, "second")
+        assert second is not None
         twin = NewShape(
             small_file(1),
             "off",
-            DEFAULT_COLLECTION.number,
+            second.number,
             "tw\u00efn \U0001f600",
             ("a", "B", "\u00e4"),
             {"k\0": "\\0", "n": [1.5, None]},

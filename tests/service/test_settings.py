@@ -86,6 +86,8 @@ def test_digests_are_separated_by_commas(monkeypatch: pytest.MonkeyPatch) -> Non
     monkeypatch.setenv("ISOSHAPE_API_KEYS", f" {'A' * 64} ,{'b' * 64},")
     assert load_settings().api_keys == ("a" * 64, "b" * 64)
     assert load_settings().has_keys
+    monkeypatch.setenv("ISOSHAPE_API_KEYS", f"{'A' * 64}:castings+test-2, {'b' * 64}")
+    assert load_settings().api_keys == (f"{'a' * 64}:castings+test-2", "b" * 64)
     monkeypatch.delenv("ISOSHAPE_API_KEYS")
     monkeypatch.setenv("ISOSHAPE_READ_KEYS", "0" * 64)
     assert load_settings().has_keys

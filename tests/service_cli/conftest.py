@@ -30,6 +30,7 @@ def environment(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
         "HOST",
         "PORT",
         "API_KEY",
+        "COLLECTION",
         "API_KEYS",
         "READ_KEYS",
     ):

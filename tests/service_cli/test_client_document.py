@@ -68,6 +68,9 @@ CALLS: list[tuple[str, tuple[object, ...], dict[str, Any], str]] = [
         {"min_cc": 0.9, "max_residual": 0.1, "tag": ["a"], "name": "x", "metadata": ["k=1"]},
         "GET /duplicates",
     ),
+    ("collections", (), {}, "GET /collections"),
+    ("create_collection", ("a",), {}, "PUT /collections/{name}"),
+    ("delete_collection", ("a",), {}, "DELETE /collections/{name}"),
     ("version", (), {}, "GET /version"),
     ("ready", (), {}, "GET /readyz"),
 ]
@@ -143,7 +146,8 @@ def check_address(request: httpx.Request, name: str, paged: bool) -> None:
     parameters = described(name).get("parameters", [])
     known = {each["name"]: each["schema"] for each in parameters if each["in"] == "query"}
     given = {key: request.url.params.get_list(key) for key in request.url.params}
-    left_out = NOT_SENT.get(name, set()) | ({"cursor"} if paged else set())
+    # The collection is named by the header.
+    left_out = NOT_SENT.get(name, set()) | ({"cursor"} if paged else set()) | {"collection"}
     # Options of a query are in its body.
     check_given(given, {} if name == "POST /query" else known, left_out)
     for each in parameters:
@@ -239,7 +243,7 @@ def test_a_call_is_as_the_document_says(
         requests.append(request)
         return answer(operation(request))
 
-    with make("http://elsewhere", transport=httpx.MockTransport(respond)) as client:
+    with make("http://elsewhere", collection="a-1", transport=httpx.MockTransport(respond)) as client:
         read = getattr(client, method)(*given, **options)
         if method in SERIES:
             read = list(read)

@@ -4,6 +4,10 @@
 
 const ROOT = new URL("../", import.meta.url);
 
+/** The collection that the page works in, if it is told one: by its address, or by the service. */
+export const collection = new URLSearchParams(location.search).get("collection")
+  || document.getElementById("main")?.dataset.collection || "";
+
 /** The service's answer that something went wrong, in its own words. */
 export class ProblemError extends Error {
   /**
@@ -27,13 +31,13 @@ export class ProblemError extends Error {
 export const signedOut = new EventTarget();
 
 /**
- * The address of something at the service.
+ * The address of something at the service, in the page's collection.
  * @param {string} path
  * @param {Record<string, string | string[]>} [parameters]
  */
 export function address(path, parameters = {}) {
   const url = new URL(path, ROOT);
-  for (const [name, value] of Object.entries(parameters)) {
+  for (const [name, value] of Object.entries({ ...parameters, collection })) {
     for (const each of [value].flat()) if (each !== "") url.searchParams.append(name, each);
   }
   return url.href;

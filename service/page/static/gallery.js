@@ -87,7 +87,7 @@ function item(shape) {
   const made = make(
     "li", {},
     picture,
-    make("a", { className: "name", href: `shapes/${shape.id}/view` }, shape.name),
+    make("a", { className: "name", href: address(`shapes/${shape.id}/view`) }, shape.name),
     make("div", { className: "tags" }, ...tags),
     make("div", { className: "buttons" },
       button("Find alike", () => findStored(shape.id, shape.name), `Find shapes like ${shape.name}`),

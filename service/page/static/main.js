@@ -1,6 +1,7 @@
 // The page: signing in, and then everything else.
 
 import { session, signIn, signOut, signedOut } from "./api.js";
+import { openCollections } from "./collections.js";
 import { byId, showTrouble } from "./dom.js";
 import { openDeleted } from "./deleted.js";
 import { openGallery, reload } from "./gallery.js";
@@ -25,6 +26,7 @@ async function enter(own) {
     /** @type {HTMLElement} */ (part).hidden = own.access !== "full";
   }
   if (!may) return key.focus();
+  if (await openCollections()) return;
   const full = own.access === "full";
   // Before anything can be deleted: the question whether to says what becomes of a shape.
   if (full) await openDeleted(reload);

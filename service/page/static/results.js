@@ -1,5 +1,6 @@
 // What a query found.
 
+import { address } from "./api.js";
 import { card } from "./card.js";
 import { compare, storedEmbedding, storedGlb, theStage } from "./comparison.js";
 import { button, byId, make, showTrouble } from "./dom.js";
@@ -38,7 +39,7 @@ export async function showResults(asked, answer, findAlike) {
   const query = card(asked.name, ["the query"], null);
   const found = results.map((result) => {
     const { shape } = result;
-    const look = make("a", { href: `shapes/${shape.id}/view` }, `Look at ${shape.name} alone`);
+    const look = make("a", { href: address(`shapes/${shape.id}/view`) }, `Look at ${shape.name} alone`);
     const alike = button("Find alike", () => findAlike(shape.id, shape.name), `Find shapes like ${shape.name}`);
     const line = make("div", { className: "buttons" }, alike, look);
     return card(`${result.rank}. ${shape.name}`, [shape.tags.join(", ")].filter(Boolean), result, line);

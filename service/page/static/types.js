@@ -21,6 +21,7 @@
  * @typedef {{ files: { path: string, problem: Cause | null }[], next_cursor: string | null }} JobFilePage
  * @typedef {{ id: string, name: string, deleted_at: string, gone_at: string }} DeletedShape
  * @typedef {{ shapes: DeletedShape[], total: number, undo_days: number, next_cursor: string | null }} DeletedPage
+ * @typedef {{ collections: { name: string, shapes: number }[] }} Collections
  * @typedef {{ access: "none" | "read" | "full", signed_in: boolean }} Session
  */
 

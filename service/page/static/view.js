@@ -11,6 +11,7 @@ import { readGlb } from "./glb.js";
 const cards = byId("cards", HTMLUListElement);
 const title = byId("title", HTMLElement);
 const { first, second } = byId("main", HTMLElement).dataset;
+byId("all", HTMLAnchorElement).href = address("");
 
 /** @param {string} id @returns {Promise<Shape>} */
 const read = async (id) => (await ask(address(`shapes/${id}`))).json();

@@ -1,0 +1,34 @@
+"""`isoshape collections`: the named sets of shapes."""
+
+from typing import Annotated
+
+import typer
+from rich import box
+from rich.table import Table
+
+from service.cli.console import output
+from service.cli.target import Key, Url, service_at
+
+
+def command(
+    *,
+    create: Annotated[str | None, typer.Option(metavar="NAME", help="Make this one first.")] = None,
+    delete: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Delete this one first; it must be empty.")
+    ] = None,
+    url: Url = None,
+    key: Key = None,
+) -> None:
+    """List the collections, the named sets of shapes, each with the number of its shapes."""
+    with service_at(url, key) as client:
+        if create is not None:
+            client.create_collection(create)
+        if delete is not None:
+            client.delete_collection(delete)
+        found = client.collections().collections
+    table = Table(box=box.SIMPLE_HEAD, collapse_padding=True)
+    table.add_column("collection", no_wrap=True)
+    table.add_column("shapes", justify="right")
+    for one in found:
+        table.add_row(one.name, str(one.shapes))
+    output().print(table)
