@@ -103,14 +103,14 @@ def _say_who_may_ask(method: str, path: str, operation: dict[str, Any]) -> None:
 def _add_problems(operation: dict[str, Any], kinds: Sequence[str]) -> None:
     """Have an operation answer these kinds of problem too."""
     responses = operation["responses"]
-    there = [
+    there = {
         kind
         for status, response in responses.items()
         if int(status) >= 400
         for kind in response["content"][MEDIA_TYPE]["examples"]
-    ]
+    }
     added = {str(PROBLEMS[kind].status) for kind in kinds}
-    for status, response in documented(*there, *kinds).items():
+    for status, response in documented(*there.union(kinds)).items():
         if str(status) in added:
             responses[str(status)] = response
 

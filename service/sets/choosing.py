@@ -51,15 +51,15 @@ async def _chosen(
         )
     grant: Grant | None = request.scope.get(GRANT_IN_SCOPE)
     name = allowed(None if grant is None else grant.collections, names.pop() if names else None)
-    request.scope[COLLECTION_IN_SCOPE] = name
-    if name == DEFAULT_COLLECTION.name:
-        return DEFAULT_COLLECTION
 
     def read() -> Collection:
         with parts.database.read() as session:
             return service.get(session, name)
 
-    return await run_in_threadpool(read)
+    is_default = name == DEFAULT_COLLECTION.name
+    collection = DEFAULT_COLLECTION if is_default else await run_in_threadpool(read)
+    request.scope[COLLECTION_IN_SCOPE] = collection.name
+    return collection
 
 
 def allowed(limits: frozenset[str] | None, named: str | None) -> str:

@@ -8,6 +8,8 @@ import schemathesis
 from hypothesis import strategies as st
 
 from core.reading import FORMATS
+from service.sets.choosing import HEADER, PARAMETER
+from service.sets.records import DEFAULT_COLLECTION
 from service.shapes.pages import write_cursor
 from tests.service.jobs.packing import pack
 from tests.service.support import small_file
@@ -46,6 +48,15 @@ def mark(document: dict[str, Any]) -> None:
             for parameter in operation.get("parameters", []):
                 if parameter["name"] == "cursor":
                     parameter["schema"] = {"type": "string", "format": CURSOR}
+
+
+def stay_in_one_collection(document: dict[str, Any]) -> None:
+    """Have requests name the collection that is there: other names are 404, and two that differ refused."""
+    for operations in document["paths"].values():
+        for operation in operations.values():
+            for parameter in operation.get("parameters", []):
+                if parameter["name"] in {HEADER, PARAMETER}:
+                    parameter["schema"] = {"type": "string", "enum": [DEFAULT_COLLECTION.name]}
 
 
 def forget_repetitions(document: dict[str, Any]) -> None:

@@ -57,6 +57,7 @@ SEQUENCES = 20
 def _schema() -> schemathesis.BaseSchema:
     described = deepcopy(document())
     meshes.mark(described)
+    meshes.stay_in_one_collection(described)
     meshes.forget_repetitions(described)
     schema = schemathesis.openapi.from_dict(described)
     # A key that is made up is refused, which tests nothing else.
