@@ -1,4 +1,4 @@
-"""`python -m tests.partial DIR --limit 95`: parts of a labelled collection looked for among its whole models.
+"""`python -m tests.partial DIR --limit 95 --cut 0.3 0.5`: parts of models looked for among the whole ones.
 
 Each model in turn is cut by a plane of a direction drawn evenly, and what is left is the query: once against
 all models, where the first answer should be the model itself, and once without it, where it should be of its
@@ -20,7 +20,7 @@ from core.pipeline import Pipeline
 from core.reading import format_of, read_mesh
 from service.collections import read_collection
 
-SHARES = (0.3, 0.5, 0.7)
+SHARES = (0.1, 0.2, 0.3, 0.5, 0.7)
 
 
 def row(name: str, share: float, nearness: Floats, labels: np.ndarray) -> str:
@@ -34,7 +34,7 @@ def row(name: str, share: float, nearness: Floats, labels: np.ndarray) -> str:
     return f"| {share:.0%} | {name} | {first:.3f} | {three:.3f} | {nn:.3f} |"
 
 
-def main(folder: Path, limit: int) -> None:
+def main(folder: Path, limit: int, cut: list[float]) -> None:
     collection = read_collection(folder)
     chosen = np.linspace(0, len(collection) - 1, min(limit, len(collection))).astype(int)
     files = [collection[place] for place in chosen]
@@ -47,7 +47,7 @@ def main(folder: Path, limit: int) -> None:
     print(f"{len(files)} models of {len(set(labels.tolist()))} classes.\n")
     print("| cut away | ranked by | itself first | itself among three | NN without itself |")
     print("|---:|---|---:|---:|---:|", flush=True)
-    for share in SHARES:
+    for share in cut:
         nearness: dict[str, list[Floats]] = {"cc": [], "combined": [], "partial": []}
         for seed, mesh in enumerate(meshes):
             part = cut_part(mesh, share, seed)
@@ -64,4 +64,5 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--limit", type=int, default=sys.maxsize)
+    parser.add_argument("--cut", type=float, nargs="+", default=SHARES, help="shares of the area")
     main(**vars(parser.parse_args()))
