@@ -10,7 +10,11 @@ from pathlib import Path
 import pytest
 
 import core
+from core.gallery import make_shape
 from core.kernels.rotation import turn
+from core.parameters import DEFAULT
+from core.pipeline import Pipeline
+from core.records import embedding_to_bytes
 
 PROBE = """
 import json
@@ -83,84 +87,33 @@ def test_how_kernels_are_compiled_changes_it(copied):
     assert first != second
 
 
-CALLERS = """
+MATCH = """
+import sys
+from pathlib import Path
+
 import numpy as np
 
-from core.compiled import kernel
-from core.kernels.matching import score_pairs
-from core.kernels.neighbours import paired
-from core.kernels.rotation import EXACT, turn
+from core.parameters import DEFAULT
+from core.pipeline import Pipeline
+from core.records import embedding_from_bytes
 
-
-@kernel
-def fitted(x, y, there, back, rotation, scores):
-    m, columns, blocks = len(there), x.points.shape[1], len(x.radius)
-    partners = np.empty((m, columns), dtype=np.float32)
-    sources = np.empty((m, columns), dtype=np.float32)
-    for i in range(m):
-        partners[i] = y.points[there[i]]
-        sources[i] = x.points[back[i]]
-    cross = np.empty((columns, columns), dtype=np.float32)
-    first = np.empty(blocks, dtype=np.float32)
-    second = np.empty(blocks, dtype=np.float32)
-    paired(x.points[:m], partners, sources, y.points[:m], blocks, cross, first, second)
-    turn(cross, first, second, EXACT, rotation)
-    score_pairs(x, y, there, back, partners, sources, rotation, 0.5, scores)
-
-
-@kernel
-def both_ways(x, y, there, back, rotation, scores):
-    for way in range(len(scores)):
-        if way == 0:
-            fitted(x, y, there, back, rotation, scores[way])
-        else:
-            fitted(y, x, back, there, rotation, scores[way])
-"""
-CALL = """
-import numpy as np
-from callers import both_ways
-
-from core.kernels.packed import ONE, Packed
-
-SAMPLES, BLOCKS, DIMENSIONS = 40, 2, 6
-COLUMNS = BLOCKS * DIMENSIONS
-rng = np.random.default_rng(0)
-
-
-def cloud():
-    numbers = np.arange(SAMPLES + 1, dtype=np.int32)
-    return Packed(
-        points=rng.normal(size=(SAMPLES, COLUMNS)).astype(np.float32),
-        searched=np.zeros((BLOCKS, DIMENSIONS, SAMPLES), dtype=np.float32),
-        operators=np.zeros((BLOCKS, 1, SAMPLES, SAMPLES), dtype=np.int16),
-        offsets=numbers,
-        members=numbers[:-1],
-        warp=(ONE * np.stack([np.eye(SAMPLES)] * BLOCKS)).astype(np.int16),
-        radius=np.ones(BLOCKS, dtype=np.float32),
-        key=np.zeros(4, dtype=np.int32),
-    )
-
-
-there = rng.permutation(SAMPLES).astype(np.int32)
-back = np.argsort(there).astype(np.int32)
-rotation, scores = np.zeros((COLUMNS, COLUMNS), dtype=np.float32), np.zeros((2, 3))
-both_ways(cloud(), cloud(), there, back, rotation, scores)
-print(scores.tobytes().hex())
+shapes = [embedding_from_bytes(Path(path).read_bytes()) for path in sys.argv[1:]]
+scores = [Pipeline(DEFAULT).score(shape, shapes) for shape in shapes]
+print(np.array([[row.cc, row.ssd, row.sim] for row in scores]).tobytes().hex())
 """
 
 
 def test_who_compiles_a_kernel_and_who_loads_it_find_the_same_bits(tmp_path):
-    """Of callers of callers of the package's own: sums that may be reordered come out otherwise there."""
-    (tmp_path / "callers.py").write_text(CALLERS)
+    pipeline = Pipeline(DEFAULT)
+    paths = []
+    for name in ("pliers", "hand", "person"):
+        paths.append(tmp_path / name)
+        paths[-1].write_bytes(embedding_to_bytes(pipeline.embed(make_shape(name, 0))))
 
     def found():
         done = subprocess.run(
-            [sys.executable, "-c", CALL],
-            env={
-                **os.environ,
-                "PYTHONPATH": os.pathsep.join([str(tmp_path), str(Path(core.__file__).parents[1])]),
-                "NUMBA_CACHE_DIR": str(tmp_path / "cache"),
-            },
+            [sys.executable, "-c", MATCH, *map(str, paths)],
+            env={**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache")},
             capture_output=True,
             text=True,
             check=True,
@@ -169,6 +122,5 @@ def test_who_compiles_a_kernel_and_who_loads_it_find_the_same_bits(tmp_path):
         return done.stdout
 
     first = found()
-    for name in ("both_ways", "fitted", "score_pairs", "turn"):
-        assert list((tmp_path / "cache").rglob(f"*{name}*.nbc"))
+    assert list((tmp_path / "cache").rglob("*match_pair*.nbc"))
     assert found() == first
