@@ -5,15 +5,17 @@ from typing import Literal
 
 from core.parameters import DEFAULT, PAPER, Parameters
 
+RankBy = Literal["cc", "combined"]
 Block = Literal["alone", "together", "without"]
 
 
 @dataclass(frozen=True)
 class Change:
-    """Parameters that change as one, from their value in `paper` to that in `default`."""
+    """Parameters that change as one, from their value in `paper` to that in `default`, and the ranking."""
 
     title: str
     fields: tuple[str, ...]
+    rank_by: RankBy = "cc"
 
 
 NAMED = (
@@ -54,8 +56,11 @@ NAMED = (
 )
 """In the order in which they are added up. `changes` gives these, and whatever they leave out."""
 
-SIGNATURE = "signature too: ranked by combined"
-"""The last step changes the ranking and no parameter."""
+LAST = (
+    Change("signature too: ranked by combined", (), "combined"),
+    Change("what lies about points of the surface too", ("patches",), "combined"),
+)
+"""The steps that only the ranking by `combined` shows; the first of them changes no parameter."""
 
 
 @dataclass(frozen=True)
@@ -65,18 +70,19 @@ class Row:
     block: Block
     title: str
     parameters: Parameters
-    rank_by: Literal["cc", "combined"]
+    rank_by: RankBy
 
 
 def changes() -> tuple[Change, ...]:
-    """The steps from `paper` to `default`: those of `NAMED`, then one of what they leave out, if anything."""
-    named = {name for change in NAMED for name in change.fields} | {"name"}
+    """The steps from `paper` to `default`: `NAMED`, one of what is left out, if anything, and `LAST`."""
+    named = {name for change in (*NAMED, *LAST) for name in change.fields} | {"name"}
     rest = tuple(
         field.name
         for field in fields(Parameters)
         if field.name not in named and getattr(PAPER, field.name) != getattr(DEFAULT, field.name)
     )
-    return (*NAMED, Change(f"the rest of default: {', '.join(rest)}", rest)) if rest else NAMED
+    left_out = (Change(f"the rest of default: {', '.join(rest)}", rest),) if rest else ()
+    return (*NAMED, *left_out, *LAST)
 
 
 def rows(*, without: bool = False) -> tuple[Row, ...]:
@@ -93,23 +99,25 @@ def rows(*, without: bool = False) -> tuple[Row, ...]:
         A change alone gives no valid parameters.
     """
     steps = changes()
-    alone = [Row("alone", step.title, _taken(PAPER, DEFAULT, step), "cc") for step in steps]
-    together: list[Row] = []
+    found = [Row("alone", "paper", PAPER, "cc")]
+    found += [Row("alone", step.title, _taken(PAPER, DEFAULT, step), step.rank_by) for step in steps]
+    found.append(Row("together", "paper", PAPER, "cc"))
     so_far = PAPER
     for step in steps:
         so_far = _taken(so_far, DEFAULT, step)
-        together.append(Row("together", step.title, so_far, "cc"))
-    found = [
-        Row("alone", "paper", PAPER, "cc"),
-        *alone,
-        Row("alone", SIGNATURE, PAPER, "combined"),
-        Row("together", "paper", PAPER, "cc"),
-        *together,
-        Row("together", SIGNATURE, so_far, "combined"),
-    ]
+        found.append(Row("together", step.title, so_far, step.rank_by))
     if without:
-        found.append(Row("without", "default", DEFAULT, "cc"))
-        found += [Row("without", step.title, _taken(DEFAULT, PAPER, step), "cc") for step in steps]
+        blocks: tuple[tuple[RankBy, str], ...] = (
+            ("cc", "default"),
+            ("combined", "default, ranked by combined"),
+        )
+        for rank_by, title in blocks:
+            found.append(Row("without", title, DEFAULT, rank_by))
+            found += [
+                Row("without", step.title, _taken(DEFAULT, PAPER, step), rank_by)
+                for step in steps
+                if step.fields and step.rank_by == rank_by
+            ]
     return tuple(found)
 
 

@@ -35,16 +35,30 @@ class Collection:
     labels : tuple of str
         The class of each shape. Equal names in two collections, whatever their case, are one class.
     evidence : float64, shape (n, n, p)
-        Symmetric in the first two; the diagonal is never read.
+        Symmetric in the first two, unless `asked` is given; the diagonal is never read.
+    asked : bool, shape (n, n), optional
+        The pairs that there are: i, not as it is but as a query, with j as it is. Without, all.
     """
 
     labels: tuple[str, ...]
     evidence: Floats
+    asked: NDArray[np.bool_] | None = None
 
     @property
     def codes(self) -> NDArray[np.str_]:
         """The class names without regard to case, shape (n,)."""
         return np.array([label.casefold() for label in self.labels])
+
+    @property
+    def both_ways(self) -> NDArray[np.bool_]:
+        """The pairs, each both ways where evidence is symmetric, shape (n, n)."""
+        others = ~np.eye(len(self.labels), dtype=bool)
+        return others if self.asked is None else others & self.asked
+
+    @property
+    def once(self) -> NDArray[np.bool_]:
+        """The pairs, each once, shape (n, n)."""
+        return np.triu(self.both_ways) if self.asked is None else self.both_ways
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,8 +148,8 @@ def fit(collections: Sequence[Collection], *, without: str | None = None) -> Cal
     evidence, same, weights = [], [], []
     for collection in collections:
         codes = collection.codes
-        kept = np.flatnonzero(codes != (without.casefold() if without is not None else None))
-        first, second = (kept[ends] for ends in np.triu_indices(len(kept), 1))
+        kept = codes != (without.casefold() if without is not None else None)
+        first, second = np.nonzero(collection.once & kept[:, None] & kept)
         if len(first):
             evidence.append(collection.evidence[first, second])
             same.append(codes[first] == codes[second])
@@ -168,7 +182,7 @@ def reliability(collections: Sequence[Collection], chances: Sequence[Floats]) ->
     base_rate = 0.0
     for collection, given in zip(collections, chances, strict=True):
         codes = collection.codes
-        pairs = ~np.eye(len(codes), dtype=bool)
+        pairs = collection.both_ways
         same, values = (codes[:, None] == codes)[pairs], given[pairs]
         places = np.minimum((values * BINS).astype(np.int64), BINS - 1)
         weight = 1.0 / (len(values) * len(collections))

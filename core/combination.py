@@ -1,4 +1,4 @@
-"""`combined`: CC, sim and the signature in one number, the chance that two shapes are of one class."""
+"""`combined`: all that is known of two shapes in one number, the chance that they are of one class."""
 
 from dataclasses import dataclass
 
@@ -8,6 +8,7 @@ from scipy.special import expit
 
 from core.form import FORM_SHARE, TERMS
 from core.mesh import Floats
+from core.resemblance import Apart
 
 NEAR = 0.1
 """Spectra whose logarithms differ by so much, root mean square, tell as much for one shape as against it."""
@@ -15,7 +16,11 @@ NEAR = 0.1
 SIM_SHARE = 0.03
 """What sim counts beside CC: it falls from 1 some thirty times as fast between shapes of one class."""
 
-FAINT_PAIRS, FAINT_FORM = 0.03, 0.1
+WHOLE_SHARE = 0.2
+"""What the match of the whole shapes counts beside their patches, where one is a part of the other: of the
+whole, a small cut leaves most points that correspond, and a large one few."""
+
+FAINT_PAIRS, FAINT_FORM, FAINT_PATCHES = 0.03, 0.1, 0.05
 """Added before logarithms are taken: smaller differences are those of one body's poses and meshes."""
 
 
@@ -34,12 +39,36 @@ class Calibration:
     slopes: tuple[float, ...]
 
     def chance(self, evidence: Floats) -> Floats:
-        """From evidence, shape (..., 2), to numbers in [0, 1], shape (...)."""
+        """From evidence, shape (..., p), to numbers in [0, 1], shape (...)."""
         return np.asarray(expit(self.intercept + (evidence * np.array(self.slopes)).sum(axis=-1)))
 
 
-CALIBRATED = Calibration(intercept=-16.4285, slopes=(-4.9659, -0.9733))
-"""By `isoshape calibrate psb shrec11`, on every second model of each: see docs/calibration.md."""
+CALIBRATED = Calibration(intercept=-13.8067, slopes=(-4.9825, -0.2797, -2.7157))
+CALIBRATED_PARTS = Calibration(intercept=-3.0790, slopes=(-5.8789,))
+WITHOUT_PATCHES = Calibration(intercept=-16.4318, slopes=(-4.9656, -0.9755))
+"""Of two complete surfaces, of pairs with an incomplete one, and where patches are not known. By
+`isoshape calibrate psb shrec11`, on every second model of each: see docs/calibration.md."""
+
+
+def chance(whole: Floats, apart: Apart | None) -> Floats:
+    """The chance of one class of c pairs, shape (c,), from the evidence of their match, shape (c, 2)."""
+    if apart is None:
+        return WITHOUT_PATCHES.chance(whole)
+    return np.where(
+        apart.part,
+        CALIBRATED_PARTS.chance(part_evidence(whole, apart.distance)),
+        CALIBRATED.chance(patch_evidence(whole, apart.distance)),
+    )
+
+
+def patch_evidence(whole: Floats, distance: Floats) -> Floats:
+    """`evidence`, shape (..., 2), and the logarithm of the distance of patches, shape (...): (..., 3)."""
+    return np.concatenate([whole, np.log(distance + FAINT_PATCHES)[..., None]], axis=-1)
+
+
+def part_evidence(whole: Floats, distance: Floats) -> Floats:
+    """The same where one is a part of the other, shape (..., 1)."""
+    return (np.log(distance + FAINT_PATCHES) + WHOLE_SHARE * whole[..., 0])[..., None]
 
 
 def evidence(cc: Floats, sim: Floats, spectral: Floats, form: Floats) -> Floats:

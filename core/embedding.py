@@ -8,6 +8,8 @@ from numpy.typing import NDArray
 Float32s = NDArray[np.float32]
 Int32s = NDArray[np.int32]
 
+NO_PATCHES: NDArray[np.uint8] = np.empty((0, 0), dtype=np.uint8)
+
 
 @dataclass(frozen=True, eq=False)
 class Spectrum:
@@ -93,6 +95,9 @@ class Embedding:
         What shapes are shortlisted by; compared by Euclidean distance.
     spectra : tuple of Spectrum
         One or several embeddings of the same points.
+    patches : uint8, shape (r, w)
+        What lies about points of the surface: see `core.resemblance`. Of shape (0, 0) where the parameters
+        ask for none.
     """
 
     fingerprint: str
@@ -105,6 +110,7 @@ class Embedding:
     regions: Int32s
     signature: Float32s
     spectra: tuple[Spectrum, ...]
+    patches: NDArray[np.uint8] = field(default_factory=lambda: NO_PATCHES)
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,9 +9,9 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from core.cleaning import face_areas
+from core.cleaning import part_areas
 from core.edges import HalfEdges, half_edges
-from core.mesh import Floats, Ints, Mesh
+from core.mesh import Ints, Mesh
 
 
 def filled(mesh: Mesh, most: float, sides: HalfEdges | None = None) -> Mesh:
@@ -45,7 +45,7 @@ def filled(mesh: Mesh, most: float, sides: HalfEdges | None = None) -> Mesh:
     start, end, rims = start[on], end[on], rims[on]
     lengths = np.linalg.norm(mesh.vertices[start] - mesh.vertices[end], axis=1)
     whole = np.bincount(rims, weights=lengths)
-    area = _areas_of_parts(mesh)[start[np.unique(rims, return_index=True)[1]]]
+    area = part_areas(mesh)[start[np.unique(rims, return_index=True)[1]]]
     closed = whole**2 <= 4.0 * np.pi * most * area
     if not closed.any():
         return mesh
@@ -82,13 +82,3 @@ def _rims(start: Ints, end: Ints, vertices: int) -> Ints:
     np.minimum.at(lowest, inverse, start[good])
     rims[good] = np.argsort(np.argsort(lowest))[inverse]
     return rims
-
-
-def _areas_of_parts(mesh: Mesh) -> Floats:
-    """For each vertex, the area of the part of the surface that it is of."""
-    faces = mesh.faces
-    ends = (faces[:, [0, 1]].ravel(), faces[:, [1, 2]].ravel())
-    graph = coo_array((np.ones(2 * len(faces)), ends), shape=(len(mesh.vertices),) * 2)
-    _, part = connected_components(graph, directed=False)
-    areas = np.bincount(part[faces[:, 0]], weights=face_areas(mesh.vertices, faces), minlength=part.max() + 1)
-    return np.asarray(areas[part])

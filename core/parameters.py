@@ -17,7 +17,7 @@ Operator = Literal["affinity", "laplace-beltrami"]
 Pairs = Literal["both-ways", "nearest"]
 
 
-LATER: dict[str, float] = {"fill_holes": 0.0}
+LATER: dict[str, float] = {"fill_holes": 0.0, "patches": False}
 """Parameters that came later, with the value that stands for the method before: it changes no fingerprint."""
 
 
@@ -94,6 +94,8 @@ class Parameters:
         Eigenvalues of each kind in the signature.
     form : bool
         Whether the signature holds the terms of `core.form` as well.
+    patches : bool
+        Whether what lies about points of the surface is kept too, for `combined`: see `core.resemblance`.
     match_threshold : float
         A query whose best CC is below has no match (Algorithm 3's unmatched shapes). `isoshape classify`
         finds the best for a collection: 0.980 for half of PSB, 0.985 for the made gallery, 0.992 for half of
@@ -143,6 +145,7 @@ class Parameters:
     affinity_values: int = 0
     laplacian_values: int = 30
     form: bool = True
+    patches: bool = True
     match_threshold: float = 0.98
 
     def __post_init__(self) -> None:
@@ -305,5 +308,6 @@ PAPER = Parameters(
     affinity_values=20,
     laplacian_values=0,
     form=False,
+    patches=False,
 )
 """As literal as the text allows, with the errata of the README's table "How the paper is read"."""

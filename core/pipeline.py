@@ -10,9 +10,9 @@ from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
 from core.cleaning import Cleaned, clean, face_areas, vertex_areas
-from core.combination import CALIBRATED, signature_evidence
+from core.combination import chance, signature_evidence
 from core.denoising import roughness, smoothed
-from core.embedding import Embedding, Facts, Float32s, Match, Scores
+from core.embedding import NO_PATCHES, Embedding, Facts, Float32s, Match, Scores
 from core.errors import DegenerateMeshError, IncompatibleEmbeddingsError, ParameterError
 from core.filling import filled
 from core.form import signed_volume
@@ -28,8 +28,10 @@ from core.graph import (
 from core.lewis import lewis_weights
 from core.matching import Prepared, embedding_key, match_prepared, prepare
 from core.mesh import Floats, Ints, Mesh
-from core.openness import openness
+from core.openness import INCOMPLETE, openness
 from core.parameters import Parameters
+from core.patches import Bytes
+from core.resemblance import Apart, apart, described
 from core.rows import match_rows
 from core.sampling import covering, keyed_uniform, random_draw, sort_and_cut
 from core.spectra import Points, spectra_of
@@ -57,7 +59,7 @@ def measure(mesh: Mesh, cleaned: Cleaned, frame: Frame) -> Facts:
         dropped_faces=cleaned.dropped_faces,
         boundary_edges=int((sheets == 1).sum()),
         nonmanifold_edges=int((sheets > 2).sum()),
-        openness=openness(cleaned.mesh.vertices, cleaned.sides.edges[sheets == 1], area),
+        openness=openness(cleaned.mesh, cleaned.sides, area),
     )
 
 
@@ -109,13 +111,51 @@ class Pipeline:
         cleaned = clean(mesh)
         surface = without_holes(cleaned, wanted.fill_holes)
         frame = normal_frame(surface)
-        normal = Mesh(frame.apply(surface.vertices), surface.faces)
+        normal = self._evened(Mesh(frame.apply(surface.vertices), surface.faces))
+        needed = max(wanted.refine_vertices, self._least_vertices())
+        return (refine(normal, needed) if len(normal.vertices) < needed else normal), cleaned, frame
+
+    def _evened(self, normal: Mesh) -> Mesh:
+        """A mesh in its normal frame, simplified and smoothed if it is large and rough."""
+        wanted = self.parameters
         if wanted.decimate_above and len(normal.vertices) > wanted.decimate_above:
             normal = simplify(normal, wanted.decimate_to)
         if wanted.smooth_above and roughness(normal) > wanted.smooth_above:
             normal = smoothed(normal, wanted.smooth_rounds)
-        needed = max(wanted.refine_vertices, self._least_vertices())
-        return (refine(normal, needed) if len(normal.vertices) < needed else normal), cleaned, frame
+        return normal
+
+    def bare(self, mesh: Mesh) -> Mesh:
+        """A mesh in its normal frame, clean and even, whose rims are open.
+
+        Raises
+        ------
+        DegenerateMeshError
+            It has no area.
+        """
+        with one_thread():
+            return self._bare(clean(mesh))
+
+    def _bare(self, cleaned: Cleaned) -> Mesh:
+        frame = normal_frame(cleaned.mesh)
+        return self._evened(Mesh(frame.apply(cleaned.mesh.vertices), cleaned.mesh.faces))
+
+    def patches_of(self, mesh: Mesh) -> Bytes:
+        """What lies about points of a mesh, whether the parameters ask that its embedding has it or not.
+
+        Raises
+        ------
+        DegenerateMeshError
+            It has no area.
+        """
+        with one_thread():
+            surface, cleaned, frame = self.normalise(mesh)
+            return self._patches(surface, cleaned, measure(mesh, cleaned, frame))
+
+    def _patches(self, surface: Mesh, cleaned: Cleaned, facts: Facts) -> Bytes:
+        """Of an incomplete surface, it is looked at with its rims open."""
+        if facts.openness > INCOMPLETE:
+            surface = self._bare(cleaned)
+        return described(surface, openness=facts.openness)
 
     def _least_vertices(self) -> int:
         """Vertices under which there would be too few samples, or too few eigenvalues for the signature.
@@ -189,10 +229,12 @@ class Pipeline:
                 areas=areas / areas.sum(),
             )
             spectra, signature = spectra_of(surface, embedded, self.parameters)
+            facts = measure(mesh, cleaned, frame)
+            patches = self._patches(surface, cleaned, facts) if self.parameters.patches else NO_PATCHES
         positions = frame.invert(surface.vertices[samples])
         return Embedding(
             fingerprint=self.fingerprint,
-            facts=measure(mesh, cleaned, frame),
+            facts=facts,
             positions=positions.astype(np.float32),
             vertices=np.asarray(cKDTree(mesh.vertices).query(positions)[1]).astype(np.int32),
             graph_edges=sparse.edges.astype(np.int32),
@@ -201,6 +243,7 @@ class Pipeline:
             regions=sparse.regions[points].astype(np.int32),
             signature=signature.astype(np.float32),
             spectra=spectra,
+            patches=patches,
         )
 
     def prepared(self, embedding: Embedding) -> Prepared:
@@ -275,13 +318,18 @@ class Pipeline:
 
     def evidence(
         self, cc: Floats, sim: Floats, query: NDArray[np.float32], signatures: NDArray[np.float32]
-    ) -> NDArray[np.float64]:
-        """What `combined` reads, shape (c, 2): `core.combination.signature_evidence`, arguments as there."""
+    ) -> Floats:
+        """What of the whole shapes `combined` reads, shape (c, 2): `core.combination.signature_evidence`."""
         return signature_evidence(cc, sim, query, signatures, form=self.parameters.form)
 
     def combined(
-        self, cc: Floats, sim: Floats, query: NDArray[np.float32], signatures: NDArray[np.float32]
-    ) -> NDArray[np.float64]:
+        self,
+        cc: Floats,
+        sim: Floats,
+        query: NDArray[np.float32],
+        signatures: NDArray[np.float32],
+        apart: Apart | None = None,
+    ) -> Floats:
         """The chance that one shape and each of c others are of one class, shape (c,), in [0, 1].
 
         Calibrated for the default setting; under any other it is an order and no more.
@@ -292,5 +340,13 @@ class Pipeline:
             As `score` gives them.
         query : float32, shape (s,)
         signatures : float32, shape (c, s)
+        apart : Apart, optional
+            Of their patches. Without, the chance is a rougher one.
         """
-        return CALIBRATED.chance(self.evidence(cc, sim, query, signatures))
+        return chance(self.evidence(cc, sim, query, signatures), apart)
+
+    def combined_with(self, query: Embedding, others: Sequence[Embedding], scores: Scores) -> Floats:
+        """`combined` of one embedding with c others, shape (c,), by the scores that `score` gives them."""
+        signatures = np.array([other.signature for other in others]).reshape(-1, len(query.signature))
+        between = apart(query.patches, [other.patches for other in others]) if query.patches.size else None
+        return self.combined(scores.cc, scores.sim, query.signature, signatures, between)

@@ -12,8 +12,10 @@ from numpy.typing import NDArray
 from safetensors import SafetensorError
 from safetensors.numpy import load, save
 
-from core.embedding import Embedding, Facts, Float32s, Int32s, Spectrum
+from core.embedding import NO_PATCHES, Embedding, Facts, Float32s, Int32s, Spectrum
 from core.errors import BadRecordError
+from core.patches import Bytes
+from core.resemblance import ROWS, WIDTH
 
 Points = tuple[tuple[Float32s, ...], Int32s]
 """Coordinates in each spectral domain, (d, k), and the sample nearest to each of the d points, (d,)."""
@@ -21,13 +23,12 @@ Points = tuple[tuple[Float32s, ...], Int32s]
 
 def embedding_to_bytes(embedding: Embedding) -> bytes:
     """The embedding as one block of bytes; the same embedding always gives the same bytes."""
-    header = {
+    header: dict[str, Any] = {
         "fingerprint": embedding.fingerprint,
         "facts": asdict(embedding.facts),
         "spectra": [spectrum.name for spectrum in embedding.spectra],
     }
-    arrays = {
-        "header": np.frombuffer(json.dumps(header, sort_keys=True).encode(), dtype=np.uint8),
+    arrays: dict[str, NDArray[Any]] = {
         "positions": embedding.positions,
         "vertices": embedding.vertices,
         "graph_edges": embedding.graph_edges,
@@ -36,9 +37,13 @@ def embedding_to_bytes(embedding: Embedding) -> bytes:
         "regions": embedding.regions,
         "signature": embedding.signature,
     }
+    if embedding.patches.size:
+        header["patches"] = True
+        arrays["patches"] = embedding.patches
     for i, spectrum in enumerate(embedding.spectra):
         arrays[f"eigenvalues_{i}"] = spectrum.eigenvalues
         arrays[f"coordinates_{i}"] = spectrum.coordinates
+    arrays["header"] = np.frombuffer(json.dumps(header, sort_keys=True).encode(), dtype=np.uint8)
     return bytes(save({name: np.ascontiguousarray(array) for name, array in arrays.items()}))
 
 
@@ -68,6 +73,7 @@ def embedding_from_bytes(data: bytes) -> Embedding:
                 Spectrum(name, arrays[f"eigenvalues_{i}"], arrays[f"coordinates_{i}"])
                 for i, name in enumerate(header["spectra"])
             ),
+            patches=arrays["patches"] if header.get("patches") else NO_PATCHES,
         )
     except (SafetensorError, KeyError, TypeError, ValueError, RecursionError) as error:
         raise BadRecordError(f"not an embedding: {error}") from error
@@ -100,6 +106,26 @@ def points_from_bytes(data: bytes) -> Points:
     if regions.ndim != 1 or any(one.ndim != 2 or len(one) != len(regions) for one in coordinates):
         raise BadRecordError("not an embedding: its points have not the shape of such")
     return tuple(coordinates), regions
+
+
+def patches_from_bytes(data: bytes) -> Bytes:
+    """The patches of a record; of shape (0, 0) if it has none.
+
+    Raises
+    ------
+    BadRecordError
+        The bytes are not a record, or its patches have not the shape or type of such.
+    """
+    try:
+        arrays = load(data)
+        header = json.loads(arrays["header"].tobytes())
+        patches = arrays["patches"] if header.get("patches") else NO_PATCHES
+    except (SafetensorError, KeyError, TypeError, ValueError, RecursionError, AttributeError) as error:
+        raise BadRecordError(f"not an embedding: {error}") from error
+    fault = next(_patch_faults(patches), None)
+    if fault is not None:
+        raise BadRecordError(f"not an embedding: {fault}")
+    return patches
 
 
 class _Place(NamedTuple):
@@ -149,6 +175,7 @@ def _faults(embedding: Embedding) -> Iterator[str]:
     for spectrum in embedding.spectra:
         yield from _array_faults(f"{spectrum.name} eigenvalues", spectrum.eigenvalues, np.float32, (None,))
         yield from _array_faults(f"{spectrum.name} coordinates", spectrum.coordinates, np.float32, (d, None))
+    yield from _patch_faults(embedding.patches)
     for name, indices, end in (
         ("vertices", embedding.vertices, embedding.facts.vertices),
         ("graph_edges", embedding.graph_edges, m),
@@ -172,6 +199,13 @@ def _header_faults(embedding: Embedding) -> Iterator[str]:
     names = [spectrum.name for spectrum in embedding.spectra]
     if not names or not all(isinstance(name, str) for name in names) or len(set(names)) < len(names):
         yield f"the spectra are {names!r}"
+
+
+def _patch_faults(patches: NDArray[Any]) -> Iterator[str]:
+    if patches is not NO_PATCHES:
+        yield from _array_faults("patches", patches, np.uint8, (None, WIDTH))
+        if len(patches) not in ROWS.values():
+            yield f"there are {len(patches)} patches"
 
 
 def _array_faults(

@@ -49,7 +49,7 @@ from service.storage.migrate import migrate
 from service.system import VERSION
 
 PATCH_BYTES = 256 * 1024**2
-"""Memory for the patches of stored shapes, about 51 kB each."""
+"""Memory for the patches of stored shapes: 22 kB each, 96 kB for an incomplete one."""
 
 log = logging.get_logger("app")
 

@@ -4,6 +4,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from threading import Event
 
+from core.patches import Bytes
 from service.access.gate import Gate
 from service.compute.at_work import AtWork
 from service.compute.pool import LocalPool
@@ -23,7 +24,7 @@ class Parts:
 
     `threads` compare embeddings, and `searches` counts the searches that have them compare.
     `comparing_is_ready` is set once what they run is loaded, and embeddings are ready for it. `patches` are
-    those of stored shapes that queries with a part have asked for.
+    those of stored shapes that were asked for.
     """
 
     settings: Settings
@@ -38,4 +39,4 @@ class Parts:
     threads: ThreadPoolExecutor
     searches: AtWork
     comparing_is_ready: Event
-    patches: Shelf
+    patches: Shelf[Bytes]

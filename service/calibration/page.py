@@ -8,6 +8,8 @@ from service.calibration.study import UPPER, Study
 
 DIGITS = 4
 
+_BINS = ("combined", "share of pairs", "mean given", "found of one class")
+
 COLUMNS = (
     "collection", "shapes", "classes",
     "base rate", "error", f"error above {UPPER / BINS:g}",
@@ -15,10 +17,20 @@ COLUMNS = (
 )  # fmt: skip
 
 
-def constants(model: Calibration) -> str:
-    """The assignment that `core/combination.py` holds."""
+def constants(study: Study) -> str:
+    """The assignments that `core/combination.py` holds."""
+    models = {
+        "CALIBRATED": study.model,
+        "CALIBRATED_PARTS": study.incomplete.model,
+        "WITHOUT_PATCHES": study.without_patches,
+    }
+    return "\n".join(f"{name} = {_constant(model)}" for name, model in models.items())
+
+
+def _constant(model: Calibration) -> str:
     slopes = ", ".join(f"{slope:.{DIGITS}f}" for slope in model.slopes)
-    return f"CALIBRATED = Calibration(intercept={model.intercept:.{DIGITS}f}, slopes=({slopes}))"
+    slopes += "," if len(model.slopes) == 1 else ""
+    return f"Calibration(intercept={model.intercept:.{DIGITS}f}, slopes=({slopes}))"
 
 
 def summary(study: Study) -> list[tuple[str, ...]]:
@@ -35,10 +47,12 @@ def page(study: Study, command: str) -> str:
     parts = [
         "# Calibration of `combined`",
         f"Written by `{command}`. `combined` is the chance that two shapes are of one class: a "
-        "logistic model of three numbers made of CC, the Laplace-Beltrami spectra and terms of form, fitted "
-        "to all pairs of these collections, each with the same weight. Its parameters, in "
-        "`core/combination.py`:",
-        f"```python\n{constants(study.model)}\n```",
+        "logistic model of three numbers made of CC and the Laplace-Beltrami spectra, of terms of form, and "
+        "of what lies about points of the surfaces, fitted to all pairs of these collections, each with the "
+        "same weight. Pairs with an incomplete shape have a model of their own, of one number. Where what "
+        "lies about points is not known, as in the rough steps of a search, a third serves. Their "
+        "parameters, in `core/combination.py`:",
+        f"```python\n{constants(study)}\n```",
         "What follows is judged without the class in question: the pairs of each class' shapes with all "
         "others, by a model fitted to the pairs without any shape of that class, in any collection.",
         "![Reliability](calibration.png)",
@@ -53,7 +67,15 @@ def page(study: Study, command: str) -> str:
         "serves all: each alone strays further than all together.",
         "A chance hangs on the base rate: in an archive where fewer pairs are of one class than here, "
         "`combined` is too high, by about the ratio of the odds. Its order is the same.",
-        _table(("combined", "share of pairs", "mean given", "found of one class"), _bins(study.together)),
+        _table(_BINS, _bins(study.together)),
+        "## Incomplete shapes",
+        f"{study.incomplete.queries} queries, shapes with holes or with a part cut away, 10 to 40 % of the "
+        "area gone, each against the whole ones without its own, and judged as above: error "
+        f"{study.incomplete.reliability.error:.4f}, above {UPPER / BINS:g} "
+        f"{study.incomplete.reliability.error_above(UPPER):.3f}, base rate "
+        f"{study.incomplete.reliability.base_rate:.3f}; the likeliest whole one is of the query's class for "
+        f"{study.incomplete.nn:.3f} of them.",
+        _table(_BINS, _bins(study.incomplete.reliability)),
     ]
     wrapped = (part if part[0] in "#`!|" else fill(part, 110, break_on_hyphens=False) for part in parts)
     return "\n\n".join(wrapped) + "\n"

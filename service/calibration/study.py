@@ -1,7 +1,7 @@
 """What a calibration on labelled collections found."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
@@ -35,25 +35,58 @@ class Judged:
 
 
 @dataclass(frozen=True, eq=False)
+class Incomplete:
+    """Pairs of an incomplete shape and a whole one, likewise.
+
+    Attributes
+    ----------
+    model : Calibration
+    queries : int
+        Incomplete shapes.
+    nn : float
+        Share of them whose likeliest whole one, but their own, is of their class.
+    reliability : Reliability
+        Each way that they are incomplete, in each collection, with the same weight.
+    """
+
+    model: Calibration
+    queries: int
+    nn: float
+    reliability: Reliability
+
+
+@dataclass(frozen=True, eq=False)
 class Study:
     """The model of all pairs, and how models without each class do on it.
 
     Attributes
     ----------
     model : Calibration
+    without_patches : Calibration
+        Of the evidence but that of patches.
     collections : tuple of Judged
     together : Reliability
         Of all collections, each with the same weight.
+    incomplete : Incomplete
     """
 
     model: Calibration
+    without_patches: Calibration
     collections: tuple[Judged, ...]
     together: Reliability
+    incomplete: Incomplete
 
     def as_json(self) -> dict[str, object]:
         """The object that `--json` prints."""
         return {
             **asdict(self.model),
+            "without_patches": asdict(self.without_patches),
+            "incomplete": {
+                **asdict(self.incomplete.model),
+                "queries": self.incomplete.queries,
+                "nn": self.incomplete.nn,
+                **_numbers(self.incomplete.reliability),
+            },
             "together": _numbers(self.together),
             "collections": [
                 {
@@ -68,8 +101,18 @@ class Study:
         }
 
 
-def study(names: Sequence[str], collections: Sequence[Collection]) -> Study:
+def study(
+    names: Sequence[str], collections: Sequence[Collection], incomplete: Sequence[Sequence[Collection]]
+) -> Study:
     """Fit to all, and judge each class by the fit without it.
+
+    Parameters
+    ----------
+    names : sequence of str
+    collections : sequence of Collection
+        One a name, with the evidence of `core.combination.patch_evidence`.
+    incomplete : sequence of sequence of Collection
+        Several a name, with that of `core.combination.part_evidence`.
 
     Raises
     ------
@@ -79,11 +122,29 @@ def study(names: Sequence[str], collections: Sequence[Collection]) -> Study:
     chances = leave_class_out(collections)
     return Study(
         model=fit(collections),
+        without_patches=fit([replace(one, evidence=one.evidence[..., :-1]) for one in collections]),
         collections=tuple(
             _judged(name, collection, given)
             for name, collection, given in zip(names, collections, chances, strict=True)
         ),
         together=reliability(collections, chances),
+        incomplete=_incomplete([one for several in incomplete for one in several]),
+    )
+
+
+def _incomplete(collections: Sequence[Collection]) -> Incomplete:
+    chances = leave_class_out(collections)
+    right: list[bool] = []
+    for collection, given in zip(collections, chances, strict=True):
+        codes, pairs = collection.codes, collection.both_ways
+        asked = np.flatnonzero(pairs.any(axis=1))
+        first = np.where(pairs, given, -1.0).argmax(axis=1)
+        right += (codes[first[asked]] == codes[asked]).tolist()
+    return Incomplete(
+        model=fit(collections),
+        queries=len(right),
+        nn=float(np.mean(right)),
+        reliability=reliability(collections, chances),
     )
 
 

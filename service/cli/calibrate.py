@@ -2,6 +2,7 @@
 
 import json
 from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -11,17 +12,24 @@ from rich import box
 from rich.table import Table
 
 from core.calibration import Collection
+from core.combination import patch_evidence
+from core.errors import ParameterError
 from core.mesh import Floats
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
 from service.calibration.page import COLUMNS, constants, page, summary
 from service.calibration.study import Study, study
-from service.cli.console import fail, output
+from service.cli.console import fail, output, progress, say
 from service.cli.options import Workers
+from service.cli.part_pairs import LEVELS, part_pairs
+from service.cli.perturbed import clean_gallery
 from service.cli.retrieval import score_collection
 from service.cli.sample import spread
-from service.cli.scoring import PairScores, default_workers
+from service.cli.scoring import PairScores, default_workers, worker_pool
 from service.collections import read_collection
+
+PARTS = 48
+"""More take long: each is made incomplete in several ways, and asked for."""
 
 
 def command(
@@ -36,14 +44,18 @@ def command(
     limit: Annotated[
         int | None, typer.Option(min=4, help="So many shapes of each folder only, spread over the classes.")
     ] = None,
+    parts: Annotated[
+        int, typer.Option(min=2, help="So many shapes of each folder are made incomplete in turn.")
+    ] = PARTS,
     workers: Workers = None,
 ) -> None:
     """Fit the chance that two shapes are of one class, and print the constants for core/combination.py.
 
-    A logistic regression over all pairs, each collection with the same weight. It is judged by class: the
-    pairs of a class' shapes by a model fitted without that class. Three classes or more are needed.
+    A logistic regression over all pairs, each collection with the same weight; another over pairs of a shape
+    with holes, or of which a part is cut away, and a whole one. They are judged by class: the pairs of a
+    class' shapes by a model fitted without that class. Three classes or more are needed.
     """
-    names, collections = [], []
+    names, collections, sampled = [], [], []
     short = 0
     for folder in folders:
         files = read_collection(folder)
@@ -52,11 +64,18 @@ def command(
         labels, scores = score_collection(files, DEFAULT, workers or default_workers())
         short += len(files) - len(labels)
         names.append(folder.resolve().name)
-        collections.append(Collection(tuple(labels), _evidence(scores)))
-    _check(collections)
-    found = study(names, collections)
+        complete = ~scores.part if scores.part.any() else None
+        collections.append(Collection(tuple(labels), _evidence(scores), complete))
+        sampled.append(spread(files, min(parts, len(files))))
+    _check([collection.labels for collection in collections])
+    _check([[label for _, label in files] for files in sampled])
+    incomplete = [_incomplete(files, workers or default_workers()) for files in sampled]
+    try:
+        found = study(names, collections, incomplete)
+    except ParameterError as error:
+        fail(str(error))
     if out is not None:
-        _write(out, found, f"isoshape calibrate {' '.join(names)} --out docs{_limited(limit)}")
+        _write(out, found, f"isoshape calibrate {' '.join(names)} --out docs{_limited(limit, parts)}")
     if as_json:
         typer.echo(json.dumps(found.as_json()))
     else:
@@ -68,18 +87,28 @@ def command(
 def _evidence(scores: PairScores) -> Floats:
     pipeline = Pipeline(DEFAULT)
     rows = zip(scores.cc, scores.sim, scores.signatures, strict=True)
-    return np.stack([pipeline.evidence(cc, sim, own, scores.signatures) for cc, sim, own in rows])
+    whole = np.stack([pipeline.evidence(cc, sim, own, scores.signatures) for cc, sim, own in rows])
+    return patch_evidence(whole, scores.apart)
 
 
-def _check(collections: list[Collection]) -> None:
+def _incomplete(files: list[tuple[Path, str]], workers: int) -> list[Collection]:
+    with worker_pool(DEFAULT, workers) as pool, progress() as bar:
+        task = bar.add_task("embedding", total=len(files))
+        gallery = clean_gallery(pool, files, lambda _: None, lambda n: bar.advance(task, n))
+        task = bar.add_task("incomplete queries", total=len(gallery.files) * len(LEVELS))
+        return part_pairs(pool, gallery, say, lambda n: bar.advance(task, n))
+
+
+def _check(labels: Sequence[Sequence[str]]) -> None:
     """End the command where, without some class, no pair would be of one class or none of two."""
-    sizes = Counter(str(code) for collection in collections for code in collection.codes)
+    sizes = Counter(label.casefold() for several in labels for label in several)
     if len(sizes) < 3 or sum(size > 1 for size in sizes.values()) < 2:
         fail("three classes or more are needed, two of them with two shapes or more")
 
 
-def _limited(limit: int | None) -> str:
-    return f" --limit {limit}" if limit is not None else ""
+def _limited(limit: int | None, parts: int) -> str:
+    limited = f" --limit {limit}" if limit is not None else ""
+    return limited + (f" --parts {parts}" if parts != PARTS else "")
 
 
 def _print(found: Study) -> None:
@@ -89,7 +118,7 @@ def _print(found: Study) -> None:
     for row in summary(found):
         table.add_row(*row)
     output().print(table)
-    typer.echo(constants(found.model))
+    typer.echo(constants(found))
 
 
 def _write(folder: Path, found: Study, made_by: str) -> None:

@@ -13,14 +13,15 @@ from zlib import crc32
 import numpy as np
 
 from core.cleaning import clean
-from core.embedding import Embedding, Float32s
+from core.embedding import Embedding, Scores
 from core.errors import CoreError
 from core.mesh import Floats, Mesh
 from core.parameters import DEFAULT
-from core.partial import part_distances, parts, patches
+from core.partial import part_distances, part_of
+from core.patches import KEYS, LENGTH
 from core.pipeline import Pipeline
 from core.reading import format_of, read_mesh
-from core.robustness import KINDS, TAU, Kind, Level, Retrieval, nearest_neighbour, tau_parameters
+from core.robustness import TAU, Kind, Level, Retrieval, nearest_neighbour, tau_parameters
 from service.cli.scoring import embed_files, score_pairs, worker_pool
 
 Told = Callable[[str], None]
@@ -65,12 +66,11 @@ def clean_retrieval(pool: Executor, gallery: Gallery, done: Done) -> Retrieval:
 
 
 @contextmanager
-def on_disk(pool: Executor, gallery: Gallery) -> Iterator[Path]:
-    """A file with the gallery and its patches, so that each worker reads it once, and not once a query."""
-    known = list(pool.map(_patches, gallery.files))
+def on_disk(gallery: Gallery) -> Iterator[Path]:
+    """A file with the gallery, so that each worker reads it once, and not once a query."""
     with TemporaryDirectory() as folder:
         path = Path(folder) / "gallery"
-        path.write_bytes(pickle.dumps((list(gallery.embeddings), known)))
+        path.write_bytes(pickle.dumps(list(gallery.embeddings)))
         yield path
 
 
@@ -91,7 +91,7 @@ def perturbed_level(
         names = ("cc", "combined", "part") if kind.part else ("cc", "combined")
         likeness = {name: np.zeros((count, count)) for name in names}
         scored = np.zeros((count, count), dtype=bool)
-        query = partial(_query, stored, kind.name, amount, seed)
+        query = partial(_query, stored, kind, amount, seed)
         futures = {pool.submit(query, path): i for i, path in enumerate(gallery.files)}
         for future in as_completed(futures):
             i, row = futures[future], future.result()
@@ -134,27 +134,52 @@ def seed_of(path: Path, seed: int) -> int:
     return int(np.random.SeedSequence([seed, crc32(path.name.encode())]).generate_state(1)[0])
 
 
-def _query(stored: Path, kind: str, amount: float, seed: int, path: Path) -> dict[str, Floats] | str:
-    """How alike a perturbed file is to each of the gallery, (n,) by a name, or why that is not known."""
-    way = next(each for each in KINDS if each.name == kind)
-    pipeline, (gallery, known) = _pipeline(), _load(stored)
+@dataclass(frozen=True, eq=False)
+class Asked:
+    """A perturbed shape, and how alike the clean ones are to it.
+
+    Attributes
+    ----------
+    pipeline : Pipeline
+    mesh : Mesh
+    query : Embedding
+        Of the mesh.
+    gallery : list of Embedding
+    scores : Scores
+    """
+
+    pipeline: Pipeline
+    mesh: Mesh
+    query: Embedding
+    gallery: list[Embedding]
+    scores: Scores
+
+
+def perturbed_query(stored: Path, kind: Kind, amount: float, seed: int, path: Path) -> Asked | str:
+    """A perturbed file asked for in the gallery, or why it cannot be."""
+    pipeline, gallery = _pipeline(), _load(stored)
     try:
-        mesh = way.perturb(_clean(path), amount, seed_of(path, seed))
+        mesh = kind.perturb(_clean(path), amount, seed_of(path, seed))
         query = pipeline.embed(mesh)
-        found = {"part": -part_distances(parts(mesh), known)} if way.part else {}
     except CoreError as error:
         return f"{error.kind}: {error}"
     except Exception as error:
         # A fault of the program, on this mesh: it is named, and costs the run no other.
         return f"{type(error).__name__}: {error}"
-    signatures = np.stack([embedding.signature for embedding in gallery])
-    scores = pipeline.score(query, gallery)
-    combined = pipeline.combined(scores.cc, scores.sim, query.signature, signatures)
-    return {"cc": scores.cc, "combined": combined, **found}
+    return Asked(pipeline, mesh, query, gallery, pipeline.score(query, gallery))
 
 
-def _patches(path: Path) -> Float32s:
-    return patches(_clean(path))
+def _query(stored: Path, kind: Kind, amount: float, seed: int, path: Path) -> dict[str, Floats] | str:
+    """How alike a perturbed file is to each of the gallery, (n,) by a name, or why that is not known."""
+    asked = perturbed_query(stored, kind, amount, seed, path)
+    if isinstance(asked, str):
+        return asked
+    pipeline, query, gallery = asked.pipeline, asked.query, asked.gallery
+    found = {"cc": asked.scores.cc, "combined": pipeline.combined_with(query, gallery, asked.scores)}
+    if kind.part:
+        part = query.patches[KEYS:] if len(query.patches) > KEYS else part_of(pipeline.bare(asked.mesh))
+        found["part"] = -part_distances(part, [one.patches[:KEYS, :LENGTH] for one in gallery])
+    return found
 
 
 def _clean(path: Path) -> Mesh:
@@ -167,6 +192,6 @@ def _pipeline() -> Pipeline:
 
 
 @lru_cache(maxsize=1)
-def _load(stored: Path) -> tuple[list[Embedding], list[Float32s]]:
-    loaded: tuple[list[Embedding], list[Float32s]] = pickle.loads(stored.read_bytes())
+def _load(stored: Path) -> list[Embedding]:
+    loaded: list[Embedding] = pickle.loads(stored.read_bytes())
     return loaded

@@ -82,7 +82,7 @@ def _study(
                 fail("no file could be used")
             task = bar.add_task("clean queries", total=count * (count - 1) // 2)
             clean = clean_retrieval(pool, gallery, partial(bar.advance, task))
-            with on_disk(pool, gallery) as stored:
+            with on_disk(gallery) as stored:
                 for kind in kinds:
                     runs = sum(1 if amount in kind.certain else seeds for amount in kind.amounts)
                     task = bar.add_task(kind.title, total=count * runs)

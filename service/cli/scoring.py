@@ -22,6 +22,7 @@ from core.parameters import Parameters
 from core.pipeline import Pipeline
 from core.reading import DEFAULT_LIMITS, format_of
 from core.records import embedding_from_bytes
+from core.resemblance import Apart, apart
 from service.compute.tasks import embed_file
 from service.compute.worker import end_with_parent
 
@@ -45,6 +46,10 @@ class PairScores:
         As in `core.pipeline.Pipeline.combined`.
     signatures : float32, shape (n, s)
         Of the shapes themselves.
+    apart : float64, shape (n, n)
+        Distances of their patches, symmetric; 0 where the parameters ask for none.
+    part : bool, shape (n, n)
+        Where one of the two is incomplete.
     """
 
     cc: Floats
@@ -52,6 +57,8 @@ class PairScores:
     sim: Floats
     combined: Floats
     signatures: NDArray[np.float32]
+    apart: Floats
+    part: NDArray[np.bool_]
 
 
 _pipeline: Pipeline
@@ -89,18 +96,27 @@ def score_pairs(
         sim=np.eye(n),
         combined=np.zeros((n, n)),
         signatures=np.stack([embedding.signature for embedding in embeddings]),
+        apart=np.zeros((n, n)),
+        part=np.zeros((n, n), dtype=bool),
     )
     with TemporaryDirectory() as folder:
         # A file, so that each worker reads all embeddings once, and not once a row.
         path = Path(folder) / "embeddings"
         path.write_bytes(pickle.dumps(list(embeddings)))
-        for i, row in _each(pool, partial(_score_row, path), {i: i for i in range(n - 1)}):
+        for i, (row, between) in _each(pool, partial(_score_row, path), {i: i for i in range(n - 1)}):
             for name in ("cc", "ssd", "sim"):
                 matrix = getattr(scores, name)
                 matrix[i, i + 1 :] = matrix[i + 1 :, i] = getattr(row, name)
+            if between is not None:
+                scores.apart[i, i + 1 :] = scores.apart[i + 1 :, i] = between.distance
+                scores.part[i, i + 1 :] = scores.part[i + 1 :, i] = between.part
             done(n - 1 - i)
+    patches = pipeline.parameters.patches
     for i, signature in enumerate(scores.signatures):
-        scores.combined[i] = pipeline.combined(scores.cc[i], scores.sim[i], signature, scores.signatures)
+        between = Apart(scores.apart[i], scores.part[i]) if patches else None
+        scores.combined[i] = pipeline.combined(
+            scores.cc[i], scores.sim[i], signature, scores.signatures, between
+        )
     return scores
 
 
@@ -130,9 +146,10 @@ def _embed(path: Path) -> Embedding | str:
         return f"{type(error).__name__}: {error}"
 
 
-def _score_row(path: Path, i: int) -> Scores:
-    embeddings = _load(path)
-    return _pipeline.score(embeddings[i], embeddings[i + 1 :])
+def _score_row(path: Path, i: int) -> tuple[Scores, Apart | None]:
+    own, *others = _load(path)[i:]
+    scores = _pipeline.score(own, others)
+    return scores, apart(own.patches, [other.patches for other in others]) if own.patches.size else None
 
 
 @lru_cache(maxsize=1)

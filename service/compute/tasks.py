@@ -14,6 +14,8 @@ from core.embedding import Embedding, Match, Scores
 from core.errors import BadRecordError, DegenerateMeshError
 from core.mesh import Mesh
 from core.parameters import Parameters
+from core.partial import part_of
+from core.patches import Bytes
 from core.pipeline import Pipeline
 from core.reading import Limits, read_mesh
 from core.records import embedding_from_bytes, embedding_to_bytes
@@ -114,6 +116,16 @@ def score_records(query: bytes, records: Sequence[bytes], parameters: Parameters
 def match_records(first: bytes, second: bytes, parameters: Parameters) -> Match:
     """Compare two records."""
     return _pipeline(parameters).match(embedding_from_bytes(first), embedding_from_bytes(second))
+
+
+def part_of_mesh(mesh: Mesh, parameters: Parameters) -> Bytes:
+    """A mesh taken for a part, whether it looks incomplete or not: see `core.partial.part_of`."""
+    return part_of(_pipeline(parameters).bare(mesh))
+
+
+def patches_of_mesh(mesh: Mesh, parameters: Parameters) -> Bytes:
+    """What lies about points of a mesh: see `core.pipeline.Pipeline.patches_of`."""
+    return _pipeline(parameters).patches_of(mesh)
 
 
 def warm(parameters: Parameters) -> None:

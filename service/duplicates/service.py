@@ -106,7 +106,7 @@ async def _alike(parts: Parts, stored: Stock, place: int, wanted: Wanted, in_use
         finalists=None,
         stored=len(stored.shapes),
     )
-    found = await compare_with(parts, Query(in_use, record, frozenset([shape])), candidates, "cc")
+    found, _ = await compare_with(parts, Query(in_use, record, frozenset([shape])), candidates, "cc")
     own = dict(zip(candidates.shapes.tolist(), candidates.embeddings.tolist(), strict=True))
     scores = zip(found.shapes.tolist(), found.cc.tolist(), strict=True)
     others = [(number, own[number], cc) for number, cc in scores if cc >= wanted.min_cc]

@@ -1,23 +1,27 @@
 """Finding the stored shapes that a part may be of."""
 
 import asyncio
+from collections.abc import Awaitable, Callable
 from dataclasses import replace
 
 import numpy as np
 from starlette.concurrency import run_in_threadpool
 
-from core import partial
-from core.embedding import Float32s
 from core.errors import MeshError
 from core.mesh import Mesh
+from core.parameters import Parameters
+from core.partial import part_distances
+from core.patches import KEYS, LENGTH, Bytes
 from core.records import embedding_from_bytes
 from core.signatures import least
+from service.compute.tasks import part_of_mesh, patches_of_mesh
 from service.errors import FileTimeLimitError
 from service.logging import get_logger
 from service.partial import repository
 from service.parts import Parts
 from service.search.candidates import candidates
 from service.search.comparing import compare_with
+from service.search.patches import stored_patches
 from service.search.records import Answer, Options, Query
 from service.search.service import results
 from service.sets.records import CollectionNumber
@@ -40,31 +44,38 @@ async def stored_mesh(parts: Parts, collection: CollectionNumber, shape_id: str,
     return await parts.work.read(data, shape.format)
 
 
-async def search(parts: Parts, query: Query, mesh: Mesh, options: Options, stages: Stages) -> Answer:
-    """The stored shapes that the query's mesh is most likely a part of, by `core.partial.part_distances`.
+async def search(
+    parts: Parts, query: Query, mesh: Callable[[], Awaitable[Mesh]], options: Options, stages: Stages
+) -> Answer:
+    """The stored shapes that the query is most likely a part of, by `core.partial.part_distances`.
 
-    What lies about the points of a stored shape is made when it is first asked for, and then kept in memory.
+    `mesh` reads its mesh, for a surface that does not look like a part. What lies about the points of a
+    stored shape is in its record, or else is made of its file when it is first asked for, and then kept in
+    memory.
     """
+    pipeline = query.in_use.pipeline
     with stages.stage("shortlist"):
         chosen = await run_in_threadpool(candidates, parts, query, options)
     parts.metrics.query_compared.observe(len(chosen.shapes))
     with stages.stage("patches"):
-        asked = await parts.work.do(partial.parts, mesh)
-        known = await _patches(parts, np.unique(chosen.embeddings).tolist())
+        asked = query.patches[KEYS:]
+        if not len(asked):
+            asked = await parts.work.do(part_of_mesh, await mesh(), pipeline.parameters)
+        known = await _patches(parts, np.unique(chosen.embeddings).tolist(), pipeline.parameters)
     with stages.stage("compare"):
         there = np.flatnonzero(np.isin(chosen.embeddings, np.array(list(known), dtype=np.int64)))
         chosen = replace(chosen.only(there), screened=None, finalists=None)
-        wholes = [known[number] for number in chosen.embeddings.tolist()]
-        distances = await run_in_threadpool(partial.part_distances, asked, wholes)
+        wholes = [known[number][:KEYS, :LENGTH] for number in chosen.embeddings.tolist()]
+        distances = await run_in_threadpool(part_distances, asked, wholes)
         order = least(distances, chosen.shapes, options.top_k)
-        compared = await compare_with(parts, query, chosen.only(order), "cc")
+        compared, scored = await compare_with(parts, query, chosen.only(order), "cc")
     with stages.stage("results"):
         best = np.flatnonzero(compared.cc >= options.min_cc)
-        found = await results(parts, query, compared, best, options)
+        found = await results(parts, query, compared, scored, best, options)
     told = dict(zip(chosen.shapes.tolist(), distances.tolist(), strict=True))
     embedding = embedding_from_bytes(query.record)
     return Answer(
-        pipeline=query.in_use.pipeline,
+        pipeline=pipeline,
         found=[replace(one, part_distance=told[one.shape.number]) for one in found],
         best_cc=float(compared.cc.max()) if len(compared.cc) else None,
         compared=len(chosen.shapes),
@@ -74,14 +85,14 @@ async def search(parts: Parts, query: Query, mesh: Mesh, options: Options, stage
     )
 
 
-async def _patches(parts: Parts, embeddings: list[int]) -> dict[int, Float32s]:
+async def _patches(parts: Parts, embeddings: list[int], parameters: Parameters) -> dict[int, Bytes]:
     """Those of embeddings by number, without those that are gone, or whose file cannot be read any more."""
     turns = asyncio.Semaphore(2 * parts.settings.workers)
-    found = parts.patches.rows(embeddings)
+    found = await run_in_threadpool(stored_patches, parts, embeddings)
 
     async def add(number: int) -> None:
         async with turns:
-            made = await _made(parts, number)
+            made = await _made(parts, number, parameters)
         if made is not None:
             parts.patches.put(number, made)
             found[number] = made
@@ -96,7 +107,7 @@ async def _patches(parts: Parts, embeddings: list[int]) -> dict[int, Float32s]:
     return found
 
 
-async def _made(parts: Parts, embedding: int) -> Float32s | None:
+async def _made(parts: Parts, embedding: int, parameters: Parameters) -> Bytes | None:
     def read() -> tuple[bytes, str] | None:
         with parts.database.read() as session:
             return repository.file_of(session, embedding)
@@ -105,7 +116,7 @@ async def _made(parts: Parts, embedding: int) -> Float32s | None:
     if file is None:
         return None
     try:
-        return await parts.work.do(partial.patches, await parts.work.read(*file))
+        return await parts.work.do(patches_of_mesh, await parts.work.read(*file), parameters)
     except (FileTimeLimitError, MeshError) as error:
         log.warning("a stored shape is left out of a query with a part: %s", error)
         return None

@@ -4,6 +4,7 @@ import json
 import threading
 from dataclasses import asdict, dataclass
 
+from core.embedding import Float32s
 from core.errors import ParameterError
 from core.parameters import DEFAULT, LATER, METHOD_VERSION, PAPER, Parameters
 from core.pipeline import Pipeline
@@ -26,7 +27,7 @@ class InUse:
 
     pipeline: Pipeline
     index: SignatureIndex
-    shelf: Shelf
+    shelf: Shelf[Float32s]
 
     @property
     def fingerprint(self) -> str:

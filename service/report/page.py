@@ -16,8 +16,8 @@ SCORES = {
     "SSD": "How far those coordinates are apart: the root of their squared differences, over the number of "
     "pairs: 0 for the same shape, and more the less alike two shapes are.",
     "sim": "The share of points, from 0 to 1, whose partner on the other shape a smooth map explains.",
-    "combined": "The chance, from 0 to 1, that both are of one class, by CC and sim, by their spectra and by "
-    "their form.",
+    "combined": "The chance, from 0 to 1, that both are of one class, by CC and sim, by their spectra and "
+    "form, and by what lies about points of their surfaces.",
 }
 PART_DISTANCE = (
     "How unlike the surface about the query’s points is to that about the nearest points of the shape: 0 or "

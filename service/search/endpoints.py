@@ -191,8 +191,9 @@ async def _with_file(
                 wanted = await service.by_file(parts, collection, data, mesh_format, in_use, stages)
                 how = _options(options, parts, collection, exclude_self=False)
                 if options.partial:
-                    mesh = await parts.work.read(data, mesh_format)
-                    return await partial.search(parts, wanted, mesh, how, stages)
+                    return await partial.search(
+                        parts, wanted, lambda: parts.work.read(data, mesh_format), how, stages
+                    )
                 return await service.search(parts, wanted, how, stages)
 
             answer = await while_connected(request, service.in_one_pipeline(parts, found))
@@ -216,8 +217,14 @@ async def _with_id(
             wanted = await service.by_id(parts, collection, options.shape_id, in_use, stages)
             how = _options(options, parts, collection, exclude_self=True)
             if options.partial:
-                mesh = await partial.stored_mesh(parts, collection, options.shape_id, in_use.fingerprint)
-                return await partial.search(parts, wanted, mesh, how, stages)
+                stored = partial.stored_mesh
+                return await partial.search(
+                    parts,
+                    wanted,
+                    lambda: stored(parts, collection, options.shape_id, in_use.fingerprint),
+                    how,
+                    stages,
+                )
             return await service.search(parts, wanted, how, stages)
 
         answer = await while_connected(request, service.in_one_pipeline(parts, found))

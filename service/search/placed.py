@@ -69,7 +69,7 @@ def match_kept(
 
 
 @cache
-def _shelf() -> Shelf:
+def _shelf() -> Shelf[Float32s]:
     """The one of this process, whose linear algebra runs on one thread from now on: see `row_of`."""
     threadpool_limits(1)
     return Shelf(0)

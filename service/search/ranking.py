@@ -17,15 +17,17 @@ class Compared:
     ----------
     shapes : int64
         Their numbers.
-    cc, ssd, sim, combined : float64
+    cc, ssd, sim : float64
         How alike each is to the query; `ssd` is less for what is more alike, the others greater.
+    combined : float64 or None
+        Likewise, where shapes are ranked by it.
     """
 
     shapes: NDArray[np.int64]
     cc: NDArray[np.float64]
     ssd: NDArray[np.float64]
     sim: NDArray[np.float64]
-    combined: NDArray[np.float64]
+    combined: NDArray[np.float64] | None = None
 
 
 def ranked(compared: Compared, by: RankBy) -> NDArray[np.intp]:
@@ -33,10 +35,5 @@ def ranked(compared: Compared, by: RankBy) -> NDArray[np.intp]:
 
     Near copies, as two scans of one part, can have the CC and sim of the very same shape: SSD tells them.
     """
-    likeness = {
-        "cc": compared.cc,
-        "ssd": -compared.ssd,
-        "sim": compared.sim,
-        "combined": compared.combined,
-    }[by]
+    likeness = -compared.ssd if by == "ssd" else getattr(compared, by)
     return np.lexsort((compared.shapes, compared.ssd, -likeness))

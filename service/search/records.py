@@ -1,9 +1,12 @@
 """What is searched for, how, and what is found."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 from core.embedding import Embedding, Match
+from core.patches import Bytes
 from core.pipeline import Pipeline
+from core.records import patches_from_bytes
 from service.pipelines.active import InUse
 from service.search.ranking import RankBy
 from service.shapes.records import ShapeFilter, ShapeRecord
@@ -41,6 +44,11 @@ class Query:
     in_use: InUse
     record: bytes
     itself: frozenset[int]
+
+    @cached_property
+    def patches(self) -> Bytes:
+        """Of its surface; see `core.embedding`."""
+        return patches_from_bytes(self.record)
 
 
 @dataclass(frozen=True, eq=False)

@@ -73,7 +73,7 @@ class Rows:
 
 
 def shelved(
-    database: Database, shelf: Shelf, parameters: Parameters, numbers: Sequence[int]
+    database: Database, shelf: Shelf[Float32s], parameters: Parameters, numbers: Sequence[int]
 ) -> dict[int, Float32s]:
     """The rows of embeddings by number; those that are not on the shelf are made and put there.
 

@@ -28,8 +28,9 @@ RESULT: dict[str, Any] = {
     "shape": SHAPE,
 }
 COMBINED = (
-    "The chance that the two shapes are of one class, in [0, 1], from cc, the Laplace-Beltrami spectra and "
-    "terms of form; higher is more alike, and it means the same in every answer. Calibrated for the default "
+    "The chance that the two shapes are of one class, in [0, 1], from cc, the Laplace-Beltrami spectra, "
+    "terms of form, and what lies about points of the surfaces, of which one may be a part of the other; "
+    "higher is more alike, and it means the same in every answer. Calibrated for the default "
     "pipeline, on collections where about one pair in 25 is of one class; where fewer are, it is too high."
 )
 PAIR: dict[str, Any] = {
@@ -67,8 +68,8 @@ class QueryOptions(Filters):
     )
     partial: bool = Field(
         default=False,
-        description="The query is a part, cut or scanned: sort by part_distance, from the lowest. What that "
-        "needs of a stored shape is made when it is first compared so, in about 0.1 s.",
+        description="The query is a part, cut or scanned: sort by part_distance, from the lowest. "
+        "rank_by=combined heeds the same of what looks incomplete, and how well the whole shapes match.",
     )
     exhaustive: bool = Field(
         default=False, description="Compare with every stored shape, however many there are."

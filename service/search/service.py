@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from starlette.concurrency import run_in_threadpool
 
+from core.embedding import Scores
 from core.pipeline import Pipeline
 from core.records import embedding_from_bytes
 from service.compute.work import Work
@@ -14,8 +15,9 @@ from service.errors import NotEmbeddedError
 from service.parts import Parts
 from service.pipelines.active import InUse
 from service.search import repository
-from service.search.candidates import candidates
+from service.search.candidates import Candidates, candidates
 from service.search.comparing import compare_with
+from service.search.patches import chances
 from service.search.ranking import Compared, ranked
 from service.search.records import Answer, Comparison, Found, Options, Query
 from service.sets.records import CollectionNumber
@@ -87,11 +89,11 @@ async def search(parts: Parts, query: Query, options: Options, stages: Stages) -
         chosen = await run_in_threadpool(candidates, parts, query, options)
     parts.metrics.query_compared.observe(len(chosen.shapes))
     with stages.stage("compare"):
-        compared = await compare_with(parts, query, chosen, options.rank_by)
+        compared, scored = await compare_with(parts, query, chosen, options.rank_by)
     with stages.stage("results"):
         best = ranked(compared, options.rank_by)
         best = best[compared.cc[best] >= options.min_cc][: options.top_k]
-        found = await results(parts, query, compared, best, options)
+        found = await results(parts, query, compared, scored, best, options)
     embedding = embedding_from_bytes(query.record)
     return Answer(
         pipeline=query.in_use.pipeline,
@@ -129,9 +131,17 @@ async def compare(
 
 
 async def results(
-    parts: Parts, query: Query, compared: Compared, best: NDArray[np.intp], options: Options
+    parts: Parts,
+    query: Query,
+    compared: Compared,
+    scored: Candidates,
+    best: NDArray[np.intp],
+    options: Options,
 ) -> list[Found]:
-    """The best as they are shown; one that was deleted a moment ago is left out."""
+    """The best as they are shown; one that was deleted a moment ago is left out.
+
+    `scored` are the shapes of `compared`, `best` places in both.
+    """
     pipeline = query.in_use.pipeline
     fingerprint, collection = pipeline.fingerprint, options.filter.collection
 
@@ -146,7 +156,9 @@ async def results(
                 for shape in shapes
             ]
 
-    places = {int(compared.shapes[place]): place for place in best}
+    combined = await chances(parts, query, scored.only(best), compared.cc[best], compared.sim[best])
+    chance_of = dict(zip(best.tolist(), combined.tolist(), strict=True))
+    places = {int(compared.shapes[place]): int(place) for place in best}
     found = []
     for shape, record in await run_in_threadpool(read):
         place = places[shape.number]
@@ -156,7 +168,7 @@ async def results(
                 cc=float(compared.cc[place]),
                 ssd=float(compared.ssd[place]),
                 sim=float(compared.sim[place]),
-                combined=float(compared.combined[place]),
+                combined=chance_of[place],
                 comparison=None
                 if record is None
                 else await _match(parts.work, query.record, record, pipeline),
@@ -168,7 +180,6 @@ async def results(
 async def _match(work: Work, first: bytes, second: bytes, pipeline: Pipeline) -> Comparison:
     match = await work.match(first, second, pipeline)
     one, other = embedding_from_bytes(first), embedding_from_bytes(second)
-    combined = pipeline.combined(
-        np.array([match.cc]), np.array([match.sim]), one.signature, other.signature[None]
-    )
+    scores = Scores(*(np.array([score]) for score in (match.cc, match.ssd, match.sim)))
+    combined = pipeline.combined_with(one, [other], scores)
     return Comparison(pipeline, one, other, match, combined=float(combined[0]))

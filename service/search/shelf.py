@@ -3,20 +3,23 @@
 import threading
 from collections import OrderedDict
 from collections.abc import Iterable
+from typing import Any, Generic, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
-from core.embedding import Float32s
 from core.mesh import Ints
+
+Row = TypeVar("Row", bound=NDArray[Any])
 
 ABOUT = 100_000
 """Bytes of a row, before one is known."""
 
 
-class Shelf:
+class Shelf(Generic[Row]):
     """What is made of one pipeline's embeddings, by the embedding's number, which is never reused.
 
-    That is the rows of `core.rows`, or the patches of `core.partial`.
+    That is the rows of `core.rows`, or the patches of `core.resemblance`.
 
     A row that is taken off for want of room stays as long as someone reads it.
 
@@ -29,7 +32,7 @@ class Shelf:
     def __init__(self, room: int) -> None:
         self._room = room
         self._lock = threading.Lock()
-        self._rows: OrderedDict[int, Float32s] = OrderedDict()
+        self._rows: OrderedDict[int, Row] = OrderedDict()
         self._bytes = 0
 
     def __len__(self) -> int:
@@ -46,7 +49,7 @@ class Shelf:
         each = self._bytes // len(self._rows) if self._rows else ABOUT
         return (self._room - self._bytes) // each
 
-    def rows(self, numbers: Iterable[int]) -> dict[int, Float32s]:
+    def rows(self, numbers: Iterable[int]) -> dict[int, Row]:
         """Those of the rows that are there."""
         found = {}
         with self._lock:
@@ -62,7 +65,7 @@ class Shelf:
         with self._lock:
             return [number for number in numbers if number not in self._rows]
 
-    def put(self, number: int, row: Float32s) -> None:
+    def put(self, number: int, row: Row) -> None:
         """Have a row there, if it is not longer than all the room."""
         with self._lock:
             known = self._rows.pop(number, None)

@@ -45,7 +45,8 @@ def warnings_of(openness: float) -> list[str]:
         return []
     return [
         "the surface looks incomplete: its open rims would bound "
-        f"{100 * openness:.0f} % of its area. A query finds what it is a part of with partial=true"
+        f"{100 * openness:.0f} % of its area. A query finds what it is a part of with rank_by=combined or "
+        "partial=true"
     ]
 
 

@@ -26,10 +26,12 @@ def translated() -> Iterator[None]:
     except IntegrityError:
         raise
     except (DatabaseError, InterfaceError) as error:
+        connected = error.statement is not None
         # A statement may be long, and the values in it are not the log's business.
         error.statement = None
         _leave_out_details(error)
-        log.error("the database failed", exc_info=error)
+        # Where there is no connection to begin with, no line of the program is at fault.
+        log.error("the database failed", exc_info=error if connected else None)
         if _is_full(error.orig):
             raise StorageFullError("the disk, or the room the database may use, is full") from error
         raise StorageUnavailableError(f"the database failed: {_reason(error.orig)}") from error

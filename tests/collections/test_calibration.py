@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from core.combination import CALIBRATED
+from core.combination import CALIBRATED, CALIBRATED_PARTS, WITHOUT_PATCHES
 
 pytestmark = pytest.mark.collections
 
@@ -22,7 +22,9 @@ def test_the_constants_are_those_of_the_command_and_calibrated() -> None:
     command = [sys.executable, "-m", "service.cli", "calibrate", *folders, "--json"]
     found = json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
     assert [one["shapes"] for one in found["collections"]] == [190, 300]
-    assert found["intercept"] == pytest.approx(CALIBRATED.intercept, abs=0.01)
-    assert found["slopes"] == pytest.approx(CALIBRATED.slopes, abs=0.01)
-    for one in (found["together"], *found["collections"]):
+    models = (found, CALIBRATED), (found["incomplete"], CALIBRATED_PARTS)
+    for fitted, written in (*models, (found["without_patches"], WITHOUT_PATCHES)):
+        assert fitted["intercept"] == pytest.approx(written.intercept, abs=0.01)
+        assert fitted["slopes"] == pytest.approx(written.slopes, abs=0.01)
+    for one in (found["together"], found["incomplete"], *found["collections"]):
         assert one["error"] < LARGEST_ERROR

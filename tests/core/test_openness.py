@@ -9,7 +9,7 @@ from core.gallery import make_shape
 from core.mesh import Mesh
 from core.openness import INCOMPLETE, openness
 from core.parameters import DEFAULT
-from core.perturbation import cut_part, remove_discs
+from core.perturbation import cut_part, make_soup, remove_discs
 from core.pipeline import Pipeline
 
 
@@ -17,7 +17,7 @@ def open_share(mesh: Mesh) -> float:
     mesh = clean(mesh).mesh
     sides = half_edges(mesh.faces)
     area = face_areas(mesh.vertices, mesh.faces).sum()
-    return openness(mesh.vertices, sides.edges[sides.sheets == 1], float(area))
+    return openness(mesh, sides, float(area))
 
 
 def tube(around: int, height: float) -> Mesh:
@@ -43,9 +43,20 @@ def test_a_closed_surface_has_none_and_a_triangle_more_than_a_disc() -> None:
         np.array([[0, 0, 0], [side, 0, 0], [side / 2, side * np.sqrt(0.75), 0]]), np.array([[0, 1, 2]])
     )
     disc = (3.0 * side) ** 2 / (4.0 * np.pi)
-    assert openness(
-        triangle.vertices, np.array([[0, 1], [1, 2], [0, 2]]), side**2 * np.sqrt(3) / 4
-    ) == pytest.approx(disc / (side**2 * np.sqrt(3) / 4))
+    assert open_share(triangle) == pytest.approx(disc / (side**2 * np.sqrt(3) / 4))
+
+
+def test_the_rims_of_loose_bits_do_not_count() -> None:
+    body = make_shape("octopus", 0)
+    size = float(np.linalg.norm(np.ptp(body.vertices, axis=0)))
+    bits = Mesh(0.02 * size * np.random.default_rng(0).random((60, 3)), np.arange(60).reshape(20, 3))
+    both = Mesh(
+        np.concatenate([body.vertices, bits.vertices + size]),
+        np.concatenate([body.faces, bits.faces + len(body.vertices)]),
+    )
+    assert open_share(both) == 0.0
+    assert open_share(cut_part(body, 0.1, 0)) > 0.0
+    assert open_share(make_soup(body, 0.02, 0)) == 0.0
 
 
 def test_a_part_looks_incomplete_and_a_few_small_holes_do_not() -> None:

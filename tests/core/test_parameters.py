@@ -54,6 +54,7 @@ OTHER = {
     "affinity_values": 21,
     "laplacian_values": 16,
     "form": False,
+    "patches": False,
     "match_threshold": 0.8,
 }
 

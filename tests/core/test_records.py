@@ -11,8 +11,10 @@ from core.embedding import Embedding, Facts, Spectrum
 from core.errors import BadRecordError
 from core.gallery import make_shape
 from core.parameters import DEFAULT, PAPER
+from core.patches import KEYS
 from core.pipeline import Pipeline
 from core.records import embedding_from_bytes, embedding_to_bytes
+from core.resemblance import WIDTH
 
 FACTS = Facts(
     vertices=120,
@@ -49,6 +51,7 @@ def embedding(*, samples=12, spectra=2, seed=0):
             )
             for i, name in enumerate(("affinity", "laplace-beltrami")[:spectra])
         ),
+        patches=rng.integers(0, 255, size=(KEYS, WIDTH)).astype(np.uint8),
     )
 
 
@@ -173,8 +176,8 @@ def changed(name, change):
 
 @pytest.mark.parametrize("name", [*ARRAYS, "eigenvalues_0", "coordinates_1"])
 def test_an_array_of_another_type_or_shape_is_refused(name):
-    other = {"float32": np.float64, "int32": np.int64}
-    with pytest.raises(BadRecordError, match=r"float64|int64"):
+    other = {"float32": np.float64, "int32": np.int64, "uint8": np.int16}
+    with pytest.raises(BadRecordError, match=r"float64|int64|int16"):
         embedding_from_bytes(changed(name, lambda array: array.astype(other[array.dtype.name])))
     for change in (
         lambda array: array[None],

@@ -14,7 +14,8 @@ import numpy as np
 from core.cleaning import clean
 from core.mesh import Floats
 from core.parameters import DEFAULT
-from core.partial import part_distances, parts, patches
+from core.partial import part_distances, part_of
+from core.patches import KEYS, LENGTH
 from core.perturbation import cut_part
 from core.pipeline import Pipeline
 from core.reading import format_of, read_mesh
@@ -42,8 +43,7 @@ def main(folder: Path, limit: int, cut: list[float]) -> None:
     meshes = [clean(read_mesh(path.read_bytes(), format_of(path.name))).mesh for path, _ in files]
     pipeline = Pipeline(DEFAULT)
     wholes = [pipeline.embed(mesh) for mesh in meshes]
-    signatures = np.stack([whole.signature for whole in wholes])
-    known = [patches(mesh) for mesh in meshes]
+    known = [whole.patches[:KEYS, :LENGTH] for whole in wholes]
     print(f"{len(files)} models of {len(set(labels.tolist()))} classes.\n")
     print("| cut away | ranked by | itself first | itself among three | NN without itself |")
     print("|---:|---|---:|---:|---:|", flush=True)
@@ -54,8 +54,8 @@ def main(folder: Path, limit: int, cut: list[float]) -> None:
             query = pipeline.embed(part)
             scores = pipeline.score(query, wholes)
             nearness["cc"].append(scores.cc)
-            nearness["combined"].append(pipeline.combined(scores.cc, scores.sim, query.signature, signatures))
-            nearness["partial"].append(-part_distances(parts(part), known))
+            nearness["combined"].append(pipeline.combined_with(query, wholes, scores))
+            nearness["partial"].append(-part_distances(part_of(pipeline.bare(part)), known))
         for name, found in nearness.items():
             print(row(name, share, np.array(found), labels), flush=True)
 

@@ -1,11 +1,13 @@
 """Queries with a part, over HTTP."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import pytest
 
 from core.gallery import make_shape
 from core.mesh import Mesh
+from core.parameters import DEFAULT
 from core.perturbation import cut_part
 from core.reading import write_mesh
 from service.client import Client
@@ -61,7 +63,40 @@ def test_with_a_stored_part_and_with_filters(stocked: Running) -> None:
     assert_problem(wrong, 422, "bad-request-fields")
 
 
-def test_a_worker_that_is_lost_meanwhile_is_said(stocked: Running, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture(scope="module")
+def before(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
+    """An archive of before patches were kept: what lies about points is made of the files."""
+    folder = tmp_path_factory.mktemp("before")
+    (folder / "old.json").write_text(replace(DEFAULT, name="old", patches=False).to_json())
+    with serving(settings_in(folder, pipeline=str(folder / "old.json"))) as running:
+        for label in CLASSES:
+            running.store(write_mesh(make_shape(label, 0), "off"), f"{label}.off", tags=label)
+        yield running
+
+
+def test_an_archive_of_before_patches_were_kept_is_searched_too(stocked: Running, before: Running) -> None:
+    for rank_by in ("cc", "combined"):
+        found = query(before.client, part_of("octopus"), partial="true", rank_by=rank_by).json()["results"]
+        now = query(stocked.client, part_of("octopus"), partial="true", rank_by=rank_by).json()["results"]
+        names = [[result["shape"]["name"] for result in results] for results in (found, now)]
+        assert names[0] == names[1]
+        for one, other in zip(found, now, strict=True):
+            assert one["part_distance"] == pytest.approx(other["part_distance"], rel=1e-9)
+            assert one["cc"] == other["cc"]
+
+
+def test_by_combined_a_part_is_found_without_asking(stocked: Running) -> None:
+    for label in CLASSES:
+        answer = query(stocked.client, part_of(label), rank_by="combined").json()
+        first, *others = answer["results"]
+        assert first["shape"]["name"] == f"{label}.off"
+        assert first["combined"] > 3.0 * max(other["combined"] for other in others)
+        assert first["part_distance"] is None
+        asked = query(stocked.client, part_of(label), partial="true").json()["results"][0]
+        assert asked["combined"] == first["combined"]
+
+
+def test_a_worker_that_is_lost_meanwhile_is_said(before: Running, monkeypatch: pytest.MonkeyPatch) -> None:
     read = Work.read
     lost = []
 
@@ -72,7 +107,7 @@ def test_a_worker_that_is_lost_meanwhile_is_said(stocked: Running, monkeypatch: 
             raise WorkerLostError("a worker process was lost")
         return await read(self, data, format)
 
-    monkeypatch.setattr(stocked.parts.patches, "rows", lambda numbers: {})
+    monkeypatch.setattr(before.parts.patches, "rows", lambda numbers: {})
     monkeypatch.setattr(Work, "read", losing)
-    assert_problem(query(stocked.client, part_of("bird"), partial="true"), 503, "worker-lost")
+    assert_problem(query(before.client, part_of("bird"), partial="true"), 503, "worker-lost")
     assert lost

@@ -3,6 +3,9 @@
 import numpy as np
 import pytest
 
+from core.embedding import Scores
+from core.records import embedding_from_bytes
+from service.search.repository import embedding_records
 from tests.service.engines import on_both
 from tests.service.support import Running, pipeline_in_use, query, small_file
 
@@ -113,20 +116,26 @@ def test_matched_says_whether_the_best_cc_of_all_reaches_the_threshold(stocked: 
 
 def test_combined_is_the_pipelines_and_the_same_in_every_answer(stocked: Running) -> None:
     pipeline = pipeline_in_use(stocked)
-    stored = {s["name"]: s["id"] for s in stocked.client.get("/shapes").json()["shapes"]}
-    signatures = {
-        shape: np.array(stocked.client.get(f"/shapes/{shape}/embedding").json()["signature"], np.float32)
-        for shape in stored.values()
+    shapes = stocked.client.get("/shapes").json()["shapes"]
+    stored = {s["name"]: s["id"] for s in shapes}
+    with stocked.parts.database.read() as session:
+        signed = stocked.parts.pipelines.current(session).index.current(session)
+        records = embedding_records(session, signed.embeddings.tolist())
+    embeddings = {
+        shape["id"]: embedding_from_bytes(records[int(number)])
+        for shape, number in zip(shapes, signed.embeddings, strict=True)
     }
     bird = stored["bird-first.off"]
     body = {"shape_id": bird, "top_k": 100, "exclude_self": False, "rank_by": "combined"}
     results = stocked.client.post("/query", json=body).json()["results"]
     assert results[0]["shape"]["id"] == bird
     for result in results:
-        other = signatures[result["shape"]["id"]]
-        (expected,) = pipeline.combined(
-            np.array([result["cc"]]), np.array([result["sim"]]), signatures[bird], other[None]
-        )
+        scores = Scores(*(np.array([result[name]]) for name in ("cc", "ssd", "sim")))
+        other = result["shape"]["id"]
+        (expected,) = pipeline.combined_with(embeddings[bird], [embeddings[other]], scores)
+        pair = {"first": other, "second": bird}
+        compared = stocked.client.post("/compare", json=pair).json()
+        assert compared["combined"] == pytest.approx(expected, abs=1e-9)
         assert 0.0 <= result["combined"] <= 1.0
         assert result["combined"] == pytest.approx(expected, abs=1e-9)
     alone = query(stocked.client, small_file(20), filter="bird,first").json()["results"]

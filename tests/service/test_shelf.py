@@ -13,7 +13,9 @@ import pytest
 from numpy.typing import NDArray
 
 from core.parameters import DEFAULT
+from core.patches import KEYS
 from core.records import embedding_from_bytes, points_from_bytes
+from core.resemblance import apart
 from core.rows import match_rows, row_of
 from core.screening import screen
 from core.sketches import sift, sketch_of
@@ -170,7 +172,7 @@ def test_rows_are_ready_soon_after_the_start_and_after_an_upload(
     (shown,) = re.findall(r"^isoshape_rows_bytes (\S+)$", running.client.get("/metrics").text, re.MULTILINE)
     assert float(shown) == shelf.nbytes
     with monkeypatch.context() as patch:
-        patch.setattr(rows_module.repository, "embedding_records", None)
+        patch.setattr(rows_module, "repository", None)
         assert len(answer(running)) == STORED + 1
     running.client.delete(f"/shapes/{record['id']}")
     assert len(answer(running)) == STORED
@@ -234,21 +236,27 @@ def test_finalists_are_those_that_sifting_and_screening_put_first(running: Runni
     wanted = embeddings.pop("3.off")
     own = row_of(wanted, DEFAULT)
 
-    def likeliest(names: list[str], rough: NDArray[np.float32], count: int) -> list[str]:
+    def likeliest(names: list[str], rough: NDArray[np.float32], count: int, *, patches: bool) -> list[str]:
         likeness = rough.astype(np.float64)
         if rank_by == "combined":
+            unknown = np.zeros(len(names))
             signatures = np.stack([embeddings[name].signature for name in names])
-            likeness = pipeline.combined(likeness, np.zeros(len(names)), wanted.signature, signatures)
+            between = apart(wanted.patches, [embeddings[name].patches for name in names])
+            likeness = pipeline.combined(
+                likeness, unknown, wanted.signature, signatures, between if patches else None
+            )
         return [names[place] for place in np.argsort(-likeness, kind="stable")[:count]]
 
     names = sorted(
         embeddings, key=lambda name: np.linalg.norm(embeddings[name].signature - wanted.signature)
     )[:9]
     sketches = np.stack([sketch_of(embeddings[name]) for name in names])
-    names = likeliest(names, sift(own, sketches, DEFAULT), 6)
+    # By chance, the patches of a sheet, which looks incomplete, are compared with those of all.
+    if rank_by == "cc" or len(wanted.patches) == KEYS:
+        names = likeliest(names, sift(own, sketches, DEFAULT), 6, patches=False)
     numbers = {shape["name"]: int(number) for shape, number in zip(shapes, signed.embeddings, strict=True)}
     points = [points_from_bytes(records[numbers[name]]) for name in names]
-    names = likeliest(names, screen(own, points, DEFAULT), 3)
+    names = likeliest(names, screen(own, points, DEFAULT), 3, patches=True)
     body = {
         "shape_id": next(s["id"] for s in shapes if s["name"] == "3.off"),
         "top_k": 1,

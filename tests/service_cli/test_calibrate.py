@@ -1,20 +1,26 @@
 """`isoshape calibrate`, against the fit to scores asked pair by pair."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from core.calibration import Collection, fit, leave_class_out, reliability
-from core.combination import Calibration
+from core.cleaning import clean
+from core.combination import Calibration, part_evidence, patch_evidence
 from core.embedding import Embedding
 from core.evaluation import evaluate
 from core.mesh import Floats
+from core.openness import INCOMPLETE
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
 from core.reading import format_of, read_mesh
-from service.calibration.page import constants
+from core.resemblance import apart
+from service.cli.part_pairs import LEVELS, SEED
+from service.cli.perturbed import seed_of
+from service.cli.sample import spread
 from service.collections import read_collection
 from tests.service_cli.conftest import Run, mesh_bytes
 
@@ -29,10 +35,33 @@ def plain(folder: Path) -> Collection:
 
     def evidence(one: Embedding, other: Embedding) -> Floats:
         scores = pipeline.score(one, [other])
-        return pipeline.evidence(scores.cc, scores.sim, one.signature, other.signature[None])[0]
+        whole = pipeline.evidence(scores.cc, scores.sim, one.signature, other.signature[None])
+        return patch_evidence(whole, apart(one.patches, [other.patches]).distance)[0]
 
     rows = [[evidence(one, other) for other in embeddings] for one in embeddings]
     return Collection(tuple(label for _, label in files), np.array(rows))
+
+
+def plain_parts(folder: Path, count: int) -> list[Collection]:
+    """Shapes made incomplete in every way, and the whole ones, one pair at a time."""
+    pipeline = Pipeline(DEFAULT)
+    files = spread(read_collection(folder), count)
+    meshes = [clean(read_mesh(path.read_bytes(), format_of(path.name))).mesh for path, _ in files]
+    wholes = [pipeline.embed(mesh) for mesh in meshes]
+    found = []
+    for kind, amount in LEVELS:
+        evidence, asked = np.zeros((count, count, 1)), np.zeros((count, count), dtype=bool)
+        for i, (path, _) in enumerate(files):
+            query = pipeline.embed(kind.perturb(meshes[i], amount, seed_of(path, SEED)))
+            if query.facts.openness <= INCOMPLETE:
+                continue
+            asked[i] = True
+            for j, other in enumerate(wholes):
+                scores = pipeline.score(query, [other])
+                whole = pipeline.evidence(scores.cc, scores.sim, query.signature, other.signature[None])
+                evidence[i, j] = part_evidence(whole, apart(query.patches, [other.patches]).distance)[0]
+        found.append(Collection(tuple(label for _, label in files), evidence, asked))
+    return found
 
 
 @pytest.fixture(scope="module")
@@ -48,13 +77,22 @@ def second(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_the_fit_and_how_it_is_judged(collection: Path, second: Path, run: Run, tmp_path: Path) -> None:
     out = tmp_path / "new" / "out"
-    done = run("calibrate", collection, second, "--json", "--out", out)
+    done = run("calibrate", collection, second, "--parts", 9, "--json", "--out", out)
     assert (done.status, done.stderr) == (0, "")
     found = json.loads(done.stdout)
     collections = [plain(collection), plain(second)]
     model = fit(collections)
     assert found["intercept"] == pytest.approx(model.intercept, rel=1e-3)
     assert found["slopes"] == pytest.approx(model.slopes, rel=1e-3)
+    bare = fit([replace(one, evidence=one.evidence[..., :2]) for one in collections])
+    assert found["without_patches"]["slopes"] == pytest.approx(bare.slopes, rel=1e-3)
+    incomplete = [*plain_parts(collection, 9), *plain_parts(second, 4)]
+    assert found["incomplete"]["queries"] == sum(one.both_ways.any(axis=1).sum() for one in incomplete) > 80
+    part = fit(incomplete)
+    assert found["incomplete"]["intercept"] == pytest.approx(part.intercept, rel=1e-3)
+    assert found["incomplete"]["slopes"] == pytest.approx(part.slopes, rel=1e-3)
+    judged = reliability(incomplete, leave_class_out(incomplete))
+    assert found["incomplete"]["error"] == pytest.approx(judged.error, abs=1e-4)
     chances = leave_class_out(collections)
     for told, one, given, name in zip(
         found["collections"], collections, chances, ("made", "more"), strict=True
@@ -70,21 +108,23 @@ def test_the_fit_and_how_it_is_judged(collection: Path, second: Path, run: Run, 
     assert found["together"]["base_rate"] == pytest.approx((9 / 36 + 2 / 6) / 2)
 
     page = (out / "calibration.md").read_text()
-    assert "`isoshape calibrate made more --out docs`" in page
-    assert constants(Calibration(found["intercept"], tuple(found["slopes"]))) in page
+    assert "`isoshape calibrate made more --out docs --parts 9`" in page
+    code = page.split("```python\n")[1].split("```")[0]
+    names: dict[str, object] = {"Calibration": Calibration}
+    exec(code, names)
+    told_of = {"CALIBRATED": found, "CALIBRATED_PARTS": found["incomplete"]}
+    told_of["WITHOUT_PATCHES"] = found["without_patches"]
+    for name, numbers in told_of.items():
+        given = names[name]
+        assert isinstance(given, Calibration)
+        assert given.intercept == pytest.approx(numbers["intercept"], abs=1e-4)
+        assert given.slopes == pytest.approx(numbers["slopes"], abs=1e-4)
     assert "](calibration.png)" in page
     assert (out / "calibration.png").read_bytes().startswith(PNG)
-    again = run("calibrate", collection, second, "--out", tmp_path / "again")
-    assert constants(Calibration(found["intercept"], tuple(found["slopes"]))) in again.stdout
+    again = run("calibrate", collection, second, "--parts", 9, "--out", tmp_path / "again")
+    assert code in again.stdout
     for name in ("calibration.md", "calibration.png"):
         assert (tmp_path / "again" / name).read_bytes() == (out / name).read_bytes()
-
-
-def test_the_constants_printed_are_the_code_that_they_stand_for() -> None:
-    model = Calibration(-1.25, (-3.5, 0.125))
-    names: dict[str, object] = {"Calibration": Calibration}
-    exec(constants(model), names)
-    assert names["CALIBRATED"] == model
 
 
 def test_too_few_classes_and_files_that_cannot_be_used(run: Run, tmp_path: Path) -> None:

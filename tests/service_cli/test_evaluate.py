@@ -15,6 +15,7 @@ from core.evaluation import evaluate
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
 from core.reading import format_of, read_mesh
+from core.resemblance import apart
 from service.cli.sample import spread
 from service.cli.scoring import embed_files, score_pairs, worker_pool
 from service.collections import read_collection
@@ -48,12 +49,8 @@ def test_every_ranking_from_one_run(collection: Path, embeddings: list[Embedding
     pipeline = Pipeline(DEFAULT)
     rows = [pipeline.score(embedding, embeddings) for embedding in embeddings]
     cc = np.stack([row.cc for row in rows])
-    signatures = np.stack([embedding.signature for embedding in embeddings])
     combined = np.stack(
-        [
-            pipeline.combined(row.cc, row.sim, own, signatures)
-            for row, own in zip(rows, signatures, strict=True)
-        ]
+        [pipeline.combined_with(own, embeddings, row) for row, own in zip(rows, embeddings, strict=True)]
     )
     matrices = {
         "cc": cc,
@@ -88,7 +85,10 @@ def test_pairs_are_scored_once_and_mirrored(pool: Executor, embeddings: list[Emb
         assert scores.cc[i] == pytest.approx(row.cc, abs=1e-9)
         assert scores.ssd[i] == pytest.approx(row.ssd, abs=1e-9)
         assert scores.sim[i] == pytest.approx(row.sim, abs=1e-9)
-        chances = pipeline.combined(row.cc, row.sim, embedding.signature, scores.signatures)
+        chances = pipeline.combined_with(embedding, chosen, row)
+        between = apart(embedding.patches, [other.patches for other in chosen])
+        assert np.array_equal(scores.apart[i], between.distance)
+        assert np.array_equal(scores.part[i], between.part)
         assert scores.combined[i] == pytest.approx(chances, abs=1e-6)
     assert (scores.combined == scores.combined.T).all()
 

@@ -48,17 +48,13 @@ def test_noise_against_a_plain_loop(collection: Path, run: Run) -> None:
     files = spread(read_collection(collection), 4)
     labels = [label for _, label in files]
     gallery = [pipeline.embed(read(path)) for path, _ in files]
-    signatures = np.stack([embedding.signature for embedding in gallery])
     everywhere = np.ones((4, 4), dtype=bool)
 
     def retrieval(queries):
         rows = [pipeline.score(query, gallery) for query in queries]
         cc = np.stack([row.cc for row in rows])
         combined = np.stack(
-            [
-                pipeline.combined(row.cc, row.sim, query.signature, signatures)
-                for row, query in zip(rows, queries, strict=True)
-            ]
+            [pipeline.combined_with(query, gallery, row) for row, query in zip(rows, queries, strict=True)]
         )
         return cc, nearest_neighbour({"cc": cc, "combined": combined}, everywhere, labels)
 
