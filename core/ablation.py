@@ -21,7 +21,7 @@ class Change:
 NAMED = (
     Change(
         "even mesh: holes closed, long edges split, large meshes simplified, rough ones smoothed",
-        ("fill_holes", "refine_vertices", "decimate_above", "smooth_above"),
+        ("fill_holes", "refine_vertices", "decimate_above", "smooth_above", "smooth_refined"),
     ),
     Change(
         "samples: 100, covering, weights of Eqs. 11 and 12 normalised",

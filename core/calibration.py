@@ -177,15 +177,20 @@ def leave_class_out(collections: Sequence[Collection]) -> list[Floats]:
 
 
 def reliability(collections: Sequence[Collection], chances: Sequence[Floats]) -> Reliability:
-    """How chances, shape (n, n) a collection, agree with the classes; every collection weighs the same."""
+    """How chances, shape (n, n) a collection, agree with the classes.
+
+    Every collection weighs the same; one without pairs says nothing.
+    """
     share, said, found = np.zeros(BINS), np.zeros(BINS), np.zeros(BINS)
     base_rate = 0.0
+    judged = sum(bool(collection.both_ways.any()) for collection in collections)
     for collection, given in zip(collections, chances, strict=True):
-        codes = collection.codes
-        pairs = collection.both_ways
+        codes, pairs = collection.codes, collection.both_ways
+        if not pairs.any():
+            continue
         same, values = (codes[:, None] == codes)[pairs], given[pairs]
         places = np.minimum((values * BINS).astype(np.int64), BINS - 1)
-        weight = 1.0 / (len(values) * len(collections))
+        weight = 1.0 / (len(values) * judged)
         share += weight * np.bincount(places, minlength=BINS)
         said += weight * np.bincount(places, weights=values, minlength=BINS)
         found += weight * np.bincount(places, weights=same, minlength=BINS)

@@ -17,7 +17,7 @@ Operator = Literal["affinity", "laplace-beltrami"]
 Pairs = Literal["both-ways", "nearest"]
 
 
-LATER: dict[str, float] = {"fill_holes": 0.0, "patches": False}
+LATER: dict[str, float] = {"fill_holes": 0.0, "smooth_refined": False, "patches": False}
 """Parameters that came later, with the value that stands for the method before: it changes no fingerprint."""
 
 
@@ -38,6 +38,8 @@ class Parameters:
     smooth_above : float
         A mesh whose `core.denoising.roughness` is above is smoothed, for so many `smooth_rounds`; 0 never.
     smooth_rounds : int
+    smooth_refined : bool
+        Whether it must be as rough when its long edges are split: the corners of a coarse mesh are no noise.
     degree, epsilon, normalise_weights
         Of the Lewis weights: see `core.lewis.lewis_weights`.
     selection : "sort-and-cut", "random-draw" or "covering"
@@ -109,6 +111,7 @@ class Parameters:
     decimate_to: int = 5_000
     smooth_above: float = 0.2
     smooth_rounds: int = 10
+    smooth_refined: bool = True
     degree: int = 6
     epsilon: float = 0.01
     normalise_weights: bool = True
@@ -283,6 +286,7 @@ PAPER = Parameters(
     refine_vertices=0,
     decimate_above=0,
     smooth_above=0.0,
+    smooth_refined=False,
     normalise_weights=False,
     selection="sort-and-cut",
     samples=0,

@@ -10,6 +10,7 @@ from itertools import accumulate
 import numpy as np
 from scipy.spatial import cKDTree
 
+from core.cleaning import face_areas
 from core.edges import half_edges
 from core.mesh import Floats, Mesh
 from core.patches import BINS, LENGTH, RADII, SCALE, Bytes, patch_count, patches
@@ -45,8 +46,7 @@ def part_of(surface: Mesh) -> Bytes:
         The patches for one share after those for another, and behind each patch 1 for each of its balls that
         counts, else 0.
     """
-    sides = half_edges(surface.faces)
-    rim = surface.vertices[sides.edges[sides.sheets == 1]].mean(axis=1)
+    rim = _rim(surface)
     tree = cKDTree(rim) if len(rim) else None
     made = []
     for missing in MISSING:
@@ -57,6 +57,19 @@ def part_of(surface: Mesh) -> Bytes:
             counts[:] = True
         made.append(np.concatenate([found.bytes, counts.astype(np.uint8)], axis=1))
     return np.concatenate(made)
+
+
+def _rim(surface: Mesh) -> Floats:
+    """Points along the open edges, so close that no ball misses them, shape (p, 3)."""
+    sides = half_edges(surface.faces)
+    start, end = (surface.vertices[ends] for ends in sides.edges[sides.sheets == 1].T)
+    area = face_areas(surface.vertices, surface.faces).sum()
+    steps = np.linalg.norm(end - start, axis=1) / (0.5 * NEAR_RIM * RADII[0] * np.sqrt(area))
+    count = np.maximum(np.ceil(steps), 1.0).astype(np.int64)
+    edge = np.repeat(np.arange(len(count)), count)
+    place = np.arange(len(edge)) - np.repeat(np.cumsum(count) - count, count)
+    along = ((place + 0.5) / count[edge])[:, None]
+    return np.asarray(start[edge] + along * (end - start)[edge])
 
 
 def part_distances(part: Bytes, wholes: Sequence[Bytes]) -> Floats:

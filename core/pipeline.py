@@ -112,17 +112,25 @@ class Pipeline:
         surface = without_holes(cleaned, wanted.fill_holes)
         frame = normal_frame(surface)
         normal = self._evened(Mesh(frame.apply(surface.vertices), surface.faces))
-        needed = max(wanted.refine_vertices, self._least_vertices())
-        return (refine(normal, needed) if len(normal.vertices) < needed else normal), cleaned, frame
+        return self._refined(normal), cleaned, frame
 
     def _evened(self, normal: Mesh) -> Mesh:
-        """A mesh in its normal frame, simplified and smoothed if it is large and rough."""
+        """A mesh in its normal frame, simplified if it is large, and smoothed if it is rough."""
         wanted = self.parameters
         if wanted.decimate_above and len(normal.vertices) > wanted.decimate_above:
             normal = simplify(normal, wanted.decimate_to)
-        if wanted.smooth_above and roughness(normal) > wanted.smooth_above:
-            normal = smoothed(normal, wanted.smooth_rounds)
-        return normal
+        return smoothed(normal, wanted.smooth_rounds) if self._is_rough(normal) else normal
+
+    def _is_rough(self, normal: Mesh) -> bool:
+        most = self.parameters.smooth_above
+        if not most or roughness(normal) <= most:
+            return False
+        return not self.parameters.smooth_refined or roughness(self._refined(normal)) > most
+
+    def _refined(self, normal: Mesh) -> Mesh:
+        """A mesh whose long edges are split, if it has fewer vertices than wanted."""
+        needed = max(self.parameters.refine_vertices, self._least_vertices())
+        return refine(normal, needed) if len(normal.vertices) < needed else normal
 
     def bare(self, mesh: Mesh) -> Mesh:
         """A mesh in its normal frame, clean and even, whose rims are open.

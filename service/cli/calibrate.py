@@ -55,20 +55,23 @@ def command(
     with holes, or of which a part is cut away, and a whole one. They are judged by class: the pairs of a
     class' shapes by a model fitted without that class. Three classes or more are needed.
     """
-    names, collections, sampled = [], [], []
+    names, collections, chosen, sampled = [], [], [], []
     short = 0
     for folder in folders:
         files = read_collection(folder)
         if limit is not None:
             files = spread(files, limit)
+        sampled.append(spread(files, min(parts, len(files))))
+        chosen.append(files)
+    _check([[label for _, label in files] for files in chosen], "")
+    _check([[label for _, label in files] for files in sampled], " by --parts")
+    for folder, files in zip(folders, chosen, strict=True):
         labels, scores = score_collection(files, DEFAULT, workers or default_workers())
         short += len(files) - len(labels)
         names.append(folder.resolve().name)
         complete = ~scores.part if scores.part.any() else None
         collections.append(Collection(tuple(labels), _evidence(scores), complete))
-        sampled.append(spread(files, min(parts, len(files))))
-    _check([collection.labels for collection in collections])
-    _check([[label for _, label in files] for files in sampled])
+    _check([collection.labels for collection in collections], "")
     incomplete = [_incomplete(files, workers or default_workers()) for files in sampled]
     try:
         found = study(names, collections, incomplete)
@@ -99,11 +102,11 @@ def _incomplete(files: list[tuple[Path, str]], workers: int) -> list[Collection]
         return part_pairs(pool, gallery, say, lambda n: bar.advance(task, n))
 
 
-def _check(labels: Sequence[Sequence[str]]) -> None:
+def _check(labels: Sequence[Sequence[str]], where: str) -> None:
     """End the command where, without some class, no pair would be of one class or none of two."""
     sizes = Counter(label.casefold() for several in labels for label in several)
     if len(sizes) < 3 or sum(size > 1 for size in sizes.values()) < 2:
-        fail("three classes or more are needed, two of them with two shapes or more")
+        fail(f"three classes or more are needed{where}, two of them with two shapes or more")
 
 
 def _limited(limit: int | None, parts: int) -> str:

@@ -161,12 +161,12 @@ def perturbed_query(stored: Path, kind: Kind, amount: float, seed: int, path: Pa
     try:
         mesh = kind.perturb(_clean(path), amount, seed_of(path, seed))
         query = pipeline.embed(mesh)
+        return Asked(pipeline, mesh, query, gallery, pipeline.score(query, gallery))
     except CoreError as error:
         return f"{error.kind}: {error}"
     except Exception as error:
         # A fault of the program, on this mesh: it is named, and costs the run no other.
         return f"{type(error).__name__}: {error}"
-    return Asked(pipeline, mesh, query, gallery, pipeline.score(query, gallery))
 
 
 def _query(stored: Path, kind: Kind, amount: float, seed: int, path: Path) -> dict[str, Floats] | str:

@@ -5,6 +5,7 @@ from collections.abc import Awaitable, Callable
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 from starlette.concurrency import run_in_threadpool
 
 from core.errors import MeshError
@@ -19,9 +20,10 @@ from service.errors import FileTimeLimitError
 from service.logging import get_logger
 from service.partial import repository
 from service.parts import Parts
-from service.search.candidates import candidates
+from service.search.candidates import Candidates, candidates
 from service.search.comparing import compare_with
-from service.search.patches import stored_patches
+from service.search.patches import COMPARED, stored_patches
+from service.search.pieces import by_threads, each_once
 from service.search.records import Answer, Options, Query
 from service.search.service import results
 from service.sets.records import CollectionNumber
@@ -61,12 +63,11 @@ async def search(
         asked = query.patches[KEYS:]
         if not len(asked):
             asked = await parts.work.do(part_of_mesh, await mesh(), pipeline.parameters)
-        known = await _patches(parts, np.unique(chosen.embeddings).tolist(), pipeline.parameters)
     with stages.stage("compare"):
-        there = np.flatnonzero(np.isin(chosen.embeddings, np.array(list(known), dtype=np.int64)))
+        distances = await _distances(parts, asked, chosen, pipeline.parameters)
+        there = np.flatnonzero(np.isfinite(distances))
+        distances = distances[there]
         chosen = replace(chosen.only(there), screened=None, finalists=None)
-        wholes = [known[number][:KEYS, :LENGTH] for number in chosen.embeddings.tolist()]
-        distances = await run_in_threadpool(part_distances, asked, wholes)
         order = least(distances, chosen.shapes, options.top_k)
         compared, scored = await compare_with(parts, query, chosen.only(order), "cc")
     with stages.stage("results"):
@@ -85,26 +86,46 @@ async def search(
     )
 
 
-async def _patches(parts: Parts, embeddings: list[int], parameters: Parameters) -> dict[int, Bytes]:
-    """Those of embeddings by number, without those that are gone, or whose file cannot be read any more."""
+async def _distances(
+    parts: Parts, asked: Bytes, candidates: Candidates, parameters: Parameters
+) -> NDArray[np.float64]:
+    """How far a part is from c candidates; NaN for those that are gone, or whose file cannot be read.
+
+    Those without patches in their record come last: a file is read for each.
+    """
+
+    def kept(embeddings: NDArray[np.int64]) -> NDArray[np.float64]:
+        numbers = embeddings.tolist()
+        rows = stored_patches(parts, numbers)
+        there = [place for place, number in enumerate(numbers) if number in rows]
+        told = np.full((1, len(numbers)), np.nan)
+        told[0, there] = part_distances(asked, [_whole(rows[numbers[place]]) for place in there])
+        return told
+
+    distances: NDArray[np.float64] = (
+        await each_once(parts, candidates, COMPARED, 1, by_threads(parts, kept))
+    )[0]
     turns = asyncio.Semaphore(2 * parts.settings.workers)
-    found = await run_in_threadpool(stored_patches, parts, embeddings)
 
     async def add(number: int) -> None:
         async with turns:
             made = await _made(parts, number, parameters)
-        if made is not None:
-            parts.patches.put(number, made)
-            found[number] = made
+            if made is not None:
+                parts.patches.put(number, made)
+                (told,) = await run_in_threadpool(part_distances, asked, [_whole(made)])
+                distances[candidates.embeddings == number] = told
 
     try:
         async with asyncio.TaskGroup() as group:
-            for number in embeddings:
-                if number not in found:
-                    group.create_task(add(number))
+            for number in np.unique(candidates.embeddings[np.isnan(distances)]).tolist():
+                group.create_task(add(number))
     except ExceptionGroup as several:
         raise several.exceptions[0] from None
-    return found
+    return distances
+
+
+def _whole(rows: Bytes) -> Bytes:
+    return rows[:KEYS, :LENGTH]
 
 
 async def _made(parts: Parts, embedding: int, parameters: Parameters) -> Bytes | None:

@@ -17,9 +17,9 @@ ABOUT = 100_000
 
 
 class Shelf(Generic[Row]):
-    """What is made of one pipeline's embeddings, by the embedding's number, which is never reused.
+    """What is made of embeddings, by the embedding's number, which is never reused.
 
-    That is the rows of `core.rows`, or the patches of `core.resemblance`.
+    That is the rows of `core.rows` of one pipeline's, or the patches of `core.resemblance` of any.
 
     A row that is taken off for want of room stays as long as someone reads it.
 

@@ -50,10 +50,6 @@ MODELS = {
 @pytest.mark.parametrize("model", MODELS)
 @pytest.mark.parametrize("place", range(5), ids=["cc", "sim", "spectral", "form", "patches"])
 def test_what_differs_more_is_never_more_likely_of_one_class(model, place):
-    if (model, place) in {("incomplete", 3), ("unknown", 4)}:
-        chances = MODELS[model](evidence(*np.full((4, 2), 0.5)) - [[0, 0], [0, place == 3]], np.full(2, 1.0))
-        assert chances[0] == chances[1]
-        return
     grids = [1.0 - CC, 1.0 - SIM, DISTANCES, DISTANCES, DISTANCES]
     order = np.argsort(grids[place])
     *grid, distance = np.meshgrid(CC, SIM, DISTANCES, DISTANCES, DISTANCES[::4], indexing="ij")
@@ -62,8 +58,11 @@ def test_what_differs_more_is_never_more_likely_of_one_class(model, place):
     chances = MODELS[model](evidence(*grid), distance)
     assert ((chances >= 0.0) & (chances <= 1.0)).all()
     steps = np.diff(np.take(chances, order, axis=place), axis=place)
-    assert (steps <= 0.0).all()
-    assert steps.min() < -0.0005
+    if (model, place) in {("incomplete", 3), ("unknown", 4)}:
+        assert (steps == 0.0).all()
+    else:
+        assert (steps <= 0.0).all()
+        assert steps.min() < (-0.0005 if (model, place) == ("incomplete", 1) else -0.01)
 
 
 def test_a_higher_cc_is_always_likelier_where_the_spectra_differ():

@@ -55,6 +55,7 @@ OTHER = {
     "laplacian_values": 16,
     "form": False,
     "patches": False,
+    "smooth_refined": False,
     "match_threshold": 0.8,
 }
 

@@ -60,12 +60,13 @@ def test_balls_that_reach_beyond_the_rim_do_not_count() -> None:
     counts = part_of(surface)[:, LENGTH:]
     assert counts.shape == (PATCHES, len(RADII))
     found, start = patches(surface), 0
-    open_edges = _open_edges(surface)
-    away = np.linalg.norm(found.points[:, None] - open_edges, axis=2).min(axis=1)
+    away = _from_rim(surface, found.points)
     for ball, radius in enumerate(RADII):
         wanted = away > NEAR_RIM * radius * found.unit
-        assert_array_equal(counts[start : start + KEYS, ball], wanted)
+        sure = np.abs(away - NEAR_RIM * radius * found.unit) > 0.2 * NEAR_RIM * RADII[0] * found.unit
+        assert_array_equal(counts[start : start + KEYS, ball][sure], wanted[sure])
         assert 0.3 < wanted.mean() < 1.0
+        assert sure.mean() > 0.9
     assert part(WHOLES["person"])[:, LENGTH:].all()
 
 
@@ -79,11 +80,28 @@ def test_where_nearly_all_is_rim_all_balls_count() -> None:
     assert part(strip)[:, LENGTH:].all()
 
 
-def _open_edges(surface: Mesh) -> np.ndarray:
+def test_long_open_edges_are_rim_all_along() -> None:
+    """A box of 8 vertices without one end."""
+    corners = np.array([[x, y, z] for x in (0.0, 2.1) for y in (0.0, 1.0) for z in (0.0, 0.6)])
+    quads = [(0, 1, 3, 2), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    faces = np.array([face for a, b, c, d in quads for face in ((a, b, c), (a, c, d))])
+    surface = clean(Mesh(corners, faces)).mesh
+    found, counts = patches(surface), part_of(surface)[:KEYS, LENGTH:]
+    away = _from_rim(surface, found.points)
+    for ball, radius in enumerate(RADII):
+        near = away < 0.8 * NEAR_RIM * radius * found.unit
+        assert near.any()
+        assert not counts[near, ball].any()
+
+
+def _from_rim(surface: Mesh, points: np.ndarray) -> np.ndarray:
+    """Distances from the open edges, as line segments."""
     sides: dict[tuple[int, int], int] = {}
     for face in surface.faces.tolist():
         for a, b in zip(face, face[1:] + face[:1], strict=True):
             sides[min(a, b), max(a, b)] = sides.get((min(a, b), max(a, b)), 0) + 1
-    return np.array(
-        [surface.vertices[list(ends)].mean(axis=0) for ends, count in sides.items() if count == 1]
-    )
+    ends = surface.vertices[[list(ends) for ends, count in sides.items() if count == 1]]
+    start, step = ends[:, 0], ends[:, 1] - ends[:, 0]
+    along = ((points[:, None] - start) * step).sum(axis=2) / (step**2).sum(axis=1)
+    feet = start + np.clip(along, 0.0, 1.0)[..., None] * step
+    return np.asarray(np.linalg.norm(points[:, None] - feet, axis=2).min(axis=1))

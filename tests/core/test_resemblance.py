@@ -1,5 +1,6 @@
 """Distances of surfaces of which either may be a part of the other."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -8,11 +9,12 @@ from numpy.testing import assert_array_equal
 
 from core.embedding import Embedding
 from core.gallery import make_shape
+from core.mesh import Mesh
 from core.openness import INCOMPLETE
 from core.parameters import DEFAULT
 from core.partial import PATCHES, part_distances
 from core.patches import KEYS, LENGTH, between
-from core.perturbation import cut_part, make_soup
+from core.perturbation import cut_part, make_soup, subdivide
 from core.pipeline import Pipeline
 from core.resemblance import ROWS, WIDTH, apart
 
@@ -82,3 +84,20 @@ def test_the_chance_of_a_part_is_the_same_both_ways_and_its_whole_is_the_likelie
     for whole, chance in zip(wholes, chances, strict=True):
         back = PIPELINE.combined_with(whole, [part], PIPELINE.score(whole, [part]))
         assert back[0] == pytest.approx(chance, rel=1e-12)
+
+
+def test_a_coarse_mesh_and_a_fine_one_of_the_same_box_are_alike() -> None:
+    """Corners of a coarse mesh are no noise: smoothing would make a blob of it."""
+    corners = np.array([[x, y, z] for x in (0.0, 3.0) for y in (0.0, 1.0) for z in (0.0, 0.6)])
+    quads = [(0, 1, 3, 2), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3), (4, 6, 7, 5)]
+    coarse = Mesh(corners, np.array([face for a, b, c, d in quads for face in ((a, b, c), (a, c, d))]))
+    fine = coarse
+    for _ in range(5):
+        fine = subdivide(fine, 1.0, 0)
+    first, second = PIPELINE.embed(coarse), PIPELINE.embed(fine)
+    assert apart(first.patches, [second.patches]).distance[0] < 0.4
+    scores = PIPELINE.score(first, [second])
+    assert scores.cc[0] > 0.98
+    assert PIPELINE.combined_with(first, [second], scores)[0] > 0.9
+    blob = Pipeline(replace(DEFAULT, smooth_refined=False))
+    assert apart(blob.embed(coarse).patches, [blob.embed(fine).patches]).distance[0] > 1.0
