@@ -120,29 +120,34 @@ def between(query: Bytes, others: Sequence[Bytes]) -> Floats:
 
 @compiled
 def _counts(points: Floats, keys: Ints, normals: Floats, radii: Floats) -> Ints:
-    """How many points lie in each bin of each ball about each key, shape (k, r, ACROSS * ALONG)."""
+    """How many points lie in each bin of each ball about each key, shape (k, r, ACROSS * ALONG); radii rise."""
     counts = np.zeros((len(keys), len(radii), ACROSS * ALONG), dtype=np.int64)
-    largest = radii.max() ** 2
+    squared, across, along = radii**2, ACROSS / radii, 0.5 * ALONG / radii
+    largest = squared[-1]
+    x, y, z = points[:, 0].copy(), points[:, 1].copy(), points[:, 2].copy()
     squares, heights = np.empty(len(points)), np.empty(len(points))
+    near = np.empty(len(points), dtype=np.int64)
     for k in range(len(keys)):
-        x, y, z = points[keys[k], 0], points[keys[k], 1], points[keys[k], 2]
+        own_x, own_y, own_z = x[keys[k]], y[keys[k]], z[keys[k]]
+        normal_x, normal_y, normal_z = normals[k, 0], normals[k, 1], normals[k, 2]
+        for p in range(len(points)):
+            east, north, up = x[p] - own_x, y[p] - own_y, z[p] - own_z
+            squares[p] = east * east + north * north + up * up
+            heights[p] = east * normal_x + north * normal_y + up * normal_z
         found, above = 0, 0.0
         for p in range(len(points)):
-            east, north, up = points[p, 0] - x, points[p, 1] - y, points[p, 2] - z
-            square = east * east + north * north + up * up
-            if square < largest:
-                height = east * normals[k, 0] + north * normals[k, 1] + up * normals[k, 2]
-                squares[found], heights[found] = square, height
+            near[found] = p
+            if squares[p] < largest:
                 found += 1
-                above += height
+                above += heights[p]
         outwards = -1.0 if above > 0.0 else 1.0
-        for p in range(found):
-            square, height = squares[p], outwards * heights[p]
+        for i in range(found):
+            square, height = squares[near[i]], outwards * heights[near[i]]
             away = np.sqrt(max(square - height * height, 0.0))
-            for r in range(len(radii)):
-                radius = radii[r]
-                if square < radius * radius:
-                    column = min(int(away / radius * ACROSS), ACROSS - 1)
-                    row = min(max(int((height / radius + 1.0) * (0.5 * ALONG)), 0), ALONG - 1)
-                    counts[k, r, row * ACROSS + column] += 1
+            for r in range(len(radii) - 1, -1, -1):
+                if square >= squared[r]:
+                    break
+                column = min(int(away * across[r]), ACROSS - 1)
+                row = min(max(int(height * along[r] + 0.5 * ALONG), 0), ALONG - 1)
+                counts[k, r, row * ACROSS + column] += 1
     return counts
