@@ -120,7 +120,7 @@ def between(query: Bytes, others: Sequence[Bytes]) -> Floats:
 
 @compiled
 def _counts(points: Floats, keys: Ints, normals: Floats, radii: Floats) -> Ints:
-    """How many points lie in each bin of each ball about each key, shape (k, r, ACROSS * ALONG); radii rise."""
+    """How many points lie in each bin of each ball about each key, shape (k, r, BINS); radii rise."""
     counts = np.zeros((len(keys), len(radii), ACROSS * ALONG), dtype=np.int64)
     squared, across, along = radii**2, ACROSS / radii, 0.5 * ALONG / radii
     largest = squared[-1]
