@@ -28,6 +28,7 @@ STAGES: dict[str, tuple[ModuleType, str]] = {
     "Laplace-Beltrami": (spectra, "laplace_beltrami"),
     "form": (spectra, "form_terms"),
     "facts": (pipeline, "measure"),
+    "patches": (pipeline, "described"),
 }
 """The function that each stage is, by the module that calls it."""
 

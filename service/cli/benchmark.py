@@ -52,7 +52,7 @@ def command(
         typer.Option(
             "--shapes",
             min=1,
-            help="Shapes of an archive that is queried, about 50 kB of disk each; repeatable. "
+            help="Shapes of an archive that is queried, about 75 kB of disk each; repeatable. "
             "[default: 380, 10000, 100000]",
         ),
     ] = None,
