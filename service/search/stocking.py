@@ -29,7 +29,8 @@ FIRST_SECONDS = 5.0
 """How long the service counts as not ready while it makes ready what is stored at its start."""
 
 LEAST_SHARE = 4
-"""Of the memory for searching, the part that rows have at least, however long the signatures and sketches."""
+"""Of the memory for searching, the part that rows have at least, however much signatures, sketches and
+patches take."""
 
 AT_ONCE = 16
 
@@ -110,11 +111,12 @@ class Stocking:
                 seen = (in_use.fingerprint, in_use.index.revision)
                 if seen != self._seen:
                     in_use.shelf.keep(signed.embeddings)
+                    self._parts.patches.keep(signed.embeddings)
                     self._seen = seen
                 newest = signed.embeddings[::-1].tolist()
-                room = max(most - signed.nbytes, most // LEAST_SHARE)
+                room = most - signed.nbytes
         shelf = in_use.shelf
-        shelf.resize(room)
+        shelf.resize(max(room - self._parts.patches.nbytes, most // LEAST_SHARE))
         places = shelf.free_places()
         if not places or len(shelf) >= len(newest):
             return in_use, []

@@ -187,11 +187,14 @@ def test_what_comes_is_made_ready_whatever_was_deleted_before(running: Running) 
     gone = [running.store(small_file(number), f"{number}.off")["id"] for number in (31, 32)]
     wait_until(lambda: len(shelf) == STORED + 2, seconds=30)
     before = set(shelf.missing(range(1000)))
+    query(running.client, small_file(0), rank_by="combined")
+    assert len(running.parts.patches) == STORED + 2
     for shape in gone:
         running.client.delete(f"/shapes/{shape}")
     late = running.store(small_file(33), "late.off")
     wait_until(lambda: len(shelf) == STORED + 1, seconds=30)
     assert len(before - set(shelf.missing(range(1000)))) == 1
+    wait_until(lambda: len(running.parts.patches) == STORED, seconds=30)
     running.client.delete(f"/shapes/{late['id']}")
 
 
