@@ -25,6 +25,8 @@ was cut away."""
 LEAST = 0.1
 """Where fewer balls count than this share of them, all do."""
 
+MOST_RIM = 20_000
+
 AT_ONCE = 4
 """How many wholes are compared at a time."""
 
@@ -60,12 +62,16 @@ def part_of(surface: Mesh) -> Bytes:
 
 
 def _rim(surface: Mesh) -> Floats:
-    """Points along the open edges, so close that no ball misses them, shape (p, 3)."""
+    """Points along the open edges, so close that no ball misses them, shape (p, 3).
+
+    Of a needle, whose edges are long beside the root of its area, at most `MOST_RIM` beside one an edge.
+    """
     sides = half_edges(surface.faces)
     start, end = (surface.vertices[ends] for ends in sides.edges[sides.sheets == 1].T)
     area = face_areas(surface.vertices, surface.faces).sum()
-    steps = np.linalg.norm(end - start, axis=1) / (0.5 * NEAR_RIM * RADII[0] * np.sqrt(area))
-    count = np.maximum(np.ceil(steps), 1.0).astype(np.int64)
+    lengths = np.linalg.norm(end - start, axis=1)
+    step = max(0.5 * NEAR_RIM * RADII[0] * float(np.sqrt(area)), float(lengths.sum()) / MOST_RIM)
+    count = np.maximum(np.ceil(lengths / step), 1.0).astype(np.int64)
     edge = np.repeat(np.arange(len(count)), count)
     place = np.arange(len(edge)) - np.repeat(np.cumsum(count) - count, count)
     along = ((place + 0.5) / count[edge])[:, None]

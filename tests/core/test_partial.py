@@ -1,5 +1,7 @@
 """Parts found among wholes, and one-sided distances against a plain reference."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
@@ -92,6 +94,16 @@ def test_long_open_edges_are_rim_all_along() -> None:
         near = away < 0.8 * NEAR_RIM * radius * found.unit
         assert near.any()
         assert not counts[near, ball].any()
+
+
+def test_a_needle_takes_no_more_memory_than_another_part() -> None:
+    needle = Mesh(np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1e-9, 0.0]]), np.array([[0, 1, 2]]))
+    tracemalloc.start()
+    rows = part_of(needle)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert rows.shape == (PATCHES, LENGTH + len(RADII))
+    assert peak < 50e6
 
 
 def _from_rim(surface: Mesh, points: np.ndarray) -> np.ndarray:
