@@ -64,21 +64,23 @@ def apart(query: Bytes, others: Sequence[Bytes]) -> Apart:
     others : sequence of uint8, each of shape (r, WIDTH)
     """
     distance = np.full(len(others), np.inf)
-    part = np.array([_is_part(query) or _is_part(other) for other in others], dtype=bool)
-    if _is_part(query):
-        distance = part_distances(query[KEYS:], [_whole(other) for other in others])
+    part = np.array([is_part(query) or is_part(other) for other in others], dtype=bool)
+    if is_part(query):
+        distance = part_distances(query[KEYS:], [as_whole(other) for other in others])
     else:
         complete = np.flatnonzero(~part).tolist()
-        distance[complete] = between(_whole(query), [_whole(others[i]) for i in complete]).max(axis=1)
+        distance[complete] = between(as_whole(query), [as_whole(others[i]) for i in complete]).max(axis=1)
     for i, other in enumerate(others):
-        if _is_part(other):
-            distance[i] = min(distance[i], part_distances(other[KEYS:], [_whole(query)])[0])
+        if is_part(other):
+            distance[i] = min(distance[i], part_distances(other[KEYS:], [as_whole(query)])[0])
     return Apart(distance, part)
 
 
-def _is_part(rows: Bytes) -> bool:
+def is_part(rows: Bytes) -> bool:
+    """Whether a surface, as `described` gives it, is incomplete."""
     return len(rows) > KEYS
 
 
-def _whole(rows: Bytes) -> Bytes:
+def as_whole(rows: Bytes) -> Bytes:
+    """Its patches as a whole, shape (KEYS, LENGTH)."""
     return rows[:KEYS, :LENGTH]

@@ -18,9 +18,10 @@ from core.errors import CoreError
 from core.mesh import Floats, Mesh
 from core.parameters import DEFAULT
 from core.partial import part_distances, part_of
-from core.patches import KEYS, LENGTH
+from core.patches import KEYS
 from core.pipeline import Pipeline
 from core.reading import format_of, read_mesh
+from core.resemblance import as_whole, is_part
 from core.robustness import TAU, Kind, Level, Retrieval, nearest_neighbour, tau_parameters
 from service.cli.scoring import embed_files, score_pairs, worker_pool
 
@@ -177,8 +178,8 @@ def _query(stored: Path, kind: Kind, amount: float, seed: int, path: Path) -> di
     pipeline, query, gallery = asked.pipeline, asked.query, asked.gallery
     found = {"cc": asked.scores.cc, "combined": pipeline.combined_with(query, gallery, asked.scores)}
     if kind.part:
-        part = query.patches[KEYS:] if len(query.patches) > KEYS else part_of(pipeline.bare(asked.mesh))
-        found["part"] = -part_distances(part, [one.patches[:KEYS, :LENGTH] for one in gallery])
+        part = query.patches[KEYS:] if is_part(query.patches) else part_of(pipeline.bare(asked.mesh))
+        found["part"] = -part_distances(part, [as_whole(one.patches) for one in gallery])
     return found
 
 

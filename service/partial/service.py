@@ -12,8 +12,9 @@ from core.errors import MeshError
 from core.mesh import Mesh
 from core.parameters import Parameters
 from core.partial import part_distances
-from core.patches import KEYS, LENGTH, Bytes
+from core.patches import KEYS, Bytes
 from core.records import embedding_from_bytes
+from core.resemblance import as_whole
 from core.signatures import least
 from service.compute.tasks import part_of_mesh, patches_of_mesh
 from service.errors import FileTimeLimitError
@@ -99,7 +100,7 @@ async def _distances(
         rows = stored_patches(parts, numbers)
         there = [place for place, number in enumerate(numbers) if number in rows]
         told = np.full((1, len(numbers)), np.nan)
-        told[0, there] = part_distances(asked, [_whole(rows[numbers[place]]) for place in there])
+        told[0, there] = part_distances(asked, [as_whole(rows[numbers[place]]) for place in there])
         return told
 
     distances: NDArray[np.float64] = (
@@ -112,7 +113,7 @@ async def _distances(
             made = await _made(parts, number, parameters)
             if made is not None:
                 parts.patches.put(number, made)
-                (told,) = await run_in_threadpool(part_distances, asked, [_whole(made)])
+                (told,) = await run_in_threadpool(part_distances, asked, [as_whole(made)])
                 distances[candidates.embeddings == number] = told
 
     try:
@@ -122,10 +123,6 @@ async def _distances(
     except ExceptionGroup as several:
         raise several.exceptions[0] from None
     return distances
-
-
-def _whole(rows: Bytes) -> Bytes:
-    return rows[:KEYS, :LENGTH]
 
 
 async def _made(parts: Parts, embedding: int, parameters: Parameters) -> Bytes | None:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from starlette.concurrency import run_in_threadpool
 
-from core.patches import KEYS
+from core.resemblance import is_part
 from core.signatures import least
 from service.compute.workers import PlacedWorkers
 from service.logging import get_logger
@@ -72,7 +72,7 @@ async def _finalists(
     incomplete query's chance hangs on patches most of all, which sifting does not look at: all are screened.
     """
     by_chance = rank_by == "combined"
-    sifting = not (by_chance and len(query.patches) > KEYS)
+    sifting = not (by_chance and is_part(query.patches))
     if sifting and candidates.screened is not None and candidates.screened < len(candidates.shapes):
         sifted = by_threads(parts, rows.sifted)
         rough = (await in_pieces(candidates.sketches, SIFTED, parts.settings.workers, 1, sifted))[0]
