@@ -21,14 +21,14 @@ RUNTIME := $(VENV)/.runtime
 DEV := $(VENV)/.dev
 BROWSER := $(VENV)/.browser
 SUPPLY := $(VENV)/supply
-NODE := tests/page/node_modules/.package-lock.json
+NODE := tests/soak/page/node_modules/.package-lock.json
 
 # uv reads no configuration here, so that the lock files never depend on, or tell of, the machine they were made on.
 UV ?= $(BIN)/uv
 COMPILE := $(UV) pip compile --quiet --no-config --universal --python-version 3.11 --fork-strategy fewest \
 	--generate-hashes --no-annotate --custom-compile-command 'make lock' $(if $(UPGRADE),--upgrade)
-LOCKS := requirements.lock tests/requirements.lock tests/browser/requirements.lock docker/cluster.lock docker/test/requirements.lock \
-	tests/supply/requirements.lock
+LOCKS := requirements.lock tests/requirements.lock tests/soak/browser/requirements.lock docker/cluster.lock docker/test/requirements.lock \
+	tests/soak/supply/requirements.lock
 
 .PHONY: help environment demo test collections-test kill-test load-test lint types openapi lock lock-check image-test page-lint page-vendor browser-test screenshots sbom audit hostile-test mutation-test schema-test vector-test duplicates-test partial-test clean
 
@@ -94,11 +94,11 @@ test: $(DEV)
 # Where the collections are asked for, none of their tests may be skipped.
 collections-test: $(DEV)
 	@test -d "$${ISOSHAPE_DATA:-}" || { echo 'ISOSHAPE_DATA must name the folder of collections' >&2; exit 1; }
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest $(AT_A_TIME) -m collections -p tests.no_skips
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest $(AT_A_TIME) -m collections -p tests.soak.no_skips
 
 CYCLES ?= 200
 kill-test: $(DEV)
-	OMP_NUM_THREADS=1 $(BIN)/python -m tests.kill --cycles $(CYCLES)
+	OMP_NUM_THREADS=1 $(BIN)/python -m tests.soak.kill --cycles $(CYCLES)
 
 # locust brings a web server of its own: it stays out of the environment that runs the service and its tests.
 LOCUST := $(VENV)/load
@@ -110,7 +110,7 @@ $(LOCUST)/bin/locust: pyproject.toml $(DEV)
 
 MINUTES ?= 20
 load-test: $(LOCUST)/bin/locust
-	OMP_NUM_THREADS=1 $(BIN)/python -m tests.load --minutes $(MINUTES) --locust $(LOCUST)/bin/locust
+	OMP_NUM_THREADS=1 $(BIN)/python -m tests.soak.load --minutes $(MINUTES) --locust $(LOCUST)/bin/locust
 
 lint: $(DEV)
 	$(BIN)/ruff check .
@@ -127,15 +127,15 @@ openapi: $(RUNTIME)
 lock: $(if $(filter $(BIN)/uv,$(UV)),$(DEV))
 	$(COMPILE) pyproject.toml --output-file requirements.lock
 	$(COMPILE) pyproject.toml --extra dev --constraint requirements.lock --output-file tests/requirements.lock
-	$(COMPILE) pyproject.toml --extra browser --constraint tests/requirements.lock --output-file tests/browser/requirements.lock
+	$(COMPILE) pyproject.toml --extra browser --constraint tests/requirements.lock --output-file tests/soak/browser/requirements.lock
 	$(COMPILE) pyproject.toml --extra postgres --extra dask --constraint requirements.lock --output-file docker/cluster.lock
 	$(COMPILE) docker/test/requirements.in --constraint requirements.lock --output-file docker/test/requirements.lock
-	$(COMPILE) tests/supply/requirements.in --output-file tests/supply/requirements.lock
+	$(COMPILE) tests/soak/supply/requirements.in --output-file tests/soak/supply/requirements.lock
 
 # Hashes are left out of the comparison: a project may add a file to a release long after it. pip checks them at install.
 lock-check: $(DEV)
 	@scratch=$$(mktemp -d); trap 'rm -rf "$$scratch"' EXIT; \
-	tar -c pyproject.toml docker/test/requirements.in tests/supply/requirements.in $(LOCKS) | tar -x -C "$$scratch"; \
+	tar -c pyproject.toml docker/test/requirements.in tests/soak/supply/requirements.in $(LOCKS) | tar -x -C "$$scratch"; \
 	$(MAKE) --silent --no-print-directory -C "$$scratch" -f "$(CURDIR)/Makefile" UV="$(CURDIR)/$(BIN)/uv" UPGRADE= lock; \
 	for lock in $(LOCKS); do diff <(grep -F == $$lock) <(grep -F == "$$scratch/$$lock") || { \
 		echo "$$lock is behind pyproject.toml: make lock" >&2; exit 1; }; done; \
@@ -145,57 +145,57 @@ image-test: $(DEV)
 	docker/image-test.sh
 	docker/cluster-test.sh
 
-$(NODE): tests/page/package-lock.json
-	cd tests/page && npm ci --ignore-scripts --no-audit --no-fund --silent
+$(NODE): tests/soak/page/package-lock.json
+	cd tests/soak/page && npm ci --ignore-scripts --no-audit --no-fund --silent
 	@touch $@
 
 page-vendor: $(NODE)
-	tests/page/vendor.sh service/page/static/vendor
+	tests/soak/page/vendor.sh service/web/static/vendor
 
 page-lint: $(NODE)
-	cd tests/page && node_modules/.bin/tsc --project .
-	@scratch=$$(mktemp -d); trap 'rm -rf "$$scratch"' EXIT; tests/page/vendor.sh "$$scratch"; \
-	diff --recursive --brief --exclude=README.md --exclude=three.d.ts "$$scratch" service/page/static/vendor || { \
+	cd tests/soak/page && node_modules/.bin/tsc --project .
+	@scratch=$$(mktemp -d); trap 'rm -rf "$$scratch"' EXIT; tests/soak/page/vendor.sh "$$scratch"; \
+	diff --recursive --brief --exclude=README.md --exclude=three.d.ts "$$scratch" service/web/static/vendor || { \
 		echo 'the page has other files than its lock names: make page-vendor' >&2; exit 1; }
 
-$(BROWSER): tests/browser/requirements.lock $(DEV)
-	$(PIP) install --require-hashes --requirement tests/browser/requirements.lock
+$(BROWSER): tests/soak/browser/requirements.lock $(DEV)
+	$(PIP) install --require-hashes --requirement tests/soak/browser/requirements.lock
 	@command -v chromium >/dev/null || { apt-get update -qq && \
 		apt-get install -qq --no-install-recommends chromium fonts-dejavu-core >/dev/null; }
 	@touch $@
 
 browser-test: $(BROWSER)
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest tests/browser -p tests.no_skips
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest tests/soak/browser -p tests.soak.no_skips
 
 screenshots: $(BROWSER)
-	OMP_NUM_THREADS=1 $(BIN)/python -m tests.browser.screenshots docs
+	OMP_NUM_THREADS=1 $(BIN)/python -m tests.soak.browser.screenshots docs
 
 hostile-test: $(DEV)
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -m hostile tests/hostile
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -m hostile tests/soak/hostile
 
 COUNT ?= 10000
 SEED ?= 0
 mutation-test: $(DEV)
-	OMP_NUM_THREADS=1 $(BIN)/python -m tests.hostile.changed --count $(COUNT) --seed $(SEED)
+	OMP_NUM_THREADS=1 $(BIN)/python -m tests.soak.hostile.changed --count $(COUNT) --seed $(SEED)
 
 SIGNATURES ?= 1000000
 vector-test: $(DEV)
-	OMP_NUM_THREADS=1 $(BIN)/python -m tests.vectors --count $(SIGNATURES)
+	OMP_NUM_THREADS=1 $(BIN)/python -m tests.soak.vectors --count $(SIGNATURES)
 
 POSES ?= 8
 duplicates-test: $(DEV)
-	OMP_NUM_THREADS=1 $(BIN)/python -m tests.duplicates --poses $(POSES)
+	OMP_NUM_THREADS=1 $(BIN)/python -m tests.soak.duplicates --poses $(POSES)
 
 MODELS ?= 95
 partial-test: $(DEV)
 	@test -d "$${ISOSHAPE_DATA:-}" || { echo 'ISOSHAPE_DATA must name the folder of collections' >&2; exit 1; }
-	OMP_NUM_THREADS=1 $(BIN)/python -m tests.partial "$$ISOSHAPE_DATA/psb" --limit $(MODELS)
+	OMP_NUM_THREADS=1 $(BIN)/python -m tests.soak.partial "$$ISOSHAPE_DATA/psb" --limit $(MODELS)
 
 schema-test: $(DEV)
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -m schema tests/schema --hypothesis-seed=$(SEED)
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -m schema tests/soak/schema --hypothesis-seed=$(SEED)
 
 # Tools about the packages, in an environment of their own: what they need is no business of the packages.
-$(SUPPLY)/.installed: tests/supply/requirements.lock $(PACKAGES)
+$(SUPPLY)/.installed: tests/soak/supply/requirements.lock $(PACKAGES)
 	$(BIN)/python -m venv --clear $(SUPPLY)
 	$(SUPPLY)/bin/python -m pip -qq --disable-pip-version-check install --require-hashes --requirement $<
 	@touch $@
@@ -206,8 +206,8 @@ sbom: $(SUPPLY)/.installed
 		--output-reproducible --output-file build/isoshape.cdx.json
 
 audit: $(SUPPLY)/.installed
-	@$(SUPPLY)/bin/python tests/supply/audit.py requirements.lock
+	@$(SUPPLY)/bin/python tests/soak/supply/audit.py requirements.lock
 
 clean:
-	rm -rf $(VENV) tests/page/node_modules build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	rm -rf $(VENV) tests/soak/page/node_modules build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
 	find core service tests docker -name __pycache__ -prune -exec rm -rf {} +

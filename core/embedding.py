@@ -5,8 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-Float32s = NDArray[np.float32]
-Int32s = NDArray[np.int32]
+from core.arrays import Float32s, Int32s
 
 NO_PATCHES: NDArray[np.uint8] = np.empty((0, 0), dtype=np.uint8)
 
@@ -52,7 +51,7 @@ class Facts:
     boundary_edges, nonmanifold_edges : int
         Edges with one face, and with more than two.
     openness : float
-        See `core.openness`. Embeddings of before it was measured have 0.
+        See `core.descriptors.boundary_ratio`. Embeddings of before it was measured have 0.
     """
 
     vertices: int
@@ -96,7 +95,7 @@ class Embedding:
     spectra : tuple of Spectrum
         One or several embeddings of the same points.
     patches : uint8, shape (r, w)
-        What lies about points of the surface: see `core.resemblance`. Of shape (0, 0) where the parameters
+        What lies about points of the surface: see `core.descriptors.descriptor_distance`. Of shape (0, 0) where the parameters
         ask for none.
     """
 
@@ -156,3 +155,7 @@ class Match:
     correspondence: Int32s
     distances: Float32s = field(repr=False)
     effective: NDArray[np.bool_] = field(repr=False)
+
+
+Points = tuple[tuple[Float32s, ...], Int32s]
+"""Coordinates in each spectral domain, (d, k), and the sample nearest to each of the d points, (d,)."""

@@ -30,18 +30,18 @@ class Parameters:
     name : str
         What people call it; not part of the fingerprint.
     fill_holes : float
-        Rims are closed that bound at most this share of the surface: see `core.filling`; 0 for none.
+        Rims are closed that bound at most this share of the surface: see `core.mesh.hole_filling`; 0 for none.
     refine_vertices : int
         Long edges are split as for an even mesh of so many vertices; 0 leaves the mesh as it is.
     decimate_above, decimate_to : int
         A mesh of more vertices than the first is simplified to about the second; 0 never.
     smooth_above : float
-        A mesh whose `core.denoising.roughness` is above is smoothed, for so many `smooth_rounds`; 0 never.
+        A mesh whose `core.mesh.denoising.roughness` is above is smoothed, for so many `smooth_rounds`; 0 never.
     smooth_rounds : int
     smooth_refined : bool
         Whether it must be as rough when its long edges are split: the corners of a coarse mesh are no noise.
     degree, epsilon, normalise_weights
-        Of the Lewis weights: see `core.lewis.lewis_weights`.
+        Of the Lewis weights: see `core.sampling.lewis_weights.lewis_weights`.
     selection : "sort-and-cut", "random-draw" or "covering"
         How samples are taken by their weights; `coverage_power` belongs to "covering", `seed` to the draw.
     samples : int
@@ -59,7 +59,7 @@ class Parameters:
     distances : "tree", "graph" or "geodesic"
         Between samples: along the minimum spanning tree, the sparse graph, or the whole mesh.
     affinity : "gaussian" or "distance", width : float
-        See `core.spectrum`.
+        See `core.spectral.affinity`.
     operators : tuple of "affinity" and "laplace-beltrami"
         One embedding each. With pairs "both-ways" all share one correspondence; with "nearest" each has its
         own and the first's is shown. Scores are the means over them.
@@ -69,12 +69,12 @@ class Parameters:
         Coordinates carry |eigenvalue| to this power (a Laplacian's to minus it); the paper's is 0.
     taper : bool
         Whether coordinates fade out towards the first eigenvalue left out: see
-        `core.spectrum.spectral_coordinates`.
+        `core.spectral.coordinates.spectral_coordinates`.
     search_samples, search_dimensions : int
         With pairs "both-ways", the search for where to begin goes over so many of the samples, and up to so
         many dimensions; 0 for all of them, as it is with "nearest".
     first_dimensions, sign_starts, kept_starts, start_iterations, step_iterations
-        See `core.correspondence.Search`. With pairs "both-ways" one start is kept of each search.
+        See `core.matching.correspondence.Search`. With pairs "both-ways" one start is kept of each search.
     stiffness : float
         The spline's beta over the mean distance between all pairs of points (the paper: 1).
     warp_stiffness : float
@@ -82,7 +82,7 @@ class Parameters:
         the first spline.
     pairs : "both-ways" or "nearest"
         Whether scores read nearest neighbours both ways after an orthogonal map in each embedding
-        (`core.kernels.matching`); or nearest neighbours of the points that the spline has warped.
+        (`core.matching.kernels.pair_matching`); or nearest neighbours of the points that the spline has warped.
     align_samples, kept_maps, align_rounds : int
         The maps that searches in each embedding from either side find are fitted anew to nearest neighbours
         both ways between so many of the samples, once, and so many of them, best correlation first, then so
@@ -95,9 +95,9 @@ class Parameters:
     affinity_values, laplacian_values : int
         Eigenvalues of each kind in the signature.
     form : bool
-        Whether the signature holds the terms of `core.form` as well.
+        Whether the signature holds the terms of `core.descriptors.global_descriptors` as well.
     patches : bool
-        Whether what lies about points of the surface is kept too, for `combined`: see `core.resemblance`.
+        Whether what lies about points of the surface is kept too, for `combined`: see `core.descriptors.descriptor_distance`.
     match_threshold : float
         A query whose best CC is below has no match (Algorithm 3's unmatched shapes). `isoshape classify`
         finds the best for a collection: 0.980 for half of PSB, 0.985 for the made gallery, 0.992 for half of

@@ -3,40 +3,36 @@
 from collections import OrderedDict
 from collections.abc import Sequence
 
-import fast_simplification
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
-from core.cleaning import Cleaned, clean, face_areas, vertex_areas
-from core.combination import chance, signature_evidence
-from core.denoising import roughness, smoothed
-from core.embedding import NO_PATCHES, Embedding, Facts, Float32s, Match, Scores
+from core.arrays import Bytes, Float32s, Floats, Ints
+from core.descriptors.boundary_ratio import INCOMPLETE, openness
+from core.descriptors.descriptor_distance import Apart, apart, described
+from core.descriptors.global_descriptors import FORM_SHARE, form_terms, signed_volume
+from core.embedding import NO_PATCHES, Embedding, Facts, Match, Scores
 from core.errors import DegenerateMeshError, IncompatibleEmbeddingsError, ParameterError
-from core.filling import filled
-from core.form import signed_volume
-from core.frame import Frame, normal_frame
-from core.geodesics import geodesics
-from core.graph import (
-    SparseGraph,
-    edge_graph,
-    graph_distances,
-    sparse_graph,
-    tree_distances,
-)
-from core.lewis import lewis_weights
-from core.matching import Prepared, embedding_key, match_prepared, prepare
-from core.mesh import Floats, Ints, Mesh
-from core.openness import INCOMPLETE, openness
+from core.graph.edge_graph import edge_graph
+from core.graph.geodesics import geodesics
+from core.graph.minimum_spanning_tree import tree_distances
+from core.graph.sparse_graph import SparseGraph, graph_distances, sparse_graph
+from core.matching.match_records import match_rows
+from core.matching.matcher import Prepared, embedding_key, match_prepared, prepare
+from core.mesh.cleaning import Cleaned, clean, face_areas, vertex_areas
+from core.mesh.denoising import roughness, smoothed
+from core.mesh.hole_filling import filled
+from core.mesh.mesh import Mesh
+from core.mesh.normal_frame import Frame, normal_frame
+from core.mesh.simplification import simplify
+from core.mesh.subdivision import refine
+from core.numerics.threads import one_thread
 from core.parameters import Parameters
-from core.patches import Bytes
-from core.resemblance import Apart, apart, described
-from core.rows import match_rows
-from core.sampling import covering, keyed_uniform, random_draw, sort_and_cut
-from core.spectra import Points, spectra_of
-from core.subdivision import refine
-from core.threads import one_thread
+from core.ranking.class_probability import chance, signature_evidence
+from core.sampling.lewis_weights import lewis_weights
+from core.sampling.sampling import covering, keyed_uniform, random_draw, sort_and_cut
+from core.spectral.spectral_embedding import Points, spectra_of
 
 PREPARED_BYTES = 128 * 1024 * 1024
 """How much a pipeline keeps of factored splines, unless it is told otherwise."""
@@ -64,22 +60,8 @@ def measure(mesh: Mesh, cleaned: Cleaned, frame: Frame) -> Facts:
 
 
 def without_holes(cleaned: Cleaned, most: float) -> Mesh:
-    """The mesh with its holes closed as `core.filling.filled` does; 0 leaves it as it is."""
+    """The mesh with its holes closed as `core.mesh.hole_filling.filled` does; 0 leaves it as it is."""
     return filled(cleaned.mesh, most, cleaned.sides) if most else cleaned.mesh
-
-
-def simplify(mesh: Mesh, vertices: int) -> Mesh:
-    """A mesh in its normal frame with about so many vertices, by quadric error (Garland and Heckbert 1997).
-
-    Coordinates are rounded to six decimals first: on flat parts every collapse costs nothing, and the last
-    bits, which change with the pose, would choose among them.
-    """
-    points, faces = fast_simplification.simplify(
-        np.round(mesh.vertices, 6),
-        mesh.faces.astype(np.int32),
-        target_reduction=1.0 - vertices / len(mesh.vertices),
-    )
-    return clean(Mesh(points, faces)).mesh
 
 
 class Pipeline:
@@ -237,6 +219,8 @@ class Pipeline:
                 areas=areas / areas.sum(),
             )
             spectra, signature = spectra_of(surface, embedded, self.parameters)
+            if self.parameters.form:
+                signature = np.concatenate([signature, FORM_SHARE * form_terms(surface)])
             facts = measure(mesh, cleaned, frame)
             patches = self._patches(surface, cleaned, facts) if self.parameters.patches else NO_PATCHES
         positions = frame.invert(surface.vertices[samples])
@@ -327,7 +311,7 @@ class Pipeline:
     def evidence(
         self, cc: Floats, sim: Floats, query: NDArray[np.float32], signatures: NDArray[np.float32]
     ) -> Floats:
-        """What of the whole shapes `combined` reads, shape (c, 2): `core.combination.signature_evidence`."""
+        """What of the whole shapes `combined` reads, shape (c, 2): `core.ranking.class_probability.signature_evidence`."""
         return signature_evidence(cc, sim, query, signatures, form=self.parameters.form)
 
     def combined(

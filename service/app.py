@@ -11,42 +11,45 @@ from starlette.concurrency import run_in_threadpool
 from threadpoolctl import threadpool_limits
 
 from core.parameters import Parameters
-from service import logging
-from service.access.endpoints import router as session_router
-from service.access.gate import Gate
-from service.access.middleware import AccessControl
-from service.compute.at_work import AtWork
+from service.auth.gate import Gate
+from service.auth.keys import KeyRing
+from service.collections.dependencies import PARAMETER
+from service.collections.dependencies import PROBLEMS as CHOOSING_PROBLEMS
+from service.collections.endpoints import router as sets_router
+from service.compute.activity_gate import AtWork
 from service.compute.pool import LocalPool
 from service.compute.processes import start as start_processes
 from service.compute.work import Work
 from service.compute.workers import Workers
-from service.deleted.endpoints import router as deleted_router
-from service.deleted.service import keep_purging
+from service.container import Parts
 from service.duplicates.endpoints import router as duplicates_router
-from service.endpoints import router as service_router
-from service.idempotency.keys import InFlight
+from service.http.access_control import AccessControl
+from service.http.duplicate_parameters import refuse_repeated
+from service.http.idempotency.keys import InFlight
+from service.http.middleware import BodyLimit, RequestContext
+from service.http.openapi import DESCRIPTION, TAGS, describe
+from service.http.problems import handle_problems
+from service.index.cache import Shelf
 from service.jobs.endpoints import ADDRESS as JOBS_ADDRESS
 from service.jobs.endpoints import router as jobs_router
-from service.jobs.running import Runner
-from service.metrics import Metrics
-from service.middleware import BodyLimit, RequestContext
-from service.openapi import DESCRIPTION, TAGS, describe
-from service.page.endpoints import router as page_router
-from service.parts import Parts
-from service.pictures.endpoints import router as pictures_router
+from service.jobs.runner import Runner
+from service.observability import logging
+from service.observability.metrics import Metrics
 from service.pipelines.active import Pipelines
 from service.pipelines.starting import begin
-from service.problems import handle_problems
-from service.repeated import refuse_repeated
+from service.previews.endpoints import router as pictures_router
+from service.search.cache_warmer import Stocking
 from service.search.endpoints import router as search_router
-from service.search.shelf import Shelf
-from service.search.stocking import Stocking
-from service.sets.endpoints import router as sets_router
 from service.settings import Settings, load_parameters, load_settings
+from service.shapes.deleted.endpoints import router as deleted_router
+from service.shapes.deleted.service import keep_purging
 from service.shapes.endpoints import router as shapes_router
 from service.storage.database import Database
 from service.storage.migrate import migrate
-from service.system import VERSION
+from service.system.endpoints import router as service_router
+from service.system.schemas import VERSION
+from service.system.session_endpoints import router as session_router
+from service.web.endpoints import router as page_router
 
 PATCH_BYTES = 256 * 1024**2
 """Memory for the patches of stored shapes: 22 kB each, 96 kB for an incomplete one."""
@@ -63,7 +66,7 @@ def create_app(settings: Settings) -> FastAPI:
         The file of parameters cannot be used.
     """
     parameters = load_parameters(settings.pipeline)
-    gate = Gate(settings)
+    gate = Gate(KeyRing(settings.api_keys, settings.read_keys), settings.rate_limit)
     metrics = Metrics()
 
     @asynccontextmanager
@@ -115,7 +118,7 @@ def create_app(settings: Settings) -> FastAPI:
     )
     app.add_middleware(RequestContext, metrics=metrics)
     handle_problems(app)
-    describe(app)
+    describe(app, {PARAMETER: CHOOSING_PROBLEMS})
     return app
 
 

@@ -4,7 +4,7 @@ from typing import Annotated
 
 from fastapi import Depends, Request
 
-from service.parts import Parts
+from service.container import Parts
 
 
 def _parts(request: Request) -> Parts:

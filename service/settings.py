@@ -14,10 +14,10 @@ from sqlalchemy import make_url
 from sqlalchemy.exc import ArgumentError
 
 from core.errors import ParameterError
+from core.io import DEFAULT_LIMITS, Limits
 from core.parameters import DEFAULT, PAPER, Parameters
-from core.reading import DEFAULT_LIMITS, Limits
-from service.access.keys import Entry
-from service.storage.graph_parameters import GraphParameters
+from service.auth.keys import Entry
+from service.storage.hnsw_parameters import GraphParameters
 
 PREFIX = "ISOSHAPE_"
 

@@ -10,6 +10,7 @@ from zlib import crc32
 
 from numpy.random import SeedSequence, default_rng
 
+from core.arrays import Floats, Ints
 from core.errors import MeshError, ParameterError
 from core.gallery.collection import CLASSES, kind_of, placed
 from core.gallery.draws import DRAWS, BodyDraws
@@ -18,7 +19,7 @@ from core.gallery.skinning import skinned, weights
 from core.gallery.surface import surface
 from core.gallery.symmetry import symmetric_partners
 from core.gallery.topology import components, handles, is_closed_manifold
-from core.mesh import Floats, Ints, Mesh
+from core.mesh.mesh import Mesh
 
 VERTICES = 2500
 _ATTEMPTS = 25

@@ -7,6 +7,7 @@ from zlib import crc32
 import numpy as np
 from numpy.random import Generator, default_rng
 
+from core.arrays import Floats
 from core.errors import MeshError, ParameterError
 from core.gallery.animals import bird, fish, quadruped, snake
 from core.gallery.frames import rotation
@@ -16,7 +17,7 @@ from core.gallery.parts import Part
 from core.gallery.people import hand, person, teddy
 from core.gallery.surface import surface
 from core.gallery.topology import components, handles, is_closed_manifold
-from core.mesh import Floats, Mesh
+from core.mesh.mesh import Mesh
 
 _FEWEST, _MOST = 900, 3800
 """Vertices asked for; the result is within a few of what was asked."""

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from core.arrays import Floats
 from core.gallery.frames import Frame
-from core.mesh import Floats
 
 _TINY = 1e-12
 """Stands in for a length of zero where one is divided by."""

@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from core.mesh import Floats
+from core.arrays import Floats
 
 
 def rotation(axis: Literal["x", "y", "z"], degrees: float) -> Floats:

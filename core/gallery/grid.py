@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 from skimage.measure import marching_cubes
 
+from core.arrays import Floats, Ints
 from core.gallery.fields import Field
 from core.gallery.parts import Part
-from core.mesh import Floats, Ints
 
 _FAR = 1e3
 """Beyond every shape; finite, so that differences stay defined."""

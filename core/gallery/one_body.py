@@ -6,7 +6,7 @@ from core.errors import MeshError, ParameterError
 from core.gallery.people import person
 from core.gallery.surface import surface
 from core.gallery.topology import components, handles, is_closed_manifold
-from core.mesh import Mesh
+from core.mesh.mesh import Mesh
 
 _PROPORTIONS = 5
 """How many numbers `person` draws before the first that is of the pose: build, limbs, hips, shoulders."""

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from core.arrays import Floats
 from core.gallery import fields
 from core.gallery.fields import Field
 from core.gallery.frames import Frame
-from core.mesh import Floats
 
 
 @dataclass(frozen=True, eq=False)

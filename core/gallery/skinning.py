@@ -5,8 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.sparse import coo_array
 
+from core.arrays import Floats, Ints
 from core.gallery.fields import Field
-from core.mesh import Floats, Ints
 
 _REACH = 0.15
 """How far beyond a solid its hold on the surface goes, as a part of the nearest solid's thickness."""

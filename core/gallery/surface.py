@@ -6,9 +6,9 @@ import fast_simplification
 import numpy as np
 from scipy.sparse import coo_array
 
+from core.arrays import Floats, Ints
 from core.gallery.grid import Grid, cell_size
 from core.gallery.parts import Part
-from core.mesh import Floats, Ints
 
 _SURPLUS = 2.0
 """Vertices of the isosurface for each one asked, so that the decimation has a choice."""

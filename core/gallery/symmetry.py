@@ -10,8 +10,8 @@ from itertools import product
 import numpy as np
 from scipy.spatial import cKDTree
 
+from core.arrays import Floats, Ints
 from core.gallery.frames import rotation
-from core.mesh import Floats, Ints
 
 _SIDES = np.diag([1.0, -1.0, 1.0])
 _FLAT = np.diag([-1.0, 1.0, 1.0])

@@ -4,7 +4,7 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from core.mesh import Ints
+from core.arrays import Ints
 
 
 def is_closed_manifold(faces: Ints) -> bool:

@@ -12,7 +12,7 @@ from typing import Any
 import httpx
 
 from core.gallery import make_shape
-from core.reading import write_mesh
+from core.io import write_mesh
 
 STORED = [(label, pose) for label in ("octopus", "pliers", "cup") for pose in (0, 1)]
 QUERY = ("octopus", 2)

@@ -10,3 +10,6 @@ def main() -> None:
 
     asked = sys.argv[1] if len(sys.argv) > 1 else ""
     command_line([asked] if asked in COMMANDS else COMMANDS)()
+
+
+__all__ = ["options"]

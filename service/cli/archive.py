@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from service.cli.console import output
+from service.console import output
 from service.settings import load_settings
 from service.storage.checking import Report
 from service.storage.sqlite import path_of

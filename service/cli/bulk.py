@@ -7,8 +7,8 @@ from pathlib import Path
 from rich.progress import Progress
 
 from service.client import Client, ProblemError
+from service.http.problems import TYPE_PREFIX, Problem
 from service.jobs.schemas import Cause
-from service.problems import TYPE_PREFIX, Problem
 
 ENDINGS = (".zip", ".tar", ".tar.gz", ".tgz", ".tar.bz2", ".tbz2", ".tar.xz", ".txz")
 

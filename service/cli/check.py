@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from service.cli.archive import archive_in_use, print_counts
-from service.cli.console import output, say
+from service.console import output, say
 from service.settings import load_settings
 from service.storage.checking import check
 

@@ -9,11 +9,11 @@ from typing import ParamSpec
 import typer
 
 from core.errors import CoreError
-from service.cli.console import fail
-from service.cli.server import PortError, StartError
 from service.client import ClientError
-from service.collections import CollectionError
+from service.console import fail
+from service.datasets import CollectionError
 from service.errors import ArchiveError, ServiceError
+from service.server.uvicorn_server import PortError, StartError
 from service.settings import SettingsError
 
 COMMANDS = (
@@ -41,7 +41,22 @@ COMMANDS = (
     "key",
     "openapi",
 )
-"""Each is the function `command` of the module of its name."""
+"""Each is the function `command` of the module of its name, in `studies` where `STUDIES` has it."""
+
+STUDIES = frozenset(
+    {
+        "ablation",
+        "benchmark",
+        "calibrate",
+        "classify",
+        "correspondence",
+        "evaluate",
+        "figures",
+        "robustness",
+        "sampling",
+        "table2",
+    }
+)
 
 Arguments = ParamSpec("Arguments")
 
@@ -78,7 +93,8 @@ def command_line(names: Collection[str] = COMMANDS) -> typer.Typer:
     # With a callback a single command is still called by its name.
     app.callback()(_nothing)
     for name in names:
-        app.command(name)(_in_one_line(import_module(f"service.cli.{name}").command))
+        folder = "service.cli.studies" if name in STUDIES else "service.cli"
+        app.command(name)(_in_one_line(import_module(f"{folder}.{name}").command))
     return app
 
 

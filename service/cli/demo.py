@@ -12,16 +12,16 @@ from rich import box
 from rich.table import Table
 
 from core.gallery import CLASSES, make_shape
-from core.reading import write_mesh
-from service.cli.child import ChildService, sigterm_exits
-from service.cli.console import fail, output, progress, say
-from service.cli.picture import draw_answers
+from core.io import write_mesh
+from service.cli.demo_picture import draw_answers
 from service.cli.reembed import bring_up
-from service.cli.server import DEFAULT_PORT, LOOPBACK, PortError, bind, wait_until_ready
 from service.cli.target import Key
-from service.cli.upload import Item, upload_all
 from service.client import Client
+from service.client.concurrent_uploads import Item, upload_all
+from service.console import fail, output, progress, say
 from service.search.schemas import QueryAnswer
+from service.server.child_process import ChildService, sigterm_exits
+from service.server.uvicorn_server import DEFAULT_PORT, LOOPBACK, PortError, bind, wait_until_ready
 from service.settings import load_settings
 
 POSES = 8

@@ -6,8 +6,8 @@ import typer
 from rich import box
 from rich.table import Table
 
-from service.cli.console import output, say
 from service.cli.target import Collection, Key, Url, service_at
+from service.console import output, say
 from service.duplicates.schemas import DuplicatesAnswer
 
 

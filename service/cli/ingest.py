@@ -5,13 +5,13 @@ from typing import Annotated
 
 import typer
 
-from core.reading import READABLE
+from core.io import READABLE
 from service.cli.bulk import is_archive, store_archive
-from service.cli.console import fail, output, progress, say
 from service.cli.metadata import About, read_metadata, row_of
 from service.cli.target import Collection, Key, Url, service_at
-from service.cli.upload import AT_ONCE, Item, upload_all
-from service.collections import MeshFile, find_meshes
+from service.client.concurrent_uploads import AT_ONCE, Item, upload_all
+from service.console import fail, output, progress, say
+from service.datasets import MeshFile, find_meshes
 from service.shapes.fields import TAG_CHARACTERS
 
 

@@ -4,9 +4,9 @@ from typing import Annotated
 
 import typer
 
-from service.access.keys import Entry, digest_of, new_key
-from service.cli.console import fail, output
-from service.sets.records import is_name
+from service.auth.keys import Entry, digest_of, new_key
+from service.collection import is_name
+from service.console import fail, output
 
 
 def command(

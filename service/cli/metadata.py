@@ -6,8 +6,8 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
-from service.collections import CollectionError
-from service.problems import faults_of
+from service.datasets import CollectionError
+from service.http.problems import faults_of
 from service.shapes.fields import split_tags
 from service.shapes.schemas import ShapeFields
 

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from service import openapi
+from service import openapi_document as openapi
 
 
 def command(

@@ -8,4 +8,4 @@ Workers = Annotated[
     int | None,
     typer.Option(min=1, envvar="ISOSHAPE_WORKERS", help="Processes. [default: one a processor]"),
 ]
-"""How many processes compute; `service.cli.scoring.default_workers` where None."""
+"""How many processes compute; `service.studies.pairwise_scores.default_workers` where None."""

@@ -8,9 +8,9 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from service.cli.console import output, progress, say
 from service.cli.target import Collection, Key, Url, service_at
 from service.client import Client, QueryArguments
+from service.console import output, progress, say
 from service.search.ranking import RankBy
 from service.search.schemas import QueryAnswer
 
@@ -94,7 +94,7 @@ def write_report(
 ) -> None:
     """Write the page of an answer, in UTF-8 whatever the system's own is."""
     # Here, so that a query without a page does not wait for what draws it.
-    from service.report.making import report  # noqa: PLC0415
+    from service.report.report import report  # noqa: PLC0415
 
     with progress() as bar:
         task = bar.add_task("drawing", total=len(answer.results))

@@ -9,14 +9,14 @@ from typing import Annotated
 import typer
 
 from core.parameters import Parameters
-from service import logging
-from service.cli.child import sigterm_exits
-from service.cli.console import fail, messages, output, progress, say
 from service.compute.processes import start as start_processes
 from service.compute.work import Work
+from service.console import fail, messages, output, progress, say
+from service.observability import logging
 from service.pipelines import repository
-from service.pipelines.reembedding import Outcome, Reembedding
+from service.server.child_process import sigterm_exits
 from service.settings import Settings, load_parameters, load_settings
+from service.shapes.reembedding import Outcome, Reembedding
 from service.storage.database import Database
 from service.storage.migrate import migrate
 

@@ -4,8 +4,8 @@ from typing import Annotated
 
 import typer
 
-from service.cli.console import say
-from service.cli.server import bind, is_loopback, run
+from service.console import say
+from service.server.uvicorn_server import bind, is_loopback, run
 from service.settings import SettingsError, load_settings
 
 

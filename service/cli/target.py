@@ -11,10 +11,10 @@ from pydantic import ValidationError
 from sqlalchemy.engine import make_url
 from sqlalchemy.exc import ArgumentError
 
-from service.access.keys import digest_of, new_key
-from service.cli.console import say
-from service.cli.server import DEFAULT_PORT, LOOPBACK, in_thread
+from service.auth.keys import digest_of, new_key
 from service.client import Client, ClientError, ProblemError
+from service.console import say
+from service.server.uvicorn_server import DEFAULT_PORT, LOOPBACK, in_thread
 from service.settings import Settings, SettingsError, load_settings
 
 Url = Annotated[

@@ -31,4 +31,5 @@ __all__ = [
     "UnexpectedAnswerError",
     "UnreachableError",
     "Upload",
+    "concurrent_uploads",
 ]

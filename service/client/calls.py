@@ -12,7 +12,7 @@ import httpx
 from pydantic import BaseModel, ValidationError
 
 from service.client.errors import ClientError, UnexpectedAnswerError, UnreachableError
-from service.sets.records import is_name
+from service.collection import is_name
 
 File = str | Path | tuple[str, bytes]
 """A mesh to send: its path, or its name (whose ending tells the format) and its bytes."""

@@ -7,7 +7,7 @@ from service.client.calls import Call, File, given, parsed
 from service.duplicates.schemas import DuplicatesAnswer
 from service.search.ranking import RankBy
 from service.search.schemas import CompareAnswer, QueryAnswer
-from service.system import Version
+from service.system.schemas import Version
 
 
 class QueryArguments(TypedDict, total=False):

@@ -20,7 +20,7 @@ from service.client.calls import (
     parsed,
     segment,
 )
-from service.deleted.schemas import DeletedShape, DeletedShapePage
+from service.shapes.deleted.schemas import DeletedShape, DeletedShapePage
 from service.shapes.schemas import EmbeddingArrays, Shape, ShapePage
 
 

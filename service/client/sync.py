@@ -10,7 +10,8 @@ from typing import Concatenate, ParamSpec, Self, TypeVar
 
 import httpx
 
-from service.client import job_calls, search_calls, set_calls, shape_calls
+from service.client import collection_calls as set_calls
+from service.client import job_calls, search_calls, shape_calls
 from service.client.calls import (
     NO_ANSWER,
     TIMEOUT,

@@ -25,7 +25,7 @@ from core.parameters import Parameters
 from service.compute.remote import run, run_here, warm_up
 from service.compute.workers import PlacedWorkers
 from service.errors import ClusterUnavailableError, TaskTimeLimitError, WorkerLostError
-from service.logging import get_logger
+from service.observability.logging import get_logger
 
 log = get_logger("compute")
 

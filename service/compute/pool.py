@@ -12,7 +12,7 @@ from concurrent.futures import CancelledError, Future
 from queue import Empty, SimpleQueue
 from typing import Any
 
-from service.compute.seat import Seat, Task
+from service.compute.worker_slot import Seat, Task
 from service.compute.workers import Workers
 from service.errors import WorkerLostError
 

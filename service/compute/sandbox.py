@@ -16,8 +16,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from core.errors import MeshError
-from core.mesh import Mesh
-from core.reading import FORMATS, Limits, read_mesh, write_mesh
+from core.io import FORMATS, Limits, read_mesh, write_mesh
+from core.mesh.mesh import Mesh
 
 FILES_EACH = 100
 """A process is replaced after so many files."""

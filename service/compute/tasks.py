@@ -10,19 +10,19 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from core.arrays import Bytes
+from core.descriptors.partial_matching import part_of
 from core.embedding import Embedding, Match, Scores
 from core.errors import BadRecordError, DegenerateMeshError
-from core.mesh import Mesh
+from core.io import Limits, read_mesh
+from core.matching.match_records import match_rows, row_of
+from core.mesh.mesh import Mesh
 from core.parameters import Parameters
-from core.partial import part_of
-from core.patches import Bytes
 from core.pipeline import Pipeline
-from core.reading import Limits, read_mesh
-from core.records import embedding_from_bytes, embedding_to_bytes
-from core.rows import match_rows, row_of
-from core.signatures import signature_distances
-from core.sketches import sift, sketch_of
-from service.pictures.thumbnail import SIZES, draw
+from core.ranking.coarse_ranking import sift, sketch_of
+from core.ranking.shortlist import signature_distances
+from core.serialization import embedding_from_bytes, embedding_to_bytes
+from service.rendering.thumbnail import SIZES, draw
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +36,7 @@ class Embedded:
     signature : float32, shape (s,)
         Of the embedding.
     sketch : bytes
-        Of `core.sketches`.
+        Of `core.ranking.coarse_ranking`.
     facts : dict
         What was measured on the mesh, by name.
     milliseconds : dict
@@ -119,7 +119,7 @@ def match_records(first: bytes, second: bytes, parameters: Parameters) -> Match:
 
 
 def part_of_mesh(mesh: Mesh, parameters: Parameters) -> Bytes:
-    """A mesh taken for a part, whether it looks incomplete or not: see `core.partial.part_of`."""
+    """A mesh taken for a part, whether it looks incomplete or not: see `core.descriptors.partial_matching.part_of`."""
     return part_of(_pipeline(parameters).bare(mesh))
 
 

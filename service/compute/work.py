@@ -8,9 +8,9 @@ from typing import ParamSpec, TypeVar
 
 from core.embedding import Match, Scores
 from core.errors import MalformedMeshError, MeshTooComplexError
-from core.mesh import Mesh
+from core.io import Limits
+from core.mesh.mesh import Mesh
 from core.pipeline import Pipeline
-from core.reading import Limits
 from service.compute.sandbox import Readable, read_file
 from service.compute.tasks import Embedded, embed_mesh, match_records, score_records
 from service.errors import (

@@ -1,1 +1,6 @@
-"""Near-identical shapes among those stored: copies that are turned, scaled, mirrored or meshed anew."""
+"""Near-identical stored shapes.
+
+Filters in, groups of copies that are turned, scaled, mirrored or remeshed out.
+"""
+
+__all__ = ["endpoints", "schemas"]

@@ -4,16 +4,16 @@ from typing import Annotated
 
 from fastapi import APIRouter, Query, Request, Response
 
+from service.collections.dependencies import InCollection
 from service.dependencies import Service
-from service.disconnect import while_connected
 from service.duplicates import service
 from service.duplicates.schemas import DuplicatesAnswer, DuplicatesOptions
 from service.duplicates.service import Duplicates
+from service.http.disconnects import while_connected
+from service.http.problems import documented
+from service.observability.timings import Stages
 from service.pipelines.active import InUse
-from service.problems import documented
 from service.search.service import in_one_pipeline
-from service.sets.choosing import InCollection
-from service.stages import Stages
 
 MEDIA_TYPE = "text/csv"
 

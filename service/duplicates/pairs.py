@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from core.signatures import least, signature_distances
+from core.ranking.shortlist import least, signature_distances
 from service.duplicates.repository import facts
 from service.pipelines.active import InUse
 from service.shapes.records import ShapeFilter

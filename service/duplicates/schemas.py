@@ -6,11 +6,11 @@ from typing import Literal
 
 from pydantic import BaseModel, Field
 
-from core.rigid import RESIDUAL, Kinship
+from core.registration.similarity_icp import RESIDUAL, Kinship
+from service.collection import CollectionNumber
+from service.collections.dependencies import NamedInAddress
 from service.duplicates.groups import Member
 from service.duplicates.service import Duplicates, Wanted
-from service.sets.choosing import NamedInAddress
-from service.sets.records import CollectionNumber
 from service.shapes.filters import Filters
 from service.shapes.records import ShapeRecord
 from service.shapes.schemas import Shape

@@ -7,23 +7,23 @@ import numpy as np
 from starlette.concurrency import run_in_threadpool
 
 from core.errors import BadRecordError, MeshError
-from core.mesh import Mesh
-from core.rigid import Alignment
+from core.mesh.mesh import Mesh
+from core.registration.similarity_icp import Alignment
+from service.collection import CollectionNumber
+from service.container import Parts
 from service.duplicates import tasks
 from service.duplicates.groups import Groups, Link, Member
 from service.duplicates.pairs import Stock, near, stock
 from service.errors import FileTimeLimitError, ShapeNotFoundError
-from service.logging import get_logger
-from service.parts import Parts
+from service.observability.logging import get_logger
+from service.observability.timings import Stages
 from service.pipelines.active import InUse
 from service.search import repository
-from service.search.candidates import Candidates
-from service.search.comparing import compare_with
 from service.search.records import Query
-from service.sets.records import CollectionNumber
+from service.search.scoring import compare_with
+from service.search.shortlist import Candidates
 from service.shapes import repository as shapes_repository
 from service.shapes.records import ShapeFilter, ShapeRecord
-from service.stages import Stages
 
 log = get_logger("duplicates")
 

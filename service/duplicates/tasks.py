@@ -1,11 +1,11 @@
 """Laying one mesh onto another, in the workers."""
 
-from core.mesh import Mesh
-from core.outline import outline
+from core.mesh.mesh import Mesh
 from core.parameters import Parameters
 from core.pipeline import Pipeline
-from core.records import embedding_from_bytes
-from core.rigid import Alignment, align
+from core.registration.similarity_icp import Alignment, align
+from core.sampling.surface_samples import outline
+from core.serialization import embedding_from_bytes
 
 
 def aligned(

@@ -1,1 +1,3 @@
-"""Bulk jobs: an archive of meshes is stored whole, and its members are then taken up one by one."""
+"""Bulk jobs: an archive of meshes in, its members stored one by one and their outcomes out."""
+
+__all__ = ["endpoints", "events", "runner", "schemas"]

@@ -8,19 +8,19 @@ from fastapi.responses import StreamingResponse
 from pydantic import ValidationError
 from starlette.concurrency import run_in_threadpool
 
+from service.collections.dependencies import InCollection, address
 from service.dependencies import Service
 from service.errors import BadRequestFieldsError, BusyError
+from service.http.problems import documented, faults_of
+from service.http.uploads import single, uploaded
 from service.jobs import events, service
 from service.jobs.members import shown
 from service.jobs.records import NewJob, Outcome
-from service.jobs.running import Runner
+from service.jobs.runner import Runner
 from service.jobs.schemas import Job, JobFields, JobFilePage, JobPage
-from service.problems import documented, faults_of
-from service.sets.choosing import InCollection, address
 from service.shapes.documentation import READ_PROBLEMS, UPLOAD_BODY, WRITE_PROBLEMS
 from service.shapes.fields import base_name, read_metadata, split_tags
 from service.shapes.pages import read_cursor
-from service.uploads import single, uploaded
 
 ADDRESS = "/jobs"
 ARCHIVE_CHARACTERS = 255

@@ -7,10 +7,10 @@ from typing import Any
 
 from starlette.concurrency import run_in_threadpool
 
+from service.collection import CollectionNumber
 from service.errors import ServiceError
 from service.jobs import service
 from service.jobs.schemas import Job
-from service.sets.records import CollectionNumber
 from service.storage.database import Database
 
 MEDIA_TYPE = "text/event-stream"

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from core.errors import CoreError
-from core.reading import ENDINGS, format_of
+from core.io import ENDINGS, format_of
 from service.errors import ServiceError
 from service.jobs.errors import MemberNameError, MemberRepeatedError, MemberTooLargeError, NestedArchiveError
 from service.shapes.fields import base_name, clean_name

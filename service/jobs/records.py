@@ -5,18 +5,14 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import Any, Literal, get_args
 
-from service.sets.records import CollectionNumber
-
-State = Literal["arriving", "waiting", "running", "done", "failed", "cancelled"]
-"""Of a job. One that is arriving is not acknowledged, and is shown to nobody."""
+from service.collection import CollectionNumber
+from service.storage.job_states import State
 
 Outcome = Literal["stored", "present", "refused"]
 """Of a member: a new shape, the shape that was there, or none."""
 
 OUTCOMES: tuple[Outcome, ...] = get_args(Outcome)
 
-ACTIVE: tuple[State, ...] = ("waiting", "running")
-ENDED: tuple[State, ...] = ("done", "failed", "cancelled")
 
 # How long a service that says nothing is taken to live: its jobs are then anybody's.
 LEASE = timedelta(seconds=10)

@@ -6,20 +6,10 @@ from datetime import datetime
 
 from sqlalchemy import ColumnElement, Select, delete, func, insert, or_, select, update
 
-from service.jobs.records import (
-    ACTIVE,
-    ENDED,
-    LONGEST_LEASE,
-    Cause,
-    FileRecord,
-    JobRecord,
-    NewJob,
-    Outcome,
-    Settled,
-    State,
-)
-from service.sets.records import CollectionNumber
+from service.collection import CollectionNumber
+from service.jobs.records import LONGEST_LEASE, Cause, FileRecord, JobRecord, NewJob, Outcome, Settled
 from service.storage.database import ReadSession, WriteSession
+from service.storage.job_states import ACTIVE, ENDED, State
 from service.storage.job_tables import JobFileRow, JobPieceRow, JobRow
 
 ARRIVING: State = "arriving"
@@ -92,12 +82,6 @@ def count(session: ReadSession, collection: CollectionNumber) -> int:
 def count_open(session: ReadSession) -> int:
     """How many have not ended, those that are arriving included."""
     return session.scalar(select(func.count()).where(JobRow.state.not_in(ENDED))) or 0
-
-
-def is_at_work(session: ReadSession, collection: CollectionNumber) -> bool:
-    """Whether a job of a collection has not ended, be it that it is arriving."""
-    query = select(JobRow.number).where(JobRow.collection_number == collection, JobRow.state.not_in(ENDED))
-    return session.scalar(query.limit(1)) is not None
 
 
 def counts(session: ReadSession, number: int) -> dict[Outcome | None, int]:

@@ -6,11 +6,12 @@ from typing import Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, JsonValue
 
 from service.errors import PROBLEMS
+from service.http.problems import TYPE_PREFIX
 from service.jobs import records
-from service.jobs.records import ENDED, FileRecord, FilesPage, JobRecord, JobsPage, Progress
-from service.problems import TYPE_PREFIX
+from service.jobs.records import FileRecord, FilesPage, JobRecord, JobsPage, Progress
 from service.shapes.fields import Metadata, Tags
 from service.shapes.pages import write_cursor
+from service.storage.job_states import ENDED
 
 CAUSE: dict[str, Any] = {
     "type": TYPE_PREFIX + "member-damaged",

@@ -3,7 +3,9 @@
 import uuid
 from datetime import UTC, datetime, timedelta
 
-from core.reading import format_of
+from core.io import format_of
+from service.collection import CollectionNumber
+from service.collections import repository as sets
 from service.errors import BusyError
 from service.jobs import repository
 from service.jobs.archives import archive_format, list_members
@@ -21,9 +23,7 @@ from service.jobs.records import (
     Progress,
     Settled,
 )
-from service.jobs.stored import PIECE_BYTES, StoredArchive
-from service.sets import repository as sets
-from service.sets.records import CollectionNumber
+from service.jobs.stored_archive import PIECE_BYTES, StoredArchive
 from service.settings import Settings
 from service.shapes.records import NewShape
 from service.storage.database import Database, ReadSession, WriteSession

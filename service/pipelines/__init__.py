@@ -1,1 +1,3 @@
-"""Which pipeline the archive is searched by, and going over to another."""
+"""The pipeline that the archive is searched by: the database and the settings in, the active pipeline out."""
+
+__all__ = ["active", "repository", "starting"]

@@ -4,16 +4,16 @@ import json
 import threading
 from dataclasses import asdict, dataclass
 
-from core.embedding import Float32s
+from core.arrays import Float32s
 from core.errors import ParameterError
 from core.parameters import DEFAULT, LATER, METHOD_VERSION, PAPER, Parameters
 from core.pipeline import Pipeline
 from service.errors import PipelineUnavailableError
-from service.logging import get_logger
+from service.index.cache import Shelf
+from service.index.signature_index import SignatureIndex
+from service.observability.logging import get_logger
 from service.pipelines import repository
 from service.pipelines.repository import Written
-from service.search.shelf import Shelf
-from service.search.signatures import SignatureIndex
 from service.storage.database import ReadSession, WriteSession
 
 log = get_logger("pipelines")

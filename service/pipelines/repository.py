@@ -7,8 +7,8 @@ from typing import Any
 from sqlalchemy import delete, func, select, update
 from sqlalchemy.orm import aliased
 
-from service.shapes import repository as shapes_repository
 from service.storage.database import ReadSession, WriteSession
+from service.storage.revisions import next_revision
 from service.storage.tables import ArchiveRow, BlobRow, EmbeddingRow, PipelineRow, ShapeRow
 
 
@@ -48,7 +48,7 @@ def write(session: WriteSession, fingerprint: str, pipeline: Written) -> None:
 def activate(session: WriteSession, fingerprint: str) -> None:
     """Have the archive searched by a pipeline, and every shape looked at again by every process."""
     session.execute(update(ArchiveRow).values(fingerprint=fingerprint))
-    session.execute(update(ShapeRow).values(revision=shapes_repository.next_revision(session)))
+    session.execute(update(ShapeRow).values(revision=next_revision(session)))
 
 
 def count_embedded(session: ReadSession, fingerprint: str) -> tuple[int, int]:

@@ -1,10 +1,10 @@
 """What a service does about pipelines when it starts."""
 
-from service.logging import get_logger
+from service.observability.logging import get_logger
 from service.pipelines import repository
 from service.pipelines.active import Pipelines, fingerprint
 from service.storage.database import Database
-from service.storage.graph import ensure_graph
+from service.storage.hnsw import ensure_graph
 
 log = get_logger("pipelines")
 

@@ -1,1 +1,3 @@
-"""A query and what it found, as one page that needs nothing else."""
+"""The report of a query: an answer in, one self-contained HTML page out."""
+
+__all__ = ["report"]

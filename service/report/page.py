@@ -8,7 +8,7 @@ from html import escape
 
 from service.report.style import STYLE
 from service.search.schemas import QueryAnswer, Result
-from service.system import Version
+from service.system.schemas import Version
 
 SCORES = {
     "CC": "The correlation of the matched points’ spectral coordinates: 1 for the same shape in any pose, "

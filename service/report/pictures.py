@@ -6,11 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from core.mesh import Floats, Mesh
-from core.reading import read_mesh
-from service.pictures.colours import colours_of_points
-from service.pictures.thumbnail import draw, draw_painted
-from service.pictures.view import upright
+from core.arrays import Floats
+from core.io import read_mesh
+from core.mesh.mesh import Mesh
+from service.rendering.colours import colours_of_points
+from service.rendering.thumbnail import draw, draw_painted
+from service.rendering.viewpoint import upright
 from service.search.schemas import Pair
 
 SIZE = 256

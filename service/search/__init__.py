@@ -1,1 +1,13 @@
-"""Search: the stored shapes most like one, and two shapes compared."""
+"""Search: a mesh or a stored id in, the most similar stored shapes with their scores out."""
+
+__all__ = [
+    "cache_warmer",
+    "endpoints",
+    "ranking",
+    "records",
+    "repository",
+    "schemas",
+    "scoring",
+    "service",
+    "shortlist",
+]

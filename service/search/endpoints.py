@@ -6,18 +6,21 @@ from typing import Annotated, Any, Literal, TypeVar
 from fastapi import APIRouter, Query, Request, Response
 from pydantic import BaseModel, ValidationError
 
-from core.reading import format_of
+from core.io import format_of
+from service.collection import CollectionNumber
+from service.collections.dependencies import PARAMETER, InCollection
+from service.container import Parts
 from service.dependencies import Service
-from service.disconnect import while_connected
 from service.errors import BadRequestFieldsError, FieldFault, UnsupportedBodyError
-from service.page.answers import comparing_page
-from service.partial import service as partial
-from service.parts import Parts
-from service.pictures import service as pictures
-from service.pictures.glb import MEDIA_TYPE
+from service.http.disconnects import while_connected
+from service.http.problems import documented, faults_of
+from service.http.uploads import is_form, is_json, single, uploaded
+from service.observability.timings import Stages
 from service.pipelines.active import InUse
-from service.problems import documented, faults_of
+from service.rendering.glb import MEDIA_TYPE
+from service.search import partial_queries as partial
 from service.search import service
+from service.search.comparison_preview import coloured
 from service.search.records import Answer, Comparison, Options
 from service.search.schemas import (
     SAME_SIZE,
@@ -27,11 +30,8 @@ from service.search.schemas import (
     QueryOptions,
     StoredQuery,
 )
-from service.sets.choosing import PARAMETER, InCollection
-from service.sets.records import CollectionNumber
 from service.shapes.documentation import FILE_FIELD, FILE_PROBLEMS
-from service.stages import Stages
-from service.uploads import is_form, is_json, single, uploaded
+from service.web.answers import comparing_page
 
 router = APIRouter(tags=["search"])
 
@@ -162,7 +162,7 @@ async def compare(
         if format != "glb":
             return found, b""
         with stages.stage("draw"):
-            return found, await pictures.coloured(parts, own, pair.first, pair.second, found)
+            return found, await coloured(parts, own, pair.first, pair.second, found)
 
     with parts.work.admitted():
         comparison, glb = await while_connected(request, service.in_one_pipeline(parts, compared))

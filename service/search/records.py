@@ -3,10 +3,10 @@
 from dataclasses import dataclass
 from functools import cached_property
 
+from core.arrays import Bytes
 from core.embedding import Embedding, Match
-from core.patches import Bytes
 from core.pipeline import Pipeline
-from core.records import patches_from_bytes
+from core.serialization import patches_from_bytes
 from service.pipelines.active import InUse
 from service.search.ranking import RankBy
 from service.shapes.records import ShapeFilter, ShapeRecord

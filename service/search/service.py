@@ -9,22 +9,22 @@ from starlette.concurrency import run_in_threadpool
 
 from core.embedding import Scores
 from core.pipeline import Pipeline
-from core.records import embedding_from_bytes
+from core.serialization import embedding_from_bytes
+from service.collection import CollectionNumber
 from service.compute.work import Work
+from service.container import Parts
 from service.errors import NotEmbeddedError
-from service.parts import Parts
+from service.observability.timings import Stages
 from service.pipelines.active import InUse
 from service.search import repository
-from service.search.candidates import Candidates, candidates
-from service.search.comparing import compare_with
-from service.search.patches import chances
 from service.search.ranking import Compared, ranked
 from service.search.records import Answer, Comparison, Found, Options, Query
-from service.sets.records import CollectionNumber
+from service.search.scoring import compare_with
+from service.search.shortlist import Candidates, candidates
+from service.search.spin_images import chances
 from service.shapes import repository as shapes_repository
 from service.shapes import service as shapes_service
 from service.shapes.records import ShapeRecord, sha256
-from service.stages import Stages
 
 Done = TypeVar("Done")
 

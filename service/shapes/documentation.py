@@ -2,8 +2,8 @@
 
 from typing import Any
 
-from core.reading import READABLE
-from service.idempotency.keys import HEADER, REPLAYED
+from core.io import READABLE
+from service.http.idempotency.keys import HEADER, REPLAYED
 
 FILE_PROBLEMS = (
     "bad-request",

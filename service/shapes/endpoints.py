@@ -7,16 +7,17 @@ from fastapi import APIRouter, Path, Query, Request, Response
 from pydantic import Field, ValidationError
 from starlette.concurrency import run_in_threadpool
 
-from core.reading import READABLE, format_of
-from service.access.middleware import KEY_IN_SCOPE
+from core.io import READABLE, format_of
+from service.collections.dependencies import InCollection, NamedInAddress, address
 from service.dependencies import Service
-from service.disconnect import while_connected
 from service.errors import BadRequestFieldsError, FieldFault
-from service.idempotency.keys import HEADER, REPLAYED, payload_of, read_key
-from service.idempotency.records import Claim
+from service.http.access_control import KEY_IN_SCOPE
+from service.http.disconnects import while_connected
+from service.http.idempotency.keys import HEADER, REPLAYED, payload_of, read_key
+from service.http.idempotency.records import Claim
+from service.http.problems import documented, faults_of
+from service.http.uploads import Form, single, uploaded
 from service.pipelines.active import fingerprint
-from service.problems import documented, faults_of
-from service.sets.choosing import InCollection, NamedInAddress, address
 from service.shapes import exporting, files, replacing, service
 from service.shapes.documentation import (
     ETAG_HEADER,
@@ -36,7 +37,6 @@ from service.shapes.filters import Filters
 from service.shapes.pages import read_cursor
 from service.shapes.records import NewFile, NewShape, ShapeRecord, Stored
 from service.shapes.schemas import EmbeddingArrays, Shape, ShapeChanges, ShapeFields, ShapePage
-from service.uploads import Form, single, uploaded
 
 router = APIRouter(tags=["shapes"])
 

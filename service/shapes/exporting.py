@@ -3,10 +3,10 @@
 from starlette.concurrency import run_in_threadpool
 
 from core.errors import MeshTooComplexError
-from core.mesh import Mesh
-from core.reading import write_mesh
-from service.parts import Parts
-from service.sets.records import CollectionNumber
+from core.io import write_mesh
+from core.mesh.mesh import Mesh
+from service.collection import CollectionNumber
+from service.container import Parts
 from service.shapes.records import ShapeRecord
 from service.shapes.service import get_file
 
@@ -17,7 +17,7 @@ a 3MF is counted as it is before it is packed."""
 
 
 async def exported(parts: Parts, collection: CollectionNumber, shape: ShapeRecord, format: str) -> bytes:
-    """The mesh of a collection's shape, written in a format: what `core.reading.write_mesh` keeps of it.
+    """The mesh of a collection's shape, written in a format: what `core.io.write_mesh` keeps of it.
 
     Raises
     ------

@@ -2,7 +2,7 @@
 
 from urllib.parse import quote
 
-from core.reading import ENDINGS
+from core.io import ENDINGS
 
 # Registered media types where there are any; OFF and PLY have none.
 MEDIA_TYPES = {

@@ -4,8 +4,8 @@ from typing import Annotated
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
+from service.collection import CollectionNumber
 from service.errors import BadRequestFieldsError, FieldFault
-from service.sets.records import CollectionNumber
 from service.shapes.fields import ListedTags, clean_text
 from service.shapes.records import ShapeFilter
 

@@ -7,7 +7,7 @@ from datetime import datetime
 from functools import cached_property
 from typing import Any
 
-from service.sets.records import CollectionNumber
+from service.collection import CollectionNumber
 
 
 @dataclass(frozen=True)

@@ -3,10 +3,10 @@
 from starlette.concurrency import run_in_threadpool
 
 from core.pipeline import Pipeline
+from service.collection import CollectionNumber
 from service.compute.tasks import Embedded
+from service.container import Parts
 from service.errors import FileChangedError, NameTakenError
-from service.parts import Parts
-from service.sets.records import CollectionNumber
 from service.shapes import repository
 from service.shapes.files import entity_tag, is_known
 from service.shapes.records import NewFile, NewShape, ShapeRecord

@@ -8,16 +8,16 @@ from typing import Any
 
 from sqlalchemy import Select, case, delete, func, literal, select, update
 
+from service.collection import CollectionNumber
 from service.compute.tasks import Embedded
 from service.errors import SignatureLengthError
-from service.sets.records import CollectionNumber
 from service.shapes.fields import plain_values
 from service.shapes.records import Changes, NewShape, ShapeFilter, ShapeRecord, StoredFile
 from service.storage.columns import UtcDateTime
 from service.storage.database import ReadSession, WriteSession
-from service.storage.graph import ensure_graph
+from service.storage.hnsw import ensure_graph
+from service.storage.revisions import next_revision
 from service.storage.tables import (
-    ArchiveRow,
     BlobRow,
     CollectionRow,
     EmbeddingRow,
@@ -348,14 +348,6 @@ def _updated_now() -> dict[str, Any]:
     """A clock that was set back does not make a shape older than it is."""
     now = literal(datetime.now(UTC), UtcDateTime())
     return {"updated_at": case((ShapeRow.updated_at > now, ShapeRow.updated_at), else_=now)}
-
-
-def next_revision(session: WriteSession) -> int:
-    """Count a change of what is searched: once a transaction, since nobody sees a part of one."""
-    if session.revision is None:
-        counted = update(ArchiveRow).values(revision=ArchiveRow.revision + 1).returning(ArchiveRow.revision)
-        session.revision = session.scalars(counted).one()
-    return session.revision
 
 
 def _is_its_embedding(fingerprint: str) -> Any:  # noqa: ANN401

@@ -5,8 +5,8 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field, JsonValue
 
+from core.descriptors.boundary_ratio import INCOMPLETE
 from core.embedding import Embedding, Spectrum
-from core.openness import INCOMPLETE
 from service.shapes.fields import Metadata, Name, Tags
 from service.shapes.pages import write_cursor
 from service.shapes.records import Changes, Page, ShapeRecord

@@ -10,15 +10,16 @@ from starlette.concurrency import run_in_threadpool
 
 from core.embedding import Embedding
 from core.pipeline import Pipeline
-from core.records import embedding_from_bytes
+from core.serialization import embedding_from_bytes
+from service.collection import CollectionNumber
+from service.collections import repository as sets
 from service.compute.tasks import Embedded
+from service.container import Parts
 from service.errors import NameTakenError, NotEmbeddedError, ShapeNotFoundError
-from service.idempotency import repository as idempotency
-from service.idempotency.records import Claim, Kept
-from service.parts import Parts
+from service.http.idempotency import repository as idempotency
+from service.http.idempotency.records import Claim, Kept
+from service.observability.timings import Stages
 from service.pipelines.active import fingerprint as active_fingerprint
-from service.sets import repository as sets
-from service.sets.records import CollectionNumber
 from service.shapes import repository
 from service.shapes.records import (
     Changes,
@@ -31,7 +32,6 @@ from service.shapes.records import (
     StoredFile,
 )
 from service.shapes.schemas import Shape
-from service.stages import Stages
 from service.storage.database import Database, ReadSession, WriteSession
 
 

@@ -1,1 +1,17 @@
-"""The database: engine, sessions, tables, migrations."""
+"""The database: an address in; sessions, tables, migrations, backups and checks out."""
+
+__all__ = [
+    "backup",
+    "checking",
+    "columns",
+    "copying",
+    "database",
+    "hnsw",
+    "hnsw_parameters",
+    "job_states",
+    "job_tables",
+    "migrate",
+    "revisions",
+    "sqlite",
+    "tables",
+]

@@ -15,7 +15,7 @@ import numpy as np
 
 from core.embedding import Embedding
 from core.errors import BadRecordError
-from core.records import embedding_from_bytes
+from core.serialization import embedding_from_bytes
 from service.storage.archive_file import check_version, connect, reason
 
 # What a batch may hold is read while writers wait.

@@ -18,7 +18,7 @@ from sqlalchemy import Connection, LargeBinary, Row, Table, func, insert, inspec
 from service.errors import ArchiveError
 from service.storage.columns import POSTGRESQL
 from service.storage.database import Database
-from service.storage.graph import ensure_graph
+from service.storage.hnsw import ensure_graph
 from service.storage.job_tables import JobRow
 from service.storage.migrate import check_known, head, migrate
 from service.storage.tables import ArchiveRow, BlobRow, CollectionRow, EmbeddingRow, PipelineRow, ShapeRow

@@ -9,9 +9,9 @@ from sqlalchemy import Connection, Engine, insert, make_url, select
 from sqlalchemy.orm import Session
 
 from service.errors import StorageFullError, StorageUnavailableError
-from service.metrics import Metrics
+from service.observability.metrics import Metrics
 from service.storage.failures import translated
-from service.storage.graph_parameters import GraphParameters
+from service.storage.hnsw_parameters import GraphParameters
 from service.storage.lock import ArchiveLock
 from service.storage.postgresql import open_postgresql
 from service.storage.sqlite import WRITES, open_sqlite, path_of, without_references

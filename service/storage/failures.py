@@ -8,7 +8,7 @@ from sqlalchemy.exc import DatabaseError, DBAPIError, IntegrityError, InterfaceE
 from sqlalchemy.exc import TimeoutError as NoConnectionError
 
 from service.errors import StorageFullError, StorageUnavailableError
-from service.logging import get_logger
+from service.observability.logging import get_logger
 
 log = get_logger("storage")
 

@@ -17,7 +17,7 @@ from service.storage.tables import Table
 class JobRow(Table):
     """A job: an archive whose members are to be stored.
 
-    `number` counts up and orders jobs by when they came. `state` is one of `service.jobs.records.State`;
+    `number` counts up and orders jobs by when they came. `state` is one of `service.storage.job_states.State`;
     `runner` the service that works on it, or receives it, and is taken for dead after `leased_until`.
     """
 

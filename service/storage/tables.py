@@ -127,7 +127,7 @@ class EmbeddingRow(Table):
 
 
 class SketchRow(Table):
-    """The sketch of an embedding, see `core.sketches`, and its signature once more.
+    """The sketch of an embedding, see `core.ranking.coarse_ranking`, and its signature once more.
 
     Both are held in memory of all embeddings, so they lie close together: a start that took the signatures
     from among the records would read a page of each record.

@@ -8,7 +8,7 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from core.gallery import CLASSES, make_shape
-from core.mesh import Mesh
+from core.mesh.mesh import Mesh
 
 
 def mesh_of(made):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from core.gallery import make_shape
-from core.mesh import Mesh
+from core.mesh.mesh import Mesh
 from core.parameters import DEFAULT, PAPER
 from core.pipeline import Pipeline
 from tests.core.shapes import SAME_SHAPE, decimated, subdivided, turned

@@ -12,14 +12,14 @@ import pytest
 import trimesh
 from scipy.spatial import cKDTree
 
+from core.descriptors.global_descriptors import TERMS
 from core.embedding import Embedding
 from core.errors import DegenerateMeshError, IncompatibleEmbeddingsError
-from core.form import TERMS
 from core.gallery import make_shape
-from core.mesh import Mesh
+from core.mesh.mesh import Mesh
 from core.parameters import DEFAULT, PAPER
 from core.pipeline import Pipeline
-from core.records import embedding_to_bytes
+from core.serialization import embedding_to_bytes
 from tests.core.shapes import blob, box, folded, icosphere, joined, rectangle, shifted, soup
 
 SETTINGS = {"default": DEFAULT, "paper": PAPER}
@@ -192,7 +192,7 @@ def test_the_same_mesh_gives_the_same_bytes_in_another_process(embedded):
         "from core import parameters\n"
         "from core.gallery import make_shape\n"
         "from core.pipeline import Pipeline\n"
-        "from core.records import embedding_to_bytes\n"
+        "from core.serialization import embedding_to_bytes\n"
         f"pipeline = Pipeline(parameters.{pipeline.parameters.name.upper()})\n"
         f"made = pipeline.embed(make_shape{SHAPES[0]})\n"
         "print(hashlib.sha256(embedding_to_bytes(made)).hexdigest())\n"

@@ -6,7 +6,7 @@ import pytest
 import trimesh
 
 from core.gallery import CLASSES, make_shape
-from core.mesh import Mesh
+from core.mesh.mesh import Mesh
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
 

@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 from core.gallery import make_shape
-from core.mesh import Mesh
+from core.mesh.mesh import Mesh
 from core.parameters import DEFAULT, PAPER
 from core.pipeline import Pipeline
 from tests.core.shapes import SAME_SHAPE, box, icosphere, joined, loose_parts, mesh_of, rectangle, shifted

@@ -8,12 +8,12 @@ from pathlib import Path
 
 from alembic import command
 
+from core.io import Limits
 from core.parameters import DEFAULT
-from core.reading import Limits
+from service.collection import DEFAULT_COLLECTION
 from service.compute.tasks import Embedded, embed_file
 from service.pipelines.active import Pipelines
 from service.pipelines.starting import begin
-from service.sets.records import DEFAULT_COLLECTION
 from service.shapes import repository
 from service.shapes.records import NewShape
 from service.storage.database import Database

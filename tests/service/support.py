@@ -14,11 +14,11 @@ import httpx
 import numpy as np
 import uvicorn
 
-from core.mesh import Mesh
+from core.io import write_mesh
+from core.mesh.mesh import Mesh
 from core.pipeline import Pipeline
-from core.reading import write_mesh
 from service.app import create_app
-from service.parts import Parts
+from service.container import Parts
 from service.settings import Settings
 from tests.service.engines import url_in
 

@@ -8,23 +8,18 @@ from datetime import UTC, datetime, timedelta
 import pytest
 from sqlalchemy import func, select, update
 
+from service.collection import DEFAULT_COLLECTION
 from service.errors import StorageFullError, StorageUnavailableError, WorkerLostError
 from service.jobs import events as events_module
-from service.jobs import running as running_module
+from service.jobs import runner as running_module
 from service.jobs import service as jobs_service
 from service.jobs.errors import ArchiveTooLargeError
-from service.sets.records import DEFAULT_COLLECTION
 from service.shapes import service as shapes_service
 from service.storage.job_tables import JobFileRow, JobPieceRow, JobRow
 from tests.service.engines import on_both
 from tests.service.jobs.packing import FORMATS, pack, zip_link, zipped
 from tests.service.jobs.support import begun, causes, ended, events, files, job, meshes, send, stored
-from tests.service.support import (
-    Running,
-    assert_problem,
-    small_file,
-    wait_until,
-)
+from tests.service.support import Running, assert_problem, small_file, wait_until
 
 pytestmark = on_both
 

@@ -7,11 +7,11 @@ import pytest
 
 from service.shapes import service as shapes_service
 from service.storage.job_tables import JobRow
+from tests.service.http.test_disconnects import send as send_part
 from tests.service.jobs.packing import pack
 from tests.service.jobs.support import begun, causes, ended, send
 from tests.service.jobs.test_jobs import rows
 from tests.service.support import Running, assert_problem, serving, settings_in, small_file, wait_until
-from tests.service.test_giving_up import send as send_part
 
 ARCHIVE = 20_000
 MEMBER = 5_000

@@ -1,11 +1,11 @@
-"""Sketches, for a rough match that does not read records."""
+"""Bytes, for a rough match that does not read records."""
 
 import sqlalchemy as sa
 from alembic import op
 
 from core.errors import BadRecordError
-from core.records import embedding_from_bytes
-from core.sketches import sketch_of
+from core.ranking.coarse_ranking import sketch_of
+from core.serialization import embedding_from_bytes
 from service.storage.columns import Number
 
 revision = "0006"

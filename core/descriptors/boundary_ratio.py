@@ -1,0 +1,49 @@
+"""How much of a surface may be missing, by the length of its open boundary."""
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from core.mesh.cleaning import part_areas
+from core.mesh.edges import HalfEdges
+from core.mesh.mesh import Mesh
+
+INCOMPLETE = 0.03
+"""A surface of more openness than this looks incomplete.
+
+Of every fourth model of the Princeton Segmentation Benchmark, all of them closed, with a part of 10 % of the
+area cut away 83 % are above it, of 20 % 98 %, of 30 % all; with five holes of 0.2 % together 2 %, of 1 %
+together 8 %.
+"""
+
+
+SLIGHT = 0.01
+"""Rims of parts of less than this share of the area are no gaps: loose bits, or the triangles of a soup."""
+
+
+def openness(mesh: Mesh, sides: HalfEdges, area: float) -> float:
+    """Areas of the discs that the rims would bound, over the surface's area; >= 0.
+
+    A rim of length l, which is what hangs together of the open edges, bounds a disc of at most l^2 / 4 pi. So
+    a limb cut off counts by its cross section, and many small holes count little. Rims of parts of less than
+    `SLIGHT` of the area do not count.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        With its coincident vertices merged.
+    sides : HalfEdges
+        Of its faces.
+    area : float
+        Of the surface, > 0.
+    """
+    edges = sides.edges[sides.sheets == 1]
+    if len(edges):
+        edges = edges[part_areas(mesh)[edges[:, 0]] >= SLIGHT * area]
+    if not len(edges):
+        return 0.0
+    lengths = np.linalg.norm(mesh.vertices[edges[:, 0]] - mesh.vertices[edges[:, 1]], axis=1)
+    graph = coo_array((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(len(mesh.vertices),) * 2)
+    _, rim = connected_components(graph, directed=False)
+    rims = np.bincount(rim[edges[:, 0]], weights=lengths) / np.sqrt(area)
+    return float((rims**2).sum() / (4.0 * np.pi))

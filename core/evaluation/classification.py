@@ -1,0 +1,122 @@
+"""Algorithm 3: each shape takes the class of its first neighbour, or stays unmatched (Fig. 10).
+
+The threshold comes from the collection itself. Each shape is asked for twice, with its class there and with
+its class left out, and the threshold on the first neighbour's score is the one that tells the two cases
+best: its balanced accuracy, the mean of the share matched of the first and the share unmatched of the
+second, is largest. Whether a shape is matched is judged by the threshold of the other classes' shapes
+alone.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from core.arrays import Floats, Ints
+from core.errors import ParameterError
+
+
+@dataclass(frozen=True, eq=False)
+class Classification:
+    """A collection of n shapes classified, leave one out.
+
+    Attributes
+    ----------
+    neighbour : int64, shape (n,)
+        Each shape's first neighbour.
+    score : float64, shape (n,)
+        Its score, in the sense of the scores given.
+    matched : bool, shape (n,)
+        Whether the score reaches the threshold fitted to the shapes of all other classes.
+    right : bool, shape (n,)
+        Whether the neighbour is of the shape's class.
+    threshold : float
+        Fitted to all shapes.
+    balanced_accuracy : float
+        In [0, 1], of the thresholds that were fitted without the class judged: how often a shape is matched
+        when its class is there, and unmatched when it is not.
+    """
+
+    neighbour: Ints
+    score: Floats
+    matched: NDArray[np.bool_]
+    right: NDArray[np.bool_]
+    threshold: float
+    balanced_accuracy: float
+
+
+def best_threshold(present: ArrayLike, absent: ArrayLike) -> float:
+    """The threshold t that maximises the share of present >= t plus the share of absent < t.
+
+    The middle between two neighbouring values; of equally good ones the lowest. Where nothing above the least
+    value is better, that is the least value, which matches everything.
+
+    Parameters
+    ----------
+    present, absent : float64, shapes (a,) and (b,)
+        Finite, a and b >= 1; larger is closer.
+    """
+    inside, outside = np.sort(np.asarray(present, float)), np.sort(np.asarray(absent, float))
+    values = np.unique(np.concatenate([inside, outside]))
+    tries = np.concatenate([values[:1], 0.5 * (values[1:] + values[:-1])])
+    matched = 1.0 - np.searchsorted(inside, tries, side="left") / len(inside)
+    unmatched = np.searchsorted(outside, tries, side="left") / len(outside)
+    gain = matched + unmatched
+    return float(tries[np.argmax(gain >= gain.max() - 1e-12)])
+
+
+def classify(scores: ArrayLike, labels: Sequence[str], *, larger_is_closer: bool) -> Classification:
+    """Classify every shape by the others.
+
+    Parameters
+    ----------
+    scores : array, shape (n, n)
+        Row i: how close each shape is to shape i; the diagonal is never read.
+    labels : sequence of n str
+        The class of each.
+    larger_is_closer : bool
+        True for similarities, false for distances.
+
+    Raises
+    ------
+    ParameterError
+        Wrong shapes, a score that is not finite, or fewer than three classes: a threshold for one is
+        fitted to the others, each of which needs another that is left when it is left out.
+    """
+    closeness = np.array(scores, dtype=np.float64)
+    if closeness.shape != (len(labels), len(labels)):
+        raise ParameterError(
+            f"scores must have shape (n, n) with {len(labels)} labels, not {closeness.shape}"
+        )
+    np.fill_diagonal(closeness, 0.0)
+    if not np.isfinite(closeness).all():
+        raise ParameterError("a score is not finite")
+    classes, codes, sizes = np.unique(np.asarray(labels, dtype=str), return_inverse=True, return_counts=True)
+    if len(classes) < 3:
+        raise ParameterError("three classes or more are needed to set a threshold")
+    if not larger_is_closer:
+        closeness = -closeness
+    np.fill_diagonal(closeness, -np.inf)
+    neighbour = closeness.argmax(axis=1)
+    present = closeness.max(axis=1)
+    absent = np.where(codes[:, None] == codes, -np.inf, closeness).max(axis=1)
+    known = sizes[codes] > 1
+    matched = np.empty(len(codes), dtype=bool)
+    refused = np.empty(len(codes), dtype=bool)
+    for code in range(len(classes)):
+        own, fitted = codes == code, (codes != code) & known
+        threshold = best_threshold(present[fitted], absent[codes != code]) if fitted.any() else -np.inf
+        matched[own] = present[own] >= threshold
+        refused[own] = absent[own] < threshold
+    threshold = best_threshold(present[known], absent) if known.any() else float(present.min())
+    sign = 1.0 if larger_is_closer else -1.0
+    return Classification(
+        neighbour=neighbour,
+        score=sign * present,
+        matched=matched,
+        right=codes[neighbour] == codes,
+        threshold=sign * threshold,
+        balanced_accuracy=0.5 * float(matched[known].mean() if known.any() else 0.0)
+        + 0.5 * float(refused.mean()),
+    )

@@ -1,0 +1,96 @@
+"""The mesh as a graph, the sparse graph of its samples, and the minimum spanning tree (Algorithm 2)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import dijkstra, minimum_spanning_tree
+
+from core.arrays import Floats, Ints
+from core.graph.edge_graph import symmetric
+from core.mesh.ordering import settled
+from core.numerics.compilation import compiled
+
+ROUNDING = 1e-9
+"""Path lengths that differ by less than this part are equal: rounding, which changes with the pose, must not
+choose between them. Split edges make many such ties."""
+
+
+@dataclass(frozen=True, eq=False)
+class SparseGraph:
+    """The samples' graph.
+
+    Attributes
+    ----------
+    edges : int64, shape (e, 2)
+        Pairs of samples whose regions touch, i < j, in lexical order.
+    lengths : float64, shape (e,)
+        Shortest way through the two regions, d(u) + |uv| + d(v) (Mehlhorn 1988).
+    tree : int64, shape (m - 1,)
+        Which edges form the minimum spanning tree; of equal ones the first.
+    regions: int64, shape (n,)
+        The sample nearest to each vertex, by its place among the samples; of equally near ones the first.
+    """
+
+    edges: Ints
+    lengths: Floats
+    tree: Ints
+    regions: Ints
+
+
+@compiled
+def _settle_ties(
+    indptr: Ints, indices: Ints, lengths: Floats, order: Ints, distance: Floats, region: Ints
+) -> None:
+    """Move each vertex, the nearest first, to the earliest of the samples that are equally near to it."""
+    for v in order:
+        for edge in range(indptr[v], indptr[v + 1]):
+            u = indices[edge]
+            way = distance[u] + lengths[edge]
+            if distance[u] < distance[v] and way <= distance[v] * (1.0 + ROUNDING) and region[u] < region[v]:
+                region[v] = region[u]
+
+
+def sparse_graph(graph: csr_array, samples: Ints) -> SparseGraph:
+    """The samples' graph and its minimum spanning tree, by one multi-source Dijkstra.
+
+    Every vertex learns its nearest sample; an edge (u, v) between two regions proposes a sample-sample edge
+    of length d(u) + |uv| + d(v). The minimum spanning tree of the proposals is one of the complete geodesic
+    graph on the samples (Mehlhorn 1988).
+
+    Parameters
+    ----------
+    graph : csr_array, shape (n, n)
+        Symmetric and connected.
+    samples : int64, shape (m,)
+        Distinct vertices.
+    """
+    distance, _, source = dijkstra(graph, indices=samples, min_only=True, return_predecessors=True)
+    number = np.full(graph.shape[0], -1, dtype=np.int64)
+    number[samples] = np.arange(len(samples))
+    region = number[source]
+    _settle_ties(graph.indptr, graph.indices, graph.data, np.argsort(distance), distance, region)
+    links = graph.tocoo()
+    between = region[links.row] < region[links.col]
+    u, v = links.row[between], links.col[between]
+    proposals = symmetric(
+        np.stack([region[u], region[v]], axis=1),
+        distance[u] + links.data[between] + distance[v],
+        len(samples),
+    )
+    upper = proposals.tocoo()
+    half = upper.row < upper.col
+    edges = np.stack([upper.row[half], upper.col[half]], axis=1).astype(np.int64)
+    lengths = upper.data[half]
+    shortest_first = np.argsort(settled(lengths, ROUNDING), kind="stable")
+    place = np.empty(len(edges), dtype=np.int64)
+    place[shortest_first] = np.arange(1, len(edges) + 1)
+    tree = minimum_spanning_tree(csr_array((place, edges.T), shape=proposals.shape))
+    return SparseGraph(
+        edges, lengths, tree=np.sort(shortest_first[tree.data.astype(np.int64) - 1]), regions=region
+    )
+
+
+def graph_distances(graph: SparseGraph, count: int) -> Floats:
+    """Path lengths between the samples along the sparse graph, shape (m, m)."""
+    return np.asarray(dijkstra(symmetric(graph.edges, graph.lengths, count)))

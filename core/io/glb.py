@@ -1,0 +1,64 @@
+"""GLB: the binary form of glTF 2.0."""
+
+from collections import Counter
+
+import numpy as np
+
+from core.arrays import Floats, Ints
+from core.errors import NoTrianglesError
+from core.io.checks import Limits, Plain, within
+from core.io.gltf_document import Document, read_document
+from core.io.gltf_primitive import count_triangles, primitives, read_triangles
+from core.io.gltf_scene import place
+from core.io.gltf_write import plain_glb
+
+
+def check(data: bytes, limits: Limits) -> Plain:
+    """Return the meshes of the scene and where they are placed, with plain arrays and nothing else.
+
+    Skins, morph targets, cameras, materials and images are left out; no image is decoded.
+
+    Raises
+    ------
+    MeshError
+        What is wrong.
+    """
+    document = read_document(data)
+    placed = place(document, limits)
+    instances = Counter(number for number, _ in placed)
+    within(_parts(document, instances), limits.parts, "instances of meshes")
+    declared = {number: _declared(document, number) for number in instances}
+    within(sum(declared[number] * times for number, times in instances.items()), limits.faces, "triangles")
+    meshes = {number: _mesh(document, number) for number in instances if declared[number]}
+    if not meshes:
+        raise NoTrianglesError("the scene of the GLB has no triangles")
+    vertices = sum(len(meshes[number][0]) * instances[number] for number in meshes)
+    faces = sum(len(meshes[number][1]) * instances[number] for number in meshes)
+    within(vertices, limits.vertices, "vertices")
+    return Plain(plain_glb(placed, meshes), "glb", vertices, faces)
+
+
+def _parts(document: Document, instances: Counter[int]) -> int:
+    """Return how many primitives the scene shows."""
+    return sum(
+        sum(1 for _ in primitives(document.entry("meshes", n))) * times for n, times in instances.items()
+    )
+
+
+def _declared(document: Document, number: int) -> int:
+    """Return how many triangles a mesh declares."""
+    mesh = document.entry("meshes", number)
+    return sum(count_triangles(document, primitive, mode) for primitive, mode in primitives(mesh))
+
+
+def _mesh(document: Document, number: int) -> tuple[Floats, Ints]:
+    """Return a mesh, its primitives joined: vertices, shape (n, 3), and faces, shape (f, 3)."""
+    vertices: list[Floats] = []
+    faces: list[Ints] = []
+    count = 0
+    for primitive, mode in primitives(document.entry("meshes", number)):
+        positions, triangles = read_triangles(document, primitive, mode)
+        vertices.append(positions)
+        faces.append(triangles + count)
+        count += len(positions)
+    return np.concatenate(vertices), np.concatenate(faces)

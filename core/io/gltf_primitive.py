@@ -1,0 +1,68 @@
+"""The triangles of a glTF mesh."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from core.arrays import Floats, Ints
+from core.errors import MalformedMeshError
+from core.io.gltf_accessor import count_elements, read_indices, read_positions
+from core.io.gltf_document import Document, Entry, entries, whole
+
+_TRIANGLES, _STRIP, _FAN = 4, 5, 6
+
+
+def primitives(mesh: Entry) -> Iterator[tuple[Entry, int]]:
+    """Yield the primitives that are made of triangles, with their mode; points and lines are left out."""
+    for primitive in entries(mesh, "primitives"):
+        mode = whole(primitive, "mode", _TRIANGLES)
+        if mode in {_TRIANGLES, _STRIP, _FAN}:
+            yield primitive, mode
+
+
+def _source(primitive: Entry) -> tuple[object, object]:
+    """Return the references to the indices, None if there are none, and to the positions."""
+    attributes = primitive.get("attributes")
+    if not isinstance(attributes, dict) or "POSITION" not in attributes:
+        raise MalformedMeshError("a primitive of the GLB has no positions")
+    return primitive.get("indices"), attributes["POSITION"]
+
+
+def count_triangles(document: Document, primitive: Entry, mode: int) -> int:
+    """Return how many triangles a primitive has, before any of them is made."""
+    indices, positions = _source(primitive)
+    count = count_elements(document, positions if indices is None else indices)
+    if mode == _TRIANGLES and count % 3:
+        raise MalformedMeshError(
+            f"a primitive of the GLB has {count} corners, which do not make whole triangles"
+        )
+    return count // 3 if mode == _TRIANGLES else max(count - 2, 0)
+
+
+def read_triangles(document: Document, primitive: Entry, mode: int) -> tuple[Floats, Ints]:
+    """Read a primitive, whose number of triangles has been checked.
+
+    Returns
+    -------
+    positions : float64, shape (n, 3)
+        Those that a triangle uses: primitives often share an array of which each uses a part.
+    faces : int64, shape (f, 3)
+    """
+    indices, positions = _source(primitive)
+    count = count_elements(document, positions)
+    corners = np.arange(count) if indices is None else read_indices(document, indices)
+    if len(corners) and corners.max() >= count:
+        raise MalformedMeshError(
+            f"a face of the GLB refers to vertex {int(corners.max())}, counted from 0, "
+            f"but there are {count} vertices"
+        )
+    if mode == _TRIANGLES:
+        faces = corners.reshape(-1, 3)
+    elif mode == _FAN:
+        faces = np.column_stack([np.broadcast_to(corners[:1], len(corners[2:])), corners[1:-1], corners[2:]])
+    else:
+        faces = np.column_stack([corners[:-2], corners[1:-1], corners[2:]])
+        # Every other triangle of a strip is wound the other way.
+        faces[1::2] = faces[1::2, ::-1]
+    used, faces = np.unique(faces, return_inverse=True)
+    return read_positions(document, positions, used), faces.reshape(-1, 3)

@@ -1,0 +1,89 @@
+"""Where the nodes of a glTF scene place its meshes."""
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from core.arrays import Floats
+from core.errors import MalformedMeshError
+from core.io.checks import Limits, within
+from core.io.gltf_document import Document, Entry
+
+_NODES_PER_PART = 16
+
+
+def place(document: Document, limits: Limits) -> list[tuple[int, Floats]]:
+    """Return the instances of the scene, each a mesh and where it is placed.
+
+    The mesh of a skinned node is placed at the origin: the node's own transform does not apply to it
+    (glTF 2.0, section 3.7.3.3), and its joints are left at rest.
+
+    Returns
+    -------
+    instances : list of (int, matrix)
+        A mesh by its number, and a float64 matrix of shape (4, 4): it maps columns (x, y, z, 1) to the scene.
+
+    Raises
+    ------
+    MalformedMeshError
+        The nodes are not trees.
+    MeshTooComplexError
+        There are more than 16 nodes for each part of the limit.
+    """
+    within(len(document.sections["nodes"]), _NODES_PER_PART * limits.parts, "nodes")
+    instances: list[tuple[int, Floats]] = []
+    visited: set[int] = set()
+    waiting = [(root, np.eye(4)) for root in reversed(_roots(document))]
+    while waiting:
+        number, parent = waiting.pop()
+        node = document.entry("nodes", number)
+        if number in visited:
+            raise MalformedMeshError("a node of the GLB is reached twice")
+        visited.add(number)
+        matrix = parent @ _local(node)
+        if "mesh" in node:
+            document.entry("meshes", node["mesh"])
+            instances.append((node["mesh"], np.eye(4) if "skin" in node else matrix))
+        waiting += [(child, matrix) for child in reversed(_references(node, "children"))]
+    return instances
+
+
+def _roots(document: Document) -> list[int]:
+    """Return the roots of the scene; of all nodes, if there is no scene."""
+    if document.sections["scenes"]:
+        return _references(document.entry("scenes", document.scene), "nodes")
+    nodes = document.sections["nodes"]
+    children = {child for node in nodes for child in _references(node, "children")}
+    return [number for number in range(len(nodes)) if number not in children]
+
+
+def _references(entry: Entry, name: str) -> list[int]:
+    """Return a list of numbers of nodes; empty if it is not there."""
+    found = entry.get(name, [])
+    if not isinstance(found, list) or not all(type(number) is int for number in found):
+        raise MalformedMeshError(f"the {name} in the JSON of the GLB are not a list of numbers")
+    return found
+
+
+def _local(node: Entry) -> Floats:
+    """Return the transform of a node to its parent: its matrix, or translation * rotation * scale."""
+    if "matrix" in node:
+        return _numbers(node["matrix"], 16).reshape(4, 4).T
+    matrix = np.eye(4)
+    if "rotation" in node:
+        matrix[:3, :3] = Rotation.from_quat(_numbers(node["rotation"], 4)).as_matrix()
+    if "scale" in node:
+        matrix[:3, :3] *= _numbers(node["scale"], 3)
+    if "translation" in node:
+        matrix[:3, 3] = _numbers(node["translation"], 3)
+    return matrix
+
+
+def _numbers(values: object, size: int) -> Floats:
+    """Return the numbers of a transform, shape (size,)."""
+    if (
+        not isinstance(values, list)
+        or len(values) != size
+        or not all(type(v) in (int, float) for v in values)
+    ):
+        raise MalformedMeshError("a transform in the GLB is not made of the numbers it should be")
+    return np.array(values, dtype=np.float64)

@@ -1,0 +1,86 @@
+"""OBJ: of all that it may hold, the positions (v) and the faces (f)."""
+
+import re
+from itertools import islice
+
+import numpy as np
+
+from core.arrays import Ints
+from core.errors import MalformedMeshError, MeshTooComplexError
+from core.io.checks import Limits, Plain, within
+from core.io.polygons import triangles
+from core.io.text import face_lines, plain_text, polygons
+
+# A newline in front, rather than an anchor, is found by a search for the byte.
+_VERTEX = re.compile(rb"\n[ \t]*v[ \t]([^\n#]*)")
+_FACE = re.compile(rb"\n[ \t]*f[ \t]+([^ \t\n#][^\n#]*)")
+_PART = re.compile(rb"\n[ \t]*(?:o|g|usemtl)[ \t]")
+_COMMENT_THAT_GOES_ON = re.compile(rb"#[^\n]*\\(?=\n)")
+_TEXTURE_AND_NORMAL = re.compile(rb"/[^ \t\n]*")
+# Lines taken at a time, because a substitution keeps every piece it makes until the last.
+_BLOCK = 65_536
+
+
+def check(data: bytes, limits: Limits) -> Plain:
+    """Return the positions as they stand, and the faces as triangles with absolute indices.
+
+    Objects, groups and materials are joined; texture coordinates, normals, colours, points and lines are left
+    out, and no file that is named is opened.
+
+    Raises
+    ------
+    MeshError
+        What is wrong.
+    """
+    text = b"\n" + plain_text(data)
+    if b"\\\n" in text:
+        within(text.count(b"\\\n"), limits.faces, "lines that go on")
+        # A comment ends with its line all the same: many end in a folder's name.
+        text = _COMMENT_THAT_GOES_ON.sub(b"", text).replace(b"\\\n", b" ")
+    within(sum(1 for _ in _PART.finditer(text)), limits.parts, "objects, groups and changes of material")
+    positions = _lines(_VERTEX, text, limits.vertices, "vertices")
+    lengths = {len(line.split()) for line in positions}
+    if min(lengths, default=3) < 3:
+        raise MalformedMeshError("a vertex has fewer than three coordinates")
+    if max(lengths, default=3) > 3:
+        positions = [b" ".join(line.split(maxsplit=3)[:3]) for line in positions]
+    faces = _faces(text, len(positions), limits)
+    plain = b"\nv ".join([b"", *positions, b""]).removesuffix(b"v ") + face_lines(faces + 1, "f %d %d %d\n")
+    return Plain(plain, "obj", len(positions), len(faces))
+
+
+def _positions_only(lines: list[bytes]) -> list[bytes]:
+    """Return faces without what follows each vertex behind a slash."""
+    joined = b"\n".join(lines)
+    if b"/" not in joined:
+        return lines
+    if joined.startswith(b"/") or any(bare in joined for bare in (b" /", b"\t/", b"\n/")):
+        raise MalformedMeshError("a face names a texture or a normal without a vertex")
+    return _TEXTURE_AND_NORMAL.sub(b"", joined).split(b"\n")
+
+
+def _lines(pattern: re.Pattern[bytes], text: bytes, limit: int, things: str) -> list[bytes]:
+    """Return what the lines of one kind hold, if there are not too many."""
+    found = [match[1] for match in islice(pattern.finditer(text), limit + 1)]
+    if len(found) > limit:
+        raise MeshTooComplexError(f"the file has more than {limit} {things}, which is the limit")
+    return found
+
+
+def _faces(text: bytes, vertices: int, limits: Limits) -> Ints:
+    """Return triangles of indices counted from 0, shape (f, 3)."""
+    lines = _lines(_FACE, text, limits.faces, "faces")
+    blocks = (lines[start : start + _BLOCK] for start in range(0, len(lines), _BLOCK))
+    lines = [line for block in blocks for line in _positions_only(block)]
+    corners, sizes = polygons(lines)
+    if (corners == 0).any():
+        raise MalformedMeshError("a face refers to vertex 0, but an OBJ counts from 1")
+    if (corners < 0).any():
+        # -1 is the last vertex given above the face, wherever the face stands.
+        given = np.fromiter((match.start() for match in _VERTEX.finditer(text)), dtype=np.int64)
+        stands = np.fromiter((match.start() for match in _FACE.finditer(text)), dtype=np.int64)
+        above = np.repeat(np.searchsorted(given, stands), sizes)
+        if (corners < -above).any():
+            raise MalformedMeshError("a face counts back past the first vertex")
+        corners = np.where(corners < 0, corners + above + 1, corners)
+    return triangles(corners - 1, sizes, vertices, limits)

@@ -1,0 +1,44 @@
+"""OFF: counts, then vertices, then polygons, in that order."""
+
+import re
+
+from core.errors import MalformedMeshError
+from core.io.checks import Limits, Plain, declared
+from core.io.polygons import triangles
+from core.io.text import counted_polygons, face_lines, plain_text, rows, take
+
+# ST, C and N announce texture coordinates, colours and normals after the position. 4OFF and nOFF have another
+# number of coordinates, and OFF BINARY is another format.
+_HEADER = re.compile(rb"[ \t]*(?:(?:ST)?C?N?OFF|off)(?![ \t]+BINARY)", re.ASCII)
+
+
+def check(data: bytes, limits: Limits) -> Plain:
+    """Return the positions as they stand, and the faces as triangles.
+
+    Raises
+    ------
+    MeshError
+        What is wrong.
+    """
+    lines = rows(plain_text(data), comment=b"#")
+    first = next(lines, b"")
+    header = _HEADER.match(first)
+    if header is None:
+        raise MalformedMeshError("the file does not begin with OFF")
+    counts = first[header.end() :].split() or next(lines, b"").split()
+    if len(counts) < 2 or not all(count.isdigit() for count in counts):
+        raise MalformedMeshError("the numbers of vertices and faces do not follow the word OFF")
+    vertices, polygons = int(counts[0]), int(counts[1])
+    declared(vertices, len(data), limits.vertices, "vertices")
+    declared(polygons, len(data), limits.faces, "faces")
+    positions = take(lines, vertices, "vertices")
+    if any(len(line.split()) < 3 for line in positions):
+        raise MalformedMeshError("a vertex has fewer than three coordinates")
+    corners, sizes = counted_polygons(take(lines, polygons, "faces"))
+    if next(lines, None) is not None:
+        raise MalformedMeshError("the OFF goes on after the last face that it declares")
+    faces = triangles(corners, sizes, vertices, limits)
+    plain = (
+        b"OFF\n%d %d 0\n" % (vertices, len(faces)) + b"".join(positions) + face_lines(faces, "3 %d %d %d\n")
+    )
+    return Plain(plain, "off", vertices, len(faces))

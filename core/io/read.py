@@ -1,0 +1,133 @@
+"""Bytes to a mesh."""
+
+import numpy as np
+
+from core.errors import (
+    CoreError,
+    DegenerateMeshError,
+    EmptyFileError,
+    MalformedMeshError,
+    MeshTooComplexError,
+    NoTrianglesError,
+)
+from core.io import glb, obj, off, ply, step, stl, threemf
+from core.io.checks import DEFAULT_LIMITS, Limits
+from core.io.formats import known
+from core.io.trimesh_adapter import load
+from core.mesh.mesh import Mesh
+
+_CHECKS = {"stl": stl.check, "obj": obj.check, "ply": ply.check, "off": off.check, "glb": glb.check}
+_ARCHIVES = {
+    b"\x1f\x8b": "gzip",
+    b"PK\x03\x04": "ZIP",
+    b"BZh": "bzip2",
+    b"\xfd7zXZ": "xz",
+    b"7z\xbc\xaf": "7z",
+}
+# Faces whose area is taken at a time: the first block of a sound mesh answers.
+_BLOCK = 65_536
+
+
+def read_mesh(data: bytes, format: str, *, limits: Limits = DEFAULT_LIMITS) -> Mesh:
+    """Read a mesh from the bytes of a file.
+
+    Polygons are cut into triangles, and all objects, groups, solids and instances are joined, each where its
+    file places it. Vertices are neither merged nor moved. 3MF and STEP say what their unit is: they are read
+    in millimetres.
+
+    Parameters
+    ----------
+    data : bytes
+        The whole file.
+    format : str
+        One of `READABLE`.
+    limits : Limits
+        The largest mesh that is read.
+
+    Returns
+    -------
+    mesh : Mesh
+
+    Raises
+    ------
+    UnknownFormatError
+        The format is not one of `READABLE`, or what reads it is not installed.
+    EmptyFileError
+        There are no bytes.
+    MalformedMeshError
+        The file is not what the format promises: another format, cut short, an index out of range.
+    NonFiniteCoordinatesError
+        A coordinate is NaN or infinite.
+    NoTrianglesError
+        There is no face.
+    DegenerateMeshError
+        Every face has zero area.
+    MeshTooComplexError
+        More vertices, faces or parts than `limits` allow.
+    ExternalReferenceError
+        The file keeps a part of itself elsewhere.
+    """
+    name = known(format)
+    if not data:
+        raise EmptyFileError("the file is empty")
+    for start, archive in _ARCHIVES.items():
+        if data.startswith(start) and name != "3mf":
+            raise MalformedMeshError(f"the file is compressed ({archive}); send the {name.upper()} itself")
+    try:
+        # What overflows becomes infinite, and is refused as that.
+        with np.errstate(all="ignore"):
+            mesh = _read(data, name, limits)
+    except CoreError:
+        raise
+    except MemoryError:
+        raise MeshTooComplexError(f"the {name.upper()} takes more memory than there is") from None
+    except Exception as error:
+        raise MalformedMeshError(
+            f"the {name.upper()} cannot be read: a value in it is missing, or is not a number"
+        ) from error
+    if _degenerate(mesh):
+        raise DegenerateMeshError("every face has zero area")
+    return mesh
+
+
+def _read(data: bytes, name: str, limits: Limits) -> Mesh:
+    """Check, read, and compare what was declared with what was read."""
+    if name == "3mf":
+        return threemf.read(data, limits)
+    if name == "step":
+        return _read_step(data, limits)
+    plain = _CHECKS[name](data, limits)
+    if plain.faces == 0:
+        raise NoTrianglesError(f"the {name.upper()} has no faces")
+    vertices, faces = load(plain)
+    if len(vertices) != plain.vertices or len(faces) != plain.faces:
+        raise MalformedMeshError(
+            f"the {name.upper()} declares {plain.vertices} vertices and {plain.faces} triangles, "
+            f"but {len(vertices)} and {len(faces)} can be read"
+        )
+    return Mesh(vertices, faces)
+
+
+def _read_step(data: bytes, limits: Limits) -> Mesh:
+    """Read what a STEP was made into."""
+    try:
+        mesh = _read(step.to_glb(data), "glb", limits)
+    except NoTrianglesError:
+        raise NoTrianglesError("nothing in the STEP can be made into triangles") from None
+    return Mesh(mesh.vertices * step.MILLIMETRES, mesh.faces)
+
+
+def _degenerate(mesh: Mesh) -> bool:
+    """Say whether no face has more area than the rounding of its coordinates makes."""
+    largest = float(np.abs(mesh.vertices).max())
+    if largest == 0:
+        return True
+    for start in range(0, len(mesh.faces), _BLOCK):
+        # Scaled first, so that no coordinate is too large or too small for its square.
+        corners = mesh.vertices[mesh.faces[start : start + _BLOCK]] / largest
+        first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+        area = np.linalg.norm(np.cross(first, second), axis=1) / 2
+        longest = np.maximum(np.linalg.norm(first, axis=1), np.linalg.norm(second, axis=1))
+        if (area > 2 * np.finfo(np.float64).eps * longest).any():
+            return False
+    return True

@@ -1,0 +1,94 @@
+"""STL, binary and ASCII: triangles with no indices."""
+
+import re
+from collections.abc import Iterator
+
+from core.errors import MalformedMeshError, NoTrianglesError
+from core.io.checks import Limits, Plain, within
+from core.io.text import plain_text
+
+_HEADER_BYTES = 84
+_FACET_BYTES = 50
+# The name of a solid may hold any word, so it is cut away with the keyword; its line ends it, or a facet.
+_SOLID = re.compile(rb"solid\b[^\n]*?(?=\bfacet\s+normal\b|\n)")
+_NUMBERS = rb"(?:\s++\S++){3}"
+_FACET = re.compile(
+    rb"facet\s++normal%(n)b\s++outer\s++loop(?:\s++vertex%(n)b){3}\s++endloop\s++endfacet" % {b"n": _NUMBERS}
+)
+_BLOCK_BYTES = 1 << 20
+
+
+def check(data: bytes, limits: Limits) -> Plain:
+    """Return a binary file as it is, or the facets of an ASCII file as one solid.
+
+    A file is binary if its length is what its count says; the first word does not tell, for the header of a
+    binary file may begin with "solid".
+
+    Raises
+    ------
+    MeshError
+        What is wrong.
+    """
+    facets = int.from_bytes(data[_HEADER_BYTES - 4 : _HEADER_BYTES], "little")
+    if len(data) == _HEADER_BYTES + _FACET_BYTES * facets:
+        within(facets, limits.faces, "triangles")
+        return Plain(data, "stl", 3 * facets, facets)
+    if data[:512].lstrip(b"\xef\xbb\xbf \t\r\n")[:5].lower() == b"solid" and b"\0" not in data:
+        return _ascii(plain_text(data).lower(), limits)
+    if len(data) < _HEADER_BYTES:
+        raise MalformedMeshError("the file is neither an ASCII STL nor long enough for a binary one")
+    raise MalformedMeshError(
+        f"the STL declares {facets} triangles, which take {_HEADER_BYTES + _FACET_BYTES * facets} bytes, "
+        f"but has {len(data)} bytes"
+    )
+
+
+def _ascii(text: bytes, limits: Limits) -> Plain:
+    """Check an ASCII file in small letters."""
+    within(text.count(b"endsolid"), limits.parts, "solids")
+    pieces = [b"solid\n"]
+    count = 0
+    for block in _blocks(text.replace(b"end solid", b"endsolid")):
+        rest, facets = _FACET.subn(b"", block)
+        if rest.strip():
+            raise MalformedMeshError("a facet of the STL is not a triangle, or is not complete")
+        count += facets
+        # Each vertex on a line of its own, and no normals: they are not needed.
+        plain = block.replace(b"normal", b"").replace(b"vertex", b"\nvertex")
+        pieces.append(plain.replace(b"endloop", b"\nendloop"))
+    within(count, limits.faces, "triangles")
+    if count == 0:
+        raise NoTrianglesError("the STL has no facets")
+    return Plain(b"".join([*pieces, b"\nendsolid\n"]), "stl", 3 * count, count)
+
+
+def _blocks(text: bytes) -> Iterator[bytes]:
+    """Yield what the solids hold, cut behind a facet about every megabyte."""
+    start, opened = 0, False
+    for match in _SOLID.finditer(text):
+        closes = text[max(match.start() - 3, 0) : match.start()] == b"end"
+        if opened != closes:
+            raise MalformedMeshError("a solid of the STL begins or ends inside another")
+        if closes:
+            yield from _cut(text, start, match.start() - 3)
+        else:
+            _refuse(text[start : match.start()])
+        start, opened = match.end(), not closes
+    if opened:
+        raise MalformedMeshError("the last solid of the STL has no end: the file is cut short")
+    _refuse(text[start:])
+
+
+def _cut(text: bytes, start: int, stop: int) -> Iterator[bytes]:
+    """Cut one solid."""
+    while start < stop:
+        cut = text.find(b"endfacet", start + _BLOCK_BYTES, stop)
+        end = stop if cut < 0 else cut + len(b"endfacet")
+        yield text[start:end]
+        start = end
+
+
+def _refuse(outside: bytes) -> None:
+    """Raise if there is anything outside the solids."""
+    if outside.strip():
+        raise MalformedMeshError("the STL goes on outside its solids")

@@ -1,0 +1,164 @@
+"""What the text formats share: clean text, its rows, and rows of indices."""
+
+import io
+from collections.abc import Iterator, Sequence
+from itertools import islice
+
+import numpy as np
+
+from core.arrays import Floats, Ints
+from core.errors import MalformedMeshError
+
+_BYTE_ORDER_MARK = b"\xef\xbb\xbf"
+# One meaning for every byte: white space is a space, a tab or a newline, and what is not ASCII, which only
+# names and comments may hold, is a question mark. Other readers break lines at other bytes.
+_CLEAN = bytes(
+    byte if byte in (9, 10) or 32 <= byte < 127 else (32 if byte < 32 else ord("?")) for byte in range(256)
+)
+# Faces taken at a time where they pass through Python's objects, which take ten times the memory of NumPy's.
+_BLOCK = 65_536
+
+
+def plain_text(data: bytes) -> bytes:
+    r"""Return the text in ASCII with every line ended by \n.
+
+    Raises
+    ------
+    MalformedMeshError
+        The bytes are not text.
+    """
+    if b"\0" in data:
+        raise MalformedMeshError("the file has zero bytes where text is expected")
+    text = data.removeprefix(_BYTE_ORDER_MARK).replace(b"\r\n", b"\n").replace(b"\r", b"\n").translate(_CLEAN)
+    return text if text.endswith(b"\n") else text + b"\n"
+
+
+def rows(text: bytes, comment: bytes = b"") -> Iterator[bytes]:
+    """Return the lines that are not blank, one at a time, without what follows the sign of a comment."""
+    lines = io.BytesIO(text)
+    if comment and comment in text:
+        return (row for line in lines if not (row := line.partition(comment)[0] + b"\n").isspace())
+    return (line for line in lines if not line.isspace())
+
+
+def take(lines: Iterator[bytes], count: int, things: str) -> list[bytes]:
+    """Return the next `count` lines.
+
+    Raises
+    ------
+    MalformedMeshError
+        There are fewer.
+    """
+    taken = list(islice(lines, count))
+    if len(taken) < count:
+        raise MalformedMeshError(f"the file declares {count} {things} but ends after {len(taken)}")
+    return taken
+
+
+def integers(tokens: Sequence[bytes]) -> Ints:
+    """Return whole numbers from their decimal forms.
+
+    Raises
+    ------
+    MalformedMeshError
+        A token is not a whole number.
+    """
+    try:
+        # Python's own int would take 1_000 for a thousand.
+        if b"_" not in b"".join(tokens):
+            return np.fromiter(map(int, tokens), dtype=np.int64, count=len(tokens))
+    except (ValueError, OverflowError):
+        pass
+    raise MalformedMeshError("a face has an index that is not a whole number")
+
+
+def _table(lines: list[bytes]) -> Ints | None:
+    """Return lines of integers as a table, shape (n, columns); None if they are not one."""
+    try:
+        return np.loadtxt(lines, dtype=np.int64, comments=None, ndmin=2)
+    except ValueError:
+        return None
+
+
+def polygons(lines: list[bytes]) -> tuple[Ints, Ints]:
+    """Read lines that hold the corners of one polygon each, and nothing else.
+
+    Returns
+    -------
+    corners : int64, shape (sum(sizes),)
+    sizes : int64, shape (n,)
+    """
+    table = _table(lines) if lines else None
+    if table is not None:
+        return table.ravel(), np.full(len(table), table.shape[1], dtype=np.int64)
+    return _flatten(line.split() for line in lines)
+
+
+def counted_polygons(lines: list[bytes], before: Sequence[bool] = ()) -> tuple[Ints, Ints]:
+    """Read lines that hold a number of corners, the corners, and perhaps more.
+
+    Parameters
+    ----------
+    lines : list of bytes
+        One polygon each.
+    before : sequence of bool
+        What stands in a line before that number: True for a list with its own number, False for one value.
+
+    Returns
+    -------
+    corners : int64, shape (sum(sizes),)
+    sizes : int64, shape (n,)
+
+    Raises
+    ------
+    MalformedMeshError
+        A line is shorter than it says, or has something else than whole numbers.
+    """
+    table = _table(lines) if lines and not any(before) else None
+    if table is not None and len(before) < table.shape[1]:
+        start, size = len(before) + 1, int(table[0, len(before)])
+        if (table[:, start - 1] == size).all() and 0 <= size <= table.shape[1] - start:
+            return table[:, start : start + size].ravel(), np.full(len(table), size, dtype=np.int64)
+    return _flatten(_corners(line.split(), before) for line in lines)
+
+
+def _flatten(rows: Iterator[list[bytes]]) -> tuple[Ints, Ints]:
+    """Return the numbers of rows, one row after another, and how many each row has."""
+    numbers: list[Ints] = [np.zeros(0, dtype=np.int64)]
+    sizes: list[int] = []
+    while block := list(islice(rows, _BLOCK)):
+        sizes += [len(row) for row in block]
+        numbers.append(integers([token for row in block for token in row]))
+    return np.concatenate(numbers), np.array(sizes, dtype=np.int64)
+
+
+def _corners(row: list[bytes], before: Sequence[bool]) -> list[bytes]:
+    """Return the corners in a row that says how many there are."""
+    position = 0
+    for is_list in before:
+        position += 1 + (_number(row, position) if is_list else 0)
+    end = position + 1 + _number(row, position)
+    if len(row) < end:
+        raise MalformedMeshError("a face lists fewer corners than it says")
+    return row[position + 1 : end]
+
+
+def _number(row: list[bytes], position: int) -> int:
+    """Return the length of a list, which stands at `position` of a row."""
+    if position >= len(row) or not row[position].isdigit():
+        raise MalformedMeshError("a face does not say how many corners it has")
+    return int(row[position])
+
+
+def face_lines(faces: Ints, form: str) -> bytes:
+    """Write one line a face; `form` has a %d for each corner and ends with a newline."""
+    blocks = (faces[start : start + _BLOCK] for start in range(0, len(faces), _BLOCK))
+    return b"".join((form * len(block) % tuple(block.ravel().tolist())).encode() for block in blocks)
+
+
+def vertex_lines(vertices: Floats, form: str) -> bytes:
+    """Write one line a vertex; `form` has a %r for each coordinate and ends with a newline.
+
+    trimesh's fixed number of decimals would not do for small units.
+    """
+    return (form * len(vertices) % tuple(vertices.ravel().tolist())).encode()

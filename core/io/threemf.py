@@ -1,0 +1,109 @@
+"""3MF: a ZIP of XML, whose build places objects that are meshes, or are made of other objects."""
+
+from graphlib import CycleError, TopologicalSorter
+
+import numpy as np
+
+from core.arrays import Floats, Ints
+from core.errors import MalformedMeshError, NoTrianglesError
+from core.io.checks import Limits, within
+from core.io.threemf_model import Key, Model, Placed, Solid, canonical
+from core.io.threemf_package import Package
+from core.mesh.mesh import Mesh
+
+# Parts of a package that are models; slicers write one for each object.
+_MODELS = 4_096
+_VISITS_PER_PART = 16
+_SHOWN = {"model", "surface"}
+
+
+def read(data: bytes, limits: Limits) -> Mesh:
+    """Return all that the build places, joined, in millimetres whatever the unit of the file.
+
+    Support material and helpers, as the types of the objects say, are left out, and so are materials, slices
+    and pictures. A mirrored object keeps its inside.
+
+    Raises
+    ------
+    MeshError
+        What is wrong.
+    """
+    package = Package(data, limits)
+    solids, items, unit = _models(package, limits)
+    _refuse_circles(solids)
+    placed = _expand(solids, items, limits)
+    if not placed:
+        raise NoTrianglesError("the build of the 3MF places no triangles")
+    within(sum(len(solids[one.key].faces) for one in placed), limits.faces, "triangles")
+    within(sum(len(solids[one.key].vertices) for one in placed), limits.vertices, "vertices")
+    vertices: list[Floats] = []
+    faces: list[Ints] = []
+    count = 0
+    for one in placed:
+        solid = solids[one.key]
+        vertices.append((solid.vertices @ one.matrix[:3, :3] + one.matrix[3, :3]) * unit)
+        mirrored = np.linalg.det(one.matrix[:3, :3]) < 0
+        faces.append((solid.faces[:, ::-1] if mirrored else solid.faces) + count)
+        count += len(solid.vertices)
+    return Mesh(np.concatenate(vertices), np.concatenate(faces))
+
+
+def _models(package: Package, limits: Limits) -> tuple[dict[Key, Solid], list[Placed], float]:
+    """Return the objects of all models that are referred to, what the first one builds, and its unit."""
+    first = canonical(package.model())
+    root = Model(package, first, limits)
+    solids = dict(root.solids)
+    seen = {first}
+    waiting = [root]
+    while waiting:
+        model = waiting.pop()
+        references = [
+            *(model.items if model is root else ()),
+            *(p for s in model.solids.values() for p in s.components),
+        ]
+        for part in dict.fromkeys(one.key[0] for one in references):
+            if part in seen:
+                continue
+            seen.add(part)
+            within(len(seen), _MODELS, "models")
+            other = Model(package, part, limits)
+            if other.unit != root.unit:
+                raise MalformedMeshError("the models in the 3MF have different units")
+            solids.update(other.solids)
+            within(sum(len(s.vertices) for s in solids.values()), limits.vertices, "vertices")
+            within(sum(len(s.faces) for s in solids.values()), limits.faces, "triangles")
+            waiting.append(other)
+    return solids, root.items, root.unit
+
+
+def _refuse_circles(solids: dict[Key, Solid]) -> None:
+    """Raise if an object is a part of itself, or is not there."""
+    graph = {key: {one.key for one in solid.components} for key, solid in solids.items()}
+    if not set().union(*graph.values()) <= set(solids):
+        raise MalformedMeshError("a component of the 3MF refers to an object that is not there")
+    try:
+        TopologicalSorter(graph).prepare()
+    except CycleError:
+        raise MalformedMeshError("an object of the 3MF is a part of itself") from None
+
+
+def _expand(solids: dict[Key, Solid], items: list[Placed], limits: Limits) -> list[Placed]:
+    """Return every mesh in every place that it is shown in."""
+    placed: list[Placed] = []
+    visits = 0
+    waiting = list(reversed(items))
+    while waiting:
+        one = waiting.pop()
+        visits += 1
+        within(visits, _VISITS_PER_PART * limits.parts, "places of objects")
+        if one.key not in solids:
+            raise MalformedMeshError("the build of the 3MF refers to an object that is not there")
+        solid = solids[one.key]
+        if solid.kind not in _SHOWN:
+            continue
+        if len(solid.faces):
+            placed.append(one)
+            within(len(placed), limits.parts, "places of meshes")
+        waiting += [Placed(part.key, part.matrix @ one.matrix) for part in reversed(solid.components)]
+        within(len(waiting), _VISITS_PER_PART * limits.parts, "places of objects")
+    return placed

@@ -1,0 +1,244 @@
+"""One model of a 3MF: its objects, and where its build places them (3MF Core Specification 1.3)."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from core.arrays import Floats, Ints
+from core.errors import MalformedMeshError, NonFiniteCoordinatesError
+from core.io.checks import Limits, within
+from core.io.threemf_package import Package
+
+_CORE = "http://schemas.microsoft.com/3dmanufacturing/core/2015/02"
+_PRODUCTION = "http://schemas.microsoft.com/3dmanufacturing/production/2015/06"
+# What a file may require without changing where its triangles are.
+_HARMLESS = {
+    _CORE,
+    _PRODUCTION,
+    "http://schemas.microsoft.com/3dmanufacturing/material/2015/02",
+    "http://schemas.microsoft.com/3dmanufacturing/slice/2015/07",
+    "http://schemas.microsoft.com/3dmanufacturing/trianglesets/2021/07",
+}
+_NAMES = (
+    "model",
+    "object",
+    "vertices",
+    "vertex",
+    "triangles",
+    "triangle",
+    "components",
+    "component",
+    "build",
+    "item",
+)
+_MODEL, _OBJECT, _VERTICES, _VERTEX, _TRIANGLES, _TRIANGLE, _COMPONENTS, _COMPONENT, _BUILD, _ITEM = (
+    f"{_CORE} {name}" for name in _NAMES
+)
+_MILLIMETRES = {
+    "micron": 1e-3,
+    "millimeter": 1.0,
+    "centimeter": 10.0,
+    "inch": 25.4,
+    "foot": 304.8,
+    "meter": 1e3,
+}
+_DEPTH = 64
+# Rows that pass through Python's objects at a time.
+_BLOCK = 65_536
+
+Key = tuple[str, str]
+"""An object: the part that it stands in, in small letters, and its id."""
+
+
+@dataclass(frozen=True)
+class Placed:
+    """An object in a place.
+
+    Attributes
+    ----------
+    key : Key
+    matrix : float64, shape (4, 4)
+        Maps rows (x, y, z, 1).
+    """
+
+    key: Key
+    matrix: Floats
+
+
+@dataclass
+class Solid:
+    """An object: a mesh, or other objects in their places.
+
+    Attributes
+    ----------
+    kind : str
+        "model", "surface", or what is no part of the shape: "support", "solidsupport", "other".
+    vertices : float64, shape (n, 3)
+    faces : int64, shape (f, 3)
+        Rows of `vertices`, checked.
+    components : list of Placed
+    """
+
+    kind: str
+    vertices: Floats = field(default_factory=lambda: np.zeros((0, 3)))
+    faces: Ints = field(default_factory=lambda: np.zeros((0, 3), dtype=np.int64))
+    components: list[Placed] = field(default_factory=list)
+
+
+class Model:
+    """What one part holds.
+
+    Attributes
+    ----------
+    unit : float
+        Millimetres.
+    solids : dict of Key to Solid
+    items : list of Placed
+        What the build places.
+    """
+
+    def __init__(self, package: Package, part: str, limits: Limits) -> None:
+        self.unit = 1.0
+        self.solids: dict[Key, Solid] = {}
+        self.items: list[Placed] = []
+        self._part = canonical(part)
+        self._limits = limits
+        self._path: list[str] = []
+        self._namespaces: dict[str | None, str] = {}
+        self._solid = Solid("none")
+        self._coordinates: list[str] = []
+        self._corners: list[str] = []
+        self._vertices: list[Floats] = []
+        self._faces: list[Ints] = []
+        self._count = [0, 0]
+        package.parse(part, self._start, self._end, self._declare)
+
+    def _declare(self, prefix: str | None, address: str) -> None:
+        self._namespaces.setdefault(prefix, address)
+
+    def _start(self, name: str, given: dict[str, str]) -> None:
+        path = self._path
+        above = path[-1] if path else ""
+        path.append(name)
+        # The most by far come first.
+        if name == _TRIANGLE and above == _TRIANGLES:
+            self._corners += (given["v1"], given["v2"], given["v3"])
+            if len(self._corners) >= 3 * _BLOCK:
+                self._take_faces()
+        elif name == _VERTEX and above == _VERTICES:
+            self._coordinates += (given["x"], given["y"], given["z"])
+            if len(self._coordinates) >= 3 * _BLOCK:
+                self._take_vertices()
+        else:
+            self._begin(name, above, given)
+
+    def _begin(self, name: str, above: str, given: dict[str, str]) -> None:
+        """Take what is neither a vertex nor a triangle."""
+        within(len(self._path), _DEPTH, "elements of XML inside each other")
+        if name == _OBJECT:
+            self._solid = Solid(given.get("type", "model"))
+            key = (self._part, given["id"])
+            if key in self.solids:
+                raise MalformedMeshError("two objects of the 3MF have one id")
+            self.solids[key] = self._solid
+            within(len(self.solids), 16 * self._limits.parts, "objects")
+        elif name == _COMPONENT and above == _COMPONENTS:
+            self._solid.components.append(self._placed(given))
+        elif name == _ITEM and above == _BUILD:
+            self.items.append(self._placed(given))
+            within(len(self.items), self._limits.parts, "items")
+        elif name == _MODEL:
+            self._describe(given)
+        elif not above:
+            raise MalformedMeshError("the part of the 3MF that should be its model is something else")
+
+    def _end(self, name: str) -> None:
+        self._path.pop()
+        if name != _OBJECT:
+            return
+        self._take_vertices()
+        self._take_faces()
+        solid = self._solid
+        if self._vertices:
+            solid.vertices = np.concatenate(self._vertices)
+        if self._faces:
+            solid.faces = np.concatenate(self._faces)
+        self._vertices, self._faces = [], []
+        if len(solid.faces) and (solid.faces.min() < 0 or solid.faces.max() >= len(solid.vertices)):
+            wrong = int(solid.faces.min() if solid.faces.min() < 0 else solid.faces.max())
+            raise MalformedMeshError(
+                f"a face refers to vertex {wrong}, counted from 0, "
+                f"but there are {len(solid.vertices)} vertices"
+            )
+
+    def _take_vertices(self) -> None:
+        if self._coordinates:
+            rows = numbers(self._coordinates).reshape(-1, 3)
+            self._coordinates = []
+            self._count[0] += len(rows)
+            within(self._count[0], self._limits.vertices, "vertices")
+            self._vertices.append(rows)
+
+    def _take_faces(self) -> None:
+        if self._corners:
+            rows = numbers(self._corners)
+            self._corners = []
+            if (rows != np.trunc(rows)).any() or (abs(rows) >= 2.0**53).any():
+                raise MalformedMeshError("a face has an index that is not a whole number")
+            self._count[1] += len(rows) // 3
+            within(self._count[1], self._limits.faces, "triangles")
+            self._faces.append(rows.astype(np.int64).reshape(-1, 3))
+
+    def _placed(self, given: dict[str, str]) -> Placed:
+        part = canonical(given.get(f"{_PRODUCTION} path", self._part))
+        return Placed((part, given["objectid"]), _matrix(given.get("transform")))
+
+    def _describe(self, given: dict[str, str]) -> None:
+        """Take the unit, and refuse a model that needs what is not read."""
+        unit = given.get("unit", "millimeter")
+        if unit not in _MILLIMETRES:
+            raise MalformedMeshError("the 3MF has a unit that the format does not know")
+        self.unit = _MILLIMETRES[unit]
+        for prefix in given.get("requiredextensions", "").split():
+            if self._namespaces.get(prefix) not in _HARMLESS:
+                shown = "".join(letter for letter in prefix[:64] if letter.isalnum() or letter == "_")
+                raise MalformedMeshError(f"the 3MF needs the extension {shown}, which is not read")
+
+
+def canonical(part: str) -> str:
+    """Return the name of a part as all that refer to it have it alike."""
+    return part.lower().removeprefix("/")
+
+
+def numbers(texts: list[str]) -> Floats:
+    """Return numbers from their decimal forms.
+
+    Raises
+    ------
+    MalformedMeshError
+        A text is not a number.
+    NonFiniteCoordinatesError
+        A number is NaN or infinite.
+    """
+    joined = "".join(texts)
+    # Python's own float would take 1_000 for a thousand, and digits of any script.
+    if "_" in joined or not joined.isascii():
+        raise MalformedMeshError("a number in the 3MF is not one")
+    try:
+        found = np.fromiter(map(float, texts), dtype=np.float64, count=len(texts))
+    except ValueError:
+        raise MalformedMeshError("a number in the 3MF is not one") from None
+    if not np.isfinite(found).all():
+        raise NonFiniteCoordinatesError("a number in the 3MF is NaN or infinite")
+    return found
+
+
+def _matrix(text: str | None) -> Floats:
+    """Return a transform: twelve numbers, the columns of a matrix but its last, row by row."""
+    matrix = np.eye(4)
+    if text is not None:
+        values = numbers(text.split())
+        if len(values) != 12:
+            raise MalformedMeshError("a transform in the 3MF does not have twelve numbers")
+        matrix[:, :3] = values.reshape(4, 3)
+    return matrix

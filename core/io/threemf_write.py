@@ -1,0 +1,63 @@
+"""A mesh to a 3MF: one object, placed once (3MF Core Specification 1.3)."""
+
+import zipfile
+from io import BytesIO
+
+from core.errors import NoTrianglesError
+from core.io.text import face_lines, vertex_lines
+from core.mesh.mesh import Mesh
+
+_XML = b'<?xml version="1.0" encoding="UTF-8"?>\n'
+_TYPES = (
+    b'<Types xmlns="http://schemas.openxmlformats.org/package/2006/content-types">'
+    b'<Default Extension="rels" ContentType="application/vnd.openxmlformats-package.relationships+xml"/>'
+    b'<Default Extension="model" ContentType="application/vnd.ms-package.3dmanufacturing-3dmodel+xml"/>'
+    b"</Types>\n"
+)
+_RELATIONSHIPS = (
+    b'<Relationships xmlns="http://schemas.openxmlformats.org/package/2006/relationships">'
+    b'<Relationship Id="r1" Target="/3D/3dmodel.model" '
+    b'Type="http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel"/></Relationships>\n'
+)
+_BEGIN = (
+    b'<model unit="millimeter" xml:lang="en-US" '
+    b'xmlns="http://schemas.microsoft.com/3dmanufacturing/core/2015/02">\n'
+    b'<resources><object id="1" type="model"><mesh>\n<vertices>\n'
+)
+_BETWEEN = b"</vertices>\n<triangles>\n"
+_END = b'</triangles>\n</mesh></object></resources>\n<build><item objectid="1"/></build>\n</model>\n'
+# The earliest that a ZIP can tell, and by what kind of system it says that it was written.
+_TIME = (1980, 1, 1, 0, 0, 0)
+_UNIX = 3
+
+
+def write(mesh: Mesh) -> bytes:
+    """Write a mesh; its coordinates are taken for millimetres.
+
+    A face that names one vertex twice, which the format forbids, is left out; nothing else is changed, and a
+    surface that is open stays so.
+
+    Raises
+    ------
+    NoTrianglesError
+        Every face is such a one.
+    """
+    a, b, c = mesh.faces.T
+    faces = mesh.faces[(a != b) & (b != c) & (c != a)]
+    if not len(faces):
+        raise NoTrianglesError("each face of the mesh names a vertex twice, which a 3MF may not hold")
+    vertices = vertex_lines(mesh.vertices, '<vertex x="%r" y="%r" z="%r"/>\n')
+    triangles = face_lines(faces, '<triangle v1="%d" v2="%d" v3="%d"/>\n')
+    file = BytesIO()
+    with zipfile.ZipFile(file, "w") as package:
+        for name, parts in (
+            ("[Content_Types].xml", (_TYPES,)),
+            ("_rels/.rels", (_RELATIONSHIPS,)),
+            ("3D/3dmodel.model", (_BEGIN, vertices, _BETWEEN, triangles, _END)),
+        ):
+            about = zipfile.ZipInfo(name, _TIME)
+            about.compress_type, about.create_system = zipfile.ZIP_DEFLATED, _UNIX
+            with package.open(about, "w") as member:
+                for part in (_XML, *parts):
+                    member.write(part)
+    return file.getvalue()

@@ -1,0 +1,52 @@
+"""Reading and writing through trimesh: nothing else in the core imports it.
+
+It is imported when it is first needed: that takes a quarter of a second, and of a service's processes only
+those that read uploads need it at once.
+"""
+
+import io
+
+import numpy as np
+
+from core.arrays import Floats, Ints
+from core.io.checks import Plain
+from core.mesh.mesh import Mesh
+
+
+def load(plain: Plain) -> tuple[Floats, Ints]:
+    """Read a checked file.
+
+    Nothing is merged, dropped or reordered, no material is read, and with neither a path nor a resolver no
+    other file can be opened.
+
+    Parameters
+    ----------
+    plain : Plain
+        Of "glb", the instances are placed and joined.
+
+    Returns
+    -------
+    vertices : float64, shape (n, 3)
+    faces : int64, shape (f, 3)
+    """
+    import trimesh  # noqa: PLC0415
+
+    scene = trimesh.load_scene(
+        io.BytesIO(plain.data),
+        file_type=plain.format,
+        process=False,
+        skip_materials=True,
+        maintain_order=True,
+    )
+    mesh = scene.to_mesh()
+    return np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, dtype=np.int64)
+
+
+def save(mesh: Mesh, format: str) -> bytes:
+    """Write a mesh in 32 bits: "stl" (binary), "ply" (binary, little-endian) or "glb"."""
+    import trimesh  # noqa: PLC0415
+
+    whole = trimesh.Trimesh(vertices=mesh.vertices, faces=mesh.faces, process=False)
+    written = whole.export(file_type=format)
+    assert isinstance(written, bytes)
+    return written

@@ -1,0 +1,95 @@
+"""One shape against many: in full, of which the rows may lie anywhere in memory, and roughly, by sketches."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.arrays import Float32s, Floats, Ints
+from core.matching.kernels.match_record import Packed, row_at, unpacked
+from core.matching.kernels.pair_matching import Rounds, best_map, match_pair
+from core.numerics.compilation import kernel
+
+SKETCHED = 32
+"""Samples of a sketch."""
+
+
+@kernel
+def precedes(x: Packed, y: Packed) -> int:
+    """1 where x comes first of the two: the smaller, then by key; 0 where both are one shape; else -1."""
+    m = len(x.offsets)
+    n = len(y.offsets)
+    if m != n:
+        return 1 if m < n else -1
+    one = x.key.view(np.uint32)
+    other = y.key.view(np.uint32)
+    for part in range(len(one)):
+        if one[part] != other[part]:
+            return 1 if one[part] < other[part] else -1
+    return 0
+
+
+@kernel
+def match_many(query: Float32s, addresses: Ints, lengths: Ints, rounds: Rounds, scores: Floats) -> None:
+    """Write CC, SSD and sim of one shape and each of c others, the same whichever of two is the query.
+
+    Parameters
+    ----------
+    query : float32, shape (l,)
+        A row: see `core.matching.kernels.match_record`.
+    addresses, lengths : int64, shape (c,)
+        Of the others' rows in memory, the length in numbers.
+    rounds : Rounds
+    scores : float64, shape (c, 3)
+        Written.
+    """
+    x = unpacked(query)
+    rotation = np.empty((x.points.shape[1], x.points.shape[1]), dtype=np.float32)
+    for i in range(len(addresses)):
+        y = unpacked(row_at(addresses[i], lengths[i]))
+        order = precedes(x, y)
+        there = np.empty(len(x.offsets) - 1, dtype=np.int32)
+        back = np.empty(len(y.offsets) - 1, dtype=np.int32)
+        if order < 0:
+            match_pair(y, x, rounds, False, back, there, rotation, scores[i])
+        else:
+            match_pair(x, y, rounds, order == 0, there, back, rotation, scores[i])
+
+
+@kernel
+def sift_many(query: Float32s, sketches: NDArray[np.uint8], rounds: Rounds, scores: Float32s) -> None:
+    """Write roughly the CC of one shape and each of c others: see `core.ranking.coarse_ranking.sift`.
+
+    Parameters
+    ----------
+    query : float32, shape (l,)
+        A row.
+    sketches : uint8, shape (c, 4 + 36 b k)
+    rounds : Rounds
+        Of one side.
+    scores : float32, shape (c,)
+        Written.
+    """
+    x = unpacked(query)
+    columns = x.points.shape[1]
+    blocks, dimensions, _ = x.searched.shape
+    k = columns // blocks
+    rotation = np.empty((columns, columns), dtype=np.float32)
+    for i in range(len(sketches)):
+        count = int(sketches[i, :4].view(np.int32)[0])
+        if count == 0:
+            scores[i] = -1.0
+            continue
+        scales = sketches[i, 4 : 4 + 4 * columns].view(np.float32)
+        whole = sketches[i, 4 + 4 * columns :].view(np.int8)
+        points = np.empty((count, columns), dtype=np.float32)
+        for j in range(count):
+            for c in range(columns):
+                points[j, c] = np.float32(whole[j * columns + c]) * scales[c]
+        searched = np.empty((blocks, dimensions, count), dtype=np.float32)
+        for block in range(blocks):
+            for c in range(dimensions):
+                for j in range(count):
+                    searched[block, c, j] = points[j, block * k + c]
+        places = np.arange(count + 1).astype(np.int32)
+        # From one side, splines of the other are not read, nor is what only scores read.
+        y = Packed(points, searched, x.operators, places, places, x.warp, x.radius, x.key)
+        scores[i] = best_map(x, y, rounds, rotation)

@@ -1,0 +1,414 @@
+"""Two shapes matched: maps found by search, refined by nearest neighbours both ways, scored."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from core.arrays import Float32s, Floats, Int16s, Int32s
+from core.matching.kernels.match_record import ONE, Packed
+from core.matching.kernels.nearest_neighbours import closest, nearest_both, paired, paired_both
+from core.matching.kernels.orthogonal_procrustes import EXACT, ROUGH, turn
+from core.matching.kernels.spline_search import spline_search
+from core.numerics.compilation import kernel
+
+FINEST = 8191
+"""The most that the largest coordinate is in whole numbers, where a spline's entries are up to `ONE`."""
+
+
+class Rounds(NamedTuple):
+    """How long is searched: see `core.parameters.Parameters`.
+
+    Searches begin from both `sides`, or from the first alone.
+    """
+
+    first_dimensions: int
+    starts: int
+    start_iterations: int
+    step_iterations: int
+    sides: int
+    align_samples: int
+    kept_maps: int
+    align_rounds: int
+    final_rounds: int
+    slides: int
+    effective: float
+
+
+@kernel
+def _low(n: int) -> int:
+    """A power of two above n, at least 128."""
+    low = 128
+    while low <= n:
+        low *= 2
+    return low
+
+
+@kernel
+def search_maps(x: Packed, y: Packed, rounds: Rounds, rotations: Float32s, scores: Float32s) -> None:
+    """Write orthogonal maps to begin from: of a search in each domain, from each side that is meant.
+
+    The pairs found in one domain determine the map in all.
+
+    Parameters
+    ----------
+    x, y : Packed
+    rounds : Rounds
+    rotations : float32, shape (sides b, b k, b k)
+    scores : float32, shape (sides b,)
+        Their correlations.
+    """
+    blocks = x.searched.shape[0]
+    columns = x.points.shape[1]
+    cross = np.empty((columns, columns), dtype=np.float32)
+    first = np.empty(blocks, dtype=np.float32)
+    second = np.empty(blocks, dtype=np.float32)
+    none = np.empty((0, columns), dtype=np.float32)
+    for which in range(rounds.sides * blocks):
+        domain = which // rounds.sides
+        forth = which % rounds.sides == 0
+        one = x if forth else y
+        other = y if forth else x
+        s = one.searched.shape[2]
+        matches = np.empty(s, dtype=np.int32)
+        spline_search(
+            one.searched[domain],
+            other.searched[domain],
+            one.operators[domain],
+            rounds.first_dimensions,
+            rounds.starts,
+            rounds.start_iterations,
+            rounds.step_iterations,
+            _low(other.searched.shape[2]),
+            matches,
+        )
+        found = np.empty((s, columns), dtype=np.float32)
+        for i in range(s):
+            for c in range(columns):
+                found[i, c] = other.points[matches[i], c]
+        if forth:
+            paired(x.points[:s], found, none, none, blocks, cross, first, second)
+        else:
+            paired(found, y.points[:s], none, none, blocks, cross, first, second)
+        scores[which] = turn(cross, first, second, ROUGH, rotations[which])
+
+
+@kernel
+def refine_map(
+    x: Float32s,
+    y: Float32s,
+    targets: Float32s,
+    blocks: int,
+    count: int,
+    steps: Float32s,
+    rotation: Float32s,
+    there: Int32s,
+    back: Int32s,
+) -> float:
+    """Nearest neighbours both ways under a map, and the map fitted to them anew, `count` times.
+
+    Parameters
+    ----------
+    x : float32, shape (m, b k)
+    y : float32, shape (n, b k)
+    targets : float32, shape (b k, n)
+        y by columns.
+    blocks, count : int
+    steps : float32, shape (n, 3)
+        Of `core.matching.kernels.orthogonal_procrustes.nearest_rotation`.
+    rotation : float32, shape (b k, b k)
+        Read, and written where blocks meet themselves.
+    there : int32, shape (m,)
+        Written: the partner of each of x, before the last fit.
+    back : int32, shape (n,)
+
+    Returns
+    -------
+    float
+        Correlation of the m + n pairs after the map.
+    """
+    m, columns = x.shape
+    n = y.shape[0]
+    low = _low(max(m, n))
+    cross = np.empty((columns, columns), dtype=np.float32)
+    first = np.empty(blocks, dtype=np.float32)
+    second = np.empty(blocks, dtype=np.float32)
+    score = 0.0
+    for _ in range(count):
+        nearest_both(np.dot(x, rotation), targets, low, there, back)
+        paired_both(x, y, there, back, blocks, cross, first, second)
+        score = turn(cross, first, second, steps, rotation)
+    return score
+
+
+@kernel
+def best_map(x: Packed, y: Packed, rounds: Rounds, rotation: Float32s) -> float:
+    """Write the best of several maps, each searched for and then refined on the first samples.
+
+    Returns
+    -------
+    float
+        Correlation of those samples after the map.
+    """
+    blocks = x.searched.shape[0]
+    columns = x.points.shape[1]
+    number = rounds.sides * blocks
+    rotations = np.zeros((number, columns, columns), dtype=np.float32)
+    scores = np.zeros(number, dtype=np.float32)
+    search_maps(x, y, rounds, rotations, scores)
+    some = x.points[: min(rounds.align_samples, len(x.offsets) - 1)]
+    others = y.points[: min(rounds.align_samples, len(y.offsets) - 1)]
+    targets = np.ascontiguousarray(others.T)
+    there = np.empty(len(some), dtype=np.int32)
+    back = np.empty(len(others), dtype=np.int32)
+    for which in range(number):
+        scores[which] = refine_map(some, others, targets, blocks, 1, ROUGH, rotations[which], there, back)
+    order = np.argsort(-scores, kind="mergesort")
+    best = -2.0
+    for place in range(min(rounds.kept_maps, number)):
+        found = rotations[order[place]]
+        score = scores[order[place]]
+        if rounds.align_rounds > 0:
+            score = refine_map(some, others, targets, blocks, rounds.align_rounds, ROUGH, found, there, back)
+        if score > best:
+            best = score
+            rotation[:] = found
+    return best
+
+
+@kernel
+def _effective_share(
+    warp: Int16s, targets: Float32s, matches: Int32s, low: int, k: int, gamma: float, count: int
+) -> float:
+    """Distinct matches that the softer spline brings a point within gamma of, over min(m, count).
+
+    In whole numbers, whose sums of products may be taken in any order, and so by vectors; a point is left as
+    soon as it is too far away in some of its coordinates. A spline makes no vector longer, so that what comes
+    out is at most the root of m times the largest that goes in: it stays under 2^31.
+    """
+    m = len(matches)
+    most = np.float32(0.0)
+    for i in range(m):
+        for c in range(k):
+            most = max(most, abs(targets[i, low + c]))
+    largest = min(FINEST, math.floor(2**31 / ONE / math.sqrt(m)) - 1)
+    scale = np.float32(largest) / most if most > 0.0 else np.float32(0.0)
+    block = np.empty((k, m), dtype=np.int16)
+    for i in range(m):
+        for c in range(k):
+            block[c, i] = np.int16(np.floor(targets[i, low + c] * scale + np.float32(0.5)))
+    limit = np.float32((gamma * scale) ** 2)
+    taken = np.zeros(count, dtype=np.bool_)
+    share = 0.0
+    for i in range(m):
+        if taken[matches[i]]:
+            continue
+        apart = np.float32(0.0)
+        for c in range(k):
+            total = np.int32(0)
+            for j in range(m):
+                total = np.int32(total + np.int32(np.int32(warp[i, j]) * np.int32(block[c, j])))
+            step = np.float32(total) * np.float32(1.0 / ONE) - np.float32(block[c, i])
+            apart += step * step
+            if apart > limit:
+                break
+        if apart <= limit:
+            taken[matches[i]] = True
+            share += 1.0
+    return share / min(m, count)
+
+
+@kernel
+def score_pairs(
+    x: Packed,
+    y: Packed,
+    there: Int32s,
+    back: Int32s,
+    partners: Float32s,
+    sources: Float32s,
+    rotation: Float32s,
+    effective: float,
+    scores: Floats,
+) -> None:
+    """Write CC, SSD and sim of pairs under a map: Eqs. 18-20, means over the domains.
+
+    Parameters
+    ----------
+    x, y : Packed
+        Of m and n samples.
+    there, back : int32, shapes (m,) and (n,)
+        The sample whose region each one's partner lies in.
+    partners, sources : float32, shapes (m, b k) and (n, b k)
+        The partners of the samples of x and of those of y.
+    rotation : float32, shape (b k, b k)
+    effective : float
+        gamma over the mean radius of the two clouds.
+    scores : float64, shape (3,)
+        CC in [-1, 1], SSD >= 0, sim in [0, 1].
+    """
+    m = len(there)
+    n = len(back)
+    blocks = len(x.radius)
+    columns = x.points.shape[1]
+    k = columns // blocks
+    ends = np.dot(x.points[:m], rotation)
+    turned = np.dot(sources, rotation)
+    scores[:] = 0.0
+    yours = y.points[:n]
+    sums = np.zeros((2, columns), dtype=np.float32)
+    products = np.zeros((3, columns), dtype=np.float32)
+    steps = np.zeros(columns, dtype=np.float32)
+    for i in range(m):
+        for c in range(columns):
+            sums[0, c] += ends[i, c]
+            sums[1, c] += partners[i, c]
+            products[0, c] += ends[i, c] * ends[i, c]
+            products[1, c] += partners[i, c] * partners[i, c]
+            products[2, c] += ends[i, c] * partners[i, c]
+            steps[c] += (ends[i, c] - partners[i, c]) ** 2
+    for j in range(n):
+        for c in range(columns):
+            sums[0, c] += turned[j, c]
+            sums[1, c] += yours[j, c]
+            products[0, c] += turned[j, c] * turned[j, c]
+            products[1, c] += yours[j, c] * yours[j, c]
+            products[2, c] += turned[j, c] * yours[j, c]
+            steps[c] += (turned[j, c] - yours[j, c]) ** 2
+    share = np.float32(1.0) / np.float32(m + n)
+    for block in range(blocks):
+        low = block * k
+        one = np.float32(0.0)
+        other = np.float32(0.0)
+        both = np.float32(0.0)
+        apart = np.float32(0.0)
+        for c in range(low, low + k):
+            one += products[0, c] - sums[0, c] * sums[0, c] * share
+            other += products[1, c] - sums[1, c] * sums[1, c] * share
+            both += products[2, c] - sums[0, c] * sums[1, c] * share
+            apart += steps[c]
+        size = math.sqrt(max(0.0, float(one * other)))
+        if size > 0.0:
+            scores[0] += max(-1.0, min(1.0, float(both) / size)) / blocks
+        scores[1] += math.sqrt(apart) / (m + n) / blocks
+        gamma = effective * 0.5 * (x.radius[block] + y.radius[block])
+        scores[2] += 0.5 * _effective_share(x.warp[block], partners, there, low, k, gamma, n) / blocks
+        scores[2] += 0.5 * _effective_share(y.warp[block], sources, back, low, k, gamma, m) / blocks
+
+
+@kernel
+def fit_map(
+    x: Packed,
+    y: Packed,
+    rounds: Rounds,
+    there: Int32s,
+    back: Int32s,
+    partners: Float32s,
+    sources: Float32s,
+    rotation: Float32s,
+) -> float:
+    """Write the map between two shapes, and what it pairs.
+
+    The maps that a search begins from are refined by nearest neighbours both ways, first on few samples and
+    for a few maps, then on all samples for the best. Last each sample's partner moves to the nearest of the
+    embedded points in its partner's region: two meshes of one shape have their samples at different places,
+    so even the best pairs of samples lie half a sample's spacing apart.
+
+    Parameters
+    ----------
+    x, y : Packed
+        Of m and n samples. What only scores read is not read.
+    rounds : Rounds
+    there : int32, shape (m,)
+        Written: the sample of y that each of x is paired with.
+    back : int32, shape (n,)
+        Written: the sample of x that each of y is paired with.
+    partners, sources : float32, shapes (m, b k) and (n, b k)
+        Written: the partners of the samples of x and of those of y.
+    rotation : float32, shape (b k, b k)
+        Zeros; written where blocks meet themselves: x.points @ rotation lies on y.points.
+
+    Returns
+    -------
+    float
+        CC of the pairs, the mean over the domains.
+    """
+    m = len(there)
+    n = len(back)
+    blocks = x.searched.shape[0]
+    columns = x.points.shape[1]
+    mine = x.points[:m]
+    yours = y.points[:n]
+    best_map(x, y, rounds, rotation)
+    targets = np.ascontiguousarray(yours.T)
+    score = refine_map(mine, yours, targets, blocks, rounds.final_rounds, EXACT, rotation, there, back)
+    cross = np.empty((columns, columns), dtype=np.float32)
+    first = np.empty(blocks, dtype=np.float32)
+    second = np.empty(blocks, dtype=np.float32)
+    for i in range(m):
+        partners[i] = yours[there[i]]
+    for j in range(n):
+        sources[j] = mine[back[j]]
+    for _ in range(rounds.slides):
+        ends = np.dot(mine, rotation)
+        starts = np.dot(yours, np.ascontiguousarray(rotation.T))
+        for i in range(m):
+            region = there[i]
+            row = closest(y.points, y.members, y.offsets[region], y.offsets[region + 1], ends, i)
+            partners[i] = y.points[row]
+        for j in range(n):
+            region = back[j]
+            row = closest(x.points, x.members, x.offsets[region], x.offsets[region + 1], starts, j)
+            sources[j] = x.points[row]
+        paired(mine, partners, sources, yours, blocks, cross, first, second)
+        score = turn(cross, first, second, EXACT, rotation)
+    return score
+
+
+@kernel
+def match_pair(
+    x: Packed,
+    y: Packed,
+    rounds: Rounds,
+    same: bool,
+    there: Int32s,
+    back: Int32s,
+    rotation: Float32s,
+    scores: Floats,
+) -> None:
+    """Match two shapes: `fit_map`, then `score_pairs`.
+
+    Parameters
+    ----------
+    x, y : Packed
+        Of m and n samples.
+    rounds : Rounds
+    same : bool
+        Whether both are one shape: then each sample's partner is itself, and the scores are 1, 0 and 1 (CC
+        counts 0 in a domain that is one point). A search might find one of the shape's symmetries.
+    there : int32, shape (m,)
+        Written: the sample of y that each of x is paired with.
+    back : int32, shape (n,)
+        Written: the sample of x that each of y is paired with.
+    rotation : float32, shape (b k, b k)
+        Written: x.points @ rotation lies on y.points.
+    scores : float64, shape (3,)
+        Written: CC, SSD and sim.
+    """
+    m = len(x.offsets) - 1
+    n = len(y.offsets) - 1
+    columns = x.points.shape[1]
+    rotation[:] = 0.0
+    if same:
+        for c in range(columns):
+            rotation[c, c] = 1.0
+        for i in range(m):
+            there[i] = i
+            back[i] = i
+        scores[0] = (x.radius > 0.0).mean()
+        scores[1] = 0.0
+        scores[2] = 1.0
+        return
+    partners = np.empty((m, columns), dtype=np.float32)
+    sources = np.empty((n, columns), dtype=np.float32)
+    fit_map(x, y, rounds, there, back, partners, sources, rotation)
+    score_pairs(x, y, there, back, partners, sources, rotation, rounds.effective, scores)

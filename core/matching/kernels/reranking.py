@@ -1,0 +1,181 @@
+"""Embedded points matched as they lie in memory, with flat splines in place of those of a `Packed` shape."""
+
+import math
+
+import numpy as np
+
+from core.arrays import Float32s, Int16s, Int32s, Ints
+from core.matching.kernels.match_record import ONE, Packed, row_at, unpacked
+from core.matching.kernels.pair_matching import Rounds, fit_map
+from core.numerics.compilation import kernel
+
+FLAT = 1e-6
+"""The least length of what is new in a coordinate, over its own, that is more than rounding."""
+
+NOT_FINITE = np.int32(0x7F800000)
+"""The bits of a float32 that are all set where it is NaN or infinite."""
+
+
+@kernel
+def flat_splines(searched: Float32s, first: int, operators: Int16s) -> None:
+    """Write what splines of no bending make of targets: the least-squares affine map of each dimension.
+
+    Stiff splines are nearly that, and these take a hundredth of their time.
+
+    Parameters
+    ----------
+    searched : float32, shape (b, j, s)
+    first : int
+        Dimensions of the first stage.
+    operators : int16, shape (b, j - first + 1, s, s)
+        Written, over `ONE`: projections onto the constants and the first coordinates.
+    """
+    b, j, s = searched.shape
+    axes = np.empty((j + 1, s), dtype=np.float32)
+    for block in range(b):
+        projection = np.full((s, s), np.float32(1.0 / s))
+        axes[0] = np.float32(1.0 / math.sqrt(s))
+        known = 1
+        for c in range(j):
+            axis = axes[known]
+            axis[:] = searched[block, c]
+            size = math.sqrt(np.dot(axis, axis))
+            # Twice, so that rounding leaves nothing of the others.
+            for _ in range(2):
+                for other in range(known):
+                    axis -= np.dot(axes[other], axis) * axes[other]
+            left = math.sqrt(np.dot(axis, axis))
+            if left > FLAT * size:
+                axis *= np.float32(1.0 / left)
+                for i in range(s):
+                    for place in range(s):
+                        projection[i, place] += axis[i] * axis[place]
+                known += 1
+            if c + 1 >= first:
+                for i in range(s):
+                    for place in range(s):
+                        whole = np.rint(projection[i, place] * np.float32(ONE))
+                        operators[block, c + 1 - first, i, place] = np.int16(min(max(whole, -ONE), ONE))
+
+
+@kernel
+def side_by_side(blocks: Ints, points: Float32s) -> bool:
+    """Write the domains' coordinates as columns of one matrix.
+
+    Parameters
+    ----------
+    blocks : int64, shape (b,)
+        Where in memory each domain's coordinates lie, float32, shape (d, k).
+    points : float32, shape (d, b k)
+        Written.
+
+    Returns
+    -------
+    bool
+        Whether all are finite.
+    """
+    d, columns = points.shape
+    k = columns // len(blocks)
+    wrong = 0
+    for block in range(len(blocks)):
+        row = row_at(blocks[block], d * k)
+        bits = row.view(np.int32)
+        for i in range(d * k):
+            wrong += int((bits[i] & NOT_FINITE) == NOT_FINITE)
+        cloud = row.reshape((d, k))
+        for i in range(d):
+            for c in range(k):
+                points[i, block * k + c] = cloud[i, c]
+    return wrong == 0
+
+
+@kernel
+def sorted_regions(regions: Int32s, offsets: Int32s, members: Int32s) -> bool:
+    """Write where each sample's region is, and its points.
+
+    Parameters
+    ----------
+    regions : int32, shape (d,)
+        The sample nearest to each point, at least 0.
+    offsets : int32, shape (m + 1,)
+        Written: sample i's region is `members[offsets[i]:offsets[i + 1]]`.
+    members : int32, shape (d,)
+
+    Returns
+    -------
+    bool
+        Whether none is empty.
+    """
+    m = len(offsets) - 1
+    offsets[:] = 0
+    for i in range(len(regions)):
+        offsets[regions[i] + 1] += 1
+    whole = True
+    for i in range(m):
+        whole = whole and offsets[i + 1] > 0
+        offsets[i + 1] += offsets[i]
+    place = offsets.copy()
+    for i in range(len(regions)):
+        members[place[regions[i]]] = i
+        place[regions[i]] += 1
+    return whole
+
+
+@kernel
+def screen_many(
+    query: Float32s, blocks: Ints, regions: Ints, counts: Ints, search: Ints, rounds: Rounds, scores: Float32s
+) -> None:
+    """Write CC of one shape and each of c others, whose splines are flat.
+
+    Parameters
+    ----------
+    query : float32, shape (l,)
+        A row of `core.matching.kernels.match_record`.
+    blocks : int64, shape (c, b)
+        Where in memory the coordinates of each lie, float32, shape (d, k).
+    regions : int64, shape (c,)
+        Where the sample nearest to each point lies, int32, shape (d,).
+    counts : int64, shape (c,)
+        d of each.
+    search : int64, shape (2,)
+        With how many samples is searched at most, and the dimensions of the first stage.
+    rounds : Rounds
+    scores : float32, shape (c,)
+        Written. -2 where a number is not finite or a region is none.
+    """
+    x = unpacked(query)
+    columns = x.points.shape[1]
+    m = len(x.offsets) - 1
+    domains, dimensions, _ = x.searched.shape
+    k = columns // domains
+    stages = dimensions - search[1] + 1
+    there = np.empty(m, dtype=np.int32)
+    partners = np.empty((m, columns), dtype=np.float32)
+    rotation = np.empty((columns, columns), dtype=np.float32)
+    for i in range(len(regions)):
+        scores[i] = -2.0
+        d = counts[i]
+        nearest = row_at(regions[i], d).view(np.int32)
+        low, high = nearest.min(), nearest.max()
+        if d == 0 or low < 0 or high >= d:
+            continue
+        n = high + 1
+        points = np.empty((d, columns), dtype=np.float32)
+        offsets = np.empty(n + 1, dtype=np.int32)
+        members = np.empty(d, dtype=np.int32)
+        if not side_by_side(blocks[i], points) or not sorted_regions(nearest, offsets, members):
+            continue
+        some = min(search[0], n)
+        searched = np.empty((domains, dimensions, some), dtype=np.float32)
+        for block in range(domains):
+            for c in range(dimensions):
+                for j in range(some):
+                    searched[block, c, j] = points[j, block * k + c]
+        operators = np.empty((domains, stages, some, some), dtype=np.int16)
+        flat_splines(searched, search[1], operators)
+        back = np.empty(n, dtype=np.int32)
+        sources = np.empty((n, columns), dtype=np.float32)
+        rotation[:] = 0.0
+        # What only scores read is the query's.
+        y = Packed(points, searched, operators, offsets, members, x.warp, x.radius, x.key)
+        scores[i] = fit_map(x, y, rounds, there, back, partners, sources, rotation)

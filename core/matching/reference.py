@@ -1,0 +1,173 @@
+"""The compiled matching in plain NumPy, float64 throughout, to test it against (`tests/core/kernels`).
+
+Where rounding decides between two neighbours, or a map is not determined, the two may part.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.arrays import Float32s, Floats, Ints
+from core.matching.kernels.match_record import ONE, Packed
+from core.matching.kernels.nearest_neighbours import nearest_both_reference
+from core.matching.kernels.orthogonal_procrustes import EXACT, ROUGH, turn_reference
+from core.matching.kernels.pair_matching import Rounds
+from core.matching.kernels.spline_search import spline_search_reference
+from core.matching.similarity import correlation, squared_difference
+
+Reals = NDArray[np.floating]
+
+
+def nearest_columns_reference(points: Reals, targets: Reals, k: int) -> Ints:
+    """Of targets of shape (>= k, n) the nearest to each of the points, shape (>= k, p), in k rows."""
+    apart = points[:k, :, None].astype(np.float64) - targets[:k, None, :]
+    return np.asarray((apart**2).sum(axis=0).argmin(axis=1))
+
+
+def signless_correlation_reference(points: Reals, targets: Reals, matches: Ints, k: int) -> float:
+    """Correlation of points (>= k, p) with their matches among targets (>= k, n), column signs aside."""
+    x, y = points[:k].astype(np.float64), targets[:k, matches].astype(np.float64)
+    x, y = x - x.mean(axis=1, keepdims=True), y - y.mean(axis=1, keepdims=True)
+    size = np.sqrt((x**2).sum() * (y**2).sum())
+    return float(np.abs((x * y).sum(axis=1)).sum() / size) if size > 0.0 else 0.0
+
+
+def closest_reference(points: Reals, members: NDArray[np.integer], start: int, stop: int, x: Reals) -> int:
+    """Of the rows members[start:stop] of points, shape (d, k), that which is closest to x, shape (k,)."""
+    rows = members[start:stop]
+    return int(rows[((points[rows].astype(np.float64) - x) ** 2).sum(axis=1).argmin()])
+
+
+def paired_reference(
+    points: Reals, partners: Reals, sources: Reals, targets: Reals, blocks: int
+) -> tuple[Floats, Floats, Floats]:
+    """Centred cross-products (b k, b k) and square sums (b,) of pairs (m, b k) and pairs (n, b k)."""
+    x = np.concatenate([points, sources], dtype=np.float64)
+    y = np.concatenate([partners, targets], dtype=np.float64)
+    x, y = x - x.mean(axis=0), y - y.mean(axis=0)
+    first, second = ((side**2).sum(axis=0).reshape(blocks, -1).sum(axis=1) for side in (x, y))
+    return x.T @ y, first, second
+
+
+def search_maps_reference(x: Packed, y: Packed, rounds: Rounds) -> tuple[Floats, Floats]:
+    """Scores (sides b,) and maps (sides b, b k, b k): of a search in each domain, there and back."""
+    blocks = len(x.searched)
+    found = []
+    for domain in range(blocks):
+        for one, other in ((x, y), (y, x))[: rounds.sides]:
+            matches = spline_search_reference(
+                one.searched[domain].T.astype(np.float64),
+                other.searched[domain].T.astype(np.float64),
+                one.operators[domain] / ONE,
+                rounds.first_dimensions,
+                rounds.starts,
+                rounds.start_iterations,
+                rounds.step_iterations,
+            )
+            mine = one.points[: len(matches)].astype(np.float64)
+            theirs = other.points[matches].astype(np.float64)
+            found.append(turn_reference(*((mine, theirs) if one is x else (theirs, mine)), blocks, ROUGH))
+    return np.array([score for score, _ in found]), np.stack([rotation for _, rotation in found])
+
+
+def refine_map_reference(
+    x: Floats, y: Floats, blocks: int, count: int, steps: Float32s, rotation: Floats
+) -> tuple[float, Floats, Ints, Ints]:
+    """Correlation, map (b k, b k) and the pairs it was fitted to, (m,) and (n,), after `count` >= 1 rounds.
+
+    Clouds are of shapes (m, b k) and (n, b k).
+    """
+    for _ in range(count):
+        there, back = nearest_both_reference(x @ rotation, y)
+        score, rotation = turn_reference(
+            np.concatenate([x, x[back]]), np.concatenate([y[there], y]), blocks, steps
+        )
+    return score, rotation, there, back
+
+
+def best_map_reference(x: Packed, y: Packed, rounds: Rounds) -> tuple[float, Floats]:
+    """The best correlation, and its map (b k, b k), of maps searched for and refined on the first samples."""
+    blocks = len(x.searched)
+    some, others = (
+        each.points[: min(rounds.align_samples, len(each.offsets) - 1)].astype(np.float64) for each in (x, y)
+    )
+    _, maps = search_maps_reference(x, y, rounds)
+    tries = [refine_map_reference(some, others, blocks, 1, ROUGH, rotation) for rotation in maps]
+    tries = sorted(tries, key=lambda one: -one[0])[: rounds.kept_maps]
+    if rounds.align_rounds:
+        tries = [
+            refine_map_reference(some, others, blocks, rounds.align_rounds, ROUGH, one[1]) for one in tries
+        ]
+    return max(((score, rotation) for score, rotation, _, _ in tries), key=lambda end: end[0])
+
+
+def score_pairs_reference(
+    x: Packed,
+    y: Packed,
+    there: Ints,
+    back: Ints,
+    partners: Floats,
+    sources: Floats,
+    rotation: Floats,
+    effective: float,
+) -> Floats:
+    """CC, SSD and sim, shape (3,), by `core.matching.similarity`; arguments as in `score_pairs`."""
+    m, n = len(there), len(back)
+    ends = np.concatenate([x.points[:m], sources]) @ rotation
+    targets = np.concatenate([partners, y.points[:n]])
+    scores = []
+    for block, columns in enumerate(np.split(np.arange(x.points.shape[1]), len(x.radius))):
+        gamma = effective * 0.5 * (float(x.radius[block]) + float(y.radius[block]))
+        shares = []
+        for warp, block_targets, matches in ((x.warp, partners, there), (y.warp, sources, back)):
+            own = block_targets[:, columns]
+            near = np.linalg.norm(warp[block] / ONE @ own - own, axis=1) <= gamma
+            shares.append(len(np.unique(matches[near])) / min(m, n))
+        one, other = ends[:, columns], targets[:, columns]
+        scores.append((correlation(one, other), squared_difference(one, other), 0.5 * sum(shares)))
+    return np.asarray(np.mean(scores, axis=0))
+
+
+def fit_map_reference(
+    x: Packed, y: Packed, rounds: Rounds
+) -> tuple[float, Ints, Ints, Floats, Floats, Floats]:
+    """CC, partners' samples there (m,) and back (n,), partners, sources and map: what `fit_map` writes."""
+    blocks = len(x.searched)
+    points, others = x.points.astype(np.float64), y.points.astype(np.float64)
+    mine, yours = points[: len(x.offsets) - 1], others[: len(y.offsets) - 1]
+    _, rotation = best_map_reference(x, y, rounds)
+    score, rotation, there, back = refine_map_reference(
+        mine, yours, blocks, rounds.final_rounds, EXACT, rotation
+    )
+    partners, sources = yours[there], mine[back]
+    for _ in range(rounds.slides):
+        ends, starts = mine @ rotation, yours @ rotation.T
+        partners = others[_slid(others, y, there, ends)]
+        sources = points[_slid(points, x, back, starts)]
+        score, rotation = turn_reference(
+            np.concatenate([mine, sources]), np.concatenate([partners, yours]), blocks
+        )
+    return score, there, back, partners, sources, rotation
+
+
+def match_pair_reference(
+    x: Packed, y: Packed, rounds: Rounds, same: bool
+) -> tuple[Ints, Ints, Floats, Floats]:
+    """Partners there (m,) and back (n,), map (b k, b k) and scores (3,): what `match_pair` writes."""
+    if same:
+        there = back = np.arange(len(x.offsets) - 1)
+        mine, yours = (each.points[: len(there)].astype(np.float64) for each in (x, y))
+        rotation = np.eye(x.points.shape[1])
+        scores = score_pairs_reference(x, y, there, back, yours, mine, rotation, rounds.effective)
+        return there, back, rotation, scores
+    _, there, back, partners, sources, rotation = fit_map_reference(x, y, rounds)
+    scores = score_pairs_reference(x, y, there, back, partners, sources, rotation, rounds.effective)
+    return there, back, rotation, scores
+
+
+def _slid(points: Floats, shape: Packed, regions: Ints, ends: Floats) -> list[int]:
+    """The row of points, shape (d, b k), nearest to each end in its own region."""
+    offsets = shape.offsets
+    return [
+        closest_reference(points, shape.members, offsets[region], offsets[region + 1], end)
+        for region, end in zip(regions, ends, strict=True)
+    ]

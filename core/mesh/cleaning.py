@@ -1,0 +1,228 @@
+"""Cleaning: coinciding vertices are merged; faces that span nothing and negligible parts are dropped."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.arrays import Floats, Ints
+from core.errors import DegenerateMeshError
+from core.mesh.edges import HalfEdges, component_labels, half_edges, starts_of
+from core.mesh.mesh import Mesh
+from core.mesh.ordering import canonical_order
+from core.numerics.compilation import compiled, constant
+from core.numerics.radix_sort import lexical_order
+
+MERGE_TOLERANCE = 1e-7
+"""Vertices whose coordinates agree after rounding to this part of the bounding box's diagonal are one:
+coarser than the rounding of float32 files, far finer than any detail."""
+
+COVERED_AREA = 0.999
+"""Parts are kept, largest first, until this part of the area is covered, and with the last all of its size:
+dust around a scan goes, and the many equal parts of an assembly stay."""
+
+EQUAL_AREA = 1e-6
+"""Areas that differ by less than this part are equal."""
+
+FARTHEST, SMALLEST = 1e30, 1e-30
+"""Limits of a coordinate and of the bounding box's diagonal: products of four lengths are still numbers, and
+positions fit into single precision."""
+
+
+@dataclass(frozen=True, eq=False)
+class Cleaned:
+    """A mesh without defects of bookkeeping, and what was mended.
+
+    Attributes
+    ----------
+    mesh : Mesh
+        The cleaned mesh.
+    labels : int64, shape (n,)
+        The connected component of each vertex, 0 .. components - 1.
+    components : int
+        Connected components kept.
+    merged_vertices, dropped_faces : int
+        How many of the file's went.
+    """
+
+    mesh: Mesh
+    labels: Ints
+    components: int
+    merged_vertices: int
+    dropped_faces: int
+
+    @cached_property
+    def sides(self) -> HalfEdges:
+        """Of the mesh's faces, sorted by their edges."""
+        return half_edges(self.mesh.faces)
+
+
+def vertex_areas(vertices: Floats, faces: Ints) -> Floats:
+    """A third of the area of the faces about each vertex, shape (n,)."""
+    third = np.repeat(face_areas(vertices, faces) / 3.0, 3)
+    return np.bincount(faces.ravel(), weights=third, minlength=len(vertices)).astype(np.float64)
+
+
+def face_areas(vertices: Floats, faces: Ints) -> Floats:
+    """Area of each face, shape (f,)."""
+    return _face_areas(constant(vertices), constant(faces))
+
+
+def part_areas(mesh: Mesh) -> Floats:
+    """For each vertex, the area of the connected component that it is of, shape (n,)."""
+    count, part = component_labels(len(mesh.vertices), mesh.faces)
+    areas = face_areas(mesh.vertices, mesh.faces)
+    return np.asarray(np.bincount(part[mesh.faces[:, 0]], weights=areas, minlength=count)[part])
+
+
+@compiled
+def _face_areas(vertices: Floats, faces: Ints) -> Floats:
+    areas = np.empty(len(faces))
+    for f in range(len(faces)):
+        a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+        ux, uy, uz = (
+            vertices[b, 0] - vertices[a, 0],
+            vertices[b, 1] - vertices[a, 1],
+            vertices[b, 2] - vertices[a, 2],
+        )
+        vx, vy, vz = (
+            vertices[c, 0] - vertices[a, 0],
+            vertices[c, 1] - vertices[a, 1],
+            vertices[c, 2] - vertices[a, 2],
+        )
+        x, y, z = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+        areas[f] = 0.5 * np.sqrt(x * x + y * y + z * z)
+    return areas
+
+
+def centroid(vertices: Floats, faces: Ints, areas: Floats) -> Floats:
+    """Centroid of the surface from its faces' areas, shape (3,)."""
+    return _centroid(constant(vertices), constant(faces), areas)
+
+
+@compiled
+def _centroid(vertices: Floats, faces: Ints, areas: Floats) -> Floats:
+    total = 0.0
+    centre = np.zeros(3)
+    for f in range(len(faces)):
+        total += areas[f]
+        for axis in range(3):
+            corners = 0.0
+            for i in range(3):
+                corners += vertices[faces[f, i], axis]
+            centre[axis] += areas[f] * corners / 3.0
+    return centre / total
+
+
+def merge_vertices(vertices: Floats) -> tuple[Ints, Ints]:
+    """Vertices that coincide.
+
+    Returns
+    -------
+    first : int64, shape (u,)
+        One original index a distinct point.
+    group : int64, shape (n,)
+        The distinct point of each original vertex.
+
+    Raises
+    ------
+    DegenerateMeshError
+        All are one point, or a coordinate is past `FARTHEST`.
+    """
+    if float(np.abs(vertices).max()) > FARTHEST:
+        raise DegenerateMeshError(f"vertices lie too far apart to measure: a coordinate is over {FARTHEST:g}")
+    low = vertices.min(axis=0)
+    diagonal = float(np.linalg.norm(vertices.max(axis=0) - low))
+    if diagonal < SMALLEST:
+        raise DegenerateMeshError("all vertices are one point")
+    step = diagonal * MERGE_TOLERANCE
+    keys = np.rint((vertices - low) / step).astype(np.int64)
+    order = lexical_order(*keys.T)
+    new = starts_of(*keys[order].T)
+    group = np.empty(len(order), dtype=np.int64)
+    group[order] = np.cumsum(new) - 1
+    return order[new], group
+
+
+def _distinct_faces(faces: Ints) -> NDArray[np.bool_]:
+    """True for faces with three different corners, the first of each set of faces on the same corners."""
+    # By columns, which takes a tenth of the time that rows of three would.
+    one, other, third = faces.T
+    low = np.minimum(np.minimum(one, other), third)
+    high = np.maximum(np.maximum(one, other), third)
+    middle = one + other + third - low - high
+    proper = (low != middle) & (middle != high)
+    order = lexical_order(low, middle, high)
+    again = ~starts_of(low[order], middle[order], high[order])
+    proper[order[again]] = False
+    return np.asarray(proper)
+
+
+@compiled
+def _renumbered(faces: Ints, place: Ints) -> Ints:
+    """The faces with each vertex at its place, turned so that the first of the three leads."""
+    result = np.empty_like(faces)
+    for f in range(len(faces)):
+        a, b, c = place[faces[f, 0]], place[faces[f, 1]], place[faces[f, 2]]
+        if b < a and b < c:
+            a, b, c = b, c, a
+        elif c < a:
+            a, b, c = c, a, b
+        result[f, 0], result[f, 1], result[f, 2] = a, b, c
+    return result
+
+
+def _ordered(vertices: Floats, faces: Ints) -> Mesh:
+    """The mesh with its vertices in their canonical order, and its faces in that of their corners."""
+    areas = face_areas(vertices, faces)
+    order = canonical_order(vertices, faces, centroid(vertices, faces, areas))
+    place = np.empty(len(order), dtype=np.int64)
+    place[order] = np.arange(len(order))
+    faces = _renumbered(faces, place)
+    return Mesh(vertices[order], faces[lexical_order(*faces.T)])
+
+
+def clean(mesh: Mesh) -> Cleaned:
+    """The mesh without duplicate vertices, degenerate or repeated faces, loose vertices and negligible parts.
+
+    Vertices and faces come in an order that is the shape's own, not the file's: see `core.mesh.ordering`.
+    Slivers of zero area stay while they join other faces: they carry no weight but keep the surface
+    connected.
+
+    Raises
+    ------
+    DegenerateMeshError
+        Nothing has an area, or it is too large to measure.
+    """
+    first, group = merge_vertices(mesh.vertices)
+    vertices = mesh.vertices[first]
+    faces = group[mesh.faces]
+    faces = faces[_distinct_faces(faces)]
+    if len(faces) == 0:
+        raise DegenerateMeshError("every face is a point or a line")
+    areas = face_areas(vertices, faces)
+    total = float(areas.sum())
+    extent = float(np.ptp(vertices, axis=0).max())
+    if total <= 1e-12 * extent * extent:
+        raise DegenerateMeshError("the faces have no area")
+    _, labels = component_labels(len(vertices), faces)
+    by_component = np.bincount(labels[faces[:, 0]], weights=areas)
+    order = np.argsort(-by_component, kind="stable")
+    before = np.cumsum(by_component[order]) - by_component[order]
+    last = by_component[order[before < COVERED_AREA * total][-1]]
+    kept = by_component >= (1.0 - EQUAL_AREA) * last
+    faces = faces[kept[labels[faces[:, 0]]]]
+    mask = np.zeros(len(vertices), dtype=bool)
+    mask[faces.ravel()] = True
+    used = np.flatnonzero(mask)
+    renumber = np.cumsum(mask) - 1
+    cleaned = _ordered(vertices[used], renumber[faces])
+    components, labels = component_labels(len(used), cleaned.faces)
+    return Cleaned(
+        mesh=cleaned,
+        labels=labels,
+        components=components,
+        merged_vertices=len(mesh.vertices) - len(first),
+        dropped_faces=len(mesh.faces) - len(faces),
+    )

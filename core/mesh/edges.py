@@ -1,0 +1,89 @@
+"""Edges and parts of a triangulation."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.arrays import Ints
+from core.numerics.compilation import compiled, constant
+from core.numerics.radix_sort import lexical_order
+
+
+@dataclass(frozen=True, eq=False)
+class HalfEdges:
+    """The faces' sides in the order of their edges: number 3 f + i runs from corner i of face f to the next.
+
+    Attributes
+    ----------
+    order : int64, shape (3 f,)
+        Half-edges, those of one edge side by side, as they come in the faces.
+    low, high : int64, shape (3 f,)
+        The ends of each, low <= high, rising.
+    first : int64, shape (e,)
+        Where in `order` each distinct edge begins.
+    """
+
+    order: Ints
+    low: Ints
+    high: Ints
+    first: Ints
+
+    @property
+    def edges(self) -> Ints:
+        """The distinct edges, shape (e, 2)."""
+        return np.stack([self.low[self.first], self.high[self.first]], axis=1)
+
+    @property
+    def sheets(self) -> Ints:
+        """How many faces share each edge, shape (e,)."""
+        return np.diff(self.first, append=len(self.order))
+
+
+def half_edges(faces: Ints) -> HalfEdges:
+    """The sides of the faces, shape (f, 3), sorted by their ends."""
+    start, end = faces.ravel(), faces[:, [1, 2, 0]].ravel()
+    low, high = np.minimum(start, end), np.maximum(start, end)
+    order = lexical_order(low, high)
+    low, high = low[order], high[order]
+    return HalfEdges(order, low, high, first=np.flatnonzero(starts_of(low, high)))
+
+
+def starts_of(*columns: Ints) -> NDArray[np.bool_]:
+    """Where sorted rows, given by their columns of shape (n,), differ from the row before, or have none."""
+    new = np.zeros(len(columns[0]), dtype=bool)
+    new[:1] = True
+    for column in columns:
+        new[1:] |= column[1:] != column[:-1]
+    return new
+
+
+@compiled
+def _join(faces: Ints, root: Ints) -> None:
+    """Let `root` lead from each vertex to the first of its part, by union and find."""
+    for f in range(len(faces)):
+        for side in range(2):
+            a, b = faces[f, side], faces[f, side + 1]
+            while root[a] != a:
+                root[a] = root[root[a]]
+                a = root[a]
+            while root[b] != b:
+                root[b] = root[root[b]]
+                b = root[b]
+            if a < b:
+                root[b] = a
+            else:
+                root[a] = b
+    for v in range(len(root)):
+        root[v] = root[root[v]]
+
+
+def component_labels(count: int, faces: Ints) -> tuple[int, Ints]:
+    """Connected components of the vertices through the faces' edges: their number, and each vertex's own.
+
+    They are numbered by their first vertices.
+    """
+    root = np.arange(count)
+    _join(constant(faces), root)
+    first = root == np.arange(count)
+    return int(first.sum()), (np.cumsum(first) - 1)[root]

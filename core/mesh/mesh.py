@@ -1,0 +1,57 @@
+"""A triangle mesh that is valid once made."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from core.arrays import Floats, Ints
+from core.errors import MalformedMeshError, NonFiniteCoordinatesError, NoTrianglesError
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """A frozen pair of arrays.
+
+    Attributes
+    ----------
+    vertices : float64, shape (n, 3)
+        Positions in the file's own units, all finite.
+    faces : int64, shape (f, 3), f >= 1
+        Rows of three indices into `vertices`.
+
+    Raises
+    ------
+    MalformedMeshError
+        Wrong shapes, or an index that is not whole or outside 0 .. n - 1.
+    NonFiniteCoordinatesError
+        A coordinate is NaN or infinite.
+    NoTrianglesError
+        There is no face.
+    """
+
+    vertices: Floats
+    faces: Ints
+
+    def __post_init__(self) -> None:
+        vertices = np.array(self.vertices, dtype=np.float64, order="C")
+        given = np.asarray(self.faces)
+        if given.dtype.kind == "f" and not ((given == np.trunc(given)) & (abs(given) < 2.0**53)).all():
+            raise MalformedMeshError("a face refers to a vertex by a number that is not whole")
+        faces = np.array(given, dtype=np.int64, order="C")
+        if vertices.ndim != 2 or vertices.shape[1] != 3:
+            raise MalformedMeshError(f"vertices must have shape (n, 3), not {vertices.shape}")
+        if faces.size == 0:
+            raise NoTrianglesError("the mesh has no triangles")
+        if faces.ndim != 2 or faces.shape[1] != 3:
+            raise MalformedMeshError(f"faces must have shape (f, 3), not {faces.shape}")
+        if not np.isfinite(vertices).all():
+            raise NonFiniteCoordinatesError("a vertex coordinate is NaN or infinite")
+        if faces.min() < 0 or faces.max() >= len(vertices):
+            raise MalformedMeshError(
+                f"a face refers to vertex {int(faces.max() if faces.min() >= 0 else faces.min())}, "
+                f"but there are {len(vertices)} vertices"
+            )
+        vertices.flags.writeable = False
+        faces.flags.writeable = False
+        object.__setattr__(self, "vertices", vertices)
+        object.__setattr__(self, "faces", faces)

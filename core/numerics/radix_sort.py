@@ -1,0 +1,65 @@
+"""Stable sorting by digits (least significant first), several times faster than comparing."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.arrays import Floats, Ints
+from core.numerics.compilation import compiled
+
+Keys = NDArray[np.uint64]
+
+
+@compiled
+def _sort(keys: Keys, order: Ints) -> Ints:
+    """`order` sorted anew by the keys, shape (n,), that go with its places; equal keys stay as they are."""
+    count = len(keys)
+    largest = np.uint64(0)
+    for i in range(count):
+        largest = max(largest, keys[i])
+    other_keys, other_order = np.empty_like(keys), np.empty_like(order)
+    starts = np.empty(2048, dtype=np.int64)
+    digit, low = np.uint64(11), np.uint64(2047)
+    shift = np.uint64(0)
+    while shift < np.uint64(64) and largest >> shift > np.uint64(0):
+        starts[:] = 0
+        for i in range(count):
+            starts[(keys[i] >> shift) & low] += 1
+        total = 0
+        for d in range(2048):
+            here = starts[d]
+            starts[d] = total
+            total += here
+        for i in range(count):
+            d = (keys[i] >> shift) & low
+            place = starts[d]
+            starts[d] = place + 1
+            other_keys[place] = keys[i]
+            other_order[place] = order[i]
+        keys, other_keys = other_keys, keys
+        order, other_order = other_order, order
+        shift += digit
+    return order
+
+
+def sortable(values: Ints | Floats) -> Keys:
+    """Unsigned numbers in the order of the values, shape (n,): integers >= 0, or floats other than NaN."""
+    if values.dtype.kind == "f":
+        bits = (values + 0.0).view(np.uint64)
+        sign = np.uint64(1) << np.uint64(63)
+        return np.asarray(np.where(bits & sign, ~bits, bits | sign))
+    return values.astype(np.uint64)
+
+
+def lexical_order(*columns: Ints | Floats) -> Ints:
+    """The order of rows by the first column, then by the second, and so on, then as given, shape (n,).
+
+    Parameters
+    ----------
+    columns : int64 or float64, shape (n,)
+        Integers >= 0; no NaN.
+    """
+    order = np.arange(len(columns[0]))
+    for i, column in enumerate(reversed(columns)):
+        keys = sortable(column)
+        order = _sort(keys[order] if i else keys, order)
+    return order

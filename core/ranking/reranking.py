@@ -1,0 +1,57 @@
+"""About the CC of one shape with each of many, of which no more than the embedded points is known."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from core.arrays import Float32s
+from core.embedding import Points
+from core.matching.kernels.reranking import screen_many
+from core.matching.procrustes import rounds_of
+from core.parameters import Parameters
+
+
+def screen(query: Float32s, clouds: Sequence[Points], parameters: Parameters) -> Float32s:
+    """About the CC of one shape with each of c others: the match but for the others' splines, which are flat.
+
+    Splines that do not bend are made in a hundredth of the time, and mostly lead to the same map.
+
+    Parameters
+    ----------
+    query : float32, shape (l,)
+        Of `core.matching.match_records.row_of`.
+    clouds : sequence of Points
+        Of the same parameters; those of another number of coordinates are not for these.
+    parameters : Parameters
+        With pairs "both-ways".
+
+    Returns
+    -------
+    float32, shape (c,)
+        In [-1, 1]; NaN where a number is not finite, a region not a sample's, or the points not for these.
+    """
+    scores = np.full(len(clouds), np.nan, dtype=np.float32)
+    shape = (len(parameters.operators), parameters.dimensions)
+    fit = [
+        place
+        for place, (coordinates, regions) in enumerate(clouds)
+        if len(coordinates) == shape[0] and all(one.shape == (len(regions), shape[1]) for one in coordinates)
+    ]
+    if not fit:
+        return scores
+    found = np.empty(len(fit), dtype=np.float32)
+    screen_many(
+        np.require(query, requirements=["C", "W"]),
+        np.array([[_address(one) for one in clouds[place][0]] for place in fit], dtype=np.int64),
+        np.array([_address(clouds[place][1]) for place in fit], dtype=np.int64),
+        np.array([len(clouds[place][1]) for place in fit], dtype=np.int64),
+        np.array([parameters.search_samples or parameters.samples, parameters.first_dimensions]),
+        rounds_of(parameters),
+        found,
+    )
+    scores[fit] = np.where(found < -1.5, np.nan, found)
+    return scores
+
+
+def _address(array: np.ndarray[tuple[int, ...], np.dtype[np.generic]]) -> int:
+    return int(array.__array_interface__["data"][0])

@@ -1,0 +1,6 @@
+"""Rigid registration.
+
+Two sampled surfaces in, the best similarity transform of one onto the other and its residual out.
+"""
+
+__all__ = ["similarity_icp"]

@@ -1,0 +1,6 @@
+"""Samples of a surface (sections 3.1 and 3.2, Algorithm 1).
+
+A mesh and its graph in, chosen vertices or points out.
+"""
+
+__all__ = ["farthest_point", "lewis_weights", "poisson_disk", "sampling", "surface_samples"]

@@ -1,0 +1,220 @@
+"""Embeddings as bytes (the safetensors format), and back."""
+
+import json
+import math
+from collections.abc import Iterator
+from dataclasses import asdict, fields
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from safetensors import SafetensorError
+from safetensors.numpy import load, save
+
+from core.arrays import Bytes
+from core.descriptors.descriptor_distance import ROWS, WIDTH
+from core.embedding import NO_PATCHES, Embedding, Facts, Points, Spectrum
+from core.errors import BadRecordError
+
+
+def embedding_to_bytes(embedding: Embedding) -> bytes:
+    """The embedding as one block of bytes; the same embedding always gives the same bytes."""
+    header: dict[str, Any] = {
+        "fingerprint": embedding.fingerprint,
+        "facts": asdict(embedding.facts),
+        "spectra": [spectrum.name for spectrum in embedding.spectra],
+    }
+    arrays: dict[str, NDArray[Any]] = {
+        "positions": embedding.positions,
+        "vertices": embedding.vertices,
+        "graph_edges": embedding.graph_edges,
+        "graph_lengths": embedding.graph_lengths,
+        "tree_edges": embedding.tree_edges,
+        "regions": embedding.regions,
+        "signature": embedding.signature,
+    }
+    if embedding.patches.size:
+        header["patches"] = True
+        arrays["patches"] = embedding.patches
+    for i, spectrum in enumerate(embedding.spectra):
+        arrays[f"eigenvalues_{i}"] = spectrum.eigenvalues
+        arrays[f"coordinates_{i}"] = spectrum.coordinates
+    arrays["header"] = np.frombuffer(json.dumps(header, sort_keys=True).encode(), dtype=np.uint8)
+    return bytes(save({name: np.ascontiguousarray(array) for name, array in arrays.items()}))
+
+
+def embedding_from_bytes(data: bytes) -> Embedding:
+    """The embedding that `embedding_to_bytes` wrote.
+
+    Raises
+    ------
+    BadRecordError
+        The bytes are not such a record: not of the format, or an array has not the shape or type that
+        `core.embedding.Embedding` gives, a number that is not finite, or an index of nothing.
+    """
+    try:
+        arrays = load(data)
+        header = json.loads(arrays["header"].tobytes())
+        embedding = Embedding(
+            fingerprint=header["fingerprint"],
+            facts=Facts(**header["facts"]),
+            positions=arrays["positions"],
+            vertices=arrays["vertices"],
+            graph_edges=arrays["graph_edges"],
+            graph_lengths=arrays["graph_lengths"],
+            tree_edges=arrays["tree_edges"],
+            regions=arrays["regions"],
+            signature=arrays["signature"],
+            spectra=tuple(
+                Spectrum(name, arrays[f"eigenvalues_{i}"], arrays[f"coordinates_{i}"])
+                for i, name in enumerate(header["spectra"])
+            ),
+            patches=arrays["patches"] if header.get("patches") else NO_PATCHES,
+        )
+    except (SafetensorError, KeyError, TypeError, ValueError, RecursionError) as error:
+        raise BadRecordError(f"not an embedding: {error}") from error
+    fault = next(_faults(embedding), None)
+    if fault is not None:
+        raise BadRecordError(f"not an embedding: {fault}")
+    return embedding
+
+
+def points_from_bytes(data: bytes) -> Points:
+    """The embedded points of a record: views of its bytes, whose numbers are not checked.
+
+    Some twenty times as fast as `embedding_from_bytes`.
+
+    Raises
+    ------
+    BadRecordError
+        The bytes are not a record, or do not say that it has such arrays.
+    """
+    try:
+        end = 8 + int.from_bytes(data[:8], "little")
+        if end % 4:
+            raise ValueError("the header has not its length")
+        regions, *coordinates = (
+            np.frombuffer(data, one.dtype, math.prod(one.shape), end + one.start).reshape(one.shape)
+            for one in _layout(data[8:end])
+        )
+    except (KeyError, TypeError, ValueError, RecursionError, OverflowError, AttributeError) as error:
+        raise BadRecordError(f"not an embedding: {error}") from error
+    if regions.ndim != 1 or any(one.ndim != 2 or len(one) != len(regions) for one in coordinates):
+        raise BadRecordError("not an embedding: its points have not the shape of such")
+    return tuple(coordinates), regions
+
+
+def patches_from_bytes(data: bytes) -> Bytes:
+    """The patches of a record; of shape (0, 0) if it has none.
+
+    Raises
+    ------
+    BadRecordError
+        The bytes are not a record, or its patches have not the shape or type of such.
+    """
+    try:
+        arrays = load(data)
+        header = json.loads(arrays["header"].tobytes())
+        patches = arrays["patches"] if header.get("patches") else NO_PATCHES
+    except (SafetensorError, KeyError, TypeError, ValueError, RecursionError, AttributeError) as error:
+        raise BadRecordError(f"not an embedding: {error}") from error
+    fault = next(_patch_faults(patches), None)
+    if fault is not None:
+        raise BadRecordError(f"not an embedding: {fault}")
+    return patches
+
+
+class _Place(NamedTuple):
+    """An array of a record: its type, and where it begins behind the header."""
+
+    dtype: type[np.generic]
+    shape: tuple[int, ...]
+    start: int
+
+
+@lru_cache(maxsize=1024)
+def _layout(header: bytes) -> list[_Place]:
+    """The regions and the coordinates as the header of the safetensors format has them; most are the same."""
+    entries = json.loads(header)
+    domains = sum(name.startswith("coordinates_") for name in entries)
+    names = ["regions", *(f"coordinates_{i}" for i in range(domains))]
+    found = []
+    for name in names:
+        entry = entries[name]
+        dtype = np.int32 if name == "regions" else np.float32
+        if entry["dtype"] != {np.int32: "I32", np.float32: "F32"}[dtype]:
+            raise ValueError(f"{name} is of type {entry['dtype']}")
+        start, stop = entry["data_offsets"]
+        shape = tuple(int(length) for length in entry["shape"])
+        if min(shape) < 1 or start < 0 or stop - start != 4 * math.prod(shape) or start % 4:
+            raise ValueError(f"{name} has not its length")
+        found.append(_Place(dtype, shape, start))
+    return found
+
+
+def _faults(embedding: Embedding) -> Iterator[str]:
+    """What is wrong with the arrays and the header's values; later ones suppose that earlier ones hold."""
+    yield from _header_faults(embedding)
+    m, e, d = (
+        array.shape[0] if array.ndim else 0
+        for array in (embedding.positions, embedding.graph_edges, embedding.regions)
+    )
+    if not 1 <= m <= d:
+        yield f"{d} points of {m} samples"
+    yield from _array_faults("positions", embedding.positions, np.float32, (m, 3))
+    yield from _array_faults("vertices", embedding.vertices, np.int32, (m,))
+    yield from _array_faults("graph_edges", embedding.graph_edges, np.int32, (e, 2))
+    yield from _array_faults("graph_lengths", embedding.graph_lengths, np.float32, (e,))
+    yield from _array_faults("tree_edges", embedding.tree_edges, np.int32, (m - 1, 2))
+    yield from _array_faults("regions", embedding.regions, np.int32, (d,))
+    yield from _array_faults("signature", embedding.signature, np.float32, (None,))
+    for spectrum in embedding.spectra:
+        yield from _array_faults(f"{spectrum.name} eigenvalues", spectrum.eigenvalues, np.float32, (None,))
+        yield from _array_faults(f"{spectrum.name} coordinates", spectrum.coordinates, np.float32, (d, None))
+    yield from _patch_faults(embedding.patches)
+    for name, indices, end in (
+        ("vertices", embedding.vertices, embedding.facts.vertices),
+        ("graph_edges", embedding.graph_edges, m),
+        ("tree_edges", embedding.tree_edges, m),
+        ("regions", embedding.regions, m),
+    ):
+        if indices.size and not (indices.min() >= 0 and indices.max() < end):
+            yield f"{name} has an index out of range"
+    if not np.array_equal(embedding.regions[:m], np.arange(m)):
+        yield "the first points are not the samples"
+
+
+def _header_faults(embedding: Embedding) -> Iterator[str]:
+    if not isinstance(embedding.fingerprint, str):
+        yield "the fingerprint is not text"
+    for field in fields(Facts):
+        value = getattr(embedding.facts, field.name)
+        good = isinstance(value, int) or (field.type is float and isinstance(value, float))
+        if isinstance(value, bool) or not good or not 0 <= value < math.inf:
+            yield f"{field.name} is {value!r}"
+    names = [spectrum.name for spectrum in embedding.spectra]
+    if not names or not all(isinstance(name, str) for name in names) or len(set(names)) < len(names):
+        yield f"the spectra are {names!r}"
+
+
+def _patch_faults(patches: NDArray[Any]) -> Iterator[str]:
+    if patches is not NO_PATCHES:
+        yield from _array_faults("patches", patches, np.uint8, (None, WIDTH))
+        if len(patches) not in ROWS.values():
+            yield f"there are {len(patches)} patches"
+
+
+def _array_faults(
+    name: str, array: NDArray[Any], dtype: type[np.generic], shape: tuple[int | None, ...]
+) -> Iterator[str]:
+    """What is wrong with one array; a None in the shape is any length but 0."""
+    if array.dtype != dtype:
+        yield f"{name} is of type {array.dtype}, not {np.dtype(dtype)}"
+    fits = array.ndim == len(shape) and all(
+        have == want or (want is None and have > 0) for have, want in zip(array.shape, shape, strict=True)
+    )
+    if not fits:
+        yield f"{name} has the shape {array.shape}"
+    elif array.dtype == np.float32 and not np.isfinite(array).all():
+        yield f"{name} has a number that is not finite"

@@ -1,0 +1,166 @@
+"""The intrinsic Delaunay triangulation of a closed surface, by flipping edges.
+
+A. Bobenko, B. Springborn, "A discrete Laplace-Beltrami operator for simplicial surfaces", 2007. Only lengths
+change: the surface stays the same, and its cotangent weights become positive.
+"""
+
+import math
+
+import numpy as np
+
+from core.arrays import Floats, Ints
+from core.mesh.edges import HalfEdges
+from core.numerics.compilation import compiled
+
+MOLLIFIED = 1e-5
+"""Two sides of a triangle exceed the third by at least this part of the mean edge; where they do not, all
+edges are lengthened alike (Sharp and Crane 2020, section 4.5)."""
+
+
+def twins(faces: Ints, sides: HalfEdges) -> Ints | None:
+    """The half-edge on the other side of each, shape (3 f,); None unless the surface is closed and oriented.
+
+    That is, unless each edge has two faces, which pass it in opposite directions.
+    """
+    if len(sides.order) != 2 * len(sides.first) or not (sides.sheets == 2).all():
+        return None
+    start = faces.ravel()[sides.order].reshape(-1, 2)
+    if (start[:, 0] == start[:, 1]).any():
+        return None
+    result = np.empty(len(sides.order), dtype=np.int64)
+    pairs = sides.order.reshape(-1, 2)
+    result[pairs[:, 0]], result[pairs[:, 1]] = pairs[:, 1], pairs[:, 0]
+    return result
+
+
+def mollified(lengths: Floats) -> Floats:
+    """Lengths of the faces' sides, shape (f, 3), all longer by what the worst triangle needs."""
+    needed = MOLLIFIED * float(lengths.mean()) + (2.0 * lengths.max(axis=1) - lengths.sum(axis=1)).max()
+    return np.asarray(lengths + max(0.0, needed))
+
+
+@compiled
+def _cotangent(a: float, b: float, c: float) -> float:
+    """Half the cotangent of the angle across side a of a triangle; -1e300 where it has no area."""
+    half = 0.5 * (a + b + c)
+    square = half * (half - a) * (half - b) * (half - c)
+    if not square > 0.0:
+        return -1e300
+    return (b * b + c * c - a * a) / (8.0 * math.sqrt(square))
+
+
+@compiled
+def _flip_all(tails: Ints, lengths: Floats, twin: Ints) -> int:
+    """Flip edges until none has a negative weight; the number of flips."""
+    sides = len(twin)
+    queue = np.empty(sides + 1, dtype=np.int64)
+    waits = np.zeros(sides, dtype=np.bool_)
+    size = 0
+    for h in range(sides):
+        if h < twin[h]:
+            queue[size] = h
+            waits[h] = True
+            size += 1
+    first, last, flips = 0, size, 0
+    while first != last:
+        h = queue[first]
+        first = first + 1 if first < sides else 0
+        waits[h] = False
+        g = twin[h]
+        f, k = h // 3 * 3, g // 3 * 3
+        if f == k:
+            continue
+        h1, h2 = f + (h + 1) % 3, f + (h + 2) % 3
+        g1, g2 = k + (g + 1) % 3, k + (g + 2) % 3
+        length = lengths[h]
+        weight = _cotangent(length, lengths[h1], lengths[h2]) + _cotangent(length, lengths[g1], lengths[g2])
+        if weight >= -1e-6 or weight < -1e299:
+            continue
+        # The far corners in a plane, the edge along x from the tail of h.
+        along_h = (length**2 + lengths[h2] ** 2 - lengths[h1] ** 2) / (2.0 * length)
+        along_g = (length**2 + lengths[g1] ** 2 - lengths[g2] ** 2) / (2.0 * length)
+        up_h = np.sqrt(max(0.0, lengths[h2] ** 2 - along_h**2))
+        up_g = np.sqrt(max(0.0, lengths[g1] ** 2 - along_g**2))
+        across = np.sqrt((along_h - along_g) ** 2 + (up_h + up_g) ** 2)
+        tail = tails[h1], tails[h2], tails[g1], tails[g2]
+        size_of = lengths[h1], lengths[h2], lengths[g1], lengths[g2]
+        other = twin[h1], twin[h2], twin[g1], twin[g2]
+        # Where each side goes; the new edge runs between the far corners.
+        to = g2, h1, h2, g1
+        tails[h], tails[g] = tail[3], tail[1]
+        lengths[h] = across
+        lengths[g] = across
+        for i in range(4):
+            tails[to[i]] = tail[i]
+            lengths[to[i]] = size_of[i]
+            mate = other[i]
+            if mate == h1:
+                mate = to[0]
+            elif mate == h2:
+                mate = to[1]
+            elif mate == g1:
+                mate = to[2]
+            elif mate == g2:
+                mate = to[3]
+            twin[to[i]] = mate
+            twin[mate] = to[i]
+        for i in range(4):
+            side = to[i]
+            if not waits[side] and not waits[twin[side]]:
+                queue[last] = side
+                last = last + 1 if last < sides else 0
+                waits[side] = True
+        flips += 1
+    return flips
+
+
+@compiled
+def _weights(tails: Ints, lengths: Floats, weights: Floats, areas: Floats) -> bool:
+    """Cotangent weight of each half-edge, and areas of the vertices; False if a triangle has none."""
+    for f in range(0, len(tails), 3):
+        a, b, c = lengths[f], lengths[f + 1], lengths[f + 2]
+        half = 0.5 * (a + b + c)
+        square = half * (half - a) * (half - b) * (half - c)
+        if not square > 0.0:
+            return False
+        area = np.sqrt(square)
+        weights[f] = (b * b + c * c - a * a) / (8.0 * area)
+        weights[f + 1] = (c * c + a * a - b * b) / (8.0 * area)
+        weights[f + 2] = (a * a + b * b - c * c) / (8.0 * area)
+        for i in range(3):
+            areas[tails[f + i]] += area / 3.0
+    return True
+
+
+def intrinsic_delaunay(
+    vertices: Floats, faces: Ints, sides: HalfEdges
+) -> tuple[Ints, Ints, Floats, Floats] | None:
+    """Cotangent weights of the intrinsic Delaunay triangulation; None unless closed and oriented.
+
+    Parameters
+    ----------
+    vertices : float64, shape (n, 3)
+    faces : int64, shape (f, 3)
+    sides : HalfEdges
+        Of the faces.
+
+    Returns
+    -------
+    start, end : int64, shape (3 f,)
+        The ends of each triangle's sides.
+    weights : float64, shape (3 f,)
+        Half the cotangent of the angle across each.
+    areas : float64, shape (n,)
+        A third of the triangles about each vertex.
+    """
+    twin = twins(faces, sides)
+    if twin is None:
+        return None
+    lengths = np.linalg.norm(vertices[faces] - vertices[faces[:, [1, 2, 0]]], axis=2)
+    lengths = mollified(lengths).ravel()
+    tails = faces.ravel().copy()
+    _flip_all(tails, lengths, twin)
+    weights, areas = np.empty(len(tails)), np.zeros(len(vertices))
+    if not _weights(tails, lengths, weights, areas):
+        return None
+    return tails, tails.reshape(-1, 3)[:, [1, 2, 0]].ravel(), weights, areas

@@ -1,0 +1,91 @@
+"""The spectral embeddings of one shape, and its signature, as the parameters ask (section 3.3)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from core.arrays import Floats, Ints
+from core.embedding import Spectrum
+from core.mesh.cleaning import face_areas
+from core.mesh.mesh import Mesh
+from core.parameters import Parameters
+from core.spectral.affinity import distance_affinity, gaussian_affinity
+from core.spectral.coordinates import spectral_coordinates
+from core.spectral.eigenpairs import leading_eigenpairs, oriented, sampled_eigenpairs
+from core.spectral.eigenvalue_signature import affinity_signature, laplacian_signature
+from core.spectral.laplace_beltrami import laplace_beltrami
+
+
+@dataclass(frozen=True, eq=False)
+class Points:
+    """The vertices of a surface that are embedded, and what is known between them.
+
+    Attributes
+    ----------
+    vertices : int64, shape (d,)
+        The samples first.
+    distances : float64, shape (d, m)
+        From each to the m samples.
+    areas : float64, shape (m,)
+        Share of the surface in each sample's region; they sum to 1.
+    """
+
+    vertices: Ints
+    distances: Floats
+    areas: Floats
+
+
+def spectra_of(surface: Mesh, points: Points, wanted: Parameters) -> tuple[tuple[Spectrum, ...], Floats]:
+    """The spectral embeddings that the parameters name, and the signature.
+
+    Parameters
+    ----------
+    surface : Mesh
+        In its normal frame.
+    points : Points
+    wanted : Parameters
+
+    Returns
+    -------
+    tuple of Spectrum
+        In the order of `wanted.operators`.
+    float64, shape (affinity_values + laplacian_values,)
+        The signature of eigenvalues.
+    """
+    spectra: list[Spectrum] = []
+    signature: list[Floats] = []
+    if "affinity" in wanted.operators or wanted.affinity_values:
+        values, vectors = _affinity_pairs(points, wanted)
+        short = max(0, wanted.affinity_values - len(values))
+        signature.append(affinity_signature(np.pad(values, (0, short))[: wanted.affinity_values]))
+        kept = slice(1, wanted.dimensions + 1)
+        coordinates = spectral_coordinates(
+            values[1:], vectors[:, kept], wanted.eigenvalue_power, taper=wanted.taper
+        ).astype(np.float32)
+        spectra.append(Spectrum("affinity", values.astype(np.float32), coordinates))
+    if "laplace-beltrami" in wanted.operators or wanted.laplacian_values:
+        values, functions = laplace_beltrami(surface, max(wanted.dimensions + 1, wanted.laplacian_values))
+        area = float(face_areas(surface.vertices, surface.faces).sum())
+        signature.append(laplacian_signature(values[: wanted.laplacian_values], area))
+        chosen = oriented(values, functions[points.vertices], wanted.dimensions)
+        coordinates = spectral_coordinates(
+            values, chosen, -wanted.eigenvalue_power, taper=wanted.taper
+        ).astype(np.float32)
+        spectra.append(Spectrum("laplace-beltrami", values.astype(np.float32), coordinates))
+    spectra = [spectrum for spectrum in spectra if spectrum.name in wanted.operators]
+    spectra.sort(key=lambda spectrum: wanted.operators.index(spectrum.name))
+    return tuple(spectra), np.concatenate(signature)
+
+
+def _affinity_pairs(points: Points, wanted: Parameters) -> tuple[Floats, Floats]:
+    """Eigenvalues, comparable whatever the number of samples, and eigenvectors at the points."""
+    samples = len(points.areas)
+    count = min(max(wanted.dimensions + 2, wanted.affinity_values), samples)
+    if wanted.affinity == "distance":
+        values, vectors = leading_eigenpairs(distance_affinity(points.distances), count)
+        return values / samples, vectors
+    if len(points.vertices) > samples:
+        affinity = gaussian_affinity(points.distances, wanted.width, points.areas)
+        return sampled_eigenpairs(affinity, points.areas, count)
+    values, vectors = leading_eigenpairs(gaussian_affinity(points.distances, wanted.width), count)
+    return values / samples, vectors

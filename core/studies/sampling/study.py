@@ -1,0 +1,109 @@
+"""All trials of sampling on one shape, and on several."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from core.arrays import Floats
+from core.studies.sampling.evidence import distance_histogram
+from core.studies.sampling.robustness import (
+    DELTAS,
+    ROBUST_TAU,
+    Unrest,
+    noisy,
+    pair_variations,
+    robust_histograms,
+    unrest,
+)
+from core.studies.sampling.surface import METHODS, Surface
+from core.studies.sampling.trials import (
+    COMPARED_TAU,
+    CURVE_TAUS,
+    TAUS,
+    Quality,
+    Steadiness,
+    fit_errors,
+    plain,
+    quality,
+    select_all,
+    steadiness,
+)
+
+
+@dataclass(frozen=True)
+class ShapeEvidence:
+    """All trials on one shape.
+
+    Attributes
+    ----------
+    name : str
+    vertices : int
+        Of the surface that was sampled.
+    fit_errors : tuple of float
+        One for each of `core.studies.sampling.trials.DEGREES`.
+    surface_histogram : tuple of float
+        Of the distances between all vertices.
+    steadiness, quality, noise
+        One for each of `METHODS` (noise: and each of `DELTAS`).
+    robust_histograms : dict
+        By method, at `ROBUST_TAU`.
+    """
+
+    name: str
+    vertices: int
+    fit_errors: tuple[float, ...]
+    surface_histogram: tuple[float, ...]
+    steadiness: tuple[Steadiness, ...]
+    quality: tuple[Quality, ...]
+    noise: tuple[Unrest, ...]
+    robust_histograms: dict[str, tuple[float, ...]]
+
+
+@dataclass(frozen=True)
+class PoseEvidence:
+    """Of one body in one pose: its histograms by method, at `ROBUST_TAU`."""
+
+    name: str
+    robust_histograms: dict[str, tuple[float, ...]]
+
+
+@dataclass(frozen=True)
+class Study:
+    """Several shapes, and several poses of one body."""
+
+    shapes: tuple[ShapeEvidence, ...]
+    poses: tuple[PoseEvidence, ...]
+
+
+def study_shape(name: str, surface: Surface) -> ShapeEvidence:
+    """Every trial on one surface. It takes some seconds: distances of all pairs, clean and under noise."""
+    chosen = select_all(surface, sorted({COMPARED_TAU, ROBUST_TAU, *TAUS, *CURVE_TAUS}))
+    robust = {method: samples[ROBUST_TAU] for method, samples in chosen.items()}
+    return ShapeEvidence(
+        name=name,
+        vertices=len(surface.mesh.vertices),
+        fit_errors=fit_errors(surface),
+        surface_histogram=plain(distance_histogram(surface.distances)),
+        steadiness=tuple(steadiness(surface, method, chosen[method]) for method in METHODS),
+        quality=tuple(quality(surface, method, chosen[method]) for method in METHODS),
+        noise=tuple(row for delta in DELTAS for row in unrest(surface, robust, noisy(surface, delta), delta)),
+        robust_histograms={
+            method.name: plain(distance_histogram(surface.between(samples)))
+            for method, samples in robust.items()
+        },
+    )
+
+
+def study_pose(name: str, surface: Surface) -> PoseEvidence:
+    """The trial of poses on one of them."""
+    found = robust_histograms(surface)
+    return PoseEvidence(name, {method: plain(histogram) for method, histogram in found.items()})
+
+
+def variations(shapes: Sequence[ShapeEvidence | PoseEvidence], method: str) -> Floats:
+    """Total variation distance between the histograms of all pairs, shape (s (s - 1) / 2,)."""
+    return pair_variations(
+        [{name: np.array(shares) for name, shares in shape.robust_histograms.items()} for shape in shapes],
+        method,
+    )

@@ -1,0 +1,154 @@
+"""A surface made ready for evidence on sampling, and every way that it is sampled."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+from scipy.sparse import csc_array, csr_array
+from scipy.sparse.csgraph import dijkstra
+
+from core.arrays import Floats, Ints
+from core.graph.edge_graph import edge_graph
+from core.mesh.mesh import Mesh
+from core.mesh.normal_frame import Frame
+from core.parameters import DEFAULT, Parameters
+from core.pipeline import Pipeline
+from core.sampling.farthest_point import farthest_points
+from core.sampling.lewis_weights import lewis_weights
+from core.sampling.poisson_disk import poisson_disk_of
+from core.sampling.sampling import covering, draw_scale, keyed_uniform, random_draw, sort_and_cut
+from core.spectral.laplace_beltrami import laplacian
+
+EVIDENCE: Parameters = replace(DEFAULT, name="sampling evidence", decimate_above=4000, decimate_to=3000)
+"""The default's way to a surface; larger meshes are simplified, since distances of all pairs are wanted."""
+
+Way = Literal["cut", "draw", "covering", "poisson-disk", "farthest-point"]
+
+
+@dataclass(frozen=True)
+class Method:
+    """A way to sample, and for those by Lewis weights whether r1 and r2 are as printed or normalised."""
+
+    way: Way
+    printed: bool = False
+
+    @property
+    def weighted(self) -> bool:
+        """Whether it reads Lewis weights."""
+        return self.way in {"cut", "draw", "covering"}
+
+    @property
+    def name(self) -> str:
+        """One word, as in JSON."""
+        return f"{self.way}-printed" if self.printed else self.way
+
+
+OURS = tuple(Method(way, printed) for way in ("cut", "draw", "covering") for printed in (True, False))
+OTHERS = (Method("poisson-disk"), Method("farthest-point"))
+METHODS = OURS + OTHERS
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """A mesh in its normal frame, with what sampling needs.
+
+    Attributes
+    ----------
+    mesh : Mesh
+        n vertices in units of the shape's root mean square radius.
+    cleaned : Mesh
+        As it was cleaned, in the file's frame and units, before it was refined or simplified.
+    frame : Frame
+        From the one to the other.
+    """
+
+    mesh: Mesh
+    cleaned: Mesh
+    frame: Frame
+
+    @classmethod
+    def of(cls, mesh: Mesh) -> "Surface":
+        """Clean a mesh and put it in its normal frame, by `Pipeline.normalise`.
+
+        Raises
+        ------
+        DegenerateMeshError
+            The mesh has no area.
+        """
+        normal, cleaned, frame = Pipeline(EVIDENCE).normalise(mesh)
+        return cls(normal, cleaned.mesh, frame)
+
+    @cached_property
+    def graph(self) -> csr_array:
+        """Edges and diagonals with their lengths, shape (n, n)."""
+        return edge_graph(self.mesh)
+
+    @cached_property
+    def distances(self) -> Floats:
+        """Geodesic distances between all vertices, along the graph, shape (n, n)."""
+        found = np.asarray(dijkstra(self.graph))
+        return np.asarray(np.minimum(found, found.T))
+
+    @cached_property
+    def _laplacian(self) -> tuple[csc_array, Floats]:
+        return laplacian(self.mesh)
+
+    @property
+    def stiffness(self) -> csc_array:
+        """The cotangent Laplacian, shape (n, n)."""
+        return self._laplacian[0]
+
+    @property
+    def areas(self) -> Floats:
+        """Area of each vertex, shape (n,)."""
+        return self._laplacian[1]
+
+    @cached_property
+    def _weights(self) -> dict[bool, Floats]:
+        points, key = self.mesh.vertices, EVIDENCE.seed + 1
+        return {
+            printed: lewis_weights(
+                points,
+                degree=EVIDENCE.degree,
+                epsilon=EVIDENCE.epsilon,
+                normalise=not printed,
+                random=keyed_uniform(points, key),
+            ).weights
+            for printed in (True, False)
+        }
+
+    @cached_property
+    def _uniform(self) -> Floats:
+        return keyed_uniform(self.mesh.vertices, EVIDENCE.seed)
+
+    def select(self, method: Method, count: int) -> Ints:
+        """The vertices that a method takes, shape (count,); a random one draws the same again each time."""
+        points = self.mesh.vertices
+        match method.way:
+            case "cut":
+                return sort_and_cut(self._weights[method.printed], count)
+            case "draw":
+                return random_draw(self._weights[method.printed], count, self._uniform)
+            case "covering":
+                weights = self._weights[method.printed]
+                return covering(self.graph, points, weights, count, EVIDENCE.coverage_power)
+            case "poisson-disk":
+                return poisson_disk_of(self.distances, count, np.argsort(self._uniform))[0]
+            case "farthest-point":
+                return farthest_points(self.graph, count, int(np.argmax((points**2).sum(axis=1))))
+
+    def probability(self, method: Method, count: int) -> Floats | None:
+        """With which each vertex is drawn, shape (n,); None where nothing is drawn by chance."""
+        if method.way != "draw":
+            return None
+        weights = self._weights[method.printed]
+        return np.asarray(np.minimum(1.0, draw_scale(weights, count) * weights))
+
+    def count(self, tau: float) -> int:
+        """How many samples a sparse ratio asks for."""
+        return round(tau * len(self.mesh.vertices))
+
+    def between(self, samples: Ints) -> Floats:
+        """Geodesic distances between samples, shape (m, m)."""
+        return np.asarray(self.distances[np.ix_(samples, samples)])

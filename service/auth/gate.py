@@ -1,0 +1,81 @@
+"""The gate that every request passes, or does not."""
+
+from starlette.datastructures import Headers
+from starlette.requests import cookie_parser
+
+from service.auth.keys import Grant, KeyRing
+from service.auth.rate_limits import RateLimit
+from service.auth.rules import SAFE_METHODS, from_another_site, needed, of_all_collections
+from service.auth.sessions import COOKIE, Sessions
+from service.errors import CrossSiteError, ForbiddenError, RateLimitError, UnauthorizedError
+
+
+class Gate:
+    """Keys, sessions and rates of one service. It is used in the event loop alone, and locks nothing."""
+
+    def __init__(self, keys: KeyRing, rate_limit: int) -> None:
+        self._keys = keys
+        self._rates = RateLimit(rate_limit)
+        self.sessions = Sessions()
+
+    def grant(self, headers: Headers) -> Grant | None:
+        """What a request with these headers may do; None when it shows neither a key nor an open session.
+
+        Raises
+        ------
+        UnauthorizedError
+            It shows a key that is none of the service's.
+        """
+        if not self._keys:
+            return Grant("full")
+        key = key_in(headers)
+        if key is None:
+            token = token_in(headers)
+            return None if token is None else self.sessions.grant(token)
+        grant = self._keys.grant(key)
+        if grant is None:
+            raise UnauthorizedError("the key is none of this service's", wrong=True)
+        return grant
+
+    def admit(self, method: str, path: str, headers: Headers) -> Grant | None:
+        """What the request may do; None where anybody may.
+
+        Raises
+        ------
+        CrossSiteError
+            A page of another site makes a browser send it.
+        UnauthorizedError, ForbiddenError
+            It has no key, or the key may not do this.
+        RateLimitError
+            The key has asked too often.
+        """
+        if method not in SAFE_METHODS and key_in(headers) is None and from_another_site(headers):
+            raise CrossSiteError("pages of other sites cannot use this service")
+        level = needed(method, path)
+        if level is None:
+            return None
+        grant = self.grant(headers)
+        if grant is None:
+            raise UnauthorizedError("send a key as Authorization: Bearer, or as X-API-Key")
+        if level == "full" and grant.level != "full":
+            raise ForbiddenError("the key may read and query, and change nothing")
+        if grant.collections is not None and of_all_collections(method, path):
+            raise ForbiddenError("the key is limited to some collections")
+        if grant.digest is not None:
+            seconds = self._rates.wait(grant.digest)
+            if seconds is not None:
+                raise RateLimitError("the key has made too many requests", retry_after=seconds)
+        return grant
+
+
+def key_in(headers: Headers) -> str | None:
+    """The key in the headers Authorization, of the scheme Bearer, or X-API-Key."""
+    scheme, _, key = headers.get("authorization", "").strip().partition(" ")
+    if scheme.lower() == "bearer":
+        return key.strip()
+    return headers.get("x-api-key")
+
+
+def token_in(headers: Headers) -> str | None:
+    """The token of a session, in the cookie."""
+    return cookie_parser(headers.get("cookie", "")).get(COOKIE)

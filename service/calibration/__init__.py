@@ -1,1 +1,0 @@
-"""How well `combined` is calibrated, as a picture and a page."""

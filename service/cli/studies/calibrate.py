@@ -1,0 +1,133 @@
+"""`isoshape calibrate`: the parameters of `combined`, fitted to labelled collections and judged on them."""
+
+import json
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+from rich import box
+from rich.table import Table
+
+from core.arrays import Floats
+from core.errors import ParameterError
+from core.evaluation.calibration import Collection
+from core.parameters import DEFAULT
+from core.pipeline import Pipeline
+from core.ranking.class_probability import patch_evidence
+from service.cli.options import Workers
+from service.console import fail, output, progress, say
+from service.datasets import read_collection
+from service.studies.calibration.page import COLUMNS, constants, page, summary
+from service.studies.calibration.part_pairs import LEVELS, part_pairs
+from service.studies.calibration.study import Study, study
+from service.studies.pairwise_scores import PairScores, default_workers, worker_pool
+from service.studies.retrieval import score_collection
+from service.studies.robustness.perturbed_queries import clean_gallery
+from service.studies.subset import spread
+
+PARTS = 48
+"""More take long: each is made incomplete in several ways, and asked for."""
+
+
+def command(
+    folders: Annotated[
+        list[Path], typer.Argument(metavar="DIR...", help="Folders with labels.csv, or of class folders.")
+    ],
+    *,
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Write calibration.md and its picture there.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one object.")] = False,
+    limit: Annotated[
+        int | None, typer.Option(min=4, help="So many shapes of each folder only, spread over the classes.")
+    ] = None,
+    parts: Annotated[
+        int, typer.Option(min=2, help="So many shapes of each folder are made incomplete in turn.")
+    ] = PARTS,
+    workers: Workers = None,
+) -> None:
+    """Fit the chance that two shapes are of one class, and print the constants for core/ranking/class_probability.py.
+
+    A logistic regression over all pairs, each collection with the same weight; another over pairs of a shape
+    with holes, or of which a part is cut away, and a whole one. They are judged by class: the pairs of a
+    class' shapes by a model fitted without that class. Three classes or more are needed.
+    """
+    names, collections, chosen, sampled = [], [], [], []
+    short = 0
+    for folder in folders:
+        files = read_collection(folder)
+        if limit is not None:
+            files = spread(files, limit)
+        sampled.append(spread(files, min(parts, len(files))))
+        chosen.append(files)
+    _check([[label for _, label in files] for files in chosen], "")
+    _check([[label for _, label in files] for files in sampled], " by --parts")
+    for folder, files in zip(folders, chosen, strict=True):
+        labels, scores = score_collection(files, DEFAULT, workers or default_workers())
+        short += len(files) - len(labels)
+        names.append(folder.resolve().name)
+        complete = ~scores.part if scores.part.any() else None
+        collections.append(Collection(tuple(labels), _evidence(scores), complete))
+    _check([collection.labels for collection in collections], "")
+    incomplete = [_incomplete(files, workers or default_workers()) for files in sampled]
+    try:
+        found = study(names, collections, incomplete)
+    except ParameterError as error:
+        fail(str(error))
+    if out is not None:
+        _write(out, found, f"isoshape calibrate {' '.join(names)} --out docs{_limited(limit, parts)}")
+    if as_json:
+        typer.echo(json.dumps(found.as_json()))
+    else:
+        _print(found)
+    if short:
+        fail(f"{short} files could not be used")
+
+
+def _evidence(scores: PairScores) -> Floats:
+    pipeline = Pipeline(DEFAULT)
+    rows = zip(scores.cc, scores.sim, scores.signatures, strict=True)
+    whole = np.stack([pipeline.evidence(cc, sim, own, scores.signatures) for cc, sim, own in rows])
+    return patch_evidence(whole, scores.apart)
+
+
+def _incomplete(files: list[tuple[Path, str]], workers: int) -> list[Collection]:
+    with worker_pool(DEFAULT, workers) as pool, progress() as bar:
+        task = bar.add_task("embedding", total=len(files))
+        gallery = clean_gallery(pool, files, lambda _: None, lambda n: bar.advance(task, n))
+        task = bar.add_task("incomplete queries", total=len(gallery.files) * len(LEVELS))
+        return part_pairs(pool, gallery, say, lambda n: bar.advance(task, n))
+
+
+def _check(labels: Sequence[Sequence[str]], where: str) -> None:
+    """End the command where, without some class, no pair would be of one class or none of two."""
+    sizes = Counter(label.casefold() for several in labels for label in several)
+    if len(sizes) < 3 or sum(size > 1 for size in sizes.values()) < 2:
+        fail(f"three classes or more are needed{where}, two of them with two shapes or more")
+
+
+def _limited(limit: int | None, parts: int) -> str:
+    limited = f" --limit {limit}" if limit is not None else ""
+    return limited + (f" --parts {parts}" if parts != PARTS else "")
+
+
+def _print(found: Study) -> None:
+    table = Table(title="judged without the class in question", box=box.SIMPLE_HEAD, collapse_padding=True)
+    for i, column in enumerate(COLUMNS):
+        table.add_column(column, justify="right" if i else "left", overflow="fold")
+    for row in summary(found):
+        table.add_row(*row)
+    output().print(table)
+    typer.echo(constants(found))
+
+
+def _write(folder: Path, found: Study, made_by: str) -> None:
+    # Here, since no other use of the command draws, and the drawing library takes a second to load.
+    from service.studies.calibration.figure import reliability_figure  # noqa: PLC0415
+
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "calibration.png").write_bytes(reliability_figure(found))
+    (folder / "calibration.md").write_text(page(found, made_by), encoding="utf-8")

@@ -1,0 +1,159 @@
+"""`isoshape evaluate`: how well a labelled collection is retrieved, each shape a query against all others."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from core.evaluation.retrieval_measures import Evaluation, evaluate
+from core.parameters import DEFAULT, PAPER
+from service.cli.options import Workers
+from service.console import fail, output
+from service.datasets import read_collection
+from service.studies.baselines.methods import Method
+from service.studies.pairwise_scores import default_workers
+from service.studies.retrieval import Ranking, evaluate_ranking, score_collection, score_rival
+from service.studies.subset import spread
+
+MEASURES = ("nn", "ft", "st", "e", "dcg", "map")
+
+
+class RankBy(StrEnum):
+    """A ranking, or all."""
+
+    CC = "cc"
+    SSD = "ssd"
+    SIM = "sim"
+    COMBINED = "combined"
+    ALL = "all"
+
+
+@dataclass(frozen=True)
+class Report:
+    """One evaluation and what it is of; `setting` names the parameters, or another method."""
+
+    collection: str
+    setting: str
+    rank_by: str
+    figures: Evaluation
+
+    def as_json(self) -> dict[str, object]:
+        """The object that `--json` prints."""
+        return {
+            "collection": self.collection,
+            "setting": self.setting,
+            "rank_by": self.rank_by,
+            "shapes": self.figures.shapes,
+            "classes": len(self.figures.classes),
+            **{name: getattr(self.figures, name) for name in MEASURES},
+            "per_class": {name: asdict(row) for name, row in self.figures.per_class.items()},
+        }
+
+
+def command(
+    folder: Annotated[
+        Path, typer.Argument(metavar="DIR", help="Folder with labels.csv, or of class folders.")
+    ],
+    *,
+    setting: Annotated[
+        Literal["paper", "default"], typer.Option(help="Parameters of the method.")
+    ] = "default",
+    method: Annotated[
+        Literal["isoshape", "shapedna", "icp", "mds"],
+        typer.Option(help="Isoshape, or another method, which has one distance and no settings."),
+    ] = "isoshape",
+    rank_by: Annotated[
+        list[RankBy] | None, typer.Option(help="Ranking; may be given several times. [default: cc]")
+    ] = None,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print one object (a list of them for several rankings).")
+    ] = False,
+    uncapped: Annotated[
+        bool, typer.Option("--uncapped", help="Lift the cap on the number of samples.")
+    ] = False,
+    limit: Annotated[
+        int | None, typer.Option(min=2, help="Evaluate this many shapes only, spread over the classes.")
+    ] = None,
+    workers: Workers = None,
+) -> None:
+    """Measure retrieval on a labelled collection; the shape itself is left out of its own ranking.
+
+    NN nearest neighbour, FT and ST first and second tier, E the E-measure of the first 32, DCG discounted
+    cumulative gain, MAP mean average precision (Shilane et al. 2004). Ties count against the ranking.
+
+    The other methods, on the same meshes: ShapeDNA (Reuter et al. 2006) by LaPy, ICP (Besl and McKay 1992) by
+    trimesh, MDS (Elad and Kimmel 2003) by scikit-learn; two of them want `pip install isoshape[peers]`.
+    """
+    if method != "isoshape" and (rank_by or uncapped or setting != "default"):
+        fail(f"--method {method} has no --setting, --rank-by or --uncapped", status=2)
+    files = read_collection(folder)
+    if limit is not None:
+        files = spread(files, limit)
+    name = folder.resolve().name
+    if method == "isoshape":
+        parameters = PAPER if setting == "paper" else DEFAULT
+        if uncapped:
+            parameters = replace(parameters, sample_cap=0)
+        labels, scores = score_collection(files, parameters, workers or default_workers())
+        reports = [
+            Report(name, setting, ranking.value, evaluate_ranking(scores, labels, ranking))
+            for ranking in _rankings(rank_by or [RankBy.CC])
+        ]
+    else:
+        labels, distances = score_rival(files, Method(method), workers or default_workers())
+        reports = [Report(name, method, "distance", evaluate(distances, labels, larger_is_closer=False))]
+    if as_json:
+        objects = [report.as_json() for report in reports]
+        typer.echo(json.dumps(objects[0] if len(objects) == 1 else objects))
+    else:
+        _print(output(), reports)
+    if len(labels) < len(files):
+        fail(f"{len(files) - len(labels)} of {len(files)} files could not be used")
+
+
+def _rankings(chosen: Sequence[RankBy]) -> list[Ranking]:
+    if RankBy.ALL in chosen:
+        return list(Ranking)
+    return [Ranking(choice) for choice in dict.fromkeys(chosen)]
+
+
+def _print(console: Console, reports: list[Report]) -> None:
+    first = reports[0]
+    kind = "method" if first.rank_by == "distance" else "setting"
+    overall = Table(
+        title=f"{first.collection}, {kind} {first.setting}: "
+        f"{first.figures.shapes} shapes, {len(first.figures.classes)} classes",
+        box=box.SIMPLE_HEAD,
+        collapse_padding=True,
+    )
+    overall.add_column("rank by")
+    for name in MEASURES:
+        overall.add_column(name.upper(), justify="right")
+    for report in reports:
+        overall.add_row(report.rank_by, *(f"{getattr(report.figures, name):.3f}" for name in MEASURES))
+    console.print(overall)
+    for report in reports:
+        console.print(_class_table(report))
+
+
+def _class_table(report: Report) -> Table:
+    table = Table(title=f"by class, ranked by {report.rank_by}", box=box.SIMPLE_HEAD, collapse_padding=True)
+    table.add_column("class")
+    for name in ("shapes", "NN", "FT", "ST"):
+        table.add_column(name, justify="right")
+    table.add_column("most often taken for")
+    figures = report.figures
+    for name, row in figures.per_class.items():
+        taken = figures.confusion[figures.classes.index(name)].copy()
+        shapes = int(taken.sum())
+        taken[figures.classes.index(name)] = 0
+        worst = f"{figures.classes[int(taken.argmax())]} ({int(taken.max())})" if taken.any() else ""
+        table.add_row(name, str(shapes), f"{row.nn:.2f}", f"{row.ft:.2f}", f"{row.st:.2f}", worst)
+    return table

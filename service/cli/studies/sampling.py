@@ -1,0 +1,179 @@
+"""`isoshape sampling`: the paper's evidence on its samples, Figs. 2 and 3, on any meshes."""
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
+from functools import partial
+from pathlib import Path
+from textwrap import fill
+from typing import Annotated
+
+import typer
+from rich import box
+from rich.table import Table
+from threadpoolctl import threadpool_limits
+
+from core.errors import CoreError
+from core.gallery import CLASSES, make_shape
+from core.gallery.one_body import make_person
+from core.io import READABLE, format_of, read_mesh
+from core.mesh.mesh import Mesh
+from core.studies.sampling.robustness import DELTAS, ROBUST_TAU
+from core.studies.sampling.study import PoseEvidence, ShapeEvidence, Study, study_pose, study_shape
+from core.studies.sampling.surface import EVIDENCE, Surface
+from core.studies.sampling.trials import COMPARED_TAU, CURVE_TAUS, DEGREES, TAUS
+from service.console import fail, output, progress, say
+from service.datasets import find_meshes
+from service.studies.sampling.page import page
+from service.studies.sampling.tables import TextTable, all_tables
+
+DRAWN = "person"
+BODY_POSES = 4
+Source = tuple[str, Callable[[], Mesh]]
+
+
+def command(
+    paths: Annotated[
+        list[Path] | None,
+        typer.Argument(metavar="[PATH]...", help="Mesh files, and folders of them. [default: made shapes]"),
+    ] = None,
+    *,
+    poses: Annotated[
+        list[Path] | None, typer.Option(help="A mesh of one body in some pose; repeatable, twice or more.")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Write sampling.md and its pictures there.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print all numbers as one object.")] = False,
+) -> None:
+    """Measure how vertices are sampled: Figs. 2 and 3 of the paper, with both readings of its weights.
+
+    Error of the fit by degree; the histogram of geodesic distances by sparse ratio; the selections by Lewis
+    weight against Poisson-disk and farthest-point sampling; samples under noise and between poses. A shape
+    takes about ten seconds.
+    """
+    shapes, bodies = _shapes(paths or []), _poses(paths or [], poses or [])
+    found: list[ShapeEvidence] = []
+    unusable = 0
+    drawn: tuple[str, Surface] | None = None
+    with threadpool_limits(limits=1), progress() as bar:
+        task = bar.add_task("sampling", total=len(shapes) + len(bodies))
+        for name, read in shapes:
+            try:
+                surface = Surface.of(read())
+                found.append(study_shape(name, surface))
+            except (CoreError, OSError) as error:
+                unusable += 1
+                say(f"{name}: {error}")
+            else:
+                if drawn is None or (not paths and name == DRAWN):
+                    drawn = (name, surface)
+            bar.advance(task)
+        if drawn is None:
+            fail("no file could be used")
+        standing: list[tuple[PoseEvidence, Surface]] = []
+        for name, read in bodies:
+            surface = Surface.of(read())
+            standing.append((study_pose(name, surface), surface))
+            bar.advance(task)
+        study = Study(tuple(found), tuple(evidence for evidence, _ in standing))
+        tables = all_tables(study)
+        if out is not None:
+            text = page(
+                tables,
+                source=_source(study, made=not paths),
+                drawn=drawn[0],
+                poses=[pose.name for pose in study.poses],
+            )
+            _write(out, text, drawn[1], study, [surface for _, surface in standing])
+    if as_json:
+        typer.echo(json.dumps(_object(study)))
+    else:
+        _print(tables)
+    if unusable:
+        fail(f"{unusable} of {len(shapes)} files could not be used")
+
+
+def _shapes(paths: Sequence[Path]) -> list[Source]:
+    if not paths:
+        return [(label, partial(make_shape, label, 0)) for label in CLASSES]
+    files = find_meshes(paths).files
+    if not files:
+        fail(f"no meshes there; the formats read are {', '.join(READABLE)}")
+    return [(str(file.path), partial(_read, file.path)) for file in files]
+
+
+def _poses(paths: Sequence[Path], poses: Sequence[Path]) -> list[Source]:
+    if len(poses) == 1:
+        fail("one pose has nothing to be compared with; name two or more", status=2)
+    if poses or paths:
+        return [(str(path), partial(_read, path)) for path in poses]
+    return [(f"one person, pose {pose + 1}", partial(make_person, 0, pose)) for pose in range(BODY_POSES)]
+
+
+def _read(path: Path) -> Mesh:
+    return read_mesh(path.read_bytes(), format_of(path.name))
+
+
+def _source(study: Study, *, made: bool) -> str:
+    if made:
+        return (
+            f"Written by `isoshape sampling --out docs`: pose 0 of each of the gallery's {len(study.shapes)} "
+            f"classes, and one person in {len(study.poses)} poses. The same command gives the same numbers."
+        )
+    return f"Written by `isoshape sampling`, on {len(study.shapes)} mesh file(s)."
+
+
+def _object(study: Study) -> dict[str, object]:
+    """What `--json` prints."""
+    return {
+        "degrees": DEGREES,
+        "taus": TAUS,
+        "compared_tau": COMPARED_TAU,
+        "curve_taus": CURVE_TAUS,
+        "robust_tau": ROBUST_TAU,
+        "deltas": DELTAS,
+        "parameters": {
+            name: getattr(EVIDENCE, name) for name in ("degree", "epsilon", "coverage_power", "seed")
+        },
+        **asdict(study),
+    }
+
+
+def _print(tables: Sequence[TextTable]) -> None:
+    console = output()
+    for text in tables:
+        table = Table(title=text.title, box=box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
+        for i, column in enumerate(text.columns):
+            # The head no wider than what is below it, where its words allow.
+            width = max(len(cell) for cell in (*column.split(), *(row[i] for row in text.rows)))
+            table.add_column(fill(column, width), justify="right" if i else "left", overflow="fold")
+        for row in text.rows:
+            table.add_row(*row)
+        console.print(table)
+        console.print(text.shows, end="\n\n")
+
+
+def _write(folder: Path, text: str, drawn: Surface, study: Study, poses: Sequence[Surface]) -> None:
+    # Here, and not above: no other command draws, and the drawing library takes a second to load and wants a
+    # folder for its fonts, which a service with a read-only disk does not have.
+    from service.studies.sampling.figures import (  # noqa: PLC0415
+        fit_figure,
+        methods_figure,
+        noise_figure,
+        poses_figure,
+        ratio_figure,
+    )
+
+    folder.mkdir(parents=True, exist_ok=True)
+    pictures = {
+        "fit": fit_figure(drawn, study.shapes),
+        "ratio": ratio_figure(drawn),
+        "methods": methods_figure(drawn, study.shapes),
+        "noise": noise_figure(drawn),
+    }
+    if poses:
+        pictures["poses"] = poses_figure(poses)
+    for name, data in pictures.items():
+        (folder / f"sampling-{name}.png").write_bytes(data)
+    (folder / "sampling.md").write_text(text, encoding="utf-8")

@@ -1,0 +1,102 @@
+"""Which collection a call works in: the one that it names, of those that its key may use."""
+
+from typing import Annotated
+
+from fastapi import Depends, Header, Query, Request
+from pydantic import BaseModel, Field
+from starlette.concurrency import run_in_threadpool
+
+from service.auth.keys import Grant
+from service.collection import DEFAULT_COLLECTION, NAME, Collection
+from service.collections import service
+from service.dependencies import Service
+from service.errors import BadRequestFieldsError, FieldFault, ForbiddenError
+from service.http.access_control import COLLECTION_IN_SCOPE, GRANT_IN_SCOPE
+
+HEADER, PARAMETER = "Isoshape-Collection", "collection"
+
+PROBLEMS = ("bad-request-fields", "collection-not-found", "forbidden")
+"""What a call that works in a collection may be answered, whatever else it does."""
+
+_ABOUT = "The collection that the call works in; `default` unless one is named."
+_PATTERN = f"^{NAME}$"
+
+Named = Annotated[
+    str | None, Query(alias=PARAMETER, description=_ABOUT, json_schema_extra={"pattern": _PATTERN})
+]
+NamedByHeader = Annotated[
+    str | None,
+    Header(
+        alias=HEADER,
+        description="The same; where both are given, they must be equal.",
+        json_schema_extra={"pattern": _PATTERN},
+    ),
+]
+
+
+class NamedInAddress(BaseModel):
+    """For models of all parameters of an address, which refuse those that they do not have."""
+
+    collection: str | None = Field(default=None, description=_ABOUT, json_schema_extra={"pattern": _PATTERN})
+
+
+async def _chosen(
+    request: Request, parts: Service, _named: Named = None, _by_header: NamedByHeader = None
+) -> Collection:
+    # For the framework what is empty is as good as left out; here it is a name that no collection has.
+    names = {*request.headers.getlist(HEADER), *request.query_params.getlist(PARAMETER)}
+    if len(names) > 1:
+        raise BadRequestFieldsError(
+            FieldFault(PARAMETER, f"{HEADER} and the parameter name several: {', '.join(sorted(names))}")
+        )
+    grant: Grant | None = request.scope.get(GRANT_IN_SCOPE)
+    name = allowed(None if grant is None else grant.collections, names.pop() if names else None)
+
+    def read() -> Collection:
+        with parts.database.read() as session:
+            return service.get(session, name)
+
+    is_default = name == DEFAULT_COLLECTION.name
+    collection = DEFAULT_COLLECTION if is_default else await run_in_threadpool(read)
+    request.scope[COLLECTION_IN_SCOPE] = collection.name
+    return collection
+
+
+def allowed(limits: frozenset[str] | None, named: str | None) -> str:
+    """The name of the collection to work in.
+
+    Parameters
+    ----------
+    limits : frozenset of str or None
+        The collections that the key may use; None is all.
+    named : str or None
+        The one that the call names.
+
+    Raises
+    ------
+    ForbiddenError
+        The key may not use it.
+    BadRequestFieldsError
+        None is named, and the key may use several, of which none is the default.
+    """
+    if limits is None or named in limits:
+        return DEFAULT_COLLECTION.name if named is None else named
+    if named is not None:
+        raise ForbiddenError(f"the key may not use the collection {named!r}")
+    if DEFAULT_COLLECTION.name in limits:
+        return DEFAULT_COLLECTION.name
+    if len(limits) > 1:
+        raise BadRequestFieldsError(
+            FieldFault(PARAMETER, f"name one that the key may use: {', '.join(sorted(limits))}")
+        )
+    (only,) = limits
+    return only
+
+
+def address(path: str, collection: Collection) -> str:
+    """An address that works in a collection, whoever asks."""
+    return path if collection == DEFAULT_COLLECTION else f"{path}?{PARAMETER}={collection.name}"
+
+
+InCollection = Annotated[Collection, Depends(_chosen)]
+"""What an endpoint takes that has to do with shapes."""

@@ -1,0 +1,75 @@
+"""The SQL of collections."""
+
+from collections.abc import Collection as Several
+from datetime import UTC, datetime
+
+from sqlalchemy import delete, func, insert, select
+
+from service.collection import Collection, CollectionNumber, Counted
+from service.errors import CollectionNotFoundError
+from service.storage.database import ReadSession, WriteSession
+from service.storage.job_states import ENDED
+from service.storage.job_tables import JobRow
+from service.storage.tables import CollectionRow, DeletedRow, ShapeRow
+
+
+def by_name(session: ReadSession, name: str) -> Collection | None:
+    """The collection of a name."""
+    number = session.scalar(select(CollectionRow.number).where(CollectionRow.name == name))
+    return None if number is None else Collection(CollectionNumber(number), name)
+
+
+def require(session: WriteSession, collection: CollectionNumber) -> None:
+    """Raise unless a collection is there. Only one session writes at a time, so it stays until its end.
+
+    Raises
+    ------
+    CollectionNotFoundError
+    """
+    query = select(CollectionRow.number).where(CollectionRow.number == collection)
+    if session.scalar(query) is None:
+        raise CollectionNotFoundError("the collection was deleted meanwhile")
+
+
+def counted(session: ReadSession, names: Several[str] | None) -> list[Counted]:
+    """The collections by name, those of some names or all, and how many shapes each has."""
+    shapes = (
+        select(func.count())
+        .select_from(ShapeRow)
+        .where(ShapeRow.collection_number == CollectionRow.number)
+        .scalar_subquery()
+    )
+    query = select(CollectionRow.name, CollectionRow.created_at, shapes).order_by(CollectionRow.name)
+    if names is not None:
+        query = query.where(CollectionRow.name.in_(names))
+    return [Counted(name, created_at, many or 0) for name, created_at, many in session.execute(query)]
+
+
+def add(session: WriteSession, name: str) -> None:
+    """Make a collection."""
+    session.execute(insert(CollectionRow).values(name=name, created_at=datetime.now(UTC)))
+
+
+def holds_shapes(session: ReadSession, collection: CollectionNumber) -> bool:
+    """Whether a collection has a shape."""
+    query = select(ShapeRow.number).where(ShapeRow.collection_number == collection).limit(1)
+    return session.scalar(query) is not None
+
+
+def deleted_until(session: WriteSession, collection: CollectionNumber, moment: datetime) -> bool:
+    """Forget the collection's shapes that were deleted until a moment; whether later ones are left."""
+    own = DeletedRow.collection_number == collection
+    session.execute(delete(DeletedRow).where(own, DeletedRow.deleted_at <= moment))
+    return session.scalar(select(DeletedRow.number).where(own).limit(1)) is not None
+
+
+def remove(session: WriteSession, collection: CollectionNumber) -> None:
+    """Delete a collection that holds nothing, with the records of its jobs."""
+    session.execute(delete(JobRow).where(JobRow.collection_number == collection))
+    session.execute(delete(CollectionRow).where(CollectionRow.number == collection))
+
+
+def is_at_work(session: ReadSession, collection: CollectionNumber) -> bool:
+    """Whether a job of a collection has not ended, be it that it is arriving."""
+    query = select(JobRow.number).where(JobRow.collection_number == collection, JobRow.state.not_in(ENDED))
+    return session.scalar(query.limit(1)) is not None

@@ -1,0 +1,33 @@
+"""Collections as JSON."""
+
+from datetime import datetime
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from service.collection import Counted
+
+COLLECTION: dict[str, Any] = {"name": "castings", "shapes": 190, "created_at": "2026-01-31T12:00:00Z"}
+
+
+class Collection(BaseModel):
+    """A named set of shapes."""
+
+    model_config = ConfigDict(json_schema_extra={"example": COLLECTION})
+
+    name: str = Field(description="What a call names it by.")
+    shapes: int = Field(description="How many shapes it has.")
+    created_at: datetime = Field(description="UTC.")
+
+    @classmethod
+    def of(cls, counted: Counted) -> "Collection":
+        """The JSON of a collection."""
+        return cls(name=counted.name, shapes=counted.shapes, created_at=counted.created_at)
+
+
+class Collections(BaseModel):
+    """The collections that the key may use, by name."""
+
+    model_config = ConfigDict(json_schema_extra={"example": {"collections": [COLLECTION]}})
+
+    collections: list[Collection]

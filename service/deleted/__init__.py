@@ -1,1 +1,0 @@
-"""Shapes that were deleted, kept for some days so that they can be restored."""

@@ -1,1 +1,0 @@
-"""The paper's figures, drawn anew from meshes, matches and scores."""

@@ -1,0 +1,14 @@
+"""HTTP around the endpoints.
+
+Requests in; limits, problem documents, uploaded files and the OpenAPI document out.
+"""
+
+__all__ = [
+    "access_control",
+    "disconnects",
+    "duplicate_parameters",
+    "middleware",
+    "openapi",
+    "problems",
+    "uploads",
+]

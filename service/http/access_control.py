@@ -1,0 +1,42 @@
+"""Lets a request in, or answers why not, before anything of its body is read."""
+
+from starlette.datastructures import Headers
+from starlette.types import ASGIApp, Receive, Scope, Send
+
+from service.auth.gate import Gate
+from service.errors import ServiceError
+from service.http.problems import problem_of
+
+# Where the digest of the request's key is kept, for the log, and what the request may do.
+KEY_IN_SCOPE = "isoshape.key"
+GRANT_IN_SCOPE = "isoshape.grant"
+# And the name of the collection that it works in, once that is known.
+COLLECTION_IN_SCOPE = "isoshape.collection"
+
+
+class AccessControl:
+    """Has the gate look at each request."""
+
+    def __init__(self, app: ASGIApp, gate: Gate) -> None:
+        self._app = app
+        self._gate = gate
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Serve one request."""
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        headers = Headers(scope=scope)
+        try:
+            grant = self._gate.admit(scope["method"], scope["path"], headers)
+        except ServiceError as error:
+            response = problem_of(error)
+            if "transfer-encoding" in headers:
+                # Otherwise the server reads, and drops, the rest of a body that may have no end.
+                response.headers["Connection"] = "close"
+            await response(scope, receive, send)
+            return
+        scope[GRANT_IN_SCOPE] = grant
+        if grant is not None and grant.digest is not None:
+            scope[KEY_IN_SCOPE] = grant.digest
+        await self._app(scope, receive, send)

@@ -1,0 +1,150 @@
+"""What every request passes through: an id and a line in the log, and a limit on its body."""
+
+import asyncio
+import logging
+import re
+import time
+import uuid
+from collections.abc import Mapping
+
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.exceptions import HTTPException
+from starlette.requests import ClientDisconnect
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from service.errors import FileTooLargeError, ShuttingDownError
+from service.http.access_control import COLLECTION_IN_SCOPE, KEY_IN_SCOPE
+from service.http.problems import KIND_IN_SCOPE, problem_of, problem_response
+from service.observability.logging import get_logger, request_id
+from service.observability.metrics import METHODS, OTHER, Metrics
+
+HEADER = "X-Request-ID"
+
+# Asked every few seconds, and of no interest while they answer.
+PROBES = frozenset({"/healthz", "/readyz"})
+
+# No answer: the client had gone. The number is the one that proxies use.
+CLIENT_GONE = 499
+
+FORM_OVERHEAD = 1024 * 1024
+SMALL_BODY_BYTES = 1024 * 1024
+
+log = get_logger("access")
+
+_ACCEPTABLE_ID = re.compile(r"[A-Za-z0-9._-]{1,64}")
+
+
+class RequestContext:
+    """Gives a request its id, logs and counts its end, and answers 500 or 503 where nothing else has."""
+
+    def __init__(self, app: ASGIApp, metrics: Metrics) -> None:
+        self._app = app
+        self._metrics = metrics
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Serve one request."""
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        given = Headers(scope=scope).get(HEADER, "")
+        identifier = given if _ACCEPTABLE_ID.fullmatch(given) else uuid.uuid4().hex
+        token = request_id.set(identifier)
+        status = 0
+        start = time.perf_counter()
+        self._metrics.requests_in_progress.inc()
+
+        async def send_with_id(message: Message) -> None:
+            nonlocal status
+            if message["type"] == "http.response.start":
+                status = message["status"]
+                MutableHeaders(scope=message)[HEADER] = identifier
+            await send(message)
+
+        try:
+            await self._app(scope, receive, send_with_id)
+        except ClientDisconnect:
+            log.info("the client went away")
+            status = status or CLIENT_GONE
+        except asyncio.CancelledError:
+            # The server was asked to stop, and waits no longer.
+            if status:
+                raise
+            error = ShuttingDownError(
+                "the work was not finished in time; whether it changed anything is open"
+            )
+            await problem_of(error)(scope, receive, send_with_id)
+        except Exception as error:
+            log.error("the service failed", exc_info=error)
+            if status == 0:
+                response = problem_response("internal-error", "the service failed; its log says more")
+                await response(scope, receive, send_with_id)
+        finally:
+            seconds = time.perf_counter() - start
+            self._count(scope, status, seconds)
+            fields: dict[str, object] = {
+                "method": scope["method"],
+                "path": scope["path"],
+                "status": status,
+                "milliseconds": round(1e3 * seconds, 1),
+            }
+            if KIND_IN_SCOPE in scope:
+                fields["problem"] = scope[KIND_IN_SCOPE]
+            if COLLECTION_IN_SCOPE in scope:
+                fields["collection"] = scope[COLLECTION_IN_SCOPE]
+            if KEY_IN_SCOPE in scope:
+                # Enough of the digest to tell keys apart; the key cannot be had from it.
+                fields["key"] = scope[KEY_IN_SCOPE][:8]
+            level = logging.DEBUG if scope["path"] in PROBES else logging.INFO
+            log.log(level, "request", extra={"fields": fields})
+            request_id.reset(token)
+
+    def _count(self, scope: Scope, status: int, seconds: float) -> None:
+        """Count a request by its route: the addresses themselves are without end."""
+        metrics = self._metrics
+        method = scope["method"] if scope["method"] in METHODS else OTHER
+        route = getattr(scope.get("route"), "path", OTHER)
+        metrics.requests_in_progress.dec()
+        metrics.requests.labels(method, route, str(status)).inc()
+        metrics.request_seconds.labels(method, route).observe(seconds)
+        if KIND_IN_SCOPE in scope:
+            metrics.problems.labels(scope[KIND_IN_SCOPE]).inc()
+
+
+class BodyLimit:
+    """Refuses a body that is too large: by what it says of itself, or else by counting.
+
+    A form may be as large as a file may be, and its other fields beside; any other body is small. `larger`
+    has the addresses that take larger files, and how large.
+    """
+
+    def __init__(self, app: ASGIApp, file_bytes: int, larger: Mapping[str, int]) -> None:
+        self._app = app
+        self._file_bytes = file_bytes
+        self._larger = larger
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Serve one request."""
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        headers = Headers(scope=scope)
+        is_form = headers.get("content-type", "").lower().startswith("multipart/form-data")
+        file_bytes = self._larger.get(scope["path"], self._file_bytes)
+        limit = file_bytes + FORM_OVERHEAD if is_form else SMALL_BODY_BYTES
+        too_large = f"at most {file_bytes if is_form else limit} bytes are taken"
+        declared = headers.get("content-length", "")
+        if declared.isdecimal() and int(declared) > limit:
+            await problem_response(FileTooLargeError.kind, too_large)(scope, receive, send)
+            return
+        received = 0
+
+        async def receive_and_count() -> Message:
+            nonlocal received
+            message = await receive()
+            received += len(message.get("body", b""))
+            if received > limit:
+                # An exception that the framework passes on while it reads a body; any other becomes a 400.
+                raise HTTPException(413, too_large)
+            return message
+
+        await self._app(scope, receive_and_count, send)

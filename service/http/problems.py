@@ -1,0 +1,208 @@
+"""Errors as RFC 9457 problem documents: the form, the handlers, and their part of the OpenAPI document."""
+
+from collections.abc import Sequence
+from typing import Any
+
+from fastapi import FastAPI, Request
+from fastapi.exceptions import RequestValidationError
+from fastapi.responses import JSONResponse
+from pydantic import BaseModel, Field
+from starlette.exceptions import HTTPException
+from starlette.routing import Match
+from starlette.types import Receive, Scope, Send
+
+from core.errors import CoreError
+from service.errors import BY_STATUS, PROBLEMS, BadRequestFieldsError, FieldFault, ServiceError
+from service.observability.logging import get_logger, request_id
+from service.observability.metrics import METHODS
+
+MEDIA_TYPE = "application/problem+json"
+TYPE_PREFIX = "urn:isoshape:problem:"
+INSTANCE_PREFIX = "urn:isoshape:request:"
+KIND_IN_SCOPE = "isoshape.problem"
+
+log = get_logger("problems")
+
+
+class Fault(BaseModel):
+    """What is wrong with one field."""
+
+    field: str = Field(examples=["metadata"])
+    message: str = Field(examples=["not JSON: Expecting value at character 0"])
+
+
+class Problem(BaseModel):
+    """The answer whenever something went wrong (RFC 9457)."""
+
+    type: str = Field(
+        description="What kind of problem it is. It never changes, so a program may branch on it.",
+        json_schema_extra={"enum": [TYPE_PREFIX + kind for kind in PROBLEMS]},
+    )
+    title: str = Field(description="The same in words.")
+    status: int = Field(description="The HTTP status.")
+    detail: str = Field(description="What happened this time, for a person.")
+    instance: str = Field(description="This one occurrence.")
+    request_id: str = Field(
+        description="The id of the request, as in the X-Request-ID header and in the logs."
+    )
+    errors: list[Fault] | None = Field(default=None, description="Field by field, where fields are at fault.")
+
+
+class ProblemResponse(JSONResponse):
+    """A problem document, whose kind is left in the scope of its request: for the log and the metrics."""
+
+    media_type = MEDIA_TYPE
+
+    def __init__(self, problem: Problem, kind: str, headers: dict[str, str]) -> None:
+        super().__init__(problem.model_dump(exclude_none=True), problem.status, headers=headers)
+        self.kind = kind
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Send it."""
+        scope[KIND_IN_SCOPE] = self.kind
+        await super().__call__(scope, receive, send)
+
+
+def problem_response(
+    kind: str,
+    detail: str,
+    *,
+    retry_after: int | None = None,
+    faults: Sequence[FieldFault] = (),
+    headers: dict[str, str] | None = None,
+) -> JSONResponse:
+    """The problem document of one occurrence."""
+    row = PROBLEMS[kind]
+    identifier = request_id.get() or ""
+    problem = Problem(
+        type=TYPE_PREFIX + kind,
+        title=row.title,
+        status=row.status,
+        detail=detail,
+        instance=INSTANCE_PREFIX + identifier,
+        request_id=identifier,
+        errors=[Fault(field=fault.field, message=fault.message) for fault in faults] or None,
+    )
+    headers = dict(headers or {})
+    if retry_after is not None:
+        headers["Retry-After"] = str(retry_after)
+    if row.status in {413, 507}:
+        # Otherwise the server reads, and drops, the rest of a body that may have no end.
+        headers["Connection"] = "close"
+    return ProblemResponse(problem, kind, headers)
+
+
+def problem_of(error: ServiceError) -> JSONResponse:
+    """The problem document of one of the service's errors."""
+    faults = error.faults if isinstance(error, BadRequestFieldsError) else ()
+    return problem_response(
+        error.kind, str(error), retry_after=error.retry_after, faults=faults, headers=error.headers
+    )
+
+
+def faults_of(errors: Sequence[Any]) -> list[FieldFault]:
+    """The faults in what pydantic reports, each named by its field as the client wrote it."""
+    faults = []
+    for error in errors:
+        location = [str(part) for part in error["loc"]]
+        if (
+            location
+            and location[0] in {"body", "query", "path", "header"}
+            and error["type"] != "json_invalid"
+        ):
+            location = location[1:]
+        message = error["msg"].removeprefix("Value error, ")
+        faults.append(FieldFault(".".join(location) or "body", message))
+    return faults
+
+
+def handle_problems(app: FastAPI) -> None:
+    """Have every error that the service or the framework raises answered with a problem document."""
+    app.add_exception_handler(ServiceError, _service_error)
+    app.add_exception_handler(CoreError, _core_error)
+    app.add_exception_handler(RequestValidationError, _validation_error)
+    app.add_exception_handler(HTTPException, _http_error)
+
+
+def documented(*kinds: str) -> dict[int | str, dict[str, Any]]:
+    """The OpenAPI `responses` of an endpoint that may answer with these kinds of problem."""
+    responses: dict[int | str, dict[str, Any]] = {}
+    for kind in sorted(kinds, key=lambda kind: (PROBLEMS[kind].status, kind)):
+        row = PROBLEMS[kind]
+        response = responses.setdefault(
+            row.status,
+            {
+                "description": "",
+                "content": {MEDIA_TYPE: {"schema": {"$ref": "#/components/schemas/Problem"}, "examples": {}}},
+            },
+        )
+        response["description"] = ", or ".join(filter(None, [response["description"], row.title]))
+        response["content"][MEDIA_TYPE]["examples"][kind] = {
+            "summary": row.title,
+            "value": {
+                "type": TYPE_PREFIX + kind,
+                "title": row.title,
+                "status": row.status,
+                "detail": row.title,
+                "instance": INSTANCE_PREFIX + "7f9c0e1d",
+                "request_id": "7f9c0e1d",
+            },
+        }
+        if row.status in {429, 503}:
+            response["headers"] = {
+                "Retry-After": {
+                    "description": "Seconds to wait before trying again.",
+                    "schema": {"type": "integer"},
+                }
+            }
+        if row.status == 401:
+            response["headers"] = {
+                "WWW-Authenticate": {"description": "Bearer (RFC 6750).", "schema": {"type": "string"}}
+            }
+    return responses
+
+
+async def _service_error(_request: Request, error: Exception) -> JSONResponse:
+    assert isinstance(error, ServiceError)
+    if PROBLEMS[error.kind].status == 500:
+        log.error("the service failed", exc_info=error)
+    return problem_of(error)
+
+
+async def _core_error(_request: Request, error: Exception) -> JSONResponse:
+    assert isinstance(error, CoreError)
+    if PROBLEMS[error.kind].status >= 500:
+        log.error("the core failed", exc_info=error)
+    return problem_response(error.kind, str(error))
+
+
+async def _validation_error(_request: Request, error: Exception) -> JSONResponse:
+    assert isinstance(error, RequestValidationError)
+    faults = faults_of(error.errors())
+    detail = "; ".join(f"{fault.field}: {fault.message}" for fault in faults)
+    return problem_response(BadRequestFieldsError.kind, detail, faults=faults)
+
+
+async def _http_error(request: Request, error: Exception) -> JSONResponse:
+    assert isinstance(error, HTTPException)
+    kind = BY_STATUS.get(error.status_code, "internal-error")
+    detail = {
+        "not-found": f"there is nothing at {request.url.path}",
+        "method-not-allowed": f"{request.url.path} does not answer {request.method}",
+    }.get(kind, str(error.detail))
+    headers = dict(error.headers or {})
+    if error.status_code == 405:
+        headers["Allow"] = ", ".join(_answered(request))
+    return problem_response(kind, detail, headers=headers)
+
+
+def _answered(request: Request) -> list[str]:
+    """The methods that an address answers. The framework names those of one of its routes alone."""
+    return [
+        method
+        for method in sorted(METHODS)
+        if any(
+            route.matches({**request.scope, "method": method})[0] is Match.FULL
+            for route in request.app.routes
+        )
+    ]

@@ -1,0 +1,292 @@
+"""Works on jobs, one after another in the order they came, member by member.
+
+A member takes the way of an upload, and its outcome is committed with its shape: a service that is killed in
+the middle has for each member both or neither, and the next one goes on with those that have no outcome.
+"""
+
+import asyncio
+import time
+import uuid
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from datetime import UTC, datetime, timedelta
+
+from starlette.concurrency import run_in_threadpool
+
+from core.errors import CoreError
+from service.container import Parts
+from service.errors import (
+    PROBLEMS,
+    BusyError,
+    ClusterUnavailableError,
+    FileTimeLimitError,
+    PipelineUnavailableError,
+    ServiceError,
+    StorageFullError,
+    StorageUnavailableError,
+    WorkerLostError,
+)
+from service.jobs import repository, service
+from service.jobs.archives import read_members
+from service.jobs.errors import ArchiveTooLargeError, JobNotFoundError, MemberDamagedError
+from service.jobs.members import Fault
+from service.jobs.records import LEASE, Cause, FileRecord, JobRecord, Outcome, Settled
+from service.jobs.stored_archive import StoredArchive
+from service.observability.logging import get_logger
+from service.shapes.records import Stored
+from service.shapes.service import ingest
+from service.storage.database import WriteSession
+
+log = get_logger("jobs")
+
+# How often other services' jobs are looked at, which may have died, and what is kept too long.
+LOOK_SECONDS = 2.0
+IDLE_SECONDS = 10.0
+BEAT_SECONDS = LEASE.total_seconds() / 4
+# After a fault of the service's own: the member is not to blame, and waits.
+PAUSES = (1.0, 2.0, 5.0, 10.0, 30.0)
+ROOM_SECONDS = 0.02
+# Archives lie in the temporary folder until they are stored.
+ARRIVING = 2
+# Requests come first, but a job never stands still for longer.
+PATIENCE_SECONDS = 5.0
+# A worker that is lost may have been stopped for want of memory, and not because of the file.
+TRIES = 2
+
+# None of these is the member's fault.
+OWN_FAULTS = (StorageFullError, StorageUnavailableError, PipelineUnavailableError, ClusterUnavailableError)
+
+# How often a job may fail in a way that no one foresaw before it is given up.
+FAULTS = 3
+UNFORESEEN = Cause(ServiceError.kind, PROBLEMS[ServiceError.kind].title)
+
+
+class LostError(Exception):
+    """The job has ended, or another service works on it."""
+
+
+class Runner:
+    """Works on the jobs of one archive, in the event loop of a service. `start` it, and `stop` it.
+
+    `followers` are the event streams that are open.
+    """
+
+    def __init__(self, parts: Parts) -> None:
+        self._parts = parts
+        self._database = parts.database
+        self._limits = service.limits_of(parts.settings)
+        self._id = str(uuid.uuid4())
+        self._look = asyncio.Event()
+        self._at_work = 0
+        self.followers: set[object] = set()
+        self._arriving = 0
+        self._open = False
+        self._faults = 0
+        self._running: asyncio.Task[None] | None = None
+
+    def start(self) -> None:
+        """Begin."""
+        self._running = asyncio.create_task(self._run())
+
+    def look(self) -> None:
+        """See now what has changed: a job that came, or one that was cancelled."""
+        self._look.set()
+
+    @property
+    def at_work(self) -> int:
+        """How many members are at work."""
+        return self._at_work
+
+    @contextmanager
+    def arriving(self) -> Iterator[None]:
+        """Count an archive that is being received, for as long as the block takes.
+
+        Raises
+        ------
+        BusyError
+            As many as may be are being received.
+        """
+        if self._arriving >= ARRIVING:
+            raise BusyError(f"{ARRIVING} archives are being received; send it when one has arrived")
+        self._arriving += 1
+        try:
+            yield
+        finally:
+            self._arriving -= 1
+
+    async def stop(self) -> None:
+        """End at once: a member that is not stored by then is taken up again by the next start."""
+        assert self._running is not None
+        self._running.cancel()
+        with suppress(asyncio.CancelledError):
+            await self._running
+        with suppress(ServiceError):
+            await run_in_threadpool(self._release)
+
+    async def _run(self) -> None:
+        pauses = iter(PAUSES)
+        while True:
+            try:
+                job = await run_in_threadpool(self._claim)
+                if job is None:
+                    await self._changed(LOOK_SECONDS if self._open else IDLE_SECONDS)
+                    continue
+                await self._work_on(job)
+                pauses = iter(PAUSES)
+            except OWN_FAULTS as error:
+                log.warning("jobs wait: %s", error)
+                await asyncio.sleep(next(pauses, PAUSES[-1]))
+            except Exception as error:
+                log.error("working on jobs failed", exc_info=error)
+                await asyncio.sleep(next(pauses, PAUSES[-1]))
+
+    async def _work_on(self, job: JobRecord) -> None:
+        """Do what is left of a job; returns when it has ended, here or elsewhere."""
+        log.info("a job is taken up", extra={"fields": {"job": job.id}})
+        beating = asyncio.create_task(self._beat(job))
+        doing = asyncio.create_task(self._do(job))
+        try:
+            await asyncio.wait({beating, doing}, return_when=asyncio.FIRST_COMPLETED)
+            (doing if doing.done() else beating).result()
+            self._faults = 0
+            log.info("a job has ended", extra={"fields": {"job": job.id}})
+        except (LostError, JobNotFoundError):
+            log.info("a job was ended, or is worked on elsewhere", extra={"fields": {"job": job.id}})
+        except OWN_FAULTS:
+            raise
+        except ArchiveTooLargeError as error:
+            await run_in_threadpool(service.fail, self._database, job, service.cause_of(error))
+        except Exception:
+            self._faults += 1
+            if self._faults == FAULTS:
+                # The jobs behind it must not wait for ever.
+                self._faults = 0
+                await run_in_threadpool(service.fail, self._database, job, UNFORESEEN)
+            raise
+        finally:
+            for task in (doing, beating):
+                task.cancel()
+            await asyncio.gather(doing, beating, return_exceptions=True)
+
+    async def _do(self, job: JobRecord) -> None:
+        if job.state == "waiting":
+            await run_in_threadpool(service.begin, self._database, job, self._limits)
+        files = {file.place: file for file in await run_in_threadpool(self._left, job)}
+        members = self._members(job, files)
+        turn = asyncio.Lock()
+        try:
+            async with asyncio.TaskGroup() as group:
+                for _ in range(self._parts.settings.workers):
+                    group.create_task(self._take(job, members, turn))
+        except ExceptionGroup as several:
+            raise several.exceptions[0] from None
+        await run_in_threadpool(service.finish, self._database, job)
+        await run_in_threadpool(service.delete_archive, self._database, job.number)
+
+    async def _take(
+        self, job: JobRecord, members: Iterator[tuple[FileRecord, bytes | Fault]], turn: asyncio.Lock
+    ) -> None:
+        """Take members, one after another, until none is left."""
+        while True:
+            async with turn:
+                taken = await run_in_threadpool(next, members, None)
+            if taken is None:
+                return
+            file, data = taken
+            if not isinstance(data, bytes):
+                await self._refuse(job, file, service.cause_of(data))
+                continue
+            await self._room()
+            self._at_work += 1
+            try:
+                await self._store(job, file, data)
+            finally:
+                self._at_work -= 1
+
+    async def _store(self, job: JobRecord, file: FileRecord, data: bytes) -> None:
+        """Store a member as an upload would be, or write down why not."""
+
+        def settle(session: WriteSession, stored: Stored) -> None:
+            outcome: Outcome = "stored" if stored.created else "present"
+            if not service.settle(session, job, file, Settled(outcome, stored.shape.id)):
+                raise LostError
+
+        for tries_left in reversed(range(TRIES)):
+            try:
+                await ingest(self._parts, service.shape_of(job, file, data), also=settle)
+                return
+            except (LostError, *OWN_FAULTS):
+                raise
+            except (CoreError, FileTimeLimitError) as error:
+                cause = service.cause_of(error)
+                break
+            except WorkerLostError as error:
+                cause = service.cause_of(error)
+            except Exception as error:
+                log.error("a member of an archive could not be stored", exc_info=error)
+                cause = UNFORESEEN
+            if tries_left:
+                await asyncio.sleep(PAUSES[0])
+        await self._refuse(job, file, cause)
+
+    async def _refuse(self, job: JobRecord, file: FileRecord, cause: Cause) -> None:
+        def write() -> None:
+            with self._database.write() as session:
+                if not service.settle(session, job, file, Settled("refused", cause=cause)):
+                    raise LostError
+
+        await run_in_threadpool(write)
+
+    def _members(
+        self, job: JobRecord, files: dict[int, FileRecord]
+    ) -> Iterator[tuple[FileRecord, bytes | Fault]]:
+        """The members that are left, each with its bytes, or with why there are none."""
+        archive = StoredArchive(self._database, job)
+        unread = dict(files)
+        for place, data in read_members(archive, job.format, self._limits, files.keys()):
+            yield unread.pop(place), data
+        for file in unread.values():
+            yield file, MemberDamagedError("the archive cannot be read as far as that")
+
+    async def _room(self) -> None:
+        """Wait for a worker that no request wants."""
+        since = time.monotonic()
+        while self._parts.work.inside + self._at_work >= self._parts.settings.workers:
+            if not self._at_work and time.monotonic() - since > PATIENCE_SECONDS:
+                return
+            await asyncio.sleep(ROOM_SECONDS)
+
+    async def _beat(self, job: JobRecord) -> None:
+        """Have others know that this service lives, and hear if the job has ended."""
+        while True:
+            await self._changed(BEAT_SECONDS)
+            if not await run_in_threadpool(self._renew, job):
+                raise LostError
+
+    async def _changed(self, seconds: float) -> None:
+        """Wait so long, or until something has changed."""
+        with suppress(TimeoutError):
+            await asyncio.wait_for(self._look.wait(), seconds)
+        self._look.clear()
+
+    def _claim(self) -> JobRecord | None:
+        service.clear(self._database, timedelta(days=self._parts.settings.job_days))
+        now = datetime.now(UTC)
+        with self._database.read() as session:
+            self._open = repository.count_open(session) > 0
+        if not self._open:
+            return None
+        with self._database.write() as session:
+            return repository.claim(session, self._id, now + LEASE, now)
+
+    def _left(self, job: JobRecord) -> list[FileRecord]:
+        with self._database.read() as session:
+            return repository.without_outcome(session, job.number)
+
+    def _renew(self, job: JobRecord) -> bool:
+        with self._database.write() as session:
+            return repository.renew(session, job.number, self._id, datetime.now(UTC) + LEASE)
+
+    def _release(self) -> None:
+        with self._database.write() as session:
+            repository.release(session, self._id)

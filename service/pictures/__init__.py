@@ -1,1 +1,0 @@
-"""Pictures of shapes: thumbnails, and meshes as browsers show them."""

@@ -1,1 +1,0 @@
-"""Other methods of comparing shapes, by outside libraries, for tables beside this one."""

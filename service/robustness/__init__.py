@@ -1,1 +1,0 @@
-"""Retrieval of perturbed queries as a table, pictures and a page."""

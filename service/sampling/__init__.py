@@ -1,1 +1,0 @@
-"""The evidence on sampling as tables, pictures and a page."""

@@ -1,0 +1,83 @@
+"""Which signatures a query looks at, found by the database: none of them is kept in memory."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.ranking.shortlist import least, signature_distances
+from service.collection import CollectionNumber
+from service.index.repository import Signed, shapes_stored, stacked
+from service.search import pgvector_repository as repository
+from service.search.records import Options, Query
+from service.shapes import repository as shapes_repository
+from service.shapes.records import ShapeFilter
+from service.storage.database import ReadSession
+
+CLOSE = 16
+"""So many more are put in order here: the database's distances are of single precision."""
+
+
+def signed_in_database(
+    session: ReadSession,
+    query: Query,
+    signature: NDArray[np.float32],
+    shapes: ShapeFilter,
+    options: Options,
+    stored: int,
+    *,
+    ef_search: int,
+) -> tuple[Signed, bool]:
+    """The shapes to look at, the nearest first where they are a shortlist; and whether they are.
+
+    Without a filter the shortlist is found by the graph, with one by looking at all that it means; and so it
+    is in a collection that has not half of the shapes, which the graph would find among the others. Bytes
+    are read for a shortlist alone.
+
+    Parameters
+    ----------
+    session : ReadSession
+        Of a PostgreSQL database.
+    query : Query
+    signature : float32, shape (s,)
+        The query's.
+    shapes : ShapeFilter
+        Which are meant.
+    options : Options
+    stored : int
+        How many shapes the collection has.
+    ef_search : int
+        As `service.search.pgvector_repository.nearest` takes it.
+    """
+    fingerprint = query.in_use.fingerprint
+    itself = np.array(sorted(query.itself) if options.exclude_self else [], dtype=np.int64)
+    if options.exhaustive or not repository.is_many(
+        session, fingerprint, shapes, itself.tolist(), options.shortlist_from
+    ):
+        numbers, embeddings, signatures = repository.signatures(session, fingerprint, shapes)
+        others = ~np.isin(numbers, itself)
+        none = np.empty((len(numbers), 0), np.uint8)
+        collections = np.full(len(numbers), shapes.collection, np.int64)
+        return Signed(numbers, collections, embeddings, signatures, none).only(others), False
+    by_graph = shapes.is_empty and _is_half(session, shapes.collection, stored)
+    found = repository.nearest(
+        session,
+        fingerprint,
+        signature,
+        options.shortlist_length + len(itself) + CLOSE,
+        shapes=shapes,
+        ef_search=ef_search if by_graph else None,
+    )
+    others = ~np.isin(found.shapes, itself)
+    numbers, embeddings = found.shapes[others], found.embeddings[others]
+    known = repository.signed(session, embeddings)
+    signatures = stacked([known[number][0] for number in embeddings.tolist()]).view("<f4")
+    nearest = least(signature_distances(signature, signatures), numbers, options.shortlist_length)
+    sketches = stacked([known[number][1] for number in embeddings[nearest].tolist()])
+    collections = np.full(len(nearest), shapes.collection, np.int64)
+    return Signed(numbers[nearest], collections, embeddings[nearest], signatures[nearest], sketches), True
+
+
+def _is_half(session: ReadSession, collection: CollectionNumber, stored: int) -> bool:
+    """Whether a collection with so many shapes has half of all, or more."""
+    return not shapes_repository.others_hold_shapes(session, collection) or 2 * stored >= shapes_stored(
+        session
+    )

@@ -1,0 +1,141 @@
+"""Finding the stored shapes that a part may be of."""
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from starlette.concurrency import run_in_threadpool
+
+from core.arrays import Bytes
+from core.descriptors.descriptor_distance import as_whole
+from core.descriptors.partial_matching import part_distances
+from core.descriptors.spin_images import KEYS
+from core.errors import MeshError
+from core.mesh.mesh import Mesh
+from core.parameters import Parameters
+from core.ranking.shortlist import least
+from core.serialization import embedding_from_bytes
+from service.collection import CollectionNumber
+from service.compute.tasks import part_of_mesh, patches_of_mesh
+from service.container import Parts
+from service.errors import FileTimeLimitError
+from service.observability.logging import get_logger
+from service.observability.timings import Stages
+from service.search import partial_repository as repository
+from service.search.batches import by_threads, each_once
+from service.search.records import Answer, Options, Query
+from service.search.scoring import compare_with
+from service.search.service import results
+from service.search.shortlist import Candidates, candidates
+from service.search.spin_images import COMPARED, stored_patches
+from service.shapes import service as shapes_service
+from service.shapes.records import ShapeRecord
+
+log = get_logger("partial")
+
+
+async def stored_mesh(parts: Parts, collection: CollectionNumber, shape_id: str, fingerprint: str) -> Mesh:
+    """The mesh of a collection's shape, read anew."""
+
+    def read() -> tuple[ShapeRecord, bytes]:
+        with parts.database.read() as session:
+            shape = shapes_service.get(session, fingerprint, collection, shape_id)
+            return shape, shapes_service.get_file(session, collection, shape_id)
+
+    shape, data = await run_in_threadpool(read)
+    return await parts.work.read(data, shape.format)
+
+
+async def search(
+    parts: Parts, query: Query, mesh: Callable[[], Awaitable[Mesh]], options: Options, stages: Stages
+) -> Answer:
+    """The stored shapes that the query is most likely a part of, by `core.descriptors.partial_matching.part_distances`.
+
+    `mesh` reads its mesh, for a surface that does not look like a part. What lies about the points of a
+    stored shape is in its record, or else is made of its file when it is first asked for, and then kept in
+    memory.
+    """
+    pipeline = query.in_use.pipeline
+    with stages.stage("shortlist"):
+        chosen = await run_in_threadpool(candidates, parts, query, options)
+    parts.metrics.query_compared.observe(len(chosen.shapes))
+    with stages.stage("patches"):
+        asked = query.patches[KEYS:]
+        if not len(asked):
+            asked = await parts.work.do(part_of_mesh, await mesh(), pipeline.parameters)
+    with stages.stage("compare"):
+        distances = await _distances(parts, asked, chosen, pipeline.parameters)
+        there = np.flatnonzero(np.isfinite(distances))
+        distances = distances[there]
+        chosen = replace(chosen.only(there), screened=None, finalists=None)
+        order = least(distances, chosen.shapes, options.top_k)
+        compared, scored = await compare_with(parts, query, chosen.only(order), "cc")
+    with stages.stage("results"):
+        best = np.flatnonzero(compared.cc >= options.min_cc)
+        found = await results(parts, query, compared, scored, best, options)
+    told = dict(zip(chosen.shapes.tolist(), distances.tolist(), strict=True))
+    embedding = embedding_from_bytes(query.record)
+    return Answer(
+        pipeline=pipeline,
+        found=[replace(one, part_distance=told[one.shape.number]) for one in found],
+        best_cc=float(compared.cc.max()) if len(compared.cc) else None,
+        compared=len(chosen.shapes),
+        stored=chosen.stored,
+        openness=embedding.facts.openness,
+        embedding=embedding if options.embedding else None,
+    )
+
+
+async def _distances(
+    parts: Parts, asked: Bytes, candidates: Candidates, parameters: Parameters
+) -> NDArray[np.float64]:
+    """How far a part is from c candidates; NaN for those that are gone, or whose file cannot be read.
+
+    Those without patches in their record come last: a file is read for each.
+    """
+
+    def kept(embeddings: NDArray[np.int64]) -> NDArray[np.float64]:
+        numbers = embeddings.tolist()
+        rows = stored_patches(parts, numbers)
+        there = [place for place, number in enumerate(numbers) if number in rows]
+        told = np.full((1, len(numbers)), np.nan)
+        told[0, there] = part_distances(asked, [as_whole(rows[numbers[place]]) for place in there])
+        return told
+
+    distances: NDArray[np.float64] = (
+        await each_once(parts, candidates, COMPARED, 1, by_threads(parts, kept))
+    )[0]
+    turns = asyncio.Semaphore(2 * parts.settings.workers)
+
+    async def add(number: int) -> None:
+        async with turns:
+            made = await _made(parts, number, parameters)
+            if made is not None:
+                parts.patches.put(number, made)
+                (told,) = await run_in_threadpool(part_distances, asked, [as_whole(made)])
+                distances[candidates.embeddings == number] = told
+
+    try:
+        async with asyncio.TaskGroup() as group:
+            for number in np.unique(candidates.embeddings[np.isnan(distances)]).tolist():
+                group.create_task(add(number))
+    except ExceptionGroup as several:
+        raise several.exceptions[0] from None
+    return distances
+
+
+async def _made(parts: Parts, embedding: int, parameters: Parameters) -> Bytes | None:
+    def read() -> tuple[bytes, str] | None:
+        with parts.database.read() as session:
+            return repository.file_of(session, embedding)
+
+    file = await run_in_threadpool(read)
+    if file is None:
+        return None
+    try:
+        return await parts.work.do(patches_of_mesh, await parts.work.read(*file), parameters)
+    except (FileTimeLimitError, MeshError) as error:
+        log.warning("a stored shape is left out of a query with a part: %s", error)
+        return None

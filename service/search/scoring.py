@@ -1,0 +1,112 @@
+"""Comparing a query with many stored embeddings."""
+
+from collections.abc import Sequence
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+from starlette.concurrency import run_in_threadpool
+
+from core.descriptors.descriptor_distance import is_part
+from core.ranking.shortlist import least
+from service.compute.workers import PlacedWorkers
+from service.container import Parts
+from service.observability.logging import get_logger
+from service.search import repository
+from service.search.batches import by_threads, each_once, in_pieces
+from service.search.cluster_scoring import SENT as SPREAD
+from service.search.cluster_scoring import spread_scores
+from service.search.match_records import Rows, Scores
+from service.search.ranking import Compared, RankBy
+from service.search.records import Query
+from service.search.shortlist import Candidates
+from service.search.spin_images import chances
+from service.storage.database import Database
+
+log = get_logger("search")
+
+MATCHED, SIFTED, SENT = 32, 256, 256
+"""How many embeddings a thread matches, or sifts, or a worker process is sent, at a time."""
+
+
+async def compare_with(
+    parts: Parts, query: Query, candidates: Candidates, rank_by: RankBy
+) -> tuple[Compared, Candidates]:
+    """Score the candidates, each embedding once, or those of them that sifting and screening put first.
+
+    Where no shortlist is made and the workers are a cluster's, these match them.
+    A candidate that was deleted meanwhile, or whose record cannot be read, is left out. The second that is
+    returned are those that were scored, in the same order.
+    """
+    with parts.searches.one():
+        return await _compared(parts, query, candidates, rank_by)
+
+
+async def _compared(
+    parts: Parts, query: Query, candidates: Candidates, rank_by: RankBy
+) -> tuple[Compared, Candidates]:
+    pipeline = query.in_use.pipeline
+    if pipeline.parameters.pairs == "both-ways":
+        rows = await run_in_threadpool(Rows, parts.database, query)
+        candidates = await _finalists(parts, query, rows, candidates, rank_by)
+        score, at_once = by_threads(parts, rows.matched), MATCHED
+        if candidates.finalists is None and isinstance(parts.pool, PlacedWorkers):
+            score, at_once = partial(spread_scores, parts, parts.pool, query.in_use, rows.query), SPREAD
+    else:
+        score, at_once = partial(_by_worker, parts, query), SENT
+    scores = await each_once(parts, candidates, at_once, 3, score)
+    known = np.isfinite(scores).all(axis=0)
+    if not known.all():
+        log.warning("%d candidates were deleted meanwhile, or cannot be read", np.count_nonzero(~known))
+    candidates, (cc, ssd, sim) = candidates.only(np.flatnonzero(known)), scores[:, known]
+    combined = await chances(parts, query, candidates, cc, sim) if rank_by == "combined" else None
+    return Compared(candidates.shapes, cc, ssd, sim, combined), candidates
+
+
+async def _finalists(
+    parts: Parts, query: Query, rows: Rows, candidates: Candidates, rank_by: RankBy
+) -> Candidates:
+    """Those that are matched in full: first the sketches are sifted, then what is left is screened.
+
+    Each step leaves those of greatest CC as far as it tells, or of greatest chance where that is asked. An
+    incomplete query's chance hangs on patches most of all, which sifting does not look at: all are screened.
+    """
+    by_chance = rank_by == "combined"
+    sifting = not (by_chance and is_part(query.patches))
+    if sifting and candidates.screened is not None and candidates.screened < len(candidates.shapes):
+        sifted = by_threads(parts, rows.sifted)
+        rough = (await in_pieces(candidates.sketches, SIFTED, parts.settings.workers, 1, sifted))[0]
+        if by_chance:
+            rough = query.in_use.pipeline.combined(
+                rough, np.zeros(len(rough)), candidates.signature, candidates.signatures
+            )
+        candidates = _likeliest(candidates, rough, candidates.screened)
+    if candidates.finalists is not None and candidates.finalists < len(candidates.shapes):
+        rough = (await each_once(parts, candidates, MATCHED, 1, by_threads(parts, rows.screened)))[0]
+        if by_chance:
+            rough = await chances(parts, query, candidates, rough, np.zeros(len(rough)))
+        candidates = _likeliest(candidates, rough, candidates.finalists)
+    return candidates
+
+
+def _likeliest(candidates: Candidates, likeness: NDArray[np.float64], count: int) -> Candidates:
+    """The candidates of greatest likeness; those gone are last."""
+    return candidates.only(least(np.nan_to_num(-likeness, nan=np.inf), candidates.shapes, count))
+
+
+async def _by_worker(parts: Parts, query: Query, embeddings: NDArray[np.int64]) -> Scores:
+    """CC, SSD and sim, by a worker process: shape (3, c), NaN for those that are gone."""
+    numbers = embeddings.tolist()
+    records = await run_in_threadpool(_read, parts.database, numbers)
+    present = [place for place, number in enumerate(numbers) if number in records]
+    found = await parts.work.score(
+        query.record, [records[numbers[place]] for place in present], query.in_use.pipeline
+    )
+    scores = np.full((3, len(numbers)), np.nan)
+    scores[:, present] = found.cc, found.ssd, found.sim
+    return scores
+
+
+def _read(database: Database, numbers: Sequence[int]) -> dict[int, bytes]:
+    with database.read() as session:
+        return repository.embedding_records(session, numbers)

@@ -1,0 +1,83 @@
+"""The service in a process of its own, for as long as a command lasts."""
+
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from types import FrameType, TracebackType
+from typing import Self
+
+from service.server.uvicorn_server import LOOPBACK, SHUTDOWN_SECONDS
+
+
+@contextmanager
+def sigterm_exits() -> Iterator[None]:
+    """Have SIGTERM raise SystemExit, so that `with` blocks end what they started. For the main thread."""
+
+    def leave(number: int, _frame: FrameType | None) -> None:
+        raise SystemExit(128 + number)
+
+    before = signal.signal(signal.SIGTERM, leave)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+class ChildService:
+    """`isoshape serve` on a loopback port, with some more variables in its environment.
+
+    Quietly: what it prints is dropped.
+
+    It is started when made, and ended at the end of a `with` block.
+    """
+
+    def __init__(self, port: int, settings: Mapping[str, str], *, quiet: bool = False) -> None:
+        # -P: whatever lies in the working folder is not part of the program.
+        command = [
+            sys.executable,
+            "-P",
+            "-m",
+            "service.cli",
+            "serve",
+            "--host",
+            LOOPBACK,
+            "--port",
+            str(port),
+        ]
+        output = subprocess.DEVNULL if quiet else None
+        self._process = subprocess.Popen(command, env=os.environ | settings, stdout=output, stderr=output)
+        self.url = f"http://{LOOPBACK}:{port}"
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self._process.terminate()
+        try:
+            self._process.wait(2 * SHUTDOWN_SECONDS)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+
+    def ended(self) -> bool:
+        """Whether it has ended."""
+        return self._process.poll() is not None
+
+    def memory(self) -> int:
+        """Bytes that it holds in memory now, its workers not counted; on Linux."""
+        status = Path(f"/proc/{self._process.pid}/status").read_text(encoding="ascii")
+        (line,) = (line for line in status.splitlines() if line.startswith("VmRSS:"))
+        return 1024 * int(line.split()[1])
+
+    def wait(self) -> int:
+        """Wait for its end, by a signal say; its exit status."""
+        return self._process.wait()

@@ -1,1 +1,0 @@
-"""Collections: named sets of shapes. Each call works in one."""

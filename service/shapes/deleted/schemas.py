@@ -1,0 +1,58 @@
+"""Deleted shapes as JSON."""
+
+from datetime import datetime, timedelta
+
+from pydantic import BaseModel, Field, JsonValue
+
+from service.shapes.deleted.records import DeletedPage, DeletedRecord
+from service.shapes.pages import write_cursor
+
+
+class DeletedShape(BaseModel):
+    """A deleted shape, which can be restored."""
+
+    id: str
+    name: str
+    tags: list[str]
+    metadata: dict[str, JsonValue]
+    format: str = Field(description="The format the file was read in.")
+    bytes: int = Field(description="Size of the file.")
+    sha256: str = Field(description="Of the file.")
+    created_at: datetime = Field(description="UTC.")
+    deleted_at: datetime = Field(description="UTC.")
+    gone_at: datetime = Field(description="Until when it can be restored. UTC.")
+
+    @classmethod
+    def of(cls, record: DeletedRecord, keep: timedelta) -> "DeletedShape":
+        """The JSON of a record."""
+        return cls(
+            id=record.id,
+            name=record.name,
+            tags=list(record.tags),
+            metadata=dict(record.metadata),
+            format=record.format,
+            bytes=record.size,
+            sha256=record.sha256,
+            created_at=record.created_at,
+            deleted_at=record.deleted_at,
+            gone_at=record.deleted_at + keep,
+        )
+
+
+class DeletedShapePage(BaseModel):
+    """Some of the deleted shapes, those deleted first before the others."""
+
+    shapes: list[DeletedShape]
+    total: int = Field(description="How many can be restored in all.")
+    undo_days: float = Field(description="How many days after its deletion a shape can be restored.")
+    next_cursor: str | None = Field(description="Give it as `cursor` to go on; null on the last page.")
+
+    @classmethod
+    def of(cls, page: DeletedPage, keep: timedelta) -> "DeletedShapePage":
+        """The JSON of a page."""
+        return cls(
+            shapes=[DeletedShape.of(record, keep) for record in page.shapes],
+            total=page.total,
+            undo_days=keep / timedelta(days=1),
+            next_cursor=None if page.after is None else write_cursor(page.after),
+        )

@@ -1,0 +1,124 @@
+"""Deleting with a time to undo it."""
+
+import asyncio
+from datetime import UTC, datetime, timedelta
+
+from starlette.concurrency import run_in_threadpool
+
+from service.collection import CollectionNumber
+from service.container import Parts
+from service.errors import NameTakenError, ServiceError, ShapeNotFoundError
+from service.observability.logging import get_logger
+from service.shapes import service as shapes_service
+from service.shapes.deleted import repository
+from service.shapes.deleted.records import DeletedPage, DeletedRecord
+from service.shapes.records import NewShape, ShapeRecord, Stored
+from service.storage.database import Database, ReadSession, WriteSession
+
+log = get_logger("deleted")
+
+PURGE_SECONDS = 600.0
+
+
+def delete(
+    session: WriteSession, fingerprint: str, collection: CollectionNumber, shape_id: str, keep: timedelta
+) -> None:
+    """Delete a collection's shape. It can be restored for so long.
+
+    Not at all, and nothing of it stays, if that is 0.
+    """
+    record = shapes_service.get(session, fingerprint, collection, shape_id)
+    if keep:
+        repository.keep(session, collection, record, datetime.now(UTC))
+    shapes_service.remove(session, fingerprint, collection, shape_id)
+
+
+def list_page(
+    session: ReadSession, collection: CollectionNumber, keep: timedelta, *, after: int, limit: int
+) -> DeletedPage:
+    """One page of the collection's shapes that can be restored, those deleted first before the others."""
+    since = datetime.now(UTC) - keep
+    found = repository.page(session, collection, since, after=after, limit=limit + 1)
+    more = len(found) > limit
+    found = found[:limit]
+    total = repository.count(session, collection, since)
+    return DeletedPage(found, total, found[-1].number if more else None)
+
+
+def get(session: ReadSession, collection: CollectionNumber, shape_id: str, keep: timedelta) -> DeletedRecord:
+    """The deleted shape of a collection with an id.
+
+    Raises
+    ------
+    ShapeNotFoundError
+        None has it, or it was deleted longer ago.
+    """
+    record = repository.by_id(session, collection, shape_id, datetime.now(UTC) - keep)
+    if record is None:
+        raise ShapeNotFoundError(shape_id)
+    return record
+
+
+async def restore(parts: Parts, collection: CollectionNumber, shape_id: str) -> ShapeRecord:
+    """Store a collection's deleted shape again, under its id.
+
+    Its file is embedded anew unless another shape has it.
+
+    Raises
+    ------
+    NameTakenError
+        The same bytes have been stored under its name meanwhile.
+    """
+    keep = parts.settings.undo_time
+
+    def read() -> tuple[DeletedRecord, bytes]:
+        with parts.database.read() as session:
+            record = get(session, collection, shape_id, keep)
+            return record, repository.data_of(session, record.number) or b""
+
+    record, data = await run_in_threadpool(read)
+    new = NewShape(
+        data,
+        record.format,
+        collection,
+        record.name,
+        record.tags,
+        record.metadata,
+        record.id,
+        record.created_at,
+    )
+
+    def undone(session: WriteSession, stored: Stored) -> None:
+        if not repository.remove(session, record.number):
+            raise ShapeNotFoundError(shape_id)
+        if not stored.created:
+            raise NameTakenError(f"the same file was stored as {record.name!r} again: {stored.shape.id}")
+
+    done = await shapes_service.ingest(parts, new, also=undone)
+    assert isinstance(done, Stored)
+    return done.shape
+
+
+def purge(session: WriteSession, collection: CollectionNumber, shape_id: str, keep: timedelta) -> None:
+    """Forget a collection's deleted shape for good."""
+    repository.remove(session, get(session, collection, shape_id, keep).number)
+
+
+def purge_old(database: Database, keep: timedelta) -> None:
+    """Forget those whose time has passed."""
+    moment = datetime.now(UTC) - keep
+    with database.read() as session:
+        if not repository.any_until(session, moment):
+            return
+    with database.write() as session:
+        repository.remove_until(session, moment)
+
+
+async def keep_purging(parts: Parts) -> None:
+    """Forget those whose time has passed, now and every ten minutes, until cancelled."""
+    while True:
+        try:
+            await run_in_threadpool(purge_old, parts.database, parts.settings.undo_time)
+        except ServiceError as error:
+            log.warning("deleted shapes were not purged: %s", error)
+        await asyncio.sleep(PURGE_SECONDS)

@@ -1,0 +1,3 @@
+"""Studies of the method: labelled collections in, scores of all pairs and tables out."""
+
+__all__ = ["pairwise_scores", "retrieval", "subset"]

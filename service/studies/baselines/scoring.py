@@ -1,0 +1,71 @@
+"""All pairs of a collection by another method, in a pool of processes."""
+
+import pickle
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
+from functools import cache, lru_cache, partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.errors import CoreError
+from core.io import format_of, read_mesh
+from service.studies.baselines.methods import Method, Rival, load
+
+Floats = NDArray[np.float64]
+
+
+def describe_files(
+    pool: Executor, method: Method, paths: Sequence[Path], done: Callable[[int], None]
+) -> list[Floats | str]:
+    """What is kept of each file, or why there is nothing; `done` is told how many more are finished."""
+    results: list[Floats | str] = []
+    for result in pool.map(partial(_describe, method), paths):
+        results.append(result)
+        done(1)
+    return results
+
+
+def distance_matrix(
+    pool: Executor, method: Method, descriptions: Sequence[Floats], done: Callable[[int], None]
+) -> Floats:
+    """Distances of all pairs, shape (n, n); a pair is compared once, the earlier with the later."""
+    n = len(descriptions)
+    distances = np.zeros((n, n))
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "descriptions"
+        path.write_bytes(pickle.dumps(list(descriptions)))
+        for i, row in enumerate(pool.map(partial(_compare, method, path), range(n - 1))):
+            distances[i, i + 1 :] = distances[i + 1 :, i] = row
+            done(n - 1 - i)
+    return distances
+
+
+def _describe(method: Method, path: Path) -> Floats | str:
+    try:
+        return _rival(method).describe(read_mesh(path.read_bytes(), format_of(path.name)))
+    except CoreError as error:
+        return f"{error.kind}: {error}"
+    except OSError as error:
+        return error.strerror or str(error)
+    except Exception as error:
+        # The library could not cope: the file is named, and costs the run no other file.
+        return f"{type(error).__name__}: {error}"
+
+
+def _compare(method: Method, path: Path, i: int) -> Floats:
+    descriptions = _load(path)
+    return _rival(method).compare(descriptions[i], descriptions[i + 1 :])
+
+
+@cache
+def _rival(method: Method) -> Rival:
+    return load(method)
+
+
+@lru_cache(maxsize=1)
+def _load(path: Path) -> list[Floats]:
+    descriptions: list[Floats] = pickle.loads(path.read_bytes())
+    return descriptions

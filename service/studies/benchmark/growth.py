@@ -1,0 +1,96 @@
+"""Time and memory against size, each in a process of its own."""
+
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from multiprocessing import get_context
+from pathlib import Path
+
+import numpy as np
+
+from core.io import format_of, write_mesh
+from core.parameters import DEFAULT
+from core.pipeline import Pipeline
+from service.studies.benchmark.meshes import Source, resized
+from service.studies.benchmark.stages import embed_bytes
+from service.studies.benchmark.timing import Spread
+
+SIZES = (3_000, 10_000, 30_000, 100_000, 300_000, 1_000_000)
+REPEATS = 3
+FORMATS = ("ply", "stl", "glb")
+
+
+@dataclass(frozen=True)
+class Row:
+    """One size in one format.
+
+    Attributes
+    ----------
+    vertices, faces, file_bytes : int
+    format : str
+    seconds : Spread
+        From bytes to embedding.
+    stages : dict of str to float
+        Medians, in seconds.
+    peak_bytes : int
+        The most memory that the process held, with all its libraries.
+    """
+
+    vertices: int
+    faces: int
+    file_bytes: int
+    format: str
+    seconds: Spread
+    stages: dict[str, float]
+    peak_bytes: int
+
+
+def peak_memory() -> int:
+    """The most memory that this process has held, in bytes.
+
+    Not from getrusage, which counts what the parent held when it forked.
+    """
+    status = Path("/proc/self/status").read_text()
+    return 1024 * int(status.split("VmHWM:")[1].split()[0])
+
+
+def measure_file(path: str, repeats: int) -> tuple[list[dict[str, float]], int]:
+    """Embed a file so often, in this process: seconds by stage each time, and the peak of memory."""
+    data = Path(path).read_bytes()
+    method = Pipeline(DEFAULT)
+    return [embed_bytes(method, data, format_of(path))[1] for _ in range(repeats)], peak_memory()
+
+
+def growth_rows(
+    source: Source, folder: Path, *, sizes: Sequence[int] = SIZES, repeats: int = REPEATS
+) -> list[Row]:
+    """Measure one mesh at each size: as PLY, the largest in every format; files are written to the folder."""
+    _, mesh = (source.of("fourleg") or source.nearest(sizes[0], 1))[0]
+    rows = []
+    for size in sizes:
+        scaled = resized(mesh, size)
+        for format in FORMATS if size == sizes[-1] else FORMATS[:1]:
+            path = folder / f"{size}.{format}"
+            path.write_bytes(write_mesh(scaled, format))
+            with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+                found, peak = pool.submit(measure_file, str(path), repeats).result()
+            rows.append(
+                Row(
+                    vertices=len(scaled.vertices),
+                    faces=len(scaled.faces),
+                    file_bytes=path.stat().st_size,
+                    format=format,
+                    seconds=Spread.of([sum(stages.values()) for stages in found]),
+                    stages={name: float(np.median([one[name] for one in found])) for name in found[0]},
+                    peak_bytes=peak,
+                )
+            )
+            path.unlink()
+    return rows
+
+
+def exponent(rows: Sequence[Row]) -> float:
+    """The b of seconds = a n^b that fits best by least squares of logarithms, over the PLY files."""
+    points = [(row.vertices, row.seconds.median) for row in rows if row.format == FORMATS[0]]
+    sizes, seconds = np.log(np.array(points)).T
+    return float(np.polyfit(sizes, seconds, 1)[0])

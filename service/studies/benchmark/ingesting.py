@@ -1,0 +1,89 @@
+"""A folder stored over HTTP: shapes a second on every processor there is, and on one."""
+
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter
+
+from core.io import write_mesh
+from service.client.concurrent_uploads import Item, upload_all
+from service.studies.benchmark.meshes import Source
+from service.studies.benchmark.searching import served
+from service.studies.benchmark.timing import Spread
+
+TURNS = 3
+
+
+@dataclass(frozen=True)
+class Row:
+    """All meshes of the source stored in an empty archive.
+
+    Attributes
+    ----------
+    processors : int
+        That the service, its workers and the command that sends the files share.
+    shapes : int
+    a_second : Spread
+        Shapes stored in a second.
+    """
+
+    processors: int
+    shapes: int
+    a_second: Spread
+
+
+def ingesting_rows(source: Source, scratch: Path, *, turns: int = TURNS) -> list[Row]:
+    """Measure in turn with all processors and with one.
+
+    Raises
+    ------
+    OSError
+        The system does not let a process choose its processors.
+    """
+    items = [
+        Item(f"{number} {name}.off", write_mesh(mesh, "off"), ())
+        for number, (name, mesh) in enumerate(entry for some in source.classes.values() for entry in some)
+    ]
+    everything = processors()
+    rates: dict[int, list[float]] = {len(everything): [], 1: []}
+    for turn in range(turns):
+        for count, found in rates.items():
+            url = f"sqlite:///{scratch / f'ingest-{turn}-{count}.sqlite3'}"
+            with on(everything[:count]):
+                found.append(_rate(url, items))
+    return [Row(count, len(items), Spread.of(found)) for count, found in rates.items()]
+
+
+def processors() -> list[int]:
+    """The numbers of the processors that this process may use.
+
+    Raises
+    ------
+    OSError
+        The system does not tell.
+    """
+    if not hasattr(os, "sched_getaffinity"):
+        raise OSError("this system does not let a process choose its processors")
+    return sorted(os.sched_getaffinity(0))
+
+
+@contextmanager
+def on(some: Sequence[int]) -> Iterator[None]:
+    """Keep this thread, and the threads and processes that it starts meanwhile, to these processors."""
+    before = processors()
+    os.sched_setaffinity(0, some)
+    try:
+        yield
+    finally:
+        os.sched_setaffinity(0, before)
+
+
+def _rate(url: str, items: Sequence[Item]) -> float:
+    with served(url) as (_, client):
+        began = perf_counter()
+        for item, outcome in upload_all(client, items):
+            if isinstance(outcome, str):
+                raise RuntimeError(f"{item.name}: {outcome}")
+        return len(items) / (perf_counter() - began)

@@ -1,0 +1,169 @@
+"""Many clients at once: what the service can do, and how long queries take at half of that."""
+
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from itertools import count
+from pathlib import Path
+from time import perf_counter, sleep
+
+import numpy as np
+
+from core.io import write_mesh
+from core.mesh.mesh import Mesh
+from service.client import Client, ClientError
+from service.studies.benchmark.archive import Original, fill, shape_id
+from service.studies.benchmark.meshes import Source
+from service.studies.benchmark.searching import STEP, served
+
+SHAPES, QUERYING, INGESTING = 380, 8, 2
+CAPACITY_SECONDS, ALONE, SECONDS = 20.0, 60, 60.0
+SHARE = 0.5
+"""Of what the service can do, how much is asked of it."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One archive under load; seconds.
+
+    Attributes
+    ----------
+    shapes, querying, ingesting : int
+        Stored at the start, and clients.
+    queries_a_second, uploads_a_second : float
+        Answered while all clients ask again as soon as they have an answer.
+    alone_median, alone_p95 : float
+        Of a query while there is one client.
+    seconds : float
+        How long so many a second were asked for, times `SHARE`, at even intervals.
+    queries, uploads, errors : int
+        Answered meanwhile; answers that were none.
+    median, p95 : float
+        Of a query, from when it was due.
+    """
+
+    shapes: int
+    querying: int
+    ingesting: int
+    queries_a_second: float
+    uploads_a_second: float
+    alone_median: float
+    alone_p95: float
+    seconds: float
+    queries: int
+    uploads: int
+    errors: int
+    median: float
+    p95: float
+
+
+class _Clients:
+    """Clients in threads of their own, each asking one kind of thing."""
+
+    def __init__(self, url: str, asks: Sequence[Callable[[Client], object]]) -> None:
+        self._url = url
+        self._asks = asks
+
+    def run(self, seconds: float, intervals: Sequence[float]) -> list[list[tuple[float, bool]]]:
+        """For each client, how long each of its requests took from when it was due, and whether it failed.
+
+        Parameters
+        ----------
+        seconds : float
+        intervals : sequence of float
+            Between the requests of each client; of 0, one is due when the last is answered.
+        """
+        found: list[list[tuple[float, bool]]] = [[] for _ in self._asks]
+        start = perf_counter()
+
+        def ask(which: int) -> None:
+            interval = intervals[which]
+            with Client(self._url) as client:
+                for number in count():
+                    due = start + (number + which / len(intervals)) * interval if interval else perf_counter()
+                    began = perf_counter()
+                    if max(due, began) >= start + seconds:
+                        return
+                    if due > began:
+                        sleep(due - began)
+                    try:
+                        self._asks[which](client)
+                        failed = False
+                    except ClientError:
+                        failed = True
+                    found[which].append((perf_counter() - due, failed))
+
+        threads = [threading.Thread(target=ask, args=(which,)) for which in range(len(self._asks))]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        return found
+
+
+def load_row(
+    source: Source,
+    originals: Sequence[Original],
+    scratch: Path,
+    *,
+    shapes: int = SHAPES,
+    capacity_seconds: float = CAPACITY_SECONDS,
+    alone: int = ALONE,
+    seconds: float = SECONDS,
+) -> Row:
+    """Measure one client alone, then what all can have answered, then half of that."""
+    url = f"sqlite:///{scratch / 'load.sqlite3'}"
+    fill(url, originals, shapes, lambda written: None)
+    numbers, files = count(), _files(source)
+    turn = threading.Lock()
+
+    def query(client: Client) -> object:
+        return client.query_shape(shape_id(next(numbers) * STEP % shapes))
+
+    def upload(client: Client) -> object:
+        with turn:
+            name, data = next(files)
+        return client.upload((name, data))
+
+    with ExitStack() as stack:
+        service, client = stack.enter_context(served(url))
+        query(client)
+        times = []
+        for _ in range(alone):
+            before = perf_counter()
+            query(client)
+            times.append(perf_counter() - before)
+        clients = _Clients(service.url, [query] * QUERYING + [upload] * INGESTING)
+        most = clients.run(capacity_seconds, [0.0] * (QUERYING + INGESTING))
+        # Where not even one was answered, one is taken to be what can be.
+        done = [max(sum(map(len, some)), 1) for some in (most[:QUERYING], most[QUERYING:])]
+        rates = [number / capacity_seconds for number in done]
+        intervals = [QUERYING / (SHARE * rates[0])] * QUERYING + [INGESTING / (SHARE * rates[1])] * INGESTING
+        found = clients.run(seconds, intervals)
+    queries = [one for client_times in found[:QUERYING] for one in client_times]
+    uploads = [one for client_times in found[QUERYING:] for one in client_times]
+    return Row(
+        shapes=shapes,
+        querying=QUERYING,
+        ingesting=INGESTING,
+        queries_a_second=rates[0],
+        uploads_a_second=rates[1],
+        alone_median=float(np.median(times)),
+        alone_p95=float(np.percentile(times, 95)),
+        seconds=seconds,
+        queries=len(queries),
+        uploads=len(uploads),
+        errors=sum(failed for _, failed in (*queries, *uploads)),
+        median=float(np.median([spent for spent, _ in queries])),
+        p95=float(np.percentile([spent for spent, _ in queries], 95)),
+    )
+
+
+def _files(source: Source) -> Iterator[tuple[str, bytes]]:
+    """The meshes of the source again and again, each time of another size and under another name."""
+    meshes = [entry for some in source.classes.values() for entry in some]
+    for number in count():
+        name, mesh = meshes[number * STEP % len(meshes)]
+        larger = Mesh(mesh.vertices * (1.0 + 1e-6 * (number + 1)), mesh.faces)
+        yield f"{number} {name}.off", write_mesh(larger, "off")

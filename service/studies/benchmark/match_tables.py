@@ -1,0 +1,68 @@
+"""What `service.studies.benchmark.matching` measured, as tables: a line a pair."""
+
+from collections.abc import Sequence
+
+from service.studies.benchmark.matching import MANY, PARTS, Beside, Row
+
+
+def match_table(rows: Sequence[Row]) -> list[list[str]]:
+    """Milliseconds."""
+    return [
+        [
+            "pair",
+            "vertices",
+            f"one of {MANY}, ms",
+            "screened, ms",
+            "sifted, ms",
+            "score, ms",
+            "from records, ms",
+            *(f"{part}, ms" for part in PARTS),
+        ],
+        *(
+            [
+                f"{row.first}, {row.second}",
+                f"{row.vertices[0]:,}, {row.vertices[1]:,}",
+                *(
+                    spread.milliseconds(3)
+                    for spread in (
+                        row.many,
+                        row.screened,
+                        row.sifted,
+                        row.score,
+                        row.records,
+                        *row.parts.values(),
+                    )
+                ),
+            ]
+            for row in rows
+        ),
+    ]
+
+
+def peer_table(rows: Sequence[Row]) -> list[list[str]]:
+    """Milliseconds and ratios, of one or more pairs; those without the peer are left out."""
+    peers: list[tuple[Row, Beside]] = [(row, row.peer) for row in rows if row.peer is not None]
+    stages = peers[0][1].stages
+    table = [
+        [
+            "pair",
+            "pyfmaps, ms",
+            *(f"{stage}, ms" for stage in stages),
+            "its spectra, ms",
+            "our embeddings, ms",
+            f"ratio, one of {MANY}",
+            "from records",
+            "from meshes",
+        ]
+    ]
+    for row, peer in peers:
+        times = (peer.match, *peer.stages.values(), peer.spectra, peer.embeddings)
+        table.append(
+            [
+                f"{row.first}, {row.second}",
+                *(spread.milliseconds() for spread in times),
+                *(ratio.plain(0) for ratio in (peer.many, peer.records)),
+                peer.meshes.plain(1),
+            ]
+        )
+    return table

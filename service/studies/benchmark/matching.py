@@ -1,0 +1,246 @@
+"""One match of two stored shapes, both ways in every embedding, against functional maps of the meshes."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from statistics import median
+from time import perf_counter
+from typing import TypeVar
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from core.embedding import Embedding
+from core.matching.kernels.match_record import Packed
+from core.matching.match_records import match_rows, row_of
+from core.matching.matcher import embedding_key
+from core.matching.procrustes import Matched, matched, pack
+from core.mesh.mesh import Mesh
+from core.parameters import DEFAULT
+from core.pipeline import Pipeline
+from core.ranking.coarse_ranking import sift, sketch_of
+from core.ranking.reranking import screen
+from core.serialization import embedding_from_bytes, embedding_to_bytes, points_from_bytes
+from service.studies.benchmark.archive import shaken
+from service.studies.benchmark.functional_maps import Peer
+from service.studies.benchmark.meshes import Source, resized
+from service.studies.benchmark.timing import Spread
+
+VERTICES, PAIRS, REPEATS, MATCHES = 2800, 3, 5, 40
+MANY = 64
+"""Shapes that one is matched with in one call: the other of the pair, with other noise each."""
+
+PARTS = ("decode", "pack", "match")
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Beside:
+    """The peer on the same two meshes; seconds.
+
+    Attributes
+    ----------
+    match, spectra : Spread
+        Theirs: one match, one way; what is computed once of the two meshes.
+    stages : dict of str to Spread
+        Their match by stage.
+    embeddings : Spread
+        Ours: embedding the two meshes.
+    many, records, meshes : Spread
+        How many times longer theirs takes, in each turn: their match over the median of ours of many, and
+        from records; and both with what comes before, from two meshes in memory.
+    """
+
+    match: Spread
+    spectra: Spread
+    stages: dict[str, Spread]
+    embeddings: Spread
+    many: Spread
+    records: Spread
+    meshes: Spread
+
+
+@dataclass(frozen=True)
+class Row:
+    """One pair of meshes; seconds.
+
+    Attributes
+    ----------
+    first, second : str
+    vertices : tuple of int
+        Of each.
+    many, screened, sifted : Spread
+        Of one of `MANY`, as queries look at them: the match, and the two that are less exact.
+    score : Spread
+        One match by `Pipeline.score`, which hashes both embeddings to find what it knows of them.
+    records : Spread
+        From the bytes of two records to the scores, nothing kept.
+    parts : dict of str to Spread
+        The last by part, both shapes together.
+    peer : Beside or None
+    """
+
+    first: str
+    second: str
+    vertices: tuple[int, int]
+    many: Spread
+    screened: Spread
+    sifted: Spread
+    score: Spread
+    records: Spread
+    parts: dict[str, Spread]
+    peer: Beside | None
+
+
+@dataclass(frozen=True)
+class _Turn:
+    """Seconds by name: several of ours, then one of the peer's and of our embedding, if there is a peer."""
+
+    ours: list[dict[str, float]] = field(default_factory=list)
+    theirs: dict[str, float] = field(default_factory=dict)
+    stages: dict[str, float] = field(default_factory=dict)
+
+
+class _Pair:
+    """Two meshes, and what a match of them starts from."""
+
+    def __init__(self, first: tuple[str, Mesh], second: tuple[str, Mesh], method: Pipeline) -> None:
+        self._names = first[0], second[0]
+        self._meshes = first[1], second[1]
+        self._method = method
+        self._embeddings = [method.embed(mesh) for mesh in self._meshes]
+        query, candidate = self._embeddings
+        copies = [candidate, *(shaken(candidate, number) for number in range(1, MANY))]
+        self._row = row_of(query, DEFAULT)
+        self._rows = [row_of(copy, DEFAULT) for copy in copies]
+        self._points = [points_from_bytes(embedding_to_bytes(copy)) for copy in copies]
+        self._sketches = np.stack([sketch_of(copy) for copy in copies])
+        self._records = [embedding_to_bytes(embedding) for embedding in self._embeddings]
+
+    def ours(self) -> dict[str, float]:
+        """Seconds of one match among many, by `score`, and by part from records."""
+        query, candidate = self._embeddings
+        _, many = _seconds(lambda: match_rows(self._row, self._rows, DEFAULT))
+        _, screened = _seconds(lambda: screen(self._row, self._points, DEFAULT))
+        _, sifted = _seconds(lambda: sift(self._row, self._sketches, DEFAULT))
+        _, score = _seconds(lambda: self._method.score(query, [candidate]))
+        embeddings, decode = _seconds(lambda: [embedding_from_bytes(record) for record in self._records])
+        shapes, packing = _seconds(lambda: [_packed(embedding) for embedding in embeddings])
+        _, match = _seconds(lambda: _match(shapes))
+        return {
+            "many": many / MANY,
+            "screened": screened / MANY,
+            "sifted": sifted / MANY,
+            "score": score,
+            "decode": decode,
+            "pack": packing,
+            "match": match,
+        }
+
+    def turn(self, ours: list[dict[str, float]], peer: Peer | None) -> _Turn:
+        """What was measured of ours, with one measurement of the peer's after it."""
+        if peer is None:
+            return _Turn(ours)
+        spectra, spent = _seconds(lambda: [peer.spectrum(mesh) for mesh in self._meshes])
+        stages = peer.match(*spectra)
+        _, embedded = _seconds(lambda: [self._method.embed(mesh) for mesh in self._meshes])
+        return _Turn(ours, {"match": sum(stages.values()), "spectra": spent, "embeddings": embedded}, stages)
+
+    def row(self, turns: Sequence[_Turn]) -> Row:
+        """All turns together."""
+        first, second = (len(mesh.vertices) for mesh in self._meshes)
+
+        def spread(*names: str) -> Spread:
+            return Spread.of([sum(one[name] for name in names) for turn in turns for one in turn.ours])
+
+        return Row(
+            *self._names,
+            vertices=(first, second),
+            many=spread("many"),
+            screened=spread("screened"),
+            sifted=spread("sifted"),
+            score=spread("score"),
+            records=spread(*PARTS),
+            parts={part: spread(part) for part in PARTS},
+            peer=_beside(turns) if turns[0].stages else None,
+        )
+
+
+def _packed(embedding: Embedding) -> Packed:
+    return pack(embedding, embedding_key(embedding), DEFAULT)
+
+
+def _match(shapes: Sequence[Packed]) -> Matched:
+    first, second = shapes
+    return matched(first, second, DEFAULT, same=False)
+
+
+def _seconds(work: Callable[[], T]) -> tuple[T, float]:
+    start = perf_counter()
+    result = work()
+    return result, perf_counter() - start
+
+
+def _beside(turns: Sequence[_Turn]) -> Beside:
+    def ours(turn: _Turn, *names: str) -> float:
+        return median(sum(one[name] for name in names) for one in turn.ours)
+
+    def spread(name: str) -> Spread:
+        return Spread.of([turn.theirs[name] for turn in turns])
+
+    return Beside(
+        match=spread("match"),
+        spectra=spread("spectra"),
+        stages={stage: Spread.of([turn.stages[stage] for turn in turns]) for stage in turns[0].stages},
+        embeddings=spread("embeddings"),
+        many=Spread.of([turn.theirs["match"] / ours(turn, "many") for turn in turns]),
+        records=Spread.of([turn.theirs["match"] / ours(turn, *PARTS) for turn in turns]),
+        meshes=Spread.of(
+            [
+                (turn.theirs["spectra"] + turn.theirs["match"])
+                / (turn.theirs["embeddings"] + ours(turn, "pack", "match"))
+                for turn in turns
+            ]
+        ),
+    )
+
+
+def chain(source: Source, vertices: int, count: int) -> list[tuple[str, Mesh]]:
+    """Meshes brought to about so many vertices, at most `count`: two of a class, two of another, and so on.
+
+    Neighbours are by turns of one class and of two. Classes whose second mesh is nearest in size come first.
+    """
+    twos = [Source({label: meshes}).nearest(vertices, 2) for label, meshes in source.classes.items()]
+    twos = [two for two in twos if len(two) == 2]
+    twos.sort(key=lambda two: abs(len(two[1][1].vertices) - vertices))
+    found = [entry for two in twos for entry in two][:count]
+    return [(name, resized(mesh, vertices)) for name, mesh in found]
+
+
+def matching_rows(
+    source: Source,
+    peer: Peer | None,
+    *,
+    vertices: int = VERTICES,
+    pairs: int = PAIRS,
+    repeats: int = REPEATS,
+    matches: int = MATCHES,
+) -> list[Row]:
+    """Measure neighbours of the `chain`: in each turn so many matches of every pair in turn, then the peer's.
+
+    The first turn is not counted. A source without two meshes of a class gives no row.
+    """
+    method = Pipeline(DEFAULT)
+    turns: list[list[_Turn]] = []
+    with threadpool_limits(limits=1):
+        measured = [_Pair(*two, method) for two in pairwise(chain(source, vertices, pairs + 1))]
+        for _ in range(repeats + 1):
+            ours = [[pair.ours() for pair in measured] for _ in range(matches)]
+            turns.append(
+                [
+                    pair.turn(list(mine), peer)
+                    for pair, mine in zip(measured, zip(*ours, strict=True), strict=True)
+                ]
+            )
+    return [pair.row(of_pair) for pair, of_pair in zip(measured, zip(*turns[1:], strict=True), strict=True)]

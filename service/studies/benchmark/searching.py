@@ -1,0 +1,214 @@
+"""Queries over HTTP against archives of several sizes: how long they take, and what the cascade misses."""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter
+
+import numpy as np
+
+from service.client import Client
+from service.server.child_process import ChildService
+from service.server.uvicorn_server import LOOPBACK, bind, wait_until_ready
+from service.studies.benchmark.archive import Original, fill, label_of, shape_id
+
+SIZES = (380, 10_000, 100_000)
+QUERIES, LONG, CHECKED = 100, 20, 40
+"""Queries of an archive, of one of thousands that is searched exhaustively, and of those that are checked."""
+EXHAUSTIVE = 10_000
+"""Archives up to this size are searched exhaustively too."""
+
+LENGTHS = (
+    (250, 50, 10),
+    (500, 100, 10),
+    (1_000, 200, 20),
+    (1_000, 300, 20),
+    (2_000, 400, 30),
+    (4_000, 800, 60),
+)
+"""How many the cascade sifts, screens, and compares in full beside the wanted ones."""
+
+STEP = 7919
+"""Between the numbers that are asked for: it shares no factor with a size."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One archive.
+
+    Attributes
+    ----------
+    shapes : int
+    exhaustive : bool
+        Whether queries asked for every shape to be compared.
+    compared : int
+        Shapes that the last query compared in full.
+    start : float
+        Seconds from the process's start until it is ready.
+    first, median, p95 : float
+        Seconds of the first query, and of all the others.
+    stages : dict of str to float
+        Median seconds of a query's stages, as the service tells them.
+    queries : int
+    memory : int
+        Bytes that the service's own process holds at the end.
+    """
+
+    shapes: int
+    exhaustive: bool
+    compared: int
+    start: float
+    first: float
+    median: float
+    p95: float
+    stages: dict[str, float]
+    queries: int
+    memory: int
+
+
+@dataclass(frozen=True)
+class Kept:
+    """Cascade against exhaustive search of one archive.
+
+    Attributes
+    ----------
+    shapes, queries : int
+        Queries are originals; what was made of them is left out of the answers.
+    length, screened, finalists : int or None
+        How many the cascade sifts, screens, and compares in full beside the wanted ones; None is every shape.
+    first : float
+        Share of queries whose first answer is that of the exhaustive search.
+    nn, ten : float
+        Share of first answers, and of the first ten, that are of the query's class.
+    median : float
+        Seconds.
+    """
+
+    shapes: int
+    queries: int
+    length: int | None
+    screened: int | None
+    finalists: int | None
+    first: float
+    nn: float
+    ten: float
+    median: float
+
+
+def searching_rows(
+    source: Sequence[Original],
+    scratch: Path,
+    *,
+    sizes: Sequence[int] = SIZES,
+    queries: int = QUERIES,
+    told: Callable[[int], object] = lambda written: None,
+) -> tuple[list[Row], list[Kept]]:
+    """Fill an archive of each size and query it by the ids of shapes spread over it.
+
+    The cascade is held against exhaustive search on the largest archive that is searched so.
+    """
+    rows: list[Row] = []
+    kept: list[Kept] = []
+    checked = max((size for size in sizes if size <= EXHAUSTIVE), default=0)
+    for size in sizes:
+        path = scratch / f"{size}.sqlite3"
+        url = f"sqlite:///{path}"
+        fill(url, source, size, told)
+        exhaustive = size <= EXHAUSTIVE
+        count = min(queries, LONG) if exhaustive and size > 1_000 else queries
+        rows.append(_measured(url, size, count, exhaustive=exhaustive))
+        if size == checked and size > len(source):
+            kept = kept_rows(url, source, size)
+        path.unlink()
+    return rows, kept
+
+
+@contextmanager
+def served(url: str, **settings: int) -> Iterator[tuple[ChildService, Client]]:
+    """The service on an archive, ready, and a client of it."""
+    with bind(LOOPBACK, 0) as bound:
+        port = bound.getsockname()[1]
+    changed = {f"ISOSHAPE_{name.upper()}": str(value) for name, value in settings.items()}
+    given = {"ISOSHAPE_DATABASE_URL": url, "ISOSHAPE_LOG_LEVEL": "error", **changed}
+    with ChildService(port, given, quiet=True) as service, Client(service.url) as client:
+        wait_until_ready(client, service.ended)
+        yield service, client
+
+
+def _measured(url: str, size: int, queries: int, *, exhaustive: bool) -> Row:
+    began = perf_counter()
+    with served(url) as (service, client):
+        start = perf_counter() - began
+        seconds, stages, compared = [], [], 0
+        for number in range(queries + 1):
+            before = perf_counter()
+            answer = client.query_shape(shape_id(number * STEP % size), exhaustive=exhaustive)
+            seconds.append(perf_counter() - before)
+            stages.append(answer.milliseconds)
+            compared = answer.compared
+        return Row(
+            shapes=size,
+            exhaustive=exhaustive,
+            compared=compared,
+            start=start,
+            first=seconds[0],
+            median=float(np.median(seconds[1:])),
+            p95=float(np.percentile(seconds[1:], 95)),
+            stages={name: float(np.median([1e-3 * one[name] for one in stages[1:]])) for name in stages[0]},
+            queries=queries,
+            memory=service.memory(),
+        )
+
+
+def kept_rows(
+    url: str,
+    source: Sequence[Original],
+    size: int,
+    *,
+    queries: int = CHECKED,
+    lengths: Sequence[tuple[int, int, int]] = LENGTHS,
+) -> list[Kept]:
+    """Each length of the cascade against the exhaustive search, which is the last row."""
+    asked = [number * STEP % len(source) for number in range(min(queries, len(source)))]
+    found: dict[tuple[int, int, int] | None, tuple[list[list[str]], float]] = {}
+    for length in (*lengths, None):
+        most, screened, finalists = length or (size, size, size)
+        settings = {
+            "shortlist_from": 1,
+            "shortlist_length": most,
+            "screened": screened,
+            "finalists": finalists,
+        }
+        with served(url, **settings) as (_, client):
+            answers, seconds = [], []
+            for number in asked:
+                copies = [shape_id(copy) for copy in range(number, size, len(source))]
+                before = perf_counter()
+                answer = client.query_shape(
+                    shape_id(number), exhaustive=length is None, exclude=copies, top_k=10
+                )
+                seconds.append(perf_counter() - before)
+                answers.append([result.shape.name for result in answer.results])
+            found[length] = answers, float(np.median(seconds))
+    truth = found[None][0]
+    rows = []
+    for length, (answers, median) in found.items():
+        right = [
+            [source[number].label == label_of(name) for name in names]
+            for number, names in zip(asked, answers, strict=True)
+        ]
+        rows.append(
+            Kept(
+                shapes=size,
+                queries=len(asked),
+                length=None if length is None else length[0],
+                screened=None if length is None else length[1],
+                finalists=None if length is None else length[2],
+                first=float(np.mean([a[0] == b[0] for a, b in zip(answers, truth, strict=True)])),
+                nn=float(np.mean([one[0] for one in right])),
+                ten=float(np.mean([np.mean(one) for one in right])),
+                median=median,
+            )
+        )
+    return rows

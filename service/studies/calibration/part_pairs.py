@@ -1,0 +1,48 @@
+"""What is known of parts of shapes and whole ones, to fit the chance that they are of one class."""
+
+from concurrent.futures import Executor
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from core.arrays import Floats
+from core.descriptors.descriptor_distance import apart
+from core.evaluation.calibration import Collection
+from core.ranking.class_probability import part_evidence
+from core.studies.robustness import KINDS, Kind
+from service.studies.robustness.perturbed_queries import Done, Gallery, Told, on_disk, perturbed_query
+
+SEED = 0
+
+LEVELS = [(kind, amount) for kind in KINDS if kind.part for amount in kind.amounts]
+"""How shapes are made incomplete."""
+
+
+def part_pairs(pool: Executor, gallery: Gallery, tell: Told, done: Done) -> list[Collection]:
+    """For each of `LEVELS`, the shapes that look incomplete after it, against all clean ones."""
+    count = len(gallery.files)
+    found = []
+    with on_disk(gallery) as stored:
+        for kind, amount in LEVELS:
+            evidence, asked = np.zeros((count, count, 1)), np.zeros((count, count), dtype=bool)
+            rows = pool.map(partial(_evidence, stored, kind, amount), gallery.files)
+            for i, row in enumerate(rows):
+                if isinstance(row, str):
+                    tell(f"{gallery.files[i]}, {kind.title} {100 * amount:g} %: {row}")
+                elif row is not None:
+                    evidence[i], asked[i] = row, True
+                done(1)
+            found.append(Collection(gallery.labels, evidence, asked))
+    return found
+
+
+def _evidence(stored: Path, kind: Kind, amount: float, path: Path) -> Floats | str | None:
+    """What `combined` reads of a changed file against the gallery, (n, 1); None if it looks complete."""
+    asked = perturbed_query(stored, kind, amount, SEED, path)
+    if isinstance(asked, str):
+        return asked
+    signatures = np.stack([embedding.signature for embedding in asked.gallery])
+    whole = asked.pipeline.evidence(asked.scores.cc, asked.scores.sim, asked.query.signature, signatures)
+    between = apart(asked.query.patches, [embedding.patches for embedding in asked.gallery])
+    return part_evidence(whole, between.distance) if between.part.all() else None

@@ -1,0 +1,167 @@
+"""What a calibration on labelled collections found."""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+
+import numpy as np
+
+from core.arrays import Floats
+from core.evaluation.calibration import Collection, Reliability, fit, leave_class_out, reliability
+from core.evaluation.retrieval_measures import Evaluation, evaluate
+from core.ranking.class_probability import Calibration
+
+UPPER = 5
+"""The bins from this one on hold the pairs that are called more likely of one class than not."""
+
+
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """One collection: its pairs as the fits without their query's class judge them.
+
+    Attributes
+    ----------
+    name : str
+    shapes, classes : int
+    figures : Evaluation
+        Ranked by those chances.
+    reliability : Reliability
+    """
+
+    name: str
+    shapes: int
+    classes: int
+    figures: Evaluation
+    reliability: Reliability
+
+
+@dataclass(frozen=True, eq=False)
+class Incomplete:
+    """Pairs of an incomplete shape and a whole one, likewise.
+
+    Attributes
+    ----------
+    model : Calibration
+    queries : int
+        Incomplete shapes.
+    nn : float
+        Share of them whose likeliest whole one, but their own, is of their class.
+    reliability : Reliability
+        Each way that they are incomplete, in each collection, with the same weight.
+    """
+
+    model: Calibration
+    queries: int
+    nn: float
+    reliability: Reliability
+
+
+@dataclass(frozen=True, eq=False)
+class Study:
+    """The model of all pairs, and how models without each class do on it.
+
+    Attributes
+    ----------
+    model : Calibration
+    without_patches : Calibration
+        Of the evidence but that of patches.
+    collections : tuple of Judged
+    together : Reliability
+        Of all collections, each with the same weight.
+    incomplete : Incomplete
+    """
+
+    model: Calibration
+    without_patches: Calibration
+    collections: tuple[Judged, ...]
+    together: Reliability
+    incomplete: Incomplete
+
+    def as_json(self) -> dict[str, object]:
+        """The object that `--json` prints."""
+        return {
+            **asdict(self.model),
+            "without_patches": asdict(self.without_patches),
+            "incomplete": {
+                **asdict(self.incomplete.model),
+                "queries": self.incomplete.queries,
+                "nn": self.incomplete.nn,
+                **_numbers(self.incomplete.reliability),
+            },
+            "together": _numbers(self.together),
+            "collections": [
+                {
+                    "name": one.name,
+                    "shapes": one.shapes,
+                    "classes": one.classes,
+                    **{name: getattr(one.figures, name) for name in ("nn", "ft", "st")},
+                    **_numbers(one.reliability),
+                }
+                for one in self.collections
+            ],
+        }
+
+
+def study(
+    names: Sequence[str], collections: Sequence[Collection], incomplete: Sequence[Sequence[Collection]]
+) -> Study:
+    """Fit to all, and judge each class by the fit without it.
+
+    Parameters
+    ----------
+    names : sequence of str
+    collections : sequence of Collection
+        One a name, with the evidence of `core.ranking.class_probability.patch_evidence`.
+    incomplete : sequence of sequence of Collection
+        Several a name, with that of `core.ranking.class_probability.part_evidence`.
+
+    Raises
+    ------
+    ParameterError
+        Without some class, all pairs are of one kind.
+    """
+    chances = leave_class_out(collections)
+    return Study(
+        model=fit(collections),
+        without_patches=fit([replace(one, evidence=one.evidence[..., :-1]) for one in collections]),
+        collections=tuple(
+            _judged(name, collection, given)
+            for name, collection, given in zip(names, collections, chances, strict=True)
+        ),
+        together=reliability(collections, chances),
+        incomplete=_incomplete([one for several in incomplete for one in several]),
+    )
+
+
+def _incomplete(collections: Sequence[Collection]) -> Incomplete:
+    chances = leave_class_out(collections)
+    right: list[bool] = []
+    for collection, given in zip(collections, chances, strict=True):
+        codes, pairs = collection.codes, collection.both_ways
+        asked = np.flatnonzero(pairs.any(axis=1))
+        first = np.where(pairs, given, -1.0).argmax(axis=1)
+        right += (codes[first[asked]] == codes[asked]).tolist()
+    return Incomplete(
+        model=fit(collections),
+        queries=len(right),
+        nn=float(np.mean(right)),
+        reliability=reliability(collections, chances),
+    )
+
+
+def _judged(name: str, collection: Collection, chances: Floats) -> Judged:
+    return Judged(
+        name=name,
+        shapes=len(collection.labels),
+        classes=len(set(collection.labels)),
+        figures=evaluate(chances, collection.labels, larger_is_closer=True),
+        reliability=reliability([collection], [chances]),
+    )
+
+
+def _numbers(found: Reliability) -> dict[str, object]:
+    return {
+        "base_rate": found.base_rate,
+        "error": found.error,
+        "error_upper": found.error_above(UPPER),
+        **{key: np.asarray(getattr(found, key)).tolist() for key in ("share", "said", "found")},
+    }

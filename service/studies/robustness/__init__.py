@@ -1,0 +1,3 @@
+"""Retrieval of perturbed queries (Fig. 9): scores in; a table, pictures and a page out."""
+
+__all__ = ["figures", "page", "perturbed_queries", "table"]

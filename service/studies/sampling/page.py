@@ -1,0 +1,96 @@
+"""The evidence as a page in Markdown."""
+
+from collections.abc import Sequence
+from textwrap import fill
+
+from core.studies.sampling.robustness import DELTAS, REGIONS, ROBUST_TAU
+from core.studies.sampling.surface import EVIDENCE
+from core.studies.sampling.trials import COMPARED_TAU
+from service.studies.sampling.tables import TextTable
+
+_TERMS = (
+    "Every mesh goes the way of the default setting: cleaned, put in its normal frame, and its long "
+    f"edges split as for {EVIDENCE.refine_vertices:,} even vertices. One of more than "
+    f"{EVIDENCE.decimate_above:,} vertices is simplified to {EVIDENCE.decimate_to:,}, since distances "
+    "between all pairs are wanted.",
+    "Lengths are in units of the shape's **scale**, its root mean square radius. **Geodesic** distances "
+    "run along edges and across pairs of neighbouring faces.",
+    "**cut**: the paper's selection, the tau n vertices of largest weight q. **draw**: a seeded draw of "
+    "as many, with probabilities min(1, c q). **covering**: farthest-point selection where distance "
+    f"counts times (q / mean q)^{EVIDENCE.coverage_power}; what the default setting uses.",
+    "**printed**: r1 and r2 of Eqs. 11 and 12 as in the paper, under which q follows the residual alone. "
+    "**normalised**: each of the two terms over its sum, so that leverage and residual both count.",
+    "**Poisson disk**: dart throwing on the vertices, with the radius that gives as many samples. "
+    "**farthest point**: each next sample where it is farthest from all before. The salient geometric "
+    "(SGS) and MLS methods, to which Fig. 3b also compares, are not reproduced.",
+    "**Histogram**: of the distances of all pairs of samples over the largest of them, in five ranges of "
+    "equal width, per cent. Its **change** is the total variation distance, 0 for equal and 1 for "
+    "disjoint. *between taus*: the largest change between two of the three. *from surface*: the mean "
+    "change from the histogram of all vertices.",
+    "*largest gap*, *mean gap*: distance from a vertex to the nearest sample. *evenness*: the smallest "
+    "distance between two samples over the mean distance from a sample to the next.",
+    "*fit / best*: f(x, y) fitted to the samples alone, its RMS residual at all vertices over that of "
+    "the best fit; the median over the shapes. Rows of a draw weigh 1 / p, as in Algorithm 1.",
+    "*rebuilt*: samples stay where they are, and all other vertices are pulled tight between them like a "
+    "soap film (each coordinate harmonic). *as Poisson disk with*: how many times the samples of tau "
+    f"{COMPARED_TAU} Poisson disk needs to do as well; the paper claims more than 1 for its own.",
+    "**Noise**: Gaussian, on each coordinate of each vertex of the cleaned mesh, then all steps anew. "
+    "Its standard deviation is given as a share of the shape's size, the diagonal of its bounding box "
+    f"along the axes of the normal frame; so the paper's delta is read, {DELTAS[0]}. *kept*: the share "
+    f"of the samples that stay where they were, the surface being cut into {REGIONS} regions. *kept if "
+    "even*: the same for an even spread in place of the noisy samples; only what lies above it says that "
+    "preferred places are kept.",
+    f"**Poses**: one body otherwise bent, each pose a mesh of its own, at tau {ROBUST_TAU}; beside it, "
+    "the change between all pairs of the shapes of Fig. 2.",
+    "Numbers are means over the shapes unless said otherwise.",
+)
+
+_PICTURES = {"Fig. 2": "fit", "Fig. 3a": "ratio", "Fig. 3b": "methods", "Fig. 3c": "noise"}
+
+
+def page(tables: Sequence[TextTable], *, source: str, drawn: str, poses: Sequence[str]) -> str:
+    """The whole page.
+
+    Parameters
+    ----------
+    tables : sequence of TextTable
+        Titled "Fig. 2: ..." and so on, in the order of the figures.
+    source : str
+        What was sampled, and the command, as a sentence.
+    drawn : str
+        The shape in the pictures.
+    poses : sequence of str
+        Names of the poses; their picture is shown where there are any.
+    """
+    parts = [
+        "# Samples by Lewis weights: Figs. 2 and 3 of the paper, measured again",
+        source,
+        f"The pictures show {_plain(drawn)}, seen along z; samples on the far side are not drawn.",
+        "## What the words mean",
+        "\n".join(fill(term, 110, initial_indent="- ", subsequent_indent="  ") for term in _TERMS),
+    ]
+    figure = ""
+    for table in tables:
+        name, _, title = table.title.partition(": ")
+        if name != figure:
+            figure = name
+            parts += [f"## {name}", f"![{name}](sampling-{_PICTURES[name]}.png)"]
+        parts += [f"{title[0].upper()}{title[1:]}.", _markdown(table), table.shows]
+    if poses:
+        names = ", ".join(map(_plain, poses))
+        parts += [f"The first poses of {names}:", "![Fig. 3c, poses](sampling-poses.png)"]
+    return "\n\n".join(parts) + "\n"
+
+
+def _markdown(table: TextTable) -> str:
+    rules = ["---"] + ["---:"] * (len(table.columns) - 1)
+    rows = [table.columns, rules, *table.rows]
+    return "\n".join("| " + " | ".join(map(_plain, row)) + " |" for row in rows)
+
+
+def _plain(text: str) -> str:
+    """Text that Markdown shows as it is: file names may hold anything."""
+    if text.strip("-:") == "":
+        return text
+    safe = text.replace("&", "&amp;").replace("<", "&lt;")
+    return "".join("\\" + letter if letter in "\\`*_[]|" else letter for letter in safe.replace("\n", " "))

@@ -1,0 +1,58 @@
+"""The address /session, where a page signs in and out."""
+
+from typing import Literal
+
+from fastapi import APIRouter, Request, Response
+from pydantic import BaseModel, Field
+
+from service.auth.gate import token_in
+from service.auth.sessions import COOKIE, SECONDS
+from service.dependencies import Service
+from service.http.problems import documented
+
+router = APIRouter(tags=["session"])
+
+
+class Session(BaseModel):
+    """What this browser, or program, may do."""
+
+    access: Literal["none", "read", "full"] = Field(
+        description="Nothing; read, query and compare; or everything, as all may do where there are no keys."
+    )
+    signed_in: bool = Field(description="Whether a cookie says so, which signing out ends.")
+
+
+@router.get("/session", summary="What may I do?", responses=documented("unauthorized"))
+async def read_session(request: Request, parts: Service) -> Session:
+    """Answers without a key too: a page asks it whether to sign in first."""
+    grant = parts.gate.grant(request.headers)
+    if grant is None:
+        return Session(access="none", signed_in=False)
+    return Session(access=grant.level, signed_in=grant.signed_in)
+
+
+@router.post("/session", summary="Sign in")
+async def begin_session(request: Request, response: Response, parts: Service) -> Session:
+    """Trade a key, in a header, for a cookie that the page's scripts cannot read; it lasts twelve hours."""
+    grant = parts.gate.grant(request.headers)
+    assert grant is not None
+    if grant.digest is None or grant.signed_in:
+        return Session(access=grant.level, signed_in=grant.signed_in)
+    response.set_cookie(
+        COOKIE,
+        parts.gate.sessions.begin(grant),
+        max_age=SECONDS,
+        httponly=True,
+        samesite="strict",
+        secure=request.url.scheme == "https",
+    )
+    return Session(access=grant.level, signed_in=True)
+
+
+@router.delete("/session", status_code=204, summary="Sign out")
+async def end_session(request: Request, response: Response, parts: Service) -> None:
+    """End the session, if there is one, and drop its cookie."""
+    token = token_in(request.headers)
+    if token is not None:
+        parts.gate.sessions.end(token)
+    response.delete_cookie(COOKIE, httponly=True, samesite="strict", secure=request.url.scheme == "https")

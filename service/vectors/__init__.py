@@ -1,1 +1,0 @@
-"""The nearest signatures, found by the database itself."""

@@ -1,0 +1,120 @@
+"""Parts found among wholes, and one-sided distances against a plain reference."""
+
+import tracemalloc
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+from core.arrays import Bytes
+from core.descriptors.partial_matching import AT_ONCE, MISSING, NEAR_RIM, PATCHES, part_distances, part_of
+from core.descriptors.spin_images import BINS, KEYS, LENGTH, RADII, SCALE, patch_count, patches
+from core.gallery import make_shape
+from core.gallery.frames import rotation
+from core.mesh.cleaning import clean
+from core.mesh.mesh import Mesh
+from core.studies.perturbation import cut_part, subdivide
+
+CLASSES = ("bird", "cup", "octopus", "person", "plane", "quadruped")
+WHOLES = {label: make_shape(label, 0) for label in CLASSES}
+KNOWN = [patches(clean(mesh).mesh).bytes for mesh in WHOLES.values()]
+
+
+def part(mesh: Mesh) -> Bytes:
+    return part_of(clean(mesh).mesh)
+
+
+def moved(mesh: Mesh, scale: float) -> Mesh:
+    return Mesh(scale * mesh.vertices @ rotation("x", 70.0).T + [1.0, -2.0, 3.0], mesh.faces)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3, 0.5])
+def test_a_part_is_found_wherever_it_lies_and_in_any_unit(share: float) -> None:
+    for place, mesh in enumerate(WHOLES.values()):
+        piece = subdivide(moved(cut_part(mesh, share, place), 0.01), 0.3, 1)
+        assert part_distances(part(piece), KNOWN).argmin() == place
+
+
+def plain(rows: Bytes, whole: Bytes) -> float:
+    """The mean over the balls that count, for the share of missing area that makes it least."""
+    found, start = [], 0
+    for missing in MISSING:
+        total = balls = 0.0
+        for row in rows[start : start + patch_count(missing)].astype(float):
+            squares = (whole.astype(float) - row[:LENGTH]) ** 2
+            total += min((squares.reshape(KEYS, len(RADII), BINS).sum(axis=2) * row[LENGTH:]).sum(axis=1))
+            balls += row[LENGTH:].mean()
+        found.append(total / balls / SCALE**2)
+        start += patch_count(missing)
+    return min(found)
+
+
+def test_distances_are_those_of_a_search_over_all_pairs_and_hang_on_no_other() -> None:
+    rows = part(cut_part(WHOLES["person"], 0.4, 0))
+    many = [KNOWN[i % len(KNOWN)] for i in range(2 * AT_ONCE + 1)]
+    found = part_distances(rows, many)
+    assert found[: len(KNOWN)] == pytest.approx([plain(rows, whole) for whole in KNOWN], rel=1e-12)
+    for distance, whole in zip(found, many, strict=True):
+        assert_array_equal(distance, part_distances(rows, [whole])[0])
+
+
+def test_balls_that_reach_beyond_the_rim_do_not_count() -> None:
+    surface = clean(cut_part(WHOLES["person"], 0.4, 0)).mesh
+    counts = part_of(surface)[:, LENGTH:]
+    assert counts.shape == (PATCHES, len(RADII))
+    found, start = patches(surface), 0
+    away = _from_rim(surface, found.points)
+    for ball, radius in enumerate(RADII):
+        wanted = away > NEAR_RIM * radius * found.unit
+        sure = np.abs(away - NEAR_RIM * radius * found.unit) > 0.2 * NEAR_RIM * RADII[0] * found.unit
+        assert_array_equal(counts[start : start + KEYS, ball][sure], wanted[sure])
+        assert 0.3 < wanted.mean() < 1.0
+        assert sure.mean() > 0.9
+    assert part(WHOLES["person"])[:, LENGTH:].all()
+
+
+def test_where_nearly_all_is_rim_all_balls_count() -> None:
+    count = 1000
+    around = np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
+    ring = np.stack([np.cos(around), np.sin(around), 0.0 * around], axis=1)
+    i, j = np.arange(count), (np.arange(count) + 1) % count
+    faces = np.concatenate([np.stack([i, j, count + i], 1), np.stack([j, count + j, count + i], 1)])
+    strip = Mesh(np.concatenate([ring, ring + np.array([0.0, 0.0, 0.01])]), faces)
+    assert part(strip)[:, LENGTH:].all()
+
+
+def test_long_open_edges_are_rim_all_along() -> None:
+    """A box of 8 vertices without one end."""
+    corners = np.array([[x, y, z] for x in (0.0, 2.1) for y in (0.0, 1.0) for z in (0.0, 0.6)])
+    quads = [(0, 1, 3, 2), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    faces = np.array([face for a, b, c, d in quads for face in ((a, b, c), (a, c, d))])
+    surface = clean(Mesh(corners, faces)).mesh
+    found, counts = patches(surface), part_of(surface)[:KEYS, LENGTH:]
+    away = _from_rim(surface, found.points)
+    for ball, radius in enumerate(RADII):
+        near = away < 0.8 * NEAR_RIM * radius * found.unit
+        assert near.any()
+        assert not counts[near, ball].any()
+
+
+def test_a_needle_takes_no_more_memory_than_another_part() -> None:
+    needle = Mesh(np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1e-9, 0.0]]), np.array([[0, 1, 2]]))
+    tracemalloc.start()
+    rows = part_of(needle)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert rows.shape == (PATCHES, LENGTH + len(RADII))
+    assert peak < 50e6
+
+
+def _from_rim(surface: Mesh, points: np.ndarray) -> np.ndarray:
+    """Distances from the open edges, as line segments."""
+    sides: dict[tuple[int, int], int] = {}
+    for face in surface.faces.tolist():
+        for a, b in zip(face, face[1:] + face[:1], strict=True):
+            sides[min(a, b), max(a, b)] = sides.get((min(a, b), max(a, b)), 0) + 1
+    ends = surface.vertices[[list(ends) for ends, count in sides.items() if count == 1]]
+    start, step = ends[:, 0], ends[:, 1] - ends[:, 0]
+    along = ((points[:, None] - start) * step).sum(axis=2) / (step**2).sum(axis=1)
+    feet = start + np.clip(along, 0.0, 1.0)[..., None] * step
+    return np.asarray(np.linalg.norm(points[:, None] - feet, axis=2).min(axis=1))

@@ -1,0 +1,100 @@
+"""Patches against a plain reference, and what leaves them as they are."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+from core.arrays import Bytes, Floats
+from core.descriptors.spin_images import (
+    ACROSS,
+    ALONG,
+    AT_ONCE,
+    KEYS,
+    LENGTH,
+    POINTS,
+    RADII,
+    SCALE,
+    between,
+    patches,
+)
+from core.gallery import make_shape
+from core.gallery.frames import rotation
+from core.mesh.cleaning import clean, face_areas
+from core.mesh.mesh import Mesh
+from core.sampling.surface_samples import spread
+
+PERSON = clean(make_shape("person", 0)).mesh
+OTHERS = [patches(clean(make_shape(label, 0)).mesh).bytes for label in ("cup", "octopus", "plane", "bird")]
+
+
+def plain(surface: Mesh, missing: float, key: int) -> list[float]:
+    """The bytes of one patch, before they are rounded, point by point."""
+    areas = face_areas(surface.vertices, surface.faces)
+    corners = surface.vertices[surface.faces]
+    unit = np.sqrt(areas.sum() / (1.0 - missing))
+    points, faces = spread(
+        (corners - corners.mean(axis=(0, 1))) / unit, areas, round(POINTS * (1.0 - missing))
+    )
+    place = round(key / (round(KEYS * (1.0 - missing)) - 1) * (len(points) - 1) - 0.5 + 1e-9)
+    a, b, c = corners[faces[place]]
+    normal = np.cross(b - a, c - a)
+    normal /= np.linalg.norm(normal)
+    steps = points - points[place]
+    apart = np.linalg.norm(steps, axis=1)
+    if (steps[apart < max(RADII)] @ normal).sum() > 0.0:
+        normal = -normal
+    counts = []
+    for radius in RADII:
+        near = steps[apart < radius]
+        heights = near @ normal
+        across = np.sqrt(np.maximum((near**2).sum(axis=1) - heights**2, 0.0))
+        edges = np.linspace(0.0, radius, ACROSS + 1), np.linspace(-radius, radius, ALONG + 1)
+        table = np.histogram2d(across, heights, bins=edges)[0].T
+        counts += (SCALE * np.sqrt(table / (POINTS * radius**2))).ravel().tolist()
+    return counts
+
+
+@pytest.mark.parametrize("missing", [0.0, 0.3])
+def test_patches_are_histograms_of_the_points_nearby(missing: float) -> None:
+    found = patches(PERSON, missing)
+    assert found.bytes.shape == (round(KEYS * (1.0 - missing)), LENGTH)
+    for key in (0, 17, 60, len(found.bytes) - 1):
+        # A point at the edge of two bins may lie in either.
+        wrong = np.abs(found.bytes[key] - np.array(plain(PERSON, missing, key))) > 0.5001
+        assert wrong.sum() <= 2
+
+
+def slow(first: Bytes, second: Bytes) -> float:
+    rows = [((second.astype(float) - row.astype(float)) ** 2).sum(axis=1).min() for row in first]
+    return float(np.mean(rows)) / SCALE**2
+
+
+def test_distances_are_those_of_a_search_over_all_pairs() -> None:
+    own = patches(PERSON).bytes
+    found = between(own, OTHERS)
+    for row, other in zip(found, OTHERS, strict=True):
+        assert row == pytest.approx([slow(own, other), slow(other, own)], rel=1e-12)
+    assert_array_equal(between(own, [own]), [[0.0, 0.0]])
+
+
+def test_a_distance_hangs_on_no_other_and_on_no_order() -> None:
+    own = patches(PERSON).bytes
+    many = [OTHERS[i % 4] for i in range(2 * AT_ONCE + 3)]
+    found = between(own, many)
+    for row, other in zip(found, many, strict=True):
+        assert_array_equal(row, between(own, [other])[0])
+        assert_array_equal(row[::-1], between(other, [own])[0])
+
+
+def moved(vertices: Floats) -> Floats:
+    return np.asarray(250.0 * vertices @ rotation("x", 70.0).T + [1.0, -2.0, 3.0])
+
+
+def test_motion_unit_and_the_side_that_faces_turn_to_change_next_to_nothing() -> None:
+    own = patches(PERSON).bytes
+    flipped = PERSON.faces.copy()
+    flipped[::3] = flipped[::3, ::-1]
+    assert between(own, [patches(Mesh(moved(PERSON.vertices), PERSON.faces)).bytes]).max() < 0.01
+    # Points lie elsewhere on faces whose corners come in another order.
+    assert between(own, [patches(Mesh(PERSON.vertices, flipped)).bytes]).max() < 0.2
+    assert between(own, OTHERS).min() > 0.5

@@ -1,0 +1,325 @@
+"""PLY: text and binary, what headers may declare, and what then has to follow."""
+
+import struct
+
+import numpy as np
+import pytest
+
+from core.errors import (
+    DegenerateMeshError,
+    MalformedMeshError,
+    MeshTooComplexError,
+    NonFiniteCoordinatesError,
+    NoTrianglesError,
+)
+from core.io import Limits, read_mesh
+from tests.core.io.files import CUBE, SQUARES, TRIANGLES, binary_ply, counted, lines, ply, ply_header
+
+TEXT, BINARY = ply(), binary_ply()
+BODY = (lines(CUBE) + lines(counted(SQUARES))).encode()
+EDGES = b"element edge 2\nproperty int vertex1\nproperty int vertex2\nend_header"
+COLOURS = ("uchar red", "uchar green", "uchar blue")
+XYZ = ("float x", "float y", "float z")
+
+
+def packed(rows, form):
+    return b"".join(struct.pack(form, *row) for row in rows)
+
+
+def binary(vertices, faces, form="binary_little_endian", **header):
+    return ply_header(8, 6, form=form, **header) + vertices + faces
+
+
+PLAIN_VERTICES, PLAIN_FACES = packed(CUBE, "<3f"), packed(counted(SQUARES), "<B4i")
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        pytest.param(TEXT, id="text"),
+        pytest.param(ply(polygons=TRIANGLES), id="text, triangles"),
+        pytest.param(TEXT.replace(b"\n", b"\r\n"), id="text, CRLF"),
+        pytest.param(TEXT.replace(b"\n", b"\r"), id="text, CR"),
+        pytest.param(TEXT.rstrip(), id="text, no last newline"),
+        pytest.param(TEXT.replace(b"end_header\n", b"end_header\n\n \n") + b"\n\n", id="text, blank lines"),
+        pytest.param(ply(vertex=("double x", "float64 y", "float32 z")), id="text, types"),
+        pytest.param(
+            ply(vertex=("int x", "short y", "uchar z"), vertices=CUBE.astype(int)), id="text, integers"
+        ),
+        pytest.param(
+            ply(more=["comment end_header", "obj_info x", "comment TextureFile ../a.png", ""]), id="comments"
+        ),
+        pytest.param(ply(more=["comment caf\xe9"]), id="a comment not in ASCII"),
+        pytest.param(TEXT.replace(b"vertex_indices", b"vertex_index"), id="the other name"),
+        pytest.param(TEXT.replace(b"uchar int vertex", b"int uint vertex"), id="other types of lists"),
+        pytest.param(
+            ply(vertices=np.hstack([CUBE + 5, CUBE]), vertex=("float s", "float t", "float u", *XYZ)),
+            id="text, texture before the position",
+        ),
+        pytest.param(
+            ply(
+                vertices=np.hstack([CUBE, CUBE, 255 * CUBE.astype(int)]),
+                vertex=(*XYZ, "float nx", "float ny", "float nz", *COLOURS),
+            ),
+            id="text, normals and colours",
+        ),
+        pytest.param(
+            ply_header(
+                8,
+                6,
+                face=("uchar flag", "list uchar float texcoord", "list uchar int vertex_indices", "float q"),
+            )
+            + (lines(CUBE) + lines([[1, 2, 0.5, 0.5, *row, 0.25] for row in counted(SQUARES)])).encode(),
+            id="text, lists before and values after",
+        ),
+        pytest.param(
+            ply_header(8, 6, face=("list uchar int vertex_indices", *COLOURS))
+            + (lines(CUBE) + lines([[*row, 255, 0, 0] for row in counted(SQUARES)])).encode(),
+            id="text, colours of faces",
+        ),
+        pytest.param(
+            ply_header(8, 6, more=["element camera 2", "property float view", "property list uchar int tags"])
+            + b"0.5 0\n0.5 2 1 2\n"
+            + BODY,
+            id="text, another element first",
+        ),
+        pytest.param(
+            TEXT.replace(b"end_header", EDGES) + b"0 1\n2 3\n",
+            id="text, edges last",
+        ),
+        pytest.param(BINARY, id="binary"),
+        pytest.param(binary_ply(order=">"), id="binary, other byte order"),
+        pytest.param(binary_ply(polygons=TRIANGLES, order=">"), id="binary, other byte order, triangles"),
+        pytest.param(
+            ply_header(8, 6, form="binary_little_endian").replace(b"\n", b"\r\n")
+            + PLAIN_VERTICES
+            + PLAIN_FACES,
+            id="binary, CRLF",
+        ),
+        pytest.param(BINARY + b"\n", id="binary, a newline last"),
+        pytest.param(
+            binary(packed(CUBE, "<3d"), PLAIN_FACES, vertex=("double x", "double y", "double z")),
+            id="binary, doubles",
+        ),
+        pytest.param(
+            binary(
+                packed(np.hstack([CUBE + 5, CUBE]), ">6f"),
+                packed(counted(SQUARES), ">B4i"),
+                form="binary_big_endian",
+                vertex=("float u", "float v", "float nx", *XYZ),
+            ),
+            id="binary, more before the position",
+        ),
+        pytest.param(
+            binary(
+                packed([[*row, 1, 2, 3] for row in CUBE], "<3f3B"),
+                packed([[*row, 9] for row in counted(SQUARES)], "<B4if"),
+                vertex=(*XYZ, *COLOURS),
+                face=("list uchar int vertex_index", "float q"),
+            ),
+            id="binary, colours",
+        ),
+        pytest.param(
+            binary(
+                PLAIN_VERTICES, packed(counted(SQUARES), "<I4H"), face=("list uint ushort vertex_indices",)
+            ),
+            id="binary, other types of lists",
+        ),
+        pytest.param(
+            binary(
+                PLAIN_VERTICES,
+                packed([[1, 2, 0.5, 0.5, *row] for row in counted(SQUARES)], "<BB2fB4i"),
+                face=("uchar flag", "list uchar float texcoord", "list uchar int vertex_indices"),
+            ),
+            id="binary, two lists",
+        ),
+        pytest.param(
+            ply_header(
+                8,
+                6,
+                form="binary_little_endian",
+                more=[
+                    "element strip 2",
+                    "property list int int a",
+                    "element none 3",
+                    "element one 2",
+                    "property double b",
+                ],
+            )
+            + struct.pack("<iii", 2, 7, 7)
+            + struct.pack("<i", 0)
+            + bytes(16)
+            + PLAIN_VERTICES
+            + PLAIN_FACES,
+            id="binary, other elements first",
+        ),
+        pytest.param(
+            BINARY.replace(b"end_header", EDGES) + bytes(16),
+            id="binary, edges last",
+        ),
+    ],
+)
+def test_reads(data):
+    mesh = read_mesh(data, "ply")
+    assert np.array_equal(mesh.vertices, CUBE)
+    assert np.array_equal(mesh.faces, TRIANGLES)
+
+
+@pytest.mark.parametrize("write", [ply, binary_ply, lambda v, p: binary_ply(v, p, order=">")])
+@pytest.mark.parametrize(
+    "polygons",
+    [
+        pytest.param([[0, 1, 3, 2], [4, 6, 7], [4, 7, 5]], id="a square first"),
+        pytest.param([[0, 1, 3], [0, 3, 2], [4, 6, 7, 5]], id="a square last"),
+        pytest.param([[], [0, 1, 3, 2], [1], [4, 6, 7, 5], [1, 2]], id="some with no area"),
+    ],
+)
+def test_polygons_of_different_size(write, polygons):
+    mesh = read_mesh(write(CUBE, polygons), "ply")
+    assert mesh.faces.tolist() == [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5]]
+    assert np.array_equal(mesh.vertices, CUBE)
+
+
+@pytest.mark.parametrize("write", [ply, binary_ply])
+def test_pentagons(write):
+    mesh = read_mesh(write(CUBE, [[0, 1, 2, 3, 4]] * 2), "ply")
+    assert mesh.faces.tolist() == [[0, 1, 2], [0, 2, 3], [0, 3, 4]] * 2
+
+
+def header(*changes):
+    data = TEXT
+    for old, new in changes:
+        assert old in data
+        data = data.replace(old, new, 1)
+    return data
+
+
+HUGE = b"4000000000"
+BAD = {
+    "not PLY": (b"plx" + TEXT[3:], MalformedMeshError),
+    "header without an end": (TEXT[: TEXT.index(b"end_header")], MalformedMeshError),
+    "no format": (header((b"format ascii 1.0\n", b"")), MalformedMeshError),
+    "unknown format": (header((b"ascii", b"binary_middle_endian")), MalformedMeshError),
+    "unknown type": (header((b"float x", b"quad x")), MalformedMeshError),
+    "unknown word": (header((b"format", b"format_of")), MalformedMeshError),
+    "a list counted in floats": (header((b"list uchar", b"list float")), MalformedMeshError),
+    "indices in floats": (header((b"uchar int", b"uchar float")), MalformedMeshError),
+    "a property before an element": (
+        header((b"element vertex", b"property int a\nelement vertex")),
+        MalformedMeshError,
+    ),
+    "count not a number": (header((b"vertex 8", b"vertex eight")), MalformedMeshError),
+    "negative count": (header((b"vertex 8", b"vertex -8")), MalformedMeshError),
+    "no z": (header((b"float z", b"float w")), MalformedMeshError),
+    "x twice": (header((b"float z", b"float x")), MalformedMeshError),
+    "vertices twice": (header((b"element face", b"element vertex 0\nelement face")), MalformedMeshError),
+    "no vertices": (header((b"element vertex 8", b"element point 8")), MalformedMeshError),
+    "no list of vertices": (header((b"vertex_indices", b"corners")), MalformedMeshError),
+    "indices not in a list": (header((b"list uchar int", b"int")), MalformedMeshError),
+    "a list in the vertices": (
+        header((b"float z", b"float z\nproperty list uchar int a")),
+        MalformedMeshError,
+    ),
+    "text, 4e9 vertices": (header((b"vertex 8", b"vertex " + HUGE)), MalformedMeshError),
+    "text, 4e9 faces": (header((b"face 6", b"face " + HUGE)), MalformedMeshError),
+    "text, 4e9 of something else": (
+        header((b"element face", b"element x " + HUGE + b"\nelement face")),
+        MalformedMeshError,
+    ),
+    "text, 1e30 of something else": (
+        header((b"element face", b"element x 1" + b"0" * 30 + b"\nelement face")),
+        MalformedMeshError,
+    ),
+    "text, 2e6 vertices": (header((b"vertex 8", b"vertex 2000000")), MalformedMeshError),
+    "text, a list of 4e9": (header((b"\n4 0 1", b"\n" + HUGE + b" 0 1")), MalformedMeshError),
+    "text, a list longer than said": (header((b"\n4 0 1 3 2", b"\n5 0 1 3 2")), MalformedMeshError),
+    "text, a negative list": (header((b"\n4 0 1", b"\n-4 0 1")), MalformedMeshError),
+    "text, a list without a length": (header((b"\n4 0 1 3 2", b"\nx 0 1 3 2")), MalformedMeshError),
+    "text, a vertex too many": (ply(counts=(9, 6)), MalformedMeshError),
+    "text, a vertex too few": (ply(counts=(7, 6)), MalformedMeshError),
+    "text, a face too many": (ply(counts=(8, 7)), MalformedMeshError),
+    "text, a face too few": (ply(counts=(8, 5)), MalformedMeshError),
+    "text, two coordinates": (ply(vertices=CUBE[:, :2]), MalformedMeshError),
+    "text, four coordinates": (ply(vertices=np.hstack([CUBE, CUBE[:, :1]])), MalformedMeshError),
+    "text, a word": (header((b"1.0 1.0", b"1.0 one")), MalformedMeshError),
+    "text, a fractional index": (ply(polygons=[[0, 1, 2.5]]), MalformedMeshError),
+    "text, index too large": (ply(polygons=[[0, 1, 8]]), MalformedMeshError),
+    "text, negative index": (ply(polygons=[[0, 1, -1]]), MalformedMeshError),
+    "text, NaN": (header((b"1.0 1.0", b"1.0 nan")), NonFiniteCoordinatesError),
+    "text, infinity": (header((b"1.0 1.0", b"1.0 inf")), NonFiniteCoordinatesError),
+    "text, too large for its type": (header((b"1.0 1.0", b"1.0 1e99")), NonFiniteCoordinatesError),
+    "text, points": (ply(polygons=[]), NoTrianglesError),
+    "text, points and no faces declared": (header((b"element face 6", b"element edge 6")), NoTrianglesError),
+    "text, edges": (ply(polygons=[[0, 1]] * 4), NoTrianglesError),
+    "text, one point": (ply(vertices=np.ones((8, 3))), DegenerateMeshError),
+    "text under the name of binary": (header((b"ascii", b"binary_little_endian")), MalformedMeshError),
+    "binary, 4e9 vertices": (binary_ply(counts=(4_000_000_000, 6)), MalformedMeshError),
+    "binary, 4e9 faces": (binary_ply(counts=(8, 4_000_000_000)), MalformedMeshError),
+    "binary, 2e6 vertices": (binary_ply(counts=(2_000_000, 6)), MalformedMeshError),
+    "binary, 4e6 faces": (binary_ply(counts=(8, 4_000_000)), MalformedMeshError),
+    "binary, 4e9 of something else": (
+        BINARY.replace(b"element vertex", b"element x " + HUGE + b"\nproperty int a\nelement vertex"),
+        MalformedMeshError,
+    ),
+    "binary, 4e9 lists": (
+        BINARY.replace(
+            b"element vertex", b"element x " + HUGE + b"\nproperty list uchar int a\nelement vertex"
+        ),
+        MalformedMeshError,
+    ),
+    "binary, a vertex too many": (binary_ply(counts=(9, 6)), MalformedMeshError),
+    "binary, a vertex too few": (binary_ply(counts=(7, 6)), MalformedMeshError),
+    "binary, a face too many": (binary_ply(counts=(8, 7)), MalformedMeshError),
+    "binary, a face too few": (binary_ply(counts=(8, 5)), MalformedMeshError),
+    "binary, cut": (BINARY[:-1], MalformedMeshError),
+    "binary, cut before its faces": (BINARY[: -len(PLAIN_FACES)], MalformedMeshError),
+    "binary, cut, mixed": (binary_ply(polygons=[[0, 1, 2], *SQUARES])[:-1], MalformedMeshError),
+    "binary, more at the end": (BINARY + b"more", MalformedMeshError),
+    "binary, the other byte order": (BINARY.replace(b"little", b"big"), MalformedMeshError),
+    "binary, a list of 4e9": (
+        binary(
+            PLAIN_VERTICES,
+            packed(counted(SQUARES), "<I4i").replace(b"\4\0\0\0", struct.pack("<I", 4 * 10**9), 1),
+            face=("list uint int vertex_indices",),
+        ),
+        MalformedMeshError,
+    ),
+    "binary, a negative list": (
+        binary(
+            PLAIN_VERTICES,
+            packed(counted(SQUARES), "<b4i").replace(b"\4\0\0\0\0", b"\xfc\0\0\0\0", 1),
+            face=("list char int vertex_indices",),
+        ),
+        MalformedMeshError,
+    ),
+    "binary, index too large": (binary_ply(polygons=[[0, 1, 8]]), MalformedMeshError),
+    "binary, negative index": (binary_ply(polygons=[[0, 1, -1]]), MalformedMeshError),
+    "binary, index beyond 63 bits": (
+        binary(
+            PLAIN_VERTICES,
+            packed([[4, 0, 1, 3, 2**64 - 6]] * 6, "<B4Q"),
+            face=("list uchar uint64 vertex_indices",),
+        ),
+        MalformedMeshError,
+    ),
+    "binary, NaN": (binary_ply(vertices=np.where(CUBE, np.nan, 0)), NonFiniteCoordinatesError),
+    "binary, infinity": (binary_ply(vertices=np.where(CUBE, np.inf, 0)), NonFiniteCoordinatesError),
+    "binary, points": (binary_ply(polygons=[]), NoTrianglesError),
+    "binary, edges": (binary_ply(polygons=[[0, 1]] * 4), NoTrianglesError),
+    "binary, one point": (binary_ply(vertices=np.ones((8, 3))), DegenerateMeshError),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad(case):
+    data, error = BAD[case]
+    with pytest.raises(error):
+        read_mesh(data, "ply")
+
+
+@pytest.mark.parametrize("write", [ply, binary_ply])
+def test_a_polygon_counts_as_the_triangles_it_is_cut_into(write):
+    data = write(CUBE, [[0, 1, 2, 3, 4, 5, 6, 7], [0, 1, 2]])
+    assert len(read_mesh(data, "ply", limits=Limits(faces=7)).faces) == 7
+    with pytest.raises(MeshTooComplexError):
+        read_mesh(data, "ply", limits=Limits(faces=6))

@@ -1,0 +1,261 @@
+"""Reading and writing whatever the format: names, round trips, outside truth, and odd but sound meshes."""
+
+import ast
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+import core.io
+from core.errors import (
+    DegenerateMeshError,
+    EmptyFileError,
+    MalformedMeshError,
+    MeshError,
+    MeshTooComplexError,
+    NonFiniteCoordinatesError,
+    NoTrianglesError,
+    UnknownFormatError,
+)
+from core.io import ENDINGS, FORMATS, READABLE, WRITABLE, Limits, format_of, read_mesh, write_mesh
+from core.mesh.mesh import Mesh
+from tests.core.io.files import CUBE, TRIANGLES
+
+EXACT = ("obj", "off")
+
+
+def area(mesh):
+    a, b, c = (mesh.vertices[mesh.faces[:, i]] for i in range(3))
+    return np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2
+
+
+def volume(mesh):
+    """The divergence theorem over outward triangles."""
+    a, b, c = (mesh.vertices[mesh.faces[:, i]] for i in range(3))
+    return np.einsum("ij,ij->", a, np.cross(b, c)) / 6
+
+
+def sphere(subdivisions=3, scale=1.0):
+    made = trimesh.creation.icosphere(subdivisions=subdivisions)
+    return Mesh(made.vertices * scale, made.faces)
+
+
+def test_names_of_formats():
+    assert FORMATS == ("stl", "obj", "ply", "off", "glb")
+    assert WRITABLE == ("stl", "obj", "ply", "off", "glb", "3mf")
+    assert READABLE == ("stl", "obj", "ply", "off", "glb", "3mf", "step")
+    assert set(ENDINGS.values()) == set(READABLE)
+
+
+@pytest.mark.parametrize(
+    ("filename", "expected"),
+    [
+        ("a.stl", "stl"),
+        ("A.OBJ", "obj"),
+        ("x.tar.Ply", "ply"),
+        ("../b/c.off", "off"),
+        (".glb", "glb"),
+        ("é .glb", "glb"),
+        ("a.3MF", "3mf"),
+        ("a.Step", "step"),
+        ("a.STP", "step"),
+    ],
+)
+def test_format_of(filename, expected):
+    assert format_of(filename) == expected
+
+
+@pytest.mark.parametrize(
+    "filename", ["", "stl", "a.", "a.gltf", "a.stl.gz", "a.stl/b", "a.dae", "a.stl\n", "/etc/passwd"]
+)
+def test_format_of_anything_else(filename):
+    with pytest.raises(UnknownFormatError, match="stl, obj, ply, off, glb, 3mf, step") as caught:
+        format_of(filename)
+    assert "passwd" not in str(caught.value)
+
+
+@pytest.mark.parametrize("format", ["gltf", "dae", "zip", "", "stl_ascii", "json", "xyz", "dict"])
+def test_only_the_formats_listed_are_read_or_written(format):
+    with pytest.raises(UnknownFormatError):
+        read_mesh(b"solid", format)
+    with pytest.raises(UnknownFormatError):
+        write_mesh(sphere(0), format)
+
+
+@pytest.mark.parametrize("format", ["step", "stp"])
+def test_what_is_only_read_is_not_written(format):
+    with pytest.raises(UnknownFormatError, match="written: stl, obj, ply, off, glb, 3mf"):
+        write_mesh(sphere(0), format)
+
+
+@pytest.mark.parametrize("format", FORMATS)
+class TestEveryFormat:
+    def test_empty(self, format):
+        with pytest.raises(EmptyFileError):
+            read_mesh(b"", format)
+
+    @pytest.mark.parametrize("start", [b"\x1f\x8b\x08", b"PK\x03\x04", b"BZh9"])
+    def test_compressed(self, format, start):
+        with pytest.raises(MalformedMeshError, match="compressed"):
+            read_mesh(start + bytes(500), format)
+
+    @pytest.mark.parametrize(
+        "junk", [b"\0" * 300, b"hello\n" * 60, b" ", b"\n\n", bytes(range(256)), b"<?xml version='1.0'?>"]
+    )
+    def test_something_else(self, format, junk):
+        with pytest.raises((MalformedMeshError, NoTrianglesError)):
+            read_mesh(junk, format)
+
+    @pytest.mark.parametrize("other", FORMATS)
+    def test_another_format_under_this_name(self, format, other):
+        data = write_mesh(sphere(1), other)
+        if format == other:
+            assert len(read_mesh(data, format).faces) == 80
+        else:
+            with pytest.raises((MalformedMeshError, NoTrianglesError)):
+                read_mesh(data, format)
+
+    def test_in_capitals(self, format):
+        assert len(read_mesh(write_mesh(sphere(1), format.upper()), format.upper()).faces) == 80
+
+    @pytest.mark.parametrize("scale", [1e-9, 1.0, 1e9])
+    def test_round_trip(self, format, scale):
+        mesh = sphere(2, scale)
+        again = read_mesh(write_mesh(mesh, format), format)
+        tolerance = 0 if format in EXACT else np.finfo(np.float32).eps * scale
+        if format == "stl":
+            assert np.array_equal(again.faces.ravel(), np.arange(3 * len(mesh.faces)))
+        else:
+            assert np.array_equal(again.faces, mesh.faces)
+            assert np.abs(again.vertices - mesh.vertices).max() <= tolerance
+        assert np.abs(again.vertices[again.faces] - mesh.vertices[mesh.faces]).max() <= tolerance
+
+    def test_vertices_that_no_face_uses(self, format):
+        mesh = Mesh([[7.0, 7.0, 7.0], *CUBE, [9.0, 9.0, 9.0]], TRIANGLES + 1)
+        again = read_mesh(write_mesh(mesh, format), format)
+        assert np.array_equal(again.vertices[again.faces], CUBE[TRIANGLES])
+        assert len(again.vertices) == {"stl": 36, "glb": 8}.get(format, 10)
+
+    def test_same_bytes_every_time(self, format):
+        assert write_mesh(sphere(2), format) == write_mesh(sphere(2), format)
+
+    def test_box_and_sphere_have_the_areas_and_volumes_of_geometry(self, format):
+        box = trimesh.creation.box(extents=(1, 2, 3))
+        read = read_mesh(write_mesh(Mesh(box.vertices, box.faces), format), format)
+        assert area(read) == pytest.approx(2 * (1 * 2 + 2 * 3 + 3 * 1), rel=1e-6)
+        assert volume(read) == pytest.approx(1 * 2 * 3, rel=1e-6)
+        read = read_mesh(write_mesh(sphere(4), format), format)
+        assert area(read) == pytest.approx(4 * np.pi, rel=3e-3)
+        assert volume(read) == pytest.approx(4 / 3 * np.pi, rel=5e-3)
+
+    def test_what_another_writer_wrote(self, format):
+        """trimesh's own files, and its own area and volume."""
+        torus = trimesh.creation.torus(major_radius=2, minor_radius=0.5)
+        exported = torus.export(file_type=format)
+        read = read_mesh(exported if isinstance(exported, bytes) else exported.encode(), format)
+        assert len(read.faces) == len(torus.faces)
+        assert area(read) == pytest.approx(torus.area, rel=1e-5)
+        assert volume(read) == pytest.approx(torus.volume, rel=1e-5)
+
+    def test_a_triangle(self, format):
+        triangle = Mesh(np.eye(3), [[0, 1, 2]])
+        assert area(read_mesh(write_mesh(triangle, format), format)) == pytest.approx(np.sqrt(3) / 2)
+
+    def test_a_plane(self, format):
+        grid = Mesh(
+            np.array([[x, y, 0.0] for x in range(4) for y in range(4)]), [[0, 1, 4], [1, 5, 4], [10, 11, 15]]
+        )
+        assert area(read_mesh(write_mesh(grid, format), format)) == pytest.approx(1.5)
+
+    def test_three_faces_on_one_edge(self, format):
+        fan = Mesh(
+            [[0, 0, 0], [0, 0, 1], [1, 0, 0], [0, 1, 0], [-1, -1, 0]], [[0, 1, 2], [0, 1, 3], [0, 1, 4]]
+        )
+        assert len(read_mesh(write_mesh(fan, format), format).faces) == 3
+
+    def test_twenty_thousand_loose_parts(self, format):
+        corners = np.arange(60_000).reshape(-1, 3)
+        places = np.repeat(np.arange(20_000), 3)
+        vertices = np.column_stack([places // 200, places % 200, np.zeros(60_000)]) + np.tile(
+            np.eye(3) / 2, (20_000, 1)
+        )
+        assert len(read_mesh(write_mesh(Mesh(vertices, corners), format), format).faces) == 20_000
+
+    def test_one_face_with_area_is_enough(self, format):
+        mesh = Mesh([*CUBE, [5.0, 5.0, 5.0]], [*[[8, 8, 8]] * 100, [0, 1, 2]])
+        assert len(read_mesh(write_mesh(mesh, format), format).faces) == 101
+
+    @pytest.mark.parametrize(
+        ("vertices", "faces"),
+        [
+            pytest.param(np.zeros((3, 3)), [[0, 1, 2]], id="origin"),
+            pytest.param(np.full((3, 3), 0.1), [[0, 1, 2]], id="one point"),
+            pytest.param(np.outer([1, 2, 3, 7], [0.125, 0.75, 0.25]), [[0, 1, 2], [1, 2, 3]], id="a line"),
+            pytest.param(CUBE, [[0, 0, 1], [2, 3, 2], [5, 5, 5]], id="repeated corners"),
+        ],
+    )
+    @pytest.mark.parametrize("scale", [2.0**-100, 1.0, 2.0**100])
+    def test_no_area_at_all(self, format, vertices, faces, scale):
+        with pytest.raises(DegenerateMeshError):
+            read_mesh(write_mesh(Mesh(np.asarray(vertices) * scale, faces), format), format)
+
+    def test_a_needle_is_not_without_area(self, format):
+        needle = Mesh([[0, 0, 0], [1, 0, 0], [1, 2.0**-30, 0]], [[0, 1, 2]])
+        assert len(read_mesh(write_mesh(needle, format), format).faces) == 1
+
+    def test_limit_of_faces(self, format):
+        data = write_mesh(sphere(1), format)
+        assert len(read_mesh(data, format, limits=Limits(faces=80)).faces) == 80
+        with pytest.raises(MeshTooComplexError, match="limit"):
+            read_mesh(data, format, limits=Limits(faces=79))
+
+    def test_limit_of_vertices(self, format):
+        data = write_mesh(sphere(1), format)
+        assert len(read_mesh(data, format, limits=Limits(vertices=42)).faces) == 80
+        if format != "stl":
+            with pytest.raises(MeshTooComplexError, match="limit"):
+                read_mesh(data, format, limits=Limits(vertices=41))
+
+    @pytest.mark.parametrize("part", [1, 10, 50, 84, 99])
+    def test_cut_short(self, format, part):
+        mesh = sphere(2)
+        data = write_mesh(mesh, format)
+        cut = data[: len(data) * part // 100]
+        if format == "obj" and cut.count(b"\nf") > 1:
+            # An OBJ declares nothing: what is left of it is an OBJ, with the faces that are left.
+            read = read_mesh(cut, format)
+            assert np.array_equal(read.faces[:-1], mesh.faces[: len(read.faces) - 1])
+        else:
+            with pytest.raises(MeshError):
+                read_mesh(cut, format)
+
+    def test_more_than_32_bits_hold(self, format):
+        mesh = Mesh(CUBE * 1e200, TRIANGLES)
+        if format in EXACT:
+            assert np.array_equal(read_mesh(write_mesh(mesh, format), format).vertices, mesh.vertices)
+        else:
+            with pytest.raises(NonFiniteCoordinatesError):
+                write_mesh(mesh, format)
+
+
+@pytest.mark.parametrize("format", EXACT)
+@pytest.mark.parametrize("offset", [0, 100, -1e6])
+def test_a_line_whose_points_are_rounded_has_no_area(format, offset):
+    line = Mesh(np.outer([1, 2, 3, 7], [0.1, 0.7, 0.3]) + offset, [[0, 1, 2], [1, 2, 3]])
+    with pytest.raises(DegenerateMeshError):
+        read_mesh(write_mesh(line, format), format)
+
+
+def test_trimesh_is_imported_in_one_place():
+    """Only one module of the package, so that nothing else can let it loose on bytes."""
+    importers = []
+    for path in Path(core.io.__file__).parent.glob("*.py"):
+        tree = ast.parse(path.read_text())
+        names = [
+            alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names
+        ]
+        names += [node.module or "" for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
+        if any(name.split(".")[0] == "trimesh" for name in names):
+            importers.append(path.name)
+    assert importers == ["loading.py"]

@@ -1,0 +1,114 @@
+"""STL: telling binary from ASCII, what writers vary, and what is wrong."""
+
+import numpy as np
+import pytest
+
+from core.errors import (
+    DegenerateMeshError,
+    MalformedMeshError,
+    MeshTooComplexError,
+    NonFiniteCoordinatesError,
+    NoTrianglesError,
+)
+from core.io import Limits, read_mesh
+from tests.core.io.files import CUBE, TRIANGLES, binary_stl, stl
+
+CORNERS = CUBE[TRIANGLES]
+ASCII, BINARY = stl(CORNERS), binary_stl(CORNERS)
+FACET = ASCII[ASCII.index(b"facet") : ASCII.index(b"endfacet") + 9]
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        pytest.param(BINARY, id="binary"),
+        pytest.param(binary_stl(CORNERS, header=b"solid cube"), id="binary that begins with solid"),
+        pytest.param(binary_stl(CORNERS, header=b"\xff\xfe\0\0"), id="binary with anything in its header"),
+        pytest.param(ASCII, id="ASCII"),
+        pytest.param(ASCII.replace(b"\n", b"\r\n"), id="CRLF"),
+        pytest.param(ASCII.replace(b"\n", b"\r"), id="CR"),
+        pytest.param(ASCII.replace(b"\n", b" "), id="one line"),
+        pytest.param(ASCII.replace(b"    vertex", b"vertex ").replace(b"\n", b"\n\n\t "), id="blank lines"),
+        pytest.param(ASCII.upper(), id="capitals"),
+        pytest.param(b"\xef\xbb\xbf\n  " + ASCII, id="byte order mark"),
+        pytest.param(ASCII.rstrip(), id="no last newline"),
+        pytest.param(stl(CORNERS, name=""), id="no name"),
+        pytest.param(stl(CORNERS, name="solid vertex 1 2 3 endfacet normal"), id="a name of keywords"),
+        pytest.param(stl(CORNERS, name="caf\xe9"), id="a name not in ASCII"),
+        pytest.param(ASCII.replace(b"endsolid cube", b"end solid"), id="end in two words"),
+        pytest.param(
+            ASCII.replace(b"normal 0 0 1", b"normal nan -nan inf"), id="normals that are not numbers"
+        ),
+        pytest.param(stl(CORNERS[:5]) + stl(CORNERS[5:], name="other"), id="two solids"),
+        pytest.param(stl([]) + ASCII, id="an empty solid first"),
+    ],
+)
+def test_reads(data):
+    mesh = read_mesh(data, "stl")
+    assert np.array_equal(mesh.vertices[mesh.faces], CORNERS)
+
+
+def test_attributes_of_faces_are_left_out():
+    coloured = b"".join(BINARY[84 + 50 * i : 132 + 50 * i] + b"\xff\x7f" for i in range(12))
+    mesh = read_mesh(BINARY[:84] + coloured, "stl")
+    assert np.array_equal(mesh.vertices[mesh.faces], CORNERS)
+
+
+def test_many_blocks_of_facets():
+    """More than the megabyte that is looked at in one go, so that cuts fall between facets."""
+    offsets = np.arange(8000)[:, None, None]
+    triangles = np.eye(3) + offsets * 0.5
+    mesh = read_mesh(stl(triangles), "stl")
+    assert np.array_equal(mesh.vertices[mesh.faces], triangles)
+
+
+BAD = {
+    "count 2^32 - 1": (binary_stl(CORNERS, count=2**32 - 1), MalformedMeshError),
+    "count one too large": (binary_stl(CORNERS, count=13), MalformedMeshError),
+    "count one too small": (binary_stl(CORNERS, count=11), MalformedMeshError),
+    "count 0 before facets": (binary_stl(CORNERS, count=0), MalformedMeshError),
+    "binary cut in a facet": (BINARY[:-20], MalformedMeshError),
+    "binary that begins with solid, cut": (binary_stl(CORNERS, header=b"solid x")[:-1], MalformedMeshError),
+    "half a header": (BINARY[:40], MalformedMeshError),
+    "binary with no facets": (binary_stl([]), NoTrianglesError),
+    "binary NaN": (binary_stl([[[0, 0, 0], [1, 0, 0], [0, np.nan, 0]]]), NonFiniteCoordinatesError),
+    "binary infinity": (binary_stl([[[0, 0, 0], [1, 0, 0], [0, np.inf, 0]]]), NonFiniteCoordinatesError),
+    "binary one point": (binary_stl(np.ones((4, 3, 3))), DegenerateMeshError),
+    "ASCII cut in a facet": (ASCII[: len(ASCII) // 2], MalformedMeshError),
+    "ASCII cut before its end": (ASCII[: ASCII.index(b"endsolid")], MalformedMeshError),
+    "ASCII cut in a number": (ASCII[: ASCII.rindex(b"1.0")], MalformedMeshError),
+    "only the word": (b"solid", MalformedMeshError),
+    "a second solid cut": (ASCII + ASCII[:-30], MalformedMeshError),
+    "a solid in a solid": (b"solid a\n" + ASCII + b"endsolid a\n", MalformedMeshError),
+    "an end without a beginning": (ASCII + b"endsolid\n", MalformedMeshError),
+    "text after the end": (ASCII + b"more\n", MalformedMeshError),
+    "facets after the end": (ASCII + FACET, MalformedMeshError),
+    "a number missing": (ASCII.replace(b"1.0\n", b"\n", 1), MalformedMeshError),
+    "a number too many": (ASCII.replace(b"1.0\n", b"1.0 1.0\n", 1), MalformedMeshError),
+    "a word for a number": (ASCII.replace(b"1.0", b"one", 1), MalformedMeshError),
+    "a vertex missing": (stl([*CORNERS, CUBE[:2]]), MalformedMeshError),
+    "a facet of four": (stl([*CORNERS, CUBE[:4]]), MalformedMeshError),
+    "a facet of four beside one of two": (stl([*CORNERS, CUBE[:4], CUBE[:2]]), MalformedMeshError),
+    "no normal": (ASCII.replace(b"normal 0 0 1", b"", 1), MalformedMeshError),
+    "no loop": (ASCII.replace(b"outer loop", b"", 1), MalformedMeshError),
+    "no facets": (stl([]), NoTrianglesError),
+    "NaN": (ASCII.replace(b"1.0", b"nan", 1), NonFiniteCoordinatesError),
+    "infinity": (ASCII.replace(b"1.0", b"-Infinity", 1), NonFiniteCoordinatesError),
+    "one point": (stl(np.ones((4, 3, 3))), DegenerateMeshError),
+    "8,000 solids": (stl(CORNERS[:1]) * 8_000, MeshTooComplexError),
+    "40,000 empty solids": (stl([]) * 40_000, MeshTooComplexError),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad(case):
+    data, error = BAD[case]
+    with pytest.raises(error):
+        read_mesh(data, "stl")
+
+
+def test_limit_of_solids():
+    data = stl(CORNERS[:4]) + stl(CORNERS[4:8]) + stl(CORNERS[8:])
+    assert len(read_mesh(data, "stl", limits=Limits(parts=3)).faces) == 12
+    with pytest.raises(MeshTooComplexError, match="3 solids; the limit is 2"):
+        read_mesh(data, "stl", limits=Limits(parts=2))

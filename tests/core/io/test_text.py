@@ -1,0 +1,255 @@
+"""OFF and OBJ: what their writers vary, and what is wrong."""
+
+import numpy as np
+import pytest
+
+from core.errors import (
+    DegenerateMeshError,
+    MalformedMeshError,
+    MeshTooComplexError,
+    NonFiniteCoordinatesError,
+    NoTrianglesError,
+)
+from core.io import Limits, read_mesh
+from tests.core.io.files import CUBE, SQUARES, TRIANGLES, counted, lines, obj, off
+
+V, F = lines(CUBE, "v "), lines(SQUARES + 1, "f ")
+PENTAGON = np.array([[np.cos(a), np.sin(a), 0] for a in np.arange(5) * 2 * np.pi / 5])
+
+
+def corners(suffix):
+    """The faces, each corner with a suffix."""
+    return lines([[f"{i}{suffix}" for i in row] for row in SQUARES + 1], "f ")
+
+
+def is_cube(mesh):
+    return np.array_equal(mesh.vertices, CUBE) and np.array_equal(mesh.faces, TRIANGLES)
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        pytest.param(off(), id="plain"),
+        pytest.param(off(polygons=TRIANGLES), id="triangles"),
+        pytest.param(off(header="OFF "), id="counts on the line of the word"),
+        pytest.param(off(header="OFF"), id="no space after the word"),
+        pytest.param(off(header="off\n"), id="small letters"),
+        pytest.param(off(header="\n\n  OFF\n"), id="blank lines first"),
+        pytest.param(off(header="# made by hand OFF\nOFF # really\n\n#\n"), id="comments"),
+        pytest.param(b"\xef\xbb\xbf" + off(), id="byte order mark"),
+        pytest.param(off().replace(b"\n", b"\r\n"), id="CRLF"),
+        pytest.param(off().replace(b"\n", b"\r"), id="CR"),
+        pytest.param(off().replace(b" ", b"\t "), id="tabs"),
+        pytest.param(off().rstrip(), id="no last newline"),
+        pytest.param(off() + b"\n \n\n", id="blank lines last"),
+        pytest.param(off(header="OFF\n# h\xe9\n"), id="not ASCII"),
+        pytest.param(off(header="OFF\n#")[:5] + b"\xff\xfe\n" + off(header=""), id="not UTF-8"),
+        pytest.param(off(counts=(8, 6)), id="no number of edges"),
+        pytest.param(off(header="NOFF\n", vertices=np.hstack([CUBE, CUBE])), id="normals"),
+        pytest.param(off(header="COFF\n", vertices=np.hstack([CUBE, CUBE, [[0.5]] * 8])), id="colours"),
+        pytest.param(off(header="STCNOFF\n", vertices=np.tile(CUBE, 4)), id="all of them"),
+        pytest.param(
+            b"OFF\n8 6 0\n"
+            + (lines(CUBE) + lines([[*row, 0.5, 0.25, 1] for row in counted(SQUARES)])).encode(),
+            id="colours of faces",
+        ),
+        pytest.param(
+            b"OFF\n8 6 0\n" + (lines(CUBE) + lines([[*row, 255, 0, 0] for row in counted(SQUARES)])).encode(),
+            id="whole colours of faces",
+        ),
+        pytest.param(off(polygons=[[0], [0, 1], *SQUARES.tolist(), []]), id="points and edges"),
+    ],
+)
+def test_off(data):
+    assert is_cube(read_mesh(data, "off"))
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        pytest.param(obj(), id="plain"),
+        pytest.param(obj(polygons=TRIANGLES), id="triangles"),
+        pytest.param(obj().replace(b"\n", b"\r\n"), id="CRLF"),
+        pytest.param(obj().replace(b"\n", b" \r"), id="CR"),
+        pytest.param(obj().rstrip(), id="no last newline"),
+        pytest.param(obj().replace(b"\nv", b"\n\t v").replace(b" ", b"  \t"), id="indented"),
+        pytest.param(b"\xef\xbb\xbf# caf\xc3\xa9\n" + obj().replace(b"\n", b" # x\n"), id="comments"),
+        pytest.param(obj().replace(b" 0.0\n", b" \\\n0.0\n"), id="lines that go on"),
+        pytest.param(b"# C:\\a\\\n" + obj().replace(b" 0.0\n", b" \\\n0.0\n"), id="a folder in a comment"),
+        pytest.param((F + V).encode(), id="faces first"),
+        pytest.param((V + "vt 0 0\n" + corners("/1")).encode(), id="v/vt"),
+        pytest.param((V + "vt 0 0\n" + corners("/")).encode(), id="v/"),
+        pytest.param((V + "vn 0 0 1\n" + corners("//1")).encode(), id="v//vn"),
+        pytest.param((V + "vt 0 0\nvn 0 0 1\n" + corners("/1/1")).encode(), id="v/vt/vn"),
+        pytest.param((V + "vt 0 0\nvn 0 0 1\n" + corners("/-1/-1")).encode(), id="relative textures"),
+        pytest.param((V + F.replace("f 1 ", "f 1/9/9 ")).encode(), id="mixed forms"),
+        pytest.param(lines(np.hstack([CUBE, CUBE]), "v ").encode() + F.encode(), id="colours"),
+        pytest.param(lines(np.hstack([CUBE, [[1.0]] * 8]), "v ").encode() + F.encode(), id="weights"),
+        pytest.param((V.replace("\n", " 1\n", 3) + F).encode(), id="weights on some"),
+        pytest.param((V + "p 1 2 3\nl 1 2\nvp 1 1\ncstype bezier\nf\n" + F).encode(), id="points and lines"),
+        pytest.param((V + "f 1 2\n" + F).encode(), id="a face of two corners"),
+        pytest.param((V + F.replace("f", "o a\ng b c\ns off\nusemtl d\nf")).encode(), id="groups"),
+        pytest.param((V + lines(SQUARES - 8, "f ")).encode(), id="relative"),
+        pytest.param((V + lines(SQUARES[:3] - 8, "f ") + lines(SQUARES[3:] + 1, "f ")).encode(), id="both"),
+        pytest.param(
+            (lines(CUBE[:4], "v ") + lines(SQUARES[:1] - 4, "f ")
+             + lines(CUBE[4:], "v ") + lines(SQUARES[1:] - 8, "f ")).encode(),
+            id="relative to what is above",
+        ),
+        pytest.param((V + F.replace("f 1 ", "f -8 ")).encode(), id="relative and not in one face"),
+    ],
+)  # fmt: skip
+def test_obj(data):
+    assert is_cube(read_mesh(data, "obj"))
+
+
+def test_obj_whose_texture_has_seams_keeps_its_vertices():
+    """A vertex with two texture coordinates stays one vertex."""
+    faces = "".join(f"f {a}/{i + 1} {b}/{i + 2} {c}/{i + 3}\n" for i, (a, b, c) in enumerate(TRIANGLES + 1))
+    assert is_cube(read_mesh((V + "vt 0 0\n" * 20 + faces).encode(), "obj"))
+
+
+@pytest.mark.parametrize("write", [off, obj])
+@pytest.mark.parametrize(
+    "polygons",
+    [
+        pytest.param([[0, 1, 2, 3, 4]], id="all alike"),
+        pytest.param([[0, 1, 2, 3], [0, 3, 4]], id="mixed"),
+        pytest.param([[0, 1, 2], [0, 2, 3], [0, 3, 4]], id="triangles"),
+    ],
+)
+def test_polygons_are_cut_into_fans(write, polygons):
+    read = read_mesh(write(PENTAGON, polygons), write.__name__)
+    assert read.faces.tolist() == [[0, 1, 2], [0, 2, 3], [0, 3, 4]]
+    a, b, c = (read.vertices[read.faces[:, i]] for i in range(3))
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2
+    assert area == pytest.approx(5 / 2 * np.sin(2 * np.pi / 5))
+
+
+@pytest.mark.parametrize(
+    "number", ["1e-3", "1E+3", "+.5", "-1.", "4.9e-324", "0.1", "00012.5", "123456.789012345678"]
+)
+def test_numbers_are_read_as_python_reads_them(number):
+    data = obj().replace(b"v 0.0 0.0 0.0", b"v 0.0 0.0 %b" % number.encode())
+    assert read_mesh(data, "obj").vertices[0, 2] == float(number)
+    data = off().replace(b"\n0.0 0.0 0.0", b"\n0.0 0.0 %b" % number.encode())
+    assert read_mesh(data, "off").vertices[0, 2] == float(number)
+
+
+BAD_OFF = {
+    "not OFF": (off(header="FOO\n"), MalformedMeshError),
+    "no word": (off(header=""), MalformedMeshError),
+    "OFF BINARY": (off(header="OFF BINARY\n"), MalformedMeshError),
+    "four coordinates": (off(header="4OFF\n"), MalformedMeshError),
+    "other coordinates": (off(header="nOFF\n"), MalformedMeshError),
+    "no counts": (b"OFF\n", MalformedMeshError),
+    "one count": (b"OFF\n8\n", MalformedMeshError),
+    "negative count": (off(counts=(-8, 6, 0)), MalformedMeshError),
+    "count not a number": (off(counts=("eight", 6, 0)), MalformedMeshError),
+    "4e9 vertices": (off(counts=(4_000_000_000, 6, 0)), MalformedMeshError),
+    "4e9 faces": (off(counts=(8, 4_000_000_000, 0)), MalformedMeshError),
+    "2e6 vertices declared": (off(counts=(2_000_000, 6, 0)), MalformedMeshError),
+    "a vertex too many": (off(counts=(9, 6, 0)), MalformedMeshError),
+    "a vertex too few": (off(counts=(7, 6, 0)), MalformedMeshError),
+    "a face too many": (off(counts=(8, 7, 0)), MalformedMeshError),
+    "a face too few": (off(counts=(8, 5, 0)), MalformedMeshError),
+    "two coordinates": (off(vertices=CUBE[:, :2]), MalformedMeshError),
+    "a word for a coordinate": (off().replace(b"1.0", b"one", 1), MalformedMeshError),
+    "two points": (off().replace(b"1.0", b"1.0.0", 1), MalformedMeshError),
+    "index too large": (off(polygons=[[0, 1, 8]]), MalformedMeshError),
+    "negative index": (off(polygons=[[0, 1, -1]]), MalformedMeshError),
+    "fractional index": (off(polygons=[[0, 1, 2.5]]), MalformedMeshError),
+    "a thousand as Python writes it": (off(polygons=[[0, 1, "0_2"], [0, 1, 2, 3]]), MalformedMeshError),
+    "index beyond 64 bits": (off(polygons=[[0, 1, 2**70]]), MalformedMeshError),
+    "fewer corners than said": (off().replace(b"4 0 1 3 2", b"5 0 1 3 2"), MalformedMeshError),
+    "4e9 corners": (off().replace(b"4 0 1 3 2", b"4000000000 0 1 3 2"), MalformedMeshError),
+    "negative corners": (off().replace(b"4 0 1 3 2", b"-4 0 1 3 2"), MalformedMeshError),
+    "zero bytes": (off().replace(b"OFF\n", b"OFF\n\0"), MalformedMeshError),
+    "UTF-16": (off().decode().encode("utf-16"), MalformedMeshError),
+    "points only": (off(polygons=[]), NoTrianglesError),
+    "edges only": (off(polygons=[[0, 1], [2, 3]]), NoTrianglesError),
+    "nothing": (b"OFF\n0 0 0\n", NoTrianglesError),
+    "NaN": (off().replace(b"1.0", b"nan", 1), NonFiniteCoordinatesError),
+    "infinity": (off().replace(b"1.0", b"-inf", 1), NonFiniteCoordinatesError),
+    "beyond 64 bits": (off().replace(b"1.0", b"1e999", 1), NonFiniteCoordinatesError),
+    "one point": (off(vertices=np.ones((8, 3))), DegenerateMeshError),
+}
+BAD_OBJ = {
+    "index 0": ((V + "f 0 1 2\n").encode(), MalformedMeshError),
+    "index 0 among sound ones": ((V + F + "f 1/1/1 00/1/1 3/1/1\n").encode(), MalformedMeshError),
+    "index too large": ((V + "f 1 2 9\n").encode(), MalformedMeshError),
+    "counts back too far": ((V + "f -1 -2 -9\n").encode(), MalformedMeshError),
+    "counts back past the first above": (("f -1 -2 -3\n" + V + F).encode(), MalformedMeshError),
+    "fractional index": ((V + "f 1 2 3.5\n").encode(), MalformedMeshError),
+    "a word for an index": ((V + "f 1 2 three\n").encode(), MalformedMeshError),
+    "one corner without a vertex": ((V + "f 1/1 /1 3/1 4/1\n" + F).encode(), MalformedMeshError),
+    "slash first": ((V + "f /1 /2 /3\n" + F).encode(), MalformedMeshError),
+    "index beyond 64 bits": ((V + f"f 1 2 {2**64 + 3}\n").encode(), MalformedMeshError),
+    "two coordinates": ((V + "v 1 2\n" + F).encode(), MalformedMeshError),
+    "no coordinates": ((V + "v \n" + F).encode(), MalformedMeshError),
+    "a word for a coordinate": ((V + F).replace("1.0", "one", 1).encode(), MalformedMeshError),
+    "a comma for a point": ((V + F).replace("1.0", "1,0", 1).encode(), MalformedMeshError),
+    "no vertices": (F.encode(), MalformedMeshError),
+    "zero bytes": ((V + "\0" + F).encode(), MalformedMeshError),
+    "points only": ((V + "p 1\n").encode(), NoTrianglesError),
+    "lines only": ((V + "l 1 2 3\n").encode(), NoTrianglesError),
+    "faces of two corners": ((V + "f 1 2\nf 2 3\n").encode(), NoTrianglesError),
+    "NaN": ((V + F).replace("1.0", "NaN", 1).encode(), NonFiniteCoordinatesError),
+    "NaN in a vertex that is not used": ((V + "v 1 nan 1\n" + F).encode(), NonFiniteCoordinatesError),
+    "infinity": ((V + F).replace("1.0", "inf", 1).encode(), NonFiniteCoordinatesError),
+    "beyond 64 bits": ((V + F).replace("1.0", "-1e999", 1).encode(), NonFiniteCoordinatesError),
+    "one repeated point": ((V + "f 1 1 1\nf 2 2 2\n").encode(), DegenerateMeshError),
+    "20,000 groups": (
+        (V + "".join(f"g {i}\nf 1 2 3\n" for i in range(20_000))).encode(),
+        MeshTooComplexError,
+    ),
+    "20,000 materials": (
+        (V + "usemtl a\nf 1 2 3\nusemtl b\nf 1 2 3\n" * 10_000).encode(),
+        MeshTooComplexError,
+    ),
+}
+
+
+@pytest.mark.parametrize("case", BAD_OFF)
+def test_bad_off(case):
+    data, error = BAD_OFF[case]
+    with pytest.raises(error):
+        read_mesh(data, "off")
+
+
+@pytest.mark.parametrize("case", BAD_OBJ)
+def test_bad_obj(case):
+    data, error = BAD_OBJ[case]
+    with pytest.raises(error):
+        read_mesh(data, "obj")
+
+
+def test_files_that_an_obj_names_are_not_opened(monkeypatch):
+    def refuse(*args, **kwargs):
+        raise AssertionError("a file was opened")
+
+    data = b"mtllib ../../../etc/passwd\nmtllib file:///etc/passwd\nusemtl x\ncall /etc/passwd\n" + obj()
+    read_mesh(data, "obj")
+    monkeypatch.setattr("builtins.open", refuse)
+    assert is_cube(read_mesh(data, "obj"))
+
+
+def test_a_polygon_counts_as_the_triangles_it_is_cut_into():
+    data = off(vertices=np.tile(PENTAGON, (20, 1)), polygons=[list(range(100))])
+    assert len(read_mesh(data, "off", limits=Limits(faces=98)).faces) == 98
+    with pytest.raises(MeshTooComplexError, match="98 triangles"):
+        read_mesh(data, "off", limits=Limits(faces=97))
+
+
+def test_blank_lines_cost_nothing():
+    assert is_cube(read_mesh(off().replace(b"\n", b"\n" * 10_000), "off"))
+    assert is_cube(read_mesh(obj().replace(b"\n", b"\n" * 10_000), "obj"))
+
+
+def test_messages_are_for_people():
+    for data, error in BAD_OFF.values():
+        with pytest.raises(error) as caught:
+            read_mesh(data, "off")
+        message = str(caught.value)
+        assert message[0].islower() or message.startswith("OFF")
+        assert not any(sign in message for sign in ("Error", "array(", "b'", "<", "site-packages", "\n"))

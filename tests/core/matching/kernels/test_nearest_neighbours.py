@@ -1,0 +1,185 @@
+"""Neighbours both ways, in a region, and the cross-products of pairs."""
+
+import numpy as np
+import pytest
+
+from core.matching.kernels.nearest_neighbours import (
+    closest,
+    nearest_both,
+    nearest_both_reference,
+    paired,
+    paired_both,
+    square,
+)
+from core.matching.reference import closest_reference, paired_reference
+from tests.core.matching.clouds import cloud
+
+
+def random_cloud(seed, count, k):
+    return cloud(np.random.default_rng(seed), count, k)
+
+
+def both(points, targets, low):
+    there = np.empty(len(points), dtype=np.int32)
+    back = np.empty(len(targets), dtype=np.int32)
+    nearest_both(points, np.ascontiguousarray(targets.T), low, there, back)
+    return there, back
+
+
+def squared(points, targets):
+    return ((points[:, None].astype(np.float64) - targets) ** 2).sum(axis=2)
+
+
+def precision(low):
+    """Of squared distances of points not far from the unit ball: their last bits, and rounding."""
+    return low * 2.0**-23, 3e-5 + low * 2.0**-23 * 1e-3
+
+
+@pytest.mark.parametrize("low", [128, 512, 16384])
+@pytest.mark.parametrize(("m", "n"), [(2, 2), (100, 100), (37, 90), (120, 12)])
+@pytest.mark.parametrize("k", [2, 3, 7, 12, 20])
+def test_what_is_nearest_both_ways_is_the_plain_one_but_for_the_bits_that_are_left_out(k, m, n, low):
+    points, targets = random_cloud(k, m, k), random_cloud(50 + k, n, k)
+    squares = squared(points, targets)
+    relative, absolute = precision(low)
+    found, plain = both(points, targets, low), nearest_both_reference(points.astype(np.float64), targets)
+    for matches, expected, table in zip(found, plain, (squares, squares.T), strict=True):
+        places = np.arange(len(table))
+        least = table[places, expected]
+        assert (table[places, matches] <= least * (1 + relative) + absolute).all()
+        apart = np.sort(table, axis=1)[:, 1] > least * (1 + relative) + 2 * absolute
+        assert np.array_equal(matches[apart], expected[apart])
+        assert apart.mean() > 0.3
+
+
+def test_a_number_for_each_of_so_many_that_fourteen_bits_hold():
+    points, targets = random_cloud(1, 16383, 3), random_cloud(2, 5, 3)
+    there, back = both(points, targets, 16384)
+    squares = squared(points, targets)
+    relative, absolute = precision(16384)
+    assert (squares[np.arange(16383), there] <= squares.min(axis=1) * (1 + relative) + absolute).all()
+    assert (squares[back, np.arange(5)] <= squares.min(axis=0) * (1 + relative) + absolute).all()
+    assert np.array_equal(both(targets, points, 16384)[0], back)
+
+
+def test_every_point_is_its_own_neighbour():
+    points = random_cloud(3, 100, 10)
+    for matches in both(points, points, 128):
+        assert np.array_equal(matches, np.arange(100))
+
+
+def test_of_points_that_coincide_the_first_is_taken():
+    points = np.repeat(random_cloud(4, 10, 6), 3, axis=0)
+    for matches in both(points, points, 128):
+        assert np.array_equal(matches, np.repeat(np.arange(0, 30, 3), 3))
+    one = np.tile(np.float32([0.3, -0.2]), (20, 1))
+    for matches in both(one, one, 128):
+        assert not matches.any()
+
+
+def test_distances_of_which_rounding_leaves_less_than_nothing():
+    """Points far from the origin, and far nearer to one another than their squares can tell."""
+    points = (np.float32(100.0) + 1e-4 * random_cloud(5, 50, 4)).astype(np.float32)
+    for matches in both(points, points, 128):
+        assert matches.min() >= 0
+        assert matches.max() < 50
+
+
+@pytest.mark.parametrize("scale", [1e-12, 1e-3, 1.0, 1e3, 1e12])
+@pytest.mark.parametrize("k", [2, 3, 10, 24])
+def test_the_closest_of_a_region_is_the_plain_one(k, scale):
+    rng = np.random.default_rng(k)
+    points, ends = random_cloud(k, 80, k) * np.float32(scale), random_cloud(9, 40, k) * np.float32(scale)
+    members = rng.permutation(80).astype(np.int32)
+    for start, stop in ((0, 80), (0, 1), (79, 80), (10, 13), (20, 60)):
+        for place, end in enumerate(ends):
+            found = closest(points, members, start, stop, ends, place)
+            assert found == closest_reference(points, members, start, stop, end)
+            assert found in members[start:stop]
+
+
+def test_of_points_equally_close_the_first_member_is_taken():
+    points = np.ones((6, 3), dtype=np.float32)
+    members = np.int32([4, 2, 5, 0])
+    ends = np.float32([[0, 0, 0], [1, 1, 1]])
+    assert closest(points, members, 0, 4, ends, 0) == 4
+    assert closest(points, members, 1, 4, ends, 1) == 2
+
+
+@pytest.mark.parametrize("k", [1, 3, 4, 7, 20, 24])
+def test_the_square_of_a_row_is_the_plain_one(k):
+    points = random_cloud(k, 10, k)
+    found = [square(points, row) for row in range(10)]
+    assert found == pytest.approx((points.astype(np.float64) ** 2).sum(axis=1), rel=1e-6)
+
+
+def cross_products(points, partners, sources, targets, blocks):
+    columns = points.shape[1]
+    cross = np.full((columns, columns), np.nan, dtype=np.float32)
+    first, second = np.full((2, blocks), np.nan, dtype=np.float32)
+    paired(points, partners, sources, targets, blocks, cross, first, second)
+    return cross, first, second
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
+@pytest.mark.parametrize("blocks", [1, 2, 3])
+@pytest.mark.parametrize(("m", "n"), [(100, 100), (30, 70), (1, 1), (32, 0)])
+@pytest.mark.parametrize("k", [2, 3, 10, 12])
+def test_cross_products_and_square_sums_are_the_plain_ones(k, m, n, blocks, scale):
+    rng = np.random.default_rng(k)
+    given = [
+        (scale * (rng.normal(size=(rows, blocks * k)) + shift)).astype(np.float32)
+        for rows, shift in ((m, 0.5), (m, -0.5), (n, 0.5), (n, 1.0))
+    ]
+    before = [array.copy() for array in given]
+    found, expected = cross_products(*given, blocks), paired_reference(*given, blocks)
+    size = scale**2 * (m + n) * k
+    for one, other in zip(found, expected, strict=True):
+        assert one == pytest.approx(other, abs=3e-6 * size)
+    for array, kept in zip(given, before, strict=True):
+        assert np.array_equal(array, kept)
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
+@pytest.mark.parametrize("blocks", [1, 2, 3])
+@pytest.mark.parametrize(("m", "n"), [(100, 100), (30, 70), (1, 1), (70, 5)])
+@pytest.mark.parametrize("k", [2, 3, 10, 12])
+def test_cross_products_of_pairs_both_ways_are_the_plain_ones(k, m, n, blocks, scale):
+    rng = np.random.default_rng(k)
+    x, y = (
+        (scale * (rng.normal(size=(rows, blocks * k)) + shift)).astype(np.float32)
+        for rows, shift in ((m, 0.5), (n, -1.0))
+    )
+    there, back = rng.integers(n, size=m).astype(np.int32), rng.integers(m, size=n).astype(np.int32)
+    cross = np.full((blocks * k, blocks * k), np.nan, dtype=np.float32)
+    first, second = np.full((2, blocks), np.nan, dtype=np.float32)
+    paired_both(x, y, there, back, blocks, cross, first, second)
+    expected = paired_reference(x, y[there], x[back], y, blocks)
+    size = scale**2 * (m + n) * k
+    for one, other in zip((cross, first, second), expected, strict=True):
+        assert one == pytest.approx(other, abs=5e-6 * size)
+
+
+def test_pairs_all_of_one_place_have_no_cross_products():
+    one = np.tile(np.float32([0.5, -0.25, 2.0, 1.0]), (32, 1))
+    nothing = np.empty((0, 4), dtype=np.float32)
+    for array in cross_products(one, one, nothing, nothing, 2) + cross_products(one, one, one, one, 2):
+        assert not array.any()
+
+
+def test_the_side_that_a_pair_is_found_from_does_not_matter():
+    points, targets = random_cloud(6, 50, 4), random_cloud(7, 50, 4)
+    halves = cross_products(points[:20], targets[:20], points[20:], targets[20:], 2)
+    nothing = np.empty((0, 4), dtype=np.float32)
+    for one, other in zip(halves, cross_products(points, targets, nothing, nothing, 2), strict=True):
+        assert one == pytest.approx(other, abs=1e-4)
+
+
+def test_arrays_that_cannot_be_written_to_are_read_all_the_same():
+    """They compile another form; what `core.matching.procrustes.pack` makes can be written to."""
+    points, targets = random_cloud(8, 40, 5), random_cloud(9, 30, 5)
+    expected = both(points, targets, 128)
+    for array in (points, targets):
+        array.flags.writeable = False
+    for one, other in zip(both(points, targets, 128), expected, strict=True):
+        assert np.array_equal(one, other)

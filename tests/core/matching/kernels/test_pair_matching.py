@@ -1,0 +1,126 @@
+"""The whole compiled match against the plain one, on the gallery and on clouds made by hand."""
+
+from itertools import permutations
+
+import numpy as np
+import pytest
+
+from core.gallery import make_shape
+from core.matching.kernels.pair_matching import match_pair
+from core.matching.procrustes import rounds_of
+from core.matching.reference import match_pair_reference
+from core.parameters import DEFAULT
+from core.pipeline import Pipeline
+from tests.core.matching.clouds import cloud, embedded, packed, packed_embedding, parameters_for
+
+K = DEFAULT.dimensions
+ROUNDS = rounds_of(DEFAULT)
+
+
+@pytest.fixture(scope="module")
+def shapes():
+    """Of the gallery; then clouds with points between the samples, without, and with few samples."""
+    pipeline = Pipeline(DEFAULT)
+    names = [("spider", 0), ("spider", 1), ("person", 0), ("hand", 0)]
+    made = [packed_embedding(pipeline.embed(make_shape(*name))) for name in names]
+    return made + [
+        packed(i, m, d, K, 2) for i, (m, d) in enumerate([(100, 500), (60, 60), (45, 90), (32, 40)])
+    ]
+
+
+def match(x, y, rounds=ROUNDS, same=False):
+    m, n, columns = len(x.offsets) - 1, len(y.offsets) - 1, x.points.shape[1]
+    there, back = np.full(m, -1, dtype=np.int32), np.full(n, -1, dtype=np.int32)
+    rotation, scores = np.full((columns, columns), np.nan, dtype=np.float32), np.full(3, np.nan)
+    match_pair(x, y, rounds, same, there, back, rotation, scores)
+    return there, back, rotation, scores
+
+
+def alike(found, expected):
+    """Whether both found the same pairs; then maps and scores have to be the same."""
+    if not all(np.array_equal(one, other) for one, other in zip(found[:2], expected[:2], strict=True)):
+        return False
+    assert found[2] == pytest.approx(expected[2], abs=1e-3)
+    assert found[3] == pytest.approx(expected[3], abs=1e-4)
+    return True
+
+
+def test_the_match_is_the_plain_one(shapes):
+    same = [alike(match(x, y), match_pair_reference(x, y, ROUNDS, False)) for x, y in permutations(shapes, 2)]
+    assert np.mean(same) > 0.9
+
+
+@pytest.mark.parametrize("blocks", [1, 2, 3])
+@pytest.mark.parametrize("k", [2, 3, 6, 12])
+def test_any_number_of_domains_and_dimensions(k, blocks):
+    rounds = rounds_of(parameters_for(k))
+    clouds = [packed(10 * k + i, m, d, k, blocks) for i, (m, d) in enumerate([(50, 80), (70, 70), (14, 30)])]
+    same = [
+        alike(match(x, y, rounds), match_pair_reference(x, y, rounds, False))
+        for x, y in permutations(clouds, 2)
+    ]
+    assert np.mean(same) > 0.8
+
+
+@pytest.mark.parametrize("changes", [{"slides": 0}, {"slides": 2, "final_rounds": 3}, {"kept_maps": 100}])
+def test_any_number_of_rounds(changes):
+    x, y = packed(1, 70, 120, K, 2), packed(3, 80, 100, K, 2)
+    rounds = ROUNDS._replace(**changes)
+    assert alike(match(x, y, rounds), match_pair_reference(x, y, rounds, False))
+
+
+def test_one_shape_is_matched_with_itself_without_a_search(shapes):
+    for x in shapes:
+        found = match(x, x, same=True)
+        m = len(x.offsets) - 1
+        assert np.array_equal(found[0], np.arange(m))
+        assert np.array_equal(found[1], np.arange(m))
+        assert np.array_equal(found[2], np.eye(2 * K))
+        assert alike(found, match_pair_reference(x, x, ROUNDS, True))
+        assert found[3][:2] == pytest.approx([1.0, 0.0], abs=1e-6)
+
+
+def degenerate():
+    rng = np.random.default_rng(1)
+    points = cloud(rng, 60, K)
+    repeated = np.repeat(points[:20], 3, axis=0)
+    flat = points.copy()
+    flat[:, 4:] = 0.0
+    line = np.zeros_like(points)
+    line[:, 0] = points[:, 0]
+    two = points[np.arange(60) % 2]
+    return {"points that coincide": repeated, "flat": flat, "a line": line, "two places": two}
+
+
+@pytest.mark.parametrize("name", degenerate())
+def test_a_cloud_without_volume_has_scores_in_range_and_a_map_that_does_not_stretch(name):
+    odd = packed_embedding(embedded([degenerate()[name]] * 2, 60))
+    other = packed(2, 50, 80, K, 2)
+    for x, y in ((odd, other), (other, odd), (odd, odd)):
+        there, back, rotation, scores = match(x, y)
+        assert 0 <= there.min() <= there.max() < len(y.offsets) - 1
+        assert 0 <= back.min() <= back.max() < len(x.offsets) - 1
+        assert np.linalg.norm(rotation, 2) < 1.001
+        assert 0.0 <= scores[0] <= 1.0
+        assert 0.0 <= scores[1] < 1.0
+        assert 0.0 <= scores[2] <= 1.0
+
+
+def test_as_few_samples_as_the_splines_need():
+    x, y = packed(4, K + 2, K + 2, K, 2), packed(5, K + 2, 200, K, 2)
+    for first, second in ((x, y), (y, x)):
+        there, back, rotation, scores = match(first, second)
+        expected = match_pair_reference(first, second, ROUNDS, False)
+        assert there.max() < K + 2
+        assert back.max() < K + 2
+        assert np.linalg.norm(rotation, 2) < 1.001
+        assert scores[0] == pytest.approx(expected[3][0], abs=0.1)
+
+
+def test_the_same_match_twice_is_the_same_and_what_it_reads_is_left(shapes):
+    before = [[array.copy() for array in shape] for shape in shapes]
+    for x, y in permutations(shapes[:2] + shapes[-2:], 2):
+        for one, other in zip(match(x, y), match(x, y), strict=True):
+            assert np.array_equal(one, other)
+    for shape, kept in zip(shapes, before, strict=True):
+        assert all(np.array_equal(array, other) for array, other in zip(shape, kept, strict=True))

@@ -1,0 +1,115 @@
+"""The search in the spectral domain: against plain NumPy, on planted answers, and its linear operators."""
+
+import numpy as np
+import pytest
+
+from core.matching.correspondence import Search, progressive, progressive_reference, smoothers
+from core.matching.thin_plate_spline import mean_pair_distance, tps_kernel
+
+
+def cloud(seed, count, k):
+    """Centred, of unit root mean square radius, each coordinate weaker than the one before."""
+    points = np.random.default_rng(seed).normal(size=(count, k)) * 0.8 ** np.arange(k)
+    points -= points.mean(axis=0)
+    return (points / np.sqrt((points**2).sum(axis=1).mean())).astype(np.float32)
+
+
+def search(points, targets, operators, how):
+    return progressive(
+        points,
+        targets,
+        operators,
+        how.first_dimensions,
+        2**how.first_dimensions if how.sign_starts else 1,
+        how.kept_starts,
+        how.start_iterations,
+        how.step_iterations,
+    )
+
+
+def solved_spline(source, targets, beta):
+    """Values at the source points of the spline whose coefficients solve Eq. 16 as one linear system."""
+    m, k = source.shape
+    affine = np.concatenate([np.ones((m, 1)), source], axis=1)
+    kernel = tps_kernel(source, source)
+    system = np.block([[kernel + beta * np.eye(m), affine], [affine.T, np.zeros((k + 1, k + 1))]])
+    solution = np.linalg.solve(system, np.concatenate([targets, np.zeros((k + 1, targets.shape[1]))]))
+    return kernel @ solution[:m] + affine @ solution[m:]
+
+
+@pytest.mark.parametrize("sign_starts", [True, False])
+@pytest.mark.parametrize(("m", "n"), [(40, 40), (30, 45), (45, 30)])
+@pytest.mark.parametrize("k", [3, 4, 5, 6])
+def test_the_compiled_search_is_the_plain_one(k, m, n, sign_starts):
+    how = Search(3, sign_starts, 3, 4, 2)
+    for seed in range(3):
+        points, targets = cloud(seed, m, k), cloud(100 + seed, n, k)
+        operators = smoothers(points.astype(np.float64), 3, 100.0)
+        expected = progressive_reference(
+            points.astype(np.float64), targets.astype(np.float64), operators.astype(np.float64), how
+        )
+        found = search(points, targets, operators, how)
+        assert found.shape == (m,)
+        assert (found == expected).all()
+
+
+@pytest.mark.parametrize("signs", [(1, 1, 1, -1, -1), (-1, 1, -1, 1, -1), (-1, -1, -1, -1, -1)])
+def test_a_permutation_with_flipped_signs_is_found(signs):
+    points = cloud(7, 50, 5)
+    order = np.random.default_rng(8).permutation(50)
+    targets = np.ascontiguousarray((points * np.float32(signs))[order])
+    operators = smoothers(points.astype(np.float64), 3, 100.0)
+    found = search(points, targets, operators, Search(3, True, 3, 5, 3))
+    assert (order[found] == np.arange(50)).all()
+
+
+def test_without_sign_starts_a_permutation_is_found_where_no_first_sign_differs():
+    points = cloud(9, 50, 5)
+    order = np.random.default_rng(10).permutation(50)
+    targets = np.ascontiguousarray((points * np.float32([1, 1, 1, -1, -1]))[order])
+    operators = smoothers(points.astype(np.float64), 3, 100.0)
+    found = search(points, targets, operators, Search(3, False, 1, 5, 3))
+    assert (order[found] == np.arange(50)).all()
+
+
+def test_three_points_beside_each_target_are_all_matched_to_it():
+    targets = cloud(11, 20, 4)
+    beside = 1e-4 * np.random.default_rng(12).normal(size=(60, 4))
+    points = (np.tile(targets, (3, 1)) + beside).astype(np.float32)
+    operators = smoothers(points.astype(np.float64), 3, 100.0)
+    found = search(points, targets, operators, Search(3, True, 8, 5, 3))
+    assert (found == np.arange(60) % 20).all()
+
+
+@pytest.mark.parametrize(("first", "k"), [(2, 2), (3, 3), (2, 5), (3, 6)])
+def test_there_is_one_smoother_a_stage(first, k):
+    operators = smoothers(cloud(1, 20, k).astype(np.float64), first, 1.0)
+    assert operators.shape == (k - first + 1, 20, 20)
+    assert operators.dtype == np.float32
+
+
+@pytest.mark.parametrize("stiffness", [0.01, 1.0, 100.0])
+def test_each_stage_is_the_spline_in_its_own_dimensions(stiffness):
+    points = cloud(2, 30, 5).astype(np.float64)
+    targets = np.random.default_rng(3).normal(size=(30, 4))
+    beta = stiffness * mean_pair_distance(points)
+    for stage, operator in enumerate(smoothers(points, 3, stiffness)):
+        expected = solved_spline(points[:, : 3 + stage], targets, beta)
+        assert operator @ targets == pytest.approx(expected, abs=2e-5)
+
+
+def test_an_affine_map_passes_every_stage_that_has_its_dimensions():
+    rng = np.random.default_rng(4)
+    points = cloud(5, 30, 4).astype(np.float64)
+    for stage, operator in enumerate(smoothers(points, 2, 1.0)):
+        k = 2 + stage
+        mapped = points[:, :k] @ rng.normal(size=(k, 3)) + rng.normal(size=3)
+        assert operator @ mapped == pytest.approx(mapped, abs=1e-5)
+
+
+def test_a_very_stiff_spline_is_the_affine_least_squares_fit():
+    points = cloud(6, 30, 3).astype(np.float64)
+    targets = np.random.default_rng(7).normal(size=(30, 2))
+    affine = np.concatenate([np.ones((30, 1)), points], axis=1)
+    fitted = affine @ np.linalg.lstsq(affine, targets, rcond=None)[0]
+    assert smoothers(points, 3, 1e9)[0] @ targets == pytest.approx(fitted, abs=1e-5)

@@ -1,0 +1,93 @@
+"""Correspondences extended to all vertices, where the truth is known: a surface and a moved copy of it."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from core.errors import ParameterError
+from core.gallery.bodies import make_body
+from core.matching.dense_correspondence import basis, extend
+from core.mesh.mesh import Mesh
+from core.studies.correspondence import surface_distances
+
+
+@pytest.fixture(scope="module")
+def body():
+    return make_body("teddy", 1, vertices=900)
+
+
+@pytest.fixture(scope="module")
+def shuffled(body):
+    """The body at rest, and a pose of it whose vertex `order[i]` is the body's vertex i."""
+    order = np.random.default_rng(3).permutation(len(body.rest.vertices))
+    posed = body.posed(2)
+    moved = np.empty_like(posed.vertices)
+    moved[order] = posed.vertices
+    return order, basis(body.rest), basis(Mesh(moved, order[posed.faces]))
+
+
+def pairs_of(order, count, wrong=0):
+    rng = np.random.default_rng(5)
+    here = rng.permutation(len(order))[:count]
+    there = order[here]
+    there[:wrong] = rng.permutation(there[:wrong])
+    return np.stack([here, there], axis=1)
+
+
+def test_functions_are_orthonormal_by_area(body):
+    found = basis(body.rest, 40)
+    assert found.areas.sum() == pytest.approx(1.0)
+    np.testing.assert_allclose(
+        found.functions.T @ (found.areas[:, None] * found.functions), np.eye(40), atol=1e-6
+    )
+    np.testing.assert_allclose(found.functions[:, 0], 1.0)
+
+
+def test_a_surface_and_itself(body, shuffled):
+    _, here, _ = shuffled
+    everywhere = np.arange(len(body.rest.vertices))
+    pairs = np.stack([everywhere[::9], everywhere[::9]], axis=1)
+    np.testing.assert_array_equal(extend(here, here, pairs), everywhere)
+
+
+@pytest.mark.parametrize("wrong", [0, 25])
+def test_a_pose_with_its_vertices_in_another_order(body, shuffled, wrong):
+    order, here, there = shuffled
+    inverse = np.argsort(order)
+    distances = surface_distances(body)
+    everywhere = np.arange(len(order))
+    for first, second, pairs, back in (
+        (here, there, pairs_of(order, 100, wrong), inverse),
+        (there, here, pairs_of(order, 100, wrong)[:, ::-1], order),
+    ):
+        found = extend(first, second, pairs)
+        # In the body's own numbers: the partner of each vertex should be that vertex.
+        errors = distances[back[found], everywhere] if second is there else distances[found, inverse]
+        assert errors.mean() < 0.02
+        assert (errors < 0.1).mean() > 0.98
+
+
+def test_it_beats_the_partner_of_the_nearest_pair(body, shuffled):
+    order, here, there = shuffled
+    distances = surface_distances(body)
+    pairs = pairs_of(order, 60)
+    inverse = np.argsort(order)
+    by_pair = pairs[np.argmin(distances[:, pairs[:, 0]], axis=1), 1]
+    everywhere = np.arange(len(order))
+    plain = distances[inverse[by_pair], everywhere].mean()
+    assert distances[inverse[extend(here, there, pairs)], everywhere].mean() < 0.5 * plain
+
+
+def test_a_mesh_of_fewer_vertices_than_functions():
+    solid = trimesh.creation.box((1.0, 2.0, 3.0)).subdivide()
+    mesh = Mesh(solid.vertices, solid.faces)
+    found = basis(mesh)
+    assert found.functions.shape == (len(mesh.vertices), len(mesh.vertices))
+    everywhere = np.arange(len(mesh.vertices))
+    np.testing.assert_array_equal(extend(found, found, np.stack([everywhere] * 2, axis=1)), everywhere)
+
+
+@pytest.mark.parametrize("pairs", [np.empty((0, 2), dtype=np.int64), np.zeros(4, dtype=np.int64)])
+def test_pairs_that_say_nothing(shuffled, pairs):
+    with pytest.raises(ParameterError):
+        extend(shuffled[1], shuffled[2], pairs)

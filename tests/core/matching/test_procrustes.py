@@ -1,0 +1,165 @@
+"""What the compiled matching reads of a shape, and the one-to-one pairs that are shown."""
+
+from dataclasses import replace
+from itertools import permutations
+
+import numpy as np
+import pytest
+
+from core.embedding import Spectrum
+from core.matching.correspondence import smoothers
+from core.matching.kernels.match_record import ONE
+from core.matching.procrustes import matched, shown_pairs
+from core.matching.similarity import EFFECTIVE
+from core.parameters import DEFAULT
+from tests.core.matching.clouds import cloud, embedded, packed, packed_embedding, parameters_for
+
+K = DEFAULT.dimensions
+TYPES = {
+    "points": np.float32,
+    "searched": np.float32,
+    "operators": np.int16,
+    "offsets": np.int32,
+    "members": np.int32,
+    "warp": np.int16,
+    "radius": np.float32,
+    "key": np.int32,
+}
+
+
+def made(seed=0, m=40, d=90, blocks=2):
+    rng = np.random.default_rng(seed)
+    return embedded([cloud(rng, d, K) for _ in range(blocks)], m)
+
+
+def relaid(embedding, change):
+    spectra = tuple(Spectrum(one.name, one.eigenvalues, change(one.coordinates)) for one in embedding.spectra)
+    return replace(embedding, spectra=spectra)
+
+
+def read_only(array):
+    view = array.view()
+    view.flags.writeable = False
+    return view
+
+
+@pytest.mark.parametrize("blocks", [1, 2, 3])
+@pytest.mark.parametrize("layout", [np.ascontiguousarray, np.asfortranarray, read_only])
+def test_arrays_are_of_one_type_and_layout_whatever_the_embedding_s(blocks, layout):
+    """Others would compile the kernels anew, to slower loops."""
+    given = relaid(made(blocks=blocks), layout)
+    for name, array in packed_embedding(given)._asdict().items():
+        assert array.dtype == TYPES[name]
+        assert array.flags.c_contiguous
+        assert array.flags.writeable
+        assert array.flags.aligned
+        assert not any(np.shares_memory(array, one.coordinates) for one in given.spectra)
+        assert not np.shares_memory(array, given.regions)
+
+
+@pytest.mark.parametrize("blocks", [1, 2, 3])
+@pytest.mark.parametrize(("m", "d"), [(12, 12), (20, 20), (32, 50), (70, 200)])
+def test_what_is_packed_is_the_points_their_regions_and_their_splines(m, d, blocks):
+    """Of 12 and 20 samples the search asks for more than there are."""
+    embedding = made(1, m, d, blocks)
+    found = packed_embedding(embedding)
+    rows, columns = min(m, DEFAULT.search_samples), DEFAULT.search_dimensions
+    stages = columns - DEFAULT.first_dimensions + 1
+    assert found.points.shape == (d, blocks * K)
+    assert found.searched.shape == (blocks, columns, rows)
+    assert found.operators.shape == (blocks, stages, rows, rows)
+    assert found.warp.shape == (blocks, m, m)
+    for place, spectrum in enumerate(embedding.spectra):
+        points = spectrum.coordinates
+        assert np.array_equal(found.points[:, place * K : place * K + K], points)
+        assert np.array_equal(found.searched[place], points[:rows, :columns].T)
+        of_samples = points.astype(np.float64)
+        searched = smoothers(of_samples[:rows, :columns], DEFAULT.first_dimensions, DEFAULT.stiffness)
+        assert found.operators[place] / ONE == pytest.approx(searched, abs=0.51 / ONE)
+        softer = smoothers(of_samples[:m], K, DEFAULT.warp_stiffness)[0]
+        assert found.warp[place] / ONE == pytest.approx(softer, abs=0.51 / ONE)
+        centred = of_samples[:m] - of_samples[:m].mean(axis=0)
+        assert found.radius[place] == pytest.approx(np.linalg.norm(centred, axis=1).mean(), rel=1e-6)
+    for sample in range(m):
+        region = found.members[found.offsets[sample] : found.offsets[sample + 1]]
+        assert np.array_equal(region, np.flatnonzero(embedding.regions == sample))
+        assert region[0] == sample
+    assert found.offsets[-1] == len(found.members) == d
+
+
+def test_splines_are_symmetric():
+    """The search multiplies from the other side."""
+    found = packed_embedding(made(2))
+    for operators in (found.operators, found.warp):
+        assert np.array_equal(operators, np.swapaxes(operators, -1, -2))
+
+
+def test_search_samples_of_nothing_are_all():
+    everything = replace(DEFAULT, search_samples=0, search_dimensions=0)
+    assert packed_embedding(made(3, 40, 60), everything).searched.shape == (2, K, 40)
+
+
+def turned_over(k, seed):
+    return np.linalg.qr(np.random.default_rng(seed).normal(size=(k, k)))[0].astype(np.float32)
+
+
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize(("m", "n"), [(5, 5), (4, 7), (6, 6), (5, 7)])
+def test_pairs_shown_are_the_best_of_all_one_to_one_pairs(m, n, seed):
+    k = 2
+    first, second = packed(seed, m, m + 3, k, 2), packed(50 + seed, n, n + 2, k, 2)
+    rotation = np.kron(np.eye(2, dtype=np.float32), turned_over(k, seed))
+    squares = ((first.points[:m, None] @ rotation - second.points[None, :n]) ** 2).sum(axis=2)
+    best = min(permutations(range(n), m), key=lambda to: squares[np.arange(m), list(to)].sum())
+    matches, _, _ = shown_pairs(first, second, rotation, same=False)
+    assert matches.dtype == np.int64
+    assert matches.tolist() == list(best)
+
+
+def left(warp, block):
+    """How far a spline leaves points from where it should take them."""
+    return np.linalg.norm(warp / ONE @ block - block, axis=1)
+
+
+@pytest.mark.parametrize(("m", "n"), [(30, 30), (25, 40)])
+def test_distances_shown_are_those_that_the_softer_spline_leaves(m, n):
+    parameters = parameters_for(4)
+    first, second = packed(1, m, m + 20, 4, 2), packed(2, n, n, 4, 2)
+    rotation = matched(first, second, parameters, same=False).rotation
+    matches, distances, effective = shown_pairs(first, second, rotation, same=False)
+    assert len(np.unique(matches)) == m
+    expected = left(first.warp[0], second.points[matches, :4])
+    if m == n:
+        ends = first.points[:m, :4] @ rotation[:4, :4]
+        for i in range(m):
+            inverse = np.array([np.flatnonzero(matches == j)[0] for j in range(n)])
+            expected[i] = (expected[i] + left(second.warp[0], ends[inverse])[matches[i]]) / 2
+    assert distances == pytest.approx(expected, abs=1e-5)
+    gamma = EFFECTIVE * (first.radius[0] + second.radius[0]) / 2
+    assert np.array_equal(effective, distances <= gamma)
+    assert 0 < effective.sum() < m
+
+
+def test_a_shape_s_own_samples_are_shown_beside_themselves():
+    """Even where points coincide, so that any order of theirs is as good."""
+    rng = np.random.default_rng(4)
+    points = cloud(rng, 30, K)
+    points[20:] = points[10:20]
+    shape = packed_embedding(embedded([points], 30))
+    matches, distances, effective = shown_pairs(shape, shape, np.eye(K, dtype=np.float32), same=True)
+    assert np.array_equal(matches, np.arange(30))
+    assert distances.shape == effective.shape == (30,)
+
+
+def test_a_turned_copy_is_found_sample_by_sample():
+    rng = np.random.default_rng(5)
+    clouds = [cloud(rng, 120, K) for _ in range(2)]
+    order = np.concatenate([rng.permutation(60), 60 + rng.permutation(60)])
+    signs = [rng.choice(np.float32([-1, 1]), size=K) for _ in clouds]
+    copies = [(points * flip)[order] for points, flip in zip(clouds, signs, strict=True)]
+    first, second = (packed_embedding(embedded(made, 60)) for made in (clouds, copies))
+    found = matched(first, second, DEFAULT, same=False)
+    assert found.scores == pytest.approx([1.0, 0.0, 1.0], abs=1e-5)
+    assert np.diag(found.rotation) == pytest.approx(np.concatenate(signs), abs=1e-4)
+    matches, _, _ = shown_pairs(first, second, found.rotation, same=False)
+    assert np.array_equal(order[matches], np.arange(60))

@@ -1,0 +1,163 @@
+"""The thin-plate spline against Eqs. 14-16 and its two limits."""
+
+import numpy as np
+import pytest
+from scipy.spatial.distance import pdist
+
+from core.errors import ParameterError
+from core.matching.thin_plate_spline import ThinPlateSpline, mean_pair_distance, tps_kernel
+
+DIMENSIONS = [2, 3, 6]
+
+
+def cloud(count, dimensions, seed=0):
+    return np.random.default_rng(seed).normal(size=(count, dimensions))
+
+
+def bordered(source, targets, beta):
+    """w and t of Eq. 16 by the whole matrix."""
+    count, dimensions = source.shape
+    kernel = np.zeros((count, count))
+    for i in range(count):
+        for j in range(count):
+            if i != j:
+                square = float(((source[i] - source[j]) ** 2).sum())
+                kernel[i, j] = square * np.log(square)
+    affine = np.column_stack([np.ones(count), source])
+    corner = np.zeros((dimensions + 1, dimensions + 1))
+    matrix = np.block([[kernel + beta * np.eye(count), affine], [affine.T, corner]])
+    solution = np.linalg.solve(matrix, np.vstack([targets, np.zeros((dimensions + 1, targets.shape[1]))]))
+    return solution[:count], solution[count:]
+
+
+def test_kernel_by_hand():
+    origin = np.zeros((1, 2))
+    radii = np.array([0.0, 0.1, 1.0, np.exp(0.5), 10.0])
+    points = np.column_stack([radii, np.zeros(5)])
+    expected = [[0.0, 0.01 * np.log(0.01), 0.0, np.e, 100.0 * np.log(100.0)]]
+    np.testing.assert_allclose(tps_kernel(origin, points), expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("dimensions", DIMENSIONS)
+def test_kernel_depends_on_distance_alone(dimensions):
+    first, second = cloud(5, dimensions, 1), cloud(7, dimensions, 2)
+    table = tps_kernel(first, second)
+    assert table.shape == (5, 7)
+    for i in range(5):
+        for j in range(7):
+            radius = np.linalg.norm(first[i] - second[j])
+            assert table[i, j] == pytest.approx(radius**2 * np.log(radius**2))
+    np.testing.assert_array_equal(np.diag(tps_kernel(first, first)), 0.0)
+
+
+def test_mean_pair_distance():
+    square = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+    assert mean_pair_distance(square) == pytest.approx((4.0 + 2.0 * np.sqrt(2.0)) / 6.0)
+    points = cloud(30, 4)
+    assert mean_pair_distance(points) == pytest.approx(pdist(points).mean())
+
+
+@pytest.mark.parametrize("dimensions", DIMENSIONS)
+def test_beta_nought_interpolates(dimensions):
+    source, targets = cloud(40, dimensions, 3), cloud(40, dimensions, 4)
+    spline = ThinPlateSpline(source, 0.0)
+    np.testing.assert_allclose(spline.transform(source, *spline.fit(targets)), targets, atol=1e-8)
+    np.testing.assert_allclose(spline.smoother(), np.eye(40), atol=1e-12)
+
+
+@pytest.mark.parametrize("dimensions", DIMENSIONS)
+def test_a_large_beta_leaves_the_affine_least_squares_fit(dimensions):
+    source, targets = cloud(40, dimensions, 5), cloud(40, 2, 6)
+    spline = ThinPlateSpline(source, 1e9)
+    affine = np.column_stack([np.ones(40), source])
+    expected = np.linalg.lstsq(affine, targets, rcond=None)[0]
+    w, t = spline.fit(targets)
+    np.testing.assert_allclose(w, 0.0, atol=1e-7)
+    np.testing.assert_allclose(t, expected, atol=1e-6)
+    np.testing.assert_allclose(spline.smoother() @ targets, affine @ expected, atol=1e-6)
+
+
+@pytest.mark.parametrize("beta", [0.0, 0.01, 1.0, 50.0])
+@pytest.mark.parametrize("dimensions", DIMENSIONS)
+def test_coefficients_solve_the_bordered_system(dimensions, beta):
+    source, targets = cloud(35, dimensions, 7), cloud(35, 4, 8)
+    w, t = ThinPlateSpline(source, beta).fit(targets)
+    assert w.shape == (35, 4)
+    assert t.shape == (dimensions + 1, 4)
+    expected_w, expected_t = bordered(source, targets, beta)
+    np.testing.assert_allclose(w, expected_w, atol=1e-8 * np.abs(expected_w).max())
+    np.testing.assert_allclose(t, expected_t, atol=1e-8 * max(np.abs(expected_t).max(), 1.0))
+    affine = np.column_stack([np.ones(35), source])
+    np.testing.assert_allclose(affine.T @ w, 0.0, atol=1e-9 * np.abs(w).sum())
+
+
+@pytest.mark.parametrize("beta", [0.0, 0.1, 5.0, 1e4])
+@pytest.mark.parametrize("dimensions", DIMENSIONS)
+def test_the_smoother_is_fit_and_transform_at_the_sources(dimensions, beta):
+    source, targets = cloud(30, dimensions, 9), cloud(30, 3, 10)
+    spline = ThinPlateSpline(source, beta)
+    warped = spline.transform(source, *spline.fit(targets))
+    np.testing.assert_allclose(spline.smoother() @ targets, warped, atol=1e-8)
+
+
+@pytest.mark.parametrize("beta", [0.0, 0.1, 5.0, 1e9])
+@pytest.mark.parametrize("dimensions", DIMENSIONS)
+def test_affine_targets_are_met_exactly_everywhere(dimensions, beta):
+    source, others = cloud(30, dimensions, 11), 3.0 * cloud(12, dimensions, 12)
+    matrix, shift = cloud(dimensions, dimensions, 13), cloud(1, dimensions, 14)
+    spline = ThinPlateSpline(source, beta)
+    w, t = spline.fit(source @ matrix + shift)
+    np.testing.assert_allclose(w, 0.0, atol=1e-9)
+    np.testing.assert_allclose(t, np.vstack([shift, matrix]), atol=1e-9)
+    np.testing.assert_allclose(spline.transform(others, w, t), others @ matrix + shift, atol=1e-7)
+
+
+def test_a_larger_beta_bends_less_and_misses_more():
+    """Along beta, the energy w^T K w falls and the misfit grows: the two terms of Eq. 14."""
+    source, targets = cloud(40, 2, 15), cloud(40, 1, 16)
+    kernel = tps_kernel(source, source)
+    energies, misfits = [], []
+    for beta in (0.0, 0.1, 1.0, 10.0, 100.0):
+        spline = ThinPlateSpline(source, beta)
+        w, t = spline.fit(targets)
+        energies.append(float((w.T @ kernel @ w).item()))
+        misfits.append(float(((spline.transform(source, w, t) - targets) ** 2).sum()))
+    assert (np.diff(energies) < 0.0).all()
+    assert (np.diff(misfits) > 0.0).all()
+    assert min(energies) > 0.0
+
+
+@pytest.mark.parametrize("beta", [-1e-9, -3.0, float("nan")])
+def test_a_beta_out_of_range(beta):
+    with pytest.raises(ParameterError):
+        ThinPlateSpline(cloud(10, 2), beta)
+
+
+@pytest.mark.parametrize("dimensions", DIMENSIONS)
+def test_too_few_points(dimensions):
+    with pytest.raises(ParameterError):
+        ThinPlateSpline(cloud(dimensions + 1, dimensions), 1.0)
+    ThinPlateSpline(cloud(dimensions + 2, dimensions), 1.0)
+
+
+@pytest.mark.parametrize("dimensions", DIMENSIONS)
+@pytest.mark.parametrize("seed", range(3))
+def test_coinciding_points_go_to_one_place_at_a_positive_beta(dimensions, seed):
+    source = cloud(30, dimensions, seed)
+    source[17] = source[4]
+    spline = ThinPlateSpline(source, 0.5)
+    warped = spline.transform(source, *spline.fit(cloud(30, 2, 99)))
+    np.testing.assert_allclose(warped[17], warped[4], atol=1e-9)
+    np.testing.assert_allclose(warped, spline.smoother() @ cloud(30, 2, 99), atol=1e-8)
+
+
+@pytest.mark.parametrize("dimensions", DIMENSIONS)
+@pytest.mark.parametrize("seed", range(6))
+def test_coinciding_points_need_a_positive_beta(dimensions, seed):
+    source = cloud(30, dimensions, seed)
+    source[17] = source[4]
+    with pytest.raises(ParameterError):
+        ThinPlateSpline(source, 0.0)
+    spline = ThinPlateSpline(source, 0.5)
+    warped = spline.transform(source, *spline.fit(cloud(30, 2, 99)))
+    np.testing.assert_allclose(warped[17], warped[4], atol=1e-9)

@@ -1,0 +1,116 @@
+"""Holes closed: what is one, what is not, and what the mesh is like afterwards."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from core.gallery import make_shape
+from core.mesh.cleaning import clean, face_areas
+from core.mesh.edges import half_edges
+from core.mesh.hole_filling import filled
+from core.mesh.mesh import Mesh
+from core.parameters import DEFAULT
+from core.pipeline import Pipeline
+from core.studies.perturbation import make_soup, remove_discs
+from tests.core.shapes import icosphere, joined, rectangle, turned
+
+
+def without_caps(mesh: Mesh, heights: list[float]) -> Mesh:
+    """Of a unit sphere, the faces below the first height are gone, and above the second."""
+    z = mesh.vertices[mesh.faces][:, :, 2].mean(axis=1)
+    return clean(Mesh(mesh.vertices, mesh.faces[(z > heights[0]) & (z < heights[1])])).mesh
+
+
+def open_edges(mesh: Mesh) -> int:
+    return int((half_edges(mesh.faces).sheets == 1).sum())
+
+
+BALL = icosphere(3)
+
+
+def test_what_is_closed_stays_the_same_object():
+    assert filled(BALL, 10.0) is BALL
+
+
+def test_each_rim_gets_a_vertex_in_its_middle():
+    ring = without_caps(BALL, [-0.8, 0.7])
+    found = filled(ring, 1.0)
+    assert np.array_equal(found.vertices[: len(ring.vertices)], ring.vertices)
+    assert np.array_equal(found.faces[: len(ring.faces)], ring.faces)
+    new = found.vertices[len(ring.vertices) :]
+    assert len(new) == 2
+    assert np.abs(new[:, :2]).max() < 0.02
+    assert sorted(np.round(new[:, 2], 1)) == [-0.8, 0.7]
+    assert len(found.faces) == len(ring.faces) + open_edges(ring)
+
+
+def test_the_faces_run_as_their_neighbours_do_and_leave_nothing_open():
+    found = filled(without_caps(BALL, [-0.8, 0.7]), 1.0)
+    sides = half_edges(found.faces)
+    assert set(sides.sheets) == {2}
+    start = found.faces.ravel()[sides.order].reshape(-1, 2)
+    assert np.array_equal(np.sort(start, axis=1), sides.edges)
+
+
+@pytest.mark.parametrize(("most", "count"), [(0.03, 0), (0.2, 1), (0.6, 2)])
+def test_only_rims_that_bound_little_are_closed(most, count):
+    """Round ones would bound 0.07 and 0.27 of the surface; these zigzag, up to 1.3 times as long."""
+    ring = without_caps(BALL, [-0.9, 0.5])
+    area = face_areas(ring.vertices, ring.faces).sum()
+    shares = [np.pi * (1.0 - height**2) / area for height in (0.9, 0.5)]
+    assert np.allclose(shares, (0.07, 0.27), atol=0.01)
+    assert len(filled(ring, most).vertices) - len(ring.vertices) == count
+
+
+def test_sheets_and_triangles_by_themselves_are_no_holes():
+    soup = make_soup(BALL, 0.2, 0)
+    assert filled(soup, DEFAULT.fill_holes) is soup
+    sheet = rectangle(2.0, 1.0, 12, 6)
+    assert filled(sheet, DEFAULT.fill_holes) is sheet
+
+
+def test_each_part_is_measured_by_its_own_area():
+    ring = without_caps(BALL, [-0.95, 2.0])
+    small = Mesh(0.02 * ring.vertices + [3.0, 0.0, 0.0], ring.faces)
+    both = joined(rectangle(2.0, 1.0, 12, 6), small)
+    found = filled(both, DEFAULT.fill_holes)
+    assert len(found.vertices) == len(both.vertices) + 1
+    assert np.linalg.norm(found.vertices[-1] - [3.0, 0.0, -0.019]) < 0.002
+
+
+def test_rims_that_meet_are_left_open():
+    """Two faces gone that share one vertex, and elsewhere one face, which is closed."""
+    here = np.flatnonzero((BALL.faces == 0).any(axis=1))
+    shared = [len(np.intersect1d(BALL.faces[here[0]], BALL.faces[face])) for face in here]
+    opposite = int(np.argmin(BALL.vertices[BALL.faces].mean(axis=1) @ BALL.vertices[0]))
+    drop = {int(here[0]), int(here[np.argmin(shared)]), opposite}
+    kept = [face for face in range(len(BALL.faces)) if face not in drop]
+    mesh = Mesh(BALL.vertices, BALL.faces[kept])
+    found = filled(mesh, 1.0)
+    assert len(found.vertices) == len(mesh.vertices) + 1
+    assert open_edges(found) == 6
+
+
+def test_more_vertices_on_one_side_do_not_move_the_middle():
+    square = np.array([(0, 0, 0), (0.25, 0, 0), (0.5, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0.5, 0.5, -9)])
+    rim = np.arange(6)
+    cone = Mesh(square.astype(float), np.stack([rim, np.roll(rim, -1), np.full(6, 6)], axis=1))
+    assert np.allclose(filled(cone, 1.0).vertices[-1], (0.5, 0.5, 0.0))
+
+
+def test_a_shape_with_holes_is_more_like_the_whole_one_once_they_are_closed():
+    shape = make_shape("quadruped", 1)
+    holed = remove_discs(turned(Mesh(shape.vertices, shape.faces), 3), 0.15, 1)
+    found = []
+    for parameters in (DEFAULT, replace(DEFAULT, fill_holes=0.0)):
+        method = Pipeline(parameters)
+        found.append(method.score(method.embed(shape), [method.embed(holed)]).cc[0])
+    assert found[0] > found[1]
+
+
+def test_a_pipeline_without_it_is_the_one_from_before_there_was_this():
+    """Which an archive may have been embedded by."""
+    before = replace(DEFAULT, fill_holes=0.0, decimate_above=40_000, decimate_to=20_000)
+    before = replace(before, smooth_refined=False, patches=False)
+    assert before.fingerprint == "9973095625c03507"

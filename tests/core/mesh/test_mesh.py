@@ -1,0 +1,101 @@
+"""The validator of meshes: what it lets through, what it refuses, and that it cannot be undone."""
+
+import numpy as np
+import pytest
+
+from core.errors import MalformedMeshError, MeshError, NonFiniteCoordinatesError, NoTrianglesError
+from core.mesh.mesh import Mesh
+
+CORNERS = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
+
+
+def test_keeps_what_it_is_given():
+    mesh = Mesh(np.array(CORNERS, dtype=np.float32), np.array([[0, 1, 2]], dtype=np.uint8))
+    assert mesh.vertices.dtype == np.float64
+    assert mesh.faces.dtype == np.int64
+    assert mesh.vertices.tolist() == CORNERS
+    assert mesh.faces.tolist() == [[0, 1, 2]]
+
+
+def test_takes_lists():
+    assert Mesh(CORNERS, [[0, 1, 2]]).faces.shape == (1, 3)
+
+
+def test_takes_whole_numbers_as_indices_whatever_their_type():
+    assert Mesh(CORNERS, np.array([[0.0, 1.0, 2.0]], dtype=np.float32)).faces.tolist() == [[0, 1, 2]]
+
+
+def test_the_message_says_that_an_index_is_not_whole():
+    with pytest.raises(MeshError, match="not whole"):
+        Mesh(CORNERS, [[0, 1, 1.5]])
+
+
+@pytest.mark.parametrize("order", ["C", "F"])
+def test_arrays_are_contiguous(order):
+    mesh = Mesh(np.array(CORNERS, order=order), np.array([[0, 1, 2], [2, 1, 0]], order=order))
+    assert mesh.vertices.flags.c_contiguous
+    assert mesh.faces.flags.c_contiguous
+
+
+def test_vertices_may_be_unused_or_repeated_in_a_face():
+    assert Mesh([*CORNERS, [9.0, 9.0, 9.0]], [[0, 1, 1]]).vertices.shape == (4, 3)
+
+
+def test_a_later_change_of_the_arrays_given_is_not_seen():
+    vertices, faces = np.array(CORNERS), np.array([[0, 1, 2]])
+    mesh = Mesh(vertices, faces)
+    vertices[0] = np.nan
+    faces[0] = 99
+    assert mesh.vertices.tolist() == CORNERS
+    assert mesh.faces.tolist() == [[0, 1, 2]]
+
+
+@pytest.mark.parametrize("name", ["vertices", "faces"])
+def test_is_frozen(name):
+    mesh = Mesh(CORNERS, [[0, 1, 2]])
+    with pytest.raises(ValueError, match="read-only"):
+        getattr(mesh, name)[0, 0] = 1
+    with pytest.raises(AttributeError):
+        setattr(mesh, name, None)
+
+
+@pytest.mark.parametrize(
+    ("vertices", "faces", "error"),
+    [
+        pytest.param(CORNERS, [[0, 1, 3]], MalformedMeshError, id="index one too large"),
+        pytest.param(CORNERS, [[0, 1, 2**62]], MalformedMeshError, id="index far too large"),
+        pytest.param(CORNERS, [[0, 1, -1]], MalformedMeshError, id="negative index"),
+        pytest.param(CORNERS, [[0, 1, 1.5]], MalformedMeshError, id="fractional index"),
+        pytest.param(CORNERS, [[0, 1, -0.5]], MalformedMeshError, id="fraction that would be cut to 0"),
+        pytest.param(CORNERS, [[0, 1, np.nan]], MalformedMeshError, id="index not a number"),
+        pytest.param(CORNERS, [[0, 1, np.inf]], MalformedMeshError, id="index infinite"),
+        pytest.param(CORNERS, [[0, 1, 1e300]], MalformedMeshError, id="index past all integers"),
+        pytest.param(CORNERS, [[0, 1]], MalformedMeshError, id="two corners"),
+        pytest.param(CORNERS, [[0, 1, 2, 0]], MalformedMeshError, id="four corners"),
+        pytest.param(CORNERS, [0, 1, 2], MalformedMeshError, id="faces not a table"),
+        pytest.param([[0, 0], [1, 0], [0, 1]], [[0, 1, 2]], MalformedMeshError, id="plane coordinates"),
+        pytest.param([0, 0, 0], [[0, 0, 0]], MalformedMeshError, id="vertices not a table"),
+        pytest.param(np.zeros((0, 3)), [[0, 0, 0]], MalformedMeshError, id="no vertices"),
+        pytest.param(CORNERS, np.zeros((0, 3), dtype=int), NoTrianglesError, id="no faces"),
+        pytest.param(np.zeros((0, 3)), np.zeros((0, 3), dtype=int), NoTrianglesError, id="nothing"),
+    ],
+)
+def test_refuses(vertices, faces, error):
+    with pytest.raises(error):
+        Mesh(vertices, faces)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("row", [0, 3])
+def test_refuses_what_is_not_finite_even_where_no_face_is(value, row):
+    vertices = np.array([*CORNERS, [5.0, 5.0, 5.0]])
+    vertices[row, 2] = value
+    with pytest.raises(NonFiniteCoordinatesError):
+        Mesh(vertices, [[0, 1, 2]])
+
+
+def test_the_message_names_the_wrong_index():
+    with pytest.raises(MeshError, match="vertex 7, but there are 3"):
+        Mesh(CORNERS, [[0, 1, 7]])
+    with pytest.raises(MeshError, match="vertex -2, but there are 3"):
+        Mesh(CORNERS, [[0, 1, -2]])

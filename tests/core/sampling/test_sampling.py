@@ -1,0 +1,177 @@
+"""The cut, the seeded draw and the covering selection."""
+
+import numpy as np
+import pytest
+from scipy.sparse.csgraph import dijkstra
+
+from core.graph.edge_graph import edge_graph
+from core.mesh.normal_frame import normal_frame
+from core.sampling.farthest_point import farthest_points
+from core.sampling.lewis_weights import lewis_weights
+from core.sampling.sampling import covering, draw_scale, keyed_uniform, random_draw, sort_and_cut
+from tests.core.shapes import GALLERY, blob, make_shape
+
+
+def framed(mesh):
+    """Graph, points in the normal frame, and their Lewis weights."""
+    points = normal_frame(mesh).apply(mesh.vertices)
+    return edge_graph(mesh), points, lewis_weights(points).weights
+
+
+def largest_gap(graph, samples):
+    return dijkstra(graph, indices=samples, min_only=True).max()
+
+
+def uneven(count=60, seed=0):
+    """Weights over three decades."""
+    return 10.0 ** np.random.default_rng(seed).uniform(-3.0, 0.0, size=count)
+
+
+def test_the_cut_takes_the_largest_first_and_ties_by_order():
+    weights = np.array([0.2, 0.9, 0.2, 0.5, 0.9, 0.2])
+    np.testing.assert_array_equal(sort_and_cut(weights, 4), [1, 4, 3, 0])
+    np.testing.assert_array_equal(sort_and_cut(weights, 6), [1, 4, 3, 0, 2, 5])
+    np.testing.assert_array_equal(sort_and_cut(np.ones(100), 30), np.arange(30))
+
+
+def test_the_cut_leaves_nothing_larger_behind():
+    weights = uneven(500)
+    samples = sort_and_cut(weights, 50)
+    assert (np.diff(weights[samples]) <= 0.0).all()
+    assert np.delete(weights, samples).max() <= weights[samples].min()
+
+
+def test_keyed_numbers_are_roughly_uniform():
+    points = np.random.default_rng(1).normal(size=(20_000, 3))
+    numbers = keyed_uniform(points, 3)
+    assert numbers.min() >= 0.0
+    assert numbers.max() < 1.0
+    counts = np.bincount((numbers * 20).astype(int), minlength=20)
+    # Chi-squared with 19 degrees of freedom: 50.8 is passed once in ten thousand.
+    assert ((counts - 1000.0) ** 2 / 1000.0).sum() < 50.8
+    assert abs(np.corrcoef(numbers[:-1], numbers[1:])[0, 1]) < 0.03
+
+
+def test_keyed_numbers_belong_to_the_place():
+    points = np.random.default_rng(2).normal(size=(400, 3))
+    order = np.random.default_rng(3).permutation(400)
+    numbers = keyed_uniform(points, 7)
+    np.testing.assert_array_equal(keyed_uniform(points[order], 7), numbers[order])
+    np.testing.assert_array_equal(keyed_uniform(points[:5], 7), numbers[:5])
+
+
+def test_keyed_numbers_ignore_what_rounding_takes_away():
+    points = np.round(np.random.default_rng(4).normal(size=(200, 3)), 4)
+    numbers = keyed_uniform(points, 7)
+    np.testing.assert_array_equal(keyed_uniform(points + 3e-5, 7), numbers)
+    assert (keyed_uniform(points + 1e-4, 7) != numbers).all()
+
+
+def test_seeds_give_numbers_that_have_nothing_in_common():
+    points = np.random.default_rng(5).normal(size=(3000, 3))
+    first, second, negative = (keyed_uniform(points, seed) for seed in (0, 1, -1))
+    for other in (second, negative):
+        assert (first != other).all()
+        assert abs(np.corrcoef(first, other)[0, 1]) < 0.08
+
+
+@pytest.mark.parametrize("count", [1, 5, 20, 45, 59])
+@pytest.mark.parametrize("seed", range(5))
+def test_the_scale_makes_the_mean_size_of_the_draw(count, seed):
+    weights = uneven(seed=seed)
+    scale = draw_scale(weights, count)
+    assert np.minimum(1.0, scale * weights).sum() == pytest.approx(count)
+
+
+def test_the_scale_when_weights_are_equal_or_nought():
+    assert draw_scale(np.full(10, 0.5), 4) == pytest.approx(0.8)
+    some = np.array([0.0, 1.0, 0.0, 3.0, 2.0])
+    assert np.minimum(1.0, draw_scale(some, 2) * some).sum() == pytest.approx(2.0)
+    for count in (3, 5):
+        np.testing.assert_allclose(np.minimum(1.0, draw_scale(some, count) * some), some > 0.0)
+    assert np.isfinite(draw_scale(np.zeros(4), 2))
+
+
+@pytest.mark.parametrize("count", [1, 7, 30, 60])
+def test_a_draw_has_exactly_its_count(count):
+    for seed in range(20):
+        samples = random_draw(uneven(), count, np.random.default_rng(seed).random(60))
+        assert len(samples) == len(np.unique(samples)) == count
+        assert samples.min() >= 0
+        assert samples.max() < 60
+
+
+def test_a_draw_takes_points_without_weight_last():
+    weights = np.repeat([0.0, 1.0], 10)
+    samples = random_draw(weights, 10, np.random.default_rng(6).uniform(0.01, 1.0, size=20))
+    np.testing.assert_array_equal(np.sort(samples), np.arange(10, 20))
+
+
+@pytest.mark.parametrize("count", [20, 30, 45])
+def test_a_point_that_is_sure_is_always_drawn(count):
+    weights = uneven()
+    sure = np.flatnonzero(draw_scale(weights, count) * weights >= 1.0)
+    assert 0 < len(sure) < count
+    for seed in range(300):
+        samples = random_draw(weights, count, np.random.default_rng(seed).random(60))
+        assert set(sure) <= set(samples)
+
+
+def test_points_are_drawn_as_often_as_their_probability():
+    weights = uneven(200, seed=8)
+    points = np.random.default_rng(9).normal(size=(200, 3))
+    probability = np.minimum(1.0, draw_scale(weights, 60) * weights)
+    seeds = 300
+    kept = np.zeros(200)
+    for seed in range(seeds):
+        kept[random_draw(weights, 60, keyed_uniform(points, seed))] += 1.0
+    # Five standard errors, and what the fixed size changes.
+    bound = 5.0 * np.sqrt(probability * (1.0 - probability) / seeds) + 0.01
+    assert (np.abs(kept / seeds - probability) < bound).all()
+    small = probability < 0.2
+    assert kept[small].sum() / seeds == pytest.approx(probability[small].sum(), rel=0.1)
+
+
+def test_a_draw_belongs_to_the_places_and_the_seed():
+    _, points, weights = framed(blob())
+    order = np.random.default_rng(10).permutation(len(points))
+    samples = random_draw(weights, 50, keyed_uniform(points, 1))
+    again = random_draw(weights[order], 50, keyed_uniform(points[order], 1))
+    np.testing.assert_array_equal(order[again], samples)
+    assert set(samples) != set(random_draw(weights, 50, keyed_uniform(points, 2)))
+
+
+@pytest.mark.parametrize("label", GALLERY)
+@pytest.mark.parametrize("power", [0.25, 0.5])
+def test_covering_is_exact_distinct_and_leaves_no_region_bare(label, power):
+    graph, points, weights = framed(make_shape(label, 0))
+    samples = covering(graph, points, weights, 100, power)
+    assert len(samples) == len(np.unique(samples)) == 100
+    plain = farthest_points(graph, 100, int(samples[0]))
+    assert not np.array_equal(samples, plain)
+    assert largest_gap(graph, samples) <= 2.0 * largest_gap(graph, plain)
+
+
+@pytest.mark.parametrize("label", GALLERY[:4])
+def test_power_nought_is_plain_farthest_point_sampling(label):
+    graph, points, weights = framed(make_shape(label, 0))
+    first = int(np.argmax(np.linalg.norm(points, axis=1)))
+    np.testing.assert_array_equal(
+        covering(graph, points, weights, 80, 0.0), farthest_points(graph, 80, first)
+    )
+
+
+@pytest.mark.parametrize("label", GALLERY[:4])
+def test_a_larger_power_takes_more_weight(label):
+    graph, points, weights = framed(make_shape(label, 0))
+    taken = [weights[covering(graph, points, weights, 80, power)].sum() for power in (0.0, 0.5, 1.0)]
+    assert taken[0] < taken[1] < taken[2]
+
+
+@pytest.mark.parametrize("power", [0.0, 0.5])
+def test_samples_follow_the_vertices(power):
+    graph, points, weights = framed(blob())
+    order = np.random.default_rng(11).permutation(len(points))
+    samples = covering(graph, points, weights, 60, power)
+    again = covering(graph[order][:, order], points[order], weights[order], 60, power)
+    np.testing.assert_array_equal(order[again], samples)

@@ -1,0 +1,251 @@
+"""Records: an embedding to bytes and back, and bytes that are none."""
+
+import json
+from dataclasses import asdict, fields, replace
+
+import numpy as np
+import pytest
+from safetensors.numpy import load, save
+
+from core.descriptors.descriptor_distance import WIDTH
+from core.descriptors.spin_images import KEYS
+from core.embedding import Embedding, Facts, Spectrum
+from core.errors import BadRecordError
+from core.gallery import make_shape
+from core.parameters import DEFAULT, PAPER
+from core.pipeline import Pipeline
+from core.serialization import embedding_from_bytes, embedding_to_bytes
+
+FACTS = Facts(
+    vertices=120,
+    faces=236,
+    area=3.25,
+    volume=0.1,
+    scale=1e-3,
+    components=2,
+    merged_vertices=7,
+    dropped_faces=1,
+    boundary_edges=0,
+    nonmanifold_edges=4,
+)
+
+
+def embedding(*, samples=12, spectra=2, seed=0):
+    rng = np.random.default_rng(seed)
+    edges = np.stack([np.arange(samples - 1), np.arange(1, samples)], axis=1).astype(np.int32)
+    return Embedding(
+        fingerprint="0123456789abcdef",
+        facts=FACTS,
+        positions=rng.normal(size=(samples, 3)).astype(np.float32),
+        vertices=rng.permutation(120)[:samples].astype(np.int32),
+        graph_edges=np.concatenate([edges, [[0, samples - 1]]]).astype(np.int32),
+        graph_lengths=rng.random(samples).astype(np.float32),
+        tree_edges=edges,
+        regions=np.arange(2 * samples, dtype=np.int32) % samples,
+        signature=rng.random(9).astype(np.float32),
+        spectra=tuple(
+            Spectrum(
+                name,
+                rng.random(5 + i).astype(np.float32),
+                rng.normal(size=(2 * samples, 4 + i)).astype(np.float32),
+            )
+            for i, name in enumerate(("affinity", "laplace-beltrami")[:spectra])
+        ),
+        patches=rng.integers(0, 255, size=(KEYS, WIDTH)).astype(np.uint8),
+    )
+
+
+ARRAYS = [field.name for field in fields(Embedding) if field.name not in ("fingerprint", "facts", "spectra")]
+
+
+@pytest.mark.parametrize("spectra", [1, 2])
+def test_an_embedding_comes_back_whole(spectra):
+    made = embedding(spectra=spectra)
+    back = embedding_from_bytes(embedding_to_bytes(made))
+    assert back.fingerprint == made.fingerprint
+    assert back.facts == made.facts
+    for name in ARRAYS:
+        assert getattr(back, name).dtype == getattr(made, name).dtype
+        assert np.array_equal(getattr(back, name), getattr(made, name))
+    assert [spectrum.name for spectrum in back.spectra] == [spectrum.name for spectrum in made.spectra]
+    for one, other in zip(back.spectra, made.spectra, strict=True):
+        assert one.eigenvalues.dtype == one.coordinates.dtype == np.float32
+        assert np.array_equal(one.eigenvalues, other.eigenvalues)
+        assert np.array_equal(one.coordinates, other.coordinates)
+
+
+def test_the_same_embedding_gives_the_same_bytes():
+    first = embedding_to_bytes(embedding())
+    assert embedding_to_bytes(embedding()) == first
+    assert embedding_to_bytes(embedding_from_bytes(first)) == first
+
+
+def test_another_embedding_gives_other_bytes():
+    made = embedding()
+    assert embedding_to_bytes(embedding(seed=1)) != embedding_to_bytes(made)
+    assert embedding_to_bytes(replace(made, fingerprint="f" * 16)) != embedding_to_bytes(made)
+    assert embedding_to_bytes(replace(made, facts=replace(FACTS, components=3))) != embedding_to_bytes(made)
+
+
+def test_how_an_array_lies_in_memory_does_not_matter():
+    made = embedding()
+    turned = replace(made, positions=np.asfortranarray(made.positions))
+    strided = replace(made, positions=np.repeat(made.positions, 2, axis=0)[::2])
+    assert embedding_to_bytes(turned) == embedding_to_bytes(strided) == embedding_to_bytes(made)
+
+
+def test_no_bytes_are_no_record():
+    with pytest.raises(BadRecordError):
+        embedding_from_bytes(b"")
+
+
+def test_a_truncated_record_is_refused_wherever_it_ends():
+    data = embedding_to_bytes(embedding())
+    for end in range(0, len(data), 7):
+        with pytest.raises(BadRecordError):
+            embedding_from_bytes(data[:end])
+    with pytest.raises(BadRecordError):
+        embedding_from_bytes(data[:-1])
+
+
+def test_more_bytes_than_a_record_are_refused():
+    with pytest.raises(BadRecordError):
+        embedding_from_bytes(embedding_to_bytes(embedding()) + b"\x00")
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_random_bytes_are_refused(seed):
+    rng = np.random.default_rng(seed)
+    with pytest.raises(BadRecordError):
+        embedding_from_bytes(rng.bytes(int(rng.integers(1, 4000))))
+
+
+@pytest.mark.parametrize("data", [b"ply\nformat ascii 1.0\n", b"{}", b"\x02\x00\x00\x00\x00\x00\x00\x00{}"])
+def test_other_formats_are_refused(data):
+    with pytest.raises(BadRecordError):
+        embedding_from_bytes(data)
+
+
+def test_tensors_without_the_fields_are_refused():
+    with pytest.raises(BadRecordError):
+        embedding_from_bytes(save({"weights": np.zeros((2, 3), dtype=np.float32)}))
+
+
+@pytest.mark.parametrize("missing", ["header", *ARRAYS, "eigenvalues_0", "coordinates_1"])
+def test_a_record_without_one_of_its_arrays_is_refused(missing):
+    arrays = load(embedding_to_bytes(embedding()))
+    del arrays[missing]
+    with pytest.raises(BadRecordError):
+        embedding_from_bytes(save(arrays))
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        b"",
+        b"\xff\xfe",
+        b"[]",
+        b"null",
+        b'"text"',
+        b"{}",
+        json.dumps({"fingerprint": "0" * 16, "facts": {}, "spectra": []}).encode(),
+        json.dumps({"fingerprint": "0" * 16, "facts": {"colour": 1}, "spectra": []}).encode(),
+        json.dumps({"fingerprint": "0" * 16, "facts": [], "spectra": []}).encode(),
+    ],
+)
+def test_a_header_that_is_not_one_is_refused(header):
+    arrays = load(embedding_to_bytes(embedding()))
+    arrays["header"] = np.frombuffer(header, dtype=np.uint8)
+    with pytest.raises(BadRecordError):
+        embedding_from_bytes(save(arrays))
+
+
+def test_the_embeddings_that_the_pipeline_makes_are_records():
+    for parameters in (DEFAULT, PAPER):
+        for number in range(3):
+            made = Pipeline(parameters).embed(make_shape("octopus", number))
+            back = embedding_from_bytes(embedding_to_bytes(made))
+            assert embedding_to_bytes(back) == embedding_to_bytes(made)
+
+
+def changed(name, change):
+    arrays = load(embedding_to_bytes(embedding()))
+    arrays[name] = np.array(change(arrays[name].copy()), order="C")
+    return save(arrays)
+
+
+@pytest.mark.parametrize("name", [*ARRAYS, "eigenvalues_0", "coordinates_1"])
+def test_an_array_of_another_type_or_shape_is_refused(name):
+    other = {"float32": np.float64, "int32": np.int64, "uint8": np.int16}
+    with pytest.raises(BadRecordError, match=r"float64|int64|int16"):
+        embedding_from_bytes(changed(name, lambda array: array.astype(other[array.dtype.name])))
+    for change in (
+        lambda array: array[None],
+        lambda array: array[..., 0],
+        lambda array: array[:0],
+        lambda array: array.reshape(-1)[:1].reshape(()),
+    ):
+        with pytest.raises(BadRecordError):
+            embedding_from_bytes(changed(name, change))
+
+
+@pytest.mark.parametrize("name", [name for name in ARRAYS if name != "signature"] + ["coordinates_0"])
+def test_an_array_that_is_shorter_than_the_others_is_refused(name):
+    with pytest.raises(BadRecordError):
+        embedding_from_bytes(changed(name, lambda array: array[:-1]))
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize(
+    "name", ["positions", "graph_lengths", "signature", "eigenvalues_1", "coordinates_0"]
+)
+def test_a_number_that_is_not_finite_is_refused(name, value):
+    def spoil(array):
+        array.reshape(-1)[-1] = value
+        return array
+
+    with pytest.raises(BadRecordError, match="not finite"):
+        embedding_from_bytes(changed(name, spoil))
+
+
+@pytest.mark.parametrize("index", [-1, 12, 120, 2**31 - 1])
+@pytest.mark.parametrize("name", ["vertices", "graph_edges", "tree_edges", "regions"])
+def test_an_index_of_nothing_is_refused(name, index):
+    def spoil(array):
+        array.reshape(-1)[-1] = index
+        return array
+
+    if name == "vertices" and 0 <= index < FACTS.vertices:
+        embedding_from_bytes(changed(name, spoil))
+    else:
+        with pytest.raises(BadRecordError, match="out of range"):
+            embedding_from_bytes(changed(name, spoil))
+
+
+def test_points_that_do_not_begin_with_the_samples_are_refused():
+    with pytest.raises(BadRecordError, match="samples"):
+        embedding_from_bytes(changed("regions", lambda array: array[::-1]))
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"fingerprint": 7},
+        {"fingerprint": None},
+        {"spectra": ["affinity", "affinity"]},
+        {"spectra": [["affinity"], "laplace-beltrami"]},
+        {"spectra": []},
+        {"facts": {**asdict(FACTS), "area": float("nan")}},
+        {"facts": {**asdict(FACTS), "scale": "1"}},
+        {"facts": {**asdict(FACTS), "faces": 1.5}},
+        {"facts": {**asdict(FACTS), "faces": True}},
+        {"facts": {**asdict(FACTS), "components": -1}},
+        {"facts": {**asdict(FACTS), "volume": float("inf")}},
+    ],
+)
+def test_a_header_with_a_value_of_the_wrong_kind_is_refused(change):
+    arrays = load(embedding_to_bytes(embedding()))
+    header = json.loads(arrays["header"].tobytes()) | change
+    arrays["header"] = np.frombuffer(json.dumps(header).encode(), dtype=np.uint8)
+    with pytest.raises(BadRecordError):
+        embedding_from_bytes(save(arrays))

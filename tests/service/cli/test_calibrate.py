@@ -1,0 +1,146 @@
+"""`isoshape calibrate`, against the fit to scores asked pair by pair."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from core.arrays import Floats
+from core.descriptors.boundary_ratio import INCOMPLETE
+from core.descriptors.descriptor_distance import apart
+from core.embedding import Embedding
+from core.evaluation.calibration import Collection, fit, leave_class_out, reliability
+from core.evaluation.retrieval_measures import evaluate
+from core.io import format_of, read_mesh
+from core.mesh.cleaning import clean
+from core.parameters import DEFAULT
+from core.pipeline import Pipeline
+from core.ranking.class_probability import Calibration, part_evidence, patch_evidence
+from service.datasets import read_collection
+from service.studies.calibration.part_pairs import LEVELS, SEED
+from service.studies.robustness.perturbed_queries import seed_of
+from service.studies.subset import spread
+from tests.service.cli.conftest import Run, mesh_bytes
+
+PNG = b"\x89PNG\r\n\x1a\n"
+
+
+def plain(folder: Path) -> Collection:
+    """All pairs of a folder, one at a time."""
+    pipeline = Pipeline(DEFAULT)
+    files = read_collection(folder)
+    embeddings = [pipeline.embed(read_mesh(path.read_bytes(), format_of(path.name))) for path, _ in files]
+
+    def evidence(one: Embedding, other: Embedding) -> Floats:
+        scores = pipeline.score(one, [other])
+        whole = pipeline.evidence(scores.cc, scores.sim, one.signature, other.signature[None])
+        return patch_evidence(whole, apart(one.patches, [other.patches]).distance)[0]
+
+    rows = [[evidence(one, other) for other in embeddings] for one in embeddings]
+    return Collection(tuple(label for _, label in files), np.array(rows))
+
+
+def plain_parts(folder: Path, count: int) -> list[Collection]:
+    """Shapes made incomplete in every way, and the whole ones, one pair at a time."""
+    pipeline = Pipeline(DEFAULT)
+    files = spread(read_collection(folder), count)
+    meshes = [clean(read_mesh(path.read_bytes(), format_of(path.name))).mesh for path, _ in files]
+    wholes = [pipeline.embed(mesh) for mesh in meshes]
+    found = []
+    for kind, amount in LEVELS:
+        evidence, asked = np.zeros((count, count, 1)), np.zeros((count, count), dtype=bool)
+        for i, (path, _) in enumerate(files):
+            query = pipeline.embed(kind.perturb(meshes[i], amount, seed_of(path, SEED)))
+            if query.facts.openness <= INCOMPLETE:
+                continue
+            asked[i] = True
+            for j, other in enumerate(wholes):
+                scores = pipeline.score(query, [other])
+                whole = pipeline.evidence(scores.cc, scores.sim, query.signature, other.signature[None])
+                evidence[i, j] = part_evidence(whole, apart(query.patches, [other.patches]).distance)[0]
+        found.append(Collection(tuple(label for _, label in files), evidence, asked))
+    return found
+
+
+@pytest.fixture(scope="module")
+def second(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two more classes, one of them the first collection's under another name's case."""
+    folder = tmp_path_factory.mktemp("second") / "more"
+    for label, name in (("cup", "Cup"), ("fish", "fish")):
+        (folder / name).mkdir(parents=True)
+        for pose in range(3, 5):
+            (folder / name / f"{pose}.off").write_bytes(mesh_bytes(label, pose))
+    return folder
+
+
+def test_the_fit_and_how_it_is_judged(collection: Path, second: Path, run: Run, tmp_path: Path) -> None:
+    out = tmp_path / "new" / "out"
+    done = run("calibrate", collection, second, "--parts", 9, "--json", "--out", out)
+    assert (done.status, done.stderr) == (0, "")
+    found = json.loads(done.stdout)
+    collections = [plain(collection), plain(second)]
+    model = fit(collections)
+    assert found["intercept"] == pytest.approx(model.intercept, rel=1e-3)
+    assert found["slopes"] == pytest.approx(model.slopes, rel=1e-3)
+    bare = fit([replace(one, evidence=one.evidence[..., :2]) for one in collections])
+    assert found["without_patches"]["slopes"] == pytest.approx(bare.slopes, rel=1e-3)
+    incomplete = [*plain_parts(collection, 9), *plain_parts(second, 4)]
+    assert found["incomplete"]["queries"] == sum(one.both_ways.any(axis=1).sum() for one in incomplete) > 80
+    part = fit(incomplete)
+    assert found["incomplete"]["intercept"] == pytest.approx(part.intercept, rel=1e-3)
+    assert found["incomplete"]["slopes"] == pytest.approx(part.slopes, rel=1e-3)
+    judged = reliability(incomplete, leave_class_out(incomplete))
+    assert found["incomplete"]["error"] == pytest.approx(judged.error, abs=1e-4)
+    chances = leave_class_out(collections)
+    for told, one, given, name in zip(
+        found["collections"], collections, chances, ("made", "more"), strict=True
+    ):
+        figures = evaluate(given, one.labels, larger_is_closer=True)
+        assert (told["name"], told["shapes"], told["classes"]) == (
+            name,
+            len(one.labels),
+            len(set(one.labels)),
+        )
+        assert [told[key] for key in ("nn", "ft", "st")] == [figures.nn, figures.ft, figures.st]
+        assert told["error"] == pytest.approx(reliability([one], [given]).error, abs=1e-4)
+    assert found["together"]["base_rate"] == pytest.approx((9 / 36 + 2 / 6) / 2)
+
+    page = (out / "calibration.md").read_text()
+    assert "`isoshape calibrate made more --out docs --parts 9`" in page
+    code = page.split("```python\n")[1].split("```")[0]
+    names: dict[str, object] = {"Calibration": Calibration}
+    exec(code, names)
+    told_of = {"CALIBRATED": found, "CALIBRATED_PARTS": found["incomplete"]}
+    told_of["WITHOUT_PATCHES"] = found["without_patches"]
+    for name, numbers in told_of.items():
+        given = names[name]
+        assert isinstance(given, Calibration)
+        assert given.intercept == pytest.approx(numbers["intercept"], abs=1e-4)
+        assert given.slopes == pytest.approx(numbers["slopes"], abs=1e-4)
+    assert "](calibration.png)" in page
+    assert (out / "calibration.png").read_bytes().startswith(PNG)
+    again = run("calibrate", collection, second, "--parts", 9, "--out", tmp_path / "again")
+    assert code in again.stdout
+    for name in ("calibration.md", "calibration.png"):
+        assert (tmp_path / "again" / name).read_bytes() == (out / name).read_bytes()
+
+
+def test_too_few_classes_and_files_that_cannot_be_used(run: Run, tmp_path: Path) -> None:
+    for label in ("cup", "pliers"):
+        (tmp_path / label).mkdir()
+        for pose in range(2):
+            (tmp_path / label / f"{pose}.off").write_bytes(mesh_bytes(label, pose))
+    few = run("calibrate", tmp_path)
+    assert few.status == 1
+    assert few.stderr.splitlines()[-1] == (
+        "isoshape: three classes or more are needed, two of them with two shapes or more"
+    )
+    (tmp_path / "octopus").mkdir()
+    (tmp_path / "octopus" / "0.off").write_bytes(mesh_bytes("octopus", 0))
+    (tmp_path / "octopus" / "bad.off").write_bytes(b"OFF\n")
+    done = run("calibrate", tmp_path, "--limit", 9)
+    assert done.status == 1
+    assert done.stderr.splitlines()[-1] == "isoshape: 1 files could not be used"
+    assert "CALIBRATED = Calibration(" in done.stdout

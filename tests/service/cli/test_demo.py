@@ -1,0 +1,93 @@
+"""`isoshape demo`, with a smaller gallery, and `isoshape openapi`."""
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from service import openapi_document as openapi
+from service.cli import demo
+from service.client import Client
+from service.server.uvicorn_server import LOOPBACK, bind, wait_until_ready
+from tests.service.cli.conftest import CLASSES, Run
+
+
+def free_port() -> int:
+    with socket.socket() as free:
+        free.bind((LOOPBACK, 0))
+        return int(free.getsockname()[1])
+
+
+@pytest.fixture
+def small(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(demo, "CLASSES", CLASSES)
+    monkeypatch.setattr(demo, "POSES", 2)
+
+
+@pytest.mark.usefixtures("small")
+def test_check_then_again_with_another_gallery(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    done = run("demo", "--check", "--port", free_port())
+    assert (done.status, done.stderr.splitlines()[-1]) == (
+        0,
+        "3 of 3 first neighbours are of the query's class",
+    )
+    rows = [line.split() for line in done.stdout.splitlines()]
+    first = [row for row in rows if len(row) == 7 and row[1] == "1"]
+    assert [row[0] for row in first] == [f"{label}-02.ply" for label in CLASSES]
+    assert [(row[2].rpartition("-")[0], row[6]) for row in first] == [(label, "same") for label in CLASSES]
+    assert len([row for row in rows if row and row[-1] in {"same", "other"}]) == 9
+    assert Path("isoshape-data/demo.sqlite3").is_file()
+
+    # A gallery of fewer poses, whose query for a cup is a pair of pliers: what is made no more is dropped.
+    shape = demo._shape
+
+    def misnamed(label: str, pose: int) -> tuple[str, bytes]:
+        return shape("pliers", pose) if (label, pose) == ("cup", 1) else shape(label, pose)
+
+    monkeypatch.setattr(demo, "_shape", misnamed)
+    monkeypatch.setattr(demo, "POSES", 1)
+    done = run("demo", "--check", "--port", free_port())
+    assert done.status == 1
+    assert done.stderr.splitlines()[-1].endswith("the first neighbour is of another class for pliers-01.ply")
+    assert done.stdout.count("-01.ply") == 3
+
+
+def test_a_taken_port(run: Run) -> None:
+    with socket.socket() as taken:
+        taken.bind((LOOPBACK, 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        done = run("demo", "--check", "--port", port)
+    assert done.status == 2
+    assert done.stderr == (
+        f"isoshape: cannot listen on 127.0.0.1 port {port}: Address already in use; "
+        "choose another with --port\n"
+    )
+    assert not Path("isoshape-data").exists()
+
+
+def test_sigterm_ends_the_service_too() -> None:
+    port = free_port()
+    command = [sys.executable, "-P", "-m", "service.cli", "demo", "--port", str(port)]
+    process = subprocess.Popen(command, env={**os.environ, "ISOSHAPE_LOG_LEVEL": "error"})
+    try:
+        with Client(f"http://{LOOPBACK}:{port}") as client:
+            wait_until_ready(client, ended=lambda: process.poll() is not None)
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(60) == 128 + signal.SIGTERM
+    finally:
+        process.kill()
+        process.wait()
+    bind(LOOPBACK, port).close()
+
+
+def test_openapi_to_a_file_and_to_standard_output(run: Run) -> None:
+    assert run("openapi").status == 0
+    written = Path("openapi/openapi.json").read_text(encoding="utf-8")
+    assert json.loads(written) == openapi.document()
+    assert run("openapi", "--output", "-").stdout == written

@@ -1,0 +1,32 @@
+"""`isoshape duplicates`."""
+
+import csv
+import io
+
+from core.gallery import make_shape
+from core.io import write_mesh
+from core.mesh.mesh import Mesh
+from service.client import Client
+from tests.service.cli.conftest import Run, mesh_bytes
+
+
+def test_a_larger_copy_and_another_shape(archive: Client, run: Run) -> None:
+    cup = make_shape("cup", 0)
+    archive.upload(("a cup.off", mesh_bytes("cup", 0)), tags=["first"])
+    archive.upload(("octopus.off", mesh_bytes("octopus", 0)))
+    archive.upload(("larger.off", write_mesh(Mesh(2.0 * cup.vertices, cup.faces), "off")))
+    done = run("duplicates", "--url", archive.url)
+    assert done.status == 0
+    lines = [line.split() for line in done.stdout.splitlines() if line.strip(" ─")]
+    assert lines[0] == ["group", "name", "kinship", "scale", "cc", "residual"]
+    assert lines[1] == ["1", "a", "cup.off", "same", "1", "1.0000", "0.0000"]
+    assert lines[2] == ["1", "larger.off", "scaled", "2", "1.0000", "0.0000"]
+    assert len(lines) == 3
+    assert "2 of 3 shapes in 1 groups" in done.stderr
+    rows = list(csv.DictReader(io.StringIO(run("duplicates", "--csv", "--url", archive.url).stdout)))
+    assert [(row["name"], row["kinship"]) for row in rows] == [
+        ("a cup.off", "same"),
+        ("larger.off", "scaled"),
+    ]
+    few = run("duplicates", "--tag", "first", "--csv", "--url", archive.url)
+    assert few.stdout == "group,id,name,kinship,scale,cc,residual\n"

@@ -1,0 +1,81 @@
+"""Commands that work in a collection."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from service.auth.keys import Entry, digest_of
+from service.client import Client, ClientError
+from service.settings import Settings
+from tests.service.cli.conftest import CLASSES, POSES, Run, mesh_bytes
+
+TOTAL = len(CLASSES) * POSES
+
+
+def test_a_database_with_two_collections(collection: Path, tmp_path: Path, run: Run) -> None:
+    path = tmp_path / "own.sqlite3"
+    at = ("--url", f"sqlite:///{path}")
+    made = run("collections", "--create", "castings", *at)
+    assert (made.status, counts(made.stdout)) == (0, {"castings": "0", "default": "0"})
+    stored = run("ingest", collection, "--collection", "castings", *at)
+    assert (stored.status, stored.stdout) == (0, f"{TOTAL} stored, 0 already there, 0 refused\n")
+    cup = collection / "cup" / "cup-0.off"
+    assert run("ingest", cup, *at).stdout == "1 stored, 0 already there, 0 refused\n"
+    for named, many in (("castings", TOTAL), ("default", 1)):
+        asked = run("query", cup, "--json", "--collection", named, *at)
+        assert json.loads(asked.stdout)["stored"] == many
+    found = run("duplicates", "--csv", *at)
+    assert "1 shapes" in found.stderr
+    listed = run("collections", "--delete", "castings", *at)
+    assert (listed.status, listed.stdout) == (1, "")
+    assert "not empty" in listed.stderr.splitlines()[-1]
+    # What has to do with files has to do with those of all collections.
+    checked = run("check", path, "--json")
+    assert json.loads(checked.stdout)["shapes"] == TOTAL + 1
+    copied = run("copy", path, tmp_path / "copy.sqlite3")
+    assert copied.stdout.startswith(f"{TOTAL + 1} shapes on {TOTAL} files")
+    listed = run("collections", "--url", f"sqlite:///{tmp_path}/copy.sqlite3")
+    assert counts(listed.stdout) == {"castings": str(TOTAL), "default": "1"}
+
+
+def counts(table: str) -> dict[str, str]:
+    """What a table tells under its head."""
+    return dict(line.split() for line in table.splitlines()[3:] if line.strip())
+
+
+def test_a_collection_that_is_not_there_is_said_once(
+    archive: Client, tmp_path: Path, run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "cup.off"
+    path.write_bytes(mesh_bytes("cup", 0))
+    monkeypatch.setenv("ISOSHAPE_COLLECTION", "misspelt")
+    for command in (("ingest", path), ("query", path), ("duplicates",)):
+        done = run(*command, "--url", archive.url)
+        assert (done.status, done.stdout) == (1, "")
+        assert "there is no collection 'misspelt'" in done.stderr.splitlines()[-1]
+    assert archive.page().total == 0
+    with pytest.raises(ClientError, match="'a b'"):
+        Client(archive.url, collection="a b")
+
+
+def test_clients_of_two_collections(archive: Client) -> None:
+    archive.create_collection("other")
+    with Client(archive.url, collection="other") as other:
+        shape = other.upload(("cup.off", mesh_bytes("cup", 0))).shape
+        assert [one.id for one in other.shapes()] == [shape.id]
+        assert list(archive.shapes()) == []
+        counts = {one.name: one.shapes for one in archive.collections().collections}
+        assert counts == {"default": 0, "other": 1}
+        other.delete(shape.id)
+    archive.delete_collection("other")
+    assert [one.name for one in archive.collections().collections] == ["default"]
+
+
+def test_a_key_that_is_limited(run: Run) -> None:
+    printed = run("key", "--collection", "b", "--collection", "a").stdout.split()
+    entry = Entry.read(printed[3])
+    assert entry == Entry(digest_of(printed[1]), frozenset({"a", "b"}))
+    assert Settings(api_keys=printed[3]).api_keys == (printed[3],)
+    wrong = run("key", "--collection", "A")
+    assert (wrong.status, wrong.stdout) == (2, "")

@@ -1,0 +1,167 @@
+"""`isoshape ingest` into a running service."""
+
+from pathlib import Path
+
+import pytest
+
+from service.cli.ingest import class_tag
+from service.client import Client
+from tests.service.cli.conftest import CLASSES, POSES, Run, mesh_bytes
+from tests.service.jobs.packing import pack
+
+
+@pytest.fixture(autouse=True)
+def at_the_service(archive: Client, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ISOSHAPE_URL", archive.url)
+
+
+def test_a_folder_of_class_folders_twice(archive: Client, collection: Path, run: Run) -> None:
+    total = len(CLASSES) * POSES
+    first = run("ingest", collection, "--tag", "made")
+    assert (first.status, first.stdout) == (0, f"{total} stored, 0 already there, 0 refused\n")
+    assert first.stderr == f"using the service at {archive.url}\n"
+    stored = {shape.name: shape.tags for shape in archive.shapes()}
+    assert stored == {path.name: [path.parent.name, "made"] for path in collection.glob("*/*")}
+    again = run("ingest", collection)
+    assert (again.status, again.stdout) == (0, f"0 stored, {total} already there, 0 refused\n")
+    assert archive.page().total == total
+
+
+def test_bad_files_are_listed_and_the_rest_is_stored(archive: Client, tmp_path: Path, run: Run) -> None:
+    good = mesh_bytes("cup", 0)
+    files = {"good.off": good, "cut.off": good[: len(good) // 2], "empty.stl": b"", "words.ply": b"hello"}
+    for name, data in files.items():
+        (tmp_path / name).write_bytes(data)
+    rows = "".join(f"{name},Cup\n" for name in (*files, "missing.off"))
+    (tmp_path / "labels.csv").write_text("file,class\n" + rows, encoding="utf-8")
+    done = run("ingest", tmp_path)
+    assert done.status == 1
+    assert done.stdout == "1 stored, 0 already there, 4 refused\n"
+    causes = dict(line.split(": ", 1) for line in done.stderr.splitlines()[1:])
+    assert list(causes) == [
+        str(tmp_path / name) for name in ("cut.off", "empty.stl", "missing.off", "words.ply")
+    ]
+    assert [cause.split(":")[0] for cause in causes.values()] == [
+        "malformed-mesh",
+        "empty-file",
+        "No such file or directory",
+        "malformed-mesh",
+    ]
+    assert [(shape.name, shape.tags) for shape in archive.shapes()] == [("good.off", ["Cup"])]
+
+
+def test_a_single_file_and_files_of_other_formats(archive: Client, tmp_path: Path, run: Run) -> None:
+    (tmp_path / "one.off").write_bytes(mesh_bytes("cup", 0))
+    (tmp_path / "notes.txt").write_text("x", encoding="utf-8")
+    done = run("ingest", tmp_path)
+    assert (done.status, done.stdout) == (
+        0,
+        "1 stored, 0 already there, 0 refused, 1 of other formats left out\n",
+    )
+    assert run("ingest", tmp_path / "one.off").stdout == "0 stored, 1 already there, 0 refused\n"
+    named = run("ingest", tmp_path / "notes.txt")
+    assert named.status == 1
+    assert "unknown-format" in named.stderr
+    assert archive.page().total == 1
+
+
+def test_a_single_file_of_a_labelled_folder(archive: Client, tmp_path: Path, run: Run) -> None:
+    for name in ("one.off", "two.off"):
+        (tmp_path / name).write_bytes(mesh_bytes("cup", 0))
+    (tmp_path / "labels.csv").write_text("file,class\none.off,Cup\n", encoding="utf-8")
+    assert run("ingest", tmp_path / "one.off", tmp_path / "two.off").status == 0
+    assert {shape.name: shape.tags for shape in archive.shapes()} == {"one.off": ["Cup"], "two.off": []}
+
+
+@pytest.mark.parametrize("ending", ["zip", "tar.gz"])
+def test_an_archive_is_stored_by_a_job(archive: Client, tmp_path: Path, run: Run, ending: str) -> None:
+    good = {f"{label}.off": mesh_bytes(label, 0) for label in CLASSES}
+    path = tmp_path / f"meshes.{ending}"
+    path.write_bytes(pack({**good, "bad/cut.off": good["cup.off"][:500]}, ending))
+    done = run("ingest", path, "--tag", "made")
+    assert (done.status, done.stdout) == (1, "3 stored, 0 already there, 1 refused\n")
+    assert done.stderr.splitlines()[1].startswith(f"{path}: bad/cut.off: malformed-mesh: ")
+    assert {shape.name: shape.tags for shape in archive.shapes()} == {name: ["made"] for name in good}
+    path.write_bytes(pack(good, ending))
+    assert run("ingest", path).stdout == "0 stored, 3 already there, 0 refused\n"
+
+
+def test_what_is_called_an_archive_and_is_none(archive: Client, tmp_path: Path, run: Run) -> None:
+    (tmp_path / "words.zip").write_text("hello", encoding="utf-8")
+    (tmp_path / "half.tar").write_bytes(pack({"a.off": mesh_bytes("cup", 0), "b.off": b"x"}, "tar")[:9000])
+    done = run("ingest", tmp_path / "words.zip", tmp_path / "half.tar")
+    assert done.status == 1
+    half, member, words = done.stderr.splitlines()[1:]
+    assert half.startswith(f"{tmp_path / 'half.tar'}: malformed-archive: ")
+    assert member.startswith(f"{tmp_path / 'half.tar'}: a.off: member-damaged: ")
+    assert words.startswith(f"{tmp_path / 'words.zip'}: unknown-archive: ")
+
+
+def test_nothing_to_store(tmp_path: Path, run: Run) -> None:
+    done = run("ingest", tmp_path)
+    assert done.status == 1
+    assert done.stderr.startswith("isoshape: no meshes there")
+    assert run("ingest", tmp_path / "nowhere").status == 1
+
+
+def test_a_service_that_is_away(collection: Path, run: Run) -> None:
+    done = run("ingest", collection, "--url", "http://127.0.0.1:9")
+    assert done.status == 1
+    assert len(done.stderr.splitlines()) == 1
+    assert "no answer from http://127.0.0.1:9" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("label", "tag"),
+    [("Human", "Human"), ("a, b,c", "a b c"), (" ,x ", "x"), (",", ""), ("y" * 80, "y" * 64)],
+)
+def test_a_class_becomes_a_tag_that_the_service_takes(label: str, tag: str) -> None:
+    assert class_tag(label) == tag
+
+
+def test_metadata_of_a_spreadsheet(archive: Client, collection: Path, tmp_path: Path, run: Run) -> None:
+    table = tmp_path / "parts.csv"
+    rows = [
+        "name,tags,material,number",
+        'cup-0.off,"drink; kitchen,old",clay,007',
+        "pliers/pliers-0.off,,steel,",
+        "nothing.off,,wood,1",
+    ]
+    table.write_text("\ufeff" + "\r\n".join(rows), encoding="utf-8")
+    done = run("ingest", collection, "--metadata", table, "--tag", "made")
+    assert done.status == 0
+    assert done.stderr.splitlines()[0] == f"{table}: no file has the name nothing.off"
+    stored = {shape.name: (shape.tags, shape.metadata) for shape in archive.shapes()}
+    assert stored["cup-0.off"] == (
+        ["cup", "drink", "kitchen", "old", "made"],
+        {"material": "clay", "number": "007"},
+    )
+    assert stored["pliers-0.off"] == (["pliers", "made"], {"material": "steel"})
+    assert stored["octopus-0.off"] == (["octopus", "made"], {})
+    assert [shape.name for shape in archive.shapes(metadata=["number=007"])] == ["cup-0.off"]
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("file,material\na.off,clay\n", "the columns, name among them"),
+        ("", "the columns, name among them"),
+        ("name,material,material\n", "a column has no name, or the name of another"),
+        ("name,\na.off,clay\n", "a column has no name, or the name of another"),
+        ("name,material\na.off,clay\na.off,clay\n", "line 3: a.off is listed twice"),
+        ("name,material\n,clay\n", "line 2: no name"),
+        ("name,material\na.off\n", "line 2: not as many cells as there are columns"),
+        ("name,material\na.off,clay,more\n", "line 2: not as many cells as there are columns"),
+        (f"name,tags\na.off,{'t' * 65}\n", "line 2: tags: a tag must have 1 to 64 characters"),
+        ('name,material\n"a.off,clay\n', "unexpected end of data"),
+    ],
+)
+def test_metadata_that_cannot_be_used(
+    archive: Client, collection: Path, tmp_path: Path, run: Run, text: str, said: str
+) -> None:
+    table = tmp_path / "parts.csv"
+    table.write_text(text, encoding="utf-8")
+    done = run("ingest", collection, "--metadata", table)
+    assert done.status == 1
+    assert said in done.stderr
+    assert archive.page().total == 0

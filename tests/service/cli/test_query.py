@@ -1,0 +1,183 @@
+"""`isoshape query`, and which service a command talks to."""
+
+import hashlib
+import json
+from pathlib import Path
+
+import pytest
+
+from core.io import read_mesh, write_mesh
+from core.mesh.mesh import Mesh
+from service.cli import target
+from service.client import Client
+from service.search.schemas import QueryAnswer, QueryOptions
+from tests.service.cli.conftest import Run, mesh_bytes
+from tests.service.html import Parsed
+
+
+@pytest.fixture
+def cup(tmp_path: Path) -> Path:
+    path = tmp_path / "a cup.off"
+    path.write_bytes(mesh_bytes("cup", 0))
+    return path
+
+
+@pytest.fixture
+def no_local_service(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever this machine runs on the default port, look where nothing listens."""
+    monkeypatch.setattr(target, "DEFAULT_PORT", 9)
+
+
+def test_table(archive: Client, cup: Path, run: Run) -> None:
+    archive.upload(cup, name="[bold]the same", tags=["cup"])
+    archive.upload(("octopus.off", mesh_bytes("octopus", 0)))
+    done = run("query", cup, "--url", archive.url)
+    assert done.status == 0
+    lines = [line.split() for line in done.stdout.splitlines() if line.strip(" ─")]
+    assert lines[0] == ["rank", "name", "tags", "cc", "ssd", "sim", "combined"]
+    assert lines[1][:7] == ["1", "[bold]the", "same", "cup", "1.0000", "0.0000", "1.0000"]
+    assert lines[2][:2] == ["2", "octopus.off"]
+    assert "2 of 2 stored shapes compared" in done.stderr
+    assert "embed" in done.stderr
+
+
+def test_json_is_the_services_answer(archive: Client, cup: Path, run: Run) -> None:
+    for label in ("cup", "octopus", "pliers"):
+        archive.upload((f"{label}.off", mesh_bytes(label, 1)), tags=[label])
+    options = ("--top-k", 2, "--rank-by", "ssd", "--json", "--url", archive.url)
+    answer = QueryAnswer.model_validate(json.loads(run("query", cup, *options).stdout))
+    direct = archive.query_file(cup, top_k=2, rank_by="ssd")
+    assert answer.results == direct.results
+    assert [result.ssd for result in answer.results] == sorted(result.ssd for result in answer.results)
+    tagged = json.loads(run("query", cup, "--tag", "pliers", "--json", "--url", archive.url).stdout)
+    assert [result["shape"]["name"] for result in tagged["results"]] == ["pliers.off"]
+
+
+def test_every_option_of_a_search_is_one_of_the_command(run: Run) -> None:
+    words = run("query", "--help").stdout.split()
+    # The older name of tag; what the page asks for; and arrays, which are for programs.
+    missing = {"filter", "correspondences", "embedding"}
+    for name in set(QueryOptions.model_fields) - missing:
+        assert f"--{name.replace('_', '-')}" in words
+
+
+def test_filters(archive: Client, cup: Path, run: Run) -> None:
+    mesh = read_mesh(mesh_bytes("cup", 0), "off")
+    same = archive.upload(("cup.off", mesh_bytes("cup", 0)), metadata={"made": "here"}).shape
+    archive.upload(("large cup.off", write_mesh(Mesh(3 * mesh.vertices, mesh.faces), "off")))
+    archive.upload(("octopus.off", mesh_bytes("octopus", 0)))
+
+    def found(*options: object) -> set[str]:
+        answer = json.loads(run("query", cup, *options, "--json", "--url", archive.url).stdout)
+        return {result["shape"]["name"] for result in answer["results"]}
+
+    everything = {"cup.off", "large cup.off", "octopus.off"}
+    assert found() == found("--exhaustive") == found("--scale", "ignore") == everything
+    assert found("--scale", "respect", "--min-cc", 0.5) == {"cup.off"}
+    assert found("--min-cc", 0.999) == everything - {"octopus.off"}
+    assert found("--name", "CUP") == everything - {"octopus.off"}
+    assert found("--metadata", "made=here") == {"cup.off"}
+    assert found("--exclude", same.id) == found("--exclude-self") == everything - {"cup.off"}
+    none = run("query", cup, "--min-cc", 1, "--name", "octopus", "--url", archive.url)
+    assert none.stdout == "no shape that was compared has so high a cc\n"
+
+
+def test_a_page_with_pictures(archive: Client, cup: Path, run: Run, tmp_path: Path) -> None:
+    stored = [archive.upload((f"{label}.off", mesh_bytes(label, 1))).shape for label in ("cup", "octopus")]
+    paths = [tmp_path / "one.html", tmp_path / "two.html"]
+    done = run("query", cup, "--html", paths[0], "--url", archive.url)
+    assert (done.status, "cup.off" in done.stdout) == (0, True)
+    printed = run("query", cup, "--html", paths[1], "--json", "--url", archive.url)
+    assert "correspondence" not in json.loads(printed.stdout)["results"][0]
+    text = paths[0].read_bytes()
+    assert text == paths[1].read_bytes()
+    parsed = Parsed(text.decode())
+    assert len(set(parsed.pictures)) >= 4
+    assert len(parsed.pictures) == 5
+    assert {"1. cup.off", "2. octopus.off", stored[0].id, hashlib.sha256(cup.read_bytes()).hexdigest()} <= {
+        *parsed.texts
+    }
+    nowhere = run("query", cup, "--html", tmp_path / "no" / "a.html", "--url", archive.url)
+    assert nowhere.status == 1
+    assert nowhere.stderr.endswith("No such file or directory\n")
+
+
+def test_nothing_stored(archive: Client, cup: Path, run: Run) -> None:
+    done = run("query", cup, "--url", archive.url)
+    assert (done.status, done.stdout) == (0, "nothing is stored that could be compared\n")
+
+
+def test_bad_files_and_options(archive: Client, tmp_path: Path, run: Run) -> None:
+    missing = run("query", tmp_path / "nothing.off", "--url", archive.url)
+    assert missing.status == 1
+    assert missing.stderr == f"isoshape: {tmp_path / 'nothing.off'}: No such file or directory\n"
+    (tmp_path / "bad.off").write_bytes(b"OFF\n1 1 0\n")
+    bad = run("query", tmp_path / "bad.off", "--url", archive.url)
+    assert bad.status == 1
+    assert len(bad.stderr.splitlines()) == 2
+    assert run("query", tmp_path / "bad.off", "--rank-by", "colour").status == 2
+    assert run("query", tmp_path / "bad.off", "--top-k", "0").status == 2
+
+
+def test_url_goes_before_the_database(
+    archive: Client, cup: Path, run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("ISOSHAPE_DATABASE_URL", "sqlite:///never.sqlite3")
+    monkeypatch.setenv("ISOSHAPE_URL", archive.url)
+    assert run("query", cup).stderr.startswith(f"using the service at {archive.url}\n")
+    assert not Path("never.sqlite3").exists()
+
+
+def test_a_database_without_a_service(
+    archive: Client, cup: Path, run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # A service runs on the default port too: the database that was named goes before it.
+    monkeypatch.setattr(target, "DEFAULT_PORT", int(archive.url.rpartition(":")[2]))
+    monkeypatch.setenv("ISOSHAPE_DATABASE_URL", "sqlite:///own/archive.sqlite3")
+    stored = run("ingest", cup)
+    assert (stored.status, stored.stdout) == (0, "1 stored, 0 already there, 0 refused\n")
+    assert stored.stderr == "using the database sqlite:///own/archive.sqlite3\n"
+    found = json.loads(run("query", cup, "--json", "--html", "found.html").stdout)
+    assert found["results"][0]["cc"] == pytest.approx(1.0, abs=1e-6)
+    assert "1. a cup.off" in Parsed(Path("found.html").read_text(encoding="utf-8")).texts
+    assert Path("own/archive.sqlite3").is_file()
+    assert archive.page().total == 0
+
+
+def test_a_local_service_is_found(
+    archive: Client, cup: Path, run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(target, "DEFAULT_PORT", int(archive.url.rpartition(":")[2]))
+    assert run("query", cup).stderr.startswith(f"using the service at {archive.url}\n")
+    assert not Path("isoshape-data").exists()
+
+
+@pytest.mark.usefixtures("no_local_service")
+def test_the_default_database_otherwise(cup: Path, run: Run) -> None:
+    done = run("query", cup)
+    assert done.status == 0
+    assert done.stderr.startswith("using the database sqlite:///isoshape-data/isoshape.sqlite3\n")
+    assert Path("isoshape-data/isoshape.sqlite3").is_file()
+
+
+def test_passwords_are_not_shown(cup: Path, run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ISOSHAPE_DATABASE_URL", "postgresql://me:secret@127.0.0.1:9/archive")
+    done = run("query", cup)
+    assert done.status in {1, 2}
+    assert "secret" not in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("DATABASE_URL", "nonsense"), ("WORKERS", "none"), ("PIPELINE", "nowhere.json"), ("X", "1")],
+)
+@pytest.mark.usefixtures("no_local_service")
+def test_bad_settings_are_named(
+    name: str, value: str, cup: Path, run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(f"ISOSHAPE_{name}", value)
+    done = run("query", cup)
+    assert done.status == 2
+    assert f"ISOSHAPE_{name}" in done.stderr
+    assert "Traceback" not in done.stderr

@@ -1,0 +1,136 @@
+"""`isoshape reembed`: stopped in every way, it goes on where it was."""
+
+import os
+import signal
+import sqlite3
+import subprocess
+import sys
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+
+from core.parameters import DEFAULT, Parameters
+from service.cli.reembed import bring_up
+from service.collection import DEFAULT_COLLECTION
+from service.pipelines import repository
+from service.pipelines.active import keep
+from service.settings import load_settings
+from service.shapes import repository as shapes_repository
+from service.shapes.records import NewShape
+from service.storage.database import Database
+from service.storage.migrate import migrate
+from tests.service.cli.conftest import Run
+from tests.service.pipelines import active, embeddings, write_parameters
+from tests.service.support import small_file, wait_until
+
+STORED = 120
+
+
+@pytest.fixture
+def few(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Parameters:
+    """An archive whose files no pipeline has embedded, and the settings that name it and another pipeline."""
+    few = write_parameters(tmp_path)
+    url = f"sqlite:///{tmp_path}/archive.sqlite3"
+    monkeypatch.setenv("ISOSHAPE_DATABASE_URL", url)
+    monkeypatch.setenv("ISOSHAPE_PIPELINE", str(tmp_path / "few.json"))
+    database = Database(url, lock_seconds=5)
+    migrate(database)
+    with database.write() as session:
+        keep(session, DEFAULT)
+        repository.activate(session, DEFAULT.fingerprint)
+        for number in range(STORED):
+            data = small_file(number)
+            new = NewShape(data, "off", DEFAULT_COLLECTION.number, f"{number}.off", tags=(), metadata={})
+            blob = shapes_repository.add_blob(session, data, new.sha256)
+            shapes_repository.add_shape(session, blob, new, {})
+    database.close()
+    return few
+
+
+def interrupted(folder: Path, enough: int, number: signal.Signals) -> tuple[int, str]:
+    """Run the command until there are so many embeddings, and stop it: status, and what it said."""
+    process = subprocess.Popen(
+        [sys.executable, "-P", "-m", "service.cli", "reembed"],
+        env=os.environ | {"ISOSHAPE_WORKERS": "1"},
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    wait_until(lambda: len(embeddings(folder)) >= enough or process.poll() is not None, seconds=180)
+    assert process.poll() is None
+    process.send_signal(number)
+    _, said = process.communicate(timeout=60)
+    return process.returncode, said
+
+
+def test_stopped_and_killed_it_goes_on_and_does_nothing_twice(
+    tmp_path: Path, few: Parameters, run: Run
+) -> None:
+    done: list[tuple[int, str]] = []
+    for number, status in ((signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGKILL, -9)):
+        returned, said = interrupted(tmp_path, len(done) + 2, number)
+        assert returned == status
+        assert ("goes on from there" in said) == (number != signal.SIGKILL)
+        before, done = done, embeddings(tmp_path)
+        assert done[: len(before)] == before
+        assert len(before) + 2 <= len(done) < STORED
+        assert active(tmp_path) == DEFAULT.fingerprint
+    finished = run("reembed")
+    left = STORED - len(done)
+    assert (finished.status, finished.stdout) == (
+        0,
+        f"{left} embedded by pipeline few ({few.fingerprint}), the archive is searched by it\n",
+    )
+    assert f"{left} of {left} embedded" in finished.stderr
+    assert embeddings(tmp_path)[: len(done)] == done
+    assert [fingerprint for _, fingerprint in embeddings(tmp_path)] == [few.fingerprint] * STORED
+    assert active(tmp_path) == few.fingerprint
+    with closing(sqlite3.connect(tmp_path / "archive.sqlite3")) as connection:
+        assert connection.execute("SELECT count(*) FROM shapes WHERE facts = '{}'").fetchone() == (0,)
+
+
+def test_files_that_cannot_be_embedded_are_named_and_may_be_left_out(
+    tmp_path: Path, few: Parameters, run: Run
+) -> None:
+    with closing(sqlite3.connect(tmp_path / "archive.sqlite3")) as connection, connection:
+        connection.execute("UPDATE blobs SET data = CAST('no mesh' AS BLOB) WHERE number = 2")
+        connection.execute("DELETE FROM shapes WHERE number > 3")
+        connection.execute("DELETE FROM blobs WHERE number > 3")
+    refused = run("reembed", "--prune")
+    assert refused.status == 1
+    assert refused.stdout == f"2 embedded by pipeline few ({few.fingerprint}), 1 cannot be\n"
+    assert "1.off: " in refused.stderr
+    assert "--leave-out" in refused.stderr.splitlines()[-1]
+    assert active(tmp_path) == DEFAULT.fingerprint
+    left_out = run("reembed", "--leave-out")
+    assert (left_out.status, left_out.stdout) == (
+        0,
+        f"0 embedded by pipeline few ({few.fingerprint}), 1 cannot be, the archive is searched by it\n",
+    )
+    assert active(tmp_path) == few.fingerprint
+    with closing(sqlite3.connect(tmp_path / "archive.sqlite3")) as connection, connection:
+        connection.execute(
+            "INSERT INTO embeddings "
+            "SELECT number + 10, blob_number, format, 'an-older-one', signature, record FROM embeddings"
+        )
+        connection.execute("DELETE FROM shapes WHERE number = 2")
+    pruned = run("reembed", "--prune")
+    assert (pruned.status, pruned.stdout) == (
+        0,
+        f"0 embedded by pipeline few ({few.fingerprint}), the archive is searched by it, "
+        "2 embeddings of other pipelines deleted\n",
+    )
+    assert embeddings(tmp_path) == [(1, few.fingerprint), (2, few.fingerprint)]
+
+
+def test_a_demonstration_is_brought_up_to_the_pipeline_that_is_named(
+    tmp_path: Path, few: Parameters, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with closing(sqlite3.connect(tmp_path / "archive.sqlite3")) as connection, connection:
+        connection.execute("DELETE FROM shapes WHERE number > 2")
+    bring_up(load_settings())
+    assert "anew" in capsys.readouterr().err
+    assert active(tmp_path) == few.fingerprint
+    assert embeddings(tmp_path) == [(1, few.fingerprint), (2, few.fingerprint)]
+    bring_up(load_settings())
+    assert capsys.readouterr().err == ""

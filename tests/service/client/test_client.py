@@ -1,0 +1,287 @@
+"""Both clients against the real service, and against answers that no service of ours gives."""
+
+import inspect
+from collections.abc import AsyncIterator, Callable, Iterator
+from pathlib import Path
+from typing import Any, get_type_hints
+
+import httpx
+import pytest
+
+from service.client import (
+    PROXY_RETRIES,
+    RETRIES,
+    AsyncClient,
+    Client,
+    ProblemError,
+    QueryArguments,
+    UnexpectedAnswerError,
+    UnreachableError,
+)
+from service.errors import PROBLEMS
+from service.http.problems import MEDIA_TYPE, TYPE_PREFIX
+from service.search.schemas import QueryOptions
+from service.shapes.schemas import Shape
+from tests.service.cli.awaited import Awaited
+from tests.service.cli.conftest import mesh_bytes
+from tests.service.jobs.packing import pack
+
+CUP = ("cup-0.off", mesh_bytes("cup", 0))
+OCTOPUS = ("octopus-0.off", mesh_bytes("octopus", 0))
+
+Make = Callable[..., Client]
+Answering = Callable[[Callable[[httpx.Request], httpx.Response]], Client]
+
+
+@pytest.fixture(params=[Client, Awaited], ids=["waiting", "awaited"])
+def make(request: pytest.FixtureRequest) -> Make:
+    """What makes a client: one that waits, or one whose answers are awaited."""
+    return request.param
+
+
+@pytest.fixture
+def archive(archive: Client, make: Make) -> Iterator[Client]:
+    """A client of either kind, of a running service that holds nothing."""
+    with make(archive.url) as client:
+        yield client
+
+
+def test_a_shape_from_upload_to_deletion(archive: Client) -> None:
+    first = archive.upload(CUP, tags=["cup", "small"], metadata={"year": 2024})
+    assert first.created
+    assert (first.shape.name, first.shape.tags) == ("cup-0.off", ["cup", "small"])
+    again = archive.upload(CUP)
+    assert not again.created
+    assert again.shape == first.shape
+    assert archive.shape(first.shape.id) == first.shape
+    assert archive.file(first.shape.id) == CUP[1]
+    changed = archive.update(first.shape.id, name="mug", tags=[], metadata={})
+    assert (changed.name, changed.tags, changed.metadata) == ("mug", [], {})
+    assert archive.update(first.shape.id, tags=["x"]).name == "mug"
+    archive.delete(first.shape.id)
+    with pytest.raises(ProblemError) as missing:
+        archive.shape(first.shape.id)
+    assert (missing.value.kind, missing.value.problem.status) == ("shape-not-found", 404)
+
+
+def test_a_path_is_uploaded_under_its_name(archive: Client, tmp_path: Path) -> None:
+    path = tmp_path / "from disk.off"
+    path.write_bytes(CUP[1])
+    assert archive.upload(path).shape.name == "from disk.off"
+    assert archive.upload(str(path), name="another").shape.name == "another"
+
+
+def test_pages_and_filters(archive: Client) -> None:
+    names = [f"copy {i}" for i in range(7)]
+    for i, name in enumerate(names):
+        archive.upload(CUP, name=name, tags=["even"] if i % 2 == 0 else [], metadata={"i": i})
+    page = archive.page(limit=3)
+    assert [shape.name for shape in page.shapes] == names[:3]
+    assert page.total == 7
+    assert [shape.name for shape in archive.page(limit=3, cursor=page.next_cursor).shapes] == names[3:6]
+    assert [shape.name for shape in archive.shapes()] == names
+    assert [shape.name for shape in archive.shapes(tags=["even"])] == names[::2]
+    assert [shape.name for shape in archive.shapes(name="PY 4")] == ["copy 4"]
+    assert [shape.name for shape in archive.shapes(metadata=["i=5"])] == ["copy 5"]
+
+
+def test_queries_and_comparison(archive: Client) -> None:
+    cup, octopus = archive.upload(CUP, tags=["cup"]).shape, archive.upload(OCTOPUS).shape
+    answer = archive.query_file(CUP, top_k=1)
+    assert [result.shape.id for result in answer.results] == [cup.id]
+    assert answer.results[0].cc == pytest.approx(1.0, abs=1e-6)
+    assert (answer.compared, answer.stored) == (2, 2)
+    assert answer.pipeline == archive.version().fingerprint
+    assert answer.results[0].correspondence is None
+    others = archive.query_shape(cup.id, correspondences=True)
+    assert [result.shape.id for result in others.results] == [octopus.id]
+    assert others.results[0].correspondence
+    with_itself = archive.query_shape(cup.id, exclude_self=False, filter=["cup"], rank_by="ssd")
+    assert [result.shape.id for result in with_itself.results] == [cup.id]
+    filtered = archive.query_file(OCTOPUS, filter=["cup"], exclude_self=True, exhaustive=True)
+    assert [result.shape.id for result in filtered.results] == [cup.id]
+    compared = archive.compare(cup.id, octopus.id)
+    assert compared.cc == pytest.approx(others.results[0].cc, abs=1e-9)
+    assert compared.correspondence
+
+
+def test_a_job_from_sending_to_deletion(archive: Client, tmp_path: Path) -> None:
+    path = tmp_path / "meshes.zip"
+    path.write_bytes(pack({"a/cup.off": CUP[1], "octopus.off": OCTOPUS[1], "words.off": b"x"}))
+    sent = archive.send_archive(path, tags=["x", "y"], metadata={"year": 2026})
+    assert (sent.archive, sent.state, sent.bytes) == ("meshes.zip", "waiting", path.stat().st_size)
+    *_, last = archive.follow_job(sent.id, seconds=0.1)
+    assert (last.state, last.counts.stored, last.counts.refused) == ("done", 2, 1)
+    assert [file.path for file in archive.job_files(sent.id)] == ["a/cup.off", "octopus.off", "words.off"]
+    (bad,) = archive.job_files(sent.id, outcome="refused")
+    assert bad.problem is not None
+    assert bad.problem.type == TYPE_PREFIX + "malformed-mesh"
+    for file in archive.job_files(sent.id, outcome="stored"):
+        assert file.shape_id is not None
+        shape = archive.shape(file.shape_id)
+        assert (shape.tags, shape.metadata) == (["x", "y"], {"year": 2026})
+    other = archive.send_archive(("other.zip", path.read_bytes()))
+    assert [job.id for job in archive.jobs()][:2] == [other.id, sent.id]
+    assert archive.cancel_job(other.id).has_ended
+    archive.delete_job(sent.id)
+    with pytest.raises(ProblemError) as missing:
+        archive.job(sent.id)
+    assert missing.value.kind == "job-not-found"
+
+
+def test_ready_and_version(archive: Client) -> None:
+    assert archive.ready()
+    assert archive.version().pipeline == "default"
+
+
+def test_problems_name_their_cause(archive: Client) -> None:
+    with pytest.raises(ProblemError, match="empty") as refused:
+        archive.upload(("x.off", b""))
+    assert refused.value.kind == "empty-file"
+    with pytest.raises(ProblemError) as refused:
+        archive.query_file(("x.docx", b"x"))
+    assert refused.value.kind == "unknown-format"
+    with pytest.raises(ProblemError) as refused:
+        archive.query_file(CUP, top_k=1000)
+    assert refused.value.problem.errors is not None
+    assert [fault.field for fault in refused.value.problem.errors] == ["top_k"]
+
+
+def test_an_id_names_no_other_address(archive: Client) -> None:
+    for shape_id in ("../version", "a/b", "?limit=1", "%2e%2e"):
+        with pytest.raises(ProblemError) as refused:
+            archive.shape(shape_id)
+        assert refused.value.problem.status == 404
+
+
+@pytest.mark.parametrize("url", ["http://127.0.0.1:9", "ftp://127.0.0.1", "nothing", "http://[::1"])
+def test_unreachable(url: str, make: Make) -> None:
+    with pytest.raises(UnreachableError), make(url) as client:
+        client.version()
+
+
+def test_unreachable_is_not_ready(make: Make) -> None:
+    with make("http://127.0.0.1:9") as client:
+        assert not client.ready()
+
+
+@pytest.fixture
+def answering(make: Make) -> Answering:
+    """What makes a client that has its answers from a function."""
+    return lambda handler: make("http://elsewhere", transport=httpx.MockTransport(handler))
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        {"status_code": 200, "text": "<html>hello</html>"},
+        {"status_code": 200, "json": {"version": "1.0", "service": "another"}},
+        {"status_code": 502, "text": "Bad gateway"},
+        {"status_code": 500, "json": {"detail": "x"}, "headers": {"content-type": MEDIA_TYPE}},
+        {"status_code": 302, "headers": {"location": "/login"}},
+    ],
+)
+def test_another_service_is_told_apart(given: dict[str, Any], answering: Answering) -> None:
+    with (
+        answering(lambda request: httpx.Response(**given)) as client,
+        pytest.raises(UnexpectedAnswerError, match="/version"),
+    ):
+        client.version()
+
+
+def problem(kind: str) -> httpx.Response:
+    row = PROBLEMS[kind]
+    body = {
+        "type": TYPE_PREFIX + kind,
+        "title": row.title,
+        "status": row.status,
+        "detail": "for the test",
+        "instance": "urn:isoshape:request:1",
+        "request_id": "1",
+    }
+    headers = {"content-type": MEDIA_TYPE, "retry-after": "0"}
+    return httpx.Response(row.status, json=body, headers=headers)
+
+
+@pytest.mark.parametrize(
+    "kind", ["busy", "worker-lost", "storage-unavailable", "storage-full", "no-triangles"]
+)
+def test_only_what_may_pass_is_tried_again_and_not_for_ever(kind: str, answering: Answering) -> None:
+    asked = 0
+
+    def refuse(request: httpx.Request) -> httpx.Response:
+        nonlocal asked
+        asked += 1
+        return problem(kind)
+
+    with answering(refuse) as client, pytest.raises(ProblemError) as refused:
+        client.delete("x")
+    assert refused.value.kind == kind
+    assert asked == 1 + RETRIES.get(kind, 0)
+
+
+def test_a_service_that_was_busy_gets_the_whole_file_again(answering: Answering) -> None:
+    bodies: list[bytes] = []
+
+    def busy_once(request: httpx.Request) -> httpx.Response:
+        bodies.append(request.read())
+        return problem("busy") if len(bodies) == 1 else problem("malformed-mesh")
+
+    with answering(busy_once) as client, pytest.raises(ProblemError, match="not a mesh"):
+        client.upload(("a.off", b"the bytes"))
+    assert len(bodies) == 2
+    assert all(b"the bytes" in body for body in bodies)
+
+
+def test_an_archive_that_is_streamed_is_sent_again_from_its_beginning(
+    answering: Answering, tmp_path: Path
+) -> None:
+    path = tmp_path / "meshes.zip"
+    path.write_bytes(bytes(range(256)) * 1000)
+    bodies: list[bytes] = []
+
+    def busy_once(request: httpx.Request) -> httpx.Response:
+        bodies.append(request.read())
+        return problem("busy" if len(bodies) == 1 else "bad-request")
+
+    with answering(busy_once) as client, pytest.raises(ProblemError):
+        client.send_archive(path)
+    assert len(bodies) == 2
+    assert all(path.read_bytes() in body for body in bodies)
+
+
+@pytest.mark.parametrize(("status", "times"), [(429, 1 + PROXY_RETRIES), (503, 1 + PROXY_RETRIES), (502, 1)])
+def test_a_proxy_that_is_busy_is_asked_again_too(status: int, times: int, answering: Answering) -> None:
+    asked = 0
+
+    def refuse(request: httpx.Request) -> httpx.Response:
+        nonlocal asked
+        asked += 1
+        return httpx.Response(status, text="<html>later</html>", headers={"retry-after": "0"})
+
+    with answering(refuse) as client, pytest.raises(UnexpectedAnswerError, match=str(status)):
+        client.delete("x")
+    assert asked == times
+
+
+def test_retried_kinds_are_temporary_ones() -> None:
+    assert {PROBLEMS[kind].status for kind in RETRIES} == {429, 503}
+
+
+def test_query_arguments_are_the_services_own() -> None:
+    assert set(get_type_hints(QueryArguments)) == set(QueryOptions.model_fields)
+
+
+def test_both_have_the_same_methods() -> None:
+    def described(kind: type) -> dict[str, object]:
+        public = {name: each for name, each in vars(kind).items() if not name.startswith("_")}
+        return {name: (list(parameters(each)), inspect.getdoc(each)) for name, each in public.items()}
+
+    def parameters(method: Callable[..., object]) -> Iterator[tuple[str, object, object]]:
+        for each in inspect.signature(method).parameters.values():
+            yield each.name, each.kind, each.default
+
+    assert described(AsyncClient) == described(Client)
+    assert inspect.signature(Client.shape).return_annotation is Shape
+    assert inspect.signature(AsyncClient.shapes).return_annotation == AsyncIterator[Shape]
+    assert list(inspect.signature(Client("http://elsewhere").shape).parameters) == ["shape_id"]

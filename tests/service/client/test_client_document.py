@@ -1,0 +1,276 @@
+"""What both clients send, and how they read the answers, against the OpenAPI document."""
+
+import json
+import re
+from collections.abc import Callable, Iterable
+from email import message_from_bytes
+from typing import Any
+
+import httpx
+import jsonschema_rs
+import pytest
+from pydantic import BaseModel
+
+from service.client import Client, Upload
+from service.openapi_document import document
+from tests.service.cli.awaited import Awaited
+
+DOCUMENT = document()
+FILE = ("bird.off", b"OFF")
+LISTED = {"tags": ["a", "b"], "name": "x", "metadata": ["k=1", "l=2"]}
+SEARCH = {
+    "top_k": 2,
+    "rank_by": "sim",
+    "partial": True,
+    "exhaustive": True,
+    "tag": ["a", "b"],
+    "name": "x",
+    "metadata": ["k=1"],
+    "filter": ["c"],
+    "exclude": ["id"],
+    "min_cc": 0.5,
+    "scale": "respect",
+    "exclude_self": False,
+    "correspondences": True,
+    "embedding": True,
+}
+STORED = {"name": "x", "tags": ["a", "b"], "metadata": {"k": 1}}
+# Every method with all that it takes, and what it calls.
+CALLS: list[tuple[str, tuple[object, ...], dict[str, Any], str]] = [
+    ("upload", (FILE,), STORED, "POST /shapes"),
+    ("page", (), {**LISTED, "limit": 7, "cursor": "c"}, "GET /shapes"),
+    ("shapes", (), LISTED, "GET /shapes"),
+    ("shape", ("id",), {}, "GET /shapes/{shape_id}"),
+    ("file", ("id",), {"format": "stl"}, "GET /shapes/{shape_id}/file"),
+    ("embedding", ("id",), {}, "GET /shapes/{shape_id}/embedding"),
+    ("thumbnail", ("id",), {"size": 128}, "GET /shapes/{shape_id}/thumbnail.png"),
+    ("preview", ("id",), {}, "GET /shapes/{shape_id}/preview.glb"),
+    ("preview_file", (FILE,), {}, "POST /preview"),
+    ("replace_file", ("id", FILE), {"if_sha256": "0" * 64}, "PUT /shapes/{shape_id}/file"),
+    ("update", ("id",), STORED, "PATCH /shapes/{shape_id}"),
+    ("delete", ("id",), {}, "DELETE /shapes/{shape_id}"),
+    ("deleted", (), {}, "GET /deleted"),
+    ("restore", ("id",), {}, "POST /shapes/{shape_id}/restore"),
+    ("purge", ("id",), {}, "DELETE /deleted/{shape_id}"),
+    ("send_archive", (FILE,), {"tags": ["a"], "metadata": {"k": 1}}, "POST /jobs"),
+    ("job", ("id",), {}, "GET /jobs/{job_id}"),
+    ("follow_job", ("id",), {"seconds": 0.0}, "GET /jobs/{job_id}"),
+    ("jobs", (), {}, "GET /jobs"),
+    ("job_files", ("id",), {"outcome": "refused"}, "GET /jobs/{job_id}/files"),
+    ("cancel_job", ("id",), {}, "POST /jobs/{job_id}/cancel"),
+    ("delete_job", ("id",), {}, "DELETE /jobs/{job_id}"),
+    ("query_file", (FILE,), SEARCH, "POST /query"),
+    ("query_shape", ("id",), SEARCH, "POST /query"),
+    ("compare", ("id", "other"), {}, "POST /compare"),
+    (
+        "duplicates",
+        (),
+        {"min_cc": 0.9, "max_residual": 0.1, "tag": ["a"], "name": "x", "metadata": ["k=1"]},
+        "GET /duplicates",
+    ),
+    ("collections", (), {}, "GET /collections"),
+    ("create_collection", ("a",), {}, "PUT /collections/{name}"),
+    ("delete_collection", ("a",), {}, "DELETE /collections/{name}"),
+    ("version", (), {}, "GET /version"),
+    ("ready", (), {}, "GET /readyz"),
+]
+SERIES = {"shapes", "deleted", "jobs", "job_files", "follow_job"}
+# What browsers and probes ask for, and what `follow_job` does by asking again.
+NOT_CALLED = {
+    "GET /healthz",
+    "GET /metrics",
+    "GET /session",
+    "POST /session",
+    "DELETE /session",
+    "GET /shapes/{shape_id}/view",
+    "GET /jobs/{job_id}/events",
+}
+# Forms that are not models, and an answer that is kept for who sends again without knowing what became of it.
+NOT_SENT = {
+    "GET /duplicates": {"format"},
+    "POST /compare": {"format"},
+    "GET /shapes/{shape_id}/embedding": {"format"},
+    "POST /shapes": {"Idempotency-Key"},
+}
+CASES = [pytest.param(*case, id=case[0]) for case in CALLS]
+
+
+def operation(request: httpx.Request) -> str:
+    """The one operation of the document that a request is for."""
+    fitting = [
+        f"{method.upper()} {path}"
+        for path, methods in DOCUMENT["paths"].items()
+        for method in methods
+        if method.upper() == request.method
+        and re.fullmatch(re.sub(r"\{\w+\}", "[^/]+", path), request.url.path)
+    ]
+    assert len(fitting) == 1, (request.method, request.url, fitting)
+    return fitting[0]
+
+
+def described(name: str) -> dict[str, Any]:
+    method, path = name.split()
+    return DOCUMENT["paths"][path][method.lower()]
+
+
+def resolved(schema: dict[str, Any]) -> dict[str, Any]:
+    return (
+        DOCUMENT["components"]["schemas"][schema["$ref"].rpartition("/")[2]] if "$ref" in schema else schema
+    )
+
+
+def fits(value: object, schema: dict[str, Any]) -> bool:
+    whole = {**schema, "components": DOCUMENT["components"]}
+    return jsonschema_rs.validator_for(whole).is_valid(value)
+
+
+def text_fits(values: list[str], schema: dict[str, Any]) -> bool:
+    """Whether a parameter of an address or a form is what the schema says: text, or written as in JSON."""
+    if schema.get("type") == "array":
+        return all(text_fits([value], schema["items"]) for value in values)
+    (value,) = values
+    try:
+        return fits(value, schema) or fits(json.loads(value), schema)
+    except ValueError:
+        return False
+
+
+def check_given(given: dict[str, list[str]], known: dict[str, Any], left_out: Iterable[str]) -> None:
+    """All that the document knows is sent, but what is left out, and as it says."""
+    assert set(given) == set(known) - set(left_out)
+    for name, values in given.items():
+        assert text_fits(values, known[name]), (name, values)
+
+
+def check_address(request: httpx.Request, name: str, paged: bool) -> None:
+    parameters = described(name).get("parameters", [])
+    known = {each["name"]: each["schema"] for each in parameters if each["in"] == "query"}
+    given = {key: request.url.params.get_list(key) for key in request.url.params}
+    # The collection is named by the header.
+    left_out = NOT_SENT.get(name, set()) | ({"cursor"} if paged else set()) | {"collection"}
+    # Options of a query are in its body.
+    check_given(given, {} if name == "POST /query" else known, left_out)
+    for each in parameters:
+        if each["in"] == "header" and each["name"] not in left_out:
+            assert fits(request.headers[each["name"]], each["schema"])
+
+
+def check_body(request: httpx.Request, name: str) -> None:
+    body = described(name).get("requestBody", {"content": {}})["content"]
+    kind = request.headers.get("content-type", "").partition(";")[0]
+    if not body:
+        assert (kind, request.content) == ("", b"")
+        return
+    schema = resolved(body[kind]["schema"])
+    if kind == "application/json":
+        sent = json.loads(request.content)
+        assert fits(sent, schema)
+        assert set(sent) == set(schema["properties"])
+        return
+    head = f"Content-Type: {request.headers['content-type']}\r\n\r\n".encode()
+    fields: dict[str, list[str]] = {}
+    for part in message_from_bytes(head + request.content).get_payload():
+        key = str(part.get_param("name", header="content-disposition"))
+        fields.setdefault(key, []).append(part.get_payload(decode=True).decode())
+    assert fields["file"] == ["OFF"]
+    check_given(fields, schema["properties"], ())
+
+
+def example(schema: dict[str, Any]) -> Any:
+    """A value that a schema describes, with everything in it that may be; null where that may be."""
+    schema = resolved(schema)
+    choices = schema.get("anyOf", [])
+    if {"type": "null"} in choices:
+        return None
+    kind = schema.get("type")
+    if "const" in schema or "enum" in schema:
+        return schema.get("const", schema.get("enum", [None])[-1])
+    if kind == "object":
+        return {name: example(inner) for name, inner in schema.get("properties", {}).items()}
+    if kind == "array":
+        return [example(schema["items"])]
+    if kind == "string":
+        return "2026-01-31T12:00:00Z" if schema.get("format") == "date-time" else "x"
+    return {"integer": 3, "number": 0.5, "boolean": True, None: 1}[kind]
+
+
+def answer(name: str) -> httpx.Response:
+    """What the document says is answered."""
+    responses = described(name)["responses"]
+    status = max(int(each) for each in responses if int(each) < 300)
+    content = responses[str(status)].get("content", {})
+    if not content:
+        return httpx.Response(status)
+    kind = next(iter(content))
+    if kind == "application/json":
+        made = example(content[kind]["schema"])
+        assert fits(made, content[kind]["schema"])
+        return httpx.Response(status, json=made)
+    return httpx.Response(status, content=b"bytes", headers={"content-type": kind})
+
+
+def check_read(read: Any, name: str) -> None:
+    """What a method gave is the model that the document names, with the values of its example."""
+    sent = answer(name)
+    if not sent.content:
+        assert read is None
+    elif sent.headers["content-type"] != "application/json":
+        assert read == b"bytes"
+    else:
+        schema = next(
+            each["content"]["application/json"]["schema"]
+            for status, each in described(name)["responses"].items()
+            if int(status) == sent.status_code
+        )
+        model = read.shape if isinstance(read, Upload) else read
+        assert isinstance(model, BaseModel)
+        assert schema == {"$ref": f"#/components/schemas/{type(model).__name__}"}
+        assert model.model_dump(mode="json") == sent.json()
+
+
+@pytest.mark.parametrize("make", [Client, Awaited], ids=["waiting", "awaited"])
+@pytest.mark.parametrize(("method", "given", "options", "called"), CASES)
+def test_a_call_is_as_the_document_says(
+    make: Callable[..., Client],
+    method: str,
+    given: tuple[object, ...],
+    options: dict[str, Any],
+    called: str,
+) -> None:
+    requests: list[httpx.Request] = []
+
+    def respond(request: httpx.Request) -> httpx.Response:
+        requests.append(request)
+        return answer(operation(request))
+
+    with make("http://elsewhere", collection="a-1", transport=httpx.MockTransport(respond)) as client:
+        read = getattr(client, method)(*given, **options)
+        if method in SERIES:
+            read = list(read)
+    (request,) = requests
+    assert operation(request) == called
+    check_address(request, called, paged=method in SERIES)
+    check_body(request, called)
+    if method == "ready":
+        assert read is True
+    elif method not in SERIES:
+        check_read(read, called)
+    else:
+        (only,) = read
+        page = answer(called).json()
+        (items,) = (
+            [each for each in page.values() if isinstance(each, list)] if "id" not in page else [[page]]
+        )
+        assert [only.model_dump(mode="json")] == items
+
+
+def test_every_method_is_checked() -> None:
+    public = {name for name in vars(Client) if not name.startswith("_")}
+    assert public - {"close", "send"} == {method for method, *_ in CALLS}
+
+
+def test_every_operation_is_called_or_is_not_for_programs() -> None:
+    operations = {
+        f"{method.upper()} {path}" for path, methods in DOCUMENT["paths"].items() for method in methods
+    }
+    assert operations - {called for *_, called in CALLS} == NOT_CALLED

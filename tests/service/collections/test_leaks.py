@@ -1,0 +1,236 @@
+"""No address answers with anything of another collection: every one that the document names is tried."""
+
+import json
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import httpx
+import pytest
+
+from service.collections.dependencies import HEADER, PARAMETER
+from service.openapi_document import document
+from tests.service.collections.support import working_in
+from tests.service.engines import on_both
+from tests.service.jobs.packing import pack
+from tests.service.jobs.support import begun, ended
+from tests.service.support import Running, assert_problem, serving, settings_in, small_file, upload
+
+pytestmark = on_both
+
+Operation = tuple[str, str]
+
+WITHOUT = {
+    ("GET", "/collections"),
+    ("PUT", "/collections/{name}"),
+    ("DELETE", "/collections/{name}"),
+    ("GET", "/healthz"),
+    ("GET", "/readyz"),
+    ("GET", "/metrics"),
+    ("GET", "/version"),
+    ("GET", "/session"),
+    ("POST", "/session"),
+    ("DELETE", "/session"),
+    # It shows the file that it is sent.
+    ("POST", "/preview"),
+}
+"""What has to do with no shape that is stored."""
+
+DOCUMENTED: dict[Operation, Any] = {
+    (method.upper(), path): operation
+    for path, operations in document()["paths"].items()
+    for method, operation in operations.items()
+}
+
+SECRET = "xyzzy"
+"""Part of whatever is written about the shapes of the collection that is kept from the others."""
+
+
+@dataclass(frozen=True)
+class Secrets:
+    """What the collection `secret` has: ids by what was done with them, and hashes of files."""
+
+    kept: str
+    deleted: str
+    purged: str
+    job: str
+    hashes: tuple[str, ...]
+
+    def ids(self) -> tuple[str, ...]:
+        return self.kept, self.deleted, self.purged, self.job
+
+
+Send = Callable[[httpx.Client, Secrets], httpx.Response]
+
+
+def to(method: str, path: str, **arguments: Any) -> Send:
+    """A request to an address in which ids stand for themselves."""
+
+    def send(client: httpx.Client, own: Secrets) -> httpx.Response:
+        shape = {"/shapes/{shape_id}/restore": own.deleted, "/deleted/{shape_id}": own.purged}
+        address = path.format(shape_id=shape.get(path, own.kept), job_id=own.job)
+        return client.request(method, address, **arguments)
+
+    return send
+
+
+def file(number: int) -> dict[str, Any]:
+    return {"files": {"file": ("file.off", small_file(number))}}
+
+
+def by_id(client: httpx.Client, own: Secrets) -> httpx.Response:
+    return client.post("/query", json={"shape_id": own.kept, "top_k": 100})
+
+
+def comparison(client: httpx.Client, own: Secrets) -> httpx.Response:
+    return client.post("/compare", json={"first": own.kept, "second": own.kept})
+
+
+def the_same(client: httpx.Client, own: Secrets) -> httpx.Response:
+    """An upload of bytes that lie in the other collection under the same name."""
+    return upload(client, small_file(0), f"{SECRET}-kept.off")
+
+
+SENT: dict[Operation, list[Send]] = {
+    ("GET", "/shapes"): [
+        to("GET", "/shapes"),
+        to("GET", "/shapes", params={"name": SECRET}),
+        to("GET", "/shapes", params={"tag": SECRET}),
+        to("GET", "/shapes", params={"metadata": f"secret={SECRET}"}),
+    ],
+    ("GET", "/shapes/{shape_id}"): [to("GET", "/shapes/{shape_id}")],
+    ("GET", "/shapes/{shape_id}/file"): [
+        to("GET", "/shapes/{shape_id}/file"),
+        to("GET", "/shapes/{shape_id}/file", params={"format": "stl"}),
+    ],
+    ("GET", "/shapes/{shape_id}/embedding"): [to("GET", "/shapes/{shape_id}/embedding")],
+    ("GET", "/shapes/{shape_id}/thumbnail.png"): [to("GET", "/shapes/{shape_id}/thumbnail.png")],
+    ("GET", "/shapes/{shape_id}/preview.glb"): [to("GET", "/shapes/{shape_id}/preview.glb")],
+    ("GET", "/shapes/{shape_id}/view"): [to("GET", "/shapes/{shape_id}/view")],
+    ("GET", "/deleted"): [to("GET", "/deleted")],
+    ("GET", "/jobs"): [to("GET", "/jobs")],
+    ("GET", "/jobs/{job_id}"): [to("GET", "/jobs/{job_id}")],
+    ("GET", "/jobs/{job_id}/files"): [to("GET", "/jobs/{job_id}/files")],
+    ("GET", "/jobs/{job_id}/events"): [to("GET", "/jobs/{job_id}/events")],
+    ("GET", "/duplicates"): [
+        to("GET", "/duplicates", params={"min_cc": 0.5, "max_residual": 0.1}),
+        to("GET", "/duplicates", params={"format": "csv"}),
+    ],
+    ("POST", "/query"): [
+        to("POST", "/query", **file(0), data={"top_k": 100}),
+        to("POST", "/query", **file(0), data={"exhaustive": "true", "tag": SECRET}),
+        to("POST", "/query", **file(0), data={"partial": "true", "correspondences": "true"}),
+        by_id,
+    ],
+    ("POST", "/compare"): [comparison],
+    ("POST", "/shapes"): [the_same],
+    ("POST", "/jobs"): [
+        to("POST", "/jobs", files={"file": ("open.zip", pack({f"{SECRET}-kept.off": small_file(0)}))})
+    ],
+    ("PATCH", "/shapes/{shape_id}"): [to("PATCH", "/shapes/{shape_id}", json={"tags": ["seen"]})],
+    ("PUT", "/shapes/{shape_id}/file"): [to("PUT", "/shapes/{shape_id}/file", **file(7))],
+    ("POST", "/shapes/{shape_id}/restore"): [to("POST", "/shapes/{shape_id}/restore")],
+    ("POST", "/jobs/{job_id}/cancel"): [to("POST", "/jobs/{job_id}/cancel")],
+    ("DELETE", "/deleted/{shape_id}"): [to("DELETE", "/deleted/{shape_id}")],
+    ("DELETE", "/jobs/{job_id}"): [to("DELETE", "/jobs/{job_id}")],
+    ("DELETE", "/shapes/{shape_id}"): [to("DELETE", "/shapes/{shape_id}")],
+}
+"""What each address is sent, in an order in which all of it succeeds where the ids belong."""
+
+
+def in_collections() -> list[Operation]:
+    """The operations that name a collection."""
+    return [
+        operation
+        for operation, told in DOCUMENTED.items()
+        if {(HEADER, "header"), (PARAMETER, "query")}
+        <= {(one["name"], one["in"]) for one in told.get("parameters", [])}
+    ]
+
+
+@pytest.fixture(scope="module")
+def running(tmp_path_factory: pytest.TempPathFactory, engine: str) -> Iterator[Running]:
+    settings = settings_in(tmp_path_factory.mktemp("leaks"), undo_days=1)
+    with serving(settings) as running, working_in(running, "open") as other:
+        other.store(small_file(5), "open.off")
+        yield running
+
+
+@pytest.fixture(scope="module")
+def secrets(running: Running) -> Iterator[Secrets]:
+    with working_in(running, "secret") as hidden:
+        about = {"tags": SECRET, "metadata": json.dumps({"secret": SECRET})}
+        stored = [
+            hidden.store(small_file(number), f"{SECRET}-{name}.off", **about)
+            for number, name in enumerate(("kept", "twin", "deleted", "purged"))
+        ]
+        for shape in stored[2:]:
+            assert hidden.client.delete(f"/shapes/{shape['id']}").status_code == 204
+        archive = pack({f"{SECRET}-of-a-job.off": small_file(4)})
+        sent = hidden.client.post("/jobs", files={"file": (f"{SECRET}.zip", archive)}, data=about)
+        assert sent.status_code == 202, sent.text
+        assert sent.headers["location"] == f"/jobs/{sent.json()['id']}?{PARAMETER}=secret"
+        job = ended(hidden.client, sent.json()["id"])
+        assert job["counts"]["stored"] == 1
+        ids = [shape["id"] for shape in stored]
+        hashes = tuple(shape["sha256"] for shape in stored[1:])
+        yield Secrets(ids[0], ids[2], ids[3], job["id"], hashes)
+
+
+def test_every_address_is_told_which_collection_or_has_to_do_with_none() -> None:
+    assert set(in_collections()) == set(DOCUMENTED) - WITHOUT
+    assert set(DOCUMENTED) >= WITHOUT
+    assert set(SENT) == set(in_collections())
+
+
+@pytest.mark.parametrize("how", ["header", "parameter"])
+@pytest.mark.parametrize("operation", SENT, ids=" ".join)
+def test_nothing_of_another_collection_is_answered(
+    running: Running, secrets: Secrets, operation: Operation, how: str
+) -> None:
+    named: dict[str, Any] = (
+        {"headers": {HEADER: "open"}} if how == "header" else {"params": {PARAMETER: "open"}}
+    )
+    with httpx.Client(base_url=running.client.base_url, timeout=120, **named) as client:
+        for send in SENT[operation]:
+            answer = send(client, secrets)
+            told = answer.text + str(answer.headers)
+            if answer.status_code >= 400:
+                assert_problem(answer, 404, "job-not-found" if "job" in operation[1] else "shape-not-found")
+                assert SECRET not in told
+                continue
+            assert "{" not in operation[1]
+            # What was sent comes back under its name, as a shape of the other collection.
+            told = told.replace(f"{SECRET}-kept.off", "")
+            for secret in (SECRET, *secrets.ids(), *secrets.hashes):
+                assert secret not in told
+
+
+def test_the_collection_is_as_it_was_and_everything_can_be_done_in_it(
+    running: Running, secrets: Secrets
+) -> None:
+    """Also what was refused in the other one, so that it was refused for being there alone."""
+    with working_in(running, "secret") as hidden:
+        shapes = hidden.client.get("/shapes").json()
+        assert shapes["total"] == 3
+        assert all(SECRET in shape["name"] and shape["tags"] == [SECRET] for shape in shapes["shapes"])
+        for sends in SENT.values():
+            for send in sends:
+                answer = send(hidden.client, secrets)
+                assert answer.status_code < 400, answer.text
+                if answer.status_code == 202:
+                    ended(hidden.client, answer.json()["id"])
+        names = {shape["name"] for shape in hidden.client.get("/shapes").json()["shapes"]}
+        assert names == {f"{SECRET}-{name}.off" for name in ("twin", "of-a-job", "deleted")}
+
+
+def test_a_job_stores_in_its_own_collection(running: Running) -> None:
+    with working_in(running, "jobs") as own:
+        begun_id = own.client.post(
+            "/jobs", files={"file": ("a.zip", pack({"in-a-job.off": small_file(9)}))}
+        ).json()["id"]
+        assert ended(own.client, begun_id)["counts"]["stored"] == 1
+        assert [shape["name"] for shape in own.client.get("/shapes").json()["shapes"]] == ["in-a-job.off"]
+    assert running.client.get("/shapes", params={"name": "in-a-job"}).json()["total"] == 0
+    in_default = begun(running.client, pack({"default.off": small_file(9)}))
+    assert ended(running.client, in_default)["counts"]["stored"] == 1

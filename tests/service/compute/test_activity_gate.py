@@ -1,0 +1,39 @@
+"""What no user waits for gives way to what is at work."""
+
+import asyncio
+
+from service.compute.activity_gate import AtWork
+
+
+def test_it_waits_until_nothing_is_at_work() -> None:
+    async def run() -> list[str]:
+        at_work, seen = AtWork(), []
+
+        async def giving_way() -> None:
+            await at_work.nothing()
+            seen.append("went on")
+
+        with at_work.one():
+            waiting = asyncio.create_task(giving_way())
+            with at_work.one():
+                await asyncio.sleep(0)
+            await asyncio.sleep(0)
+            seen.append("one is left")
+        await waiting
+        await asyncio.wait_for(at_work.nothing(), 1)
+        return seen
+
+    assert asyncio.run(run()) == ["one is left", "went on"]
+
+
+def test_what_fails_is_no_longer_at_work() -> None:
+    async def run() -> None:
+        at_work = AtWork()
+        try:
+            with at_work.one():
+                raise ValueError
+        except ValueError:
+            pass
+        await asyncio.wait_for(at_work.nothing(), 1)
+
+    asyncio.run(run())

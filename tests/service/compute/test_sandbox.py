@@ -1,0 +1,249 @@
+"""The process that reads uploads: confined, and no loss to anyone when a file ends it."""
+
+import errno
+import os
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from core.errors import MeshTooComplexError
+from core.io import DEFAULT_LIMITS, FORMATS, READABLE, read_mesh
+from service.compute import sandbox
+from service.compute.pool import LocalPool
+from service.compute.worker_slot import HELD_BYTES
+from service.errors import TaskTimeLimitError
+from service.settings import Settings
+from tests.core.io.files import glb
+from tests.core.io.step_files import step_box, step_sphere
+from tests.core.io.threemf_files import package
+from tests.service.support import children, small_file, wait_until
+from tests.service.tasks import nap, warm
+
+MEMORY = 768 * 1024**2
+
+
+def enter() -> None:
+    """Confine a process that has these tests loaded, since it could not load them any more."""
+    sandbox.enter(MEMORY)
+
+
+@pytest.fixture(scope="module")
+def readers() -> Iterator[LocalPool]:
+    with LocalPool(1, seconds=60, warm=enter) as pool:
+        yield pool
+
+
+def read(pool: LocalPool, data: bytes, format: str, seconds: float = 30) -> sandbox.Readable:
+    readable = pool.submit(sandbox.read_file, data, format, DEFAULT_LIMITS, seconds).result()
+    assert isinstance(readable, sandbox.Readable)
+    return readable
+
+
+FILES = {**{format: small_file(0, format) for format in FORMATS}, "3mf": package(), "step": step_sphere()}
+# A corner that is none keeps OpenCASCADE busy for ever.
+ENDLESS = step_box().replace(b"(0.0,0.0,0.0)", b"(NaN,1E999,0.0)")
+
+
+@pytest.mark.parametrize("format", READABLE)
+def test_every_format_is_read_as_anywhere(readers: LocalPool, format: str) -> None:
+    data = FILES[format]
+    readable = read(readers, data, format)
+    here = read_mesh(data, format)
+    assert np.array_equal(readable.mesh.vertices, here.vertices)
+    assert np.array_equal(readable.mesh.faces, here.faces)
+    assert readable.milliseconds > 0
+
+
+def open_for(path: str, mode: str) -> str | bytes:
+    with open(path, mode) as file:
+        return file.read(1)
+
+
+def resolve(host: str) -> object:
+    return socket.getaddrinfo(host, 80)
+
+
+def connect(port: int) -> None:
+    socket.create_connection(("127.0.0.1", port), timeout=1).close()
+
+
+def start(command: str) -> int:
+    return subprocess.run([command], check=True).returncode
+
+
+@pytest.mark.parametrize(
+    "path", ["/etc/passwd", "/etc/../etc/passwd", f"{sys.prefix}/../../../../../etc/passwd"]
+)
+def test_no_file_of_the_machine_is_opened(readers: LocalPool, path: str) -> None:
+    with pytest.raises(PermissionError, match="may not open"):
+        readers.submit(open_for, path, "rb").result()
+
+
+def test_the_program_itself_may_be_read(readers: LocalPool) -> None:
+    assert readers.submit(open_for, os.__file__, "rb").result() == b"r"
+    assert readers.submit(open_for, sandbox.__file__, "rb").result() == b'"'
+
+
+@pytest.mark.parametrize("mode", ["w", "a", "x", "r+"])
+def test_nothing_is_written(readers: LocalPool, tmp_path: Path, mode: str) -> None:
+    for path in (tmp_path / "new.txt", Path(sandbox.__file__).with_name("new.txt")):
+        with pytest.raises(PermissionError, match="may not open"):
+            readers.submit(open_for, str(path), mode).result()
+        assert not path.exists()
+
+
+def test_files_of_others_stay(readers: LocalPool, tmp_path: Path) -> None:
+    (tmp_path / "kept").touch()
+    for call in (os.remove, os.unlink):
+        with pytest.raises(PermissionError, match=r"os\.remove"):
+            readers.submit(call, str(tmp_path / "kept")).result()
+    with pytest.raises(PermissionError, match=r"os\.mkdir"):
+        readers.submit(os.mkdir, str(tmp_path / "made")).result()
+    assert [path.name for path in tmp_path.iterdir()] == ["kept"]
+
+
+def test_nothing_is_asked_of_the_network_or_started(readers: LocalPool) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as listening:
+        port = listening.getsockname()[1]
+        for call, argument in ((resolve, "localhost"), (connect, port), (start, "true"), (os.system, "true")):
+            with pytest.raises(PermissionError, match="may do no"):
+                readers.submit(call, argument).result()
+
+
+def test_what_takes_more_memory_than_there_is_is_refused(readers: LocalPool) -> None:
+    with pytest.raises(MemoryError):
+        readers.submit(bytes, MEMORY).result()
+    pids = readers.pids()
+    with pytest.raises(MeshTooComplexError, match="memory"):
+        read(readers, many_instances(), "glb")
+    assert read(readers, small_file(0), "off").mesh is not None
+    assert readers.pids() == pids
+
+
+def many_instances() -> bytes:
+    """A quarter of a megabyte that stands for 3.9 million faces: half a gigabyte to read."""
+    side, times = 100, 200
+    x, y = np.meshgrid(np.arange(side), np.arange(side), indexing="ij")
+    corner = (np.arange(side - 1)[:, None] * side + np.arange(side - 1)).ravel()
+    lower = np.column_stack([corner, corner + side, corner + side + 1])
+    upper = np.column_stack([corner, corner + side + 1, corner + 1])
+    sheet = np.column_stack([x.ravel(), y.ravel(), np.sin(x * y).ravel()])
+    nodes = [{"mesh": 0, "translation": [side * i, 0, 0]} for i in range(times)]
+    scenes = [{"nodes": list(range(times))}]
+    return glb(sheet, np.vstack([lower, upper]), nodes=nodes, scenes=scenes)
+
+
+def test_processor_time_is_counted_file_by_file(readers: LocalPool) -> None:
+    wait_until(readers.pids, seconds=60)
+    pids = readers.pids()
+    for _ in range(3):
+        readers.submit(spin, 0.7).result()
+        read(readers, small_file(0), "off", 1)
+    assert readers.pids() == pids
+    with pytest.raises(TaskTimeLimitError, match="processor time"):
+        readers.submit(spin, 600).result()
+    assert read(readers, small_file(0), "off").mesh is not None
+    assert readers.pids() != pids
+
+
+def test_what_never_ends_is_ended(readers: LocalPool) -> None:
+    with pytest.raises(TaskTimeLimitError, match="processor time"):
+        read(readers, ENDLESS, "step", 1)
+    assert read(readers, step_box(), "step").mesh is not None
+
+
+def spin(seconds: float) -> None:
+    end = time.process_time() + seconds
+    while time.process_time() < end:
+        pass
+
+
+def test_a_process_is_replaced_after_so_many_tasks() -> None:
+    with LocalPool(1, seconds=60, warm=warm, tasks_each=3) as pool:
+        pids = [pool.submit(os.getpid).result() for _ in range(9)]
+        assert [len(set(pids[i : i + 3])) for i in (0, 3, 6)] == [1, 1, 1]
+        assert len(set(pids)) == 3
+        # A task that fails counts as well.
+        with pytest.raises(TypeError):
+            pool.submit(nap, "long").result()
+        assert {pool.submit(os.getpid).result() for _ in range(3)} & set(pids) == set()
+
+
+def test_the_next_process_is_started_before_it_is_needed() -> None:
+    others = children()
+    with LocalPool(1, seconds=60, warm=warm, tasks_each=20) as pool:
+        first = pool.submit(os.getpid).result()
+        assert {pool.submit(os.getpid).result() for _ in range(17)} == {first}
+        wait_until(lambda: len(children() - others) == 2, seconds=60)
+        assert pool.pids() == [first]
+        (following,) = children() - others - {first}
+        assert [pool.submit(os.getpid).result() for _ in range(3)] == [first, first, following]
+    assert children() == others
+
+
+def test_a_pool_that_closes_leaves_no_process_that_was_on_its_way() -> None:
+    others = children()
+    with LocalPool(1, seconds=60, warm=warm, tasks_each=2) as pool:
+        pool.submit(os.getpid).result()
+    assert children() == others
+
+
+def hold(size: int) -> None:
+    _HELD.append(bytearray(b"x") * size)
+
+
+_HELD: list[bytearray] = []
+
+
+def test_a_process_that_holds_on_to_memory_is_replaced() -> None:
+    with LocalPool(1, seconds=60, warm=warm) as pool:
+        first = pool.submit(os.getpid).result()
+        pool.submit(hold, HELD_BYTES // 8).result()
+        assert pool.submit(os.getpid).result() == first
+        pool.submit(hold, HELD_BYTES).result()
+        assert pool.submit(os.getpid).result() != first
+
+
+def test_a_descriptor_left_open_takes_no_more_bytes(tmp_path: Path) -> None:
+    """The limit of the system, below Python's: on a file that was open before the process was confined."""
+    script = (
+        "import sys, os; from service.compute import sandbox\n"
+        "descriptor = os.open(sys.argv[1], os.O_CREAT | os.O_WRONLY)\n"
+        f"sandbox.enter({MEMORY})\n"
+        "try: os.write(descriptor, b'x')\n"
+        "except OSError as error: sys.exit(error.errno)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", script, str(tmp_path / "open")], check=False)
+    assert done.returncode == errno.EFBIG
+    assert (tmp_path / "open").read_bytes() == b""
+
+
+def test_a_reader_of_step_says_nothing_and_writes_nothing_after(tmp_path: Path) -> None:
+    """OpenCASCADE prints what it could not read, and passes the rest on through files in memory."""
+    script = (
+        "import sys, os; from core.errors import MeshError; from core.io import DEFAULT_LIMITS\n"
+        "from service.compute import sandbox; from tests.core.io.step_files import step_box\n"
+        "descriptor = os.open(sys.argv[1], os.O_CREAT | os.O_WRONLY)\n"
+        f"sandbox.enter({MEMORY})\n"
+        "assert sandbox.read_file(step_box(), 'step', DEFAULT_LIMITS, 30).mesh is not None\n"
+        "try: sandbox.read_file(step_box()[:2000], 'step', DEFAULT_LIMITS, 30)\n"
+        "except MeshError: print('refused', flush=True)\n"
+        "try: os.write(descriptor, b'x')\n"
+        "except OSError as error: sys.exit(error.errno)\n"
+    )
+    command = [sys.executable, "-c", script, str(tmp_path / "open")]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT) as process:
+        said, _ = process.communicate()
+    assert (process.returncode, said) == (errno.EFBIG, b"refused\n")
+    assert (tmp_path / "open").read_bytes() == b""
+
+
+def test_the_default_memory_is_enough_for_the_default_limits() -> None:
+    settings = Settings.model_construct()
+    assert settings.read_memory_bytes > 20 * settings.max_upload_bytes

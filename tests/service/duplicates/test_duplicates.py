@@ -1,0 +1,157 @@
+"""Near-identical shapes: planted copies are found, and poses of one body are none."""
+
+import csv
+import io
+import time
+from collections.abc import Iterator, Sequence
+
+import pytest
+
+from core.arrays import Float32s
+from core.embedding import Scores
+from core.gallery import make_shape
+from core.gallery.one_body import make_person
+from core.io import write_mesh
+from core.matching.match_records import match_rows
+from core.parameters import Parameters
+from core.registration.similarity_icp import RESIDUAL
+from core.studies.perturbation import subdivide
+from service.client import Client
+from service.duplicates import tasks
+from service.duplicates.groups import Groups, Link
+from service.duplicates.schemas import COLUMNS
+from service.search import match_records as rows_module
+from tests.service.http.test_disconnects import at_work, send
+from tests.service.support import Running, assert_problem, serving, settings_in, wait_until
+from tests.service.tasks import nap_instead
+from tests.soak.duplicates.copies import moved, simplified
+
+BODIES = {
+    **{f"person-{pose}": make_person(0, pose) for pose in range(3)},
+    **{f"octopus-{pose}": make_shape("octopus", pose) for pose in range(2)},
+    "cup-0": make_shape("cup", 0),
+    "plane-0": make_shape("plane", 0),
+}
+
+
+PLANTED = {
+    "turned": ("person-0", moved(BODIES["person-0"], 1), "same", 1.0),
+    "renamed": ("person-1", BODIES["person-1"], "same", 1.0),
+    "mirrored": ("person-2", moved(BODIES["person-2"], 2, mirrored=True), "mirrored", 1.0),
+    "mirrored-and-larger": (
+        "octopus-0",
+        moved(BODIES["octopus-0"], 3, scale=3.0, mirrored=True),
+        "mirrored",
+        3.0,
+    ),
+    "smaller": ("octopus-1", moved(BODIES["octopus-1"], 4, scale=0.5), "scaled", 0.5),
+    "symmetric": ("cup-0", moved(BODIES["cup-0"], 5, mirrored=True), "same", 1.0),
+    "split": ("plane-0", moved(subdivide(BODIES["plane-0"], 0.4, 1), 6), "same", 1.0),
+    "simplified": ("plane-0", moved(simplified(BODIES["plane-0"]), 7), "same", 1.0),
+}
+
+
+@pytest.fixture(scope="module")
+def planted(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
+    with serving(settings_in(tmp_path_factory.mktemp("duplicates"))) as running:
+        for name, mesh in BODIES.items():
+            running.store(write_mesh(mesh, "off"), f"{name}.off", tags="original")
+        for name, (_, mesh, _, _) in PLANTED.items():
+            running.store(write_mesh(mesh, "off"), f"{name}.off", tags="copy")
+        yield running
+
+
+def test_every_copy_is_found_and_no_pose_is_taken_for_one(planted: Running) -> None:
+    with Client(str(planted.client.base_url)) as client:
+        answer = client.duplicates()
+    assert answer.shapes == len(BODIES) + len(PLANTED)
+    found = {(group[0].shape.name, one.shape.name): one for group in answer.groups for one in group[1:]}
+    assert set(found) == {(f"{of}.off", f"{name}.off") for name, (of, *_) in PLANTED.items()}
+    for name, (of, _, kinship, scale) in PLANTED.items():
+        one = found[f"{of}.off", f"{name}.off"]
+        assert one.kinship == kinship
+        assert one.scale == pytest.approx(scale, rel=0.01)
+        assert one.residual <= RESIDUAL
+        assert one.cc >= 0.98
+
+
+def test_as_csv(planted: Running) -> None:
+    answer = planted.client.get("/duplicates", params={"format": "csv", "name": "plane"})
+    assert answer.headers["content-type"].startswith("text/csv")
+    assert answer.text == ",".join(COLUMNS) + "\r\n"
+    whole = planted.client.get("/duplicates", params={"format": "csv"})
+    rows = list(csv.DictReader(io.StringIO(whole.text)))
+    assert len(rows) == len(BODIES) + len(PLANTED)
+    assert {row["name"] for row in rows if row["kinship"] == "mirrored"} == {
+        "mirrored.off",
+        "mirrored-and-larger.off",
+    }
+
+
+@pytest.mark.parametrize("sign", ["=", "+", "-", "@"])
+def test_no_cell_is_a_formula(planted: Running, sign: str) -> None:
+    ids = [
+        shape["id"] for shape in planted.client.get("/shapes", params={"name": "octopus-1"}).json()["shapes"]
+    ]
+    names = [f"{sign}HYPERLINK(1)", f"1{sign}2.off"]
+    ids += [planted.client.get("/shapes", params={"name": "smaller"}).json()["shapes"][0]["id"]]
+    before = [planted.client.get(f"/shapes/{number}").json()["name"] for number in ids]
+    for number, name in zip(ids, names, strict=True):
+        assert planted.client.patch(f"/shapes/{number}", json={"name": name}).status_code == 200
+    text = planted.client.get("/duplicates", params={"format": "csv"}).text
+    rows = {row["id"]: row["name"] for row in csv.DictReader(io.StringIO(text))}
+    for number, name in zip(ids, before, strict=True):
+        planted.client.patch(f"/shapes/{number}", json={"name": name})
+    assert [rows[number] for number in ids] == [f"'{names[0]}", names[1]]
+
+
+def test_the_work_of_a_client_that_goes_away_is_stopped(
+    planted: Running, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    work, compared = planted.parts.work, []
+
+    def slowly(query: Float32s, rows: Sequence[Float32s], parameters: Parameters) -> Scores:
+        compared.append(len(rows))
+        time.sleep(0.1)
+        return match_rows(query, rows, parameters)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(rows_module, "match_rows", slowly)
+        with send(planted, "/duplicates", method="GET"):
+            wait_until(lambda: compared, seconds=60)
+        wait_until(lambda: not work.inside, seconds=5)
+        time.sleep(0.5)
+        known = len(compared)
+        time.sleep(0.5)
+        assert len(compared) == known < len(BODIES) + len(PLANTED)
+    with monkeypatch.context() as patch:
+        patch.setattr(tasks, "aligned", nap_instead)
+        with send(planted, "/duplicates", method="GET"):
+            wait_until(lambda: at_work(planted.parts.pool), seconds=60)
+        wait_until(lambda: not work.inside and not at_work(planted.parts.pool), seconds=30)
+
+
+def test_filters_and_bounds(planted: Running) -> None:
+    client = planted.client
+    originals = client.get("/duplicates", params={"tag": "original"}).json()
+    assert (originals["groups"], originals["shapes"]) == ([], len(BODIES))
+    strict = client.get("/duplicates", params={"tag": "copy", "min_cc": 1.0}).json()
+    assert strict["aligned"] == 0
+    for wrong in ({"min_cc": 1.5}, {"max_residual": 0.0}, {"format": "xml"}, {"colour": "red"}):
+        assert_problem(client.get("/duplicates", params=wrong), 422, "bad-request-fields")
+
+
+def test_scale_and_mirroring_are_those_along_the_links() -> None:
+    groups = Groups()
+    groups.join(Link(2, 3, 0.99, 0.001, 2.0, mirrored=True))
+    groups.join(Link(1, 3, 0.98, 0.002, 4.0, mirrored=True))
+    groups.join(Link(7, 9, 1.0, 0.0, 1.0, mirrored=False))
+    assert groups.joined(1, 2)
+    assert not groups.joined(1, 9)
+    first, second = groups.members()
+    assert [(one.shape, one.kinship, one.scale) for one in first] == [
+        (1, "same", 1.0),
+        (2, "scaled", 2.0),
+        (3, "mirrored", 4.0),
+    ]
+    assert [one.shape for one in second] == [7, 9]

@@ -1,0 +1,159 @@
+"""One form of error, on every route."""
+
+import json
+from collections.abc import Iterator
+from typing import Any
+
+import httpx
+import pytest
+from sqlalchemy import text
+
+from core import errors as core_errors
+from service import errors as service_errors
+from service.errors import BY_STATUS, PROBLEMS
+from service.http.problems import TYPE_PREFIX
+from service.openapi_document import document
+from tests.service.engines import on_both
+from tests.service.support import (
+    Running,
+    assert_problem,
+    query,
+    serving,
+    settings_in,
+    small_file,
+    upload,
+    wait_until,
+)
+from tests.service.trouble import full
+
+METHODS = {"GET", "POST", "PUT", "PATCH", "DELETE"}
+OPERATIONS = [
+    (method.upper(), path) for path, operations in document()["paths"].items() for method in operations
+]
+
+
+def address(path: str) -> str:
+    return path.replace("{shape_id}", "no-such-shape")
+
+
+def subclasses(base: type[Exception]) -> Iterator[type[Exception]]:
+    yield base
+    for derived in base.__subclasses__():
+        yield from subclasses(derived)
+
+
+def test_every_error_has_its_row_and_every_row_its_use() -> None:
+    kinds = {
+        error.kind  # type: ignore[attr-defined]
+        for base in (core_errors.CoreError, service_errors.ServiceError)
+        for error in subclasses(base)
+    }
+    assert kinds | set(BY_STATUS.values()) | {"not-ready"} == set(PROBLEMS)
+    assert all(400 <= row.status < 600 for row in PROBLEMS.values())
+    assert all(PROBLEMS[kind].status == status for status, kind in BY_STATUS.items())
+
+
+@pytest.mark.parametrize("path", sorted({path for _, path in OPERATIONS}))
+def test_a_method_that_an_address_does_not_answer(shared: Running, path: str) -> None:
+    allowed = {method for method, each in OPERATIONS if each == path}
+    for method in METHODS - allowed:
+        answer = shared.client.request(method, address(path))
+        assert_problem(answer, 405, "method-not-allowed")
+        assert set(answer.headers["allow"].split(", ")) - {"HEAD"} == allowed
+
+
+@pytest.mark.parametrize(
+    "path", ["/nothing", "/shapes/", "/shapes/a/b", "/query/x", "/%00", "/shapes/a/file/x"]
+)
+def test_an_address_where_nothing_is(shared: Running, path: str) -> None:
+    answer = shared.client.get(path)
+    assert_problem(answer, 404, "not-found")
+
+
+@pytest.mark.parametrize(("method", "path"), [each for each in OPERATIONS if "{shape_id}" in each[1]])
+def test_a_shape_that_is_not_there(shared: Running, method: str, path: str) -> None:
+    bodies: dict[str, dict[str, Any]] = {
+        "PATCH": {"json": {}},
+        "PUT": {"files": {"file": ("shape.off", small_file(0))}},
+    }
+    body = bodies.get(method, {})
+    assert_problem(shared.client.request(method, address(path), **body), 404, "shape-not-found")
+    long = path.replace("{shape_id}", "x" * 65)
+    assert_problem(shared.client.request(method, long, **body), 422, "bad-request-fields")
+
+
+def test_a_request_has_an_id_of_its_own_or_the_one_it_came_with(shared: Running) -> None:
+    first, second = shared.client.get("/healthz"), shared.client.get("/healthz")
+    assert first.headers["x-request-id"] != second.headers["x-request-id"]
+    given = shared.client.get("/nothing", headers={"x-request-id": "mine-1.2_3"})
+    assert assert_problem(given, 404, "not-found")["request_id"] == "mine-1.2_3"
+    for bad in ("a b", "x" * 65, "a\tb", "{}", ""):
+        answer = shared.client.get("/nothing", headers={"x-request-id": bad})
+        assert assert_problem(answer, 404, "not-found")["request_id"] != bad
+
+
+def test_types_are_documented_and_stable(shared: Running) -> None:
+    schema = document()["components"]["schemas"]["Problem"]
+    assert schema["properties"]["type"]["enum"] == [TYPE_PREFIX + kind for kind in PROBLEMS]
+
+
+@pytest.fixture
+def broken(tmp_path: Any, engine: str) -> Iterator[Running]:
+    """A service of its own, to break."""
+    with serving(settings_in(tmp_path, lock_seconds=0.2, workers=1)) as running:
+        running.store(small_file(0), name="before")
+        yield running
+
+
+def every_kind_of_write(client: httpx.Client, shape_id: str) -> Iterator[httpx.Response]:
+    yield upload(client, small_file(1), "new.off")
+    yield client.patch(f"/shapes/{shape_id}", json={"name": "x"})
+    yield client.delete(f"/shapes/{shape_id}")
+
+
+@on_both
+def test_storage_that_fails_is_said_and_recovered_from(broken: Running) -> None:
+    client, database = broken.client, broken.parts.database
+    shape_id = client.get("/shapes").json()["shapes"][0]["id"]
+
+    with database.write():
+        for answer in every_kind_of_write(client, shape_id):
+            assert_problem(answer, 503, "storage-unavailable")
+        assert client.get("/shapes").json()["total"] == 1
+        assert client.get("/readyz").status_code == 200
+
+    with database.connect() as connection:
+        connection.execute(text("ALTER TABLE archive RENAME TO hidden"))
+    assert "OperationalError" not in client.get("/readyz").text
+    assert_problem(client.get("/readyz"), 503, "not-ready")
+    assert client.get("/healthz").status_code == 200
+    answer = query(client, small_file(0))
+    assert_problem(answer, 503, "storage-unavailable")
+    assert str(database._engine.url.database) not in answer.text
+    with database.connect() as connection:
+        connection.execute(text("ALTER TABLE hidden RENAME TO archive"))
+    assert client.get("/readyz").status_code == 200
+
+    large = small_file(2) + b"# " + b"x" * 500_000 + b"\n"
+    with full(database):
+        assert_problem(upload(client, large, "large.off"), 507, "storage-full")
+        assert client.get("/shapes").json()["total"] == 1
+    assert client.get("/readyz").status_code == 200
+    assert upload(client, large, "large.off").status_code == 201
+    assert query(client, large, top_k=1).json()["results"][0]["shape"]["name"] == "large.off"
+
+
+def test_an_error_that_no_one_foresaw_is_a_problem_too(
+    shared: Running, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def fail(*_arguments: object) -> None:
+        raise ZeroDivisionError("a secret")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("service.shapes.service.get", fail)
+        answer = shared.client.get("/shapes/x")
+    problem = assert_problem(answer, 500, "internal-error")
+    assert "secret" not in json.dumps(problem)
+    wait_until(
+        lambda: any("ZeroDivisionError" in str(record.exc_info) for record in caplog.records), seconds=5
+    )

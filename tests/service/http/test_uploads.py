@@ -1,0 +1,253 @@
+"""Storing files: what comes back, what is kept once, and what is refused."""
+
+import dataclasses
+import errno
+import hashlib
+import json
+import os
+import tempfile
+from datetime import UTC, datetime, timedelta
+from tempfile import SpooledTemporaryFile
+from typing import IO, Any
+
+import pytest
+import trimesh
+
+from core.io import FORMATS, read_mesh, write_mesh
+from core.mesh.mesh import Mesh
+from core.pipeline import Pipeline
+from core.studies.perturbation import cut_part
+from service.compute.tasks import Embedded
+from service.settings import Settings
+from tests.service.engines import on_both
+from tests.service.support import Running, assert_problem, pipeline_in_use, query, small_file, upload
+
+pytestmark = on_both
+
+
+def test_a_stored_shape_is_what_was_sent(service: Running) -> None:
+    data = small_file(0)
+    answer = upload(
+        service.client, data, "bird.off", name="A bird", tags=["animal", "bird"], metadata='{"year": 2024}'
+    )
+    assert answer.status_code == 201
+    shape = answer.json()
+    assert answer.headers["location"] == f"/shapes/{shape['id']}"
+    mesh = read_mesh(data, "off")
+    assert shape["name"] == "A bird"
+    assert shape["tags"] == ["animal", "bird"]
+    assert shape["metadata"] == {"year": 2024}
+    assert shape["format"] == "off"
+    assert shape["bytes"] == len(data)
+    assert shape["sha256"] == hashlib.sha256(data).hexdigest()
+    assert (shape["facts"]["vertices"], shape["facts"]["faces"]) == (len(mesh.vertices), len(mesh.faces))
+    assert shape["embedded"] is True
+    created = datetime.fromisoformat(shape["created_at"])
+    assert created.tzinfo == UTC
+    assert abs(datetime.now(UTC) - created) < timedelta(minutes=1)
+    assert service.client.get(answer.headers["location"]).json() == shape
+
+
+@pytest.mark.parametrize("format", sorted(FORMATS))
+def test_every_format_is_stored_and_given_back_byte_for_byte(service: Running, format: str) -> None:
+    data = small_file(0, format)
+    answer = upload(service.client, data, f"snake.{format.upper()}")
+    assert answer.status_code == 201, answer.text
+    assert answer.json()["format"] == format
+    assert answer.json()["facts"]["faces"] == len(read_mesh(data, format).faces)
+    assert service.client.get(answer.headers["location"] + "/file").content == data
+
+
+def test_the_same_bytes_under_the_same_name_are_one_shape(service: Running) -> None:
+    first = upload(service.client, small_file(0), "bird.off", tags="old")
+    second = upload(service.client, small_file(0), "bird.off", tags="new")
+    assert (first.status_code, second.status_code) == (201, 200)
+    assert second.json() == first.json()
+    assert second.headers["location"] == first.headers["location"]
+    assert service.client.get("/shapes").json()["total"] == 1
+
+
+def test_the_same_bytes_under_another_name_share_blob_and_embedding(service: Running) -> None:
+    one = service.store(small_file(0), name="one")
+    two = service.store(small_file(0), name="two")
+    assert one["id"] != two["id"]
+    assert one["facts"] == two["facts"]
+    assert _rows(service) == {"shapes": 2, "blobs": 1, "embeddings": 1}
+    assert service.client.delete(f"/shapes/{one['id']}").status_code == 204
+    assert _rows(service) == {"shapes": 1, "blobs": 1, "embeddings": 1}
+    assert service.client.get(f"/shapes/{two['id']}/file").content == small_file(0)
+    assert service.client.get(f"/shapes/{two['id']}/embedding").status_code == 200
+    assert service.client.delete(f"/shapes/{two['id']}").status_code == 204
+    assert _rows(service) == {"shapes": 0, "blobs": 0, "embeddings": 0}
+
+
+def _rows(service: Running) -> dict[str, int]:
+    with service.container.database.read() as session:
+        return {
+            table: session.connection().exec_driver_sql(f"SELECT count(*) FROM {table}").scalar_one()
+            for table in ("shapes", "blobs", "embeddings")
+        }
+
+
+@pytest.mark.parametrize(
+    ("filename", "name"),
+    [
+        ("horse.off", "horse.off"),
+        ("/home/me/horse.off", "horse.off"),
+        (r"C:\models\horse.off", "horse.off"),
+        ("../../etc/passwd.off", "passwd.off"),
+        ("  Pferd äöü 马.off", "Pferd äöü 马.off"),
+    ],
+)
+def test_the_name_is_by_default_the_files_own_without_folders(
+    service: Running, filename: str, name: str
+) -> None:
+    assert upload(service.client, small_file(0), filename).json()["name"] == name
+
+
+@pytest.mark.parametrize("tags", [["a", "b", "c"], ["a,b,c"], ["a, b", "c", "a"], ["a,,b , ", "", "c"]])
+def test_tags_are_repeated_or_separated_by_commas(service: Running, tags: list[str]) -> None:
+    assert upload(service.client, small_file(0), "bird.off", tags=tags).json()["tags"] == [
+        "a",
+        "b",
+        "c",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("fields", "field"),
+    [
+        ({"name": "x" * 256}, "name"),
+        ({"name": "a\x00b"}, "name"),
+        ({"name": ["one", "two"]}, "name"),
+        ({"tags": ",".join(f"t{i}" for i in range(33))}, "tags"),
+        ({"tags": "x" * 65}, "tags"),
+        ({"tags": "a\nb"}, "tags"),
+        ({"metadata": "{"}, "metadata"),
+        ({"metadata": "[1]"}, "metadata"),
+        ({"metadata": '{"a": NaN}'}, "metadata"),
+        ({"metadata": '{"a": 1e999}'}, "metadata"),
+        ({"metadata": '{"a": "\\ud800"}'}, "metadata"),
+        ({"metadata": json.dumps({"a": "x" * 20_000})}, "metadata"),
+        ({"metadata": json.dumps({str(i): i for i in range(65)})}, "metadata"),
+        ({"metadata": '{"a":' * 9 + "1" + "}" * 9}, "metadata"),
+        ({"metadata": "[" * 30_000}, "metadata"),
+        ({"metadata": '{"a": ' + "1" * 5000 + "}"}, "metadata"),
+        ({"nmae": "horse"}, "nmae"),
+    ],
+)
+def test_a_bad_field_is_refused_by_its_name(service: Running, fields: dict[str, str], field: str) -> None:
+    problem = assert_problem(
+        upload(service.client, small_file(0), "bird.off", **fields), 422, "bad-request-fields"
+    )
+    assert {error["field"].partition(".")[0] for error in problem["errors"]} == {field}
+    assert field in problem["detail"]
+    assert service.client.get("/shapes").json()["total"] == 0
+
+
+def test_a_form_without_a_file_is_refused(service: Running) -> None:
+    answer = service.client.post("/shapes", files={"name": (None, "horse")})
+    assert assert_problem(answer, 422, "bad-request-fields")["errors"][0]["field"] == "file"
+    as_text = service.client.post("/shapes", files={"file": (None, "OFF")})
+    assert assert_problem(as_text, 422, "bad-request-fields")["errors"][0]["field"] == "file"
+    elsewhere = service.client.post("/shapes", files={"mesh": ("bird.off", small_file(0))})
+    assert assert_problem(elsewhere, 422, "bad-request-fields")["errors"][0]["field"] == "mesh"
+
+
+def test_a_body_that_is_no_form_is_refused(service: Running) -> None:
+    assert_problem(service.client.post("/shapes", json={"name": "x"}), 415, "unsupported-media-type")
+    assert_problem(service.client.post("/shapes"), 415, "unsupported-media-type")
+    broken = {"content-type": "multipart/form-data; boundary=b"}
+    assert_problem(service.client.post("/shapes", content=b"nonsense", headers=broken), 400, "bad-request")
+    headers = {"content-type": "multipart/form-data"}
+    assert_problem(service.client.post("/shapes", content=b"--", headers=headers), 400, "bad-request")
+
+
+def test_a_form_takes_one_file_and_so_many_fields(service: Running) -> None:
+    data = small_file(0)
+    two = [("file", ("a.off", data)), ("file", ("b.off", data))]
+    assert_problem(service.client.post("/shapes", files=two), 400, "bad-request")
+    many = upload(
+        service.client, data, "bird.off", tags=[f"t{i}" for i in range(Settings().max_form_fields + 1)]
+    )
+    assert "fields" in assert_problem(many, 400, "bad-request")["detail"]
+    long = upload(service.client, data, "bird.off", metadata="x" * 70_000)
+    assert_problem(long, 400, "bad-request")
+
+
+@pytest.mark.parametrize("send", [upload, query])
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EDQUOT])
+def test_no_room_for_the_upload_is_said(
+    service: Running, monkeypatch: pytest.MonkeyPatch, send: Any, number: int
+) -> None:
+    def full(*_arguments: object) -> None:
+        raise OSError(number, os.strerror(number))
+
+    data = small_file(0) + b"\n" * (2 * 1024 * 1024)
+    with monkeypatch.context() as patch:
+        patch.setattr(SpooledTemporaryFile, "rollover", full)
+        assert_problem(send(service.client, data, "large.off"), 507, "storage-full")
+        patch.setattr(SpooledTemporaryFile, "rollover", _fail)
+        assert_problem(send(service.client, data, "large.off"), 500, "internal-error")
+    assert send(service.client, data, "large.off").status_code in {200, 201}
+
+
+@pytest.mark.parametrize("size", [2 * 1024 * 1024, 1024 * 1024 + 1])
+def test_a_full_temporary_folder_is_said(
+    service: Running, monkeypatch: pytest.MonkeyPatch, size: int
+) -> None:
+    def full(*_arguments: object, **_options: object) -> IO[bytes]:
+        return open("/dev/full", "w+b")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(tempfile, "TemporaryFile", full)
+        assert_problem(upload(service.client, b"x" * size, "large.off"), 507, "storage-full")
+
+
+def _fail(*_arguments: object) -> None:
+    raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+
+def test_a_mesh_that_is_simplified_is_stored_and_found(service: Running) -> None:
+    ball = trimesh.creation.icosphere(subdivisions=6)
+    points = ball.vertices * (1 + 0.2 * ball.vertices[:, :1] ** 2 + 0.1 * ball.vertices[:, 1:2])
+    assert len(points) > pipeline_in_use(service).parameters.decimate_above > 0
+    for name, coordinates in (("ball", ball.vertices), ("pear", points)):
+        data = write_mesh(Mesh(coordinates, ball.faces), "stl")
+        answer = upload(service.client, data, f"{name}.stl")
+        assert answer.status_code == 201, answer.text
+        assert answer.json()["facts"]["faces"] == len(ball.faces)
+        found = query(service.client, data, f"{name}.stl").json()["results"]
+        assert found[0]["shape"]["id"] == answer.json()["id"]
+
+
+def test_a_signature_of_another_length_is_not_stored(
+    service: Running, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kept = service.store(small_file(0))
+    work = service.container.work
+    embed = work.embed
+
+    async def shorter(data: bytes, format: str, pipeline: Pipeline) -> Embedded:
+        embedded = await embed(data, format, pipeline)
+        return dataclasses.replace(embedded, signature=embedded.signature[:-1])
+
+    with monkeypatch.context() as patch:
+        patch.setattr(work, "embed", shorter)
+        answer = upload(service.client, small_file(1), "short.off")
+    assert "signature" in assert_problem(answer, 500, "internal-error")["detail"]
+    assert _rows(service) == {"shapes": 1, "blobs": 1, "embeddings": 1}
+    results = query(service.client, small_file(0)).json()["results"]
+    assert [result["shape"]["id"] for result in results] == [kept["id"]]
+
+
+def test_what_looks_incomplete_is_stored_and_searched_with_a_warning(service: Running) -> None:
+    whole = read_mesh(small_file(1), "off")
+    part = write_mesh(cut_part(whole, 0.4, 0), "off")
+    assert service.store(small_file(1), "whole.off")["warnings"] == []
+    stored = service.store(part, "part.off")
+    (warning,) = stored["warnings"]
+    assert "looks incomplete" in warning
+    assert f"{100 * stored['facts']['openness']:.0f} %" in warning
+    assert query(service.client, part).json()["warnings"] == [warning]
+    assert query(service.client, small_file(1)).json()["warnings"] == []

@@ -1,0 +1,279 @@
+"""Embeddings ready to be compared: what is kept of them, what a query does without, and finalists."""
+
+import re
+import shutil
+import sqlite3
+from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
+from threading import Thread
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from core.descriptors.descriptor_distance import apart
+from core.descriptors.spin_images import KEYS
+from core.matching.match_records import match_rows, row_of
+from core.parameters import DEFAULT
+from core.ranking.coarse_ranking import sift, sketch_of
+from core.ranking.reranking import screen
+from core.serialization import embedding_from_bytes, points_from_bytes
+from service.index.cache import ABOUT, Shelf
+from service.search import cache_warmer as stocking
+from service.search import match_records as rows_module
+from tests.service.support import (
+    Running,
+    pipeline_in_use,
+    query,
+    serving,
+    settings_in,
+    small_file,
+    wait_until,
+)
+
+STORED = 12
+
+PLAIN: dict[str, int] = {}
+NARROW = [{"search_bytes": 0}, {"search_bytes": 300_000}]
+SHORT = {"shortlist_from": 5, "shortlist_length": 9, "screened": 6, "finalists": 2}
+
+
+def row(value: float, length: int = 100) -> np.ndarray:
+    return np.full(length, value, dtype=np.float32)
+
+
+def test_what_was_not_asked_for_longest_goes_first() -> None:
+    shelf = Shelf(1200)
+    for number in (1, 2, 3):
+        shelf.put(number, row(number))
+    assert list(shelf.rows([1, 9])) == [1]
+    shelf.put(4, row(4))
+    assert shelf.missing([1, 2, 3, 4]) == [2]
+    assert (len(shelf), shelf.nbytes) == (3, 1200)
+    assert [found[0] for found in shelf.rows([4, 3, 1]).values()] == [4, 3, 1]
+
+
+def test_a_row_put_again_takes_its_room_once() -> None:
+    shelf = Shelf(1200)
+    for _ in range(3):
+        shelf.put(1, row(1))
+    shelf.put(1, row(2, 50))
+    assert (len(shelf), shelf.nbytes) == (1, 200)
+    assert shelf.rows([1])[1][0] == 2
+
+
+def test_a_row_longer_than_all_the_room_is_not_kept() -> None:
+    shelf = Shelf(300)
+    shelf.put(1, row(1))
+    assert (len(shelf), shelf.nbytes) == (0, 0)
+    assert Shelf(0).free_places() == 0
+
+
+def test_with_less_room_the_oldest_go() -> None:
+    shelf = Shelf(1200)
+    for number in (1, 2, 3):
+        shelf.put(number, row(number))
+    shelf.resize(800)
+    assert shelf.missing([1, 2, 3]) == [1]
+    shelf.resize(-5)
+    assert (len(shelf), shelf.nbytes) == (0, 0)
+    shelf.resize(400)
+    shelf.put(4, row(4))
+    assert shelf.missing([4]) == []
+
+
+def test_only_what_is_named_is_kept() -> None:
+    shelf = Shelf(1200)
+    for number in (1, 2, 3):
+        shelf.put(number, row(number))
+    shelf.keep(np.array([3, 1, 7]))
+    assert shelf.missing([1, 2, 3]) == [2]
+    assert (len(shelf), shelf.nbytes) == (2, 800)
+    shelf.keep(np.empty(0, dtype=np.int64))
+    assert (len(shelf), shelf.nbytes) == (0, 0)
+
+
+def test_free_places_go_by_the_rows_that_are_there() -> None:
+    shelf = Shelf(10 * ABOUT)
+    assert shelf.free_places() == 10
+    shelf.put(1, row(1, ABOUT // 8))
+    assert shelf.free_places() == 19
+
+
+def test_many_threads_at_once() -> None:
+    shelf = Shelf(4000)
+
+    def work(seed: int) -> None:
+        rng = np.random.default_rng(seed)
+        for number in rng.integers(30, size=500).tolist():
+            shelf.put(number, row(number))
+            for found, values in shelf.rows(range(30)).items():
+                assert values[0] == found
+
+    threads = [Thread(target=work, args=(seed,)) for seed in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert (len(shelf), shelf.nbytes) == (10, 4000)
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, dict[str, float]]]:
+    """The folder of an archive of 12 shapes, and an answer with every row on the shelf."""
+    folder = tmp_path_factory.mktemp("shelf")
+    with serving(settings_in(folder)) as running:
+        for number in range(STORED):
+            running.store(small_file(number), f"{number}.off")
+        wait_until(lambda: len(shelf_of(running)) == STORED, seconds=30)
+        return folder, answer(running)
+
+
+@pytest.fixture(scope="module")
+def folder(made: tuple[Path, object]) -> Path:
+    return made[0]
+
+
+@pytest.fixture(scope="module")
+def roomy(made: tuple[object, dict[str, dict[str, float]]]) -> dict[str, dict[str, float]]:
+    return made[1]
+
+
+@pytest.fixture(scope="module")
+def running(folder: Path, request: pytest.FixtureRequest) -> Iterator[Running]:
+    """A service over it, with the settings that the tests give."""
+    with serving(settings_in(folder, **request.param)) as running:
+        yield running
+
+
+def shelf_of(running: Running) -> Shelf:
+    with running.parts.database.read() as session:
+        return running.parts.pipelines.current(session).shelf
+
+
+def answer(running: Running, number: int = 20, **options: object) -> dict[str, dict[str, float]]:
+    found = query(running.client, small_file(number), top_k=100, **options).json()
+    assert found["compared"] == len(found["results"])
+    return {
+        result["shape"]["name"]: {kind: result[kind] for kind in ("cc", "ssd", "sim", "combined")}
+        for result in found["results"]
+    }
+
+
+@pytest.mark.parametrize("running", [PLAIN], indirect=True)
+def test_rows_are_ready_soon_after_the_start_and_after_an_upload(
+    running: Running, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shelf = shelf_of(running)
+    wait_until(lambda: len(shelf) == STORED, seconds=30)
+    record = running.store(small_file(30), "late.off")
+    wait_until(lambda: len(shelf) == STORED + 1, seconds=30)
+    (shown,) = re.findall(r"^isoshape_rows_bytes (\S+)$", running.client.get("/metrics").text, re.MULTILINE)
+    assert float(shown) == shelf.nbytes
+    with monkeypatch.context() as patch:
+        patch.setattr(rows_module, "repository", None)
+        assert len(answer(running)) == STORED + 1
+    running.client.delete(f"/shapes/{record['id']}")
+    assert len(answer(running)) == STORED
+    wait_until(lambda: len(shelf) == STORED, seconds=30)
+
+
+@pytest.mark.parametrize("running", [PLAIN], indirect=True)
+def test_what_comes_is_made_ready_whatever_was_deleted_before(running: Running) -> None:
+    """Rows of what is gone would fill the room, and be counted for those that lack."""
+    shelf = shelf_of(running)
+    wait_until(lambda: len(shelf) == STORED, seconds=30)
+    gone = [running.store(small_file(number), f"{number}.off")["id"] for number in (31, 32)]
+    wait_until(lambda: len(shelf) == STORED + 2, seconds=30)
+    before = set(shelf.missing(range(1000)))
+    query(running.client, small_file(0), rank_by="combined")
+    assert len(running.parts.patches) == STORED + 2
+    for shape in gone:
+        running.client.delete(f"/shapes/{shape}")
+    late = running.store(small_file(33), "late.off")
+    wait_until(lambda: len(shelf) == STORED + 1, seconds=30)
+    assert len(before - set(shelf.missing(range(1000)))) == 1
+    wait_until(lambda: len(running.parts.patches) == STORED, seconds=30)
+    running.client.delete(f"/shapes/{late['id']}")
+
+
+def test_a_record_that_cannot_be_read_is_left_out_and_stops_nothing(folder: Path, tmp_path: Path) -> None:
+    shutil.copy(folder / "archive.sqlite3", tmp_path)
+    with closing(sqlite3.connect(tmp_path / "archive.sqlite3")) as connection, connection:
+        connection.execute("UPDATE embeddings SET record = x'00' WHERE number = 3")
+    with serving(settings_in(tmp_path)) as other:
+        wait_until(lambda: len(shelf_of(other)) == STORED - 1, seconds=30)
+        assert set(answer(other)) == {f"{number}.off" for number in range(STORED) if number != 2}
+
+
+def test_what_no_one_foresaw_does_not_keep_the_service_from_answering(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    with monkeypatch.context() as patch:
+        patch.setattr(stocking, "shelved", None)
+        with serving(settings_in(folder)) as other:
+            assert len(answer(other)) == STORED
+    assert "embeddings could not be made ready" in caplog.messages
+
+
+@pytest.mark.parametrize("running", NARROW, indirect=True)
+def test_without_room_answers_are_the_same(running: Running, roomy: dict[str, dict[str, float]]) -> None:
+    assert answer(running) == roomy
+    assert len(shelf_of(running)) <= 3
+
+
+@pytest.mark.parametrize("rank_by", ["cc", "combined"])
+@pytest.mark.parametrize("running", [SHORT], indirect=True)
+def test_finalists_are_those_that_sifting_and_screening_put_first(running: Running, rank_by: str) -> None:
+    client = running.client
+    shapes = client.get("/shapes").json()["shapes"]
+    pipeline = pipeline_in_use(running)
+    with running.parts.database.read() as session:
+        signed = running.parts.pipelines.current(session).index.current(session)
+        records = rows_module.repository.embedding_records(session, signed.embeddings.tolist())
+    embeddings = {
+        shape["name"]: embedding_from_bytes(records[int(number)])
+        for shape, number in zip(shapes, signed.embeddings, strict=True)
+    }
+    wanted = embeddings.pop("3.off")
+    own = row_of(wanted, DEFAULT)
+
+    def likeliest(names: list[str], rough: NDArray[np.float32], count: int, *, patches: bool) -> list[str]:
+        likeness = rough.astype(np.float64)
+        if rank_by == "combined":
+            unknown = np.zeros(len(names))
+            signatures = np.stack([embeddings[name].signature for name in names])
+            between = apart(wanted.patches, [embeddings[name].patches for name in names])
+            likeness = pipeline.combined(
+                likeness, unknown, wanted.signature, signatures, between if patches else None
+            )
+        return [names[place] for place in np.argsort(-likeness, kind="stable")[:count]]
+
+    names = sorted(
+        embeddings, key=lambda name: np.linalg.norm(embeddings[name].signature - wanted.signature)
+    )[:9]
+    sketches = np.stack([sketch_of(embeddings[name]) for name in names])
+    # By chance, the patches of a sheet, which looks incomplete, are compared with those of all.
+    if rank_by == "cc" or len(wanted.patches) == KEYS:
+        names = likeliest(names, sift(own, sketches, DEFAULT), 6, patches=False)
+    numbers = {shape["name"]: int(number) for shape, number in zip(shapes, signed.embeddings, strict=True)}
+    points = [points_from_bytes(records[numbers[name]]) for name in names]
+    names = likeliest(names, screen(own, points, DEFAULT), 3, patches=True)
+    body = {
+        "shape_id": next(s["id"] for s in shapes if s["name"] == "3.off"),
+        "top_k": 1,
+        "rank_by": rank_by,
+    }
+    found = client.post("/query", json=body).json()
+    assert found["compared"] == 3
+    (result,) = found["results"]
+    exact = match_rows(own, [row_of(embeddings[name], DEFAULT) for name in names], DEFAULT)
+    place = names.index(result["shape"]["name"])
+    assert (result["cc"], result["ssd"], result["sim"]) == (
+        exact.cc[place],
+        exact.ssd[place],
+        exact.sim[place],
+    )
+    if rank_by == "cc":
+        assert place == exact.cc.argmax()

@@ -1,0 +1,147 @@
+"""The signatures in memory against those in the database, whatever happens in between."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from service.collection import DEFAULT_COLLECTION
+from service.compute.tasks import Embedded
+from service.index import signature_index as signatures
+from service.index.repository import Signed, signed_since
+from service.index.signature_index import SignatureIndex
+from service.shapes import repository
+from service.shapes.records import NewShape
+from service.storage.database import Database, ReadSession
+from service.storage.migrate import migrate
+from tests.service.engines import on_both, url_in
+
+pytestmark = on_both
+
+FINGERPRINT = "f" * 16
+OTHER = "0" * 16
+
+
+@pytest.fixture
+def database(tmp_path: Path) -> Iterator[Database]:
+    database = Database(url_in(tmp_path), lock_seconds=5)
+    migrate(database)
+    yield database
+    database.close()
+
+
+def store(database: Database, content: int, name: str, fingerprint: str = FINGERPRINT) -> None:
+    """Store a shape whose signature tells its content and its fingerprint."""
+    signature = np.array([content, int(fingerprint, 16) % 97, 0.5], dtype=np.float32)
+    embedded = Embedded(b"record", signature, bytes([content, 1]), {}, {})
+    new = NewShape(str(content).encode(), "off", DEFAULT_COLLECTION.number, name, (), {})
+    with database.write() as session:
+        blob = repository.blob_number(session, new.sha256)
+        blob = repository.add_blob(session, new.data, new.sha256) if blob is None else blob
+        if not repository.is_embedded(session, fingerprint, new.sha256, "off"):
+            repository.add_embedding(session, blob, "off", fingerprint, embedded)
+            repository.look_again(session, blob, "off", embedded.facts)
+        if repository.same(session, fingerprint, new) is None:
+            repository.add_shape(session, blob, new, {})
+
+
+def remove(database: Database, content: int, name: str) -> None:
+    """Delete a shape."""
+    new = NewShape(str(content).encode(), "off", DEFAULT_COLLECTION.number, name, (), {})
+    with database.write() as session:
+        record = repository.same(session, FINGERPRINT, new)
+        assert record is not None
+        repository.remove(session, record)
+
+
+def current(database: Database, index: SignatureIndex) -> Signed:
+    with database.read() as session:
+        return index.current(session)
+
+
+def rows(signed: Signed) -> list[tuple[int, int, tuple[float, ...]]]:
+    return sorted(
+        (int(shape), int(embedding), tuple(signature))
+        for shape, embedding, signature in zip(
+            signed.shapes, signed.embeddings, signed.signatures.tolist(), strict=True
+        )
+    )
+
+
+def test_an_empty_archive_has_no_signatures(database: Database) -> None:
+    signed = current(database, SignatureIndex(FINGERPRINT))
+    assert (len(signed.shapes), len(signed.embeddings), len(signed.signatures)) == (0, 0, 0)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_index_is_what_the_database_says_after_any_history(database: Database, seed: int) -> None:
+    random = np.random.default_rng(seed)
+    indices = [SignatureIndex(FINGERPRINT) for _ in range(3)]
+    present: list[tuple[int, str]] = []
+    held: list[tuple[Signed, list[tuple[int, int, tuple[float, ...]]]]] = []
+    for step in range(80):
+        act = random.random()
+        if act < 0.55 or not present:
+            content, name = int(random.integers(12)), f"name {step % 40}"
+            fingerprint = OTHER if random.random() < 0.2 else FINGERPRINT
+            store(database, content, name, fingerprint)
+            if (content, name) not in present:
+                present.append((content, name))
+        elif act < 0.8:
+            remove(database, *present.pop(int(random.integers(len(present)))))
+        index = indices[int(random.integers(3))]
+        if random.random() < 0.6:
+            signed = current(database, index)
+            with database.read() as session:
+                truth = [row for batch in signed_since(session, FINGERPRINT, -1) for row in rows(batch)]
+            assert rows(signed) == sorted(truth)
+            held.append((signed, rows(signed)))
+    for signed, then in held:
+        assert rows(signed) == then, "what was handed out has changed"
+
+
+def test_another_connections_write_is_seen_at_once(database: Database, tmp_path: Path) -> None:
+    index = SignatureIndex(FINGERPRINT)
+    store(database, 1, "one")
+    assert len(current(database, index).shapes) == 1
+    other = Database(url_in(tmp_path), lock_seconds=5)
+    store(other, 2, "two")
+    assert len(current(database, index).shapes) == 2
+    remove(other, 1, "one")
+    assert current(database, index).signatures[:, 0].tolist() == [2]
+    other.close()
+
+
+def test_an_archive_that_went_back_in_time_is_read_anew(database: Database) -> None:
+    index = SignatureIndex(FINGERPRINT)
+    for content in range(5):
+        store(database, content, "name")
+    before = rows(current(database, index))
+    with database.connect() as connection:
+        connection.exec_driver_sql("UPDATE archive SET revision = 3")
+        connection.exec_driver_sql("DELETE FROM shapes WHERE number > 2")
+    assert rows(current(database, index)) == before[:2]
+
+
+def test_an_index_that_holds_nothing_does_not_read_what_was_removed(
+    database: Database, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for content in range(3):
+        store(database, content, "name")
+    remove(database, 1, "name")
+    asked = []
+    removed_since = signatures.repository.removed_since
+
+    def counted(session: ReadSession, since: int) -> NDArray[np.int64]:
+        asked.append(since)
+        return removed_since(session, since)
+
+    monkeypatch.setattr(signatures.repository, "removed_since", counted)
+    index = SignatureIndex(FINGERPRINT)
+    assert current(database, index).signatures[:, 0].tolist() == [0, 2]
+    assert asked == []
+    remove(database, 2, "name")
+    assert current(database, index).signatures[:, 0].tolist() == [0]
+    assert len(asked) == 1

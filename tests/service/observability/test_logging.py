@@ -1,0 +1,80 @@
+"""Logs: lines of JSON with request ids, and nothing of what was sent."""
+
+import io
+import json
+import logging
+from collections.abc import Iterator
+
+import pytest
+
+from service.observability.logging import LOGGER, JsonFormatter, configure, get_logger, request_id
+from tests.service.support import Running, query, small_file, upload, wait_until
+
+
+@pytest.fixture
+def lines() -> Iterator[io.StringIO]:
+    """What is logged meanwhile, from debug up."""
+    stream = io.StringIO()
+    handler = logging.StreamHandler(stream)
+    handler.setFormatter(JsonFormatter())
+    logger = logging.getLogger(LOGGER)
+    level = logger.level
+    logger.addHandler(handler)
+    logger.setLevel(logging.DEBUG)
+    yield stream
+    logger.removeHandler(handler)
+    logger.setLevel(level)
+
+
+def test_a_line_is_one_object_even_with_a_traceback(lines: io.StringIO) -> None:
+    token = request_id.set("abc")
+    try:
+        raise ValueError('a "quoted"\nmessage')
+    except ValueError as error:
+        get_logger("test").error("it %s", "failed", exc_info=error, extra={"fields": {"status": 500}})
+    request_id.reset(token)
+    get_logger("test").info("outside")
+    first, second = (json.loads(line) for line in lines.getvalue().splitlines())
+    assert (first["level"], first["logger"], first["message"]) == ("error", "isoshape.test", "it failed")
+    assert (first["request_id"], first["status"]) == ("abc", 500)
+    assert "ValueError" in first["traceback"]
+    assert "request_id" not in second
+
+
+def test_every_request_is_logged_once_with_its_id(shared: Running, lines: io.StringIO) -> None:
+    shared.client.get("/shapes", headers={"x-request-id": "find-me"})
+    wait_until(lambda: "find-me" in lines.getvalue(), seconds=5)
+    (line,) = [json.loads(line) for line in lines.getvalue().splitlines() if "find-me" in line]
+    assert line["request_id"] == "find-me"
+    assert (line["method"], line["path"], line["status"]) == ("GET", "/shapes", 200)
+    assert line["milliseconds"] > 0
+    assert "problem" not in line
+
+
+def test_a_problem_is_logged_by_its_kind(shared: Running, lines: io.StringIO) -> None:
+    shared.client.get("/shapes/none", headers={"x-request-id": "no-shape"})
+    wait_until(lambda: "no-shape" in lines.getvalue(), seconds=5)
+    (line,) = [json.loads(line) for line in lines.getvalue().splitlines() if "no-shape" in line]
+    assert (line["status"], line["problem"]) == (404, "shape-not-found")
+
+
+def test_nothing_of_what_was_sent_is_logged(shared: Running, lines: io.StringIO) -> None:
+    secret = "xyzzy-secret"
+    upload(shared.client, small_file(0), f"{secret}.off", tags=secret, metadata=f'{{"k": "{secret}"}}')
+    upload(shared.client, f"OFF {secret}".encode(), f"{secret}.off")
+    query(shared.client, secret.encode(), f"{secret}.off", filter=secret)
+    wait_until(lambda: lines.getvalue().count('"/query"') == 1, seconds=5)
+    assert secret not in lines.getvalue()
+
+
+def test_configuring_twice_writes_once() -> None:
+    logger = logging.getLogger(LOGGER)
+    before, level = list(logger.handlers), logger.level
+    configure("info")
+    configure("error")
+    added = [handler for handler in logger.handlers if handler not in before]
+    assert len(added) <= 1
+    assert logger.level == logging.ERROR
+    for handler in added:
+        logger.removeHandler(handler)
+    logger.setLevel(level)

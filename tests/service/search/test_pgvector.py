@@ -1,0 +1,251 @@
+"""The nearest signatures by PostgreSQL, against those that a plain computation finds."""
+
+from collections.abc import Iterator
+from contextlib import closing
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from sqlalchemy import insert, text
+
+from core.parameters import DEFAULT
+from service.collection import DEFAULT_COLLECTION
+from service.search.pgvector_repository import Nearest, nearest
+from service.shapes import repository
+from service.shapes.records import NewShape, ShapeFilter
+from service.storage.database import Database, ReadSession
+from service.storage.hnsw import ensure_graph, name_of
+from service.storage.hnsw_parameters import GraphParameters
+from service.storage.tables import BlobRow, EmbeddingRow, ShapeRow, TagRow
+from tests.service.archives import embedded
+from tests.service.engines import empty_database, on_postgresql
+
+pytestmark = on_postgresql
+
+SHAPES = 6_000
+LENGTH = 33
+GROUPS = 40
+WANTED = 100
+FINGERPRINT, OTHER = "f" * 16, "0" * 16
+EVERYTHING = ShapeFilter(DEFAULT_COLLECTION.number)
+
+
+@dataclass(frozen=True, eq=False)
+class Stored:
+    """Shapes 1 to `SHAPES`: the signature of each, and queries near some of them."""
+
+    database: Database
+    signatures: NDArray[np.float32]
+    queries: NDArray[np.float32]
+
+    def truth(self, query: NDArray[np.float32], among: NDArray[np.int64] | None = None) -> NDArray[np.int64]:
+        """The numbers of the shapes, nearest first."""
+        numbers = np.arange(1, SHAPES + 1) if among is None else among
+        distances = np.linalg.norm(self.signatures[numbers - 1].astype(np.float64) - query, axis=1)
+        return numbers[np.lexsort((numbers, distances))]
+
+    def nearest(
+        self, query: NDArray[np.float32], count: int, shapes: ShapeFilter = EVERYTHING, ef: int | None = None
+    ) -> Nearest:
+        with self.database.read() as session:
+            return nearest(session, FINGERPRINT, query, count, shapes=shapes, ef_search=ef)
+
+
+@pytest.fixture(scope="module")
+def stored(engine: str) -> Iterator[Stored]:
+    """Groups of signatures; a tag on every third shape and another on 30; another pipeline's beside them."""
+    rng = np.random.default_rng(7)
+    middles = rng.normal(size=(GROUPS, LENGTH))
+    points = middles[rng.integers(GROUPS, size=SHAPES + 20)] + 0.4 * rng.normal(size=(SHAPES + 20, LENGTH))
+    signatures, queries = np.split(points.astype(np.float32), [SHAPES])
+    numbers = range(1, SHAPES + 1)
+    url = empty_database(migrated=True)
+    with closing(Database(url, lock_seconds=60, graph=GraphParameters(m=12, ef_construction=50))) as database:
+        with database.write() as session:
+            rows = session.connection()
+            blob = {"size": 1, "data": b"x"}
+            rows.execute(insert(BlobRow), [{**blob, "number": n, "sha256": f"{n}"} for n in numbers])
+            shared: dict[str, Any] = {"format": "off", "folded_name": "", "meta": {}, "revision": 1}
+            shared |= dict.fromkeys(("created_at", "updated_at"), datetime.now(UTC))
+            rows.execute(
+                insert(ShapeRow),
+                [
+                    {
+                        **shared,
+                        "number": n,
+                        "id": f"{n}",
+                        "collection_number": DEFAULT_COLLECTION.number,
+                        "blob_number": n,
+                        "name": f"{n}",
+                        "facts": {"area": n},
+                    }
+                    for n in numbers
+                ],
+            )
+            for fingerprint, vectors in ((FINGERPRINT, signatures), (OTHER, signatures[:, :5])):
+                made = {"format": "off", "fingerprint": fingerprint, "record": b""}
+                rows.execute(
+                    insert(EmbeddingRow),
+                    [{**made, "blob_number": n, "signature": vectors[n - 1]} for n in numbers],
+                )
+            tagged = [(n, "third") for n in numbers if n % 3 == 0] + [(n, "few") for n in range(200, 230)]
+            rows.execute(insert(TagRow), [{"shape_number": n, "tag": tag, "place": 0} for n, tag in tagged])
+            assert ensure_graph(session, FINGERPRINT)
+            assert ensure_graph(session, OTHER)
+        with database.connect() as connection:
+            connection.execute(text("ANALYZE"))
+        yield Stored(database, signatures, queries)
+
+
+def recall(found: Nearest, truth: NDArray[np.int64]) -> float:
+    return len(np.intersect1d(found.shapes, truth)) / len(truth)
+
+
+def test_the_exact_search_finds_what_a_plain_one_does(stored: Stored) -> None:
+    for query in stored.queries:
+        found, truth = stored.nearest(query, WANTED), stored.truth(query)[:WANTED]
+        np.testing.assert_array_equal(found.shapes, truth)
+        distances = np.linalg.norm(stored.signatures[truth - 1].astype(float) - query, axis=1)
+        np.testing.assert_allclose(found.distances, distances, rtol=1e-5)
+        np.testing.assert_array_equal(found.embeddings, truth)
+
+
+def test_the_graph_misses_next_to_nothing(stored: Stored) -> None:
+    shares = [
+        recall(stored.nearest(query, WANTED, ef=200), stored.truth(query)[:WANTED])
+        for query in stored.queries
+    ]
+    assert np.mean(shares) >= 0.99
+    for query in stored.queries[:3]:
+        found = stored.nearest(query, WANTED, ef=200)
+        assert (np.diff(found.distances) >= 0).all()
+        assert len(np.unique(found.shapes)) == WANTED
+
+
+def test_what_the_graph_gives_is_put_in_order(stored: Stored) -> None:
+    """Of a narrow search that goes on in turns: each may bring what is nearer than the last one's."""
+    many = 300
+    shares = {}
+    for more in (1, 4):
+        found = []
+        for query in stored.queries:
+            with stored.database.read() as session:
+                session.execute(text("SET LOCAL enable_seqscan = off"))
+                found.append(
+                    nearest(session, FINGERPRINT, query, many, shapes=EVERYTHING, ef_search=1, more=more)
+                )
+            assert (np.diff(found[-1].distances) >= 0).all()
+        truth = [stored.truth(query)[:many] for query in stored.queries]
+        shares[more] = np.mean([recall(*each) for each in zip(found, truth, strict=True)])
+    assert shares[4] > shares[1]
+
+
+def test_the_graph_is_what_is_searched(stored: Stored, monkeypatch: pytest.MonkeyPatch) -> None:
+    plans: dict[int | None, str] = {}
+
+    def explained(ef: int | None) -> None:
+        execute = ReadSession.execute
+
+        def explain(session: ReadSession, statement: object, *rest: object) -> object:
+            written = statement.compile(session.get_bind(), compile_kwargs={"literal_binds": True})  # type: ignore[attr-defined]
+            if "distance" in str(written):
+                plan = execute(session, text("EXPLAIN " + str(written).replace(":", r"\:"))).scalars().all()
+                plans[ef] = "\n".join(plan)
+            return execute(session, statement, *rest)  # type: ignore[call-overload]
+
+        with monkeypatch.context() as patch:
+            patch.setattr(ReadSession, "execute", explain)
+            stored.nearest(stored.queries[0], 20, ef=ef)
+
+    explained(100)
+    explained(None)
+    assert f"Index Scan using {name_of(FINGERPRINT)}" in plans[100]
+    assert "signatures_" not in plans[None]
+
+
+@pytest.mark.parametrize("ef", [None, 200])
+def test_only_what_the_filter_means_is_found(stored: Stored, ef: int | None) -> None:
+    thirds = np.arange(3, SHAPES + 1, 3)
+    small = np.arange(50, 2_001)
+    for query in stored.queries[:8]:
+        for shapes, meant in (
+            (ShapeFilter(DEFAULT_COLLECTION.number, tags=("third",)), thirds),
+            (ShapeFilter(DEFAULT_COLLECTION.number, area=(50, 2_000)), small),
+            (
+                ShapeFilter(DEFAULT_COLLECTION.number, tags=("third",), area=(50, 2_000)),
+                np.intersect1d(thirds, small),
+            ),
+            (
+                ShapeFilter(
+                    DEFAULT_COLLECTION.number, excluded=tuple(str(n) for n in stored.truth(query)[:5])
+                ),
+                stored.truth(query)[5:],
+            ),
+        ):
+            found, truth = stored.nearest(query, WANTED, shapes, ef), stored.truth(query, meant)[:WANTED]
+            assert np.isin(found.shapes, meant).all()
+            assert len(found.shapes) == WANTED
+            assert recall(found, truth) >= (1.0 if ef is None else 0.97)
+
+
+@pytest.mark.parametrize("ef", [None, 1, 200])
+def test_all_are_found_where_a_filter_means_few(stored: Stored, ef: int | None) -> None:
+    few = np.arange(200, 230)
+    for query in stored.queries[:5]:
+        found = stored.nearest(query, WANTED, ShapeFilter(DEFAULT_COLLECTION.number, tags=("few",)), ef)
+        np.testing.assert_array_equal(found.shapes, stored.truth(query, few))
+    nothing = stored.nearest(
+        stored.queries[0], WANTED, ShapeFilter(DEFAULT_COLLECTION.number, tags=("nobody has it",)), ef
+    )
+    assert len(nothing.shapes) == len(nothing.embeddings) == len(nothing.distances) == 0
+
+
+def test_each_pipeline_has_its_own(stored: Stored) -> None:
+    query = stored.queries[0][:5]
+    distances = np.linalg.norm(stored.signatures[:, :5].astype(float) - query, axis=1)
+    with stored.database.read() as session:
+        found = nearest(session, OTHER, query, 10, shapes=EVERYTHING, ef_search=None)
+        by_graph = nearest(session, OTHER, query, 10, shapes=EVERYTHING, ef_search=200)
+    np.testing.assert_array_equal(found.shapes, np.argsort(distances)[:10] + 1)
+    assert (found.embeddings > SHAPES).all()
+    assert recall(by_graph, found.shapes) >= 0.9
+
+
+def test_a_graph_is_made_with_the_first_signature_and_anew_for_other_parameters() -> None:
+    url = empty_database(migrated=True)
+
+    def graphs(parameters: GraphParameters, *, make: bool = False) -> list[str]:
+        with (
+            closing(Database(url, lock_seconds=5, graph=parameters)) as database,
+            database.write() as session,
+        ):
+            if make:
+                ensure_graph(session, DEFAULT.fingerprint)
+            found = text("SELECT indexdef FROM pg_indexes WHERE indexdef LIKE '%hnsw%' ORDER BY indexname")
+            return list(session.scalars(found))
+
+    few, many = GraphParameters(m=4, ef_construction=10), GraphParameters(m=20, ef_construction=90)
+    with closing(Database(url, lock_seconds=5, graph=few)) as database:
+        for number in (1, 2):
+            new, made = (
+                NewShape(b"%d" % number, "off", DEFAULT_COLLECTION.number, "x", (), {}),
+                embedded(number),
+            )
+            assert len(graphs(few, make=True)) == number - 1
+            with database.write() as session:
+                blob = repository.add_blob(session, new.data, new.sha256)
+                repository.add_embedding(session, blob, "off", DEFAULT.fingerprint, made)
+                repository.add_shape(session, blob, new, {})
+            (graph,) = graphs(few)
+            assert f"vector({len(made.signature)})" in graph
+            assert "m='4'" in graph
+            assert DEFAULT.fingerprint in graph
+        with database.read() as session:
+            found = nearest(session, DEFAULT.fingerprint, made.signature, 5, shapes=EVERYTHING, ef_search=40)
+        assert found.shapes.tolist() == [2, 1]
+        assert found.distances[0] == 0
+    (graph,) = graphs(many, make=True)
+    assert "m='20', ef_construction='90'" in graph

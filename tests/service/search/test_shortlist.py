@@ -1,0 +1,71 @@
+"""Which stored shapes a query is compared with, and in what order they come."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from core.ranking.shortlist import signature_distances
+from service.search.ranking import Compared, RankBy, ranked
+from tests.service.engines import on_both
+from tests.service.support import Running, query, serving, settings_in, small_file
+
+pytestmark = on_both
+
+STORED = 12
+
+
+@pytest.fixture(scope="module")
+def small_shortlist(tmp_path_factory: pytest.TempPathFactory, engine: str) -> Iterator[Running]:
+    """A service that shortlists 4 from 10 candidates up, and holds 12 shapes."""
+    folder = tmp_path_factory.mktemp("shortlist")
+    with serving(settings_in(folder, shortlist_from=10, shortlist_length=4)) as running:
+        for number in range(STORED):
+            running.store(small_file(number), f"{number}.off", tags=["few"] if number < 9 else ["many"])
+        yield running
+
+
+def test_a_large_collection_is_compared_by_its_nearest_signatures(small_shortlist: Running) -> None:
+    client = small_shortlist.client
+    shapes = {shape["name"]: shape["id"] for shape in client.get("/shapes").json()["shapes"]}
+    body = {"shape_id": shapes["3.off"], "top_k": 100, "exclude_self": False}
+    answer = client.post("/query", json=body).json()
+    assert (answer["compared"], answer["stored"]) == (4, STORED)
+    signatures = {
+        name: np.array(client.get(f"/shapes/{shape_id}/embedding").json()["signature"], dtype=np.float32)
+        for name, shape_id in shapes.items()
+    }
+    stacked = np.array(list(signatures.values()))
+    distances = signature_distances(signatures["3.off"], stacked)
+    nearest = sorted(zip(distances, signatures, strict=True))[:4]
+    assert {result["shape"]["name"] for result in answer["results"]} == {name for _, name in nearest}
+    assert answer["results"][0]["shape"]["name"] == "3.off"
+
+
+def test_all_are_compared_when_asked_or_when_few(small_shortlist: Running) -> None:
+    data = small_file(20)
+    whole = query(small_shortlist.client, data, exhaustive="true", top_k=100).json()
+    assert whole["compared"] == len(whole["results"]) == STORED
+    few = query(small_shortlist.client, data, filter="few", top_k=100).json()
+    assert (few["compared"], few["stored"]) == (9, STORED)
+    shortlisted = query(small_shortlist.client, data, top_k=100).json()
+    scores = {result["shape"]["id"]: result["cc"] for result in whole["results"]}
+    assert {r["shape"]["id"]: r["cc"] for r in shortlisted["results"]}.items() <= scores.items()
+
+
+@pytest.mark.parametrize("by", ["cc", "ssd", "sim", "combined"])
+def test_ranking_is_a_stable_sort_by_likeness(by: RankBy) -> None:
+    random = np.random.default_rng(0)
+    n = 200
+    compared = Compared(random.permutation(n), *(random.integers(0, 6, n) / 6 for _ in range(4)))
+    order = ranked(compared, by)
+    value = getattr(compared, by) * (1 if by == "ssd" else -1)
+    truth = sorted(range(n), key=lambda i: (value[i], compared.ssd[i], compared.shapes[i]))
+    assert order.tolist() == truth
+
+
+def test_a_near_copy_that_was_stored_first_comes_after_the_shape_itself() -> None:
+    ones = np.ones(3)
+    compared = Compared(np.array([7, 8, 9]), ones, np.array([1e-7, 0.0, 0.0]), ones, ones)
+    for by in ("cc", "sim", "combined"):
+        assert ranked(compared, by).tolist() == [1, 2, 0]

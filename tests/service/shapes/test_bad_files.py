@@ -1,0 +1,96 @@
+"""Files that cannot be used are refused by name of the cause, are not stored, and hurt no one else."""
+
+import json
+import struct
+
+import numpy as np
+import pytest
+
+from core.io import FORMATS, write_mesh
+from core.mesh.mesh import Mesh
+from tests.service.support import Running, assert_problem, query, small_file, upload
+
+TRIANGLE = b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"
+
+
+def glb(document: object) -> bytes:
+    """A GLB with a JSON chunk and nothing else."""
+    text = json.dumps(document).encode()
+    text += b" " * (-len(text) % 4)
+    return struct.pack("<4sIIII", b"glTF", 2, 20 + len(text), len(text), 0x4E4F534A) + text
+
+
+REFUSED = {
+    "empty.off": (b"", 422, "empty-file"),
+    "empty.stl": (b"", 422, "empty-file"),
+    "empty.obj": (b"", 422, "empty-file"),
+    "truncated.off": (small_file(0)[: len(small_file(0)) // 2], 422, "malformed-mesh"),
+    "truncated.ply": (small_file(0, "ply")[:-7], 422, "malformed-mesh"),
+    "truncated.stl": (small_file(0, "stl")[:-7], 422, "malformed-mesh"),
+    "truncated.glb": (small_file(0, "glb")[:-7], 422, "malformed-mesh"),
+    "picture.ply": (b"\x89PNG\r\n\x1a\n" + bytes(range(256)), 422, "malformed-mesh"),
+    "prose.off": (b"Dear Sir or Madam,\n", 422, "malformed-mesh"),
+    "points.obj": (b"v 0 0 0\nv 1 0 0\nv 0 1 0\n", 422, "no-triangles"),
+    "points.off": (b"OFF\n3 0 0\n0 0 0\n1 0 0\n0 1 0\n", 422, "no-triangles"),
+    "nan.off": (TRIANGLE.replace(b"1 0 0\n0 1", b"nan 0 0\n0 1"), 422, "non-finite-coordinates"),
+    "infinite.obj": (b"v 0 0 0\nv inf 0 0\nv 0 1 0\nf 1 2 3\n", 422, "non-finite-coordinates"),
+    "index.off": (TRIANGLE.replace(b"3 0 1 2", b"3 0 1 7"), 422, "malformed-mesh"),
+    "index.obj": (b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 0 1 2\n", 422, "malformed-mesh"),
+    "point.off": (b"OFF\n3 1 0\n1 1 1\n1 1 1\n1 1 1\n3 0 1 2\n", 422, "degenerate-mesh"),
+    "counts.off": (b"OFF\n4000000000 4000000000 0\n", 422, "malformed-mesh"),
+    "elsewhere.glb": (
+        glb({"asset": {"version": "2.0"}, "buffers": [{"byteLength": 36, "uri": "file:///etc/passwd"}]}),
+        422,
+        "external-reference",
+    ),
+    "horse.step": (TRIANGLE, 422, "malformed-mesh"),
+    "horse.3mf": (TRIANGLE, 422, "malformed-mesh"),
+    "horse.dae": (TRIANGLE, 415, "unknown-format"),
+    "horse": (TRIANGLE, 415, "unknown-format"),
+    ".off/horse": (TRIANGLE, 415, "unknown-format"),
+    "horse.off.zip": (TRIANGLE, 415, "unknown-format"),
+}
+
+
+@pytest.mark.parametrize("filename", REFUSED)
+def test_a_file_that_cannot_be_used_is_refused_by_its_cause(shared: Running, filename: str) -> None:
+    data, status, kind = REFUSED[filename]
+    stored = shared.client.get("/shapes").json()["total"]
+    assert_problem(upload(shared.client, data, filename), status, kind)
+    assert_problem(query(shared.client, data, filename), status, kind)
+    assert shared.client.get("/shapes").json()["total"] == stored
+
+
+@pytest.mark.parametrize("format", sorted(FORMATS))
+def test_no_beginning_of_a_file_is_a_fault_of_the_service(shared: Running, format: str) -> None:
+    data = small_file(1, format)
+    for length in np.linspace(0, len(data) - 1, 9).astype(int):
+        answer = upload(shared.client, data[:length], f"cut-{length}.{format}")
+        assert answer.status_code in {201, 422}, answer.text
+
+
+@pytest.mark.parametrize(
+    "mesh",
+    [
+        Mesh(np.eye(3), np.array([[0, 1, 2]])),
+        Mesh(np.eye(3), np.array([[0, 1, 2], [2, 1, 0]])),
+        Mesh(1e-30 * np.eye(3), np.array([[0, 1, 2]])),
+        Mesh(1e30 * np.eye(3), np.array([[0, 1, 2]])),
+        Mesh(np.vstack([np.eye(3), np.eye(3) + 100]), np.array([[0, 1, 2], [3, 4, 5]])),
+        Mesh(np.array([[0, 0, 0], [1, 0, 0], [2, 1e-12, 0], [1, 1, 0.0]]), np.array([[0, 1, 2], [0, 2, 3]])),
+    ],
+)
+def test_a_strange_mesh_is_stored_and_searched_or_refused(service: Running, mesh: Mesh) -> None:
+    answer = upload(service.client, write_mesh(mesh, "off"), "strange.off")
+    if answer.status_code == 422:
+        assert answer.json()["type"] == "urn:isoshape:problem:degenerate-mesh"
+        return
+    assert answer.status_code == 201, answer.text
+    service.store(small_file(0), name="ball")
+    results = query(service.client, write_mesh(mesh, "off")).json()["results"]
+    assert {result["shape"]["name"] for result in results} == {"strange.off", "ball"}
+    assert all(
+        np.isfinite([result[key] for key in ("cc", "ssd", "sim", "combined")]).all() for result in results
+    )
+    found = query(service.client, small_file(0)).json()["results"][0]
+    assert found["shape"]["name"] == "ball"

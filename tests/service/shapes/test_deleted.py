@@ -1,0 +1,130 @@
+"""Deleting with a time to undo it."""
+
+from collections.abc import Iterator
+from datetime import UTC, datetime, timedelta
+
+import pytest
+from sqlalchemy import func, select, update
+
+from service.client import Client
+from service.shapes.deleted.service import purge_old
+from service.storage.tables import BlobRow, DeletedRow
+from tests.service.engines import on_both
+from tests.service.support import Running, assert_problem, serving, settings_in, small_file
+
+pytestmark = on_both
+
+DAYS = 3
+
+
+@pytest.fixture(scope="module")
+def keeping(tmp_path_factory: pytest.TempPathFactory, engine: str) -> Iterator[Running]:
+    """A service that keeps what was deleted for some days."""
+    with serving(settings_in(tmp_path_factory.mktemp("keeping"), undo_days=DAYS, workers=1)) as running:
+        yield running
+
+
+@pytest.fixture
+def service(keeping: Running) -> Running:
+    """The same, with nothing stored, and nothing deleted."""
+    keeping.clear()
+    with keeping.parts.database.write() as session:
+        session.query(DeletedRow).delete()
+    return keeping
+
+
+def rows(running: Running, table: type[BlobRow] | type[DeletedRow]) -> int:
+    with running.parts.database.read() as session:
+        return session.scalar(select(func.count()).select_from(table)) or 0
+
+
+def age(running: Running, days: float) -> None:
+    """Have what was deleted have been deleted so long ago."""
+    with running.parts.database.write() as session:
+        session.execute(update(DeletedRow).values(deleted_at=datetime.now(UTC) - timedelta(days=days)))
+
+
+def test_a_deleted_shape_is_gone_until_it_is_restored(service: Running) -> None:
+    client = service.client
+    other = service.store(small_file(2), name="other.off")
+    shape = service.store(small_file(1), "bird.off", tags="b,a", metadata='{"year": 2024}')
+    assert client.delete(f"/shapes/{shape['id']}").status_code == 204
+    assert_problem(client.get(f"/shapes/{shape['id']}"), 404, "shape-not-found")
+    assert client.get("/shapes").json()["total"] == 1
+    assert rows(service, BlobRow) == 1
+    (gone,) = client.get("/deleted").json()["shapes"]
+    told = {key: gone[key] for key in shape if key in gone}
+    assert told == {key: shape[key] for key in told}
+    deleted, until = (datetime.fromisoformat(gone[key]) for key in ("deleted_at", "gone_at"))
+    assert until - deleted == timedelta(days=DAYS)
+    restored = client.post(f"/shapes/{shape['id']}/restore")
+    assert restored.status_code == 200
+    assert {**restored.json(), "updated_at": 0} == {**shape, "updated_at": 0}
+    assert client.get(f"/shapes/{shape['id']}/file").content == small_file(1)
+    assert [each["id"] for each in client.get("/shapes").json()["shapes"]] == [other["id"], shape["id"]]
+    found = client.post("/query", json={"shape_id": shape["id"], "exclude_self": False}).json()["results"]
+    assert found[0]["shape"]["id"] == shape["id"]
+    assert client.get("/deleted").json()["shapes"] == []
+    assert_problem(client.post(f"/shapes/{shape['id']}/restore"), 404, "shape-not-found")
+
+
+def test_a_shape_that_was_stored_again_is_not_restored_beside_it(service: Running) -> None:
+    first = service.store(small_file(1), name="bird.off")
+    service.client.delete(f"/shapes/{first['id']}")
+    again = service.store(small_file(1), name="bird.off")
+    assert again["id"] != first["id"]
+    refused = service.client.post(f"/shapes/{first['id']}/restore")
+    assert again["id"] in assert_problem(refused, 409, "name-taken")["detail"]
+    assert service.client.get("/deleted").json()["total"] == 1
+    service.client.patch(f"/shapes/{again['id']}", json={"name": "renamed.off"})
+    assert service.client.post(f"/shapes/{first['id']}/restore").json()["name"] == "bird.off"
+    assert service.client.get("/shapes").json()["total"] == 2
+
+
+def test_what_is_purged_or_too_old_cannot_be_restored(service: Running) -> None:
+    with Client(str(service.client.base_url)) as client:
+        ids = [service.store(small_file(number), name=f"{number}")["id"] for number in (1, 2)]
+        for number in ids:
+            client.delete(number)
+        assert [shape.id for shape in client.deleted()] == ids
+        client.purge(ids[0])
+        assert [shape.id for shape in client.deleted()] == [ids[1]]
+        for number in (ids[0], "no-such-shape"):
+            for answer in (
+                service.client.delete(f"/deleted/{number}"),
+                service.client.post(f"/shapes/{number}/restore"),
+            ):
+                assert_problem(answer, 404, "shape-not-found")
+        age(service, DAYS - 0.1)
+        purge_old(service.container.database, timedelta(days=DAYS))
+        assert [shape.id for shape in client.deleted()] == [ids[1]]
+        age(service, DAYS + 0.1)
+        assert list(client.deleted()) == []
+        assert_problem(service.client.post(f"/shapes/{ids[1]}/restore"), 404, "shape-not-found")
+        assert rows(service, DeletedRow) == 1
+        purge_old(service.container.database, timedelta(days=DAYS))
+        assert rows(service, DeletedRow) == 0
+
+
+def test_deleted_shapes_are_listed_in_the_order_of_their_deletion(service: Running) -> None:
+    ids = [service.store(small_file(1), name=f"{number}")["id"] for number in range(5)]
+    for number in reversed(ids):
+        service.client.delete(f"/shapes/{number}")
+    seen, cursor = [], {}
+    while cursor is not None:
+        page = service.client.get("/deleted", params={"limit": 2, **cursor}).json()
+        assert (page["total"], page["undo_days"]) == (5, DAYS)
+        seen += [shape["id"] for shape in page["shapes"]]
+        cursor = {"cursor": page["next_cursor"]} if page["next_cursor"] else None
+    assert seen == ids[::-1]
+    with Client(str(service.client.base_url)) as client:
+        assert client.restore(ids[2]).name == "2"
+    assert service.client.get(f"/shapes/{ids[2]}/file").content == small_file(1)
+
+
+def test_without_days_nothing_is_kept(shared: Running) -> None:
+    shared.clear()
+    shape = shared.store(small_file(1))
+    shared.client.delete(f"/shapes/{shape['id']}")
+    assert rows(shared, DeletedRow) == 0
+    assert shared.client.get("/deleted").json()["shapes"] == []

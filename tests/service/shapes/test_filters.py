@@ -1,0 +1,160 @@
+"""Which shapes a query is compared with: one syntax for lists and searches."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from core.io import read_mesh, write_mesh
+from core.mesh.mesh import Mesh
+from service.client import Client
+from service.search.schemas import EXCLUDED, SAME_SIZE
+from tests.service.engines import on_both
+from tests.service.support import Running, assert_problem, query, small_file
+
+pytestmark = on_both
+
+SHAPES = {
+    "Bolt M6.off": {"tags": "bolt,steel", "metadata": '{"maker": "A, B", "year": 2020}'},
+    "bolt m8.off": {"tags": "bolt", "metadata": '{"maker": "A, B", "year": 2021}'},
+    "nut.off": {"tags": "nut,steel", "metadata": '{"checked": true}'},
+    "washer.off": {},
+}
+FILTERS = [
+    {"tag": "steel"},
+    {"tag": ["bolt", "steel"]},
+    {"tag": "bolt,steel"},
+    {"name": "BOLT"},
+    {"name": "nut"},
+    {"metadata": "year=2021"},
+    {"metadata": ["maker=A, B", "year=2020"]},
+    {"metadata": "checked=true"},
+    {"tag": "bolt", "name": "m8", "metadata": "maker=A, B"},
+    {"tag": "bolt", "metadata": "checked=true"},
+]
+
+
+@pytest.fixture(scope="module")
+def stocked(shared: Running) -> Running:
+    shared.clear()
+    for number, (name, fields) in enumerate(SHAPES.items()):
+        shared.store(small_file(number), name, **fields)
+    return shared
+
+
+def names(answer: dict[str, Any]) -> set[str]:
+    return {result["shape"]["name"] for result in answer["results"]}
+
+
+@pytest.mark.parametrize("wanted", FILTERS, ids=str)
+def test_a_query_is_compared_with_the_shapes_that_a_list_has(
+    stocked: Running, wanted: dict[str, Any]
+) -> None:
+    listed = {shape["name"] for shape in stocked.client.get("/shapes", params=wanted).json()["shapes"]}
+    assert len(listed) < len(SHAPES)
+    in_form = query(stocked.client, small_file(9), top_k=100, **wanted).json()
+    assert names(in_form) == listed
+    assert in_form["compared"] == len(listed)
+    washer = stocked.client.get("/shapes", params={"name": "washer"}).json()["shapes"][0]["id"]
+    lists = {
+        key: [value] if key == "metadata" and isinstance(value, str) else value
+        for key, value in wanted.items()
+    }
+    in_json = stocked.client.post("/query", json={"shape_id": washer, "top_k": 100, **lists}).json()
+    assert names(in_json) == listed
+    in_address = stocked.client.post(
+        "/query", params={**wanted, "top_k": 100}, json={"shape_id": washer}
+    ).json()
+    assert names(in_address) == listed
+
+
+def test_the_older_name_of_tag_counts_too(stocked: Running) -> None:
+    answer = query(stocked.client, small_file(9), top_k=100, tag="bolt", filter="steel").json()
+    assert names(answer) == {"Bolt M6.off"}
+
+
+def test_shapes_are_left_out_by_their_ids(stocked: Running) -> None:
+    every = query(stocked.client, small_file(9), top_k=100).json()["results"]
+    ids = [result["shape"]["id"] for result in every]
+    for excluded in (ids[:2], ",".join(ids[:2])):
+        answer = query(stocked.client, small_file(9), top_k=100, exclude=excluded).json()
+        assert [result["shape"]["id"] for result in answer["results"]] == ids[2:]
+        assert answer["compared"] == 2
+    as_json = {"shape_id": ids[0], "exclude": [ids[1], "no such id"], "top_k": 100}
+    found = stocked.client.post("/query", json=as_json).json()["results"]
+    assert {result["shape"]["id"] for result in found} == set(ids[2:])
+
+
+def test_results_under_a_cc_are_not_given(stocked: Running) -> None:
+    every = query(stocked.client, small_file(2), top_k=100).json()
+    scores = [result["cc"] for result in every["results"]]
+    assert scores == sorted(scores, reverse=True)
+    for limit, count in ((scores[0], 1), ((scores[1] + scores[2]) / 2, 2), (-1, 4)):
+        answer = query(stocked.client, small_file(2), top_k=100, min_cc=limit).json()
+        assert answer["results"] == every["results"][:count]
+        assert answer["compared"] == 4
+        assert answer["matched"] == every["matched"]
+    # What is left out makes room for what is not, whatever one sorts by.
+    by_ssd = query(
+        stocked.client, small_file(2), top_k=2, rank_by="ssd", min_cc=(scores[1] + scores[2]) / 2
+    ).json()
+    assert {result["cc"] for result in by_ssd["results"]} == set(scores[:2])
+
+
+def test_a_bolt_of_another_size_is_another_bolt(service: Running) -> None:
+    mesh = read_mesh(small_file(3), "off")
+    turn = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
+    for size in (6, 6.5, 8, 12):
+        data = write_mesh(Mesh(size * mesh.vertices @ turn, mesh.faces), "off")
+        service.store(data, f"m{size}.off")
+    data = write_mesh(Mesh(6 * mesh.vertices, mesh.faces), "off")
+    for scale, expected in (
+        ("ignore", {"m6.off", "m6.5.off", "m8.off", "m12.off"}),
+        ("respect", {"m6.off", "m6.5.off"}),
+    ):
+        answer = query(service.client, data, top_k=100, scale=scale).json()
+        assert names(answer) == expected
+        assert answer["compared"] == len(expected)
+        assert all(result["cc"] > 0.999 for result in answer["results"])
+    # Of a stored shape too, and on both sides of the limit.
+    for factor, found in (
+        (SAME_SIZE - 0.001, True),
+        (SAME_SIZE + 0.001, False),
+        (1 / SAME_SIZE + 0.001, True),
+    ):
+        data = write_mesh(Mesh(12 * factor * mesh.vertices, mesh.faces), "off")
+        assert ("m12.off" in names(query(service.client, data, scale="respect").json())) == found
+    twelve = service.client.get("/shapes", params={"name": "m12"}).json()["shapes"][0]["id"]
+    alone = service.client.post("/query", json={"shape_id": twelve, "scale": "respect"}).json()
+    assert (alone["results"], alone["compared"], alone["matched"]) == ([], 0, False)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "field"),
+    [
+        ({"metadata": "year"}, "metadata"),
+        ({"tag": "x" * 65}, "tag"),
+        ({"name": "x" * 256}, "name"),
+        ({"min_cc": 1.5}, "min_cc"),
+        ({"min_cc": "nan"}, "min_cc"),
+        ({"scale": "double"}, "scale"),
+        ({"exclude": ["x" * 65]}, "exclude.0"),
+        ({"exclude": ",".join("x" * (EXCLUDED + 1))}, "exclude"),
+    ],
+    ids=str,
+)
+def test_what_cannot_be_a_filter_is_refused(stocked: Running, wrong: dict[str, Any], field: str) -> None:
+    problem = assert_problem(query(stocked.client, small_file(9), **wrong), 422, "bad-request-fields")
+    assert [error["field"] for error in problem["errors"]] == [field]
+
+
+def test_the_client_says_the_same(service: Running) -> None:
+    for number, (name, fields) in enumerate(SHAPES.items()):
+        service.store(small_file(number), name, **fields)
+    with Client(str(service.client.base_url)) as client:
+        wanted = {"tag": ["bolt"], "metadata": ["maker=A, B", "year=2020"], "min_cc": -1.0, "scale": "ignore"}
+        by_file = client.query_file(("x.off", small_file(9)), **wanted)
+        washer = next(shape.id for shape in client.shapes() if shape.name == "washer.off")
+        by_id = client.query_shape(washer, **wanted, exclude=["none"])
+    for answer in (by_file, by_id):
+        assert [result.shape.name for result in answer.results] == ["Bolt M6.off"]

@@ -1,0 +1,125 @@
+"""Workers that fail beneath the service: it says so, and goes on by itself once that is over."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+
+import pytest
+
+from service.compute import work as work_module
+from service.search import match_records as rows_module
+from tests.service.calls import assert_recovered, reads, the_kept
+from tests.service.support import (
+    Running,
+    assert_problem,
+    query,
+    serving,
+    settings_in,
+    small_file,
+    upload,
+    wait_until,
+)
+from tests.service.tasks import nap_instead, run_out_of_memory
+from tests.soak.hostile.corpus import CORPUS
+from tests.soak.kill.cycles import runs
+
+
+@pytest.fixture(scope="module")
+def frail(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
+    """A service with one worker."""
+    with serving(settings_in(tmp_path_factory.mktemp("faults"), workers=1)) as running:
+        running.store(small_file(0), "kept.off", name="kept")
+        yield running
+
+
+@pytest.fixture
+def kept(frail: Running) -> str:
+    """The shape that is there all the time."""
+    return the_kept(frail)
+
+
+@pytest.mark.parametrize(
+    ("task", "name"),
+    [
+        ("embed_mesh", "upload"),
+        ("embed_mesh", "query"),
+        ("match_records", "compare"),
+    ],
+)
+def test_a_worker_that_is_killed(
+    frail: Running, kept: str, monkeypatch: pytest.MonkeyPatch, task: str, name: str
+) -> None:
+    pool = frail.parts.pool
+    wait_until(pool.pids, seconds=60)
+    calls = reads(frail, kept) | {
+        "upload": lambda: upload(frail.client, small_file(2), "lost.off"),
+        **({"query": lambda: query(frail.client, small_file(2))} if task == "embed_mesh" else {}),
+    }
+
+    def kill() -> None:
+        wait_until(pool.busy, seconds=60)
+        os.kill(pool.pids()[0], signal.SIGKILL)
+
+    killer = threading.Thread(target=kill)
+    with monkeypatch.context() as patch:
+        patch.setattr(work_module, task, nap_instead)
+        killer.start()
+        assert_problem(calls[name](), 503, "worker-lost")
+    killer.join()
+    assert_recovered(frail, kept)
+
+
+def test_a_file_over_which_its_reader_breaks_down(frail: Running, kept: str) -> None:
+    """Nobody is told to send it again."""
+    (case,) = (case for case in CORPUS if case.fatal)
+    problem = assert_problem(upload(frail.client, case.make(), case.filename), 422, "malformed-mesh")
+    assert "broke down" in problem["detail"]
+    assert_recovered(frail, kept)
+
+
+@pytest.mark.parametrize(
+    ("task", "name", "status", "kind"),
+    [
+        ("embed_mesh", "upload", 422, "mesh-too-complex"),
+        ("match_records", "compare", 503, "worker-lost"),
+    ],
+)
+def test_a_worker_without_memory(
+    frail: Running,
+    kept: str,
+    monkeypatch: pytest.MonkeyPatch,
+    task: str,
+    name: str,
+    status: int,
+    kind: str,
+) -> None:
+    wait_until(frail.parts.pool.pids, seconds=60)
+    before = frail.parts.pool.pids()
+    calls = reads(frail, kept) | {"upload": lambda: upload(frail.client, small_file(2), "lost.off")}
+    with monkeypatch.context() as patch:
+        patch.setattr(work_module, task, run_out_of_memory)
+        assert "memory" in assert_problem(calls[name](), status, kind)["detail"]
+    assert frail.parts.pool.pids() == before
+    assert_recovered(frail, kept)
+
+
+def test_comparing_without_memory(frail: Running, kept: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    with monkeypatch.context() as patch:
+        patch.setattr(rows_module, "match_rows", run_out_of_memory)
+        problem = assert_problem(reads(frail, kept)["query"](), 503, "worker-lost")
+        assert "memory" in problem["detail"]
+    assert_recovered(frail, kept)
+
+
+def test_workers_of_a_killed_process_end_in_the_middle_of_their_tasks() -> None:
+    program = "from tests.service.tasks import serve_until_killed; serve_until_killed()"
+    with subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        pids = [int(pid) for pid in process.stdout.readline().split()]
+        assert len(pids) == 2
+        assert all(runs(pid) for pid in pids)
+        process.kill()
+        wait_until(lambda: not any(runs(pid) for pid in pids), seconds=30)

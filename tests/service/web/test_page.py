@@ -1,0 +1,131 @@
+"""The page as files: what is sent, with what said of it, and that it is whole and small."""
+
+import re
+import tomllib
+from fnmatch import fnmatch
+from pathlib import Path
+
+import httpx
+import pytest
+
+from service.auth.keys import digest_of
+from service.web import assets
+from tests.service.support import Running, assert_problem, serving, settings_in
+
+ROOT = Path(__file__).parents[3]
+STATIC = ROOT / "service" / "page" / "static"
+PAGES = ("index.html", "view.html", "docs.html")
+OWN_SCRIPTS = sorted(name for name in assets.names() if name.endswith(".js") and "/" not in name)
+
+
+def needed(name: str) -> set[str]:
+    """A file, and all that it loads, by their names."""
+    text = (STATIC / name).read_text()
+    if name.endswith(".html"):
+        found = set(re.findall(r'(?:src|href)="(?:\.\./)*page/([^"]+)"', text))
+    elif name in OWN_SCRIPTS:
+        found = set(re.findall(r'(?:from|import) "\./([^"]+)"', text))
+    else:
+        found = set()
+    return {name}.union(*map(needed, found))
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_every_file_that_a_page_loads_is_sent(page: str) -> None:
+    loaded = needed(page)
+    assert len(loaded) > 3
+    assert loaded <= assets.names()
+
+
+def test_the_first_load_is_less_than_a_megabyte() -> None:
+    assert sum((STATIC / name).stat().st_size for name in needed("index.html")) < 1_000_000
+
+
+@pytest.mark.parametrize("name", [*PAGES, *OWN_SCRIPTS, "style.css"])
+def test_nothing_is_taken_from_elsewhere(name: str) -> None:
+    assert re.findall(r"(?:https?:)?//[a-z0-9-]+\.[a-z]", (STATIC / name).read_text()) == []
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_no_script_or_style_is_written_into_a_page(page: str) -> None:
+    text = (STATIC / page).read_text()
+    scripts = re.findall(r"<script[^>]*>([^<]*)</script>", text)
+    assert scripts
+    assert not any(scripts)
+    assert not re.search(r"<style|\sstyle=|\son[a-z]+=|javascript:", text)
+
+
+def test_the_wheel_has_every_file_that_is_sent() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())
+    patterns = project["tool"]["setuptools"]["package-data"]["service.web"]
+    for name in assets.names():
+        depth = name.count("/") + 2
+        assert any(fnmatch(f"static/{name}", p) for p in patterns if p.count("/") + 1 == depth), name
+
+
+def test_what_others_wrote_is_licensed_and_named() -> None:
+    told = (STATIC / "vendor" / "README.md").read_text()
+    for name in assets.names():
+        if name.startswith("vendor/") and not name.endswith(".txt"):
+            size = (STATIC / name).stat().st_size
+            assert re.search(rf"\| {re.escape(name[7:])} \| \S+ \d+\.\d+\.\d+ \| {size} \|", told), name
+    assert {"vendor/three.LICENSE.txt", "vendor/swagger-ui.LICENSE.txt"} <= assets.names()
+
+
+@pytest.mark.parametrize("address", ["/", "/docs"])
+def test_a_page_may_run_the_services_own_scripts_alone(shared: Running, address: str) -> None:
+    answer = shared.client.get(address)
+    assert answer.headers["content-type"] == "text/html; charset=utf-8"
+    rules = dict(rule.split(" ", 1) for rule in answer.headers["content-security-policy"].split("; "))
+    assert rules["default-src"] == "'none'"
+    assert rules["script-src"] == rules["style-src"] == rules["connect-src"] == "'self'"
+    assert rules["frame-ancestors"] == rules["base-uri"] == "'none'"
+
+
+@pytest.mark.parametrize("name", sorted(assets.names()))
+def test_a_file_is_sent_packed_or_not_and_once(shared: Running, name: str) -> None:
+    data = (STATIC / name).read_bytes()
+    plain = shared.client.get(f"/page/{name}", headers={"accept-encoding": "identity"})
+    assert plain.content == data
+    assert plain.headers["x-content-type-options"] == "nosniff"
+    assert "content-encoding" not in plain.headers
+    packed = shared.client.get(f"/page/{name}", headers={"accept-encoding": "br, gzip;q=0.8"})
+    assert packed.content == data
+    assert int(packed.headers["content-length"]) <= len(data)
+    if len(data) > 1000:
+        assert packed.headers["content-encoding"] == "gzip"
+    again = shared.client.get(f"/page/{name}", headers={"if-none-match": plain.headers["etag"]})
+    assert (again.status_code, again.content) == (304, b"")
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "nothing.js",
+        "vendor/three.d.ts",
+        "../assets.py",
+        "%2e%2e/assets.py",
+        "..%2fassets.py",
+        "/etc/passwd",
+        "vendor",
+    ],
+)
+def test_no_other_file_is_sent(shared: Running, name: str) -> None:
+    assert_problem(shared.client.get(f"/page/{name}"), 404, "not-found")
+
+
+def test_where_there_are_keys_a_visitor_has_the_page_and_no_data(tmp_path: Path) -> None:
+    settings = settings_in(tmp_path, workers=1, api_keys=(digest_of("isoshape_key"),))
+    with serving(settings, ready=False) as running:
+        client = running.client
+        page = client.get("/")
+        assert page.status_code == 200
+        assert 'id="sign-in-form"' in page.text
+        assert client.get("/page/main.js").status_code == 200
+        for address in ("/shapes", "/shapes/x/view", "/shapes/x/thumbnail.png", "/shapes/x/preview.glb"):
+            assert_problem(client.get(address), 401, "unauthorized")
+        assert_problem(client.post("/preview"), 401, "unauthorized")
+        signed = client.post("/session", headers={"x-api-key": "isoshape_key"})
+        assert signed.json() == {"access": "full", "signed_in": True}
+        assert client.get("/shapes").status_code == 200
+        assert httpx.get(f"{client.base_url}/shapes").status_code == 401

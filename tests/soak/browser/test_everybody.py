@@ -1,0 +1,115 @@
+"""The page for everybody: by keyboard, on a phone, by screen reader, on a slow line."""
+
+from pathlib import Path
+
+import pytest
+from axe_playwright_python.sync_playwright import Axe
+from playwright.sync_api import Page, expect
+
+from tests.soak.browser.support import Visit, drawn, file_in
+
+PHONE = {"viewport": {"width": 360, "height": 740}, "has_touch": True, "is_mobile": True}
+
+
+def serious(page: Page) -> list[str]:
+    """What axe-core finds that keeps people out."""
+    found = Axe().run(page).response["violations"]
+    return [
+        f"{each['id']}: {[node['target'] for node in each['nodes']]}"
+        for each in found
+        if each["impact"] in {"serious", "critical"}
+    ]
+
+
+def tab_to(page: Page, selector: str, most: int = 80) -> None:
+    """Press Tab until an element has the focus."""
+    for _ in range(most):
+        page.keyboard.press("Tab")
+        if page.evaluate("selector => document.activeElement.matches(selector)", selector):
+            return
+    raise AssertionError(f"{selector} is not reached with Tab")
+
+
+@pytest.mark.parametrize("visit", [{"color_scheme": "dark"}, {"color_scheme": "light"}], indirect=True)
+def test_axe_finds_no_serious_problem(visit: Visit, tmp_path: Path) -> None:
+    page = visit.open()
+    assert serious(page) == []
+    visit.find(file_in(tmp_path))
+    assert serious(page) == []
+    page.get_by_role("button", name="Delete fish-0.ply").click()
+    assert serious(page) == []
+    page.locator("#deletion").get_by_role("button", name="Delete").click()
+    page.locator("#deleted summary").click()
+    page.wait_for_selector("#deleted-list li")
+    assert serious(page) == []
+    page.get_by_role("link", name="fish-1.ply", exact=True).click()
+    page.wait_for_selector("#cards canvas[data-drawn]")
+    assert serious(page) == []
+
+
+def test_everything_by_keyboard(visit: Visit) -> None:
+    page = visit.open()
+    page.keyboard.press("Tab")
+    assert page.evaluate("document.activeElement.className") == "skip"
+    page.keyboard.press("Enter")
+    assert page.evaluate("document.activeElement.id") == "main"
+    tab_to(page, "#find-tags")
+    page.keyboard.type("fish")
+    tab_to(page, "[aria-label='Find shapes like fish-0.ply']")
+    page.keyboard.press("Enter")
+    drawn(page, 3)
+    # The focus goes to what was found.
+    assert page.evaluate("document.activeElement.id") == "results"
+    tab_to(page, "#next-point")
+    page.keyboard.press("Space")
+    first = page.inner_text("#point-told")
+    page.keyboard.press("Space")
+    assert "↔" in first
+    assert page.inner_text("#point-told") != first
+    tab_to(page, "#cards canvas")
+    before = page.evaluate("document.activeElement.toDataURL()")
+    page.keyboard.press("ArrowRight")
+    page.evaluate("new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
+    assert page.evaluate("document.activeElement.toDataURL()") != before
+    tab_to(page, "[aria-label='Delete fish-0.ply']")
+    page.keyboard.press("Enter")
+    # Enter alone must not delete.
+    assert page.evaluate("document.activeElement.value") == "keep"
+    page.keyboard.press("Tab")
+    page.keyboard.press("Enter")
+    expect(page.locator("#gallery li")).to_have_count(5)
+    # Enter again takes it back.
+    assert page.evaluate("document.activeElement.ariaLabel") == "Undo: restore fish-0.ply"
+    page.keyboard.press("Enter")
+    expect(page.locator("#gallery li")).to_have_count(6)
+    assert page.evaluate("document.activeElement.id") == "undo"
+
+
+@pytest.mark.parametrize("visit", [{**PHONE}], indirect=True)
+def test_on_a_phone_nothing_is_wider_than_the_screen(visit: Visit, tmp_path: Path) -> None:
+    page = visit.find(file_in(tmp_path))
+    assert page.evaluate("document.documentElement.scrollWidth") <= 360
+    for canvas in page.locator("#cards canvas").all():
+        box = canvas.bounding_box()
+        assert box is not None
+        assert box["x"] >= 0
+        assert box["x"] + box["width"] <= 360
+        assert box["width"] > 250
+    # Fingers need some room.
+    for button in page.locator("#gallery .buttons button").all():
+        box = button.bounding_box()
+        assert box is not None
+        assert box["height"] >= 36
+    assert serious(page) == []
+
+
+def test_the_first_load_is_less_than_a_megabyte(visit: Visit) -> None:
+    session = visit.page.context.new_cdp_session(visit.page)
+    session.send("Network.enable")
+    loaded: list[int] = []
+    session.on("Network.loadingFinished", lambda event: loaded.append(event["encodedDataLength"]))
+    visit.open()
+    visit.page.wait_for_load_state("networkidle")
+    print(f"{len(loaded)} answers, {sum(loaded)} bytes")
+    assert len(loaded) > 10
+    assert sum(loaded) < 1_000_000

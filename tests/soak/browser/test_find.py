@@ -1,0 +1,162 @@
+"""Finding what is alike: a file, three results in 3D, and which of their points correspond."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.soak.browser.support import Visit, drawn, file_in, hues, made, picture, settled
+
+
+def test_a_file_finds_the_three_most_alike(visit: Visit, tmp_path: Path) -> None:
+    page = visit.find(file_in(tmp_path))
+    assert page.locator("#cards > li").count() == 4
+    titles = page.locator("#cards h3").all_inner_texts()
+    assert titles[0] == "fish-3.ply"
+    assert [title.split(". ")[0] for title in titles[1:]] == ["1", "2", "3"]
+    assert titles[1].split(". ")[1].startswith("fish-")
+    asked = page.request.post(
+        f"{visit.here}/query",
+        multipart={"file": {"name": "q.ply", "mimeType": "x/y", "buffer": made("fish", 3)}},
+    ).json()
+    shown = page.locator("#cards .scores").all_inner_texts()
+    for text, result in zip(shown, asked["results"], strict=True):
+        numbers = [part for part in text.split() if part[-1].isdigit()]
+        assert numbers == [f"{result[name]:.3f}" for name in ("cc", "ssd", "sim", "combined")]
+    terms = page.locator(".scores-explained dt").all_inner_texts()
+    assert terms == ["CC", "SSD", "sim", "combined"]
+    assert "6 of 6 stored shapes" in page.inner_text("#results-summary")
+
+
+def test_points_that_correspond_have_one_colour(visit: Visit, tmp_path: Path) -> None:
+    page = visit.find(file_in(tmp_path))
+    page.evaluate("document.activeElement.blur()")
+    canvases = page.locator("#cards canvas")
+    for i in range(4):
+        assert hues(picture(canvases.nth(i), tmp_path)) >= 4
+    page.select_option("#paint", "plain")
+    page.uncheck("#points")
+    settled(page)
+    for i in range(4):
+        assert hues(picture(canvases.nth(i), tmp_path)) <= 1
+
+
+def test_pointing_at_a_point_shows_its_partners(visit: Visit, tmp_path: Path) -> None:
+    page = visit.find(file_in(tmp_path))
+    canvas = page.locator("#cards canvas").nth(1)
+    canvas.scroll_into_view_if_needed()
+    before = [picture(page.locator("#cards canvas").nth(i), tmp_path) for i in range(4)]
+    box = canvas.bounding_box()
+    assert box is not None
+    # The middle of the picture is on the shape, and points are all over it.
+    for step in range(30):
+        page.mouse.move(box["x"] + box["width"] / 2 + step, box["y"] + box["height"] / 2)
+        if "↔" in page.inner_text("#point-told"):
+            break
+    told = page.inner_text("#point-told")
+    assert told.count("↔") == 3
+    assert told.startswith("fish-3.ply: vertex ")
+    settled(page)
+    yellow = np.array([255.0, 212, 0])
+    for i in range(4):
+        after = picture(page.locator("#cards canvas").nth(i), tmp_path)
+        assert (np.abs(after - yellow).max(axis=2) < 30).sum() > 20, i
+        assert (np.abs(before[i] - yellow).max(axis=2) < 30).sum() < 20, i
+
+
+def test_all_shapes_turn_together(visit: Visit, tmp_path: Path) -> None:
+    page = visit.find(file_in(tmp_path))
+    canvases = page.locator("#cards canvas")
+    canvases.first.scroll_into_view_if_needed()
+    page.evaluate("document.activeElement.blur()")
+    before = [picture(canvases.nth(i), tmp_path) for i in range(4)]
+    box = canvases.nth(2).bounding_box()
+    assert box is not None
+    x, y = box["x"] + 20, box["y"] + 20
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(x + 120, y + 30, steps=4)
+    page.mouse.up()
+    settled(page)
+    for i in range(4):
+        assert np.abs(picture(canvases.nth(i), tmp_path) - before[i]).mean() > 2, i
+    page.click("#upright")
+    page.mouse.move(0, 0)
+    page.evaluate("document.activeElement.blur()")
+    settled(page)
+    for i in range(4):
+        assert np.abs(picture(canvases.nth(i), tmp_path) - before[i]).mean() < 0.5, i
+
+
+def test_eigenmaps_go_from_blue_to_red_on_all(visit: Visit, tmp_path: Path) -> None:
+    page = visit.find(file_in(tmp_path))
+    page.uncheck("#points")
+    maps = []
+    # Of the third, one side of fish-3 has all of one sign, and only the other side is seen.
+    for number in ("1", "2"):
+        page.select_option("#paint", number)
+        settled(page)
+        shown = [picture(page.locator("#cards canvas").nth(i), tmp_path) for i in range(4)]
+        for each in shown:
+            assert ((each[..., 0] - each[..., 2]) > 50).sum() > 50
+            assert ((each[..., 2] - each[..., 0]) > 50).sum() > 50
+        maps.append(shown)
+    assert all(np.abs(one - two).mean() > 1 for one, two in zip(*maps, strict=True))
+
+
+def test_a_stored_shape_finds_others_of_a_tag(visit: Visit) -> None:
+    page = visit.open()
+    page.fill("#find-tags", "fish")
+    page.select_option("#find-rank", "combined")
+    page.get_by_role("button", name="Find shapes like fish-0.ply").click()
+    drawn(page, 3)
+    titles = page.locator("#cards h3").all_inner_texts()
+    assert titles[0] == "fish-0.ply"
+    assert {title.split(". ")[1] for title in titles[1:]} == {"fish-1.ply", "fish-2.ply"}
+
+
+def test_progress_is_shown_while_a_file_goes_and_is_worked_on(visit: Visit, tmp_path: Path) -> None:
+    page = visit.open()
+    page.evaluate(
+        """() => {
+            window.seen = [];
+            const part = document.getElementById("find-progress");
+            const stage = document.getElementById("find-stage");
+            const look = () => part.hidden || window.seen.push(stage.textContent);
+            new MutationObserver(look).observe(part, { subtree: true, childList: true, attributes: true });
+        }"""
+    )
+    page.set_input_files("#find-file", file_in(tmp_path))
+    drawn(page, 4)
+    seen = page.evaluate("window.seen")
+    assert "Uploading" in seen
+    assert seen[-1] == "Embedding and comparing"
+    assert page.is_hidden("#find-progress")
+
+
+def test_an_error_is_shown_in_the_services_words(visit: Visit, tmp_path: Path) -> None:
+    bad = tmp_path / "bad.off"
+    bad.write_text("OFF\n3 1 0\n0 0 0\n1 0 0\n")
+    visit.expected = ["422", "400", "415"]
+    page = visit.open()
+    page.set_input_files("#find-file", bad)
+    page.wait_for_selector("#find-trouble:not([hidden])")
+    told = page.request.post(
+        f"{visit.here}/query",
+        multipart={"file": {"name": "bad.off", "mimeType": "x/y", "buffer": bad.read_bytes()}},
+    ).json()
+    assert told["detail"] in page.inner_text("#find-trouble")
+    assert page.is_hidden("#results")
+    # A good file afterwards takes it away.
+    page.set_input_files("#find-file", file_in(tmp_path))
+    drawn(page, 4)
+    assert page.is_hidden("#find-trouble")
+
+
+@pytest.mark.parametrize("visit", [{"color_scheme": "dark"}, {"color_scheme": "light"}], indirect=True)
+def test_dark_and_light(visit: Visit, tmp_path: Path, request: pytest.FixtureRequest) -> None:
+    page = visit.open()
+    ground = page.evaluate("getComputedStyle(document.body).backgroundColor")
+    shown = picture(page.locator("body > header"), tmp_path)
+    dark = request.node.callspec.params["visit"]["color_scheme"] == "dark"
+    assert (np.median(shown) < 60) == dark, ground

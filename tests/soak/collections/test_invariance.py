@@ -1,0 +1,98 @@
+"""On real meshes: all are embedded, and pose, place, size and order of the file change no answer."""
+
+import os
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from core.descriptors.global_descriptors import TERMS
+from core.io import format_of, read_mesh
+from core.mesh.mesh import Mesh
+from core.parameters import DEFAULT
+from core.pipeline import Pipeline
+from service.datasets import read_collection
+from tests.core.shapes import SAME_SHAPE
+
+pytestmark = pytest.mark.collections
+
+PIPELINE = Pipeline(DEFAULT)
+QUERIES, STORED, PARTS = 10, 40, 8
+DRIFT = 0.01
+
+
+def collections() -> list[Path]:
+    """The folders with labels in the one that ISOSHAPE_DATA names; none where it names none."""
+    if "ISOSHAPE_DATA" not in os.environ:
+        return []
+    found = sorted(
+        labels.parent for labels in Path(os.environ["ISOSHAPE_DATA"]).resolve().glob("*/labels.csv")
+    )
+    assert found, "ISOSHAPE_DATA names a folder without collections"
+    return found
+
+
+FOLDERS = collections() or [
+    pytest.param(None, marks=pytest.mark.skip(reason="ISOSHAPE_DATA does not name a folder of collections"))
+]
+every_collection = pytest.mark.parametrize(
+    "folder", FOLDERS, ids=lambda folder: folder.name if folder else "none"
+)
+
+
+def read(path: Path) -> Mesh:
+    return read_mesh(path.read_bytes(), format_of(path.name))
+
+
+@cache
+def selection(folder: Path) -> list[Path]:
+    """Some files of a collection, drawn with a seed."""
+    files = sorted(path for path, _ in read_collection(folder))
+    return [files[i] for i in np.random.default_rng(2).permutation(len(files))[:STORED]]
+
+
+@cache
+def stored(folder: Path):
+    return [PIPELINE.embed(read(path)) for path in selection(folder)]
+
+
+@every_collection
+@pytest.mark.parametrize("part", range(PARTS))
+def test_every_file_is_read_and_embedded(folder, part):
+    files = sorted(path for path, _ in read_collection(folder))[part::PARTS]
+    assert files
+    for path in files:
+        embedding = PIPELINE.embed(read(path))
+        assert len(embedding.positions) == DEFAULT.samples, path.name
+        length = DEFAULT.affinity_values + DEFAULT.laplacian_values + TERMS
+        assert len(embedding.signature) == length, path.name
+        for array in (embedding.signature, *(spectrum.coordinates for spectrum in embedding.spectra)):
+            assert np.isfinite(array).all(), path.name
+
+
+@every_collection
+@pytest.mark.parametrize("place", range(QUERIES))
+def test_a_shape_given_otherwise_has_the_same_neighbours(folder, place):
+    mesh, others = read(selection(folder)[place]), stored(folder)
+    expected = PIPELINE.score(others[place], others).cc
+    neighbours = np.argsort(-expected, kind="stable")[:4].tolist()
+    for name, change in SAME_SHAPE.items():
+        cc = PIPELINE.score(PIPELINE.embed(change(mesh)), others).cc
+        assert np.abs(cc - expected).max() <= DRIFT, name
+        assert np.argsort(-cc, kind="stable")[:4].tolist() == neighbours, name
+    assert neighbours[0] == place
+
+
+@every_collection
+@pytest.mark.parametrize("place", range(QUERIES))
+def test_scores_are_the_same_both_ways_and_perfect_with_itself(folder, place):
+    others = stored(folder)
+    there = PIPELINE.score(others[place], others)
+    back = [PIPELINE.score(other, [others[place]]) for other in others]
+    for name in ("cc", "ssd", "sim"):
+        expected = [getattr(scores, name)[0] for scores in back]
+        np.testing.assert_allclose(getattr(there, name), expected, rtol=0, atol=1e-9)
+    assert there.cc[place] == pytest.approx(1.0, abs=1e-6)
+    assert there.ssd[place] == pytest.approx(0.0, abs=1e-6)
+    assert there.sim[place] == pytest.approx(1.0, abs=1e-6)

@@ -1,0 +1,107 @@
+"""`isoshape serve` as a process of its own, and what it and its workers hold in memory."""
+
+import os
+import socket
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+
+import httpx
+
+from tests.service.support import wait_until
+from tests.soak.load.memory import children, resident
+
+LIMIT_SECONDS = 180.0
+"""The longest that a file may be worked on: the service's own limits of time are shorter together."""
+
+
+@dataclass(frozen=True)
+class Memory:
+    """MiB that are resident; what processes share is counted for each.
+
+    Attributes
+    ----------
+    service : float
+        In the process that answers.
+    workers : float
+        In the processes that read files and embed, together.
+    """
+
+    service: float
+    workers: float
+
+    @property
+    def total(self) -> float:
+        """Of all of them."""
+        return self.service + self.workers
+
+
+@contextmanager
+def server(folder: Path, **settings: str) -> Iterator[tuple[int, httpx.Client]]:
+    """The service on an archive in a folder, two workers, other settings by default; its id, a client."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    environment = {key: value for key, value in os.environ.items() if not key.startswith("ISOSHAPE_")} | {
+        "ISOSHAPE_DATABASE_URL": f"sqlite:///{folder}/archive.sqlite3",
+        "ISOSHAPE_WORKERS": "2",
+        "ISOSHAPE_LOG_LEVEL": "warning",
+        **settings,
+    }
+    command = [sys.executable, "-P", "-m", "service.cli", "serve", "--port", str(port)]
+    with (folder / "log.txt").open("ab") as log:
+        process = subprocess.Popen(command, env=environment, cwd=folder, stdout=log, stderr=log)
+    try:
+        with httpx.Client(base_url=f"http://127.0.0.1:{port}", timeout=LIMIT_SECONDS) as client:
+            wait_until(lambda: _answers(process, client), seconds=180)
+            yield process.pid, client
+    finally:
+        process.terminate()
+        try:
+            process.wait(timeout=30)
+        finally:
+            process.kill()
+            process.wait()
+
+
+def _answers(process: subprocess.Popen[bytes], client: httpx.Client) -> bool:
+    """Whether the service is ready."""
+    assert process.poll() is None, "the service ended"
+    try:
+        return client.get("/readyz").status_code == 200
+    except httpx.TransportError:
+        return False
+
+
+def memory(pid: int) -> Memory:
+    """What the service of a process id and its workers hold now."""
+    return Memory(resident(pid), sum(map(resident, children(pid))))
+
+
+class Peak:
+    """The most MiB that a service and its workers hold at once, looked at fifty times a second."""
+
+    def __init__(self, pid: int) -> None:
+        self.mib = memory(pid).total
+        self._pid = pid
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._watch, daemon=True)
+
+    def __enter__(self) -> "Peak":
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._over.set()
+        self._thread.join()
+
+    def _watch(self) -> None:
+        while not self._over.wait(0.02):
+            self.mib = max(self.mib, memory(self._pid).total)

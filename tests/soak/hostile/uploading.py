@@ -1,0 +1,75 @@
+"""Uploads of hostile files, and what came of each."""
+
+import time
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import httpx
+
+from service.http.problems import MEDIA_TYPE, TYPE_PREFIX
+from tests.soak.hostile.case import Hostile
+from tests.soak.hostile.serving import Memory, Peak, memory
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came of one file.
+
+    Attributes
+    ----------
+    case : Hostile
+    status, kind : int, str
+        The answer; 0 where there was none within the limit of time.
+    seconds : float
+        From sending to the answer.
+    peak : float
+        MiB that the service and its workers held at most meanwhile.
+    """
+
+    case: Hostile
+    status: int
+    kind: str
+    seconds: float
+    peak: float
+
+    @property
+    def right(self) -> bool:
+        """Whether the answer is the one that the file must get."""
+        return (self.status, self.kind) == (self.case.status, self.case.kind)
+
+
+def upload_each(pid: int, client: httpx.Client, cases: Iterable[Hostile]) -> list[Outcome]:
+    """Upload the files one after another to the service of a process id; what it stores is deleted."""
+    outcomes = []
+    for case in cases:
+        data = case.make()
+        with Peak(pid) as peak:
+            start = time.perf_counter()
+            status, kind = answer(client, case.filename, data)
+            seconds = time.perf_counter() - start
+        outcomes.append(Outcome(case, status, kind, seconds, peak.mib))
+    return outcomes
+
+
+def answer(client: httpx.Client, filename: str, data: bytes) -> tuple[int, str]:
+    """The status of an upload, and the kind of problem; (0, "no-answer") without one."""
+    try:
+        response = client.post("/shapes", files={"file": (filename, data)})
+    except httpx.TimeoutException:
+        return 0, "no-answer"
+    if response.status_code == 201:
+        assert client.delete(response.headers["location"]).status_code == 204
+        return 201, ""
+    assert response.headers["content-type"] == MEDIA_TYPE
+    return response.status_code, response.json()["type"].removeprefix(TYPE_PREFIX)
+
+
+def memory_after(pid: int, client: httpx.Client, cases: Iterable[Hostile], rounds: int) -> list[Memory]:
+    """What the service holds after each of some rounds of all the files."""
+    cases = list(cases)
+    after = []
+    for _ in range(rounds):
+        for case in cases:
+            answer(client, case.filename, case.make())
+        after.append(memory(pid))
+    return after

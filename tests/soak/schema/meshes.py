@@ -1,0 +1,82 @@
+"""Files and cursors for the tests that are generated from the OpenAPI document."""
+
+from functools import cache
+from typing import Any
+
+import requests
+import schemathesis
+from hypothesis import strategies as st
+
+from core.io import FORMATS
+from service.collection import DEFAULT_COLLECTION
+from service.collections.dependencies import HEADER, PARAMETER
+from service.shapes.pages import write_cursor
+from tests.service.jobs.packing import pack
+from tests.service.support import small_file
+
+MESH, ARCHIVE, CURSOR = "mesh", "archive", "cursor"
+
+
+@cache
+def meshes() -> dict[bytes, str]:
+    """Sound files, each with its format."""
+    return {small_file(number, format): format for number in range(3) for format in FORMATS}
+
+
+@cache
+def archives() -> tuple[bytes, ...]:
+    """Archives of meshes that are no others, and of what is none; the times in them are always the same."""
+    contents = ({"3.off": small_file(3), "4.stl": small_file(4, "stl")}, {"a/none.obj": b"v 0 0 0\n"})
+    return tuple(pack(files, format) for files in contents for format in ("zip", "tar", "tar.xz"))
+
+
+def register() -> None:
+    """Have files and cursors generated where a schema says that a text is of their format."""
+    schemathesis.openapi.format(MESH, st.sampled_from(sorted(meshes())))
+    schemathesis.openapi.format(ARCHIVE, st.sampled_from(sorted(archives())))
+    schemathesis.openapi.format(CURSOR, st.integers(0, 5).map(write_cursor))
+
+
+def mark(document: dict[str, Any]) -> None:
+    """Say in the document which texts are meshes, archives and cursors."""
+    for path, operations in document["paths"].items():
+        for operation in operations.values():
+            content = operation.get("requestBody", {}).get("content", {})
+            properties = content.get("multipart/form-data", {}).get("schema", {}).get("properties", {})
+            if "file" in properties:
+                properties["file"]["format"] = ARCHIVE if path == "/jobs" else MESH
+            for parameter in operation.get("parameters", []):
+                if parameter["name"] == "cursor":
+                    parameter["schema"] = {"type": "string", "format": CURSOR}
+
+
+def stay_in_one_collection(document: dict[str, Any]) -> None:
+    """Have requests name the collection that is there: other names are 404, and two that differ refused."""
+    for operations in document["paths"].values():
+        for operation in operations.values():
+            for parameter in operation.get("parameters", []):
+                if parameter["name"] in {HEADER, PARAMETER}:
+                    parameter["schema"] = {"type": "string", "enum": [DEFAULT_COLLECTION.name]}
+
+
+def forget_repetitions(document: dict[str, Any]) -> None:
+    """Leave out where the answer to a repeated upload leads: another request may have deleted that shape."""
+    del document["paths"]["/shapes"]["post"]["responses"]["200"]["links"]
+
+
+class NamingSession(requests.Session):
+    """Sends each mesh under a name with the ending of its format; what is no mesh is called an OFF."""
+
+    def prepare_request(self, request: requests.Request) -> requests.PreparedRequest:
+        """The request with other filenames."""
+        if isinstance(request.files, list):
+            request.files = [self._named(*part) for part in request.files]
+        return super().prepare_request(request)
+
+    @staticmethod
+    def _named(field: str, part: tuple[Any, ...]) -> tuple[str, tuple[Any, ...]]:
+        filename, content, *rest = part
+        if filename is not None:
+            data = getattr(content, "data", content)
+            filename = f"mesh.{meshes().get(data, 'off') if isinstance(data, bytes) else 'off'}"
+        return field, (filename, content, *rest)
