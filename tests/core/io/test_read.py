@@ -258,4 +258,4 @@ def test_trimesh_is_imported_in_one_place():
         names += [node.module or "" for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
         if any(name.split(".")[0] == "trimesh" for name in names):
             importers.append(path.name)
-    assert importers == ["loading.py"]
+    assert importers == ["trimesh_adapter.py"]
