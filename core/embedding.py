@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from core.arrays import Float32s, Int32s
 
-NO_PATCHES: NDArray[np.uint8] = np.empty((0, 0), dtype=np.uint8)
+NO_SPIN_IMAGES: NDArray[np.uint8] = np.empty((0, 0), dtype=np.uint8)
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +109,7 @@ class Embedding:
     regions: Int32s
     signature: Float32s
     spectra: tuple[Spectrum, ...]
-    patches: NDArray[np.uint8] = field(default_factory=lambda: NO_PATCHES)
+    spin_images: NDArray[np.uint8] = field(default_factory=lambda: NO_SPIN_IMAGES)
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,10 +9,10 @@ from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
 from core.arrays import Bytes, Float32s, Floats, Ints
-from core.descriptors.boundary_ratio import INCOMPLETE, openness
-from core.descriptors.descriptor_distance import Apart, apart, described
-from core.descriptors.global_descriptors import FORM_SHARE, form_terms, signed_volume
-from core.embedding import NO_PATCHES, Embedding, Facts, Match, Scores
+from core.descriptors.boundary_ratio import INCOMPLETE, boundary_ratio
+from core.descriptors.descriptor_distance import DescriptorDistance, describe, descriptor_distance
+from core.descriptors.global_descriptors import GLOBAL_SHARE, global_descriptors, signed_volume
+from core.embedding import NO_SPIN_IMAGES, Embedding, Facts, Match, Scores
 from core.errors import DegenerateMeshError, IncompatibleEmbeddingsError, ParameterError
 from core.graph.edge_graph import edge_graph
 from core.graph.geodesics import geodesics
@@ -29,9 +29,9 @@ from core.mesh.simplification import simplify
 from core.mesh.subdivision import refine
 from core.numerics.threads import one_thread
 from core.parameters import Parameters
-from core.ranking.class_probability import chance, signature_evidence
+from core.ranking.class_probability import class_probability, signature_features
 from core.sampling.lewis_weights import lewis_weights
-from core.sampling.sampling import covering, keyed_uniform, random_draw, sort_and_cut
+from core.sampling.sampling import keyed_uniform, random_draw, sort_and_cut, weighted_farthest_points
 from core.spectral.spectral_embedding import Points, spectra_of
 
 PREPARED_BYTES = 128 * 1024 * 1024
@@ -55,7 +55,7 @@ def measure(mesh: Mesh, cleaned: Cleaned, frame: Frame) -> Facts:
         dropped_faces=cleaned.dropped_faces,
         boundary_edges=int((sheets == 1).sum()),
         nonmanifold_edges=int((sheets > 2).sum()),
-        openness=openness(cleaned.mesh, cleaned.sides, area),
+        openness=boundary_ratio(cleaned.mesh, cleaned.sides, area),
     )
 
 
@@ -129,7 +129,7 @@ class Pipeline:
         frame = normal_frame(cleaned.mesh)
         return self._evened(Mesh(frame.apply(cleaned.mesh.vertices), cleaned.mesh.faces))
 
-    def patches_of(self, mesh: Mesh) -> Bytes:
+    def spin_images_of(self, mesh: Mesh) -> Bytes:
         """What lies about points of a mesh, whether the parameters ask that its embedding has it or not.
 
         Raises
@@ -139,13 +139,13 @@ class Pipeline:
         """
         with one_thread():
             surface, cleaned, frame = self.normalise(mesh)
-            return self._patches(surface, cleaned, measure(mesh, cleaned, frame))
+            return self._spin_images(surface, cleaned, measure(mesh, cleaned, frame))
 
-    def _patches(self, surface: Mesh, cleaned: Cleaned, facts: Facts) -> Bytes:
+    def _spin_images(self, surface: Mesh, cleaned: Cleaned, facts: Facts) -> Bytes:
         """Of an incomplete surface, it is looked at with its rims open."""
         if facts.openness > INCOMPLETE:
             surface = self._bare(cleaned)
-        return described(surface, openness=facts.openness)
+        return describe(surface, boundary_ratio=facts.openness)
 
     def _least_vertices(self) -> int:
         """Vertices under which there would be too few samples, or too few eigenvalues for the signature.
@@ -181,7 +181,7 @@ class Pipeline:
             return random_draw(weights, count, keyed_uniform(mesh.vertices, wanted.seed)), count
         more = wanted.distances == "geodesic" and wanted.affinity == "gaussian"
         points = min(max(wanted.points if more else 0, count), len(mesh.vertices))
-        return covering(graph, mesh.vertices, weights, points, wanted.coverage_power), count
+        return weighted_farthest_points(graph, mesh.vertices, weights, points, wanted.coverage_power), count
 
     def distances(self, graph: csr_array, points: Ints, samples: Ints, sparse: SparseGraph) -> Floats:
         """Distances from the points, the samples first, to the samples as the parameters say, shape (d, m).
@@ -220,9 +220,11 @@ class Pipeline:
             )
             spectra, signature = spectra_of(surface, embedded, self.parameters)
             if self.parameters.form:
-                signature = np.concatenate([signature, FORM_SHARE * form_terms(surface)])
+                signature = np.concatenate([signature, GLOBAL_SHARE * global_descriptors(surface)])
             facts = measure(mesh, cleaned, frame)
-            patches = self._patches(surface, cleaned, facts) if self.parameters.patches else NO_PATCHES
+            spin_images = (
+                self._spin_images(surface, cleaned, facts) if self.parameters.patches else NO_SPIN_IMAGES
+            )
         positions = frame.invert(surface.vertices[samples])
         return Embedding(
             fingerprint=self.fingerprint,
@@ -235,7 +237,7 @@ class Pipeline:
             regions=sparse.regions[points].astype(np.int32),
             signature=signature.astype(np.float32),
             spectra=spectra,
-            patches=patches,
+            spin_images=spin_images,
         )
 
     def prepared(self, embedding: Embedding) -> Prepared:
@@ -308,11 +310,11 @@ class Pipeline:
             effective=found.effective,
         )
 
-    def evidence(
+    def features(
         self, cc: Floats, sim: Floats, query: NDArray[np.float32], signatures: NDArray[np.float32]
     ) -> Floats:
-        """What of the whole shapes `combined` reads, shape (c, 2): `core.ranking.class_probability.signature_evidence`."""
-        return signature_evidence(cc, sim, query, signatures, form=self.parameters.form)
+        """What of the whole shapes `combined` reads, shape (c, 2): `core.ranking.class_probability.signature_features`."""
+        return signature_features(cc, sim, query, signatures, form=self.parameters.form)
 
     def combined(
         self,
@@ -320,7 +322,7 @@ class Pipeline:
         sim: Floats,
         query: NDArray[np.float32],
         signatures: NDArray[np.float32],
-        apart: Apart | None = None,
+        descriptor_distance: DescriptorDistance | None = None,
     ) -> Floats:
         """The chance that one shape and each of c others are of one class, shape (c,), in [0, 1].
 
@@ -335,10 +337,14 @@ class Pipeline:
         apart : Apart, optional
             Of their patches. Without, the chance is a rougher one.
         """
-        return chance(self.evidence(cc, sim, query, signatures), apart)
+        return class_probability(self.features(cc, sim, query, signatures), descriptor_distance)
 
     def combined_with(self, query: Embedding, others: Sequence[Embedding], scores: Scores) -> Floats:
         """`combined` of one embedding with c others, shape (c,), by the scores that `score` gives them."""
         signatures = np.array([other.signature for other in others]).reshape(-1, len(query.signature))
-        between = apart(query.patches, [other.patches for other in others]) if query.patches.size else None
+        between = (
+            descriptor_distance(query.spin_images, [other.spin_images for other in others])
+            if query.spin_images.size
+            else None
+        )
         return self.combined(scores.cc, scores.sim, query.signature, signatures, between)

@@ -14,7 +14,7 @@ from safetensors.numpy import load, save
 
 from core.arrays import Bytes
 from core.descriptors.descriptor_distance import ROWS, WIDTH
-from core.embedding import NO_PATCHES, Embedding, Facts, Points, Spectrum
+from core.embedding import NO_SPIN_IMAGES, Embedding, Facts, Points, Spectrum
 from core.errors import BadRecordError
 
 
@@ -34,9 +34,9 @@ def embedding_to_bytes(embedding: Embedding) -> bytes:
         "regions": embedding.regions,
         "signature": embedding.signature,
     }
-    if embedding.patches.size:
+    if embedding.spin_images.size:
         header["patches"] = True
-        arrays["patches"] = embedding.patches
+        arrays["patches"] = embedding.spin_images
     for i, spectrum in enumerate(embedding.spectra):
         arrays[f"eigenvalues_{i}"] = spectrum.eigenvalues
         arrays[f"coordinates_{i}"] = spectrum.coordinates
@@ -70,7 +70,7 @@ def embedding_from_bytes(data: bytes) -> Embedding:
                 Spectrum(name, arrays[f"eigenvalues_{i}"], arrays[f"coordinates_{i}"])
                 for i, name in enumerate(header["spectra"])
             ),
-            patches=arrays["patches"] if header.get("patches") else NO_PATCHES,
+            spin_images=arrays["patches"] if header.get("patches") else NO_SPIN_IMAGES,
         )
     except (SafetensorError, KeyError, TypeError, ValueError, RecursionError) as error:
         raise BadRecordError(f"not an embedding: {error}") from error
@@ -105,7 +105,7 @@ def points_from_bytes(data: bytes) -> Points:
     return tuple(coordinates), regions
 
 
-def patches_from_bytes(data: bytes) -> Bytes:
+def spin_images_from_bytes(data: bytes) -> Bytes:
     """The patches of a record; of shape (0, 0) if it has none.
 
     Raises
@@ -116,13 +116,13 @@ def patches_from_bytes(data: bytes) -> Bytes:
     try:
         arrays = load(data)
         header = json.loads(arrays["header"].tobytes())
-        patches = arrays["patches"] if header.get("patches") else NO_PATCHES
+        spin_images = arrays["patches"] if header.get("patches") else NO_SPIN_IMAGES
     except (SafetensorError, KeyError, TypeError, ValueError, RecursionError, AttributeError) as error:
         raise BadRecordError(f"not an embedding: {error}") from error
-    fault = next(_patch_faults(patches), None)
+    fault = next(_patch_faults(spin_images), None)
     if fault is not None:
         raise BadRecordError(f"not an embedding: {fault}")
-    return patches
+    return spin_images
 
 
 class _Place(NamedTuple):
@@ -172,7 +172,7 @@ def _faults(embedding: Embedding) -> Iterator[str]:
     for spectrum in embedding.spectra:
         yield from _array_faults(f"{spectrum.name} eigenvalues", spectrum.eigenvalues, np.float32, (None,))
         yield from _array_faults(f"{spectrum.name} coordinates", spectrum.coordinates, np.float32, (d, None))
-    yield from _patch_faults(embedding.patches)
+    yield from _patch_faults(embedding.spin_images)
     for name, indices, end in (
         ("vertices", embedding.vertices, embedding.facts.vertices),
         ("graph_edges", embedding.graph_edges, m),
@@ -198,11 +198,11 @@ def _header_faults(embedding: Embedding) -> Iterator[str]:
         yield f"the spectra are {names!r}"
 
 
-def _patch_faults(patches: NDArray[Any]) -> Iterator[str]:
-    if patches is not NO_PATCHES:
-        yield from _array_faults("patches", patches, np.uint8, (None, WIDTH))
-        if len(patches) not in ROWS.values():
-            yield f"there are {len(patches)} patches"
+def _patch_faults(spin_images: NDArray[Any]) -> Iterator[str]:
+    if spin_images is not NO_SPIN_IMAGES:
+        yield from _array_faults("patches", spin_images, np.uint8, (None, WIDTH))
+        if len(spin_images) not in ROWS.values():
+            yield f"there are {len(spin_images)} spin images"
 
 
 def _array_faults(

@@ -15,21 +15,21 @@ from service.auth.gate import Gate
 from service.auth.keys import KeyRing
 from service.collections.dependencies import PARAMETER
 from service.collections.dependencies import PROBLEMS as CHOOSING_PROBLEMS
-from service.collections.endpoints import router as sets_router
-from service.compute.activity_gate import AtWork
+from service.collections.endpoints import router as collections_router
+from service.compute.activity_gate import ActivityGate
 from service.compute.pool import LocalPool
 from service.compute.processes import start as start_processes
 from service.compute.work import Work
 from service.compute.workers import Workers
-from service.container import Parts
+from service.container import Container
 from service.duplicates.endpoints import router as duplicates_router
 from service.http.access_control import AccessControl
-from service.http.duplicate_parameters import refuse_repeated
+from service.http.duplicate_parameters import refuse_duplicate_parameters
 from service.http.idempotency.keys import InFlight
 from service.http.middleware import BodyLimit, RequestContext
 from service.http.openapi import DESCRIPTION, TAGS, describe
 from service.http.problems import handle_problems
-from service.index.cache import Shelf
+from service.index.cache import EmbeddingCache
 from service.jobs.endpoints import ADDRESS as JOBS_ADDRESS
 from service.jobs.endpoints import router as jobs_router
 from service.jobs.runner import Runner
@@ -38,7 +38,7 @@ from service.observability.metrics import Metrics
 from service.pipelines.active import Pipelines
 from service.pipelines.starting import begin
 from service.previews.endpoints import router as pictures_router
-from service.search.cache_warmer import Stocking
+from service.search.cache_warmer import CacheWarmer
 from service.search.endpoints import router as search_router
 from service.settings import Settings, load_parameters, load_settings
 from service.shapes.deleted.endpoints import router as deleted_router
@@ -51,7 +51,7 @@ from service.system.schemas import VERSION
 from service.system.session_endpoints import router as session_router
 from service.web.endpoints import router as page_router
 
-PATCH_BYTES = 256 * 1024**2
+SPIN_IMAGE_BYTES = 256 * 1024**2
 """Memory for the patches of stored shapes: 22 kB each, 96 kB for an incomplete one."""
 
 log = logging.get_logger("app")
@@ -72,12 +72,12 @@ def create_app(settings: Settings) -> FastAPI:
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         logging.configure(settings.log_level)
-        app.state.parts = await run_in_threadpool(_start, settings, parameters, gate, metrics)
-        app.state.runner = Runner(app.state.parts)
+        app.state.container = await run_in_threadpool(_start, settings, parameters, gate, metrics)
+        app.state.runner = Runner(app.state.container)
         app.state.runner.start()
-        stocking = Stocking(app.state.parts)
-        stocking.start()
-        purging = asyncio.create_task(keep_purging(app.state.parts))
+        cache_warmer = CacheWarmer(app.state.container)
+        cache_warmer.start()
+        purging = asyncio.create_task(keep_purging(app.state.container))
         metrics.watch("job_files", "Files of bulk jobs that are at work.", lambda: app.state.runner.at_work)
         try:
             yield
@@ -85,9 +85,9 @@ def create_app(settings: Settings) -> FastAPI:
             purging.cancel()
             with suppress(asyncio.CancelledError):
                 await purging
-            await stocking.stop()
+            await cache_warmer.stop()
             await app.state.runner.stop()
-            await run_in_threadpool(_stop, app.state.parts)
+            await run_in_threadpool(_stop, app.state.container)
 
     app = FastAPI(
         title="Isoshape",
@@ -95,7 +95,7 @@ def create_app(settings: Settings) -> FastAPI:
         summary="Finds, among stored 3D shapes, those most like an uploaded one, whatever their pose.",
         description=DESCRIPTION,
         openapi_tags=TAGS,
-        dependencies=[Depends(refuse_repeated)],
+        dependencies=[Depends(refuse_duplicate_parameters)],
         lifespan=lifespan,
         redirect_slashes=False,
         # The framework's own pages take their scripts from a public server.
@@ -107,7 +107,7 @@ def create_app(settings: Settings) -> FastAPI:
     app.include_router(shapes_router)
     app.include_router(deleted_router)
     app.include_router(jobs_router)
-    app.include_router(sets_router)
+    app.include_router(collections_router)
     app.include_router(session_router)
     app.include_router(service_router)
     app.include_router(pictures_router)
@@ -127,7 +127,7 @@ def app_from_environment() -> FastAPI:
     return create_app(load_settings())
 
 
-def _start(settings: Settings, parameters: Parameters, gate: Gate, metrics: Metrics) -> Parts:
+def _start(settings: Settings, parameters: Parameters, gate: Gate, metrics: Metrics) -> Container:
     """Open the database and bring it up to date; the workers warm up meanwhile, and for some time after."""
     threadpool_limits(1)
     pool, readers = start_processes(
@@ -158,7 +158,7 @@ def _start(settings: Settings, parameters: Parameters, gate: Gate, metrics: Metr
     log.info("the service starts", extra={"fields": {"version": VERSION, "workers": settings.workers}})
     _watch(metrics, pool, readers, work, pipelines)
     threads = ThreadPoolExecutor(settings.workers, thread_name_prefix="compare")
-    return Parts(
+    return Container(
         settings=settings,
         database=database,
         pool=pool,
@@ -169,9 +169,9 @@ def _start(settings: Settings, parameters: Parameters, gate: Gate, metrics: Metr
         in_flight=InFlight(),
         metrics=metrics,
         threads=threads,
-        searches=AtWork(),
+        searches=ActivityGate(),
         comparing_is_ready=Event(),
-        patches=Shelf(PATCH_BYTES),
+        spin_images=EmbeddingCache(SPIN_IMAGE_BYTES),
     )
 
 
@@ -193,13 +193,13 @@ def _watch(metrics: Metrics, pool: Workers, readers: LocalPool, work: Work, pipe
         "Shapes whose signatures are in memory, as of the last query.",
         lambda: pipelines.indexed,
     )
-    watch("rows_bytes", "Memory that embeddings ready to be compared take.", lambda: pipelines.shelved)
+    watch("rows_bytes", "Memory that embeddings ready to be compared take.", lambda: pipelines.cached_bytes)
 
 
-def _stop(parts: Parts) -> None:
+def _stop(container: Container) -> None:
     """Whatever is still at work has no one left to answer to."""
-    parts.threads.shutdown(cancel_futures=True)
-    parts.readers.kill()
-    parts.pool.kill()
-    parts.database.close()
+    container.threads.shutdown(cancel_futures=True)
+    container.readers.kill()
+    container.pool.kill()
+    container.database.close()
     log.info("the service has ended")

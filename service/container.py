@@ -6,12 +6,12 @@ from threading import Event
 
 from core.arrays import Bytes
 from service.auth.gate import Gate
-from service.compute.activity_gate import AtWork
+from service.compute.activity_gate import ActivityGate
 from service.compute.pool import LocalPool
 from service.compute.work import Work
 from service.compute.workers import Workers
 from service.http.idempotency.keys import InFlight
-from service.index.cache import Shelf
+from service.index.cache import EmbeddingCache
 from service.observability.metrics import Metrics
 from service.pipelines.active import Pipelines
 from service.settings import Settings
@@ -19,7 +19,7 @@ from service.storage.database import Database
 
 
 @dataclass(frozen=True)
-class Parts:
+class Container:
     """Everything that lives from the start of the service to its end.
 
     `threads` compare embeddings, and `searches` counts the searches that have them compare.
@@ -37,6 +37,6 @@ class Parts:
     in_flight: InFlight
     metrics: Metrics
     threads: ThreadPoolExecutor
-    searches: AtWork
+    searches: ActivityGate
     comparing_is_ready: Event
-    patches: Shelf[Bytes]
+    spin_images: EmbeddingCache[Bytes]

@@ -17,7 +17,7 @@ from core.errors import ParameterError
 from core.io import DEFAULT_LIMITS, Limits
 from core.parameters import DEFAULT, PAPER, Parameters
 from service.auth.keys import Entry
-from service.storage.hnsw_parameters import GraphParameters
+from service.storage.hnsw_parameters import HnswParameters
 
 PREFIX = "ISOSHAPE_"
 
@@ -285,9 +285,9 @@ class Settings(BaseSettings):
         return bool(self.api_keys or self.read_keys)
 
     @property
-    def graph(self) -> GraphParameters:
+    def graph(self) -> HnswParameters:
         """How graphs of signatures are made and searched."""
-        return GraphParameters(
+        return HnswParameters(
             m=self.hnsw_m, ef_construction=self.hnsw_ef_construction, ef_search=self.hnsw_ef_search
         )
 

@@ -21,7 +21,7 @@ SLIGHT = 0.01
 """Rims of parts of less than this share of the area are no gaps: loose bits, or the triangles of a soup."""
 
 
-def openness(mesh: Mesh, sides: HalfEdges, area: float) -> float:
+def boundary_ratio(mesh: Mesh, sides: HalfEdges, area: float) -> float:
     """Areas of the discs that the rims would bound, over the surface's area; >= 0.
 
     A rim of length l, which is what hangs together of the open edges, bounds a disc of at most l^2 / 4 pi. So

@@ -8,17 +8,17 @@ from numpy.typing import NDArray
 
 from core.arrays import Bytes, Floats
 from core.descriptors.boundary_ratio import INCOMPLETE
-from core.descriptors.partial_matching import PATCHES, part_distances, part_of
-from core.descriptors.spin_images import KEYS, LENGTH, RADII, between, patches
+from core.descriptors.partial_matching import PART_POINTS, part_distances, part_of
+from core.descriptors.spin_images import KEYS, LENGTH, RADII, between, spin_images
 from core.mesh.mesh import Mesh
 
 WIDTH = LENGTH + len(RADII)
-ROWS = {False: KEYS, True: KEYS + PATCHES}
+ROWS = {False: KEYS, True: KEYS + PART_POINTS}
 """How many rows a complete and an incomplete surface have."""
 
 
 @dataclass(frozen=True, eq=False)
-class Apart:
+class DescriptorDistance:
     """How far one surface is from each of c others: arrays of shape (c,).
 
     Attributes
@@ -35,7 +35,7 @@ class Apart:
     part: NDArray[np.bool_]
 
 
-def described(surface: Mesh, *, openness: float) -> Bytes:
+def describe(surface: Mesh, *, boundary_ratio: float) -> Bytes:
     """A surface as rows of bytes: its patches as a whole, and behind them, if it is incomplete, as a part.
 
     Parameters
@@ -51,11 +51,11 @@ def described(surface: Mesh, *, openness: float) -> Bytes:
         `ROWS` says how many.
     """
     whole = np.ones((KEYS, WIDTH), dtype=np.uint8)
-    whole[:, :LENGTH] = patches(surface).bytes
-    return np.concatenate([whole, part_of(surface)]) if openness > INCOMPLETE else whole
+    whole[:, :LENGTH] = spin_images(surface).bytes
+    return np.concatenate([whole, part_of(surface)]) if boundary_ratio > INCOMPLETE else whole
 
 
-def apart(query: Bytes, others: Sequence[Bytes]) -> Apart:
+def descriptor_distance(query: Bytes, others: Sequence[Bytes]) -> DescriptorDistance:
     """The distances of one surface from c others, each the same whatever others there are.
 
     Parameters
@@ -74,7 +74,7 @@ def apart(query: Bytes, others: Sequence[Bytes]) -> Apart:
     for i, other in enumerate(others):
         if is_part(other):
             distance[i] = min(distance[i], part_distances(other[KEYS:], [as_whole(query)])[0])
-    return Apart(distance, part)
+    return DescriptorDistance(distance, part)
 
 
 def is_part(rows: Bytes) -> bool:

@@ -14,7 +14,7 @@ from core.numerics.compilation import compiled, constant
 
 TERMS = 3
 
-FORM_SHARE = 0.1
+GLOBAL_SHARE = 0.1
 """What terms of form are multiplied by in a signature, so that its plain distance heeds eigenvalues first."""
 
 LEAST_VOLUME = 1e-3
@@ -22,7 +22,7 @@ LEAST_VOLUME = 1e-3
 is nothing or chance, have finite terms that do not outweigh all else."""
 
 
-def form_terms(mesh: Mesh) -> Floats:
+def global_descriptors(mesh: Mesh) -> Floats:
     """log(A^1.5 / V), log(H / V) and log(A / B), shape (3,): finite, free of place, pose and size.
 
     A is the area, V the volume enclosed (by signed tetrahedra about the area's centroid, which is only a

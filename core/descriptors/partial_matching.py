@@ -11,7 +11,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from core.arrays import Bytes, Floats
-from core.descriptors.spin_images import BINS, LENGTH, RADII, SCALE, patch_count, patches
+from core.descriptors.spin_images import BINS, LENGTH, RADII, SCALE, spin_image_count, spin_images
 from core.mesh.cleaning import face_areas
 from core.mesh.edges import half_edges
 from core.mesh.mesh import Mesh
@@ -31,7 +31,7 @@ MOST_RIM = 20_000
 AT_ONCE = 4
 """How many wholes are compared at a time."""
 
-PATCHES = sum(patch_count(missing) for missing in MISSING)
+PART_POINTS = sum(spin_image_count(missing) for missing in MISSING)
 """Rows of a part."""
 
 
@@ -53,7 +53,7 @@ def part_of(surface: Mesh) -> Bytes:
     tree = cKDTree(rim) if len(rim) else None
     made = []
     for missing in MISSING:
-        found = patches(surface, missing)
+        found = spin_images(surface, missing)
         away = np.full(len(found.points), np.inf) if tree is None else tree.query(found.points)[0]
         counts = away[:, None] > NEAR_RIM * found.unit * np.array(RADII)
         if counts.mean() < LEAST:
@@ -97,13 +97,13 @@ def part_distances(part: Bytes, wholes: Sequence[Bytes]) -> Floats:
     weights = np.repeat(counts, BINS, axis=1)
     weighted = weights * own
     squares = (weighted * own).sum(axis=1)
-    starts = [0, *accumulate(patch_count(missing) for missing in MISSING)][:-1]
+    starts = [0, *accumulate(spin_image_count(missing) for missing in MISSING)][:-1]
     balls = np.add.reduceat(counts.sum(axis=1, dtype=np.float64), starts) / len(RADII)
     found = np.empty(len(wholes))
     for start in range(0, len(wholes), AT_ONCE):
         some = np.stack(wholes[start : start + AT_ONCE]).astype(np.float32)
         flat = some.reshape(-1, LENGTH)
-        apart = squares + flat**2 @ weights.T - 2.0 * (flat @ weighted.T)
-        least = apart.reshape(*some.shape[:2], -1).min(axis=1).astype(np.float64)
+        descriptor_distance = squares + flat**2 @ weights.T - 2.0 * (flat @ weighted.T)
+        least = descriptor_distance.reshape(*some.shape[:2], -1).min(axis=1).astype(np.float64)
         found[start : start + len(some)] = (np.add.reduceat(least, starts, axis=1) / balls).min(axis=1)
     return found / SCALE**2

@@ -41,7 +41,7 @@ AT_ONCE = 8
 
 
 @dataclass(frozen=True, eq=False)
-class Patches:
+class SpinImages:
     """Those of a surface, or of one from which a share of the area is missing.
 
     Attributes
@@ -58,7 +58,7 @@ class Patches:
     unit: float
 
 
-def patches(surface: Mesh, missing: float = 0.0) -> Patches:
+def spin_images(surface: Mesh, missing: float = 0.0) -> SpinImages:
     """What lies about points spread evenly over a surface.
 
     Points are as dense on a part as on the whole, so that what chance adds to a bin is the same.
@@ -76,17 +76,17 @@ def patches(surface: Mesh, missing: float = 0.0) -> Patches:
     unit = float(np.sqrt(areas.sum() / (1.0 - missing)))
     count = round(POINTS * (1.0 - missing))
     points, faces = spread((corners - centre) / unit, areas, count)
-    keys = np.linspace(0, count - 1, patch_count(missing)).astype(np.int64)
+    keys = np.linspace(0, count - 1, spin_image_count(missing)).astype(np.int64)
     about = corners[faces[keys]]
     normals = np.cross(about[:, 1] - about[:, 0], about[:, 2] - about[:, 0])
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(np.float64).tiny)
     counts = _counts(constant(points), constant(keys), constant(normals), np.array(RADII))
     shares = counts / (POINTS * np.array(RADII) ** 2)[:, None]
     told = np.minimum(np.round(SCALE * np.sqrt(shares)), 255.0).astype(np.uint8)
-    return Patches(told.reshape(len(keys), LENGTH), points[keys] * unit + centre, unit)
+    return SpinImages(told.reshape(len(keys), LENGTH), points[keys] * unit + centre, unit)
 
 
-def patch_count(missing: float) -> int:
+def spin_image_count(missing: float) -> int:
     """How many patches a surface has of which a share is missing."""
     return round(KEYS * (1.0 - missing))
 
@@ -110,9 +110,11 @@ def between(query: Bytes, others: Sequence[Bytes]) -> Floats:
     for start in range(0, len(others), AT_ONCE):
         some = np.stack(others[start : start + AT_ONCE]).astype(np.float32)
         products = some.reshape(-1, LENGTH) @ own.T
-        apart = (some**2).sum(axis=2)[:, :, None] + squares - 2.0 * products.reshape(*some.shape[:2], -1)
-        found[start : start + len(some), 0] = apart.min(axis=1).mean(axis=1, dtype=np.float64)
-        found[start : start + len(some), 1] = apart.min(axis=2).mean(axis=1, dtype=np.float64)
+        descriptor_distance = (
+            (some**2).sum(axis=2)[:, :, None] + squares - 2.0 * products.reshape(*some.shape[:2], -1)
+        )
+        found[start : start + len(some), 0] = descriptor_distance.min(axis=1).mean(axis=1, dtype=np.float64)
+        found[start : start + len(some), 1] = descriptor_distance.min(axis=2).mean(axis=1, dtype=np.float64)
     return found / SCALE**2
 
 

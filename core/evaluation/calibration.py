@@ -41,7 +41,7 @@ class Collection:
     """
 
     labels: tuple[str, ...]
-    evidence: Floats
+    features: Floats
     asked: NDArray[np.bool_] | None = None
 
     @property
@@ -92,7 +92,7 @@ class Reliability:
         return float(shares @ gaps / shares.sum()) if shares.sum() > 0.0 else 0.0
 
 
-def fit_logistic(evidence: Floats, same: NDArray[np.bool_], weights: Floats) -> Calibration:
+def fit_logistic(features: Floats, same: NDArray[np.bool_], weights: Floats) -> Calibration:
     """The likeliest logistic model, by Newton's method (iteratively reweighted least squares).
 
     Parameters
@@ -110,10 +110,10 @@ def fit_logistic(evidence: Floats, same: NDArray[np.bool_], weights: Floats) -> 
     if same.all() or not same.any():
         raise ParameterError("a calibration needs pairs of one class and pairs of two")
     weights = weights / weights.sum()
-    centre = weights @ evidence
-    spread = np.sqrt(weights @ (evidence - centre) ** 2)
+    centre = weights @ features
+    spread = np.sqrt(weights @ (features - centre) ** 2)
     spread[spread < 1e-12] = 1.0
-    design = np.column_stack([np.ones(len(evidence)), (evidence - centre) / spread])
+    design = np.column_stack([np.ones(len(features)), (features - centre) / spread])
     penalty = 2.0 * PENALTY * np.eye(design.shape[1])
     penalty[0, 0] = 0.0
 
@@ -123,9 +123,9 @@ def fit_logistic(evidence: Floats, same: NDArray[np.bool_], weights: Floats) -> 
 
     values = np.zeros(design.shape[1])
     for _ in range(STEPS):
-        chances = expit(design @ values)
-        gradient = design.T @ (weights * (chances - same)) + penalty @ values
-        curvature = (design * (weights * chances * (1.0 - chances))[:, None]).T @ design + penalty
+        probabilities = expit(design @ values)
+        gradient = design.T @ (weights * (probabilities - same)) + penalty @ values
+        curvature = (design * (weights * probabilities * (1.0 - probabilities))[:, None]).T @ design + penalty
         step = np.linalg.solve(curvature + 1e-12 * np.eye(len(values)), gradient)
         size, before = 1.0, loss(values)
         while loss(values - size * step) > before and size > 1e-6:
@@ -145,18 +145,18 @@ def fit(collections: Sequence[Collection], *, without: str | None = None) -> Cal
     ParameterError
         All pairs are of one kind.
     """
-    evidence, same, weights = [], [], []
+    features, same, weights = [], [], []
     for collection in collections:
         codes = collection.codes
         kept = codes != (without.casefold() if without is not None else None)
         first, second = np.nonzero(collection.once & kept[:, None] & kept)
         if len(first):
-            evidence.append(collection.evidence[first, second])
+            features.append(collection.features[first, second])
             same.append(codes[first] == codes[second])
             weights.append(np.full(len(first), 1.0 / len(first)))
-    if not evidence:
+    if not features:
         raise ParameterError("a calibration needs pairs of one class and pairs of two")
-    return fit_logistic(np.concatenate(evidence), np.concatenate(same), np.concatenate(weights))
+    return fit_logistic(np.concatenate(features), np.concatenate(same), np.concatenate(weights))
 
 
 def leave_class_out(collections: Sequence[Collection]) -> list[Floats]:
@@ -167,16 +167,16 @@ def leave_class_out(collections: Sequence[Collection]) -> list[Floats]:
     ParameterError
         Without some class, all pairs are of one kind.
     """
-    chances = [np.zeros(collection.evidence.shape[:2]) for collection in collections]
+    probabilities = [np.zeros(collection.features.shape[:2]) for collection in collections]
     for label in sorted({str(code) for collection in collections for code in collection.codes}):
         model = fit(collections, without=label)
-        for collection, found in zip(collections, chances, strict=True):
+        for collection, found in zip(collections, probabilities, strict=True):
             rows = collection.codes == label
-            found[rows] = model.chance(collection.evidence[rows])
-    return chances
+            found[rows] = model.class_probability(collection.features[rows])
+    return probabilities
 
 
-def reliability(collections: Sequence[Collection], chances: Sequence[Floats]) -> Reliability:
+def reliability(collections: Sequence[Collection], probabilities: Sequence[Floats]) -> Reliability:
     """How chances, shape (n, n) a collection, agree with the classes.
 
     Every collection weighs the same; one without pairs says nothing.
@@ -184,7 +184,7 @@ def reliability(collections: Sequence[Collection], chances: Sequence[Floats]) ->
     share, said, found = np.zeros(BINS), np.zeros(BINS), np.zeros(BINS)
     base_rate = 0.0
     judged = sum(bool(collection.both_ways.any()) for collection in collections)
-    for collection, given in zip(collections, chances, strict=True):
+    for collection, given in zip(collections, probabilities, strict=True):
         codes, pairs = collection.codes, collection.both_ways
         if not pairs.any():
             continue

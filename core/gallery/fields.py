@@ -94,15 +94,15 @@ def box(frame: Frame, half: Floats, rounding: float) -> Field:
     return Field(frame.origin - reach, frame.origin + reach, 2.0 * float(half.min()), distance, frame)
 
 
-def plate(frame: Frame, outline: Floats, half: float) -> Field:
+def plate(frame: Frame, surface_samples: Floats, half: float) -> Field:
     """A simple polygon, shape (m, 2), in the x, y plane of a frame, grown by `half` all round: a fin."""
 
     def distance(points: Floats) -> Floats:
         local = frame.local(points)
-        sideways = np.maximum(polygon_distance(local[:, :2], outline), 0.0)
+        sideways = np.maximum(polygon_distance(local[:, :2], surface_samples), 0.0)
         return np.hypot(sideways, local[:, 2]) - half
 
-    corners = frame.origin + outline @ frame.axes[:, :2].T
+    corners = frame.origin + surface_samples @ frame.axes[:, :2].T
     return Field(corners.min(axis=0) - half, corners.max(axis=0) + half, 2.0 * half, distance, frame)
 
 
@@ -123,11 +123,11 @@ def turned(frame: Frame, profile: Floats, rounding: float) -> Field:
     return Field(ends.min(axis=0) - sideways, ends.max(axis=0) + sideways, 2.0 * rounding, distance, frame)
 
 
-def polygon_distance(points: Floats, outline: Floats) -> Floats:
+def polygon_distance(points: Floats, surface_samples: Floats) -> Floats:
     """Signed distance, shape (n,), of plane points, shape (n, 2), to a simple polygon, shape (m, 2)."""
     squared = np.full(len(points), np.inf)
     inside = np.zeros(len(points), dtype=bool)
-    for a, b in zip(np.roll(outline, 1, axis=0), outline, strict=True):
+    for a, b in zip(np.roll(surface_samples, 1, axis=0), surface_samples, strict=True):
         edge, offset = b - a, points - a
         along = np.clip(offset @ edge / max(float(edge @ edge), _TINY), 0.0, 1.0)
         gap = offset - along[:, None] * edge

@@ -19,8 +19,8 @@ Reals = NDArray[np.floating]
 
 def nearest_columns_reference(points: Reals, targets: Reals, k: int) -> Ints:
     """Of targets of shape (>= k, n) the nearest to each of the points, shape (>= k, p), in k rows."""
-    apart = points[:k, :, None].astype(np.float64) - targets[:k, None, :]
-    return np.asarray((apart**2).sum(axis=0).argmin(axis=1))
+    descriptor_distance = points[:k, :, None].astype(np.float64) - targets[:k, None, :]
+    return np.asarray((descriptor_distance**2).sum(axis=0).argmin(axis=1))
 
 
 def signless_correlation_reference(points: Reals, targets: Reals, matches: Ints, k: int) -> float:

@@ -55,10 +55,10 @@ def _solved(points: Floats, first: int, stiffness: float, found: Floats) -> bool
     total = 0.0
     for i in range(m):
         for j in range(m):
-            apart = 0.0
+            descriptor_distance = 0.0
             for c in range(k):
-                apart += (points[i, c] - points[j, c]) ** 2
-            total += math.sqrt(apart)
+                descriptor_distance += (points[i, c] - points[j, c]) ** 2
+            total += math.sqrt(descriptor_distance)
     beta = stiffness * total / (m * (m - 1))
     for c in range(k):
         for i in range(m):

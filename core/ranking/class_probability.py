@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 from scipy.special import expit
 
 from core.arrays import Floats
-from core.descriptors.descriptor_distance import Apart
-from core.descriptors.global_descriptors import FORM_SHARE, TERMS
+from core.descriptors.descriptor_distance import DescriptorDistance
+from core.descriptors.global_descriptors import GLOBAL_SHARE, TERMS
 
 NEAR = 0.1
 """Spectra whose logarithms differ by so much, root mean square, tell as much for one shape as against it."""
@@ -20,7 +20,7 @@ WHOLE_SHARE = 0.2
 """What the match of the whole shapes counts beside their patches, where one is a part of the other: of the
 whole, a small cut leaves most points that correspond, and a large one few."""
 
-FAINT_PAIRS, FAINT_FORM, FAINT_PATCHES = 0.03, 0.1, 0.05
+FAINT_PAIRS, FAINT_GLOBAL, FAINT_SPIN_IMAGES = 0.03, 0.1, 0.05
 """Added before logarithms are taken: smaller differences are those of one body's poses and meshes."""
 
 
@@ -38,40 +38,40 @@ class Calibration:
     intercept: float
     slopes: tuple[float, ...]
 
-    def chance(self, evidence: Floats) -> Floats:
+    def class_probability(self, features: Floats) -> Floats:
         """From evidence, shape (..., p), to numbers in [0, 1], shape (...)."""
-        return np.asarray(expit(self.intercept + (evidence * np.array(self.slopes)).sum(axis=-1)))
+        return np.asarray(expit(self.intercept + (features * np.array(self.slopes)).sum(axis=-1)))
 
 
 CALIBRATED = Calibration(intercept=-13.8067, slopes=(-4.9825, -0.2797, -2.7157))
 CALIBRATED_PARTS = Calibration(intercept=-3.1062, slopes=(-5.8367,))
-WITHOUT_PATCHES = Calibration(intercept=-16.4318, slopes=(-4.9656, -0.9755))
+WITHOUT_SPIN_IMAGES = Calibration(intercept=-16.4318, slopes=(-4.9656, -0.9755))
 """Of two complete surfaces, of pairs with an incomplete one, and where patches are not known. By
 `isoshape calibrate psb shrec11`, on every second model of each: see docs/calibration.md."""
 
 
-def chance(whole: Floats, apart: Apart | None) -> Floats:
+def class_probability(whole: Floats, descriptor_distance: DescriptorDistance | None) -> Floats:
     """The chance of one class of c pairs, shape (c,), from the evidence of their match, shape (c, 2)."""
-    if apart is None:
-        return WITHOUT_PATCHES.chance(whole)
+    if descriptor_distance is None:
+        return WITHOUT_SPIN_IMAGES.class_probability(whole)
     return np.where(
-        apart.part,
-        CALIBRATED_PARTS.chance(part_evidence(whole, apart.distance)),
-        CALIBRATED.chance(patch_evidence(whole, apart.distance)),
+        descriptor_distance.part,
+        CALIBRATED_PARTS.class_probability(part_features(whole, descriptor_distance.distance)),
+        CALIBRATED.class_probability(spin_image_features(whole, descriptor_distance.distance)),
     )
 
 
-def patch_evidence(whole: Floats, distance: Floats) -> Floats:
+def spin_image_features(whole: Floats, distance: Floats) -> Floats:
     """`evidence`, shape (..., 2), and the logarithm of the distance of patches, shape (...): (..., 3)."""
-    return np.concatenate([whole, np.log(distance + FAINT_PATCHES)[..., None]], axis=-1)
+    return np.concatenate([whole, np.log(distance + FAINT_SPIN_IMAGES)[..., None]], axis=-1)
 
 
-def part_evidence(whole: Floats, distance: Floats) -> Floats:
+def part_features(whole: Floats, distance: Floats) -> Floats:
     """The same where one is a part of the other, shape (..., 1)."""
-    return (np.log(distance + FAINT_PATCHES) + WHOLE_SHARE * whole[..., 0])[..., None]
+    return (np.log(distance + FAINT_SPIN_IMAGES) + WHOLE_SHARE * whole[..., 0])[..., None]
 
 
-def evidence(cc: Floats, sim: Floats, spectral: Floats, form: Floats) -> Floats:
+def features(cc: Floats, sim: Floats, spectral: Floats, form: Floats) -> Floats:
     """What speaks against one class, as logarithms; arrays of one shape in, that shape and (2,) behind out.
 
     The nearer the spectra are, the less all else counts. f = s^2 / (s^2 + NEAR^2) rises with the spectral
@@ -91,13 +91,13 @@ def evidence(cc: Floats, sim: Floats, spectral: Floats, form: Floats) -> Floats:
     return np.stack(
         [
             np.log(far * (1.0 - cc + SIM_SHARE * (1.0 - sim)) + FAINT_PAIRS),
-            np.log(far * form + FAINT_FORM),
+            np.log(far * form + FAINT_GLOBAL),
         ],
         axis=-1,
     )
 
 
-def signature_evidence(
+def signature_features(
     cc: Floats, sim: Floats, query: NDArray[np.float32], signatures: NDArray[np.float32], *, form: bool
 ) -> Floats:
     """`evidence` of one shape against c others, shape (c, 2).
@@ -112,4 +112,4 @@ def signature_evidence(
     steps = np.asarray(signatures, dtype=np.float64) - np.asarray(query, dtype=np.float64)
     values = steps.shape[1] - TERMS if form else steps.shape[1]
     spectral = np.linalg.norm(steps[:, :values], axis=1)
-    return evidence(cc, sim, spectral, np.linalg.norm(steps[:, values:], axis=1) / FORM_SHARE)
+    return features(cc, sim, spectral, np.linalg.norm(steps[:, values:], axis=1) / GLOBAL_SHARE)

@@ -6,29 +6,29 @@ import numpy as np
 
 from core.arrays import Bytes, Float32s
 from core.embedding import Embedding
-from core.matching.kernels.one_to_many import SKETCHED, sift_many
+from core.matching.kernels.one_to_many import COARSE_SAMPLES, coarse_rank_many
 from core.matching.procrustes import rounds_of
 from core.parameters import Parameters
 
 
-def sketch_of(embedding: Embedding) -> Bytes:
-    """The first `SKETCHED` samples, in b spectral domains of k dimensions, uint8, shape (4 + 36 b k,).
+def coarse_samples(embedding: Embedding) -> Bytes:
+    """The first `COARSE_SAMPLES` samples, in b spectral domains of k dimensions, uint8, shape (4 + 36 b k,).
 
     First how many they are; then, as float32, a scale for each column; then the coordinates over it, as int8.
     Of no samples all is zero.
     """
     samples = int(embedding.regions.max()) + 1
-    count = min(samples, SKETCHED)
+    count = min(samples, COARSE_SAMPLES)
     points = np.concatenate([one.coordinates[:count] for one in embedding.spectra], axis=1)
     scales = np.abs(points).max(axis=0) / np.float32(127.0)
-    whole = np.zeros((SKETCHED, points.shape[1]), dtype=np.int8)
+    whole = np.zeros((COARSE_SAMPLES, points.shape[1]), dtype=np.int8)
     whole[:count] = np.rint(np.divide(points, scales, out=np.zeros_like(points), where=scales > 0.0))
     head = np.array([count], dtype=np.int32)
     parts = (head, scales.astype(np.float32), whole)
     return np.concatenate([np.frombuffer(part.tobytes(), dtype=np.uint8) for part in parts])
 
 
-def sift(query: Float32s, sketches: Bytes, parameters: Parameters) -> Float32s:
+def coarse_ranking(query: Float32s, coarse_samples: Bytes, parameters: Parameters) -> Float32s:
     """Roughly the CC of one shape with each of c others, float32, shape (c,): to choose whom to match.
 
     One search in each spectral domain, from the query alone, refined once.
@@ -46,8 +46,10 @@ def sift(query: Float32s, sketches: Bytes, parameters: Parameters) -> Float32s:
     float32, shape (c,)
         -1 for a sketch of no samples.
     """
-    scores = np.empty(len(sketches), dtype=np.float32)
-    rounds = rounds_of(parameters)._replace(sides=1, kept_maps=1, align_rounds=0, align_samples=SKETCHED)
+    scores = np.empty(len(coarse_samples), dtype=np.float32)
+    rounds = rounds_of(parameters)._replace(
+        sides=1, kept_maps=1, align_rounds=0, align_samples=COARSE_SAMPLES
+    )
     own = partial(np.require, requirements=["C", "W"])
-    sift_many(own(query), own(sketches), rounds, scores)
+    coarse_rank_many(own(query), own(coarse_samples), rounds, scores)
     return scores

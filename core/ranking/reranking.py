@@ -6,12 +6,12 @@ import numpy as np
 
 from core.arrays import Float32s
 from core.embedding import Points
-from core.matching.kernels.reranking import screen_many
+from core.matching.kernels.reranking import rerank_many
 from core.matching.procrustes import rounds_of
 from core.parameters import Parameters
 
 
-def screen(query: Float32s, clouds: Sequence[Points], parameters: Parameters) -> Float32s:
+def rerank(query: Float32s, clouds: Sequence[Points], parameters: Parameters) -> Float32s:
     """About the CC of one shape with each of c others: the match but for the others' splines, which are flat.
 
     Splines that do not bend are made in a hundredth of the time, and mostly lead to the same map.
@@ -40,7 +40,7 @@ def screen(query: Float32s, clouds: Sequence[Points], parameters: Parameters) ->
     if not fit:
         return scores
     found = np.empty(len(fit), dtype=np.float32)
-    screen_many(
+    rerank_many(
         np.require(query, requirements=["C", "W"]),
         np.array([[_address(one) for one in clouds[place][0]] for place in fit], dtype=np.int64),
         np.array([_address(clouds[place][1]) for place in fit], dtype=np.int64),

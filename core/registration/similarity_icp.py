@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 
 from core.arrays import Floats
-from core.sampling.surface_samples import Outline, closest
+from core.sampling.surface_samples import SurfaceSamples, closest
 
 Kinship = Literal["same", "scaled", "mirrored"]
 
@@ -110,7 +110,9 @@ def best_similarity(source: Floats, target: Floats, *, sign: int, scaled: bool) 
     return Similarity(scale, turn, there - scale * turn @ here)
 
 
-def align(first: Outline, second: Outline, pairs: tuple[Floats, Floats] | None = None) -> Alignment:
+def align(
+    first: SurfaceSamples, second: SurfaceSamples, pairs: tuple[Floats, Floats] | None = None
+) -> Alignment:
     """The best similarity of one surface onto another, rotations and reflections alike.
 
     Parameters
@@ -130,7 +132,7 @@ def align(first: Outline, second: Outline, pairs: tuple[Floats, Floats] | None =
 
 
 def _nearest(
-    first: Outline, second: Outline, pairs: tuple[Floats, Floats] | None, sign: int
+    first: SurfaceSamples, second: SurfaceSamples, pairs: tuple[Floats, Floats] | None, sign: int
 ) -> tuple[float, Similarity]:
     """The least residual that motions of one sign come to, and the motion, at unit areas."""
     starts = [
@@ -157,28 +159,30 @@ def _nearest(
     return best
 
 
-def _settled(first: Outline, second: Outline, motion: Similarity, sign: int) -> tuple[float, Similarity]:
+def _settled(
+    first: SurfaceSamples, second: SurfaceSamples, motion: Similarity, sign: int
+) -> tuple[float, Similarity]:
     """A start after some rounds of the closest of the points, and how far these then are apart."""
     few = first.points[:: len(first.points) // FEW]
-    apart, near = second.tree.query(motion.apply(few))
+    descriptor_distance, near = second.tree.query(motion.apply(few))
     for _ in range(STARTING):
         motion = best_similarity(few, second.points[near], sign=sign, scaled=False)
         before = near
-        apart, near = second.tree.query(motion.apply(few))
+        descriptor_distance, near = second.tree.query(motion.apply(few))
         if np.array_equal(near, before):
             break
-    return float(np.sqrt((apart**2).mean())), motion
+    return float(np.sqrt((descriptor_distance**2).mean())), motion
 
 
-def _met(first: Outline, second: Outline, motion: Similarity) -> tuple[float, Floats, Floats]:
+def _met(first: SurfaceSamples, second: SurfaceSamples, motion: Similarity) -> tuple[float, Floats, Floats]:
     """The residual of a motion, and the points of both that it brings closest, in their own places."""
     ours, theirs = first.spread, second.spread
     there = closest(second, motion.apply(ours))
     back = closest(first, motion.invert(theirs))
-    apart = ((motion.apply(ours) - there) ** 2).sum(axis=1).mean()
+    descriptor_distance = ((motion.apply(ours) - there) ** 2).sum(axis=1).mean()
     behind = ((motion.invert(theirs) - back) ** 2).sum(axis=1).mean()
     return (
-        float(np.sqrt(0.5 * (apart + behind))),
+        float(np.sqrt(0.5 * (descriptor_distance + behind))),
         np.concatenate([ours, back]),
         np.concatenate([there, theirs]),
     )

@@ -75,7 +75,9 @@ def random_draw(weights: Floats, count: int, uniform: Floats) -> Ints:
     return np.lexsort((uniform, ratio))[:count].astype(np.int64)
 
 
-def covering(graph: csr_array, points: Floats, weights: Floats, count: int, power: float) -> Ints:
+def weighted_farthest_points(
+    graph: csr_array, points: Floats, weights: Floats, count: int, power: float
+) -> Ints:
     """Farthest-point selection weighted by importance.
 
     Each next sample maximises distance times (q / mean q)^power, clipped to [1/4, 4]: power 0 is plain

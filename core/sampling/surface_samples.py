@@ -23,7 +23,7 @@ STEPS = (0.7548776662466927, 0.5698402909980532)
 
 
 @dataclass(frozen=True, eq=False)
-class Outline:
+class SurfaceSamples:
     """A surface of unit area about its centroid.
 
     Attributes
@@ -62,7 +62,7 @@ class Outline:
         return np.asarray((points - self.centre) / self.unit)
 
 
-def outline(mesh: Mesh) -> Outline:
+def surface_samples(mesh: Mesh) -> SurfaceSamples:
     """A mesh made ready.
 
     Raises
@@ -77,15 +77,15 @@ def outline(mesh: Mesh) -> Outline:
     corners = (surface.vertices[surface.faces] - frame.centre) / unit
     count = POINTS * min(max(round(2 * len(areas) / POINTS), 1), MOST // POINTS)
     points, faces = spread(corners, areas, count)
-    return Outline(unit, frame.centre, frame.axes, corners, points, faces, cKDTree(points))
+    return SurfaceSamples(unit, frame.centre, frame.axes, corners, points, faces, cKDTree(points))
 
 
-def closest(surface: Outline, points: Floats) -> Floats:
+def closest(surface: SurfaceSamples, points: Floats) -> Floats:
     """The closest point of a surface to each point, shape (n, 3), on the faces about its own."""
     near = surface.faces[surface.tree.query(points, k=NEIGHBOURS)[1]]
     on_faces = closest_on_triangles(surface.corners[near], points[:, None, :])
-    apart = ((on_faces - points[:, None, :]) ** 2).sum(axis=-1)
-    return np.asarray(on_faces[np.arange(len(points)), apart.argmin(axis=1)])
+    descriptor_distance = ((on_faces - points[:, None, :]) ** 2).sum(axis=-1)
+    return np.asarray(on_faces[np.arange(len(points)), descriptor_distance.argmin(axis=1)])
 
 
 def closest_on_triangles(corners: Floats, points: Floats) -> Floats:

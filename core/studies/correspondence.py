@@ -20,7 +20,7 @@ MOST_ERROR = 0.06
 
 
 @dataclass(frozen=True)
-class PairEvidence:
+class PairErrors:
     """One pose matched with another.
 
     Attributes
@@ -45,12 +45,12 @@ class PairEvidence:
 
 
 @dataclass(frozen=True)
-class BodyEvidence:
+class BodyErrors:
     """All ordered pairs of a body's poses."""
 
     label: str
     body: int
-    pairs: tuple[PairEvidence, ...]
+    pairs: tuple[PairErrors, ...]
 
     @property
     def samples(self) -> float:
@@ -95,7 +95,7 @@ def symmetric_error(distances: Floats, partners: Ints, vertices: Ints, found: In
 
 def study_body(
     label: str, number: int, poses: int, parameters: Parameters, *, remeshed: bool = False
-) -> BodyEvidence:
+) -> BodyErrors:
     """Match every two poses of a body, and compare with the truth both ways round.
 
     Parameters
@@ -119,7 +119,7 @@ def study_body(
     sides = [_Side.of(side, poses, pipeline) for side in ([body, other] if remeshed else [body])]
     here, there = sides[0], sides[-1]
     everywhere = np.arange(len(body.rest.vertices))
-    evidence: list[PairEvidence] = []
+    errors: list[PairErrors] = []
     for first, second in permutations(range(poses), 2):
         one, two = here.embeddings[first], there.embeddings[second]
         match = pipeline.match(one, two)
@@ -128,8 +128,8 @@ def study_body(
         samples, _ = symmetric_error(distances, truth, known[:, 0], known[:, 1])
         found = extend(here.bases[first], there.bases[second], known)
         vertices, symmetry = symmetric_error(distances, truth, everywhere, found)
-        evidence.append(PairEvidence(first, second, match.cc, samples, vertices, symmetry))
-    return BodyEvidence(label, number, tuple(evidence))
+        errors.append(PairErrors(first, second, match.cc, samples, vertices, symmetry))
+    return BodyErrors(label, number, tuple(errors))
 
 
 @dataclass(frozen=True, eq=False)

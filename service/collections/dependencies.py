@@ -41,7 +41,7 @@ class NamedInAddress(BaseModel):
 
 
 async def _chosen(
-    request: Request, parts: Service, _named: Named = None, _by_header: NamedByHeader = None
+    request: Request, container: Service, _named: Named = None, _by_header: NamedByHeader = None
 ) -> Collection:
     # For the framework what is empty is as good as left out; here it is a name that no collection has.
     names = {*request.headers.getlist(HEADER), *request.query_params.getlist(PARAMETER)}
@@ -53,7 +53,7 @@ async def _chosen(
     name = allowed(None if grant is None else grant.collections, names.pop() if names else None)
 
     def read() -> Collection:
-        with parts.database.read() as session:
+        with container.database.read() as session:
             return service.get(session, name)
 
     is_default = name == DEFAULT_COLLECTION.name

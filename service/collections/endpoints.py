@@ -24,11 +24,11 @@ Name = Annotated[
 
 
 @router.get("/collections", summary="List collections", responses=documented("storage-unavailable"))
-def list_collections(request: Request, parts: Service) -> Collections:
+def list_collections(request: Request, container: Service) -> Collections:
     """The collections that the key may use, by name, each with the number of its shapes."""
     grant: Grant | None = request.scope.get(GRANT_IN_SCOPE)
     limits = None if grant is None else grant.collections
-    with parts.database.read() as session:
+    with container.database.read() as session:
         found = service.counted(session, limits)
     return Collections(collections=[Collection.of(each) for each in found])
 
@@ -43,9 +43,9 @@ def list_collections(request: Request, parts: Service) -> Collections:
         **documented("bad-request-fields", "storage-unavailable", "storage-full"),
     },
 )
-def create_collection(name: Name, parts: Service, response: Response) -> Collection:
+def create_collection(name: Name, container: Service, response: Response) -> Collection:
     """Have a collection of this name, so that calls can name it; shapes come into it by calls that do."""
-    with parts.database.write() as session:
+    with container.database.write() as session:
         if service.create(session, name):
             response.status_code = 201
         (found,) = service.counted(session, {name})
@@ -64,7 +64,7 @@ def create_collection(name: Name, parts: Service, response: Response) -> Collect
         "storage-full",
     ),
 )
-def delete_collection(name: Name, parts: Service) -> None:
+def delete_collection(name: Name, container: Service) -> None:
     """Delete a collection that has no shapes. `default` is always there."""
-    with parts.database.write() as session:
-        service.delete(session, name, parts.settings.undo_time)
+    with container.database.write() as session:
+        service.delete(session, name, container.settings.undo_time)

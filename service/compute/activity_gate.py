@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 
-class AtWork:
+class ActivityGate:
     """Counts what is at work, so that what no user waits for can give way to it. Of one event loop."""
 
     def __init__(self) -> None:

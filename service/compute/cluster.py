@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from core.parameters import Parameters
 from service.compute.remote import run, run_here, warm_up
-from service.compute.workers import PlacedWorkers
+from service.compute.workers import RemoteWorkers
 from service.errors import ClusterUnavailableError, TaskTimeLimitError, WorkerLostError
 from service.observability.logging import get_logger
 
@@ -41,7 +41,7 @@ PATIENCE_SECONDS = 10.0
 dask.config.set({"distributed.admin.large-graph-warning-threshold": "4 GiB"})
 
 
-class ClusterPool(PlacedWorkers):
+class ClusterPool(RemoteWorkers):
     """The workers of a Dask cluster.
 
     Parameters

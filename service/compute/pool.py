@@ -12,7 +12,7 @@ from concurrent.futures import CancelledError, Future
 from queue import Empty, SimpleQueue
 from typing import Any
 
-from service.compute.worker_slot import Seat, Task
+from service.compute.worker_slot import Task, WorkerSlot
 from service.compute.workers import Workers
 from service.errors import WorkerLostError
 
@@ -51,11 +51,11 @@ class LocalPool(Workers):
         self._abandoned = threading.Event()
         self._submitting = threading.Lock()
         self._seats = [
-            Seat(self._tasks, self._closing, self._abandoned, seconds, warm, replaced, tasks_each)
+            WorkerSlot(self._tasks, self._closing, self._abandoned, seconds, warm, replaced, tasks_each)
             for _ in range(workers)
         ]
-        for seat in self._seats:
-            seat.start()
+        for slot in self._seats:
+            slot.start()
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:  # noqa: ANN401
         """Have `fn(*args)` called in a worker. Function, arguments and result must pickle; no keywords.
@@ -73,29 +73,29 @@ class LocalPool(Workers):
 
     def ready(self) -> bool:
         """Whether a worker can be had: an idle one answers, or one is alive and at work."""
-        if any(seat.pid is not None and not seat.busy for seat in self._seats):
+        if any(slot.pid is not None and not slot.busy for slot in self._seats):
             ping = self.submit(os.getpid)
             try:
                 return ping.result(PING_SECONDS) is not None
             except (TimeoutError, WorkerLostError, CancelledError):
                 ping.cancel()
-        return any(seat.busy and seat.pid is not None for seat in self._seats)
+        return any(slot.busy and slot.pid is not None for slot in self._seats)
 
     def pids(self) -> list[int]:
         """The process ids of the workers that are warm."""
-        return [seat.pid for seat in self._seats if seat.pid is not None]
+        return [slot.pid for slot in self._seats if slot.pid is not None]
 
     def idle(self) -> int:
         """How many workers have no task."""
-        return sum(seat.pid is not None and not seat.busy for seat in self._seats)
+        return sum(slot.pid is not None and not slot.busy for slot in self._seats)
 
     def busy(self) -> int:
         """How many workers have one."""
-        return sum(seat.pid is not None and seat.busy for seat in self._seats)
+        return sum(slot.pid is not None and slot.busy for slot in self._seats)
 
     def starting(self) -> int:
         """How many are not warm yet."""
-        return sum(seat.pid is None for seat in self._seats)
+        return sum(slot.pid is None for slot in self._seats)
 
     def waiting(self) -> int:
         """How many tasks no worker has taken yet."""
@@ -108,20 +108,20 @@ class LocalPool(Workers):
         if cancel_futures:
             self._abandoned.set()
             self._cancel_waiting()
-            for seat in self._seats:
-                seat.stop_starting()
+            for slot in self._seats:
+                slot.stop_starting()
         for _ in self._seats:
             self._tasks.put(None)
         if wait:
-            for seat in self._seats:
-                seat.join()
+            for slot in self._seats:
+                slot.join()
             self._cancel_waiting()
 
     def kill(self) -> None:
         """Shut down at once: what was begun raises `WorkerLostError`, what was not is cancelled."""
         self.shutdown(wait=False, cancel_futures=True)
-        for seat in self._seats:
-            seat.stop_working()
+        for slot in self._seats:
+            slot.stop_working()
         self.shutdown(wait=True, cancel_futures=True)
 
     def _cancel_waiting(self) -> None:

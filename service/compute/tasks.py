@@ -19,7 +19,7 @@ from core.matching.match_records import match_rows, row_of
 from core.mesh.mesh import Mesh
 from core.parameters import Parameters
 from core.pipeline import Pipeline
-from core.ranking.coarse_ranking import sift, sketch_of
+from core.ranking.coarse_ranking import coarse_ranking, coarse_samples
 from core.ranking.shortlist import signature_distances
 from core.serialization import embedding_from_bytes, embedding_to_bytes
 from service.rendering.thumbnail import SIZES, draw
@@ -82,7 +82,7 @@ def embed_mesh(mesh: Mesh, parameters: Parameters, read: float) -> Embedded:
     return Embedded(
         record=embedding_to_bytes(embedding),
         signature=embedding.signature,
-        sketch=sketch_of(embedding).tobytes(),
+        sketch=coarse_samples(embedding).tobytes(),
         facts=asdict(embedding.facts),
         milliseconds={"read": read, "embed": embed},
     )
@@ -123,9 +123,9 @@ def part_of_mesh(mesh: Mesh, parameters: Parameters) -> Bytes:
     return part_of(_pipeline(parameters).bare(mesh))
 
 
-def patches_of_mesh(mesh: Mesh, parameters: Parameters) -> Bytes:
-    """What lies about points of a mesh: see `core.pipeline.Pipeline.patches_of`."""
-    return _pipeline(parameters).patches_of(mesh)
+def spin_images_of_mesh(mesh: Mesh, parameters: Parameters) -> Bytes:
+    """What lies about points of a mesh: see `core.pipeline.Pipeline.spin_images_of`."""
+    return _pipeline(parameters).spin_images_of(mesh)
 
 
 def warm(parameters: Parameters) -> None:
@@ -153,7 +153,7 @@ def warm_comparing(records: Sequence[bytes], parameters: Parameters) -> None:
     if parameters.pairs == "both-ways":
         rows = [row_of(embedding, parameters) for embedding in embeddings]
         match_rows(rows[0], rows, parameters)
-        sift(rows[0], np.stack([sketch_of(embedding) for embedding in embeddings]), parameters)
+        coarse_ranking(rows[0], np.stack([coarse_samples(embedding) for embedding in embeddings]), parameters)
 
 
 @lru_cache(maxsize=4)

@@ -56,7 +56,7 @@ class Task(Future[Any]):
         return self._given_up_at is not None and time.monotonic() >= self._given_up_at + GIVEN_UP_SECONDS
 
 
-class Seat(threading.Thread):
+class WorkerSlot(threading.Thread):
     """A place for one worker process at a time, and the thread that hands it tasks.
 
     `pid` is that of the process once it is warm; `busy` is whether it has a task.

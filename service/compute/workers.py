@@ -41,7 +41,7 @@ class Workers(Executor):
         """Shut down at once; nothing that was begun is waited for."""
 
 
-class PlacedWorkers(Workers):
+class RemoteWorkers(Workers):
     """Workers of which each keeps something: a call is sent to where that is.
 
     Workers may serve others too: `user` is a number that tells what this service has them keep from that.

@@ -11,8 +11,8 @@ from service.duplicates.schemas import DuplicatesAnswer, DuplicatesOptions
 from service.duplicates.service import Duplicates
 from service.http.disconnects import while_connected
 from service.http.problems import documented
-from service.observability.timings import Stages
-from service.pipelines.active import InUse
+from service.observability.timings import Timings
+from service.pipelines.active import ActivePipeline
 from service.search.service import in_one_pipeline
 
 MEDIA_TYPE = "text/csv"
@@ -44,22 +44,22 @@ router = APIRouter(tags=["search"])
 async def duplicates(
     options: Annotated[DuplicatesOptions, Query()],
     request: Request,
-    parts: Service,
+    container: Service,
     collection: InCollection,
 ) -> DuplicatesAnswer | Response:
     """Groups of shapes that are one rigid form: turned, moved, scaled, mirrored or meshed anew.
 
     Two poses of one body are none. Among thousands of shapes it takes minutes: give filters.
     """
-    stages = Stages()
+    timings = Timings()
     wanted = options.wanted(collection.number)
 
-    async def found(in_use: InUse) -> Duplicates:
-        return await service.find(parts, wanted, in_use, stages)
+    async def found(active_pipeline: ActivePipeline) -> Duplicates:
+        return await service.find(container, wanted, active_pipeline, timings)
 
-    with parts.work.admitted():
-        groups = await while_connected(request, in_one_pipeline(parts, found))
-    answer = DuplicatesAnswer.of(groups, milliseconds=stages.so_far())
+    with container.work.admitted():
+        groups = await while_connected(request, in_one_pipeline(container, found))
+    answer = DuplicatesAnswer.of(groups, milliseconds=timings.so_far())
     if options.format == "csv":
         return Response(answer.csv(), media_type=MEDIA_TYPE)
     return answer

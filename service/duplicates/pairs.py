@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from core.ranking.shortlist import least, signature_distances
 from service.duplicates.repository import facts
-from service.pipelines.active import InUse
+from service.pipelines.active import ActivePipeline
 from service.shapes.records import ShapeFilter
 from service.storage.database import ReadSession
 
@@ -35,18 +35,18 @@ class Stock:
     radii: NDArray[np.float64]
 
 
-def stock(session: ReadSession, in_use: InUse, wanted: ShapeFilter) -> Stock:
+def stock(session: ReadSession, active_pipeline: ActivePipeline, wanted: ShapeFilter) -> Stock:
     """The shapes that a filter means, as far as the pipeline in use embedded them."""
-    signed = in_use.index.current(session)
+    entries = active_pipeline.index.current(session)
     measured = facts(session, wanted)
     radii = {number: each["scale"] / each["area"] ** 0.5 for number, each in measured.items()}
-    order = np.argsort(signed.shapes)
-    order = order[np.isin(signed.shapes[order], np.fromiter(radii, np.int64, len(radii)))]
+    order = np.argsort(entries.shapes)
+    order = order[np.isin(entries.shapes[order], np.fromiter(radii, np.int64, len(radii)))]
     return Stock(
-        shapes=signed.shapes[order],
-        embeddings=signed.embeddings[order],
-        signatures=signed.signatures[order],
-        radii=np.array([radii[number] for number in signed.shapes[order].tolist()], dtype=np.float64),
+        shapes=entries.shapes[order],
+        embeddings=entries.embeddings[order],
+        signatures=entries.signatures[order],
+        radii=np.array([radii[number] for number in entries.shapes[order].tolist()], dtype=np.float64),
     )
 
 

@@ -10,14 +10,14 @@ from core.errors import BadRecordError, MeshError
 from core.mesh.mesh import Mesh
 from core.registration.similarity_icp import Alignment
 from service.collection import CollectionNumber
-from service.container import Parts
+from service.container import Container
 from service.duplicates import tasks
 from service.duplicates.groups import Groups, Link, Member
 from service.duplicates.pairs import Stock, near, stock
 from service.errors import FileTimeLimitError, ShapeNotFoundError
 from service.observability.logging import get_logger
-from service.observability.timings import Stages
-from service.pipelines.active import InUse
+from service.observability.timings import Timings
+from service.pipelines.active import ActivePipeline
 from service.search import repository
 from service.search.records import Query
 from service.search.scoring import compare_with
@@ -55,7 +55,9 @@ class _Side:
     record: bytes
 
 
-async def find(parts: Parts, wanted: Wanted, in_use: InUse, stages: Stages) -> Duplicates:
+async def find(
+    container: Container, wanted: Wanted, active_pipeline: ActivePipeline, timings: Timings
+) -> Duplicates:
     """The groups of near-identical shapes.
 
     Each shape is compared with those behind it that are near by signature; the meshes of those that are
@@ -64,18 +66,21 @@ async def find(parts: Parts, wanted: Wanted, in_use: InUse, stages: Stages) -> D
     """
 
     def read() -> Stock:
-        with parts.database.read() as session:
-            return stock(session, in_use, wanted.filter)
+        with container.database.read() as session:
+            return stock(session, active_pipeline, wanted.filter)
 
-    with stages.stage("shortlist"):
+    with timings.stage("shortlist"):
         stored = await run_in_threadpool(read)
-    with stages.stage("compare"):
-        alike = [await _alike(parts, stored, place, wanted, in_use) for place in range(len(stored.shapes))]
+    with timings.stage("compare"):
+        alike = [
+            await _alike(container, stored, place, wanted, active_pipeline)
+            for place in range(len(stored.shapes))
+        ]
     groups = Groups()
-    with stages.stage("align"):
-        aligned = sum([await _link(parts, groups, each, wanted, in_use) for each in alike])
-    with stages.stage("results"):
-        shown = await _shown(parts, wanted.filter.collection, groups.members(), in_use)
+    with timings.stage("align"):
+        aligned = sum([await _link(container, groups, each, wanted, active_pipeline) for each in alike])
+    with timings.stage("results"):
+        shown = await _shown(container, wanted.filter.collection, groups.members(), active_pipeline)
     return Duplicates(shown, len(stored.shapes), sum(each.compared for each in alike), aligned)
 
 
@@ -89,11 +94,13 @@ class _Alike:
     compared: int
 
 
-async def _alike(parts: Parts, stored: Stock, place: int, wanted: Wanted, in_use: InUse) -> _Alike:
+async def _alike(
+    container: Container, stored: Stock, place: int, wanted: Wanted, active_pipeline: ActivePipeline
+) -> _Alike:
     """The shapes behind one that have the CC wanted: numbers, those of their embeddings, and CC."""
     shape, embedding = int(stored.shapes[place]), int(stored.embeddings[place])
     places = await run_in_threadpool(near, stored, place, wanted.max_residual)
-    record = (await _records(parts, [embedding])).get(embedding) if len(places) else None
+    record = (await _records(container, [embedding])).get(embedding) if len(places) else None
     if record is None:
         return _Alike(shape, embedding, [], 0)
     candidates = Candidates(
@@ -101,19 +108,23 @@ async def _alike(parts: Parts, stored: Stock, place: int, wanted: Wanted, in_use
         embeddings=stored.embeddings[places],
         signature=stored.signatures[place],
         signatures=stored.signatures[places],
-        sketches=np.empty((len(places), 0), np.uint8),
+        coarse_samples=np.empty((len(places), 0), np.uint8),
         screened=None,
         finalists=None,
         stored=len(stored.shapes),
     )
-    found, _ = await compare_with(parts, Query(in_use, record, frozenset([shape])), candidates, "cc")
+    found, _ = await compare_with(
+        container, Query(active_pipeline, record, frozenset([shape])), candidates, "cc"
+    )
     own = dict(zip(candidates.shapes.tolist(), candidates.embeddings.tolist(), strict=True))
     scores = zip(found.shapes.tolist(), found.cc.tolist(), strict=True)
     others = [(number, own[number], cc) for number, cc in scores if cc >= wanted.min_cc]
     return _Alike(shape, embedding, others, len(places))
 
 
-async def _link(parts: Parts, groups: Groups, alike: _Alike, wanted: Wanted, in_use: InUse) -> int:
+async def _link(
+    container: Container, groups: Groups, alike: _Alike, wanted: Wanted, active_pipeline: ActivePipeline
+) -> int:
     """Join a shape with those that it is near-identical to; how many were laid onto it."""
     count = 0
     collection = wanted.filter.collection
@@ -122,9 +133,9 @@ async def _link(parts: Parts, groups: Groups, alike: _Alike, wanted: Wanted, in_
         if groups.joined(alike.shape, number):
             continue
         try:
-            first = first or await _side(parts, collection, alike.shape, alike.embedding)
-            second = await _side(parts, collection, number, embedding)
-            found = await _aligned(parts, first, second, in_use)
+            first = first or await _side(container, collection, alike.shape, alike.embedding)
+            second = await _side(container, collection, number, embedding)
+            found = await _aligned(container, first, second, active_pipeline)
         except (BadRecordError, FileTimeLimitError, MeshError, ShapeNotFoundError) as error:
             log.warning("two shapes cannot be laid onto each other: %s", error)
             continue
@@ -134,14 +145,16 @@ async def _link(parts: Parts, groups: Groups, alike: _Alike, wanted: Wanted, in_
     return count
 
 
-async def _aligned(parts: Parts, first: _Side, second: _Side, in_use: InUse) -> Alignment:
-    parameters = in_use.pipeline.parameters
-    return await parts.work.do(
+async def _aligned(
+    container: Container, first: _Side, second: _Side, active_pipeline: ActivePipeline
+) -> Alignment:
+    parameters = active_pipeline.pipeline.parameters
+    return await container.work.do(
         tasks.aligned, first.mesh, second.mesh, first.record, second.record, parameters
     )
 
 
-async def _side(parts: Parts, collection: CollectionNumber, number: int, embedding: int) -> _Side:
+async def _side(container: Container, collection: CollectionNumber, number: int, embedding: int) -> _Side:
     """The mesh of a collection's shape, read anew, and its record.
 
     Raises
@@ -151,7 +164,7 @@ async def _side(parts: Parts, collection: CollectionNumber, number: int, embeddi
     """
 
     def read() -> tuple[bytes, str, bytes]:
-        with parts.database.read() as session:
+        with container.database.read() as session:
             shapes = shapes_repository.records(session, "", collection, [number])
             records = repository.embedding_records(session, [embedding])
             data = shapes_repository.file_of(session, collection, shapes[0].id) if shapes else None
@@ -160,28 +173,31 @@ async def _side(parts: Parts, collection: CollectionNumber, number: int, embeddi
         return data, shapes[0].format, records[embedding]
 
     data, format, record = await run_in_threadpool(read)
-    return _Side(await parts.work.read(data, format), record)
+    return _Side(await container.work.read(data, format), record)
 
 
-async def _records(parts: Parts, embeddings: list[int]) -> dict[int, bytes]:
+async def _records(container: Container, embeddings: list[int]) -> dict[int, bytes]:
     def read() -> dict[int, bytes]:
-        with parts.database.read() as session:
+        with container.database.read() as session:
             return repository.embedding_records(session, embeddings)
 
     return await run_in_threadpool(read)
 
 
 async def _shown(
-    parts: Parts, collection: CollectionNumber, groups: list[list[Member]], in_use: InUse
+    container: Container,
+    collection: CollectionNumber,
+    groups: list[list[Member]],
+    active_pipeline: ActivePipeline,
 ) -> list[list[tuple[Member, ShapeRecord]]]:
     """The groups with their shapes' records, without those of which fewer than two are left."""
 
     def read() -> list[list[tuple[Member, ShapeRecord]]]:
         shown = []
-        with parts.database.read() as session:
+        with container.database.read() as session:
             for group in groups:
                 numbers = [member.shape for member in group]
-                records = shapes_repository.records(session, in_use.fingerprint, collection, numbers)
+                records = shapes_repository.records(session, active_pipeline.fingerprint, collection, numbers)
                 known = {record.number: record for record in records}
                 left = [(member, known[member.shape]) for member in group if member.shape in known]
                 shown.append(left)

@@ -4,7 +4,7 @@ from core.mesh.mesh import Mesh
 from core.parameters import Parameters
 from core.pipeline import Pipeline
 from core.registration.similarity_icp import Alignment, align
-from core.sampling.surface_samples import outline
+from core.sampling.surface_samples import surface_samples
 from core.serialization import embedding_from_bytes
 
 
@@ -15,4 +15,4 @@ def aligned(
     one, other = embedding_from_bytes(first_record), embedding_from_bytes(second_record)
     pairs = Pipeline(parameters).match(one, other).correspondence
     ends = one.positions[pairs[:, 0]].astype("float64"), other.positions[pairs[:, 1]].astype("float64")
-    return align(outline(first), outline(second), ends)
+    return align(surface_samples(first), surface_samples(second), ends)

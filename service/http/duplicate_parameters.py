@@ -7,7 +7,7 @@ from fastapi import Request
 from service.errors import BadRequestFieldsError, FieldFault
 
 
-async def refuse_repeated(request: Request) -> None:
+async def refuse_duplicate_parameters(request: Request) -> None:
     """Refuse a parameter that is given more than once and is no list: the framework would take the last.
 
     Raises

@@ -16,7 +16,7 @@ ABOUT = 100_000
 """Bytes of a row, before one is known."""
 
 
-class Shelf(Generic[Row]):
+class EmbeddingCache(Generic[Row]):
     """What is made of embeddings, by the embedding's number, which is never reused.
 
     That is the rows of `core.matching.match_records` of one pipeline's, or the patches of `core.descriptors.descriptor_distance` of any.

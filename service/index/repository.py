@@ -14,7 +14,7 @@ AT_ONCE = 20_000
 
 
 @dataclass(frozen=True, eq=False)
-class Signed:
+class IndexEntries:
     """Shapes and their signatures.
 
     Attributes
@@ -34,16 +34,16 @@ class Signed:
     collections: NDArray[np.int64]
     embeddings: NDArray[np.int64]
     signatures: NDArray[np.float32]
-    sketches: NDArray[np.uint8]
+    coarse_samples: NDArray[np.uint8]
 
     @property
     def nbytes(self) -> int:
         """Memory held, in bytes."""
         return sum(getattr(self, part.name).nbytes for part in fields(self))
 
-    def only(self, places: NDArray[np.integer] | NDArray[np.bool_]) -> "Signed":
+    def only(self, places: NDArray[np.integer] | NDArray[np.bool_]) -> "IndexEntries":
         """Those at some places, in new memory."""
-        return Signed(*(getattr(self, part.name)[places] for part in fields(self)))
+        return IndexEntries(*(getattr(self, part.name)[places] for part in fields(self)))
 
 
 def revision(session: ReadSession) -> int:
@@ -56,7 +56,7 @@ def shapes_stored(session: ReadSession) -> int:
     return session.scalars(select(func.count()).select_from(ShapeRow)).one()
 
 
-NOTHING = Signed(
+NOTHING = IndexEntries(
     np.empty(0, np.int64),
     np.empty(0, np.int64),
     np.empty(0, np.int64),
@@ -65,7 +65,7 @@ NOTHING = Signed(
 )
 
 
-def signed_since(session: ReadSession, fingerprint: str, since: int) -> Iterator[Signed]:
+def entries_since(session: ReadSession, fingerprint: str, since: int) -> Iterator[IndexEntries]:
     """The shapes that came, or were embedded, after a revision, as far as one pipeline embedded them.
 
     In batches, so that the rows of a large archive are not all there at once; by the connection, whose rows
@@ -89,13 +89,13 @@ def signed_since(session: ReadSession, fingerprint: str, since: int) -> Iterator
     )
     with session.connection().execute(query) as found:
         for rows in found.partitions():
-            shapes, collections, embeddings, signatures, sketches = zip(*rows, strict=True)
-            yield Signed(
+            shapes, collections, embeddings, signatures, coarse_samples = zip(*rows, strict=True)
+            yield IndexEntries(
                 np.array(shapes, dtype=np.int64),
                 np.array(collections, dtype=np.int64),
                 np.array(embeddings, dtype=np.int64),
                 stacked(signatures).view("<f4"),
-                stacked(sketches),
+                stacked(coarse_samples),
             )
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from service.index import repository
-from service.index.repository import NOTHING, Signed
+from service.index.repository import NOTHING, IndexEntries
 from service.observability.logging import get_logger
 from service.storage.database import ReadSession
 
@@ -41,7 +41,7 @@ class SignatureIndex:
         """Of the archive, as of the last query."""
         return self._revision
 
-    def current(self, session: ReadSession) -> Signed:
+    def current(self, session: ReadSession) -> IndexEntries:
         """The shapes and signatures as the session sees them."""
         with self._lock:
             revision = repository.revision(session)
@@ -54,15 +54,15 @@ class SignatureIndex:
                     self._drop(repository.removed_since(session, self._revision))
                 else:  # an index that holds nothing has nothing to drop
                     expected = repository.shapes_stored(session)
-                for added in repository.signed_since(session, self._fingerprint, self._revision):
+                for added in repository.entries_since(session, self._fingerprint, self._revision):
                     if self._revision:
                         self._drop(added.shapes)
                     self._append(added, expected)
                 self._revision = revision
             return self._used()
 
-    def _used(self) -> Signed:
-        return Signed(*(part[: self._length] for part in _parts(self._room)))
+    def _used(self) -> IndexEntries:
+        return IndexEntries(*(part[: self._length] for part in _container(self._room)))
 
     def _drop(self, shapes: NDArray[np.int64]) -> None:
         """Leave out these shapes, in new memory."""
@@ -75,38 +75,38 @@ class SignatureIndex:
             self._room = used.only(stays)
             self._length = int(stays.sum())
 
-    def _append(self, added: Signed, expected: int) -> None:
+    def _append(self, added: IndexEntries, expected: int) -> None:
         """Add shapes; in new memory where there is no room behind the end.
 
         That has room for a quarter more, and for as many as are expected in all: memory is held where it is
         written to.
         """
         start, end = self._length, self._length + len(added.shapes)
-        width = max(self._room.sketches.shape[1], added.sketches.shape[1])
-        added = replace(added, sketches=_wide(added.sketches, width))
+        width = max(self._room.coarse_samples.shape[1], added.coarse_samples.shape[1])
+        added = replace(added, coarse_samples=_wide(added.coarse_samples, width))
         if start == 0:
-            self._room = Signed(*(part[:0] for part in _parts(added)))
+            self._room = IndexEntries(*(part[:0] for part in _container(added)))
         if end > start:
-            self._room = replace(self._room, sketches=_wide(self._room.sketches, width))
+            self._room = replace(self._room, coarse_samples=_wide(self._room.coarse_samples, width))
             if end > len(self._room.shapes):
                 room = max(end + end // 4, expected + expected // 4)
-                self._room = Signed(*(_grown(part, room) for part in _parts(self._used())))
-            for part, more in zip(_parts(self._room), _parts(added), strict=True):
+                self._room = IndexEntries(*(_grown(part, room) for part in _container(self._used())))
+            for part, more in zip(_container(self._room), _container(added), strict=True):
                 part[start:end] = more
         self._length = end
 
 
-def _parts(signed: Signed) -> list[NDArray[Any]]:
+def _container(entries: IndexEntries) -> list[NDArray[Any]]:
     """The arrays, in their order."""
-    return [getattr(signed, field.name) for field in fields(signed)]
+    return [getattr(entries, field.name) for field in fields(entries)]
 
 
-def _wide(sketches: NDArray[np.uint8], width: int) -> NDArray[np.uint8]:
+def _wide(coarse_samples: NDArray[np.uint8], width: int) -> NDArray[np.uint8]:
     """The sketches in rows of `width`: where none of several shapes has one, they come without a length."""
-    if sketches.shape[1] == width:
-        return sketches
-    wide = np.zeros((len(sketches), width), dtype=np.uint8)
-    wide[:, : sketches.shape[1]] = sketches
+    if coarse_samples.shape[1] == width:
+        return coarse_samples
+    wide = np.zeros((len(coarse_samples), width), dtype=np.uint8)
+    wide[:, : coarse_samples.shape[1]] = coarse_samples
     return wide
 
 

@@ -80,14 +80,14 @@ def _body() -> dict[str, Any]:
     openapi_extra={"requestBody": _body()},
 )
 async def create_job(
-    request: Request, response: Response, parts: Service, jobs: Jobs, collection: InCollection
+    request: Request, response: Response, container: Service, jobs: Jobs, collection: InCollection
 ) -> Job:
     """Have every mesh in a zip or tar stored as by an upload of its own, with these tags and this metadata.
 
     A shape has the name of its file, without the folders. A file that cannot be stored is refused with its
     cause, and does not hold up the others. The job outlives a restart of the service.
     """
-    settings = parts.settings
+    settings = container.settings
     with jobs.arriving():
         async with uploaded(
             request, max_bytes=settings.max_archive_bytes, max_fields=settings.max_form_fields
@@ -103,25 +103,27 @@ async def create_job(
                 metadata=fields.metadata,
             )
             job = await run_in_threadpool(
-                service.receive, parts.database, form.spooled, new, settings.max_jobs
+                service.receive, container.database, form.spooled, new, settings.max_jobs
             )
     jobs.look()
     response.headers["Location"] = address(f"{ADDRESS}/{job.id}", collection)
-    return await run_in_threadpool(events.read, parts.database, collection.number, job.id)
+    return await run_in_threadpool(events.read, container.database, collection.number, job.id)
 
 
 @router.get(ADDRESS, summary="List jobs", responses=documented(*READ_PROBLEMS))
-def list_jobs(parts: Service, collection: InCollection, cursor: Cursor = None, limit: Limit = 50) -> JobPage:
+def list_jobs(
+    container: Service, collection: InCollection, cursor: Cursor = None, limit: Limit = 50
+) -> JobPage:
     """The jobs that have not ended, or ended in the last days, the latest first."""
     before = read_cursor(cursor)
-    with parts.database.read() as session:
+    with container.database.read() as session:
         return JobPage.of(service.list_page(session, collection.number, before=before, limit=limit))
 
 
 @router.get("/jobs/{job_id}", summary="Read a job", responses=documented("job-not-found", *READ_PROBLEMS))
-def read_job(job_id: JobId, parts: Service, collection: InCollection) -> Job:
+def read_job(job_id: JobId, container: Service, collection: InCollection) -> Job:
     """How far a job is, and when it will have ended."""
-    return events.read(parts.database, collection.number, job_id)
+    return events.read(container.database, collection.number, job_id)
 
 
 @router.get(
@@ -131,7 +133,7 @@ def read_job(job_id: JobId, parts: Service, collection: InCollection) -> Job:
 )
 def list_job_files(
     job_id: JobId,
-    parts: Service,
+    container: Service,
     collection: InCollection,
     outcome: Annotated[Outcome | None, Query(description="Only files of which this became.")] = None,
     cursor: Cursor = None,
@@ -139,7 +141,7 @@ def list_job_files(
 ) -> JobFilePage:
     """What became of each file of the archive, in its order; none before the job has begun."""
     after = read_cursor(cursor)
-    with parts.database.read() as session:
+    with container.database.read() as session:
         found = service.list_files(session, collection.number, job_id, outcome, after=after, limit=limit)
         return JobFilePage.of(found)
 
@@ -159,10 +161,10 @@ def list_job_files(
     },
 )
 async def follow_job(
-    job_id: JobId, request: Request, parts: Service, jobs: Jobs, collection: InCollection
+    job_id: JobId, request: Request, container: Service, jobs: Jobs, collection: InCollection
 ) -> Response:
     """The progress of a job as an `EventSource` in a page reads it; the stream ends with the job."""
-    job = await run_in_threadpool(events.read, parts.database, collection.number, job_id)
+    job = await run_in_threadpool(events.read, container.database, collection.number, job_id)
     last = request.headers.get("Last-Event-ID")
     if job.has_ended and last == events.name_of(job):
         return Response(status_code=204)
@@ -170,7 +172,7 @@ async def follow_job(
         raise BusyError(f"{events.FOLLOWERS} clients follow jobs already; GET /jobs/{job_id} tells as much")
     ending: Callable[[], bool] = request.scope.get(events.ENDING_IN_SCOPE, lambda: False)
     return StreamingResponse(
-        events.events(parts.database, collection.number, job, jobs.followers, ending, last),
+        events.events(container.database, collection.number, job, jobs.followers, ending, last),
         media_type=events.MEDIA_TYPE,
         headers={"Cache-Control": "no-store", "X-Accel-Buffering": "no"},
     )
@@ -181,11 +183,11 @@ async def follow_job(
     summary="Cancel a job",
     responses=documented("job-not-found", *WRITE_PROBLEMS),
 )
-async def cancel_job(job_id: JobId, parts: Service, jobs: Jobs, collection: InCollection) -> Job:
+async def cancel_job(job_id: JobId, container: Service, jobs: Jobs, collection: InCollection) -> Job:
     """Store nothing more of the archive. What is stored stays; a job that has ended is left as it is."""
-    await run_in_threadpool(service.cancel, parts.database, collection.number, job_id)
+    await run_in_threadpool(service.cancel, container.database, collection.number, job_id)
     jobs.look()
-    return await run_in_threadpool(events.read, parts.database, collection.number, job_id)
+    return await run_in_threadpool(events.read, container.database, collection.number, job_id)
 
 
 @router.delete(
@@ -194,9 +196,9 @@ async def cancel_job(job_id: JobId, parts: Service, jobs: Jobs, collection: InCo
     summary="Delete a job",
     responses=documented("job-not-found", *WRITE_PROBLEMS),
 )
-async def delete_job(job_id: JobId, parts: Service, jobs: Jobs, collection: InCollection) -> None:
+async def delete_job(job_id: JobId, container: Service, jobs: Jobs, collection: InCollection) -> None:
     """Cancel the job, unless it has ended, and delete its record. What it has stored stays."""
-    await run_in_threadpool(service.remove, parts.database, collection.number, job_id)
+    await run_in_threadpool(service.remove, container.database, collection.number, job_id)
     jobs.look()
 
 

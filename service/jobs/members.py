@@ -160,14 +160,14 @@ def _plain(path: str) -> str:
     Nothing is ever written under such a name; one that leads elsewhere was made to do harm all the same.
     """
     slashed = path.replace("\\", "/")
-    parts = [part for part in slashed.split("/") if part not in {"", "."}]
+    container = [part for part in slashed.split("/") if part not in {"", "."}]
     if slashed.startswith("/") or _DRIVE.match(slashed):
         raise MemberNameError("its name is an absolute path")
-    if ".." in parts:
+    if ".." in container:
         raise MemberNameError("its name leads out of the archive")
     if len(path) > PATH_CHARACTERS:
         raise MemberNameError(f"its name has more than {PATH_CHARACTERS} characters")
-    return "/".join(parts)
+    return "/".join(container)
 
 
 def _shape_name(path: str) -> str:

@@ -14,7 +14,7 @@ from datetime import UTC, datetime, timedelta
 from starlette.concurrency import run_in_threadpool
 
 from core.errors import CoreError
-from service.container import Parts
+from service.container import Container
 from service.errors import (
     PROBLEMS,
     BusyError,
@@ -71,10 +71,10 @@ class Runner:
     `followers` are the event streams that are open.
     """
 
-    def __init__(self, parts: Parts) -> None:
-        self._parts = parts
-        self._database = parts.database
-        self._limits = service.limits_of(parts.settings)
+    def __init__(self, container: Container) -> None:
+        self._container = container
+        self._database = container.database
+        self._limits = service.limits_of(container.settings)
         self._id = str(uuid.uuid4())
         self._look = asyncio.Event()
         self._at_work = 0
@@ -176,7 +176,7 @@ class Runner:
         turn = asyncio.Lock()
         try:
             async with asyncio.TaskGroup() as group:
-                for _ in range(self._parts.settings.workers):
+                for _ in range(self._container.settings.workers):
                     group.create_task(self._take(job, members, turn))
         except ExceptionGroup as several:
             raise several.exceptions[0] from None
@@ -213,7 +213,7 @@ class Runner:
 
         for tries_left in reversed(range(TRIES)):
             try:
-                await ingest(self._parts, service.shape_of(job, file, data), also=settle)
+                await ingest(self._container, service.shape_of(job, file, data), also=settle)
                 return
             except (LostError, *OWN_FAULTS):
                 raise
@@ -251,7 +251,7 @@ class Runner:
     async def _room(self) -> None:
         """Wait for a worker that no request wants."""
         since = time.monotonic()
-        while self._parts.work.inside + self._at_work >= self._parts.settings.workers:
+        while self._container.work.inside + self._at_work >= self._container.settings.workers:
             if not self._at_work and time.monotonic() - since > PATIENCE_SECONDS:
                 return
             await asyncio.sleep(ROOM_SECONDS)
@@ -270,7 +270,7 @@ class Runner:
         self._look.clear()
 
     def _claim(self) -> JobRecord | None:
-        service.clear(self._database, timedelta(days=self._parts.settings.job_days))
+        service.clear(self._database, timedelta(days=self._container.settings.job_days))
         now = datetime.now(UTC)
         with self._database.read() as session:
             self._open = repository.count_open(session) > 0

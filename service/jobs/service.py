@@ -28,7 +28,7 @@ from service.settings import Settings
 from service.shapes.records import NewShape
 from service.storage.database import Database, ReadSession, WriteSession
 
-PIECES_AT_ONCE = 8
+BATCHES_AT_ONCE = 8
 RATE_WINDOW = 30
 DETAIL_CHARACTERS = 1000
 
@@ -194,10 +194,10 @@ def fail(database: Database, job: JobRecord, cause: Cause) -> None:
 
 def delete_archive(database: Database, number: int) -> None:
     """Delete the pieces of a job's archive, a few at a time, so that others write in between."""
-    deleted = PIECES_AT_ONCE
-    while deleted == PIECES_AT_ONCE:
+    deleted = BATCHES_AT_ONCE
+    while deleted == BATCHES_AT_ONCE:
         with database.write() as session:
-            deleted = repository.drop_pieces(session, number, PIECES_AT_ONCE)
+            deleted = repository.drop_pieces(session, number, BATCHES_AT_ONCE)
 
 
 def clear(database: Database, keep: timedelta) -> None:

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 
-class Stages:
+class Timings:
     """Wall time by stage, in milliseconds, since it was made."""
 
     def __init__(self) -> None:

@@ -9,7 +9,7 @@ from core.errors import ParameterError
 from core.parameters import DEFAULT, LATER, METHOD_VERSION, PAPER, Parameters
 from core.pipeline import Pipeline
 from service.errors import PipelineUnavailableError
-from service.index.cache import Shelf
+from service.index.cache import EmbeddingCache
 from service.index.signature_index import SignatureIndex
 from service.observability.logging import get_logger
 from service.pipelines import repository
@@ -22,12 +22,12 @@ REMEDY = "run `isoshape reembed` on the archive"
 
 
 @dataclass(frozen=True, eq=False)
-class InUse:
+class ActivePipeline:
     """A pipeline, the signatures of what it has embedded, and what of that is ready to be compared."""
 
     pipeline: Pipeline
     index: SignatureIndex
-    shelf: Shelf[Float32s]
+    cache: EmbeddingCache[Float32s]
 
     @property
     def fingerprint(self) -> str:
@@ -63,7 +63,7 @@ class Pipelines:
         self.wanted = wanted
         self._room = room
         self._lock = threading.Lock()
-        self._in_use: InUse | None = None
+        self._active: ActivePipeline | None = None
 
     def begin(self, session: WriteSession) -> None:
         """Take up the pipeline that the archive has; the wanted one where nothing is stored.
@@ -83,7 +83,7 @@ class Pipelines:
                 keep(session, known)
         self.current(session)
 
-    def current(self, session: ReadSession) -> InUse:
+    def current(self, session: ReadSession) -> ActivePipeline:
         """What the archive is searched by, as the session sees it.
 
         Raises
@@ -94,13 +94,15 @@ class Pipelines:
         fingerprint = repository.active(session)
         assert fingerprint is not None
         with self._lock:
-            if self._in_use is None or self._in_use.fingerprint != fingerprint:
+            if self._active is None or self._active.fingerprint != fingerprint:
                 parameters = _parameters(fingerprint, repository.written(session, fingerprint))
-                if self._in_use is not None:
+                if self._active is not None:
                     fields = {"pipeline": parameters.name, "fingerprint": fingerprint}
                     log.info("the archive is searched by another pipeline now", extra={"fields": fields})
-                self._in_use = InUse(Pipeline(parameters), SignatureIndex(fingerprint), Shelf(self._room))
-            return self._in_use
+                self._active = ActivePipeline(
+                    Pipeline(parameters), SignatureIndex(fingerprint), EmbeddingCache(self._room)
+                )
+            return self._active
 
     def pending(self, session: ReadSession) -> Pending | None:
         """The wanted pipeline, unless it is in use."""
@@ -112,14 +114,14 @@ class Pipelines:
     @property
     def indexed(self) -> int:
         """How many shapes are in the index in use, as of the last query."""
-        in_use = self._in_use
-        return 0 if in_use is None else len(in_use.index)
+        active_pipeline = self._active
+        return 0 if active_pipeline is None else len(active_pipeline.index)
 
     @property
-    def shelved(self) -> int:
+    def cached_bytes(self) -> int:
         """How many bytes are kept of embeddings ready to be compared."""
-        in_use = self._in_use
-        return 0 if in_use is None else in_use.shelf.nbytes
+        active_pipeline = self._active
+        return 0 if active_pipeline is None else active_pipeline.cache.nbytes
 
 
 def fingerprint(session: ReadSession) -> str:

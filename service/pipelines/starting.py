@@ -4,7 +4,7 @@ from service.observability.logging import get_logger
 from service.pipelines import repository
 from service.pipelines.active import Pipelines, fingerprint
 from service.storage.database import Database
-from service.storage.hnsw import ensure_graph
+from service.storage.hnsw import ensure_hnsw
 
 log = get_logger("pipelines")
 
@@ -22,22 +22,22 @@ def begin(pipelines: Pipelines, database: Database, *, in_memory: bool = True) -
     """
     with database.write() as session:
         pipelines.begin(session)
-        ensure_graph(session, fingerprint(session))
+        ensure_hnsw(session, fingerprint(session))
     with database.read() as session:
-        in_use = pipelines.current(session)
+        active_pipeline = pipelines.current(session)
         if in_memory:
-            in_use.index.current(session)
+            active_pipeline.index.current(session)
         pending = pipelines.pending(session)
-        embedded, files = repository.count_embedded(session, in_use.fingerprint)
-    parameters = in_use.pipeline.parameters
-    fields: dict[str, object] = {"pipeline": parameters.name, "fingerprint": in_use.fingerprint}
+        embedded, files = repository.count_embedded(session, active_pipeline.fingerprint)
+    parameters = active_pipeline.pipeline.parameters
+    fields: dict[str, object] = {"pipeline": parameters.name, "fingerprint": active_pipeline.fingerprint}
     log.info("the archive is searched by this pipeline", extra={"fields": fields})
     if pending is not None:
         log.warning(
             "the archive is searched by pipeline %s (%s), and not by %s (%s), which the settings name, until "
             "`isoshape reembed` has made the embeddings of that one",
             parameters.name,
-            in_use.fingerprint,
+            active_pipeline.fingerprint,
             pending.name,
             pending.fingerprint,
         )

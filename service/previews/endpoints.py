@@ -53,16 +53,16 @@ KNOWN: dict[int | str, dict[str, Any]] = {
 async def read_thumbnail(
     shape_id: ShapeId,
     request: Request,
-    parts: Service,
+    container: Service,
     collection: InCollection,
     size: Annotated[Literal["64", "128", "256", "512"], Query(description="Pixels a side.")] = "256",
 ) -> Response:
     """The shape drawn once for each size, and kept. z is up, but in OBJ and GLB y."""
-    shape = await service.record(parts, collection.number, shape_id)
+    shape = await service.record(container, collection.number, shape_id)
     headers = _headers(f"{shape.sha256[:32]}-{shape.format}-{size}-{DRAWING}")
     if files.is_known(request.headers.get("If-None-Match"), headers["ETag"]):
         return Response(status_code=304, headers=headers)
-    data = await while_connected(request, service.thumbnail(parts, collection.number, shape, int(size)))
+    data = await while_connected(request, service.thumbnail(container, collection.number, shape, int(size)))
     return Response(data, media_type="image/png", headers=headers)
 
 
@@ -77,20 +77,20 @@ async def read_thumbnail(
     },
 )
 async def read_preview(
-    shape_id: ShapeId, request: Request, parts: Service, collection: InCollection
+    shape_id: ShapeId, request: Request, container: Service, collection: InCollection
 ) -> Response:
     """The mesh as a viewer shows it: whatever the file's format, simplified if it is large, and y up.
 
     Positions are stored between -1 and 1. The node's `extras` tell the way back: a point p of the file is
     stored as (p - middle) / half.
     """
-    shape = await service.record(parts, collection.number, shape_id)
+    shape = await service.record(container, collection.number, shape_id)
     headers = _headers(f"{shape.sha256[:32]}-{shape.format}-{FACES}-preview-1")
     if files.is_known(request.headers.get("If-None-Match"), headers["ETag"]):
         return Response(status_code=304, headers=headers)
-    with parts.work.admitted():
-        data = await service.stored_file(parts, collection.number, shape_id)
-        made = await while_connected(request, service.preview(parts, data, shape.format))
+    with container.work.admitted():
+        data = await service.stored_file(container, collection.number, shape_id)
+        made = await while_connected(request, service.preview(container, data, shape.format))
     return Response(made, media_type=MEDIA_TYPE, headers=headers)
 
 
@@ -113,16 +113,16 @@ async def read_preview(
         }
     },
 )
-async def make_preview(request: Request, parts: Service) -> Response:
+async def make_preview(request: Request, container: Service) -> Response:
     """The preview of a file, as that of a stored shape: to show what a query is made with."""
-    settings = parts.settings
+    settings = container.settings
     async with uploaded(
         request, max_bytes=settings.max_upload_bytes, max_fields=settings.max_form_fields
     ) as form:
         mesh_format = format_of(form.filename)
-        with parts.work.admitted():
+        with container.work.admitted():
             data = await form.bytes()
-            made = await while_connected(request, service.preview(parts, data, mesh_format))
+            made = await while_connected(request, service.preview(container, data, mesh_format))
     return Response(made, media_type=MEDIA_TYPE)
 
 
@@ -136,10 +136,10 @@ async def make_preview(request: Request, parts: Service) -> Response:
     },
 )
 async def view_shape(
-    shape_id: ShapeId, request: Request, parts: Service, collection: InCollection
+    shape_id: ShapeId, request: Request, container: Service, collection: InCollection
 ) -> Response:
     """A page with the one shape in 3D."""
-    await service.record(parts, collection.number, shape_id)
+    await service.record(container, collection.number, shape_id)
     if collection == DEFAULT_COLLECTION:
         return page(request, "view.html")
     return viewing_page(collection.name)

@@ -3,7 +3,7 @@
 from starlette.concurrency import run_in_threadpool
 
 from service.collection import CollectionNumber
-from service.container import Parts
+from service.container import Container
 from service.errors import StorageFullError, StorageUnavailableError
 from service.observability.logging import get_logger
 from service.pipelines.active import fingerprint
@@ -17,21 +17,23 @@ from service.shapes.records import ShapeRecord
 log = get_logger("pictures")
 
 
-async def record(parts: Parts, collection: CollectionNumber, shape_id: str) -> ShapeRecord:
+async def record(container: Container, collection: CollectionNumber, shape_id: str) -> ShapeRecord:
     """The shape of a collection with an id."""
 
     def read() -> ShapeRecord:
-        with parts.database.read() as session:
+        with container.database.read() as session:
             return shapes_service.get(session, fingerprint(session), collection, shape_id)
 
     return await run_in_threadpool(read)
 
 
-async def thumbnail(parts: Parts, collection: CollectionNumber, shape: ShapeRecord, size: int) -> bytes:
+async def thumbnail(
+    container: Container, collection: CollectionNumber, shape: ShapeRecord, size: int
+) -> bytes:
     """The picture of a collection's shape that is stored, or else one drawn now, and stored."""
 
     def read() -> tuple[bytes | None, bytes]:
-        with parts.database.read() as session:
+        with container.database.read() as session:
             kept = repository.thumbnail(session, shape.sha256, shape.format, size, DRAWING)
             if kept is not None:
                 return kept, b""
@@ -39,7 +41,7 @@ async def thumbnail(parts: Parts, collection: CollectionNumber, shape: ShapeReco
 
     def keep(drawn: bytes) -> None:
         try:
-            with parts.database.write() as session:
+            with container.database.write() as session:
                 repository.keep_thumbnail(session, shape.sha256, shape.format, size, DRAWING, drawn)
         except (StorageFullError, StorageUnavailableError) as error:
             log.warning("a thumbnail was drawn and not kept: %s", error)
@@ -47,24 +49,24 @@ async def thumbnail(parts: Parts, collection: CollectionNumber, shape: ShapeReco
     kept, data = await run_in_threadpool(read)
     if kept is not None:
         return kept
-    with parts.work.admitted():
-        mesh = await parts.work.read(data, shape.format)
-        drawn = await parts.work.do(draw, mesh, shape.format, size)
+    with container.work.admitted():
+        mesh = await container.work.read(data, shape.format)
+        drawn = await container.work.do(draw, mesh, shape.format, size)
     await run_in_threadpool(keep, drawn)
     return drawn
 
 
-async def preview(parts: Parts, data: bytes, format: str) -> bytes:
+async def preview(container: Container, data: bytes, format: str) -> bytes:
     """A file's mesh as a GLB."""
-    mesh = await parts.work.read(data, format)
-    return await parts.work.do(tasks.preview, mesh, format, FACES)
+    mesh = await container.work.read(data, format)
+    return await container.work.do(tasks.preview, mesh, format, FACES)
 
 
-async def stored_file(parts: Parts, collection: CollectionNumber, shape_id: str) -> bytes:
+async def stored_file(container: Container, collection: CollectionNumber, shape_id: str) -> bytes:
     """The bytes that were uploaded of a collection's shape."""
 
     def read() -> bytes:
-        with parts.database.read() as session:
+        with container.database.read() as session:
             return shapes_service.get_file(session, collection, shape_id)
 
     return await run_in_threadpool(read)

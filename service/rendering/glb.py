@@ -40,7 +40,7 @@ class Part:
     colours: NDArray[np.uint8] = field(default_factory=lambda: np.empty((0, 4), np.uint8))
 
 
-def write_glb(parts: list[Part], apart: float = 2.4) -> bytes:
+def write_glb(parts: list[Part], descriptor_distance: float = 2.4) -> bytes:
     """A GLB of the parts, side by side, each with its own size made one and y up.
 
     Positions are stored between -1 and 1, in 32 bits whatever the file's units. A node's matrix places its
@@ -70,7 +70,7 @@ def write_glb(parts: list[Part], apart: float = 2.4) -> bytes:
         indices = add(part.faces.astype("<u4").ravel(), _UNSIGNED_INT, "SCALAR")
         matrix = np.eye(4)
         matrix[:3, :3] = upright(part.format)
-        matrix[0, 3] = apart * (place - 0.5 * (len(parts) - 1))
+        matrix[0, 3] = descriptor_distance * (place - 0.5 * (len(parts) - 1))
         meshes.append({"primitives": [{"attributes": attributes, "indices": indices}]})
         nodes.append(
             {

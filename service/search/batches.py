@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from service.compute.work import short_of_memory
-from service.container import Parts
+from service.container import Container
 from service.search.match_records import Scores
 from service.search.shortlist import Candidates
 
 
 async def each_once(
-    parts: Parts,
+    container: Container,
     candidates: Candidates,
     at_once: int,
     kinds: int,
@@ -22,22 +22,22 @@ async def each_once(
 ) -> Scores:
     """The scores of the candidates, shape (kinds, c), of which several may have one embedding."""
     embeddings, places = np.unique(candidates.embeddings, return_inverse=True)
-    return (await in_pieces(embeddings, at_once, parts.settings.workers, kinds, score))[:, places]
+    return (await in_batches(embeddings, at_once, container.settings.workers, kinds, score))[:, places]
 
 
 def by_threads(
-    parts: Parts, score: Callable[[NDArray[Any]], Scores]
+    container: Container, score: Callable[[NDArray[Any]], Scores]
 ) -> Callable[[NDArray[Any]], Awaitable[Scores]]:
     """The function, run by the threads that compare."""
 
     async def scores(piece: NDArray[Any]) -> Scores:
         with short_of_memory():
-            return await asyncio.wrap_future(parts.threads.submit(score, piece))
+            return await asyncio.wrap_future(container.threads.submit(score, piece))
 
     return scores
 
 
-async def in_pieces(
+async def in_batches(
     whole: NDArray[Any],
     length: int,
     workers: int,

@@ -9,13 +9,13 @@ from typing import TypeVar
 from starlette.concurrency import run_in_threadpool
 
 from service.compute.tasks import example_records, warm_comparing
-from service.compute.workers import PlacedWorkers
-from service.container import Parts
+from service.compute.workers import RemoteWorkers
+from service.container import Container
 from service.errors import ServiceError
 from service.index.cache import ABOUT
 from service.observability.logging import get_logger
-from service.pipelines.active import InUse
-from service.search.match_records import shelved
+from service.pipelines.active import ActivePipeline
+from service.search.match_records import cached_bytes
 from service.search.pgvector_repository import latest
 
 log = get_logger("search")
@@ -35,15 +35,15 @@ patches take."""
 AT_ONCE = 16
 
 
-class Stocking:
+class CacheWarmer:
     """Fills the room of the shelf in use, the newest embeddings first, one thread at a time.
 
     What has no room waits for a query that needs it, and this for queries that are at work. Where workers
     keep embeddings of their own, nothing is made ready here.
     """
 
-    def __init__(self, parts: Parts) -> None:
-        self._parts = parts
+    def __init__(self, container: Container) -> None:
+        self._container = container
         self._task: asyncio.Task[None] | None = None
         # Numbers are never used again.
         self._unusable: set[int] = set()
@@ -62,14 +62,16 @@ class Stocking:
 
     async def _run(self) -> None:
         await self._warm()
-        ready, latest = self._parts.comparing_is_ready, monotonic() + FIRST_SECONDS
+        ready, latest = self._container.comparing_is_ready, monotonic() + FIRST_SECONDS
         while True:
             # Whatever else goes wrong, queries are answered without what would be ready.
             try:
-                in_use, missing = await _whole(run_in_threadpool(self._missing))
+                active_pipeline, missing = await _whole(run_in_threadpool(self._missing))
                 for start in range(0, len(missing), AT_ONCE):
-                    await self._parts.searches.nothing()
-                    await _whole(run_in_threadpool(self._put, in_use, missing[start : start + AT_ONCE]))
+                    await self._container.searches.nothing()
+                    await _whole(
+                        run_in_threadpool(self._put, active_pipeline, missing[start : start + AT_ONCE])
+                    )
                     if monotonic() > latest:
                         ready.set()
                 ready.set()
@@ -84,47 +86,51 @@ class Stocking:
         """Load what a search runs once a worker has compiled it, so that no query waits for that."""
         warm = False
         while not warm:
-            if self._parts.pool.pids():
+            if self._container.pool.pids():
                 # A lost worker, and storage that is away, are told of to those who ask.
                 with suppress(ServiceError):
-                    parameters = (await _whole(run_in_threadpool(self._in_use))).pipeline.parameters
-                    records = await self._parts.work.do(example_records, parameters)
+                    parameters = (await _whole(run_in_threadpool(self._active))).pipeline.parameters
+                    records = await self._container.work.do(example_records, parameters)
                     await _whole(run_in_threadpool(warm_comparing, records, parameters))
                     warm = True
             await asyncio.sleep(WARM_SECONDS)
 
-    def _in_use(self) -> InUse:
-        with self._parts.database.read() as session:
-            return self._parts.pipelines.current(session)
+    def _active(self) -> ActivePipeline:
+        with self._container.database.read() as session:
+            return self._container.pipelines.current(session)
 
-    def _missing(self) -> tuple[InUse, list[int]]:
+    def _missing(self) -> tuple[ActivePipeline, list[int]]:
         """The numbers of embeddings that are not on the shelf and for which there is room."""
-        with self._parts.database.read() as session:
-            in_use = self._parts.pipelines.current(session)
-            if in_use.pipeline.parameters.pairs != "both-ways" or isinstance(self._parts.pool, PlacedWorkers):
-                return in_use, []
-            most = self._parts.settings.search_bytes
-            if self._parts.settings.signatures == "database":
-                newest, room = latest(session, in_use.fingerprint, most // ABOUT), most
+        with self._container.database.read() as session:
+            active_pipeline = self._container.pipelines.current(session)
+            if active_pipeline.pipeline.parameters.pairs != "both-ways" or isinstance(
+                self._container.pool, RemoteWorkers
+            ):
+                return active_pipeline, []
+            most = self._container.settings.search_bytes
+            if self._container.settings.signatures == "database":
+                newest, room = latest(session, active_pipeline.fingerprint, most // ABOUT), most
             else:
-                signed = in_use.index.current(session)
-                seen = (in_use.fingerprint, in_use.index.revision)
+                entries = active_pipeline.index.current(session)
+                seen = (active_pipeline.fingerprint, active_pipeline.index.revision)
                 if seen != self._seen:
-                    in_use.shelf.keep(signed.embeddings)
-                    self._parts.patches.keep(signed.embeddings)
+                    active_pipeline.cache.keep(entries.embeddings)
+                    self._container.spin_images.keep(entries.embeddings)
                     self._seen = seen
-                newest = signed.embeddings[::-1].tolist()
-                room = most - signed.nbytes
-        shelf = in_use.shelf
-        shelf.resize(max(room - self._parts.patches.nbytes, most // LEAST_SHARE))
-        places = shelf.free_places()
-        if not places or len(shelf) >= len(newest):
-            return in_use, []
-        wanted = shelf.missing(dict.fromkeys(newest))
-        return in_use, [number for number in wanted if number not in self._unusable][:places]
+                newest = entries.embeddings[::-1].tolist()
+                room = most - entries.nbytes
+        cache = active_pipeline.cache
+        cache.resize(max(room - self._container.spin_images.nbytes, most // LEAST_SHARE))
+        places = cache.free_places()
+        if not places or len(cache) >= len(newest):
+            return active_pipeline, []
+        wanted = cache.missing(dict.fromkeys(newest))
+        return active_pipeline, [number for number in wanted if number not in self._unusable][:places]
 
-    def _put(self, in_use: InUse, numbers: list[int]) -> None:
-        rows = shelved(self._parts.database, in_use.shelf, in_use.pipeline.parameters, numbers)
+    def _put(self, active_pipeline: ActivePipeline, numbers: list[int]) -> None:
+        rows = cached_bytes(
+            self._container.database, active_pipeline.cache, active_pipeline.pipeline.parameters, numbers
+        )
         self._unusable.update(number for number in numbers if number not in rows)
 
 

@@ -9,9 +9,9 @@ from starlette.concurrency import run_in_threadpool
 
 from core.arrays import Float32s
 from service.compute.work import short_of_memory
-from service.compute.workers import PlacedWorkers
-from service.container import Parts
-from service.pipelines.active import InUse
+from service.compute.workers import RemoteWorkers
+from service.container import Container
+from service.pipelines.active import ActivePipeline
 from service.search import repository
 from service.search.worker_scoring import match_kept
 
@@ -24,8 +24,12 @@ TOGETHER = 64
 """Embeddings of so many numbers in turn are kept by one worker."""
 
 
-async def spread_scores(
-    parts: Parts, pool: PlacedWorkers, in_use: InUse, query: Float32s, embeddings: NDArray[np.int64]
+async def cluster_scores(
+    container: Container,
+    pool: RemoteWorkers,
+    active_pipeline: ActivePipeline,
+    query: Float32s,
+    embeddings: NDArray[np.int64],
 ) -> Scores:
     """CC, SSD and sim of c embeddings by number: shape (3, c), NaN for those that are gone.
 
@@ -41,12 +45,14 @@ async def spread_scores(
 
     async def owned(owner: str) -> None:
         places = np.flatnonzero(owners == owner)
-        scores[:, places], missing = await _asked(parts, pool, in_use, owner, query, embeddings[places], {})
+        scores[:, places], missing = await _asked(
+            container, pool, active_pipeline, owner, query, embeddings[places], {}
+        )
         if len(missing):
-            records = await run_in_threadpool(_read, parts, missing.tolist())
+            records = await run_in_threadpool(_read, container, missing.tolist())
             places = np.flatnonzero(np.isin(embeddings, missing))
             scores[:, places], _ = await _asked(
-                parts, pool, in_use, owner, query, embeddings[places], records
+                container, pool, active_pipeline, owner, query, embeddings[places], records
             )
 
     try:
@@ -59,9 +65,9 @@ async def spread_scores(
 
 
 async def _asked(
-    parts: Parts,
-    pool: PlacedWorkers,
-    in_use: InUse,
+    container: Container,
+    pool: RemoteWorkers,
+    active_pipeline: ActivePipeline,
     owner: str,
     query: Float32s,
     numbers: NDArray[np.int64],
@@ -70,11 +76,11 @@ async def _asked(
     """The scores of what a worker keeps, and the numbers of what it does not."""
     call = partial(pool.submit_to, owner, match_kept, query, numbers, records)
     with short_of_memory():
-        task = call(in_use.pipeline.parameters, pool.user, parts.settings.search_bytes)
+        task = call(active_pipeline.pipeline.parameters, pool.user, container.settings.search_bytes)
         found: tuple[Scores, NDArray[np.int64]] = await asyncio.wrap_future(task)
         return found
 
 
-def _read(parts: Parts, numbers: list[int]) -> dict[int, bytes]:
-    with parts.database.read() as session:
+def _read(container: Container, numbers: list[int]) -> dict[int, bytes]:
+    with container.database.read() as session:
         return repository.embedding_records(session, numbers)

@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from core.ranking.shortlist import least, signature_distances
 from service.collection import CollectionNumber
-from service.index.repository import Signed, shapes_stored, stacked
+from service.index.repository import IndexEntries, shapes_stored, stacked
 from service.search import pgvector_repository as repository
 from service.search.records import Options, Query
 from service.shapes import repository as shapes_repository
@@ -16,7 +16,7 @@ CLOSE = 16
 """So many more are put in order here: the database's distances are of single precision."""
 
 
-def signed_in_database(
+def entries_in_database(
     session: ReadSession,
     query: Query,
     signature: NDArray[np.float32],
@@ -25,7 +25,7 @@ def signed_in_database(
     stored: int,
     *,
     ef_search: int,
-) -> tuple[Signed, bool]:
+) -> tuple[IndexEntries, bool]:
     """The shapes to look at, the nearest first where they are a shortlist; and whether they are.
 
     Without a filter the shortlist is found by the graph, with one by looking at all that it means; and so it
@@ -47,7 +47,7 @@ def signed_in_database(
     ef_search : int
         As `service.search.pgvector_repository.nearest` takes it.
     """
-    fingerprint = query.in_use.fingerprint
+    fingerprint = query.active_pipeline.fingerprint
     itself = np.array(sorted(query.itself) if options.exclude_self else [], dtype=np.int64)
     if options.exhaustive or not repository.is_many(
         session, fingerprint, shapes, itself.tolist(), options.shortlist_from
@@ -56,7 +56,7 @@ def signed_in_database(
         others = ~np.isin(numbers, itself)
         none = np.empty((len(numbers), 0), np.uint8)
         collections = np.full(len(numbers), shapes.collection, np.int64)
-        return Signed(numbers, collections, embeddings, signatures, none).only(others), False
+        return IndexEntries(numbers, collections, embeddings, signatures, none).only(others), False
     by_graph = shapes.is_empty and _is_half(session, shapes.collection, stored)
     found = repository.nearest(
         session,
@@ -68,12 +68,14 @@ def signed_in_database(
     )
     others = ~np.isin(found.shapes, itself)
     numbers, embeddings = found.shapes[others], found.embeddings[others]
-    known = repository.signed(session, embeddings)
+    known = repository.entries(session, embeddings)
     signatures = stacked([known[number][0] for number in embeddings.tolist()]).view("<f4")
     nearest = least(signature_distances(signature, signatures), numbers, options.shortlist_length)
-    sketches = stacked([known[number][1] for number in embeddings[nearest].tolist()])
+    coarse_samples = stacked([known[number][1] for number in embeddings[nearest].tolist()])
     collections = np.full(len(nearest), shapes.collection, np.int64)
-    return Signed(numbers[nearest], collections, embeddings[nearest], signatures[nearest], sketches), True
+    return IndexEntries(
+        numbers[nearest], collections, embeddings[nearest], signatures[nearest], coarse_samples
+    ), True
 
 
 def _is_half(session: ReadSession, collection: CollectionNumber, stored: int) -> bool:

@@ -9,14 +9,14 @@ from pydantic import BaseModel, ValidationError
 from core.io import format_of
 from service.collection import CollectionNumber
 from service.collections.dependencies import PARAMETER, InCollection
-from service.container import Parts
+from service.container import Container
 from service.dependencies import Service
 from service.errors import BadRequestFieldsError, FieldFault, UnsupportedBodyError
 from service.http.disconnects import while_connected
 from service.http.problems import documented, faults_of
 from service.http.uploads import is_form, is_json, single, uploaded
-from service.observability.timings import Stages
-from service.pipelines.active import InUse
+from service.observability.timings import Timings
+from service.pipelines.active import ActivePipeline
 from service.rendering.glb import MEDIA_TYPE
 from service.search import partial_queries as partial
 from service.search import service
@@ -94,7 +94,7 @@ QUERY_BODY: dict[str, Any] = {
     ),
     openapi_extra=QUERY_BODY,
 )
-async def query(request: Request, parts: Service, collection: InCollection) -> QueryAnswer:
+async def query(request: Request, container: Service, collection: InCollection) -> QueryAnswer:
     """Search with a mesh file, or with a stored shape by its id, whatever pose either is in.
 
     Options are fields of the form, or of the JSON object, or parameters of the address.
@@ -106,9 +106,9 @@ async def query(request: Request, parts: Service, collection: InCollection) -> Q
         QueryOptions, _values({name: values for name, values in address.items() if name != "shape_id"})
     )
     if is_form(request):
-        return await _with_file(request, parts, collection.number, address)
+        return await _with_file(request, container, collection.number, address)
     if is_json(request):
-        return await _with_id(request, parts, collection.number, address)
+        return await _with_id(request, container, collection.number, address)
     raise UnsupportedBodyError("the body must be multipart/form-data with a file, or JSON with a shape_id")
 
 
@@ -144,7 +144,7 @@ async def query(request: Request, parts: Service, collection: InCollection) -> Q
 async def compare(
     pair: CompareRequest,
     request: Request,
-    parts: Service,
+    container: Service,
     collection: InCollection,
     format: Annotated[
         Literal["json", "glb", "html"],
@@ -155,53 +155,55 @@ async def compare(
     ] = "json",
 ) -> CompareAnswer | Response:
     """How alike two stored shapes are, and which of their points correspond."""
-    stages, own = Stages(), collection.number
+    timings, own = Timings(), collection.number
 
-    async def compared(in_use: InUse) -> tuple[Comparison, bytes]:
-        found = await service.compare(parts, own, pair.first, pair.second, in_use, stages)
+    async def compared(active_pipeline: ActivePipeline) -> tuple[Comparison, bytes]:
+        found = await service.compare(container, own, pair.first, pair.second, active_pipeline, timings)
         if format != "glb":
             return found, b""
-        with stages.stage("draw"):
-            return found, await coloured(parts, own, pair.first, pair.second, found)
+        with timings.stage("draw"):
+            return found, await coloured(container, own, pair.first, pair.second, found)
 
-    with parts.work.admitted():
-        comparison, glb = await while_connected(request, service.in_one_pipeline(parts, compared))
-    parts.metrics.stages("compare", stages.milliseconds)
+    with container.work.admitted():
+        comparison, glb = await while_connected(request, service.in_one_pipeline(container, compared))
+    container.metrics.stages("compare", timings.milliseconds)
     if format == "glb":
         return Response(glb, media_type=MEDIA_TYPE)
     if format == "html":
         return comparing_page(pair.first, pair.second, collection.name)
-    return CompareAnswer.of(comparison, milliseconds=stages.so_far())
+    return CompareAnswer.of(comparison, milliseconds=timings.so_far())
 
 
 async def _with_file(
-    request: Request, parts: Parts, collection: CollectionNumber, address: dict[str, list[str]]
+    request: Request, container: Container, collection: CollectionNumber, address: dict[str, list[str]]
 ) -> QueryAnswer:
-    settings = parts.settings
+    settings = container.settings
     async with uploaded(
         request, max_bytes=settings.max_upload_bytes, max_fields=settings.max_form_fields
     ) as form:
         options = _validated(QueryOptions, _values({**address, **form.fields}))
         mesh_format = format_of(form.filename)
-        stages = Stages()
-        with parts.work.admitted():
+        timings = Timings()
+        with container.work.admitted():
             data = await form.bytes()
 
-            async def found(in_use: InUse) -> Answer:
-                wanted = await service.by_file(parts, collection, data, mesh_format, in_use, stages)
-                how = _options(options, parts, collection, exclude_self=False)
+            async def found(active_pipeline: ActivePipeline) -> Answer:
+                wanted = await service.by_file(
+                    container, collection, data, mesh_format, active_pipeline, timings
+                )
+                how = _options(options, container, collection, exclude_self=False)
                 if options.partial:
                     return await partial.search(
-                        parts, wanted, lambda: parts.work.read(data, mesh_format), how, stages
+                        container, wanted, lambda: container.work.read(data, mesh_format), how, timings
                     )
-                return await service.search(parts, wanted, how, stages)
+                return await service.search(container, wanted, how, timings)
 
-            answer = await while_connected(request, service.in_one_pipeline(parts, found))
-    return _answer(answer, parts, stages)
+            answer = await while_connected(request, service.in_one_pipeline(container, found))
+    return _answer(answer, container, timings)
 
 
 async def _with_id(
-    request: Request, parts: Parts, collection: CollectionNumber, address: dict[str, list[str]]
+    request: Request, container: Container, collection: CollectionNumber, address: dict[str, list[str]]
 ) -> QueryAnswer:
     try:
         body = await request.json()
@@ -210,30 +212,30 @@ async def _with_id(
     if not isinstance(body, dict):
         raise BadRequestFieldsError(FieldFault("body", "must be a JSON object"))
     options = _validated(StoredQuery, {**_values(address), **body})
-    stages = Stages()
-    with parts.work.admitted():
+    timings = Timings()
+    with container.work.admitted():
 
-        async def found(in_use: InUse) -> Answer:
-            wanted = await service.by_id(parts, collection, options.shape_id, in_use, stages)
-            how = _options(options, parts, collection, exclude_self=True)
+        async def found(active_pipeline: ActivePipeline) -> Answer:
+            wanted = await service.by_id(container, collection, options.shape_id, active_pipeline, timings)
+            how = _options(options, container, collection, exclude_self=True)
             if options.partial:
                 stored = partial.stored_mesh
                 return await partial.search(
-                    parts,
+                    container,
                     wanted,
-                    lambda: stored(parts, collection, options.shape_id, in_use.fingerprint),
+                    lambda: stored(container, collection, options.shape_id, active_pipeline.fingerprint),
                     how,
-                    stages,
+                    timings,
                 )
-            return await service.search(parts, wanted, how, stages)
+            return await service.search(container, wanted, how, timings)
 
-        answer = await while_connected(request, service.in_one_pipeline(parts, found))
-    return _answer(answer, parts, stages)
+        answer = await while_connected(request, service.in_one_pipeline(container, found))
+    return _answer(answer, container, timings)
 
 
-def _answer(answer: Answer, parts: Parts, stages: Stages) -> QueryAnswer:
-    parts.metrics.stages("query", stages.milliseconds)
-    return QueryAnswer.of(answer, milliseconds=stages.so_far())
+def _answer(answer: Answer, container: Container, timings: Timings) -> QueryAnswer:
+    container.metrics.stages("query", timings.milliseconds)
+    return QueryAnswer.of(answer, milliseconds=timings.so_far())
 
 
 def _values(fields: dict[str, list[str]]) -> dict[str, Any]:
@@ -249,7 +251,7 @@ def _validated(model: type[Model], values: dict[str, Any]) -> Model:
 
 
 def _options(
-    given: QueryOptions, parts: Parts, collection: CollectionNumber, *, exclude_self: bool
+    given: QueryOptions, container: Container, collection: CollectionNumber, *, exclude_self: bool
 ) -> Options:
     shapes = given.filtered(collection)
     return Options(
@@ -262,8 +264,8 @@ def _options(
         sizes=SAME_SIZE if given.scale == "respect" else None,
         correspondences=given.correspondences,
         embedding=given.embedding,
-        shortlist_from=parts.settings.shortlist_from,
-        shortlist_length=parts.settings.shortlist_length,
-        screened=parts.settings.screened,
-        finalists=parts.settings.finalists,
+        shortlist_from=container.settings.shortlist_from,
+        shortlist_length=container.settings.shortlist_length,
+        screened=container.settings.screened,
+        finalists=container.settings.finalists,
     )

@@ -10,10 +10,10 @@ from core.arrays import Bytes, Float32s
 from core.errors import CoreError
 from core.matching.match_records import match_rows, row_of
 from core.parameters import Parameters
-from core.ranking.coarse_ranking import sift
-from core.ranking.reranking import screen
+from core.ranking.coarse_ranking import coarse_ranking
+from core.ranking.reranking import rerank
 from core.serialization import embedding_from_bytes, points_from_bytes
-from service.index.cache import Shelf
+from service.index.cache import EmbeddingCache
 from service.search import repository
 from service.search.records import Query
 from service.storage.database import Database
@@ -35,14 +35,14 @@ class Rows:
 
     def __init__(self, database: Database, query: Query) -> None:
         self._database = database
-        self._shelf = query.in_use.shelf
-        self._parameters = query.in_use.pipeline.parameters
+        self._cache = query.active_pipeline.cache
+        self._parameters = query.active_pipeline.pipeline.parameters
         self.query = row_of(embedding_from_bytes(query.record), self._parameters)
 
     def matched(self, embeddings: NDArray[np.int64]) -> Scores:
         """CC, SSD and sim of c embeddings by number: shape (3, c), NaN for those that are gone."""
         numbers = embeddings.tolist()
-        rows = shelved(self._database, self._shelf, self._parameters, numbers)
+        rows = cached_bytes(self._database, self._cache, self._parameters, numbers)
         present = [place for place, number in enumerate(numbers) if number in rows]
         found = match_rows(self.query, [rows[numbers[place]] for place in present], self._parameters)
         scores = np.full((3, len(numbers)), np.nan)
@@ -62,24 +62,24 @@ class Rows:
             with suppress(CoreError):
                 clouds[number] = points_from_bytes(record)
         present = [place for place, number in enumerate(numbers) if number in clouds]
-        found = screen(self.query, [clouds[numbers[place]] for place in present], self._parameters)
+        found = rerank(self.query, [clouds[numbers[place]] for place in present], self._parameters)
         scores = np.full((1, len(numbers)), np.nan)
         scores[0, present] = found
         return scores
 
-    def sifted(self, sketches: Bytes) -> Scores:
+    def sifted(self, coarse_samples: Bytes) -> Scores:
         """Roughly the CC of c embeddings by their sketches, (c, l): shape (1, c)."""
-        return sift(self.query, sketches, self._parameters)[None].astype(np.float64)
+        return coarse_ranking(self.query, coarse_samples, self._parameters)[None].astype(np.float64)
 
 
-def shelved(
-    database: Database, shelf: Shelf[Float32s], parameters: Parameters, numbers: Sequence[int]
+def cached_bytes(
+    database: Database, cache: EmbeddingCache[Float32s], parameters: Parameters, numbers: Sequence[int]
 ) -> dict[int, Float32s]:
     """The rows of embeddings by number; those that are not on the shelf are made and put there.
 
     Without those that are gone, or cannot be read.
     """
-    rows = shelf.rows(numbers)
+    rows = cache.rows(numbers)
     missing = [number for number in numbers if number not in rows]
     if missing:
         with database.read() as session:
@@ -89,5 +89,5 @@ def shelved(
                 rows[number] = row_of(embedding_from_bytes(record), parameters)
             except CoreError:
                 continue
-            shelf.put(number, rows[number])
+            cache.put(number, rows[number])
     return rows

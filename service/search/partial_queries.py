@@ -18,38 +18,44 @@ from core.parameters import Parameters
 from core.ranking.shortlist import least
 from core.serialization import embedding_from_bytes
 from service.collection import CollectionNumber
-from service.compute.tasks import part_of_mesh, patches_of_mesh
-from service.container import Parts
+from service.compute.tasks import part_of_mesh, spin_images_of_mesh
+from service.container import Container
 from service.errors import FileTimeLimitError
 from service.observability.logging import get_logger
-from service.observability.timings import Stages
+from service.observability.timings import Timings
 from service.search import partial_repository as repository
 from service.search.batches import by_threads, each_once
 from service.search.records import Answer, Options, Query
 from service.search.scoring import compare_with
 from service.search.service import results
 from service.search.shortlist import Candidates, candidates
-from service.search.spin_images import COMPARED, stored_patches
+from service.search.spin_images import COMPARED, stored_spin_images
 from service.shapes import service as shapes_service
 from service.shapes.records import ShapeRecord
 
 log = get_logger("partial")
 
 
-async def stored_mesh(parts: Parts, collection: CollectionNumber, shape_id: str, fingerprint: str) -> Mesh:
+async def stored_mesh(
+    container: Container, collection: CollectionNumber, shape_id: str, fingerprint: str
+) -> Mesh:
     """The mesh of a collection's shape, read anew."""
 
     def read() -> tuple[ShapeRecord, bytes]:
-        with parts.database.read() as session:
+        with container.database.read() as session:
             shape = shapes_service.get(session, fingerprint, collection, shape_id)
             return shape, shapes_service.get_file(session, collection, shape_id)
 
     shape, data = await run_in_threadpool(read)
-    return await parts.work.read(data, shape.format)
+    return await container.work.read(data, shape.format)
 
 
 async def search(
-    parts: Parts, query: Query, mesh: Callable[[], Awaitable[Mesh]], options: Options, stages: Stages
+    container: Container,
+    query: Query,
+    mesh: Callable[[], Awaitable[Mesh]],
+    options: Options,
+    timings: Timings,
 ) -> Answer:
     """The stored shapes that the query is most likely a part of, by `core.descriptors.partial_matching.part_distances`.
 
@@ -57,24 +63,24 @@ async def search(
     stored shape is in its record, or else is made of its file when it is first asked for, and then kept in
     memory.
     """
-    pipeline = query.in_use.pipeline
-    with stages.stage("shortlist"):
-        chosen = await run_in_threadpool(candidates, parts, query, options)
-    parts.metrics.query_compared.observe(len(chosen.shapes))
-    with stages.stage("patches"):
-        asked = query.patches[KEYS:]
+    pipeline = query.active_pipeline.pipeline
+    with timings.stage("shortlist"):
+        chosen = await run_in_threadpool(candidates, container, query, options)
+    container.metrics.query_compared.observe(len(chosen.shapes))
+    with timings.stage("patches"):
+        asked = query.spin_images[KEYS:]
         if not len(asked):
-            asked = await parts.work.do(part_of_mesh, await mesh(), pipeline.parameters)
-    with stages.stage("compare"):
-        distances = await _distances(parts, asked, chosen, pipeline.parameters)
+            asked = await container.work.do(part_of_mesh, await mesh(), pipeline.parameters)
+    with timings.stage("compare"):
+        distances = await _distances(container, asked, chosen, pipeline.parameters)
         there = np.flatnonzero(np.isfinite(distances))
         distances = distances[there]
         chosen = replace(chosen.only(there), screened=None, finalists=None)
         order = least(distances, chosen.shapes, options.top_k)
-        compared, scored = await compare_with(parts, query, chosen.only(order), "cc")
-    with stages.stage("results"):
+        compared, scored = await compare_with(container, query, chosen.only(order), "cc")
+    with timings.stage("results"):
         best = np.flatnonzero(compared.cc >= options.min_cc)
-        found = await results(parts, query, compared, scored, best, options)
+        found = await results(container, query, compared, scored, best, options)
     told = dict(zip(chosen.shapes.tolist(), distances.tolist(), strict=True))
     embedding = embedding_from_bytes(query.record)
     return Answer(
@@ -83,13 +89,13 @@ async def search(
         best_cc=float(compared.cc.max()) if len(compared.cc) else None,
         compared=len(chosen.shapes),
         stored=chosen.stored,
-        openness=embedding.facts.openness,
+        boundary_ratio=embedding.facts.openness,
         embedding=embedding if options.embedding else None,
     )
 
 
 async def _distances(
-    parts: Parts, asked: Bytes, candidates: Candidates, parameters: Parameters
+    container: Container, asked: Bytes, candidates: Candidates, parameters: Parameters
 ) -> NDArray[np.float64]:
     """How far a part is from c candidates; NaN for those that are gone, or whose file cannot be read.
 
@@ -98,22 +104,22 @@ async def _distances(
 
     def kept(embeddings: NDArray[np.int64]) -> NDArray[np.float64]:
         numbers = embeddings.tolist()
-        rows = stored_patches(parts, numbers)
+        rows = stored_spin_images(container, numbers)
         there = [place for place, number in enumerate(numbers) if number in rows]
         told = np.full((1, len(numbers)), np.nan)
         told[0, there] = part_distances(asked, [as_whole(rows[numbers[place]]) for place in there])
         return told
 
     distances: NDArray[np.float64] = (
-        await each_once(parts, candidates, COMPARED, 1, by_threads(parts, kept))
+        await each_once(container, candidates, COMPARED, 1, by_threads(container, kept))
     )[0]
-    turns = asyncio.Semaphore(2 * parts.settings.workers)
+    turns = asyncio.Semaphore(2 * container.settings.workers)
 
     async def add(number: int) -> None:
         async with turns:
-            made = await _made(parts, number, parameters)
+            made = await _made(container, number, parameters)
             if made is not None:
-                parts.patches.put(number, made)
+                container.spin_images.put(number, made)
                 (told,) = await run_in_threadpool(part_distances, asked, [as_whole(made)])
                 distances[candidates.embeddings == number] = told
 
@@ -126,16 +132,16 @@ async def _distances(
     return distances
 
 
-async def _made(parts: Parts, embedding: int, parameters: Parameters) -> Bytes | None:
+async def _made(container: Container, embedding: int, parameters: Parameters) -> Bytes | None:
     def read() -> tuple[bytes, str] | None:
-        with parts.database.read() as session:
+        with container.database.read() as session:
             return repository.file_of(session, embedding)
 
     file = await run_in_threadpool(read)
     if file is None:
         return None
     try:
-        return await parts.work.do(patches_of_mesh, await parts.work.read(*file), parameters)
+        return await container.work.do(spin_images_of_mesh, await container.work.read(*file), parameters)
     except (FileTimeLimitError, MeshError) as error:
         log.warning("a stored shape is left out of a query with a part: %s", error)
         return None

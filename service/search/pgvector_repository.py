@@ -122,7 +122,7 @@ def signatures(
     )
 
 
-def signed(session: ReadSession, embeddings: NDArray[np.int64]) -> dict[int, tuple[bytes, bytes]]:
+def entries(session: ReadSession, embeddings: NDArray[np.int64]) -> dict[int, tuple[bytes, bytes]]:
     """The signatures of embeddings and their sketches, which may be empty, by number."""
     query = select(SketchRow.embedding_number, SketchRow.signature, SketchRow.data)
     found: dict[int, tuple[bytes, bytes]] = {}

@@ -6,8 +6,8 @@ from functools import cached_property
 from core.arrays import Bytes
 from core.embedding import Embedding, Match
 from core.pipeline import Pipeline
-from core.serialization import patches_from_bytes
-from service.pipelines.active import InUse
+from core.serialization import spin_images_from_bytes
+from service.pipelines.active import ActivePipeline
 from service.search.ranking import RankBy
 from service.shapes.records import ShapeFilter, ShapeRecord
 
@@ -41,14 +41,14 @@ class Options:
 class Query:
     """What is searched for: an embedding, what made it, and the numbers of the stored shapes that it is."""
 
-    in_use: InUse
+    active_pipeline: ActivePipeline
     record: bytes
     itself: frozenset[int]
 
     @cached_property
-    def patches(self) -> Bytes:
+    def spin_images(self) -> Bytes:
         """Of its surface; see `core.embedding`."""
-        return patches_from_bytes(self.record)
+        return spin_images_from_bytes(self.record)
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +79,7 @@ class Found:
 class Answer:
     """What a search found.
 
-    `best_cc` is the highest of all that were compared, if any were; `openness` is of the query's surface, and
+    `best_cc` is the highest of all that were compared, if any were; `boundary_ratio` is of the query's surface, and
     `embedding` its own, if asked for.
     """
 
@@ -88,5 +88,5 @@ class Answer:
     best_cc: float | None
     compared: int
     stored: int
-    openness: float
+    boundary_ratio: float
     embedding: Embedding | None

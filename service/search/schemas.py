@@ -195,7 +195,7 @@ class QueryAnswer(BaseModel):
             stored=answer.stored,
             pipeline=answer.pipeline.fingerprint,
             milliseconds=milliseconds,
-            warnings=warnings_of(answer.openness),
+            warnings=warnings_of(answer.boundary_ratio),
             embedding=None if answer.embedding is None else EmbeddingArrays.of(answer.embedding),
         )
 

@@ -9,13 +9,13 @@ from starlette.concurrency import run_in_threadpool
 
 from core.descriptors.descriptor_distance import is_part
 from core.ranking.shortlist import least
-from service.compute.workers import PlacedWorkers
-from service.container import Parts
+from service.compute.workers import RemoteWorkers
+from service.container import Container
 from service.observability.logging import get_logger
 from service.search import repository
-from service.search.batches import by_threads, each_once, in_pieces
+from service.search.batches import by_threads, each_once, in_batches
 from service.search.cluster_scoring import SENT as SPREAD
-from service.search.cluster_scoring import spread_scores
+from service.search.cluster_scoring import cluster_scores
 from service.search.match_records import Rows, Scores
 from service.search.ranking import Compared, RankBy
 from service.search.records import Query
@@ -30,7 +30,7 @@ MATCHED, SIFTED, SENT = 32, 256, 256
 
 
 async def compare_with(
-    parts: Parts, query: Query, candidates: Candidates, rank_by: RankBy
+    container: Container, query: Query, candidates: Candidates, rank_by: RankBy
 ) -> tuple[Compared, Candidates]:
     """Score the candidates, each embedding once, or those of them that sifting and screening put first.
 
@@ -38,33 +38,36 @@ async def compare_with(
     A candidate that was deleted meanwhile, or whose record cannot be read, is left out. The second that is
     returned are those that were scored, in the same order.
     """
-    with parts.searches.one():
-        return await _compared(parts, query, candidates, rank_by)
+    with container.searches.one():
+        return await _compared(container, query, candidates, rank_by)
 
 
 async def _compared(
-    parts: Parts, query: Query, candidates: Candidates, rank_by: RankBy
+    container: Container, query: Query, candidates: Candidates, rank_by: RankBy
 ) -> tuple[Compared, Candidates]:
-    pipeline = query.in_use.pipeline
+    pipeline = query.active_pipeline.pipeline
     if pipeline.parameters.pairs == "both-ways":
-        rows = await run_in_threadpool(Rows, parts.database, query)
-        candidates = await _finalists(parts, query, rows, candidates, rank_by)
-        score, at_once = by_threads(parts, rows.matched), MATCHED
-        if candidates.finalists is None and isinstance(parts.pool, PlacedWorkers):
-            score, at_once = partial(spread_scores, parts, parts.pool, query.in_use, rows.query), SPREAD
+        rows = await run_in_threadpool(Rows, container.database, query)
+        candidates = await _finalists(container, query, rows, candidates, rank_by)
+        score, at_once = by_threads(container, rows.matched), MATCHED
+        if candidates.finalists is None and isinstance(container.pool, RemoteWorkers):
+            score, at_once = (
+                partial(cluster_scores, container, container.pool, query.active_pipeline, rows.query),
+                SPREAD,
+            )
     else:
-        score, at_once = partial(_by_worker, parts, query), SENT
-    scores = await each_once(parts, candidates, at_once, 3, score)
+        score, at_once = partial(_by_worker, container, query), SENT
+    scores = await each_once(container, candidates, at_once, 3, score)
     known = np.isfinite(scores).all(axis=0)
     if not known.all():
         log.warning("%d candidates were deleted meanwhile, or cannot be read", np.count_nonzero(~known))
     candidates, (cc, ssd, sim) = candidates.only(np.flatnonzero(known)), scores[:, known]
-    combined = await chances(parts, query, candidates, cc, sim) if rank_by == "combined" else None
+    combined = await chances(container, query, candidates, cc, sim) if rank_by == "combined" else None
     return Compared(candidates.shapes, cc, ssd, sim, combined), candidates
 
 
 async def _finalists(
-    parts: Parts, query: Query, rows: Rows, candidates: Candidates, rank_by: RankBy
+    container: Container, query: Query, rows: Rows, candidates: Candidates, rank_by: RankBy
 ) -> Candidates:
     """Those that are matched in full: first the sketches are sifted, then what is left is screened.
 
@@ -72,19 +75,21 @@ async def _finalists(
     incomplete query's chance hangs on patches most of all, which sifting does not look at: all are screened.
     """
     by_chance = rank_by == "combined"
-    sifting = not (by_chance and is_part(query.patches))
+    sifting = not (by_chance and is_part(query.spin_images))
     if sifting and candidates.screened is not None and candidates.screened < len(candidates.shapes):
-        sifted = by_threads(parts, rows.sifted)
-        rough = (await in_pieces(candidates.sketches, SIFTED, parts.settings.workers, 1, sifted))[0]
+        sifted = by_threads(container, rows.sifted)
+        rough = (await in_batches(candidates.coarse_samples, SIFTED, container.settings.workers, 1, sifted))[
+            0
+        ]
         if by_chance:
-            rough = query.in_use.pipeline.combined(
+            rough = query.active_pipeline.pipeline.combined(
                 rough, np.zeros(len(rough)), candidates.signature, candidates.signatures
             )
         candidates = _likeliest(candidates, rough, candidates.screened)
     if candidates.finalists is not None and candidates.finalists < len(candidates.shapes):
-        rough = (await each_once(parts, candidates, MATCHED, 1, by_threads(parts, rows.screened)))[0]
+        rough = (await each_once(container, candidates, MATCHED, 1, by_threads(container, rows.screened)))[0]
         if by_chance:
-            rough = await chances(parts, query, candidates, rough, np.zeros(len(rough)))
+            rough = await chances(container, query, candidates, rough, np.zeros(len(rough)))
         candidates = _likeliest(candidates, rough, candidates.finalists)
     return candidates
 
@@ -94,13 +99,13 @@ def _likeliest(candidates: Candidates, likeness: NDArray[np.float64], count: int
     return candidates.only(least(np.nan_to_num(-likeness, nan=np.inf), candidates.shapes, count))
 
 
-async def _by_worker(parts: Parts, query: Query, embeddings: NDArray[np.int64]) -> Scores:
+async def _by_worker(container: Container, query: Query, embeddings: NDArray[np.int64]) -> Scores:
     """CC, SSD and sim, by a worker process: shape (3, c), NaN for those that are gone."""
     numbers = embeddings.tolist()
-    records = await run_in_threadpool(_read, parts.database, numbers)
+    records = await run_in_threadpool(_read, container.database, numbers)
     present = [place for place, number in enumerate(numbers) if number in records]
-    found = await parts.work.score(
-        query.record, [records[numbers[place]] for place in present], query.in_use.pipeline
+    found = await container.work.score(
+        query.record, [records[numbers[place]] for place in present], query.active_pipeline.pipeline
     )
     scores = np.full((3, len(numbers)), np.nan)
     scores[:, present] = found.cc, found.ssd, found.sim

@@ -12,10 +12,10 @@ from core.pipeline import Pipeline
 from core.serialization import embedding_from_bytes
 from service.collection import CollectionNumber
 from service.compute.work import Work
-from service.container import Parts
+from service.container import Container
 from service.errors import NotEmbeddedError
-from service.observability.timings import Stages
-from service.pipelines.active import InUse
+from service.observability.timings import Timings
+from service.pipelines.active import ActivePipeline
 from service.search import repository
 from service.search.ranking import Compared, ranked
 from service.search.records import Answer, Comparison, Found, Options, Query
@@ -29,109 +29,118 @@ from service.shapes.records import ShapeRecord, sha256
 Done = TypeVar("Done")
 
 
-async def in_one_pipeline(parts: Parts, work: Callable[[InUse], Awaitable[Done]]) -> Done:
+async def in_one_pipeline(container: Container, work: Callable[[ActivePipeline], Awaitable[Done]]) -> Done:
     """What work with the pipeline in use gives, done again where the archive went over to another meanwhile.
 
     The embeddings that it began with may have been deleted under it.
     """
 
-    def current() -> InUse:
-        with parts.database.read() as session:
-            return parts.pipelines.current(session)
+    def current() -> ActivePipeline:
+        with container.database.read() as session:
+            return container.pipelines.current(session)
 
-    in_use = await run_in_threadpool(current)
+    active_pipeline = await run_in_threadpool(current)
     while True:
         try:
-            done = await work(in_use)
+            done = await work(active_pipeline)
         except NotEmbeddedError:
-            before, in_use = in_use, await run_in_threadpool(current)
-            if in_use is before:
+            before, active_pipeline = active_pipeline, await run_in_threadpool(current)
+            if active_pipeline is before:
                 raise
         else:
-            before, in_use = in_use, await run_in_threadpool(current)
-            if in_use is before:
+            before, active_pipeline = active_pipeline, await run_in_threadpool(current)
+            if active_pipeline is before:
                 return done
 
 
 async def by_file(
-    parts: Parts, collection: CollectionNumber, data: bytes, format: str, in_use: InUse, stages: Stages
+    container: Container,
+    collection: CollectionNumber,
+    data: bytes,
+    format: str,
+    active_pipeline: ActivePipeline,
+    timings: Timings,
 ) -> Query:
     """The query that a file makes; the shapes of the collection with the same bytes are itself."""
-    embedded = await parts.work.embed(data, format, in_use.pipeline)
-    stages.milliseconds |= embedded.milliseconds
+    embedded = await container.work.embed(data, format, active_pipeline.pipeline)
+    timings.milliseconds |= embedded.milliseconds
 
     def itself() -> frozenset[int]:
-        with parts.database.read() as session:
+        with container.database.read() as session:
             return frozenset(repository.numbers_of_bytes(session, collection, sha256(data)))
 
-    return Query(in_use, embedded.record, await run_in_threadpool(itself))
+    return Query(active_pipeline, embedded.record, await run_in_threadpool(itself))
 
 
 async def by_id(
-    parts: Parts, collection: CollectionNumber, shape_id: str, in_use: InUse, stages: Stages
+    container: Container,
+    collection: CollectionNumber,
+    shape_id: str,
+    active_pipeline: ActivePipeline,
+    timings: Timings,
 ) -> Query:
     """The query that a collection's shape makes."""
-    fingerprint = in_use.fingerprint
+    fingerprint = active_pipeline.fingerprint
 
     def read() -> Query:
-        with parts.database.read() as session:
+        with container.database.read() as session:
             number = shapes_service.get(session, fingerprint, collection, shape_id).number
             record = shapes_service.get_record(session, fingerprint, collection, shape_id)
-            return Query(in_use, record, frozenset([number]))
+            return Query(active_pipeline, record, frozenset([number]))
 
-    with stages.stage("read"):
+    with timings.stage("read"):
         return await run_in_threadpool(read)
 
 
-async def search(parts: Parts, query: Query, options: Options, stages: Stages) -> Answer:
+async def search(container: Container, query: Query, options: Options, timings: Timings) -> Answer:
     """The stored shapes most like the query."""
-    with stages.stage("shortlist"):
-        chosen = await run_in_threadpool(candidates, parts, query, options)
-    parts.metrics.query_compared.observe(len(chosen.shapes))
-    with stages.stage("compare"):
-        compared, scored = await compare_with(parts, query, chosen, options.rank_by)
-    with stages.stage("results"):
+    with timings.stage("shortlist"):
+        chosen = await run_in_threadpool(candidates, container, query, options)
+    container.metrics.query_compared.observe(len(chosen.shapes))
+    with timings.stage("compare"):
+        compared, scored = await compare_with(container, query, chosen, options.rank_by)
+    with timings.stage("results"):
         best = ranked(compared, options.rank_by)
         best = best[compared.cc[best] >= options.min_cc][: options.top_k]
-        found = await results(parts, query, compared, scored, best, options)
+        found = await results(container, query, compared, scored, best, options)
     embedding = embedding_from_bytes(query.record)
     return Answer(
-        pipeline=query.in_use.pipeline,
+        pipeline=query.active_pipeline.pipeline,
         found=found,
         best_cc=float(compared.cc.max()) if len(compared.cc) else None,
         compared=len(compared.shapes),
         stored=chosen.stored,
-        openness=embedding.facts.openness,
+        boundary_ratio=embedding.facts.openness,
         embedding=embedding if options.embedding else None,
     )
 
 
 async def compare(
-    parts: Parts,
+    container: Container,
     collection: CollectionNumber,
     first_id: str,
     second_id: str,
-    in_use: InUse,
-    stages: Stages,
+    active_pipeline: ActivePipeline,
+    timings: Timings,
 ) -> Comparison:
     """Two shapes of a collection compared."""
-    fingerprint = in_use.fingerprint
+    fingerprint = active_pipeline.fingerprint
 
     def read() -> tuple[bytes, bytes]:
-        with parts.database.read() as session:
+        with container.database.read() as session:
             return (
                 shapes_service.get_record(session, fingerprint, collection, first_id),
                 shapes_service.get_record(session, fingerprint, collection, second_id),
             )
 
-    with stages.stage("read"):
+    with timings.stage("read"):
         first, second = await run_in_threadpool(read)
-    with stages.stage("compare"):
-        return await _match(parts.work, first, second, in_use.pipeline)
+    with timings.stage("compare"):
+        return await _match(container.work, first, second, active_pipeline.pipeline)
 
 
 async def results(
-    parts: Parts,
+    container: Container,
     query: Query,
     compared: Compared,
     scored: Candidates,
@@ -142,11 +151,11 @@ async def results(
 
     `scored` are the shapes of `compared`, `best` places in both.
     """
-    pipeline = query.in_use.pipeline
+    pipeline = query.active_pipeline.pipeline
     fingerprint, collection = pipeline.fingerprint, options.filter.collection
 
     def read() -> list[tuple[ShapeRecord, bytes | None]]:
-        with parts.database.read() as session:
+        with container.database.read() as session:
             numbers = compared.shapes[best].tolist()
             shapes = shapes_repository.records(session, fingerprint, collection, numbers)
             if not options.correspondences:
@@ -156,7 +165,7 @@ async def results(
                 for shape in shapes
             ]
 
-    combined = await chances(parts, query, scored.only(best), compared.cc[best], compared.sim[best])
+    combined = await chances(container, query, scored.only(best), compared.cc[best], compared.sim[best])
     chance_of = dict(zip(best.tolist(), combined.tolist(), strict=True))
     places = {int(compared.shapes[place]): int(place) for place in best}
     found = []
@@ -171,7 +180,7 @@ async def results(
                 combined=chance_of[place],
                 comparison=None
                 if record is None
-                else await _match(parts.work, query.record, record, pipeline),
+                else await _match(container.work, query.record, record, pipeline),
             )
         )
     return found

@@ -7,10 +7,10 @@ from numpy.typing import NDArray
 
 from core.ranking.shortlist import least, signature_distances
 from core.serialization import embedding_from_bytes
-from service.container import Parts
-from service.index.repository import Signed
+from service.container import Container
+from service.index.repository import IndexEntries
 from service.observability.logging import get_logger
-from service.search.database_shortlist import signed_in_database
+from service.search.database_shortlist import entries_in_database
 from service.search.records import Options, Query
 from service.shapes import repository as shapes_repository
 from service.shapes.records import ShapeFilter
@@ -45,7 +45,7 @@ class Candidates:
     embeddings: NDArray[np.int64]
     signature: NDArray[np.float32]
     signatures: NDArray[np.float32]
-    sketches: NDArray[np.uint8]
+    coarse_samples: NDArray[np.uint8]
     screened: int | None
     finalists: int | None
     stored: int
@@ -57,36 +57,36 @@ class Candidates:
             shapes=self.shapes[places],
             embeddings=self.embeddings[places],
             signatures=self.signatures[places],
-            sketches=self.sketches[places],
+            coarse_samples=self.coarse_samples[places],
         )
 
 
-def candidates(parts: Parts, query: Query, options: Options) -> Candidates:
+def candidates(container: Container, query: Query, options: Options) -> Candidates:
     """Those that the filter means, less the query itself, less those that are far by signature."""
     embedding = embedding_from_bytes(query.record)
     wanted = options.filter
     if options.sizes is not None:
         area, most = embedding.facts.area, options.sizes**2
         wanted = replace(wanted, area=(area / most, area * most))
-    with parts.database.read() as session:
+    with container.database.read() as session:
         stored = shapes_repository.stored(session, wanted.collection)
-        if parts.settings.signatures == "database":
-            ef_search = parts.settings.hnsw_ef_search
-            signed, shortlisted = signed_in_database(
+        if container.settings.signatures == "database":
+            ef_search = container.settings.hnsw_ef_search
+            entries, shortlisted = entries_in_database(
                 session, query, embedding.signature, wanted, options, stored, ef_search=ef_search
             )
         else:
-            signed, shortlisted = _in_memory(session, query, embedding.signature, wanted, options, stored)
+            entries, shortlisted = _in_memory(session, query, embedding.signature, wanted, options, stored)
     if shortlisted:
-        parts.metrics.queries_shortlisted.inc()
+        container.metrics.queries_shortlisted.inc()
     finalists = options.finalists + options.top_k
     return Candidates(
-        shapes=signed.shapes,
-        embeddings=signed.embeddings,
+        shapes=entries.shapes,
+        embeddings=entries.embeddings,
         signature=embedding.signature,
         # Where nothing is stored yet, no length is known.
-        signatures=signed.signatures.reshape(len(signed.shapes), len(embedding.signature)),
-        sketches=signed.sketches,
+        signatures=entries.signatures.reshape(len(entries.shapes), len(embedding.signature)),
+        coarse_samples=entries.coarse_samples,
         screened=max(options.screened, finalists) if shortlisted else None,
         finalists=finalists if shortlisted else None,
         stored=stored,
@@ -100,10 +100,10 @@ def _in_memory(
     wanted: ShapeFilter,
     options: Options,
     stored: int,
-) -> tuple[Signed, bool]:
+) -> tuple[IndexEntries, bool]:
     """The shapes to look at, and whether they are a shortlist, by the signatures in memory."""
-    signed = query.in_use.index.current(session)
-    chosen = signed.collections == wanted.collection
+    entries = query.active_pipeline.index.current(session)
+    chosen = entries.collections == wanted.collection
     lacking = stored - np.count_nonzero(chosen)
     if lacking > 0:
         log.info(
@@ -113,19 +113,19 @@ def _in_memory(
         )
     if not wanted.is_empty:
         meant = shapes_repository.numbers(session, wanted)
-        chosen &= np.isin(signed.shapes, np.array(meant, dtype=np.int64))
+        chosen &= np.isin(entries.shapes, np.array(meant, dtype=np.int64))
     if options.exclude_self:
         for number in query.itself:
-            chosen &= signed.shapes != number
+            chosen &= entries.shapes != number
     places = np.flatnonzero(chosen)
     shortlisted = not options.exhaustive and len(places) >= options.shortlist_from
     if shortlisted:
         # Where nearly all are meant, picking them out takes longer than looking at the others too.
-        if FEW * len(places) < len(signed.shapes):
-            distances = signature_distances(signature, signed.signatures[places])
+        if FEW * len(places) < len(entries.shapes):
+            distances = signature_distances(signature, entries.signatures[places])
         else:
-            distances = signature_distances(signature, signed.signatures)[places]
-        places = places[least(distances, signed.shapes[places], options.shortlist_length)]
+            distances = signature_distances(signature, entries.signatures)[places]
+        places = places[least(distances, entries.shapes[places], options.shortlist_length)]
     if not shortlisted:
-        signed = replace(signed, sketches=np.empty((len(signed.shapes), 0), np.uint8))
-    return signed.only(places), shortlisted
+        entries = replace(entries, coarse_samples=np.empty((len(entries.shapes), 0), np.uint8))
+    return entries.only(places), shortlisted

@@ -12,7 +12,7 @@ from core.errors import CoreError
 from core.matching.match_records import match_rows, row_of
 from core.parameters import Parameters
 from core.serialization import embedding_from_bytes
-from service.index.cache import Shelf
+from service.index.cache import EmbeddingCache
 
 Scores = NDArray[np.float64]
 
@@ -49,10 +49,10 @@ def match_kept(
     int64, shape (m,)
         The numbers of those that are not here.
     """
-    shelf = _shelf()
-    shelf.resize(room)
+    cache = _cache()
+    cache.resize(room)
     wanted = [(user << 64) + number for number in numbers.tolist()]
-    rows = shelf.rows(wanted)
+    rows = cache.rows(wanted)
     for number, record in records.items():
         key = (user << 64) + number
         if key not in rows:
@@ -60,7 +60,7 @@ def match_kept(
                 rows[key] = row_of(embedding_from_bytes(record), parameters)
             except CoreError:
                 continue
-            shelf.put(key, rows[key])
+            cache.put(key, rows[key])
     here = np.array([key in rows for key in wanted], dtype=bool)
     found = match_rows(query, [rows[key] for key in wanted if key in rows], parameters)
     scores = np.full((3, len(wanted)), np.nan)
@@ -69,7 +69,7 @@ def match_kept(
 
 
 @cache
-def _shelf() -> Shelf[Float32s]:
+def _cache() -> EmbeddingCache[Float32s]:
     """The one of this process, whose linear algebra runs on one thread from now on: see `row_of`."""
     threadpool_limits(1)
-    return Shelf(0)
+    return EmbeddingCache(0)

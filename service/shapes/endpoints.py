@@ -69,21 +69,21 @@ class Listing(NamedInAddress, Filters):
     },
     openapi_extra={"parameters": [IDEMPOTENCY_KEY], "requestBody": UPLOAD_BODY},
 )
-async def create_shape(request: Request, parts: Service, collection: InCollection) -> Response:
+async def create_shape(request: Request, container: Service, collection: InCollection) -> Response:
     """Read the file, embed its mesh, and store both with a name, tags and metadata.
 
     The same bytes may be stored under several names: they, and their embedding, are kept once. The same bytes
     under the same name are one shape of the collection, so that an upload may be repeated safely; tags and
     metadata of such a repetition are not looked at.
     """
-    settings = parts.settings
+    settings = container.settings
     key = read_key(request.headers.getlist(HEADER))
     async with uploaded(
         request, max_bytes=settings.max_upload_bytes, max_fields=settings.max_form_fields
     ) as form:
         fields = _fields(form.fields, form.filename)
         mesh_format = format_of(form.filename)
-        with parts.work.admitted():
+        with container.work.admitted():
             new = NewShape(
                 data=await form.bytes(),
                 format=mesh_format,
@@ -92,9 +92,9 @@ async def create_shape(request: Request, parts: Service, collection: InCollectio
                 tags=tuple(fields.tags),
                 metadata=fields.metadata,
             )
-            claim = None if key is None else _claim(request, parts, key, new, form)
-            with parts.in_flight.taken(claim):
-                done = await while_connected(request, service.ingest(parts, new, claim))
+            claim = None if key is None else _claim(request, container, key, new, form)
+            with container.in_flight.taken(claim):
+                done = await while_connected(request, service.ingest(container, new, claim))
     answer = service.answer_of(done) if isinstance(done, Stored) else done
     headers = {"Location": address(answer.location, collection)}
     if answer is done:
@@ -103,14 +103,16 @@ async def create_shape(request: Request, parts: Service, collection: InCollectio
 
 
 @router.get("/shapes", summary="List shapes", responses=documented(*READ_PROBLEMS))
-def list_shapes(listing: Annotated[Listing, Query()], parts: Service, collection: InCollection) -> ShapePage:
+def list_shapes(
+    listing: Annotated[Listing, Query()], container: Service, collection: InCollection
+) -> ShapePage:
     """The stored shapes, oldest first, a page at a time.
 
     A shape that is stored while you page comes on the last page; none is shown twice or left out.
     """
     after = read_cursor(listing.cursor)
     wanted = listing.filtered(collection.number)
-    with parts.database.read() as session:
+    with container.database.read() as session:
         page = service.list_page(session, fingerprint(session), wanted, after=after, limit=listing.limit)
     return ShapePage.of(page)
 
@@ -118,9 +120,9 @@ def list_shapes(listing: Annotated[Listing, Query()], parts: Service, collection
 @router.get(
     "/shapes/{shape_id}", summary="Read a shape", responses=documented("shape-not-found", *READ_PROBLEMS)
 )
-def read_shape(shape_id: ShapeId, parts: Service, collection: InCollection) -> Shape:
+def read_shape(shape_id: ShapeId, container: Service, collection: InCollection) -> Shape:
     """The record of a shape: what it is called, and what was measured on its mesh."""
-    with parts.database.read() as session:
+    with container.database.read() as session:
         return Shape.of(service.get(session, fingerprint(session), collection.number, shape_id))
 
 
@@ -129,9 +131,11 @@ def read_shape(shape_id: ShapeId, parts: Service, collection: InCollection) -> S
     summary="Change a shape",
     responses=documented("bad-request", "shape-not-found", "name-taken", "body-too-large", *WRITE_PROBLEMS),
 )
-def change_shape(shape_id: ShapeId, changes: ShapeChanges, parts: Service, collection: InCollection) -> Shape:
+def change_shape(
+    shape_id: ShapeId, changes: ShapeChanges, container: Service, collection: InCollection
+) -> Shape:
     """Change name, tags or metadata. Each that is given replaces the old one whole."""
-    with parts.database.write() as session:
+    with container.database.write() as session:
         own = fingerprint(session), collection.number, shape_id
         return Shape.of(service.change(session, *own, changes.changes()))
 
@@ -157,7 +161,7 @@ def change_shape(shape_id: ShapeId, changes: ShapeChanges, parts: Service, colle
 async def read_file(
     shape_id: ShapeId,
     request: Request,
-    parts: Service,
+    container: Service,
     collection: InCollection,
     format: Annotated[
         Literal["stl", "obj", "ply", "off", "glb", "3mf"] | None,
@@ -172,7 +176,7 @@ async def read_file(
     known = request.headers.get("If-None-Match")
 
     def read() -> tuple[ShapeRecord, str, str, bytes | None]:
-        with parts.database.read() as session:
+        with container.database.read() as session:
             shape = service.get(session, fingerprint(session), collection.number, shape_id)
             kind = shape.format if format is None else str(format)
             tag = files.entity_tag(shape.sha256 if kind == shape.format else f"{shape.sha256}-{kind}")
@@ -186,8 +190,10 @@ async def read_file(
         return Response(status_code=304, headers={"ETag": tag})
     size = shape.size
     if kind != shape.format:
-        with parts.work.admitted():
-            data = await while_connected(request, exporting.exported(parts, collection.number, shape, kind))
+        with container.work.admitted():
+            data = await while_connected(
+                request, exporting.exported(container, collection.number, shape, kind)
+            )
         size = len(data)
     headers = {
         "Content-Length": str(size),
@@ -211,18 +217,18 @@ async def read_file(
     openapi_extra={"parameters": [IF_MATCH], "requestBody": FILE_BODY},
 )
 async def replace_file(
-    shape_id: ShapeId, request: Request, response: Response, parts: Service, collection: InCollection
+    shape_id: ShapeId, request: Request, response: Response, container: Service, collection: InCollection
 ) -> Shape:
     """Read another file and embed its mesh; the shape's id, name, tags and metadata stay."""
-    settings = parts.settings
+    settings = container.settings
     async with uploaded(request, max_bytes=settings.max_upload_bytes, max_fields=1) as form:
         if form.fields:
             raise BadRequestFieldsError(*(FieldFault(name, "not taken here") for name in form.fields))
         mesh_format = format_of(form.filename)
-        with parts.work.admitted():
+        with container.work.admitted():
             file = NewFile(await form.bytes(), mesh_format)
             if_match = request.headers.get("If-Match")
-            work = replacing.replace_file(parts, collection.number, shape_id, file, if_match)
+            work = replacing.replace_file(container, collection.number, shape_id, file, if_match)
             record = await while_connected(request, work)
     response.headers["ETag"] = files.entity_tag(record.sha256)
     return Shape.of(record)
@@ -244,7 +250,7 @@ async def replace_file(
 )
 def read_embedding(
     shape_id: ShapeId,
-    parts: Service,
+    container: Service,
     collection: InCollection,
     format: Annotated[
         Literal["json", "npz"],
@@ -252,7 +258,7 @@ def read_embedding(
     ] = "json",
 ) -> EmbeddingArrays | Response:
     """What the pipeline in use made of the shape: samples, graph, tree, signature and spectra."""
-    with parts.database.read() as session:
+    with container.database.read() as session:
         embedding = service.get_embedding(session, fingerprint(session), collection.number, shape_id)
     if format == "json":
         return EmbeddingArrays.of(embedding)
@@ -260,13 +266,13 @@ def read_embedding(
     return Response(service.as_npz(embedding), media_type="application/zip", headers=headers)
 
 
-def _claim(request: Request, parts: Service, key: str, new: NewShape, form: Form) -> Claim:
+def _claim(request: Request, container: Service, key: str, new: NewShape, form: Form) -> Claim:
     return Claim(
         collection=new.collection,
         scope=request.scope.get(KEY_IN_SCOPE, ""),
         key=key,
         payload=payload_of(new.sha256, form.filename, form.fields),
-        expires_at=datetime.now(UTC) + timedelta(hours=parts.settings.idempotency_hours),
+        expires_at=datetime.now(UTC) + timedelta(hours=container.settings.idempotency_hours),
     )
 
 

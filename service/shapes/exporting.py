@@ -6,7 +6,7 @@ from core.errors import MeshTooComplexError
 from core.io import write_mesh
 from core.mesh.mesh import Mesh
 from service.collection import CollectionNumber
-from service.container import Parts
+from service.container import Container
 from service.shapes.records import ShapeRecord
 from service.shapes.service import get_file
 
@@ -16,7 +16,9 @@ _FACE = {"obj": 30, "off": 31, "ply": 13, "glb": 12, "stl": 50, "3mf": 58}
 a 3MF is counted as it is before it is packed."""
 
 
-async def exported(parts: Parts, collection: CollectionNumber, shape: ShapeRecord, format: str) -> bytes:
+async def exported(
+    container: Container, collection: CollectionNumber, shape: ShapeRecord, format: str
+) -> bytes:
     """The mesh of a collection's shape, written in a format: what `core.io.write_mesh` keeps of it.
 
     Raises
@@ -28,12 +30,12 @@ async def exported(parts: Parts, collection: CollectionNumber, shape: ShapeRecor
     """
 
     def read() -> bytes:
-        with parts.database.read() as session:
+        with container.database.read() as session:
             return get_file(session, collection, shape.id)
 
-    mesh = await parts.work.read(await run_in_threadpool(read), shape.format)
-    check_size(mesh, format, parts.settings.max_upload_bytes)
-    return await parts.work.do(write_mesh, mesh, format)
+    mesh = await container.work.read(await run_in_threadpool(read), shape.format)
+    check_size(mesh, format, container.settings.max_upload_bytes)
+    return await container.work.do(write_mesh, mesh, format)
 
 
 def check_size(mesh: Mesh, format: str, limit: int) -> None:

@@ -5,7 +5,7 @@ from starlette.concurrency import run_in_threadpool
 from core.pipeline import Pipeline
 from service.collection import CollectionNumber
 from service.compute.tasks import Embedded
-from service.container import Parts
+from service.container import Container
 from service.errors import FileChangedError, NameTakenError
 from service.shapes import repository
 from service.shapes.files import entity_tag, is_known
@@ -15,7 +15,7 @@ from service.storage.database import Database
 
 
 async def replace_file(
-    parts: Parts, collection: CollectionNumber, shape_id: str, file: NewFile, if_match: str | None
+    container: Container, collection: CollectionNumber, shape_id: str, file: NewFile, if_match: str | None
 ) -> ShapeRecord:
     """Have a collection's shape be of another file; id, name, tags and metadata stay.
 
@@ -32,21 +32,21 @@ async def replace_file(
         Another shape of the collection has the name and the new file.
     """
     while True:
-        pipeline, needed = await run_in_threadpool(_look_up, parts, collection, shape_id, file, if_match)
-        embedded = await parts.work.embed(file.data, file.format, pipeline) if needed else None
+        pipeline, needed = await run_in_threadpool(_look_up, container, collection, shape_id, file, if_match)
+        embedded = await container.work.embed(file.data, file.format, pipeline) if needed else None
         replaced = await run_in_threadpool(
-            _replace, parts.database, pipeline.fingerprint, collection, shape_id, file, embedded, if_match
+            _replace, container.database, pipeline.fingerprint, collection, shape_id, file, embedded, if_match
         )
         if replaced is not None:
             return replaced
 
 
 def _look_up(
-    parts: Parts, collection: CollectionNumber, shape_id: str, file: NewFile, if_match: str | None
+    container: Container, collection: CollectionNumber, shape_id: str, file: NewFile, if_match: str | None
 ) -> tuple[Pipeline, bool]:
     """The pipeline in use, and whether the file needs to be embedded."""
-    with parts.database.read() as session:
-        pipeline = parts.pipelines.current(session).pipeline
+    with container.database.read() as session:
+        pipeline = container.pipelines.current(session).pipeline
         _check_match(get(session, pipeline.fingerprint, collection, shape_id), if_match)
         return pipeline, not repository.is_embedded(session, pipeline.fingerprint, file.sha256, file.format)
 

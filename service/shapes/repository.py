@@ -15,7 +15,7 @@ from service.shapes.fields import plain_values
 from service.shapes.records import Changes, NewShape, ShapeFilter, ShapeRecord, StoredFile
 from service.storage.columns import UtcDateTime
 from service.storage.database import ReadSession, WriteSession
-from service.storage.hnsw import ensure_graph
+from service.storage.hnsw import ensure_hnsw
 from service.storage.revisions import next_revision
 from service.storage.tables import (
     BlobRow,
@@ -216,7 +216,7 @@ def add_embedding(
     beside = {"data": embedded.sketch, "signature": embedded.signature.astype("<f4").tobytes()}
     session.insert(SketchRow, {"embedding_number": number, **beside})
     if latest is None:
-        ensure_graph(session, fingerprint)
+        ensure_hnsw(session, fingerprint)
 
 
 def look_again(session: WriteSession, blob_number: int, format: str, facts: Mapping[str, Any]) -> None:

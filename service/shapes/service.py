@@ -14,11 +14,11 @@ from core.serialization import embedding_from_bytes
 from service.collection import CollectionNumber
 from service.collections import repository as sets
 from service.compute.tasks import Embedded
-from service.container import Parts
+from service.container import Container
 from service.errors import NameTakenError, NotEmbeddedError, ShapeNotFoundError
 from service.http.idempotency import repository as idempotency
 from service.http.idempotency.records import Claim, Kept
-from service.observability.timings import Stages
+from service.observability.timings import Timings
 from service.pipelines.active import fingerprint as active_fingerprint
 from service.shapes import repository
 from service.shapes.records import (
@@ -36,7 +36,7 @@ from service.storage.database import Database, ReadSession, WriteSession
 
 
 async def ingest(
-    parts: Parts,
+    container: Container,
     new: NewShape,
     claim: Claim | None = None,
     also: Callable[[WriteSession, Stored], object] | None = None,
@@ -55,24 +55,24 @@ async def ingest(
     IdempotencyKeyReusedError
         The claim's key has come with another payload before.
     """
-    stages = Stages()
+    timings = Timings()
     if claim is not None:
-        kept = await run_in_threadpool(_answer_to, parts.database, claim)
+        kept = await run_in_threadpool(_answer_to, container.database, claim)
         if kept is not None:
             return kept
     while True:
-        pipeline, present, needed = await run_in_threadpool(_look_up, parts, new)
+        pipeline, present, needed = await run_in_threadpool(_look_up, container, new)
         if present is not None and not needed and claim is None and also is None:
             return Stored(present, created=False)
-        embedded = await parts.work.embed(new.data, new.format, pipeline) if needed else None
-        with stages.stage("store"):
+        embedded = await container.work.embed(new.data, new.format, pipeline) if needed else None
+        with timings.stage("store"):
             stored = await run_in_threadpool(
-                _store, parts.database, pipeline.fingerprint, new, embedded, claim, also
+                _store, container.database, pipeline.fingerprint, new, embedded, claim, also
             )
         if stored is not None:
             break
     made = {} if embedded is None else embedded.milliseconds
-    parts.metrics.stages("upload", {**made, **stages.milliseconds})
+    container.metrics.stages("upload", {**made, **timings.milliseconds})
     return stored
 
 
@@ -153,10 +153,10 @@ def as_npz(embedding: Embedding) -> bytes:
     return buffer.getvalue()
 
 
-def _look_up(parts: Parts, new: NewShape) -> tuple[Pipeline, ShapeRecord | None, bool]:
+def _look_up(container: Container, new: NewShape) -> tuple[Pipeline, ShapeRecord | None, bool]:
     """The pipeline in use, the shape that is there already, and whether the file needs to be embedded."""
-    with parts.database.read() as session:
-        pipeline = parts.pipelines.current(session).pipeline
+    with container.database.read() as session:
+        pipeline = container.pipelines.current(session).pipeline
         present = repository.same(session, pipeline.fingerprint, new)
         needed = not repository.is_embedded(session, pipeline.fingerprint, new.sha256, new.format)
         return pipeline, present, needed

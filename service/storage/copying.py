@@ -18,7 +18,7 @@ from sqlalchemy import Connection, LargeBinary, Row, Table, func, insert, inspec
 from service.errors import ArchiveError
 from service.storage.columns import POSTGRESQL
 from service.storage.database import Database
-from service.storage.hnsw import ensure_graph
+from service.storage.hnsw import ensure_hnsw
 from service.storage.job_tables import JobRow
 from service.storage.migrate import check_known, head, migrate
 from service.storage.tables import ArchiveRow, BlobRow, CollectionRow, EmbeddingRow, PipelineRow, ShapeRow
@@ -92,7 +92,7 @@ def copy_archive(source: Database, target: Database, advance: Advance) -> Copied
             _check_same(copy, table, copied)
             _go_on_counting(origin, copy, table)
         for fingerprint in writing.scalars(select(EmbeddingRow.fingerprint).distinct()).all():
-            ensure_graph(writing, fingerprint)
+            ensure_hnsw(writing, fingerprint)
         if copy.dialect.name == POSTGRESQL:
             # Or queries are planned for empty tables until the server looks at them by itself.
             copy.execute(text("ANALYZE"))

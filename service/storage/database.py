@@ -11,7 +11,7 @@ from sqlalchemy.orm import Session
 from service.errors import StorageFullError, StorageUnavailableError
 from service.observability.metrics import Metrics
 from service.storage.failures import translated
-from service.storage.hnsw_parameters import GraphParameters
+from service.storage.hnsw_parameters import HnswParameters
 from service.storage.lock import ArchiveLock
 from service.storage.postgresql import open_postgresql
 from service.storage.sqlite import WRITES, open_sqlite, path_of, without_references
@@ -29,7 +29,7 @@ class WriteSession(ReadSession):
     that is searched has changed.
     """
 
-    def __init__(self, engine: Engine, graph: GraphParameters) -> None:
+    def __init__(self, engine: Engine, graph: HnswParameters) -> None:
         super().__init__(engine)
         self.graph = graph
         self.revision: int | None = None
@@ -63,7 +63,7 @@ class Database:
         *,
         lock_seconds: float,
         metrics: Metrics | None = None,
-        graph: GraphParameters = GraphParameters(),  # noqa: B008 - it is frozen
+        graph: HnswParameters = HnswParameters(),  # noqa: B008 - it is frozen
     ) -> None:
         self._metrics = metrics or Metrics()
         self._graph = graph

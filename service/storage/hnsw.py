@@ -24,7 +24,7 @@ def has_graphs(session: ReadSession) -> bool:
     return session.get_bind().dialect.name == POSTGRESQL
 
 
-def ensure_graph(session: WriteSession, fingerprint: str) -> bool:
+def ensure_hnsw(session: WriteSession, fingerprint: str) -> bool:
     """Make a pipeline's graph, unless it is there with the session's parameters; whether it was made.
 
     It takes a first signature to know their length: before there is one, nothing is made, nor where there

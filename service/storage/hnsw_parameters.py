@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
-class GraphParameters:
+class HnswParameters:
     """How a graph is made and searched.
 
     Attributes

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from core.descriptors.descriptor_distance import Apart, apart
+from core.descriptors.descriptor_distance import DescriptorDistance, descriptor_distance
 from core.embedding import Embedding, Scores
 from core.errors import CoreError
 from core.io import DEFAULT_LIMITS, format_of
@@ -57,7 +57,7 @@ class PairScores:
     sim: Floats
     combined: Floats
     signatures: NDArray[np.float32]
-    apart: Floats
+    descriptor_distance: Floats
     part: NDArray[np.bool_]
 
 
@@ -96,7 +96,7 @@ def score_pairs(
         sim=np.eye(n),
         combined=np.zeros((n, n)),
         signatures=np.stack([embedding.signature for embedding in embeddings]),
-        apart=np.zeros((n, n)),
+        descriptor_distance=np.zeros((n, n)),
         part=np.zeros((n, n), dtype=bool),
     )
     with TemporaryDirectory() as folder:
@@ -108,12 +108,14 @@ def score_pairs(
                 matrix = getattr(scores, name)
                 matrix[i, i + 1 :] = matrix[i + 1 :, i] = getattr(row, name)
             if between is not None:
-                scores.apart[i, i + 1 :] = scores.apart[i + 1 :, i] = between.distance
+                scores.descriptor_distance[i, i + 1 :] = scores.descriptor_distance[i + 1 :, i] = (
+                    between.distance
+                )
                 scores.part[i, i + 1 :] = scores.part[i + 1 :, i] = between.part
             done(n - 1 - i)
-    patches = pipeline.parameters.patches
+    spin_images = pipeline.parameters.patches
     for i, signature in enumerate(scores.signatures):
-        between = Apart(scores.apart[i], scores.part[i]) if patches else None
+        between = DescriptorDistance(scores.descriptor_distance[i], scores.part[i]) if spin_images else None
         scores.combined[i] = pipeline.combined(
             scores.cc[i], scores.sim[i], signature, scores.signatures, between
         )
@@ -146,10 +148,12 @@ def _embed(path: Path) -> Embedding | str:
         return f"{type(error).__name__}: {error}"
 
 
-def _score_row(path: Path, i: int) -> tuple[Scores, Apart | None]:
+def _score_row(path: Path, i: int) -> tuple[Scores, DescriptorDistance | None]:
     own, *others = _load(path)[i:]
     scores = _pipeline.score(own, others)
-    return scores, apart(own.patches, [other.patches for other in others]) if own.patches.size else None
+    return scores, descriptor_distance(
+        own.spin_images, [other.spin_images for other in others]
+    ) if own.spin_images.size else None
 
 
 @lru_cache(maxsize=1)

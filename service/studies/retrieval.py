@@ -50,10 +50,10 @@ def score_rival(
     with worker_pool(DEFAULT, workers) as pool, progress() as bar:
         task = bar.add_task(f"{method}: describing", total=len(files))
         found = describe_files(pool, method, [path for path, _ in files], lambda n: bar.advance(task, n))
-        labels, described = usable(files, found)
-        pairs = len(described) * (len(described) - 1) // 2
+        labels, describe = usable(files, found)
+        pairs = len(describe) * (len(describe) - 1) // 2
         comparing = bar.add_task(f"{method}: comparing pairs", total=pairs)
-        distances = distance_matrix(pool, method, described, lambda n: bar.advance(comparing, n))
+        distances = distance_matrix(pool, method, describe, lambda n: bar.advance(comparing, n))
     return labels, distances
 
 

@@ -27,29 +27,29 @@ async def healthz() -> Health:
 @router.get(
     "/readyz", summary="Can it do its work?", response_model=Readiness, responses=documented("not-ready")
 )
-async def readyz(parts: Service) -> Readiness | Response:
+async def readyz(container: Service) -> Readiness | Response:
     """Asks the database which pipeline it is searched by, and a worker for an answer."""
     faults = []
     try:
-        await run_in_threadpool(parts.database.ping)
-        await run_in_threadpool(_follow, parts)
+        await run_in_threadpool(container.database.ping)
+        await run_in_threadpool(_follow, container)
     except ServiceError as error:
         faults.append(str(error))
-    if not await run_in_threadpool(parts.pool.ready):
+    if not await run_in_threadpool(container.pool.ready):
         faults.append("no worker process is ready yet")
-    if not await run_in_threadpool(parts.readers.ready):
+    if not await run_in_threadpool(container.readers.ready):
         faults.append("no process that reads uploads is ready yet")
-    if not parts.comparing_is_ready.is_set():
+    if not container.comparing_is_ready.is_set():
         faults.append("what compares shapes is not loaded yet")
     if faults:
         return problem_response("not-ready", "; ".join(faults), retry_after=1)
     return Readiness()
 
 
-def _follow(parts: Service) -> None:
+def _follow(container: Service) -> None:
     """Take up the pipeline that the archive is searched by, if this service has it."""
-    with parts.database.read() as session:
-        parts.pipelines.current(session)
+    with container.database.read() as session:
+        container.pipelines.current(session)
 
 
 @router.get(
@@ -58,10 +58,10 @@ def _follow(parts: Service) -> None:
     response_class=PlainTextResponse,
     responses={200: {"description": "Metrics in the text format of Prometheus, or that of OpenMetrics."}},
 )
-def read_metrics(request: Request, parts: Service) -> Response:
+def read_metrics(request: Request, container: Service) -> Response:
     """For Prometheus: requests, stages, the queue, the workers and the database."""
     encode, media_type = choose_encoder(request.headers.get("accept", ""))
-    return Response(encode(parts.metrics.registry), media_type=media_type)
+    return Response(encode(container.metrics.registry), media_type=media_type)
 
 
 @router.get(
@@ -69,7 +69,7 @@ def read_metrics(request: Request, parts: Service) -> Response:
     summary="Which version is it?",
     responses=documented("pipeline-unavailable", "storage-unavailable"),
 )
-def read_version(request: Request, parts: Service) -> Version:
+def read_version(request: Request, container: Service) -> Version:
     """The service's version, and the pipeline that the archive is searched by.
 
     Where the settings name another pipeline, `pending` tells of that one; but not to keys that are limited to
@@ -77,9 +77,9 @@ def read_version(request: Request, parts: Service) -> Version:
     """
     grant: Grant | None = request.scope.get(GRANT_IN_SCOPE)
     limited = grant is not None and grant.collections is not None
-    with parts.database.read() as session:
-        parameters = parts.pipelines.current(session).pipeline.parameters
-        pending = None if limited else parts.pipelines.pending(session)
+    with container.database.read() as session:
+        parameters = container.pipelines.current(session).pipeline.parameters
+        pending = None if limited else container.pipelines.pending(session)
     return Version(
         version=VERSION,
         pipeline=parameters.name,

@@ -23,24 +23,24 @@ class Session(BaseModel):
 
 
 @router.get("/session", summary="What may I do?", responses=documented("unauthorized"))
-async def read_session(request: Request, parts: Service) -> Session:
+async def read_session(request: Request, container: Service) -> Session:
     """Answers without a key too: a page asks it whether to sign in first."""
-    grant = parts.gate.grant(request.headers)
+    grant = container.gate.grant(request.headers)
     if grant is None:
         return Session(access="none", signed_in=False)
     return Session(access=grant.level, signed_in=grant.signed_in)
 
 
 @router.post("/session", summary="Sign in")
-async def begin_session(request: Request, response: Response, parts: Service) -> Session:
+async def begin_session(request: Request, response: Response, container: Service) -> Session:
     """Trade a key, in a header, for a cookie that the page's scripts cannot read; it lasts twelve hours."""
-    grant = parts.gate.grant(request.headers)
+    grant = container.gate.grant(request.headers)
     assert grant is not None
     if grant.digest is None or grant.signed_in:
         return Session(access=grant.level, signed_in=grant.signed_in)
     response.set_cookie(
         COOKIE,
-        parts.gate.sessions.begin(grant),
+        container.gate.sessions.begin(grant),
         max_age=SECONDS,
         httponly=True,
         samesite="strict",
@@ -50,9 +50,9 @@ async def begin_session(request: Request, response: Response, parts: Service) ->
 
 
 @router.delete("/session", status_code=204, summary="Sign out")
-async def end_session(request: Request, response: Response, parts: Service) -> None:
+async def end_session(request: Request, response: Response, container: Service) -> None:
     """End the session, if there is one, and drop its cookie."""
     token = token_in(request.headers)
     if token is not None:
-        parts.gate.sessions.end(token)
+        container.gate.sessions.end(token)
     response.delete_cookie(COOKIE, httponly=True, samesite="strict", secure=request.url.scheme == "https")

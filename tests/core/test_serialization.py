@@ -51,7 +51,7 @@ def embedding(*, samples=12, spectra=2, seed=0):
             )
             for i, name in enumerate(("affinity", "laplace-beltrami")[:spectra])
         ),
-        patches=rng.integers(0, 255, size=(KEYS, WIDTH)).astype(np.uint8),
+        spin_images=rng.integers(0, 255, size=(KEYS, WIDTH)).astype(np.uint8),
     )
 
 

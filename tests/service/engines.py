@@ -35,7 +35,7 @@ timezone = 'Asia/Tokyo'
 """
 _TEMPLATE = "isoshape_template"
 
-_in_use = [SQLITE]
+_active = [SQLITE]
 _databases: dict[Path, str] = {}
 _numbers = count()
 
@@ -43,16 +43,16 @@ _numbers = count()
 @contextmanager
 def using(engine: str) -> Iterator[None]:
     """Have `url_in` name databases of an engine."""
-    before, _in_use[0] = _in_use[0], engine
+    before, _active[0] = _active[0], engine
     try:
         yield
     finally:
-        _in_use[0] = before
+        _active[0] = before
 
 
 def url_in(folder: Path) -> str:
     """The archive in a folder, by the engine in use: of PostgreSQL, a database with empty tables at first."""
-    if _in_use[0] == SQLITE:
+    if _active[0] == SQLITE:
         return f"sqlite:///{folder}/archive.sqlite3"
     if folder not in _databases:
         _databases[folder] = empty_database(migrated=True)

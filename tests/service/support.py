@@ -18,7 +18,7 @@ from core.io import write_mesh
 from core.mesh.mesh import Mesh
 from core.pipeline import Pipeline
 from service.app import create_app
-from service.container import Parts
+from service.container import Container
 from service.settings import Settings
 from tests.service.engines import url_in
 
@@ -28,7 +28,7 @@ class Running:
     """A service that answers, and its insides."""
 
     client: httpx.Client
-    parts: Parts
+    container: Container
     server: uvicorn.Server
 
     def store(self, data: bytes, filename: str = "shape.off", **fields: Any) -> dict[str, Any]:
@@ -80,7 +80,7 @@ def serving(settings: Settings, *, ready: bool = True, key: str | None = None) -
         with httpx.Client(base_url=f"http://127.0.0.1:{port}", headers=headers, timeout=120) as client:
             if ready:
                 wait_until(lambda: client.get("/readyz").status_code == 200, seconds=180)
-            yield Running(client, app.state.parts, server)
+            yield Running(client, app.state.container, server)
     finally:
         server.should_exit = True
         thread.join()

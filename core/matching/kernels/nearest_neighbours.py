@@ -92,9 +92,9 @@ def closest(points: Float32s, members: Int32s, start: int, stop: int, ends: Floa
     found = members[start]
     for place in range(start, stop):
         row = members[place]
-        apart = squared_distance(points, row, ends, end)
-        if apart < least:
-            least = apart
+        descriptor_distance = squared_distance(points, row, ends, end)
+        if descriptor_distance < least:
+            least = descriptor_distance
             found = row
     return int(found)
 

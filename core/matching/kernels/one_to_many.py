@@ -8,7 +8,7 @@ from core.matching.kernels.match_record import Packed, row_at, unpacked
 from core.matching.kernels.pair_matching import Rounds, best_map, match_pair
 from core.numerics.compilation import kernel
 
-SKETCHED = 32
+COARSE_SAMPLES = 32
 """Samples of a sketch."""
 
 
@@ -55,8 +55,10 @@ def match_many(query: Float32s, addresses: Ints, lengths: Ints, rounds: Rounds, 
 
 
 @kernel
-def sift_many(query: Float32s, sketches: NDArray[np.uint8], rounds: Rounds, scores: Float32s) -> None:
-    """Write roughly the CC of one shape and each of c others: see `core.ranking.coarse_ranking.sift`.
+def coarse_rank_many(
+    query: Float32s, coarse_samples: NDArray[np.uint8], rounds: Rounds, scores: Float32s
+) -> None:
+    """Write roughly the CC of one shape and each of c others: see `core.ranking.coarse_ranking.coarse_ranking`.
 
     Parameters
     ----------
@@ -73,13 +75,13 @@ def sift_many(query: Float32s, sketches: NDArray[np.uint8], rounds: Rounds, scor
     blocks, dimensions, _ = x.searched.shape
     k = columns // blocks
     rotation = np.empty((columns, columns), dtype=np.float32)
-    for i in range(len(sketches)):
-        count = int(sketches[i, :4].view(np.int32)[0])
+    for i in range(len(coarse_samples)):
+        count = int(coarse_samples[i, :4].view(np.int32)[0])
         if count == 0:
             scores[i] = -1.0
             continue
-        scales = sketches[i, 4 : 4 + 4 * columns].view(np.float32)
-        whole = sketches[i, 4 + 4 * columns :].view(np.int8)
+        scales = coarse_samples[i, 4 : 4 + 4 * columns].view(np.float32)
+        whole = coarse_samples[i, 4 + 4 * columns :].view(np.int8)
         points = np.empty((count, columns), dtype=np.float32)
         for j in range(count):
             for c in range(columns):

@@ -203,16 +203,16 @@ def _effective_share(
     for i in range(m):
         if taken[matches[i]]:
             continue
-        apart = np.float32(0.0)
+        descriptor_distance = np.float32(0.0)
         for c in range(k):
             total = np.int32(0)
             for j in range(m):
                 total = np.int32(total + np.int32(np.int32(warp[i, j]) * np.int32(block[c, j])))
             step = np.float32(total) * np.float32(1.0 / ONE) - np.float32(block[c, i])
-            apart += step * step
-            if apart > limit:
+            descriptor_distance += step * step
+            if descriptor_distance > limit:
                 break
-        if apart <= limit:
+        if descriptor_distance <= limit:
             taken[matches[i]] = True
             share += 1.0
     return share / min(m, count)
@@ -280,16 +280,16 @@ def score_pairs(
         one = np.float32(0.0)
         other = np.float32(0.0)
         both = np.float32(0.0)
-        apart = np.float32(0.0)
+        descriptor_distance = np.float32(0.0)
         for c in range(low, low + k):
             one += products[0, c] - sums[0, c] * sums[0, c] * share
             other += products[1, c] - sums[1, c] * sums[1, c] * share
             both += products[2, c] - sums[0, c] * sums[1, c] * share
-            apart += steps[c]
+            descriptor_distance += steps[c]
         size = math.sqrt(max(0.0, float(one * other)))
         if size > 0.0:
             scores[0] += max(-1.0, min(1.0, float(both) / size)) / blocks
-        scores[1] += math.sqrt(apart) / (m + n) / blocks
+        scores[1] += math.sqrt(descriptor_distance) / (m + n) / blocks
         gamma = effective * 0.5 * (x.radius[block] + y.radius[block])
         scores[2] += 0.5 * _effective_share(x.warp[block], partners, there, low, k, gamma, n) / blocks
         scores[2] += 0.5 * _effective_share(y.warp[block], sources, back, low, k, gamma, m) / blocks

@@ -122,7 +122,7 @@ def sorted_regions(regions: Int32s, offsets: Int32s, members: Int32s) -> bool:
 
 
 @kernel
-def screen_many(
+def rerank_many(
     query: Float32s, blocks: Ints, regions: Ints, counts: Ints, search: Ints, rounds: Rounds, scores: Float32s
 ) -> None:
     """Write CC of one shape and each of c others, whose splines are flat.

@@ -3,4 +3,4 @@
 A mesh in, samples by every method and their measures out.
 """
 
-__all__ = ["evidence", "robustness", "study", "surface", "trials"]
+__all__ = ["measures", "robustness", "study", "surface", "trials"]

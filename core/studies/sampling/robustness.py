@@ -12,7 +12,7 @@ from core.arrays import Floats, Ints
 from core.mesh.mesh import Mesh
 from core.sampling.farthest_point import farthest_points
 from core.sampling.sampling import keyed_uniform
-from core.studies.sampling.evidence import distance_histogram, region_shares, total_variation
+from core.studies.sampling.measures import distance_histogram, region_shares, total_variation
 from core.studies.sampling.surface import METHODS, Method, Surface
 
 DELTAS = (0.0015, 0.005, 0.01)

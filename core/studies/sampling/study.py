@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from core.arrays import Floats
-from core.studies.sampling.evidence import distance_histogram
+from core.studies.sampling.measures import distance_histogram
 from core.studies.sampling.robustness import (
     DELTAS,
     ROBUST_TAU,
@@ -32,7 +32,7 @@ from core.studies.sampling.trials import (
 
 
 @dataclass(frozen=True)
-class ShapeEvidence:
+class ShapeMeasures:
     """All trials on one shape.
 
     Attributes
@@ -61,7 +61,7 @@ class ShapeEvidence:
 
 
 @dataclass(frozen=True)
-class PoseEvidence:
+class PoseMeasures:
     """Of one body in one pose: its histograms by method, at `ROBUST_TAU`."""
 
     name: str
@@ -72,15 +72,15 @@ class PoseEvidence:
 class Study:
     """Several shapes, and several poses of one body."""
 
-    shapes: tuple[ShapeEvidence, ...]
-    poses: tuple[PoseEvidence, ...]
+    shapes: tuple[ShapeMeasures, ...]
+    poses: tuple[PoseMeasures, ...]
 
 
-def study_shape(name: str, surface: Surface) -> ShapeEvidence:
+def study_shape(name: str, surface: Surface) -> ShapeMeasures:
     """Every trial on one surface. It takes some seconds: distances of all pairs, clean and under noise."""
     chosen = select_all(surface, sorted({COMPARED_TAU, ROBUST_TAU, *TAUS, *CURVE_TAUS}))
     robust = {method: samples[ROBUST_TAU] for method, samples in chosen.items()}
-    return ShapeEvidence(
+    return ShapeMeasures(
         name=name,
         vertices=len(surface.mesh.vertices),
         fit_errors=fit_errors(surface),
@@ -95,13 +95,13 @@ def study_shape(name: str, surface: Surface) -> ShapeEvidence:
     )
 
 
-def study_pose(name: str, surface: Surface) -> PoseEvidence:
+def study_pose(name: str, surface: Surface) -> PoseMeasures:
     """The trial of poses on one of them."""
     found = robust_histograms(surface)
-    return PoseEvidence(name, {method: plain(histogram) for method, histogram in found.items()})
+    return PoseMeasures(name, {method: plain(histogram) for method, histogram in found.items()})
 
 
-def variations(shapes: Sequence[ShapeEvidence | PoseEvidence], method: str) -> Floats:
+def variations(shapes: Sequence[ShapeMeasures | PoseMeasures], method: str) -> Floats:
     """Total variation distance between the histograms of all pairs, shape (s (s - 1) / 2,)."""
     return pair_variations(
         [{name: np.array(shares) for name, shares in shape.robust_histograms.items()} for shape in shapes],

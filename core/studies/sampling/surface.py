@@ -17,10 +17,16 @@ from core.pipeline import Pipeline
 from core.sampling.farthest_point import farthest_points
 from core.sampling.lewis_weights import lewis_weights
 from core.sampling.poisson_disk import poisson_disk_of
-from core.sampling.sampling import covering, draw_scale, keyed_uniform, random_draw, sort_and_cut
+from core.sampling.sampling import (
+    draw_scale,
+    keyed_uniform,
+    random_draw,
+    sort_and_cut,
+    weighted_farthest_points,
+)
 from core.spectral.laplace_beltrami import laplacian
 
-EVIDENCE: Parameters = replace(DEFAULT, name="sampling evidence", decimate_above=4000, decimate_to=3000)
+MEASURED: Parameters = replace(DEFAULT, name="sampling evidence", decimate_above=4000, decimate_to=3000)
 """The default's way to a surface; larger meshes are simplified, since distances of all pairs are wanted."""
 
 Way = Literal["cut", "draw", "covering", "poisson-disk", "farthest-point"]
@@ -76,7 +82,7 @@ class Surface:
         DegenerateMeshError
             The mesh has no area.
         """
-        normal, cleaned, frame = Pipeline(EVIDENCE).normalise(mesh)
+        normal, cleaned, frame = Pipeline(MEASURED).normalise(mesh)
         return cls(normal, cleaned.mesh, frame)
 
     @cached_property
@@ -106,12 +112,12 @@ class Surface:
 
     @cached_property
     def _weights(self) -> dict[bool, Floats]:
-        points, key = self.mesh.vertices, EVIDENCE.seed + 1
+        points, key = self.mesh.vertices, MEASURED.seed + 1
         return {
             printed: lewis_weights(
                 points,
-                degree=EVIDENCE.degree,
-                epsilon=EVIDENCE.epsilon,
+                degree=MEASURED.degree,
+                epsilon=MEASURED.epsilon,
                 normalise=not printed,
                 random=keyed_uniform(points, key),
             ).weights
@@ -120,7 +126,7 @@ class Surface:
 
     @cached_property
     def _uniform(self) -> Floats:
-        return keyed_uniform(self.mesh.vertices, EVIDENCE.seed)
+        return keyed_uniform(self.mesh.vertices, MEASURED.seed)
 
     def select(self, method: Method, count: int) -> Ints:
         """The vertices that a method takes, shape (count,); a random one draws the same again each time."""
@@ -132,7 +138,7 @@ class Surface:
                 return random_draw(self._weights[method.printed], count, self._uniform)
             case "covering":
                 weights = self._weights[method.printed]
-                return covering(self.graph, points, weights, count, EVIDENCE.coverage_power)
+                return weighted_farthest_points(self.graph, points, weights, count, MEASURED.coverage_power)
             case "poisson-disk":
                 return poisson_disk_of(self.distances, count, np.argsort(self._uniform))[0]
             case "farthest-point":

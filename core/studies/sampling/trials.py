@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from core.arrays import Floats, Ints
-from core.studies.sampling.evidence import (
+from core.studies.sampling.measures import (
     distance_histogram,
     fit_residuals,
     largest_variation,
@@ -16,7 +16,7 @@ from core.studies.sampling.evidence import (
     spread,
     total_variation,
 )
-from core.studies.sampling.surface import EVIDENCE, METHODS, Method, Surface
+from core.studies.sampling.surface import MEASURED, METHODS, Method, Surface
 
 DEGREES = (4, 5, 6)
 TAUS = (0.1, 0.2, 0.5)
@@ -109,7 +109,7 @@ def quality(surface: Surface, method: Method, samples: Mapping[float, Ints]) -> 
         mean_spacing=laid.mean_spacing,
         evenness=laid.evenness,
         histogram=plain(distance_histogram(surface.between(chosen))),
-        fit_error=root_mean_square(sampled_fit_residuals(points, chosen, EVIDENCE.degree, probability)),
+        fit_error=root_mean_square(sampled_fit_residuals(points, chosen, MEASURED.degree, probability)),
         rebuilt_errors=tuple(
             rebuilt_error(surface.stiffness, areas, points, samples[tau]) for tau in CURVE_TAUS
         ),

@@ -16,7 +16,7 @@ from core.errors import ParameterError
 from core.evaluation.calibration import Collection
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
-from core.ranking.class_probability import patch_evidence
+from core.ranking.class_probability import spin_image_features
 from service.cli.options import Workers
 from service.console import fail, output, progress, say
 from service.datasets import read_collection
@@ -70,7 +70,7 @@ def command(
         short += len(files) - len(labels)
         names.append(folder.resolve().name)
         complete = ~scores.part if scores.part.any() else None
-        collections.append(Collection(tuple(labels), _evidence(scores), complete))
+        collections.append(Collection(tuple(labels), _features(scores), complete))
     _check([collection.labels for collection in collections], "")
     incomplete = [_incomplete(files, workers or default_workers()) for files in sampled]
     try:
@@ -87,11 +87,11 @@ def command(
         fail(f"{short} files could not be used")
 
 
-def _evidence(scores: PairScores) -> Floats:
+def _features(scores: PairScores) -> Floats:
     pipeline = Pipeline(DEFAULT)
     rows = zip(scores.cc, scores.sim, scores.signatures, strict=True)
-    whole = np.stack([pipeline.evidence(cc, sim, own, scores.signatures) for cc, sim, own in rows])
-    return patch_evidence(whole, scores.apart)
+    whole = np.stack([pipeline.features(cc, sim, own, scores.signatures) for cc, sim, own in rows])
+    return spin_image_features(whole, scores.descriptor_distance)
 
 
 def _incomplete(files: list[tuple[Path, str]], workers: int) -> list[Collection]:

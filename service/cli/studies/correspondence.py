@@ -11,7 +11,7 @@ from rich.table import Table
 
 from core.gallery import CLASSES
 from core.parameters import DEFAULT
-from core.studies.correspondence import MOST_ERROR, BodyEvidence, study_body
+from core.studies.correspondence import MOST_ERROR, BodyErrors, study_body
 from service.cli.options import Workers
 from service.console import fail, output, progress
 from service.studies.pairwise_scores import default_workers, worker_pool
@@ -53,7 +53,7 @@ def command(
         fail(f"the mean error is above {MOST_ERROR} for {', '.join(over)}")
 
 
-def _study(labels: list[str], bodies: int, poses: int, workers: int, *, remeshed: bool) -> list[BodyEvidence]:
+def _study(labels: list[str], bodies: int, poses: int, workers: int, *, remeshed: bool) -> list[BodyErrors]:
     wanted = [(label, body) for label in labels for body in range(bodies)]
     with worker_pool(DEFAULT, workers) as pool, progress() as bar:
         task = bar.add_task("matching poses", total=len(wanted))
@@ -66,11 +66,11 @@ def _study(labels: list[str], bodies: int, poses: int, workers: int, *, remeshed
         return [future.result() for future in futures]
 
 
-def _mean(studies: list[BodyEvidence]) -> float:
+def _mean(studies: list[BodyErrors]) -> float:
     return sum(study.vertices for study in studies) / len(studies)
 
 
-def _object(by_class: dict[str, list[BodyEvidence]]) -> dict[str, object]:
+def _object(by_class: dict[str, list[BodyErrors]]) -> dict[str, object]:
     return {
         "most_error": MOST_ERROR,
         "mean": sum(map(_mean, by_class.values())) / len(by_class),
@@ -81,7 +81,7 @@ def _object(by_class: dict[str, list[BodyEvidence]]) -> dict[str, object]:
     }
 
 
-def _table(by_class: dict[str, list[BodyEvidence]], poses: int) -> Table:
+def _table(by_class: dict[str, list[BodyErrors]], poses: int) -> Table:
     table = Table(
         title=f"geodesic error / root of the area, {poses} poses of each body matched two by two",
         box=box.SIMPLE_HEAD,

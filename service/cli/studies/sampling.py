@@ -19,8 +19,8 @@ from core.gallery.one_body import make_person
 from core.io import READABLE, format_of, read_mesh
 from core.mesh.mesh import Mesh
 from core.studies.sampling.robustness import DELTAS, ROBUST_TAU
-from core.studies.sampling.study import PoseEvidence, ShapeEvidence, Study, study_pose, study_shape
-from core.studies.sampling.surface import EVIDENCE, Surface
+from core.studies.sampling.study import PoseMeasures, ShapeMeasures, Study, study_pose, study_shape
+from core.studies.sampling.surface import MEASURED, Surface
 from core.studies.sampling.trials import COMPARED_TAU, CURVE_TAUS, DEGREES, TAUS
 from service.console import fail, output, progress, say
 from service.datasets import find_meshes
@@ -53,7 +53,7 @@ def command(
     takes about ten seconds.
     """
     shapes, bodies = _shapes(paths or []), _poses(paths or [], poses or [])
-    found: list[ShapeEvidence] = []
+    found: list[ShapeMeasures] = []
     unusable = 0
     drawn: tuple[str, Surface] | None = None
     with threadpool_limits(limits=1), progress() as bar:
@@ -71,12 +71,12 @@ def command(
             bar.advance(task)
         if drawn is None:
             fail("no file could be used")
-        standing: list[tuple[PoseEvidence, Surface]] = []
+        standing: list[tuple[PoseMeasures, Surface]] = []
         for name, read in bodies:
             surface = Surface.of(read())
             standing.append((study_pose(name, surface), surface))
             bar.advance(task)
-        study = Study(tuple(found), tuple(evidence for evidence, _ in standing))
+        study = Study(tuple(found), tuple(measures for measures, _ in standing))
         tables = all_tables(study)
         if out is not None:
             text = page(
@@ -134,7 +134,7 @@ def _object(study: Study) -> dict[str, object]:
         "robust_tau": ROBUST_TAU,
         "deltas": DELTAS,
         "parameters": {
-            name: getattr(EVIDENCE, name) for name in ("degree", "epsilon", "coverage_power", "seed")
+            name: getattr(MEASURED, name) for name in ("degree", "epsilon", "coverage_power", "seed")
         },
         **asdict(study),
     }

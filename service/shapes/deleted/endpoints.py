@@ -37,14 +37,14 @@ class Listing(NamedInAddress):
     summary="Delete a shape",
     responses=documented("shape-not-found", *WRITE_PROBLEMS),
 )
-def delete_shape(shape_id: ShapeId, parts: Service, collection: InCollection) -> None:
+def delete_shape(shape_id: ShapeId, container: Service, collection: InCollection) -> None:
     """Delete the record, and its file and embedding unless another shape has the same bytes.
 
     It can be restored for as long as the service is set to keep what was deleted.
     """
-    with parts.database.write() as session:
+    with container.database.write() as session:
         own = fingerprint(session), collection.number, shape_id
-        service.delete(session, *own, parts.settings.undo_time)
+        service.delete(session, *own, container.settings.undo_time)
 
 
 @router.post(
@@ -59,21 +59,21 @@ def delete_shape(shape_id: ShapeId, parts: Service, collection: InCollection) ->
     ),
 )
 async def restore_shape(
-    shape_id: ShapeId, request: Request, parts: Service, collection: InCollection
+    shape_id: ShapeId, request: Request, container: Service, collection: InCollection
 ) -> Shape:
     """Undo a deletion: the shape has its id, name, tags and metadata again, and is listed last."""
-    with parts.work.admitted():
-        work = service.restore(parts, collection.number, shape_id)
+    with container.work.admitted():
+        work = service.restore(container, collection.number, shape_id)
         return Shape.of(await while_connected(request, work))
 
 
 @router.get("/deleted", summary="List deleted shapes", responses=documented(*READ_PROBLEMS))
 def list_deleted(
-    listing: Annotated[Listing, Query()], parts: Service, collection: InCollection
+    listing: Annotated[Listing, Query()], container: Service, collection: InCollection
 ) -> DeletedShapePage:
     """The shapes that can be restored, those deleted first before the others, a page at a time."""
-    after, keep = read_cursor(listing.cursor), parts.settings.undo_time
-    with parts.database.read() as session:
+    after, keep = read_cursor(listing.cursor), container.settings.undo_time
+    with container.database.read() as session:
         page = service.list_page(session, collection.number, keep, after=after, limit=listing.limit)
     return DeletedShapePage.of(page, keep)
 
@@ -84,7 +84,7 @@ def list_deleted(
     summary="Purge a deleted shape",
     responses=documented("shape-not-found", *WRITE_PROBLEMS),
 )
-def purge_shape(shape_id: ShapeId, parts: Service, collection: InCollection) -> None:
+def purge_shape(shape_id: ShapeId, container: Service, collection: InCollection) -> None:
     """Forget a deleted shape and its file now, for good."""
-    with parts.database.write() as session:
-        service.purge(session, collection.number, shape_id, parts.settings.undo_time)
+    with container.database.write() as session:
+        service.purge(session, collection.number, shape_id, container.settings.undo_time)

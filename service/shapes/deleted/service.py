@@ -6,7 +6,7 @@ from datetime import UTC, datetime, timedelta
 from starlette.concurrency import run_in_threadpool
 
 from service.collection import CollectionNumber
-from service.container import Parts
+from service.container import Container
 from service.errors import NameTakenError, ServiceError, ShapeNotFoundError
 from service.observability.logging import get_logger
 from service.shapes import service as shapes_service
@@ -59,7 +59,7 @@ def get(session: ReadSession, collection: CollectionNumber, shape_id: str, keep:
     return record
 
 
-async def restore(parts: Parts, collection: CollectionNumber, shape_id: str) -> ShapeRecord:
+async def restore(container: Container, collection: CollectionNumber, shape_id: str) -> ShapeRecord:
     """Store a collection's deleted shape again, under its id.
 
     Its file is embedded anew unless another shape has it.
@@ -69,10 +69,10 @@ async def restore(parts: Parts, collection: CollectionNumber, shape_id: str) -> 
     NameTakenError
         The same bytes have been stored under its name meanwhile.
     """
-    keep = parts.settings.undo_time
+    keep = container.settings.undo_time
 
     def read() -> tuple[DeletedRecord, bytes]:
-        with parts.database.read() as session:
+        with container.database.read() as session:
             record = get(session, collection, shape_id, keep)
             return record, repository.data_of(session, record.number) or b""
 
@@ -94,7 +94,7 @@ async def restore(parts: Parts, collection: CollectionNumber, shape_id: str) -> 
         if not stored.created:
             raise NameTakenError(f"the same file was stored as {record.name!r} again: {stored.shape.id}")
 
-    done = await shapes_service.ingest(parts, new, also=undone)
+    done = await shapes_service.ingest(container, new, also=undone)
     assert isinstance(done, Stored)
     return done.shape
 
@@ -114,11 +114,11 @@ def purge_old(database: Database, keep: timedelta) -> None:
         repository.remove_until(session, moment)
 
 
-async def keep_purging(parts: Parts) -> None:
+async def keep_purging(container: Container) -> None:
     """Forget those whose time has passed, now and every ten minutes, until cancelled."""
     while True:
         try:
-            await run_in_threadpool(purge_old, parts.database, parts.settings.undo_time)
+            await run_in_threadpool(purge_old, container.database, container.settings.undo_time)
         except ServiceError as error:
             log.warning("deleted shapes were not purged: %s", error)
         await asyncio.sleep(PURGE_SECONDS)

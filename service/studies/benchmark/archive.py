@@ -13,7 +13,7 @@ from core.arrays import Float32s
 from core.embedding import Embedding, Spectrum
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
-from core.ranking.coarse_ranking import sketch_of
+from core.ranking.coarse_ranking import coarse_samples
 from core.serialization import embedding_to_bytes
 from service.collection import DEFAULT_COLLECTION
 from service.pipelines.active import Pipelines
@@ -117,7 +117,7 @@ def _rows(source: Sequence[Original], numbers: range) -> Iterator[tuple[dict[str
             },
             {
                 "embedding_number": number + 1,
-                "data": sketch_of(embedding).tobytes(),
+                "data": coarse_samples(embedding).tobytes(),
                 "signature": embedding.signature.astype("<f4").tobytes(),
             },
         )

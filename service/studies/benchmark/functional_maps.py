@@ -50,11 +50,11 @@ def functional_maps() -> Peer:
         start = perf_counter()
         model = FunctionalMapping(first, second)
         model.preprocess(k_process=SPECTRUM)
-        described = perf_counter()
+        describe = perf_counter()
         model.fit()
         fitted = perf_counter()
         model.zoomout_refine()
         refined = perf_counter()
-        return {"descriptors": described - start, "fit": fitted - described, "refine": refined - fitted}
+        return {"descriptors": describe - start, "fit": fitted - describe, "refine": refined - fitted}
 
     return Peer(spectrum, match)

@@ -18,8 +18,8 @@ from core.matching.procrustes import Matched, matched, pack
 from core.mesh.mesh import Mesh
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
-from core.ranking.coarse_ranking import sift, sketch_of
-from core.ranking.reranking import screen
+from core.ranking.coarse_ranking import coarse_ranking, coarse_samples
+from core.ranking.reranking import rerank
 from core.serialization import embedding_from_bytes, embedding_to_bytes, points_from_bytes
 from service.studies.benchmark.archive import shaken
 from service.studies.benchmark.functional_maps import Peer
@@ -115,15 +115,15 @@ class _Pair:
         self._row = row_of(query, DEFAULT)
         self._rows = [row_of(copy, DEFAULT) for copy in copies]
         self._points = [points_from_bytes(embedding_to_bytes(copy)) for copy in copies]
-        self._sketches = np.stack([sketch_of(copy) for copy in copies])
+        self._coarse_samples = np.stack([coarse_samples(copy) for copy in copies])
         self._records = [embedding_to_bytes(embedding) for embedding in self._embeddings]
 
     def ours(self) -> dict[str, float]:
         """Seconds of one match among many, by `score`, and by part from records."""
         query, candidate = self._embeddings
         _, many = _seconds(lambda: match_rows(self._row, self._rows, DEFAULT))
-        _, screened = _seconds(lambda: screen(self._row, self._points, DEFAULT))
-        _, sifted = _seconds(lambda: sift(self._row, self._sketches, DEFAULT))
+        _, screened = _seconds(lambda: rerank(self._row, self._points, DEFAULT))
+        _, sifted = _seconds(lambda: coarse_ranking(self._row, self._coarse_samples, DEFAULT))
         _, score = _seconds(lambda: self._method.score(query, [candidate]))
         embeddings, decode = _seconds(lambda: [embedding_from_bytes(record) for record in self._records])
         shapes, packing = _seconds(lambda: [_packed(embedding) for embedding in embeddings])

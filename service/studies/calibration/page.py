@@ -22,7 +22,7 @@ def constants(study: Study) -> str:
     models = {
         "CALIBRATED": study.model,
         "CALIBRATED_PARTS": study.incomplete.model,
-        "WITHOUT_PATCHES": study.without_patches,
+        "WITHOUT_PATCHES": study.without_spin_images,
     }
     return "\n".join(f"{name} = {_constant(model)}" for name, model in models.items())
 

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from core.arrays import Floats
-from core.descriptors.descriptor_distance import apart
+from core.descriptors.descriptor_distance import descriptor_distance
 from core.evaluation.calibration import Collection
-from core.ranking.class_probability import part_evidence
+from core.ranking.class_probability import part_features
 from core.studies.robustness import KINDS, Kind
 from service.studies.robustness.perturbed_queries import Done, Gallery, Told, on_disk, perturbed_query
 
@@ -25,24 +25,26 @@ def part_pairs(pool: Executor, gallery: Gallery, tell: Told, done: Done) -> list
     found = []
     with on_disk(gallery) as stored:
         for kind, amount in LEVELS:
-            evidence, asked = np.zeros((count, count, 1)), np.zeros((count, count), dtype=bool)
-            rows = pool.map(partial(_evidence, stored, kind, amount), gallery.files)
+            features, asked = np.zeros((count, count, 1)), np.zeros((count, count), dtype=bool)
+            rows = pool.map(partial(_features, stored, kind, amount), gallery.files)
             for i, row in enumerate(rows):
                 if isinstance(row, str):
                     tell(f"{gallery.files[i]}, {kind.title} {100 * amount:g} %: {row}")
                 elif row is not None:
-                    evidence[i], asked[i] = row, True
+                    features[i], asked[i] = row, True
                 done(1)
-            found.append(Collection(gallery.labels, evidence, asked))
+            found.append(Collection(gallery.labels, features, asked))
     return found
 
 
-def _evidence(stored: Path, kind: Kind, amount: float, path: Path) -> Floats | str | None:
+def _features(stored: Path, kind: Kind, amount: float, path: Path) -> Floats | str | None:
     """What `combined` reads of a changed file against the gallery, (n, 1); None if it looks complete."""
     asked = perturbed_query(stored, kind, amount, SEED, path)
     if isinstance(asked, str):
         return asked
     signatures = np.stack([embedding.signature for embedding in asked.gallery])
-    whole = asked.pipeline.evidence(asked.scores.cc, asked.scores.sim, asked.query.signature, signatures)
-    between = apart(asked.query.patches, [embedding.patches for embedding in asked.gallery])
-    return part_evidence(whole, between.distance) if between.part.all() else None
+    whole = asked.pipeline.features(asked.scores.cc, asked.scores.sim, asked.query.signature, signatures)
+    between = descriptor_distance(
+        asked.query.spin_images, [embedding.spin_images for embedding in asked.gallery]
+    )
+    return part_features(whole, between.distance) if between.part.all() else None

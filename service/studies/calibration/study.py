@@ -71,7 +71,7 @@ class Study:
     """
 
     model: Calibration
-    without_patches: Calibration
+    without_spin_images: Calibration
     collections: tuple[Judged, ...]
     together: Reliability
     incomplete: Incomplete
@@ -80,7 +80,7 @@ class Study:
         """The object that `--json` prints."""
         return {
             **asdict(self.model),
-            "without_patches": asdict(self.without_patches),
+            "without_patches": asdict(self.without_spin_images),
             "incomplete": {
                 **asdict(self.incomplete.model),
                 "queries": self.incomplete.queries,
@@ -110,32 +110,32 @@ def study(
     ----------
     names : sequence of str
     collections : sequence of Collection
-        One a name, with the evidence of `core.ranking.class_probability.patch_evidence`.
+        One a name, with the evidence of `core.ranking.class_probability.spin_image_features`.
     incomplete : sequence of sequence of Collection
-        Several a name, with that of `core.ranking.class_probability.part_evidence`.
+        Several a name, with that of `core.ranking.class_probability.part_features`.
 
     Raises
     ------
     ParameterError
         Without some class, all pairs are of one kind.
     """
-    chances = leave_class_out(collections)
+    probabilities = leave_class_out(collections)
     return Study(
         model=fit(collections),
-        without_patches=fit([replace(one, evidence=one.evidence[..., :-1]) for one in collections]),
+        without_spin_images=fit([replace(one, features=one.features[..., :-1]) for one in collections]),
         collections=tuple(
             _judged(name, collection, given)
-            for name, collection, given in zip(names, collections, chances, strict=True)
+            for name, collection, given in zip(names, collections, probabilities, strict=True)
         ),
-        together=reliability(collections, chances),
+        together=reliability(collections, probabilities),
         incomplete=_incomplete([one for several in incomplete for one in several]),
     )
 
 
 def _incomplete(collections: Sequence[Collection]) -> Incomplete:
-    chances = leave_class_out(collections)
+    probabilities = leave_class_out(collections)
     right: list[bool] = []
-    for collection, given in zip(collections, chances, strict=True):
+    for collection, given in zip(collections, probabilities, strict=True):
         codes, pairs = collection.codes, collection.both_ways
         asked = np.flatnonzero(pairs.any(axis=1))
         first = np.where(pairs, given, -1.0).argmax(axis=1)
@@ -144,17 +144,17 @@ def _incomplete(collections: Sequence[Collection]) -> Incomplete:
         model=fit(collections),
         queries=len(right),
         nn=float(np.mean(right)),
-        reliability=reliability(collections, chances),
+        reliability=reliability(collections, probabilities),
     )
 
 
-def _judged(name: str, collection: Collection, chances: Floats) -> Judged:
+def _judged(name: str, collection: Collection, probabilities: Floats) -> Judged:
     return Judged(
         name=name,
         shapes=len(collection.labels),
         classes=len(set(collection.labels)),
-        figures=evaluate(chances, collection.labels, larger_is_closer=True),
-        reliability=reliability([collection], [chances]),
+        figures=evaluate(probabilities, collection.labels, larger_is_closer=True),
+        reliability=reliability([collection], [probabilities]),
     )
 
 

@@ -179,8 +179,8 @@ def _query(stored: Path, kind: Kind, amount: float, seed: int, path: Path) -> di
     pipeline, query, gallery = asked.pipeline, asked.query, asked.gallery
     found = {"cc": asked.scores.cc, "combined": pipeline.combined_with(query, gallery, asked.scores)}
     if kind.part:
-        part = query.patches[KEYS:] if is_part(query.patches) else part_of(pipeline.bare(asked.mesh))
-        found["part"] = -part_distances(part, [as_whole(one.patches) for one in gallery])
+        part = query.spin_images[KEYS:] if is_part(query.spin_images) else part_of(pipeline.bare(asked.mesh))
+        found["part"] = -part_distances(part, [as_whole(one.spin_images) for one in gallery])
     return found
 
 

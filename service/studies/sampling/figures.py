@@ -8,9 +8,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from core.arrays import Floats
-from core.studies.sampling.evidence import BINS, distance_histogram, fit_residuals
+from core.studies.sampling.measures import BINS, distance_histogram, fit_residuals
 from core.studies.sampling.robustness import DELTAS, ROBUST_TAU, noisy
-from core.studies.sampling.study import ShapeEvidence
+from core.studies.sampling.study import ShapeMeasures
 from core.studies.sampling.surface import METHODS, OURS, Method, Surface
 from core.studies.sampling.trials import COMPARED_TAU, CURVE_TAUS, DEGREES, TAUS
 from service.studies.sampling.picture import Picture
@@ -28,7 +28,7 @@ _SHOWN = (Method("cut", printed=True), Method("cut"), Method("covering"))
 """What the figures of noise and poses have room for: the paper's selection and the default's."""
 
 
-def fit_figure(surface: Surface, shapes: Sequence[ShapeEvidence]) -> bytes:
+def fit_figure(surface: Surface, shapes: Sequence[ShapeMeasures]) -> bytes:
     """Fig. 2: residuals by degree on one shape, and the error by degree of all."""
     figure = Figure(figsize=(11, 3.8), layout="constrained")
     *panels, chart = figure.subplots(1, len(DEGREES) + 1, width_ratios=[1] * len(DEGREES) + [1.3])
@@ -70,7 +70,7 @@ def ratio_figure(surface: Surface) -> bytes:
     return _png(figure)
 
 
-def methods_figure(surface: Surface, shapes: Sequence[ShapeEvidence]) -> bytes:
+def methods_figure(surface: Surface, shapes: Sequence[ShapeMeasures]) -> bytes:
     """Fig. 3b: all methods with as many samples, their histograms, and the error of the rebuilt surface."""
     figure = Figure(figsize=(10, 10.5), layout="constrained")
     halves = figure.add_gridspec(2, 1, height_ratios=[2, 0.9])

@@ -7,7 +7,7 @@ import numpy as np
 
 from core.arrays import Floats
 from core.studies.sampling.robustness import DELTAS, ROBUST_TAU
-from core.studies.sampling.study import ShapeEvidence, Study, variations
+from core.studies.sampling.study import ShapeMeasures, Study, variations
 from core.studies.sampling.surface import METHODS, OTHERS, OURS, Method
 from core.studies.sampling.trials import COMPARED_TAU, CURVE_TAUS, DEGREES, TAUS
 
@@ -61,7 +61,7 @@ def all_tables(study: Study) -> tuple[TextTable, ...]:
     return tuple(tables)
 
 
-def fit_table(shapes: Sequence[ShapeEvidence]) -> TextTable:
+def fit_table(shapes: Sequence[ShapeMeasures]) -> TextTable:
     """Fig. 2: error of the best fit by degree."""
     errors = np.array([shape.fit_errors for shape in shapes])
     rows = [(shape.name, str(shape.vertices), *_decimals(shape.fit_errors, 4)) for shape in shapes]
@@ -79,7 +79,7 @@ def fit_table(shapes: Sequence[ShapeEvidence]) -> TextTable:
     )
 
 
-def steadiness_table(shapes: Sequence[ShapeEvidence]) -> TextTable:
+def steadiness_table(shapes: Sequence[ShapeMeasures]) -> TextTable:
     """Fig. 3a: histograms by sparse ratio."""
     rows, between = [], []
     for i, method in enumerate(METHODS):
@@ -99,7 +99,7 @@ def steadiness_table(shapes: Sequence[ShapeEvidence]) -> TextTable:
     )
 
 
-def quality_table(shapes: Sequence[ShapeEvidence]) -> TextTable:
+def quality_table(shapes: Sequence[ShapeMeasures]) -> TextTable:
     """Fig. 3b: every method with the same number of samples."""
     rows, gaps = [], []
     for i, method in enumerate(METHODS):
@@ -129,7 +129,7 @@ def quality_table(shapes: Sequence[ShapeEvidence]) -> TextTable:
     )
 
 
-def rebuilt_table(shapes: Sequence[ShapeEvidence]) -> TextTable:
+def rebuilt_table(shapes: Sequence[ShapeMeasures]) -> TextTable:
     """Fig. 3b: error of the surface rebuilt from the samples, and how many of Poisson disk do as well."""
     errors = np.mean([[one.rebuilt_errors for one in shape.quality] for shape in shapes], axis=0)
     reference = errors[METHODS.index(OTHERS[0])]
@@ -151,7 +151,7 @@ def rebuilt_table(shapes: Sequence[ShapeEvidence]) -> TextTable:
     )
 
 
-def noise_table(shapes: Sequence[ShapeEvidence]) -> TextTable:
+def noise_table(shapes: Sequence[ShapeMeasures]) -> TextTable:
     """Fig. 3c: samples with and without noise."""
     rows, overlaps, evens = [], [], []
     for method in METHODS:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from core.descriptors.boundary_ratio import INCOMPLETE, openness
+from core.descriptors.boundary_ratio import INCOMPLETE, boundary_ratio
 from core.gallery import make_shape
 from core.mesh.cleaning import clean, face_areas
 from core.mesh.edges import half_edges
@@ -17,7 +17,7 @@ def open_share(mesh: Mesh) -> float:
     mesh = clean(mesh).mesh
     sides = half_edges(mesh.faces)
     area = face_areas(mesh.vertices, mesh.faces).sum()
-    return openness(mesh, sides, float(area))
+    return boundary_ratio(mesh, sides, float(area))
 
 
 def tube(around: int, height: float) -> Mesh:

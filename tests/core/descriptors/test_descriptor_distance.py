@@ -8,8 +8,8 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from core.descriptors.boundary_ratio import INCOMPLETE
-from core.descriptors.descriptor_distance import ROWS, WIDTH, apart
-from core.descriptors.partial_matching import PATCHES, part_distances
+from core.descriptors.descriptor_distance import ROWS, WIDTH, descriptor_distance
+from core.descriptors.partial_matching import PART_POINTS, part_distances
 from core.descriptors.spin_images import KEYS, LENGTH, between
 from core.embedding import Embedding
 from core.gallery import make_shape
@@ -28,62 +28,62 @@ def embedded(label: str, cut: float = 0.0) -> Embedding:
 
 
 def test_an_incomplete_surface_has_rows_as_a_part_too() -> None:
-    whole, part = embedded("octopus").patches, embedded("octopus", 0.3).patches
+    whole, part = embedded("octopus").spin_images, embedded("octopus", 0.3).spin_images
     assert whole.shape == (KEYS, WIDTH) == (ROWS[False], WIDTH)
-    assert part.shape == (KEYS + PATCHES, WIDTH) == (ROWS[True], WIDTH)
+    assert part.shape == (KEYS + PART_POINTS, WIDTH) == (ROWS[True], WIDTH)
     assert (whole[:, LENGTH:] == 1).all()
 
 
 def test_complete_surfaces_are_as_far_as_the_farther_way() -> None:
-    first, second = embedded("octopus").patches, embedded("cup").patches
-    found = apart(first, [second, first])
+    first, second = embedded("octopus").spin_images, embedded("cup").spin_images
+    found = descriptor_distance(first, [second, first])
     assert_array_equal(found.part, [False, False])
     assert_array_equal(found.distance, [between(first[:, :LENGTH], [second[:, :LENGTH]]).max(), 0.0])
 
 
 def test_a_part_needs_no_partner_for_what_it_lacks() -> None:
-    part, whole = embedded("octopus", 0.3).patches, embedded("octopus").patches
-    found = apart(part, [whole, embedded("cup").patches])
+    part, whole = embedded("octopus", 0.3).spin_images, embedded("octopus").spin_images
+    found = descriptor_distance(part, [whole, embedded("cup").spin_images])
     assert_array_equal(found.part, [True, True])
     assert found.distance[0] == part_distances(part[KEYS:], [whole[:, :LENGTH]])[0]
     assert found.distance[0] < found.distance[1]
 
 
 def test_of_two_parts_either_may_be_in_the_other() -> None:
-    small, large = embedded("octopus", 0.5).patches, embedded("octopus", 0.2).patches
+    small, large = embedded("octopus", 0.5).spin_images, embedded("octopus", 0.2).spin_images
     both = [part_distances(a[KEYS:], [b[:KEYS, :LENGTH]])[0] for a, b in ((small, large), (large, small))]
-    assert apart(small, [large]).distance[0] == min(both) < max(both)
+    assert descriptor_distance(small, [large]).distance[0] == min(both) < max(both)
 
 
 def test_the_distance_is_the_same_both_ways_whatever_others_there_are() -> None:
-    shapes = [embedded(label, cut).patches for label in ("octopus", "cup", "bird") for cut in (0.0, 0.3)]
-    rows = [apart(shape, shapes) for shape in shapes]
+    shapes = [embedded(label, cut).spin_images for label in ("octopus", "cup", "bird") for cut in (0.0, 0.3)]
+    rows = [descriptor_distance(shape, shapes) for shape in shapes]
     distance, part = np.stack([row.distance for row in rows]), np.stack([row.part for row in rows])
     assert_array_equal(distance, distance.T)
     assert_array_equal(part, part.T)
     assert (distance.diagonal() == 0.0).all()
     for i, shape in enumerate(shapes):
         for j, other in enumerate(shapes):
-            assert apart(shape, [other]).distance[0] == distance[i, j]
+            assert descriptor_distance(shape, [other]).distance[0] == distance[i, j]
 
 
 def test_a_soup_of_triangles_is_no_part() -> None:
     soup = PIPELINE.embed(make_soup(make_shape("octopus", 0), 0.02, 0))
     assert soup.facts.boundary_edges > 1000
     assert soup.facts.openness <= INCOMPLETE
-    assert soup.patches.shape == (KEYS, WIDTH)
-    wholes = [embedded(label).patches for label in ("bird", "cup", "octopus", "person")]
-    assert apart(soup.patches, wholes).distance.argmin() == 2
+    assert soup.spin_images.shape == (KEYS, WIDTH)
+    wholes = [embedded(label).spin_images for label in ("bird", "cup", "octopus", "person")]
+    assert descriptor_distance(soup.spin_images, wholes).distance.argmin() == 2
 
 
 def test_the_chance_of_a_part_is_the_same_both_ways_and_its_whole_is_the_likeliest() -> None:
     part = embedded("person", 0.3)
     wholes = [embedded(label) for label in ("bird", "cup", "octopus", "person", "plane", "quadruped")]
-    chances = PIPELINE.combined_with(part, wholes, PIPELINE.score(part, wholes))
-    assert chances.argmax() == 3
-    for whole, chance in zip(wholes, chances, strict=True):
+    probabilities = PIPELINE.combined_with(part, wholes, PIPELINE.score(part, wholes))
+    assert probabilities.argmax() == 3
+    for whole, class_probability in zip(wholes, probabilities, strict=True):
         back = PIPELINE.combined_with(whole, [part], PIPELINE.score(whole, [part]))
-        assert back[0] == pytest.approx(chance, rel=1e-12)
+        assert back[0] == pytest.approx(class_probability, rel=1e-12)
 
 
 def test_a_coarse_mesh_and_a_fine_one_of_the_same_box_are_alike() -> None:
@@ -95,9 +95,11 @@ def test_a_coarse_mesh_and_a_fine_one_of_the_same_box_are_alike() -> None:
     for _ in range(5):
         fine = subdivide(fine, 1.0, 0)
     first, second = PIPELINE.embed(coarse), PIPELINE.embed(fine)
-    assert apart(first.patches, [second.patches]).distance[0] < 0.4
+    assert descriptor_distance(first.spin_images, [second.spin_images]).distance[0] < 0.4
     scores = PIPELINE.score(first, [second])
     assert scores.cc[0] > 0.98
     assert PIPELINE.combined_with(first, [second], scores)[0] > 0.9
     blob = Pipeline(replace(DEFAULT, smooth_refined=False))
-    assert apart(blob.embed(coarse).patches, [blob.embed(fine).patches]).distance[0] > 1.0
+    assert (
+        descriptor_distance(blob.embed(coarse).spin_images, [blob.embed(fine).spin_images]).distance[0] > 1.0
+    )

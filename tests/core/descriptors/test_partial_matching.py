@@ -7,8 +7,8 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from core.arrays import Bytes
-from core.descriptors.partial_matching import AT_ONCE, MISSING, NEAR_RIM, PATCHES, part_distances, part_of
-from core.descriptors.spin_images import BINS, KEYS, LENGTH, RADII, SCALE, patch_count, patches
+from core.descriptors.partial_matching import AT_ONCE, MISSING, NEAR_RIM, PART_POINTS, part_distances, part_of
+from core.descriptors.spin_images import BINS, KEYS, LENGTH, RADII, SCALE, spin_image_count, spin_images
 from core.gallery import make_shape
 from core.gallery.frames import rotation
 from core.mesh.cleaning import clean
@@ -17,7 +17,7 @@ from core.studies.perturbation import cut_part, subdivide
 
 CLASSES = ("bird", "cup", "octopus", "person", "plane", "quadruped")
 WHOLES = {label: make_shape(label, 0) for label in CLASSES}
-KNOWN = [patches(clean(mesh).mesh).bytes for mesh in WHOLES.values()]
+KNOWN = [spin_images(clean(mesh).mesh).bytes for mesh in WHOLES.values()]
 
 
 def part(mesh: Mesh) -> Bytes:
@@ -40,12 +40,12 @@ def plain(rows: Bytes, whole: Bytes) -> float:
     found, start = [], 0
     for missing in MISSING:
         total = balls = 0.0
-        for row in rows[start : start + patch_count(missing)].astype(float):
+        for row in rows[start : start + spin_image_count(missing)].astype(float):
             squares = (whole.astype(float) - row[:LENGTH]) ** 2
             total += min((squares.reshape(KEYS, len(RADII), BINS).sum(axis=2) * row[LENGTH:]).sum(axis=1))
             balls += row[LENGTH:].mean()
         found.append(total / balls / SCALE**2)
-        start += patch_count(missing)
+        start += spin_image_count(missing)
     return min(found)
 
 
@@ -61,8 +61,8 @@ def test_distances_are_those_of_a_search_over_all_pairs_and_hang_on_no_other() -
 def test_balls_that_reach_beyond_the_rim_do_not_count() -> None:
     surface = clean(cut_part(WHOLES["person"], 0.4, 0)).mesh
     counts = part_of(surface)[:, LENGTH:]
-    assert counts.shape == (PATCHES, len(RADII))
-    found, start = patches(surface), 0
+    assert counts.shape == (PART_POINTS, len(RADII))
+    found, start = spin_images(surface), 0
     away = _from_rim(surface, found.points)
     for ball, radius in enumerate(RADII):
         wanted = away > NEAR_RIM * radius * found.unit
@@ -89,7 +89,7 @@ def test_long_open_edges_are_rim_all_along() -> None:
     quads = [(0, 1, 3, 2), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
     faces = np.array([face for a, b, c, d in quads for face in ((a, b, c), (a, c, d))])
     surface = clean(Mesh(corners, faces)).mesh
-    found, counts = patches(surface), part_of(surface)[:KEYS, LENGTH:]
+    found, counts = spin_images(surface), part_of(surface)[:KEYS, LENGTH:]
     away = _from_rim(surface, found.points)
     for ball, radius in enumerate(RADII):
         near = away < 0.8 * NEAR_RIM * radius * found.unit
@@ -103,7 +103,7 @@ def test_a_needle_takes_no_more_memory_than_another_part() -> None:
     rows = part_of(needle)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
-    assert rows.shape == (PATCHES, LENGTH + len(RADII))
+    assert rows.shape == (PART_POINTS, LENGTH + len(RADII))
     assert peak < 50e6
 
 

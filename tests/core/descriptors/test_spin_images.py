@@ -15,7 +15,7 @@ from core.descriptors.spin_images import (
     RADII,
     SCALE,
     between,
-    patches,
+    spin_images,
 )
 from core.gallery import make_shape
 from core.gallery.frames import rotation
@@ -24,7 +24,9 @@ from core.mesh.mesh import Mesh
 from core.sampling.surface_samples import spread
 
 PERSON = clean(make_shape("person", 0)).mesh
-OTHERS = [patches(clean(make_shape(label, 0)).mesh).bytes for label in ("cup", "octopus", "plane", "bird")]
+OTHERS = [
+    spin_images(clean(make_shape(label, 0)).mesh).bytes for label in ("cup", "octopus", "plane", "bird")
+]
 
 
 def plain(surface: Mesh, missing: float, key: int) -> list[float]:
@@ -40,12 +42,12 @@ def plain(surface: Mesh, missing: float, key: int) -> list[float]:
     normal = np.cross(b - a, c - a)
     normal /= np.linalg.norm(normal)
     steps = points - points[place]
-    apart = np.linalg.norm(steps, axis=1)
-    if (steps[apart < max(RADII)] @ normal).sum() > 0.0:
+    descriptor_distance = np.linalg.norm(steps, axis=1)
+    if (steps[descriptor_distance < max(RADII)] @ normal).sum() > 0.0:
         normal = -normal
     counts = []
     for radius in RADII:
-        near = steps[apart < radius]
+        near = steps[descriptor_distance < radius]
         heights = near @ normal
         across = np.sqrt(np.maximum((near**2).sum(axis=1) - heights**2, 0.0))
         edges = np.linspace(0.0, radius, ACROSS + 1), np.linspace(-radius, radius, ALONG + 1)
@@ -56,7 +58,7 @@ def plain(surface: Mesh, missing: float, key: int) -> list[float]:
 
 @pytest.mark.parametrize("missing", [0.0, 0.3])
 def test_patches_are_histograms_of_the_points_nearby(missing: float) -> None:
-    found = patches(PERSON, missing)
+    found = spin_images(PERSON, missing)
     assert found.bytes.shape == (round(KEYS * (1.0 - missing)), LENGTH)
     for key in (0, 17, 60, len(found.bytes) - 1):
         # A point at the edge of two bins may lie in either.
@@ -70,7 +72,7 @@ def slow(first: Bytes, second: Bytes) -> float:
 
 
 def test_distances_are_those_of_a_search_over_all_pairs() -> None:
-    own = patches(PERSON).bytes
+    own = spin_images(PERSON).bytes
     found = between(own, OTHERS)
     for row, other in zip(found, OTHERS, strict=True):
         assert row == pytest.approx([slow(own, other), slow(other, own)], rel=1e-12)
@@ -78,7 +80,7 @@ def test_distances_are_those_of_a_search_over_all_pairs() -> None:
 
 
 def test_a_distance_hangs_on_no_other_and_on_no_order() -> None:
-    own = patches(PERSON).bytes
+    own = spin_images(PERSON).bytes
     many = [OTHERS[i % 4] for i in range(2 * AT_ONCE + 3)]
     found = between(own, many)
     for row, other in zip(found, many, strict=True):
@@ -91,10 +93,10 @@ def moved(vertices: Floats) -> Floats:
 
 
 def test_motion_unit_and_the_side_that_faces_turn_to_change_next_to_nothing() -> None:
-    own = patches(PERSON).bytes
+    own = spin_images(PERSON).bytes
     flipped = PERSON.faces.copy()
     flipped[::3] = flipped[::3, ::-1]
-    assert between(own, [patches(Mesh(moved(PERSON.vertices), PERSON.faces)).bytes]).max() < 0.01
+    assert between(own, [spin_images(Mesh(moved(PERSON.vertices), PERSON.faces)).bytes]).max() < 0.01
     # Points lie elsewhere on faces whose corners come in another order.
-    assert between(own, [patches(Mesh(PERSON.vertices, flipped)).bytes]).max() < 0.2
+    assert between(own, [spin_images(Mesh(PERSON.vertices, flipped)).bytes]).max() < 0.2
     assert between(own, OTHERS).min() > 0.5

@@ -24,11 +24,11 @@ def made(seed, labels):
 def test_a_logistic_is_recovered_from_its_own_chances():
     """Every point stands in both classes, weighed by its chances: the truth is the likeliest model."""
     points = np.random.default_rng(0).normal(loc=[0.0, 5.0], size=(400, 2))
-    chances = TRUE.chance(points)
+    probabilities = TRUE.class_probability(points)
     found = fit_logistic(
         np.concatenate([points, points]),
         np.repeat([True, False], len(points)),
-        np.concatenate([chances, 1.0 - chances]),
+        np.concatenate([probabilities, 1.0 - probabilities]),
     )
     assert found.intercept == pytest.approx(TRUE.intercept, abs=0.02)
     assert found.slopes == pytest.approx(TRUE.slopes, abs=0.005)
@@ -37,7 +37,9 @@ def test_a_logistic_is_recovered_from_its_own_chances():
 def test_a_logistic_is_recovered_from_draws():
     rng = np.random.default_rng(1)
     points = rng.normal(size=(40_000, 2))
-    found = fit_logistic(points, rng.random(len(points)) < TRUE.chance(points), np.ones(len(points)))
+    found = fit_logistic(
+        points, rng.random(len(points)) < TRUE.class_probability(points), np.ones(len(points))
+    )
     assert found.intercept == pytest.approx(TRUE.intercept, abs=0.1)
     assert found.slopes == pytest.approx(TRUE.slopes, abs=0.1)
 
@@ -59,9 +61,9 @@ def test_the_same_as_an_outside_library():
 def test_classes_that_part_perfectly_have_a_fit():
     points = np.array([[-1.0], [-0.9], [0.9], [1.0]])
     found = fit_logistic(points, points[:, 0] < 0.0, np.ones(4))
-    chances = found.chance(points)
-    assert (chances[:2] > 0.99).all()
-    assert (chances[2:] < 0.01).all()
+    probabilities = found.class_probability(points)
+    assert (probabilities[:2] > 0.99).all()
+    assert (probabilities[2:] < 0.01).all()
     assert np.isfinite(found.slopes).all()
 
 
@@ -90,7 +92,7 @@ def test_every_collection_has_the_same_weight_and_every_pair_counts_once():
         n = len(collection.labels)
         for i in range(n):
             for j in range(i):
-                rows.append(collection.evidence[i, j])
+                rows.append(collection.features[i, j])
                 same.append(collection.labels[i] == collection.labels[j])
                 weights.append(2.0 / (n * (n - 1)))
     expected = fit_logistic(np.array(rows), np.array(same), np.array(weights))
@@ -108,23 +110,23 @@ def test_no_class_is_both_fitted_and_judged():
     model = fit([first, second], without="a")
     spoilt = []
     for collection in (first, second):
-        numbers = collection.evidence.copy()
+        numbers = collection.features.copy()
         own = collection.codes == "a"
         numbers[own] += 3.0
         numbers[:, own] += 3.0
         spoilt.append(Collection(collection.labels, numbers))
     assert fit(spoilt, without="A") == model
-    for collection, chances in zip(spoilt, leave_class_out(spoilt), strict=True):
+    for collection, probabilities in zip(spoilt, leave_class_out(spoilt), strict=True):
         own = collection.codes == "a"
-        np.testing.assert_array_equal(chances[own], model.chance(collection.evidence[own]))
+        np.testing.assert_array_equal(probabilities[own], model.class_probability(collection.features[own]))
         other = collection.codes != "a"
-        assert (chances[other] != model.chance(collection.evidence[other])).any()
+        assert (probabilities[other] != model.class_probability(collection.features[other])).any()
 
 
 def test_reliability_by_hand():
     labels = ("a", "a", "b")
-    chances = np.array([[0.5, 0.95, 0.02], [0.95, 0.5, 0.04], [0.02, 0.08, 0.5]])
-    found = reliability([Collection(labels, np.zeros((3, 3, 1)))], [chances])
+    probabilities = np.array([[0.5, 0.95, 0.02], [0.95, 0.5, 0.04], [0.02, 0.08, 0.5]])
+    found = reliability([Collection(labels, np.zeros((3, 3, 1)))], [probabilities])
     assert found.base_rate == pytest.approx(2.0 / 6.0)
     assert found.share[[0, 9]] == pytest.approx([4.0 / 6.0, 2.0 / 6.0])
     assert found.said[[0, 9]] == pytest.approx([0.04, 0.95])
@@ -132,7 +134,7 @@ def test_reliability_by_hand():
     assert (found.share[1:9] == 0.0).all()
     assert found.error == pytest.approx((4.0 * 0.04 + 2.0 * 0.05) / 6.0)
     assert found.error_above(5) == pytest.approx(0.05)
-    assert reliability([Collection(labels, np.zeros((3, 3, 1)))], [0.0 * chances]).error_above(5) == 0.0
+    assert reliability([Collection(labels, np.zeros((3, 3, 1)))], [0.0 * probabilities]).error_above(5) == 0.0
 
 
 def test_collections_weigh_the_same_and_a_chance_of_one_is_in_the_last_bin():
@@ -146,7 +148,7 @@ def test_collections_weigh_the_same_and_a_chance_of_one_is_in_the_last_bin():
 
 def test_classes_alike_in_kind_are_judged_calibrated():
     collections = [made(seed, [c for c in "abcdefgh" for _ in range(10)]) for seed in (5, 6)]
-    chances = leave_class_out(collections)
-    found = reliability(collections, chances)
+    probabilities = leave_class_out(collections)
+    found = reliability(collections, probabilities)
     assert found.error < 0.02
     assert found.base_rate == pytest.approx(9.0 / 79.0)

@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from core.descriptors.descriptor_distance import Apart
-from core.descriptors.global_descriptors import FORM_SHARE, TERMS
+from core.descriptors.descriptor_distance import DescriptorDistance
+from core.descriptors.global_descriptors import GLOBAL_SHARE, TERMS
 from core.gallery import make_shape
 from core.parameters import DEFAULT, PAPER
 from core.pipeline import Pipeline
-from core.ranking.class_probability import Calibration, chance, evidence, signature_evidence
+from core.ranking.class_probability import Calibration, class_probability, features, signature_features
 
 CC = np.concatenate([[-1.0], np.linspace(0.0, 0.99, 20), [0.999, 1.0]])
 SIM = np.linspace(0.0, 1.0, 8)
@@ -33,17 +33,17 @@ def combined(pipeline, query, candidates):
 def test_a_model_of_known_numbers():
     model = Calibration(intercept=np.log(3.0), slopes=(-1.0, -2.0))
     logs = np.log([[1.0, 1.0], [3.0, 1.0], [1.0, 3.0]])
-    assert model.chance(logs) == pytest.approx([3.0 / 4.0, 1.0 / 2.0, 1.0 / 4.0])
+    assert model.class_probability(logs) == pytest.approx([3.0 / 4.0, 1.0 / 2.0, 1.0 / 4.0])
 
 
-def apart(distance, *, part):
-    return Apart(distance, np.full(distance.shape, part))
+def descriptor_distance(distance, *, part):
+    return DescriptorDistance(distance, np.full(distance.shape, part))
 
 
 MODELS = {
-    "complete": lambda whole, distance: chance(whole, apart(distance, part=False)),
-    "incomplete": lambda whole, distance: chance(whole, apart(distance, part=True)),
-    "unknown": lambda whole, _: chance(whole, None),
+    "complete": lambda whole, distance: class_probability(whole, descriptor_distance(distance, part=False)),
+    "incomplete": lambda whole, distance: class_probability(whole, descriptor_distance(distance, part=True)),
+    "unknown": lambda whole, _: class_probability(whole, None),
 }
 
 
@@ -55,9 +55,9 @@ def test_what_differs_more_is_never_more_likely_of_one_class(model, place):
     *grid, distance = np.meshgrid(CC, SIM, DISTANCES, DISTANCES, DISTANCES[::4], indexing="ij")
     if place == 4:
         *grid, distance = np.meshgrid(CC, SIM, DISTANCES[::4], DISTANCES[::4], DISTANCES, indexing="ij")
-    chances = MODELS[model](evidence(*grid), distance)
-    assert ((chances >= 0.0) & (chances <= 1.0)).all()
-    steps = np.diff(np.take(chances, order, axis=place), axis=place)
+    probabilities = MODELS[model](features(*grid), distance)
+    assert ((probabilities >= 0.0) & (probabilities <= 1.0)).all()
+    steps = np.diff(np.take(probabilities, order, axis=place), axis=place)
     if (model, place) in {("incomplete", 3), ("unknown", 4)}:
         assert (steps == 0.0).all()
     else:
@@ -68,13 +68,13 @@ def test_what_differs_more_is_never_more_likely_of_one_class(model, place):
 def test_a_higher_cc_is_always_likelier_where_the_spectra_differ():
     cc = np.sort(CC)
     for spectral in (0.01, 0.1, 1.0):
-        whole = evidence(cc, *(np.full_like(cc, value) for value in (0.5, spectral, 0.5)))
+        whole = features(cc, *(np.full_like(cc, value) for value in (0.5, spectral, 0.5)))
         for model in MODELS.values():
             assert (np.diff(model(whole, np.full_like(cc, 1.0))) > 0.0).all()
 
 
 def test_where_the_spectra_are_one_neither_cc_nor_form_counts():
-    rows = evidence(np.array([0.5, 0.99]), np.array([0.1, 1.0]), np.zeros(2), np.array([0.0, 3.0]))
+    rows = features(np.array([0.5, 0.99]), np.array([0.1, 1.0]), np.zeros(2), np.array([0.0, 3.0]))
     assert (rows[0] == rows[1]).all()
 
 
@@ -122,13 +122,13 @@ def test_the_parts_of_a_signature():
     rng = np.random.default_rng(0)
     query, other = rng.normal(size=(2, 5 + TERMS)).astype(np.float32)
     steps = other.astype(np.float64) - query
-    spectral, form = np.linalg.norm(steps[:5]), np.linalg.norm(steps[5:]) / FORM_SHARE
+    spectral, form = np.linalg.norm(steps[:5]), np.linalg.norm(steps[5:]) / GLOBAL_SHARE
     scores = np.array([0.7]), np.array([0.4])
-    expected = evidence(*scores, np.array([spectral]), np.array([form]))
-    found = signature_evidence(*scores, query, other[None], form=True)
+    expected = features(*scores, np.array([spectral]), np.array([form]))
+    found = signature_features(*scores, query, other[None], form=True)
     np.testing.assert_allclose(found, expected)
-    whole = evidence(*scores, np.array([np.linalg.norm(steps)]), np.array([0.0]))
-    np.testing.assert_allclose(signature_evidence(*scores, query, other[None], form=False), whole)
+    whole = features(*scores, np.array([np.linalg.norm(steps)]), np.array([0.0]))
+    np.testing.assert_allclose(signature_features(*scores, query, other[None], form=False), whole)
 
 
 @pytest.mark.parametrize("parameters", [PAPER, replace(DEFAULT, form=False, affinity_values=7)])
@@ -136,7 +136,7 @@ def test_a_setting_without_form_has_an_order_too(parameters):
     pipeline = Pipeline(parameters)
     first, second = (pipeline.embed(make_shape(label, 0)) for label in ("cup", "snake"))
     assert len(first.signature) == parameters.affinity_values + parameters.laplacian_values
-    rows = pipeline.evidence(
+    rows = pipeline.features(
         np.full(2, 0.9), np.full(2, 0.5), first.signature, np.stack([first.signature, second.signature])
     )
     assert rows[0, 0] < rows[1, 0]

@@ -14,7 +14,7 @@ from core.matching.procrustes import rounds_of
 from core.matching.reference import fit_map_reference
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
-from core.ranking.reranking import screen
+from core.ranking.reranking import rerank
 from core.serialization import embedding_to_bytes, points_from_bytes
 from tests.core.matching.clouds import cloud, embedded
 
@@ -72,31 +72,31 @@ def test_coordinates_that_say_nothing_new_add_nothing():
 
 def test_it_is_the_plain_match_with_flat_splines(rows, clouds):
     """Where rounding decides between two neighbours the two may part."""
-    apart = []
+    descriptor_distance = []
     for first, second in product(range(len(rows)), repeat=2):
         other = unpacked(rows[second])
         splines = np.stack([flat(searched) for searched in other.searched])
         other = other._replace(operators=np.rint(splines * ONE).astype(np.int16), warp=None, radius=None)
         expected = fit_map_reference(unpacked(rows[first]), other, rounds_of(DEFAULT))[0]
-        (found,) = screen(rows[first], [clouds[second]], DEFAULT)
-        apart.append(abs(float(found) - expected))
-    assert np.median(apart) < 1e-5
-    assert np.mean(np.array(apart) < 1e-4) > 0.9
+        (found,) = rerank(rows[first], [clouds[second]], DEFAULT)
+        descriptor_distance.append(abs(float(found) - expected))
+    assert np.median(descriptor_distance) < 1e-5
+    assert np.mean(np.array(descriptor_distance) < 1e-4) > 0.9
 
 
 def test_it_is_mostly_near_the_full_match(rows, clouds):
-    apart = []
+    descriptor_distance = []
     for row in rows[:4]:
-        rough, exact = screen(row, clouds[:4], DEFAULT), match_rows(row, rows[:4], DEFAULT).cc
-        apart += list(np.abs(rough - exact))
-    assert np.mean(np.array(apart) < 0.01) >= 0.75
+        rough, exact = rerank(row, clouds[:4], DEFAULT), match_rows(row, rows[:4], DEFAULT).cc
+        descriptor_distance += list(np.abs(rough - exact))
+    assert np.mean(np.array(descriptor_distance) < 0.01) >= 0.75
 
 
 def test_many_are_screened_as_one_by_one(rows, clouds):
-    found = screen(rows[0], clouds, DEFAULT)
+    found = rerank(rows[0], clouds, DEFAULT)
     assert found.dtype == np.float32
-    assert found.tolist() == [float(screen(rows[0], [one], DEFAULT)[0]) for one in clouds]
-    assert screen(rows[0], [], DEFAULT).shape == (0,)
+    assert found.tolist() == [float(rerank(rows[0], [one], DEFAULT)[0]) for one in clouds]
+    assert rerank(rows[0], [], DEFAULT).shape == (0,)
 
 
 def test_the_points_of_a_record_are_those_of_the_embedding(embeddings, clouds):
@@ -143,7 +143,7 @@ def test_numbers_that_are_not_finite_have_no_score(rows, clouds, value):
     (first, second), regions = clouds[0]
     broken = second.copy()
     broken[3, 1] = value
-    found = screen(rows[1], [((first, broken), regions), clouds[0]], DEFAULT)
+    found = rerank(rows[1], [((first, broken), regions), clouds[0]], DEFAULT)
     assert np.isnan(found).tolist() == [True, False]
 
 
@@ -152,11 +152,11 @@ def test_regions_of_no_sample_have_no_score(rows, clouds, region):
     coordinates, regions = clouds[0]
     broken = regions.copy()
     broken[-1] = region
-    found = screen(rows[1], [(coordinates, broken), clouds[0]], DEFAULT)
+    found = rerank(rows[1], [(coordinates, broken), clouds[0]], DEFAULT)
     assert np.isnan(found).tolist() == [True, False]
 
 
 def test_other_numbers_of_coordinates_have_no_score(rows, clouds):
     (first, second), regions = clouds[0]
     others = [((first,), regions), ((first[:, :9].copy(), second[:, :9].copy()), regions), clouds[0]]
-    assert np.isnan(screen(rows[1], others, DEFAULT)).tolist() == [True, True, False]
+    assert np.isnan(rerank(rows[1], others, DEFAULT)).tolist() == [True, True, False]

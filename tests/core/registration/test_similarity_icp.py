@@ -13,7 +13,7 @@ from core.mesh.mesh import Mesh
 from core.mesh.normal_frame import normal_frame
 from core.mesh.simplification import simplify
 from core.registration.similarity_icp import RESIDUAL, Alignment, align, best_similarity
-from core.sampling.surface_samples import closest, closest_on_triangles, outline
+from core.sampling.surface_samples import closest, closest_on_triangles, surface_samples
 from core.studies.perturbation import subdivide
 
 PERSON = make_person(0, 0)
@@ -37,7 +37,7 @@ def simplified(mesh: Mesh) -> Mesh:
 
 
 def between(first: Mesh, second: Mesh) -> Alignment:
-    return align(outline(first), outline(second))
+    return align(surface_samples(first), surface_samples(second))
 
 
 @pytest.mark.parametrize("sign", [1, -1])
@@ -83,7 +83,7 @@ def test_the_closest_point_of_a_triangle_is_that_of_a_search_over_its_inside() -
 
 
 def test_points_are_spread_by_area_on_a_surface_of_unit_area() -> None:
-    made = outline(make_shape("cup", 0))
+    made = surface_samples(make_shape("cup", 0))
     areas = 0.5 * np.linalg.norm(
         np.cross(made.corners[:, 1] - made.corners[:, 0], made.corners[:, 2] - made.corners[:, 0]), axis=1
     )
@@ -140,7 +140,7 @@ def test_points_that_correspond_settle_what_the_axes_leave_open() -> None:
     cube[7] = [0.6, 0.7, 0.8]
     mesh = Mesh(cube, np.array(faces))
     copy = moved(mesh, scale=3.0, seed=5)
-    found = align(outline(mesh), outline(copy), (mesh.vertices, copy.vertices))
+    found = align(surface_samples(mesh), surface_samples(copy), (mesh.vertices, copy.vertices))
     assert found.residual < 1e-6
     assert found.kinship() == "scaled"
     assert found.scale == pytest.approx(3.0)

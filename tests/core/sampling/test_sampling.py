@@ -8,7 +8,13 @@ from core.graph.edge_graph import edge_graph
 from core.mesh.normal_frame import normal_frame
 from core.sampling.farthest_point import farthest_points
 from core.sampling.lewis_weights import lewis_weights
-from core.sampling.sampling import covering, draw_scale, keyed_uniform, random_draw, sort_and_cut
+from core.sampling.sampling import (
+    draw_scale,
+    keyed_uniform,
+    random_draw,
+    sort_and_cut,
+    weighted_farthest_points,
+)
 from tests.core.shapes import GALLERY, blob, make_shape
 
 
@@ -145,7 +151,7 @@ def test_a_draw_belongs_to_the_places_and_the_seed():
 @pytest.mark.parametrize("power", [0.25, 0.5])
 def test_covering_is_exact_distinct_and_leaves_no_region_bare(label, power):
     graph, points, weights = framed(make_shape(label, 0))
-    samples = covering(graph, points, weights, 100, power)
+    samples = weighted_farthest_points(graph, points, weights, 100, power)
     assert len(samples) == len(np.unique(samples)) == 100
     plain = farthest_points(graph, 100, int(samples[0]))
     assert not np.array_equal(samples, plain)
@@ -157,14 +163,17 @@ def test_power_nought_is_plain_farthest_point_sampling(label):
     graph, points, weights = framed(make_shape(label, 0))
     first = int(np.argmax(np.linalg.norm(points, axis=1)))
     np.testing.assert_array_equal(
-        covering(graph, points, weights, 80, 0.0), farthest_points(graph, 80, first)
+        weighted_farthest_points(graph, points, weights, 80, 0.0), farthest_points(graph, 80, first)
     )
 
 
 @pytest.mark.parametrize("label", GALLERY[:4])
 def test_a_larger_power_takes_more_weight(label):
     graph, points, weights = framed(make_shape(label, 0))
-    taken = [weights[covering(graph, points, weights, 80, power)].sum() for power in (0.0, 0.5, 1.0)]
+    taken = [
+        weights[weighted_farthest_points(graph, points, weights, 80, power)].sum()
+        for power in (0.0, 0.5, 1.0)
+    ]
     assert taken[0] < taken[1] < taken[2]
 
 
@@ -172,6 +181,6 @@ def test_a_larger_power_takes_more_weight(label):
 def test_samples_follow_the_vertices(power):
     graph, points, weights = framed(blob())
     order = np.random.default_rng(11).permutation(len(points))
-    samples = covering(graph, points, weights, 60, power)
-    again = covering(graph[order][:, order], points[order], weights[order], 60, power)
+    samples = weighted_farthest_points(graph, points, weights, 60, power)
+    again = weighted_farthest_points(graph[order][:, order], points[order], weights[order], 60, power)
     np.testing.assert_array_equal(order[again], samples)

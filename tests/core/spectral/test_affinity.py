@@ -211,8 +211,8 @@ def test_laplacian_signature():
 
 def test_the_distance_of_laplacian_signatures_is_a_mean_of_logarithms():
     first, second = np.random.default_rng(0).uniform(1.0, 9.0, size=(2, 8))
-    apart = np.linalg.norm(laplacian_signature(first, 3.0) - laplacian_signature(second, 3.0))
-    assert apart == pytest.approx(np.sqrt((np.log(first / second) ** 2).mean()))
+    descriptor_distance = np.linalg.norm(laplacian_signature(first, 3.0) - laplacian_signature(second, 3.0))
+    assert descriptor_distance == pytest.approx(np.sqrt((np.log(first / second) ** 2).mean()))
 
 
 def test_sampled_eigenpairs_are_the_operator_squared_by_quadrature():

@@ -15,7 +15,7 @@ from core.mesh.cleaning import face_areas
 from core.mesh.mesh import Mesh
 from core.mesh.subdivision import refine
 from core.studies.sampling import surface as sampling_surface
-from core.studies.sampling.evidence import distance_histogram, fit_residuals, spread, total_variation
+from core.studies.sampling.measures import distance_histogram, fit_residuals, spread, total_variation
 from core.studies.sampling.robustness import (
     REGIONS,
     noisy,
@@ -39,8 +39,8 @@ def surface():
 
 
 def make_small(patch):
-    small = replace(sampling_surface.EVIDENCE, refine_vertices=0)
-    patch.setattr(sampling_surface, "EVIDENCE", small)
+    small = replace(sampling_surface.MEASURED, refine_vertices=0)
+    patch.setattr(sampling_surface, "MEASURED", small)
 
 
 def names(methods):
@@ -49,8 +49,8 @@ def names(methods):
 
 def test_a_large_mesh_is_simplified_first():
     large = refine(make_shape("cup", 0), 4500)
-    assert len(large.vertices) > sampling_surface.EVIDENCE.decimate_above
-    wanted = sampling_surface.EVIDENCE.decimate_to
+    assert len(large.vertices) > sampling_surface.MEASURED.decimate_above
+    wanted = sampling_surface.MEASURED.decimate_to
     assert len(Surface.of(large).mesh.vertices) == pytest.approx(wanted, rel=0.1)
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from core.arrays import Floats
 from core.descriptors.boundary_ratio import INCOMPLETE
-from core.descriptors.descriptor_distance import apart
+from core.descriptors.descriptor_distance import descriptor_distance
 from core.embedding import Embedding
 from core.evaluation.calibration import Collection, fit, leave_class_out, reliability
 from core.evaluation.retrieval_measures import evaluate
@@ -17,7 +17,7 @@ from core.io import format_of, read_mesh
 from core.mesh.cleaning import clean
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
-from core.ranking.class_probability import Calibration, part_evidence, patch_evidence
+from core.ranking.class_probability import Calibration, part_features, spin_image_features
 from service.datasets import read_collection
 from service.studies.calibration.part_pairs import LEVELS, SEED
 from service.studies.robustness.perturbed_queries import seed_of
@@ -33,12 +33,14 @@ def plain(folder: Path) -> Collection:
     files = read_collection(folder)
     embeddings = [pipeline.embed(read_mesh(path.read_bytes(), format_of(path.name))) for path, _ in files]
 
-    def evidence(one: Embedding, other: Embedding) -> Floats:
+    def features(one: Embedding, other: Embedding) -> Floats:
         scores = pipeline.score(one, [other])
-        whole = pipeline.evidence(scores.cc, scores.sim, one.signature, other.signature[None])
-        return patch_evidence(whole, apart(one.patches, [other.patches]).distance)[0]
+        whole = pipeline.features(scores.cc, scores.sim, one.signature, other.signature[None])
+        return spin_image_features(whole, descriptor_distance(one.spin_images, [other.spin_images]).distance)[
+            0
+        ]
 
-    rows = [[evidence(one, other) for other in embeddings] for one in embeddings]
+    rows = [[features(one, other) for other in embeddings] for one in embeddings]
     return Collection(tuple(label for _, label in files), np.array(rows))
 
 
@@ -50,7 +52,7 @@ def plain_parts(folder: Path, count: int) -> list[Collection]:
     wholes = [pipeline.embed(mesh) for mesh in meshes]
     found = []
     for kind, amount in LEVELS:
-        evidence, asked = np.zeros((count, count, 1)), np.zeros((count, count), dtype=bool)
+        features, asked = np.zeros((count, count, 1)), np.zeros((count, count), dtype=bool)
         for i, (path, _) in enumerate(files):
             query = pipeline.embed(kind.perturb(meshes[i], amount, seed_of(path, SEED)))
             if query.facts.openness <= INCOMPLETE:
@@ -58,9 +60,11 @@ def plain_parts(folder: Path, count: int) -> list[Collection]:
             asked[i] = True
             for j, other in enumerate(wholes):
                 scores = pipeline.score(query, [other])
-                whole = pipeline.evidence(scores.cc, scores.sim, query.signature, other.signature[None])
-                evidence[i, j] = part_evidence(whole, apart(query.patches, [other.patches]).distance)[0]
-        found.append(Collection(tuple(label for _, label in files), evidence, asked))
+                whole = pipeline.features(scores.cc, scores.sim, query.signature, other.signature[None])
+                features[i, j] = part_features(
+                    whole, descriptor_distance(query.spin_images, [other.spin_images]).distance
+                )[0]
+        found.append(Collection(tuple(label for _, label in files), features, asked))
     return found
 
 
@@ -84,7 +88,7 @@ def test_the_fit_and_how_it_is_judged(collection: Path, second: Path, run: Run, 
     model = fit(collections)
     assert found["intercept"] == pytest.approx(model.intercept, rel=1e-3)
     assert found["slopes"] == pytest.approx(model.slopes, rel=1e-3)
-    bare = fit([replace(one, evidence=one.evidence[..., :2]) for one in collections])
+    bare = fit([replace(one, features=one.features[..., :2]) for one in collections])
     assert found["without_patches"]["slopes"] == pytest.approx(bare.slopes, rel=1e-3)
     incomplete = [*plain_parts(collection, 9), *plain_parts(second, 4)]
     assert found["incomplete"]["queries"] == sum(one.both_ways.any(axis=1).sum() for one in incomplete) > 80

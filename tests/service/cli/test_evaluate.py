@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from core.descriptors.descriptor_distance import apart
+from core.descriptors.descriptor_distance import descriptor_distance
 from core.embedding import Embedding
 from core.evaluation.retrieval_measures import evaluate
 from core.io import format_of, read_mesh
@@ -86,8 +86,8 @@ def test_pairs_are_scored_once_and_mirrored(pool: Executor, embeddings: list[Emb
         assert scores.ssd[i] == pytest.approx(row.ssd, abs=1e-9)
         assert scores.sim[i] == pytest.approx(row.sim, abs=1e-9)
         chances = pipeline.combined_with(embedding, chosen, row)
-        between = apart(embedding.patches, [other.patches for other in chosen])
-        assert np.array_equal(scores.apart[i], between.distance)
+        between = descriptor_distance(embedding.spin_images, [other.spin_images for other in chosen])
+        assert np.array_equal(scores.descriptor_distance[i], between.distance)
         assert np.array_equal(scores.part[i], between.part)
         assert scores.combined[i] == pytest.approx(chances, abs=1e-6)
     assert (scores.combined == scores.combined.T).all()

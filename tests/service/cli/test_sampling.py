@@ -18,8 +18,8 @@ PNG = b"\x89PNG\r\n\x1a\n"
 @pytest.fixture(autouse=True)
 def small(monkeypatch):
     """Surfaces of under 1,000 vertices: distances between all pairs are what takes the time."""
-    evidence = replace(sampling_surface.EVIDENCE, refine_vertices=0)
-    monkeypatch.setattr(sampling_surface, "EVIDENCE", evidence)
+    features = replace(sampling_surface.EVIDENCE, refine_vertices=0)
+    monkeypatch.setattr(sampling_surface, "EVIDENCE", features)
 
 
 @pytest.fixture

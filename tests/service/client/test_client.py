@@ -273,7 +273,7 @@ def test_query_arguments_are_the_services_own() -> None:
 
 
 def test_both_have_the_same_methods() -> None:
-    def described(kind: type) -> dict[str, object]:
+    def describe(kind: type) -> dict[str, object]:
         public = {name: each for name, each in vars(kind).items() if not name.startswith("_")}
         return {name: (list(parameters(each)), inspect.getdoc(each)) for name, each in public.items()}
 
@@ -281,7 +281,7 @@ def test_both_have_the_same_methods() -> None:
         for each in inspect.signature(method).parameters.values():
             yield each.name, each.kind, each.default
 
-    assert described(AsyncClient) == described(Client)
+    assert describe(AsyncClient) == describe(Client)
     assert inspect.signature(Client.shape).return_annotation is Shape
     assert inspect.signature(AsyncClient.shapes).return_annotation == AsyncIterator[Shape]
     assert list(inspect.signature(Client("http://elsewhere").shape).parameters) == ["shape_id"]

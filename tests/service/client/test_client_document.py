@@ -108,7 +108,7 @@ def operation(request: httpx.Request) -> str:
     return fitting[0]
 
 
-def described(name: str) -> dict[str, Any]:
+def describe(name: str) -> dict[str, Any]:
     method, path = name.split()
     return DOCUMENT["paths"][path][method.lower()]
 
@@ -143,7 +143,7 @@ def check_given(given: dict[str, list[str]], known: dict[str, Any], left_out: It
 
 
 def check_address(request: httpx.Request, name: str, paged: bool) -> None:
-    parameters = described(name).get("parameters", [])
+    parameters = describe(name).get("parameters", [])
     known = {each["name"]: each["schema"] for each in parameters if each["in"] == "query"}
     given = {key: request.url.params.get_list(key) for key in request.url.params}
     # The collection is named by the header.
@@ -156,7 +156,7 @@ def check_address(request: httpx.Request, name: str, paged: bool) -> None:
 
 
 def check_body(request: httpx.Request, name: str) -> None:
-    body = described(name).get("requestBody", {"content": {}})["content"]
+    body = describe(name).get("requestBody", {"content": {}})["content"]
     kind = request.headers.get("content-type", "").partition(";")[0]
     if not body:
         assert (kind, request.content) == ("", b"")
@@ -196,7 +196,7 @@ def example(schema: dict[str, Any]) -> Any:
 
 def answer(name: str) -> httpx.Response:
     """What the document says is answered."""
-    responses = described(name)["responses"]
+    responses = describe(name)["responses"]
     status = max(int(each) for each in responses if int(each) < 300)
     content = responses[str(status)].get("content", {})
     if not content:
@@ -219,7 +219,7 @@ def check_read(read: Any, name: str) -> None:
     else:
         schema = next(
             each["content"]["application/json"]["schema"]
-            for status, each in described(name)["responses"].items()
+            for status, each in describe(name)["responses"].items()
             if int(status) == sent.status_code
         )
         model = read.shape if isinstance(read, Upload) else read

@@ -2,12 +2,12 @@
 
 import asyncio
 
-from service.compute.activity_gate import AtWork
+from service.compute.activity_gate import ActivityGate
 
 
 def test_it_waits_until_nothing_is_at_work() -> None:
     async def run() -> list[str]:
-        at_work, seen = AtWork(), []
+        at_work, seen = ActivityGate(), []
 
         async def giving_way() -> None:
             await at_work.nothing()
@@ -28,7 +28,7 @@ def test_it_waits_until_nothing_is_at_work() -> None:
 
 def test_what_fails_is_no_longer_at_work() -> None:
     async def run() -> None:
-        at_work = AtWork()
+        at_work = ActivityGate()
         try:
             with at_work.one():
                 raise ValueError

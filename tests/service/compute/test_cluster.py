@@ -16,10 +16,10 @@ from core.matching.match_records import match_rows, row_of
 from core.parameters import DEFAULT
 from core.serialization import embedding_from_bytes
 from service.compute.cluster import ClusterPool
-from service.compute.workers import PlacedWorkers
+from service.compute.workers import RemoteWorkers
 from service.errors import ClusterUnavailableError, WorkerLostError
 from service.search import cluster_scoring as spread
-from service.search.cluster_scoring import spread_scores
+from service.search.cluster_scoring import cluster_scores
 from service.search.repository import embedding_records
 from tests.service.dask_cluster import Cluster, cluster
 from tests.service.engines import POSTGRESQL, using
@@ -150,17 +150,17 @@ def test_rows_are_kept_by_workers_and_made_again_where_one_is_lost(
     for number in range(6):
         service.store(small_file(number), f"{number}.off")
     parts, pool = service.container, service.container.pool
-    assert isinstance(pool, PlacedWorkers)
+    assert isinstance(pool, RemoteWorkers)
     with parts.database.read() as session:
-        in_use = parts.pipelines.current(session)
-        signed = in_use.index.current(session)
-        records = embedding_records(session, signed.embeddings.tolist())
+        active_pipeline = parts.pipelines.current(session)
+        entries = active_pipeline.index.current(session)
+        records = embedding_records(session, entries.embeddings.tolist())
     numbers = np.array(sorted(records))
     rows = [row_of(embedding_from_bytes(records[number]), DEFAULT) for number in numbers.tolist()]
     truth = match_rows(rows[0], rows, DEFAULT)
 
     def assert_found(order: list[int]) -> None:
-        found = asyncio.run(spread_scores(parts, pool, in_use, rows[0], numbers[order]))
+        found = asyncio.run(cluster_scores(parts, pool, active_pipeline, rows[0], numbers[order]))
         np.testing.assert_array_equal(found, np.stack([truth.cc, truth.ssd, truth.sim])[:, order])
 
     monkeypatch.setattr(spread, "TOGETHER", 1)
@@ -170,7 +170,7 @@ def test_rows_are_kept_by_workers_and_made_again_where_one_is_lost(
         assert_found([5, 0, 3])
     made.kill_worker()
     assert_found([0, 1, 2, 3, 4, 5])
-    gone = asyncio.run(spread_scores(parts, pool, in_use, rows[0], numbers[-1:] + 1))
+    gone = asyncio.run(cluster_scores(parts, pool, active_pipeline, rows[0], numbers[-1:] + 1))
     assert np.isnan(gone).all()
 
 

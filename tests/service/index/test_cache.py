@@ -12,15 +12,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from core.descriptors.descriptor_distance import apart
+from core.descriptors.descriptor_distance import descriptor_distance
 from core.descriptors.spin_images import KEYS
 from core.matching.match_records import match_rows, row_of
 from core.parameters import DEFAULT
-from core.ranking.coarse_ranking import sift, sketch_of
-from core.ranking.reranking import screen
+from core.ranking.coarse_ranking import coarse_ranking, coarse_samples
+from core.ranking.reranking import rerank
 from core.serialization import embedding_from_bytes, points_from_bytes
-from service.index.cache import ABOUT, Shelf
-from service.search import cache_warmer as stocking
+from service.index.cache import ABOUT, EmbeddingCache
+from service.search import cache_warmer as cache_warmer
 from service.search import match_records as rows_module
 from tests.service.support import (
     Running,
@@ -44,71 +44,71 @@ def row(value: float, length: int = 100) -> np.ndarray:
 
 
 def test_what_was_not_asked_for_longest_goes_first() -> None:
-    shelf = Shelf(1200)
+    cache = EmbeddingCache(1200)
     for number in (1, 2, 3):
-        shelf.put(number, row(number))
-    assert list(shelf.rows([1, 9])) == [1]
-    shelf.put(4, row(4))
-    assert shelf.missing([1, 2, 3, 4]) == [2]
-    assert (len(shelf), shelf.nbytes) == (3, 1200)
-    assert [found[0] for found in shelf.rows([4, 3, 1]).values()] == [4, 3, 1]
+        cache.put(number, row(number))
+    assert list(cache.rows([1, 9])) == [1]
+    cache.put(4, row(4))
+    assert cache.missing([1, 2, 3, 4]) == [2]
+    assert (len(cache), cache.nbytes) == (3, 1200)
+    assert [found[0] for found in cache.rows([4, 3, 1]).values()] == [4, 3, 1]
 
 
 def test_a_row_put_again_takes_its_room_once() -> None:
-    shelf = Shelf(1200)
+    cache = EmbeddingCache(1200)
     for _ in range(3):
-        shelf.put(1, row(1))
-    shelf.put(1, row(2, 50))
-    assert (len(shelf), shelf.nbytes) == (1, 200)
-    assert shelf.rows([1])[1][0] == 2
+        cache.put(1, row(1))
+    cache.put(1, row(2, 50))
+    assert (len(cache), cache.nbytes) == (1, 200)
+    assert cache.rows([1])[1][0] == 2
 
 
 def test_a_row_longer_than_all_the_room_is_not_kept() -> None:
-    shelf = Shelf(300)
-    shelf.put(1, row(1))
-    assert (len(shelf), shelf.nbytes) == (0, 0)
-    assert Shelf(0).free_places() == 0
+    cache = EmbeddingCache(300)
+    cache.put(1, row(1))
+    assert (len(cache), cache.nbytes) == (0, 0)
+    assert EmbeddingCache(0).free_places() == 0
 
 
 def test_with_less_room_the_oldest_go() -> None:
-    shelf = Shelf(1200)
+    cache = EmbeddingCache(1200)
     for number in (1, 2, 3):
-        shelf.put(number, row(number))
-    shelf.resize(800)
-    assert shelf.missing([1, 2, 3]) == [1]
-    shelf.resize(-5)
-    assert (len(shelf), shelf.nbytes) == (0, 0)
-    shelf.resize(400)
-    shelf.put(4, row(4))
-    assert shelf.missing([4]) == []
+        cache.put(number, row(number))
+    cache.resize(800)
+    assert cache.missing([1, 2, 3]) == [1]
+    cache.resize(-5)
+    assert (len(cache), cache.nbytes) == (0, 0)
+    cache.resize(400)
+    cache.put(4, row(4))
+    assert cache.missing([4]) == []
 
 
 def test_only_what_is_named_is_kept() -> None:
-    shelf = Shelf(1200)
+    cache = EmbeddingCache(1200)
     for number in (1, 2, 3):
-        shelf.put(number, row(number))
-    shelf.keep(np.array([3, 1, 7]))
-    assert shelf.missing([1, 2, 3]) == [2]
-    assert (len(shelf), shelf.nbytes) == (2, 800)
-    shelf.keep(np.empty(0, dtype=np.int64))
-    assert (len(shelf), shelf.nbytes) == (0, 0)
+        cache.put(number, row(number))
+    cache.keep(np.array([3, 1, 7]))
+    assert cache.missing([1, 2, 3]) == [2]
+    assert (len(cache), cache.nbytes) == (2, 800)
+    cache.keep(np.empty(0, dtype=np.int64))
+    assert (len(cache), cache.nbytes) == (0, 0)
 
 
 def test_free_places_go_by_the_rows_that_are_there() -> None:
-    shelf = Shelf(10 * ABOUT)
-    assert shelf.free_places() == 10
-    shelf.put(1, row(1, ABOUT // 8))
-    assert shelf.free_places() == 19
+    cache = EmbeddingCache(10 * ABOUT)
+    assert cache.free_places() == 10
+    cache.put(1, row(1, ABOUT // 8))
+    assert cache.free_places() == 19
 
 
 def test_many_threads_at_once() -> None:
-    shelf = Shelf(4000)
+    cache = EmbeddingCache(4000)
 
     def work(seed: int) -> None:
         rng = np.random.default_rng(seed)
         for number in rng.integers(30, size=500).tolist():
-            shelf.put(number, row(number))
-            for found, values in shelf.rows(range(30)).items():
+            cache.put(number, row(number))
+            for found, values in cache.rows(range(30)).items():
                 assert values[0] == found
 
     threads = [Thread(target=work, args=(seed,)) for seed in range(4)]
@@ -116,7 +116,7 @@ def test_many_threads_at_once() -> None:
         thread.start()
     for thread in threads:
         thread.join()
-    assert (len(shelf), shelf.nbytes) == (10, 4000)
+    assert (len(cache), cache.nbytes) == (10, 4000)
 
 
 @pytest.fixture(scope="module")
@@ -147,9 +147,9 @@ def running(folder: Path, request: pytest.FixtureRequest) -> Iterator[Running]:
         yield running
 
 
-def shelf_of(running: Running) -> Shelf:
+def shelf_of(running: Running) -> EmbeddingCache:
     with running.parts.database.read() as session:
-        return running.parts.pipelines.current(session).shelf
+        return running.parts.pipelines.current(session).cache
 
 
 def answer(running: Running, number: int = 20, **options: object) -> dict[str, dict[str, float]]:
@@ -165,36 +165,36 @@ def answer(running: Running, number: int = 20, **options: object) -> dict[str, d
 def test_rows_are_ready_soon_after_the_start_and_after_an_upload(
     running: Running, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    shelf = shelf_of(running)
-    wait_until(lambda: len(shelf) == STORED, seconds=30)
+    cache = shelf_of(running)
+    wait_until(lambda: len(cache) == STORED, seconds=30)
     record = running.store(small_file(30), "late.off")
-    wait_until(lambda: len(shelf) == STORED + 1, seconds=30)
+    wait_until(lambda: len(cache) == STORED + 1, seconds=30)
     (shown,) = re.findall(r"^isoshape_rows_bytes (\S+)$", running.client.get("/metrics").text, re.MULTILINE)
-    assert float(shown) == shelf.nbytes
+    assert float(shown) == cache.nbytes
     with monkeypatch.context() as patch:
         patch.setattr(rows_module, "repository", None)
         assert len(answer(running)) == STORED + 1
     running.client.delete(f"/shapes/{record['id']}")
     assert len(answer(running)) == STORED
-    wait_until(lambda: len(shelf) == STORED, seconds=30)
+    wait_until(lambda: len(cache) == STORED, seconds=30)
 
 
 @pytest.mark.parametrize("running", [PLAIN], indirect=True)
 def test_what_comes_is_made_ready_whatever_was_deleted_before(running: Running) -> None:
     """Rows of what is gone would fill the room, and be counted for those that lack."""
-    shelf = shelf_of(running)
-    wait_until(lambda: len(shelf) == STORED, seconds=30)
+    cache = shelf_of(running)
+    wait_until(lambda: len(cache) == STORED, seconds=30)
     gone = [running.store(small_file(number), f"{number}.off")["id"] for number in (31, 32)]
-    wait_until(lambda: len(shelf) == STORED + 2, seconds=30)
-    before = set(shelf.missing(range(1000)))
+    wait_until(lambda: len(cache) == STORED + 2, seconds=30)
+    before = set(cache.missing(range(1000)))
     query(running.client, small_file(0), rank_by="combined")
-    assert len(running.parts.patches) == STORED + 2
+    assert len(running.parts.spin_images) == STORED + 2
     for shape in gone:
         running.client.delete(f"/shapes/{shape}")
     late = running.store(small_file(33), "late.off")
-    wait_until(lambda: len(shelf) == STORED + 1, seconds=30)
-    assert len(before - set(shelf.missing(range(1000)))) == 1
-    wait_until(lambda: len(running.parts.patches) == STORED, seconds=30)
+    wait_until(lambda: len(cache) == STORED + 1, seconds=30)
+    assert len(before - set(cache.missing(range(1000)))) == 1
+    wait_until(lambda: len(running.parts.spin_images) == STORED, seconds=30)
     running.client.delete(f"/shapes/{late['id']}")
 
 
@@ -211,7 +211,7 @@ def test_what_no_one_foresaw_does_not_keep_the_service_from_answering(
     folder: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     with monkeypatch.context() as patch:
-        patch.setattr(stocking, "shelved", None)
+        patch.setattr(cache_warmer, "cached_bytes", None)
         with serving(settings_in(folder)) as other:
             assert len(answer(other)) == STORED
     assert "embeddings could not be made ready" in caplog.messages
@@ -230,36 +230,38 @@ def test_finalists_are_those_that_sifting_and_screening_put_first(running: Runni
     shapes = client.get("/shapes").json()["shapes"]
     pipeline = pipeline_in_use(running)
     with running.parts.database.read() as session:
-        signed = running.parts.pipelines.current(session).index.current(session)
-        records = rows_module.repository.embedding_records(session, signed.embeddings.tolist())
+        entries = running.parts.pipelines.current(session).index.current(session)
+        records = rows_module.repository.embedding_records(session, entries.embeddings.tolist())
     embeddings = {
         shape["name"]: embedding_from_bytes(records[int(number)])
-        for shape, number in zip(shapes, signed.embeddings, strict=True)
+        for shape, number in zip(shapes, entries.embeddings, strict=True)
     }
     wanted = embeddings.pop("3.off")
     own = row_of(wanted, DEFAULT)
 
-    def likeliest(names: list[str], rough: NDArray[np.float32], count: int, *, patches: bool) -> list[str]:
+    def likeliest(
+        names: list[str], rough: NDArray[np.float32], count: int, *, spin_images: bool
+    ) -> list[str]:
         likeness = rough.astype(np.float64)
         if rank_by == "combined":
             unknown = np.zeros(len(names))
             signatures = np.stack([embeddings[name].signature for name in names])
-            between = apart(wanted.patches, [embeddings[name].patches for name in names])
+            between = descriptor_distance(wanted.patches, [embeddings[name].patches for name in names])
             likeness = pipeline.combined(
-                likeness, unknown, wanted.signature, signatures, between if patches else None
+                likeness, unknown, wanted.signature, signatures, between if spin_images else None
             )
         return [names[place] for place in np.argsort(-likeness, kind="stable")[:count]]
 
     names = sorted(
         embeddings, key=lambda name: np.linalg.norm(embeddings[name].signature - wanted.signature)
     )[:9]
-    sketches = np.stack([sketch_of(embeddings[name]) for name in names])
+    coarse_samples = np.stack([coarse_samples(embeddings[name]) for name in names])
     # By chance, the patches of a sheet, which looks incomplete, are compared with those of all.
     if rank_by == "cc" or len(wanted.patches) == KEYS:
-        names = likeliest(names, sift(own, sketches, DEFAULT), 6, patches=False)
-    numbers = {shape["name"]: int(number) for shape, number in zip(shapes, signed.embeddings, strict=True)}
+        names = likeliest(names, coarse_ranking(own, coarse_samples, DEFAULT), 6, spin_images=False)
+    numbers = {shape["name"]: int(number) for shape, number in zip(shapes, entries.embeddings, strict=True)}
     points = [points_from_bytes(records[numbers[name]]) for name in names]
-    names = likeliest(names, screen(own, points, DEFAULT), 3, patches=True)
+    names = likeliest(names, rerank(own, points, DEFAULT), 3, spin_images=True)
     body = {
         "shape_id": next(s["id"] for s in shapes if s["name"] == "3.off"),
         "top_k": 1,

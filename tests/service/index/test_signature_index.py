@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from service.collection import DEFAULT_COLLECTION
 from service.compute.tasks import Embedded
 from service.index import signature_index as signatures
-from service.index.repository import Signed, signed_since
+from service.index.repository import IndexEntries, entries_since
 from service.index.signature_index import SignatureIndex
 from service.shapes import repository
 from service.shapes.records import NewShape
@@ -56,23 +56,23 @@ def remove(database: Database, content: int, name: str) -> None:
         repository.remove(session, record)
 
 
-def current(database: Database, index: SignatureIndex) -> Signed:
+def current(database: Database, index: SignatureIndex) -> IndexEntries:
     with database.read() as session:
         return index.current(session)
 
 
-def rows(signed: Signed) -> list[tuple[int, int, tuple[float, ...]]]:
+def rows(entries: IndexEntries) -> list[tuple[int, int, tuple[float, ...]]]:
     return sorted(
         (int(shape), int(embedding), tuple(signature))
         for shape, embedding, signature in zip(
-            signed.shapes, signed.embeddings, signed.signatures.tolist(), strict=True
+            entries.shapes, entries.embeddings, entries.signatures.tolist(), strict=True
         )
     )
 
 
 def test_an_empty_archive_has_no_signatures(database: Database) -> None:
-    signed = current(database, SignatureIndex(FINGERPRINT))
-    assert (len(signed.shapes), len(signed.embeddings), len(signed.signatures)) == (0, 0, 0)
+    entries = current(database, SignatureIndex(FINGERPRINT))
+    assert (len(entries.shapes), len(entries.embeddings), len(entries.signatures)) == (0, 0, 0)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -80,7 +80,7 @@ def test_the_index_is_what_the_database_says_after_any_history(database: Databas
     random = np.random.default_rng(seed)
     indices = [SignatureIndex(FINGERPRINT) for _ in range(3)]
     present: list[tuple[int, str]] = []
-    held: list[tuple[Signed, list[tuple[int, int, tuple[float, ...]]]]] = []
+    held: list[tuple[IndexEntries, list[tuple[int, int, tuple[float, ...]]]]] = []
     for step in range(80):
         act = random.random()
         if act < 0.55 or not present:
@@ -93,13 +93,13 @@ def test_the_index_is_what_the_database_says_after_any_history(database: Databas
             remove(database, *present.pop(int(random.integers(len(present)))))
         index = indices[int(random.integers(3))]
         if random.random() < 0.6:
-            signed = current(database, index)
+            entries = current(database, index)
             with database.read() as session:
-                truth = [row for batch in signed_since(session, FINGERPRINT, -1) for row in rows(batch)]
-            assert rows(signed) == sorted(truth)
-            held.append((signed, rows(signed)))
-    for signed, then in held:
-        assert rows(signed) == then, "what was handed out has changed"
+                truth = [row for batch in entries_since(session, FINGERPRINT, -1) for row in rows(batch)]
+            assert rows(entries) == sorted(truth)
+            held.append((entries, rows(entries)))
+    for entries, then in held:
+        assert rows(entries) == then, "what was handed out has changed"
 
 
 def test_another_connections_write_is_seen_at_once(database: Database, tmp_path: Path) -> None:

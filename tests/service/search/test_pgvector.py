@@ -17,8 +17,8 @@ from service.search.pgvector_repository import Nearest, nearest
 from service.shapes import repository
 from service.shapes.records import NewShape, ShapeFilter
 from service.storage.database import Database, ReadSession
-from service.storage.hnsw import ensure_graph, name_of
-from service.storage.hnsw_parameters import GraphParameters
+from service.storage.hnsw import ensure_hnsw, name_of
+from service.storage.hnsw_parameters import HnswParameters
 from service.storage.tables import BlobRow, EmbeddingRow, ShapeRow, TagRow
 from tests.service.archives import embedded
 from tests.service.engines import empty_database, on_postgresql
@@ -63,7 +63,7 @@ def stored(engine: str) -> Iterator[Stored]:
     signatures, queries = np.split(points.astype(np.float32), [SHAPES])
     numbers = range(1, SHAPES + 1)
     url = empty_database(migrated=True)
-    with closing(Database(url, lock_seconds=60, graph=GraphParameters(m=12, ef_construction=50))) as database:
+    with closing(Database(url, lock_seconds=60, graph=HnswParameters(m=12, ef_construction=50))) as database:
         with database.write() as session:
             rows = session.connection()
             blob = {"size": 1, "data": b"x"}
@@ -93,8 +93,8 @@ def stored(engine: str) -> Iterator[Stored]:
                 )
             tagged = [(n, "third") for n in numbers if n % 3 == 0] + [(n, "few") for n in range(200, 230)]
             rows.execute(insert(TagRow), [{"shape_number": n, "tag": tag, "place": 0} for n, tag in tagged])
-            assert ensure_graph(session, FINGERPRINT)
-            assert ensure_graph(session, OTHER)
+            assert ensure_hnsw(session, FINGERPRINT)
+            assert ensure_hnsw(session, OTHER)
         with database.connect() as connection:
             connection.execute(text("ANALYZE"))
         yield Stored(database, signatures, queries)
@@ -217,17 +217,17 @@ def test_each_pipeline_has_its_own(stored: Stored) -> None:
 def test_a_graph_is_made_with_the_first_signature_and_anew_for_other_parameters() -> None:
     url = empty_database(migrated=True)
 
-    def graphs(parameters: GraphParameters, *, make: bool = False) -> list[str]:
+    def graphs(parameters: HnswParameters, *, make: bool = False) -> list[str]:
         with (
             closing(Database(url, lock_seconds=5, graph=parameters)) as database,
             database.write() as session,
         ):
             if make:
-                ensure_graph(session, DEFAULT.fingerprint)
+                ensure_hnsw(session, DEFAULT.fingerprint)
             found = text("SELECT indexdef FROM pg_indexes WHERE indexdef LIKE '%hnsw%' ORDER BY indexname")
             return list(session.scalars(found))
 
-    few, many = GraphParameters(m=4, ef_construction=10), GraphParameters(m=20, ef_construction=90)
+    few, many = HnswParameters(m=4, ef_construction=10), HnswParameters(m=20, ef_construction=90)
     with closing(Database(url, lock_seconds=5, graph=few)) as database:
         for number in (1, 2):
             new, made = (

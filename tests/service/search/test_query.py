@@ -119,11 +119,11 @@ def test_combined_is_the_pipelines_and_the_same_in_every_answer(stocked: Running
     shapes = stocked.client.get("/shapes").json()["shapes"]
     stored = {s["name"]: s["id"] for s in shapes}
     with stocked.parts.database.read() as session:
-        signed = stocked.parts.pipelines.current(session).index.current(session)
-        records = embedding_records(session, signed.embeddings.tolist())
+        entries = stocked.parts.pipelines.current(session).index.current(session)
+        records = embedding_records(session, entries.embeddings.tolist())
     embeddings = {
         shape["id"]: embedding_from_bytes(records[int(number)])
-        for shape, number in zip(shapes, signed.embeddings, strict=True)
+        for shape, number in zip(shapes, entries.embeddings, strict=True)
     }
     bird = stored["bird-first.off"]
     body = {"shape_id": bird, "top_k": 100, "exclude_self": False, "rank_by": "combined"}

@@ -10,7 +10,7 @@ import pytest
 from sqlalchemy import text
 
 from core.parameters import DEFAULT
-from core.ranking.coarse_ranking import sketch_of
+from core.ranking.coarse_ranking import coarse_samples
 from core.serialization import embedding_from_bytes
 from service.cli.reembed import reembed
 from service.errors import PipelineUnavailableError
@@ -108,7 +108,7 @@ def test_embeddings_that_had_no_sketches_get_those_and_their_signatures(tmp_path
         records = dict(connection.execute("SELECT number, record FROM embeddings"))
         for number, record in records.items():
             embedding = embedding_from_bytes(record)
-            assert made[number] == (sketch_of(embedding).tobytes(), embedding.signature.tobytes())
+            assert made[number] == (coarse_samples(embedding).tobytes(), embedding.signature.tobytes())
         connection.execute("UPDATE embeddings SET record = x'00' WHERE number = 2")
     older = tmp_path / "older.sqlite3"
     begin_at(f"sqlite:///{older}", "0005")

@@ -125,7 +125,7 @@ def test_where_there_are_keys_a_visitor_has_the_page_and_no_data(tmp_path: Path)
         for address in ("/shapes", "/shapes/x/view", "/shapes/x/thumbnail.png", "/shapes/x/preview.glb"):
             assert_problem(client.get(address), 401, "unauthorized")
         assert_problem(client.post("/preview"), 401, "unauthorized")
-        signed = client.post("/session", headers={"x-api-key": "isoshape_key"})
-        assert signed.json() == {"access": "full", "signed_in": True}
+        entries = client.post("/session", headers={"x-api-key": "isoshape_key"})
+        assert entries.json() == {"access": "full", "signed_in": True}
         assert client.get("/shapes").status_code == 200
         assert httpx.get(f"{client.base_url}/shapes").status_code == 401

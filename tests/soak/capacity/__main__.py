@@ -21,7 +21,7 @@ from core.gallery import make_shape
 from core.io import write_mesh
 from core.matching.match_records import row_of
 from core.parameters import DEFAULT
-from core.ranking.coarse_ranking import sketch_of
+from core.ranking.coarse_ranking import coarse_samples
 from core.ranking.shortlist import least, signature_distances
 from core.serialization import embedding_to_bytes
 from service.collection import DEFAULT_COLLECTION
@@ -31,7 +31,7 @@ from service.pipelines.starting import begin
 from service.shapes import repository
 from service.shapes.records import NewShape
 from service.storage.database import Database
-from service.storage.hnsw_parameters import GraphParameters
+from service.storage.hnsw_parameters import HnswParameters
 from service.storage.migrate import migrate
 from service.studies.benchmark.archive import fill, originals
 from service.studies.benchmark.meshes import Source
@@ -56,7 +56,7 @@ def of_a_shape(folder: Path) -> None:
         ("archive, its file of 8 bytes included", stored),
         ("record", np.mean([len(embedding_to_bytes(one.embedding)) for one in found])),
         ("signature", found[0].embedding.signature.nbytes),
-        ("sketch", len(sketch_of(found[0].embedding))),
+        ("sketch", len(coarse_samples(found[0].embedding))),
         ("ready to be matched", np.mean([row_of(one.embedding, DEFAULT).nbytes for one in found])),
     ):
         print(f"| {name} | {size:,.0f} |")
@@ -70,7 +70,7 @@ def stored_in_a_second() -> None:
     print("\n| stored one by one in | shapes/s |\n|---|---:|")
     with tempfile.TemporaryDirectory() as folder:
         for url in (f"sqlite:///{folder}/archive.sqlite3", engines.empty_database()):
-            with closing(Database(url, lock_seconds=10, graph=GraphParameters())) as database:
+            with closing(Database(url, lock_seconds=10, graph=HnswParameters())) as database:
                 migrate(database)
                 begin(Pipelines(DEFAULT), database)
                 began = time.perf_counter()

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from core.ranking.class_probability import CALIBRATED, CALIBRATED_PARTS, WITHOUT_PATCHES
+from core.ranking.class_probability import CALIBRATED, CALIBRATED_PARTS, WITHOUT_SPIN_IMAGES
 
 pytestmark = pytest.mark.collections
 
@@ -23,7 +23,7 @@ def test_the_constants_are_those_of_the_command_and_calibrated() -> None:
     found = json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
     assert [one["shapes"] for one in found["collections"]] == [190, 300]
     models = (found, CALIBRATED), (found["incomplete"], CALIBRATED_PARTS)
-    for fitted, written in (*models, (found["without_patches"], WITHOUT_PATCHES)):
+    for fitted, written in (*models, (found["without_patches"], WITHOUT_SPIN_IMAGES)):
         assert fitted["intercept"] == pytest.approx(written.intercept, abs=0.01)
         assert fitted["slopes"] == pytest.approx(written.slopes, abs=0.01)
     for one in (found["together"], found["incomplete"], *found["collections"]):

@@ -25,7 +25,7 @@ WIDE = ("list uint int vertex_indices",)
 
 def cases() -> list[Hostile]:
     """All of them."""
-    return [*_counts(), *_large_indices(), *_signed_indices(), *_no_faces(), *_parts()]
+    return [*_counts(), *_large_indices(), *_signed_indices(), *_no_faces(), *_container()]
 
 
 def _counts() -> list[Hostile]:
@@ -172,7 +172,7 @@ def _no_faces() -> list[Hostile]:
     )
 
 
-def _parts() -> list[Hostile]:
+def _container() -> list[Hostile]:
     facet = stl(CUBE_CORNERS[:1]).partition(b"\n")[2].rpartition(b"endsolid")[0]
     groups = lines(TRIANGLE, "v ").encode()
     return refused(

@@ -43,7 +43,7 @@ def main(folder: Path, limit: int, cut: list[float]) -> None:
     meshes = [clean(read_mesh(path.read_bytes(), format_of(path.name))).mesh for path, _ in files]
     pipeline = Pipeline(DEFAULT)
     wholes = [pipeline.embed(mesh) for mesh in meshes]
-    known = [whole.patches[:KEYS, :LENGTH] for whole in wholes]
+    known = [whole.spin_images[:KEYS, :LENGTH] for whole in wholes]
     print(f"{len(files)} models of {len(set(labels.tolist()))} classes.\n")
     print("| cut away | ranked by | itself first | itself among three | NN without itself |")
     print("|---:|---|---:|---:|---:|", flush=True)

@@ -56,11 +56,11 @@ SEQUENCES = 20
 
 
 def _schema() -> schemathesis.BaseSchema:
-    described = deepcopy(DESCRIBED)
-    meshes.mark(described)
-    meshes.stay_in_one_collection(described)
-    meshes.forget_repetitions(described)
-    schema = schemathesis.openapi.from_dict(described)
+    describe = deepcopy(DESCRIBED)
+    meshes.mark(describe)
+    meshes.stay_in_one_collection(describe)
+    meshes.forget_repetitions(describe)
+    schema = schemathesis.openapi.from_dict(describe)
     # A key that is made up is refused, which tests nothing else.
     schema.config.generation.update(with_security_parameters=False)
     # The links are those that are declared. By their names alone, a shape that is stored could be restored.
@@ -119,11 +119,11 @@ def _beyond_the_schema(case: Case, response: Response) -> list[CheckFunction]:
 
 def _breaks_a_pattern(case: Case) -> bool:
     """Whether a header is drawn that its pattern forbids: among several that may be left out, it is `0`."""
-    described = DESCRIBED["paths"][case.operation.path][case.operation.method.lower()]
+    describe = DESCRIBED["paths"][case.operation.path][case.operation.method.lower()]
     sent = {name.lower(): value for name, value in (case.headers or {}).items()}
     return any(
         re.search(each["schema"]["pattern"], sent[each["name"].lower()]) is None
-        for each in described.get("parameters", [])
+        for each in describe.get("parameters", [])
         if each["in"] == "header" and "pattern" in each["schema"] and each["name"].lower() in sent
     )
 

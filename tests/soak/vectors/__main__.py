@@ -22,8 +22,8 @@ from service.search.pgvector_repository import MORE, nearest
 from service.shapes.records import ShapeFilter
 from service.storage.columns import vector_text
 from service.storage.database import Database
-from service.storage.hnsw import ensure_graph, name_of
-from service.storage.hnsw_parameters import GraphParameters
+from service.storage.hnsw import ensure_hnsw, name_of
+from service.storage.hnsw_parameters import HnswParameters
 from tests.service import engines
 
 LENGTH = 33
@@ -101,7 +101,7 @@ def main(
     count: int,
     queries: int,
     seed: int,
-    graph: GraphParameters,
+    graph: HnswParameters,
     wanted: list[int],
     more: list[int],
     efs: list[int],
@@ -113,7 +113,7 @@ def main(
     with closing(Database(url, lock_seconds=60, graph=graph)) as database:
         began = time.perf_counter()
         with database.write() as session:
-            ensure_graph(session, FINGERPRINT)
+            ensure_hnsw(session, FINGERPRINT)
         build = time.perf_counter() - began
         with engines.bare(url) as connection:
             connection.execute(text("ANALYZE"))
@@ -154,7 +154,7 @@ def main(
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
-    usual = GraphParameters()
+    usual = HnswParameters()
     parser.add_argument("--count", type=int, default=1_000_000)
     parser.add_argument("--queries", type=int, default=50)
     parser.add_argument("--seed", type=int, default=0)
@@ -167,7 +167,7 @@ if __name__ == "__main__":
     given = parser.parse_args()
     try:
         main(
-            *(given.count, given.queries, given.seed, GraphParameters(given.m, given.ef_construction)),
+            *(given.count, given.queries, given.seed, HnswParameters(given.m, given.ef_construction)),
             *(given.wanted, given.more, given.ef_search, given.unfiltered),
         )
     finally:

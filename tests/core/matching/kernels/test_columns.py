@@ -28,8 +28,8 @@ def nearest(points, targets, k, low):
 
 
 def distances(points, targets, k):
-    apart = points[:k, :, None].astype(np.float64) - targets[:k, None, :]
-    return (apart**2).sum(axis=0)
+    descriptor_distance = points[:k, :, None].astype(np.float64) - targets[:k, None, :]
+    return (descriptor_distance**2).sum(axis=0)
 
 
 @pytest.mark.parametrize("scale", SCALES)

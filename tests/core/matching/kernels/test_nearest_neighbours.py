@@ -47,9 +47,9 @@ def test_what_is_nearest_both_ways_is_the_plain_one_but_for_the_bits_that_are_le
         places = np.arange(len(table))
         least = table[places, expected]
         assert (table[places, matches] <= least * (1 + relative) + absolute).all()
-        apart = np.sort(table, axis=1)[:, 1] > least * (1 + relative) + 2 * absolute
-        assert np.array_equal(matches[apart], expected[apart])
-        assert apart.mean() > 0.3
+        descriptor_distance = np.sort(table, axis=1)[:, 1] > least * (1 + relative) + 2 * absolute
+        assert np.array_equal(matches[descriptor_distance], expected[descriptor_distance])
+        assert descriptor_distance.mean() > 0.3
 
 
 def test_a_number_for_each_of_so_many_that_fourteen_bits_hold():

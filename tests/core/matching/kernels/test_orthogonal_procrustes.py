@@ -45,8 +45,10 @@ def best_step(least, most):
     powers = np.stack([x, x**3, x**5], axis=1)
     error = np.ones((len(x), 1))
     rows, bounds = np.block([[powers, -error], [-powers, -error]]), np.concatenate([x**0, -(x**0)])
-    *found, apart = linprog([0, 0, 0, 1], rows, bounds, bounds=[(None, None)] * 3 + [(0, None)]).x
-    return found, apart
+    *found, descriptor_distance = linprog(
+        [0, 0, 0, 1], rows, bounds, bounds=[(None, None)] * 3 + [(0, None)]
+    ).x
+    return found, descriptor_distance
 
 
 def applied(steps, x):
@@ -59,9 +61,9 @@ def applied(steps, x):
 def test_each_step_is_the_best_polynomial_for_what_the_ones_before_leave(steps, least, count):
     low, high = least, 1.0
     for step in steps[: count - 1]:
-        expected, apart = best_step(low, high * 1.005)
+        expected, descriptor_distance = best_step(low, high * 1.005)
         assert step == pytest.approx(expected, rel=1e-3)
-        low, high = 1.0 - apart, 1.0 + apart
+        low, high = 1.0 - descriptor_distance, 1.0 + descriptor_distance
 
 
 @pytest.mark.parametrize(("steps", "least", "error"), [(ROUGH, 3e-4, 3e-4), (EXACT, 1e-4, 1e-6)])

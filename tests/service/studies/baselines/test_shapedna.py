@@ -40,8 +40,8 @@ def test_distances_are_euclidean_and_tell_classes_apart() -> None:
 
 def test_loose_and_broken_parts_have_a_spectrum() -> None:
     cup = make_shape("cup", 0)
-    apart = Mesh(
+    descriptor_distance = Mesh(
         np.vstack([cup.vertices, cup.vertices + np.array([9.0, 0.0, 0.0])]),
         np.vstack([cup.faces[::2], cup.faces + len(cup.vertices)]),
     )
-    assert np.isfinite(describe(apart)).all()
+    assert np.isfinite(describe(descriptor_distance)).all()

@@ -8,7 +8,7 @@ from scipy.spatial.distance import cdist
 
 from core.mesh.mesh import Mesh
 from core.spectral.laplace_beltrami import laplacian
-from core.studies.sampling.evidence import (
+from core.studies.sampling.measures import (
     BINS,
     distance_histogram,
     fit_residuals,
