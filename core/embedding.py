@@ -157,5 +157,5 @@ class Match:
     effective: NDArray[np.bool_] = field(repr=False)
 
 
-Points = tuple[tuple[Float32s, ...], Int32s]
+EmbeddedPoints = tuple[tuple[Float32s, ...], Int32s]
 """Coordinates in each spectral domain, (d, k), and the sample nearest to each of the d points, (d,)."""

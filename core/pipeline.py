@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from core.arrays import Bytes, Float32s, Floats, Ints
 from core.descriptors.boundary_ratio import INCOMPLETE, boundary_ratio
 from core.descriptors.descriptor_distance import DescriptorDistance, describe, descriptor_distance
-from core.descriptors.global_descriptors import GLOBAL_SHARE, global_descriptors, signed_volume
+from core.descriptors.global_descriptors import GLOBAL_WEIGHT, global_descriptors, signed_volume
 from core.embedding import NO_SPIN_IMAGES, Embedding, Facts, Match, Scores
 from core.errors import DegenerateMeshError, IncompatibleEmbeddingsError, ParameterError
 from core.graph.edge_graph import edge_graph
@@ -21,8 +21,8 @@ from core.graph.sparse_graph import SparseGraph, graph_distances, sparse_graph
 from core.matching.match_records import match_rows
 from core.matching.matcher import Prepared, embedding_key, match_prepared, prepare
 from core.mesh.cleaning import Cleaned, clean, face_areas, vertex_areas
-from core.mesh.denoising import roughness, smoothed
-from core.mesh.hole_filling import filled
+from core.mesh.denoising import roughness, taubin_smoothing
+from core.mesh.hole_filling import fill_holes
 from core.mesh.mesh import Mesh
 from core.mesh.normal_frame import Frame, normal_frame
 from core.mesh.simplification import simplify
@@ -32,7 +32,7 @@ from core.parameters import Parameters
 from core.ranking.class_probability import class_probability, signature_features
 from core.sampling.lewis_weights import lewis_weights
 from core.sampling.sampling import keyed_uniform, random_draw, sort_and_cut, weighted_farthest_points
-from core.spectral.spectral_embedding import Points, spectra_of
+from core.spectral.spectral_embedding import SampledSurface, spectra_of
 
 PREPARED_BYTES = 128 * 1024 * 1024
 """How much a pipeline keeps of factored splines, unless it is told otherwise."""
@@ -42,7 +42,7 @@ def measure(mesh: Mesh, cleaned: Cleaned, frame: Frame) -> Facts:
     """Facts of a mesh as it was read, its cleaned form and its frame."""
     faces = cleaned.mesh.faces
     volume = signed_volume(frame.apply(cleaned.mesh.vertices), faces)
-    sheets = cleaned.sides.sheets
+    face_counts = cleaned.sides.face_counts
     area = float(face_areas(cleaned.mesh.vertices, faces).sum())
     return Facts(
         vertices=len(mesh.vertices),
@@ -53,15 +53,10 @@ def measure(mesh: Mesh, cleaned: Cleaned, frame: Frame) -> Facts:
         components=cleaned.components,
         merged_vertices=cleaned.merged_vertices,
         dropped_faces=cleaned.dropped_faces,
-        boundary_edges=int((sheets == 1).sum()),
-        nonmanifold_edges=int((sheets > 2).sum()),
+        boundary_edges=int((face_counts == 1).sum()),
+        nonmanifold_edges=int((face_counts > 2).sum()),
         openness=boundary_ratio(cleaned.mesh, cleaned.sides, area),
     )
-
-
-def without_holes(cleaned: Cleaned, most: float) -> Mesh:
-    """The mesh with its holes closed as `core.mesh.hole_filling.filled` does; 0 leaves it as it is."""
-    return filled(cleaned.mesh, most, cleaned.sides) if most else cleaned.mesh
 
 
 class Pipeline:
@@ -91,17 +86,19 @@ class Pipeline:
         """
         wanted = self.parameters
         cleaned = clean(mesh)
-        surface = without_holes(cleaned, wanted.fill_holes)
+        surface = cleaned.mesh
+        if wanted.fill_holes:
+            surface = fill_holes(surface, wanted.fill_holes, cleaned.sides)
         frame = normal_frame(surface)
-        normal = self._evened(Mesh(frame.apply(surface.vertices), surface.faces))
+        normal = self._simplified_and_smoothed(Mesh(frame.apply(surface.vertices), surface.faces))
         return self._refined(normal), cleaned, frame
 
-    def _evened(self, normal: Mesh) -> Mesh:
+    def _simplified_and_smoothed(self, normal: Mesh) -> Mesh:
         """A mesh in its normal frame, simplified if it is large, and smoothed if it is rough."""
         wanted = self.parameters
         if wanted.decimate_above and len(normal.vertices) > wanted.decimate_above:
             normal = simplify(normal, wanted.decimate_to)
-        return smoothed(normal, wanted.smooth_rounds) if self._is_rough(normal) else normal
+        return taubin_smoothing(normal, wanted.smooth_rounds) if self._is_rough(normal) else normal
 
     def _is_rough(self, normal: Mesh) -> bool:
         most = self.parameters.smooth_above
@@ -114,7 +111,7 @@ class Pipeline:
         needed = max(self.parameters.refine_vertices, self._least_vertices())
         return refine(normal, needed) if len(normal.vertices) < needed else normal
 
-    def bare(self, mesh: Mesh) -> Mesh:
+    def open_surface(self, mesh: Mesh) -> Mesh:
         """A mesh in its normal frame, clean and even, whose rims are open.
 
         Raises
@@ -123,11 +120,11 @@ class Pipeline:
             It has no area.
         """
         with one_thread():
-            return self._bare(clean(mesh))
+            return self._open_surface(clean(mesh))
 
-    def _bare(self, cleaned: Cleaned) -> Mesh:
+    def _open_surface(self, cleaned: Cleaned) -> Mesh:
         frame = normal_frame(cleaned.mesh)
-        return self._evened(Mesh(frame.apply(cleaned.mesh.vertices), cleaned.mesh.faces))
+        return self._simplified_and_smoothed(Mesh(frame.apply(cleaned.mesh.vertices), cleaned.mesh.faces))
 
     def spin_images_of(self, mesh: Mesh) -> Bytes:
         """What lies about points of a mesh, whether the parameters ask that its embedding has it or not.
@@ -144,7 +141,7 @@ class Pipeline:
     def _spin_images(self, surface: Mesh, cleaned: Cleaned, facts: Facts) -> Bytes:
         """Of an incomplete surface, it is looked at with its rims open."""
         if facts.openness > INCOMPLETE:
-            surface = self._bare(cleaned)
+            surface = self._open_surface(cleaned)
         return describe(surface, boundary_ratio=facts.openness)
 
     def _least_vertices(self) -> int:
@@ -213,14 +210,14 @@ class Pipeline:
             areas = np.bincount(
                 sparse.regions, weights=vertex_areas(surface.vertices, surface.faces), minlength=count
             )
-            embedded = Points(
+            embedded = SampledSurface(
                 vertices=points,
                 distances=self.distances(graph, points, samples, sparse),
                 areas=areas / areas.sum(),
             )
             spectra, signature = spectra_of(surface, embedded, self.parameters)
             if self.parameters.form:
-                signature = np.concatenate([signature, GLOBAL_SHARE * global_descriptors(surface)])
+                signature = np.concatenate([signature, GLOBAL_WEIGHT * global_descriptors(surface)])
             facts = measure(mesh, cleaned, frame)
             spin_images = (
                 self._spin_images(surface, cleaned, facts) if self.parameters.patches else NO_SPIN_IMAGES

@@ -13,8 +13,8 @@ from safetensors import SafetensorError
 from safetensors.numpy import load, save
 
 from core.arrays import Bytes
-from core.descriptors.descriptor_distance import ROWS, WIDTH
-from core.embedding import NO_SPIN_IMAGES, Embedding, Facts, Points, Spectrum
+from core.descriptors.descriptor_distance import ROW_COUNTS, ROW_LENGTH
+from core.embedding import NO_SPIN_IMAGES, EmbeddedPoints, Embedding, Facts, Spectrum
 from core.errors import BadRecordError
 
 
@@ -80,7 +80,7 @@ def embedding_from_bytes(data: bytes) -> Embedding:
     return embedding
 
 
-def points_from_bytes(data: bytes) -> Points:
+def points_from_bytes(data: bytes) -> EmbeddedPoints:
     """The embedded points of a record: views of its bytes, whose numbers are not checked.
 
     Some twenty times as fast as `embedding_from_bytes`.
@@ -200,8 +200,8 @@ def _header_faults(embedding: Embedding) -> Iterator[str]:
 
 def _patch_faults(spin_images: NDArray[Any]) -> Iterator[str]:
     if spin_images is not NO_SPIN_IMAGES:
-        yield from _array_faults("patches", spin_images, np.uint8, (None, WIDTH))
-        if len(spin_images) not in ROWS.values():
+        yield from _array_faults("patches", spin_images, np.uint8, (None, ROW_LENGTH))
+        if len(spin_images) not in ROW_COUNTS.values():
             yield f"there are {len(spin_images)} spin images"
 
 

@@ -4,7 +4,7 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from core.mesh.cleaning import part_areas
+from core.mesh.cleaning import component_areas
 from core.mesh.edges import HalfEdges
 from core.mesh.mesh import Mesh
 
@@ -17,7 +17,7 @@ together 8 %.
 """
 
 
-SLIGHT = 0.01
+LEAST_COMPONENT_AREA = 0.01
 """Rims of parts of less than this share of the area are no gaps: loose bits, or the triangles of a soup."""
 
 
@@ -26,7 +26,7 @@ def boundary_ratio(mesh: Mesh, sides: HalfEdges, area: float) -> float:
 
     A rim of length l, which is what hangs together of the open edges, bounds a disc of at most l^2 / 4 pi. So
     a limb cut off counts by its cross section, and many small holes count little. Rims of parts of less than
-    `SLIGHT` of the area do not count.
+    `LEAST_COMPONENT_AREA` of the area do not count.
 
     Parameters
     ----------
@@ -37,9 +37,9 @@ def boundary_ratio(mesh: Mesh, sides: HalfEdges, area: float) -> float:
     area : float
         Of the surface, > 0.
     """
-    edges = sides.edges[sides.sheets == 1]
+    edges = sides.edges[sides.face_counts == 1]
     if len(edges):
-        edges = edges[part_areas(mesh)[edges[:, 0]] >= SLIGHT * area]
+        edges = edges[component_areas(mesh)[edges[:, 0]] >= LEAST_COMPONENT_AREA * area]
     if not len(edges):
         return 0.0
     lengths = np.linalg.norm(mesh.vertices[edges[:, 0]] - mesh.vertices[edges[:, 1]], axis=1)

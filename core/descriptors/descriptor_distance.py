@@ -8,12 +8,18 @@ from numpy.typing import NDArray
 
 from core.arrays import Bytes, Floats
 from core.descriptors.boundary_ratio import INCOMPLETE
-from core.descriptors.partial_matching import PART_POINTS, part_distances, part_of
-from core.descriptors.spin_images import KEYS, LENGTH, RADII, between, spin_images
+from core.descriptors.partial_matching import PART_ROWS, describe_part, part_distances
+from core.descriptors.spin_images import (
+    KEYPOINTS,
+    RADII,
+    SPIN_IMAGE_LENGTH,
+    spin_image_distances,
+    spin_images,
+)
 from core.mesh.mesh import Mesh
 
-WIDTH = LENGTH + len(RADII)
-ROWS = {False: KEYS, True: KEYS + PART_POINTS}
+ROW_LENGTH = SPIN_IMAGE_LENGTH + len(RADII)
+ROW_COUNTS = {False: KEYPOINTS, True: KEYPOINTS + PART_ROWS}
 """How many rows a complete and an incomplete surface have."""
 
 
@@ -47,12 +53,12 @@ def describe(surface: Mesh, *, boundary_ratio: float) -> Bytes:
 
     Returns
     -------
-    uint8, shape (r, WIDTH)
-        `ROWS` says how many.
+    uint8, shape (r, ROW_LENGTH)
+        `ROW_COUNTS` says how many.
     """
-    whole = np.ones((KEYS, WIDTH), dtype=np.uint8)
-    whole[:, :LENGTH] = spin_images(surface).bytes
-    return np.concatenate([whole, part_of(surface)]) if boundary_ratio > INCOMPLETE else whole
+    whole = np.ones((KEYPOINTS, ROW_LENGTH), dtype=np.uint8)
+    whole[:, :SPIN_IMAGE_LENGTH] = spin_images(surface).bytes
+    return np.concatenate([whole, describe_part(surface)]) if boundary_ratio > INCOMPLETE else whole
 
 
 def descriptor_distance(query: Bytes, others: Sequence[Bytes]) -> DescriptorDistance:
@@ -60,28 +66,30 @@ def descriptor_distance(query: Bytes, others: Sequence[Bytes]) -> DescriptorDist
 
     Parameters
     ----------
-    query : uint8, shape (r, WIDTH)
+    query : uint8, shape (r, ROW_LENGTH)
         As `described` gives it.
-    others : sequence of uint8, each of shape (r, WIDTH)
+    others : sequence of uint8, each of shape (r, ROW_LENGTH)
     """
     distance = np.full(len(others), np.inf)
     part = np.array([is_part(query) or is_part(other) for other in others], dtype=bool)
     if is_part(query):
-        distance = part_distances(query[KEYS:], [as_whole(other) for other in others])
+        distance = part_distances(query[KEYPOINTS:], [whole_spin_images(other) for other in others])
     else:
         complete = np.flatnonzero(~part).tolist()
-        distance[complete] = between(as_whole(query), [as_whole(others[i]) for i in complete]).max(axis=1)
+        distance[complete] = spin_image_distances(
+            whole_spin_images(query), [whole_spin_images(others[i]) for i in complete]
+        ).max(axis=1)
     for i, other in enumerate(others):
         if is_part(other):
-            distance[i] = min(distance[i], part_distances(other[KEYS:], [as_whole(query)])[0])
+            distance[i] = min(distance[i], part_distances(other[KEYPOINTS:], [whole_spin_images(query)])[0])
     return DescriptorDistance(distance, part)
 
 
 def is_part(rows: Bytes) -> bool:
     """Whether a surface, as `described` gives it, is incomplete."""
-    return len(rows) > KEYS
+    return len(rows) > KEYPOINTS
 
 
-def as_whole(rows: Bytes) -> Bytes:
-    """Its patches as a whole, shape (KEYS, LENGTH)."""
-    return rows[:KEYS, :LENGTH]
+def whole_spin_images(rows: Bytes) -> Bytes:
+    """Its patches as a whole, shape (KEYPOINTS, SPIN_IMAGE_LENGTH)."""
+    return rows[:KEYPOINTS, :SPIN_IMAGE_LENGTH]

@@ -12,9 +12,9 @@ from core.mesh.cleaning import centroid, face_areas
 from core.mesh.mesh import Mesh
 from core.numerics.compilation import compiled, constant
 
-TERMS = 3
+GLOBAL_DESCRIPTORS = 3
 
-GLOBAL_SHARE = 0.1
+GLOBAL_WEIGHT = 0.1
 """What terms of form are multiplied by in a signature, so that its plain distance heeds eigenvalues first."""
 
 LEAST_VOLUME = 1e-3

@@ -16,27 +16,27 @@ from core.arrays import Bytes, Floats, Ints
 from core.mesh.cleaning import face_areas
 from core.mesh.mesh import Mesh
 from core.numerics.compilation import compiled, constant
-from core.sampling.surface_samples import spread
+from core.sampling.surface_samples import evenly_spread
 
-POINTS, KEYS = 4000, 160
+POINTS, KEYPOINTS = 4000, 160
 """Points that stand for a whole surface, and how many of them have a patch."""
 
 RADII = (0.1, 0.2, 0.4)
 """Of the balls that are looked at, over the root of the whole's area."""
 
-ACROSS, ALONG = 5, 9
+RADIAL_BINS, HEIGHT_BINS = 5, 9
 """Bins from the normal's line outwards, and along it: as many below the point as above, and one about its
 own height, where flat surfaces lie."""
 
-BINS = ACROSS * ALONG
-LENGTH = len(RADII) * BINS
+BINS = RADIAL_BINS * HEIGHT_BINS
+SPIN_IMAGE_LENGTH = len(RADII) * BINS
 """Bytes of a patch: those of each ball, the smallest first."""
 
-SCALE = 100.0
+BYTE_SCALE = 100.0
 """A byte is so many times the root of a share of the area of a disc, and at most 255. Squared distances
 between bytes, summed over a patch, are whole numbers that single precision holds, in whatever order."""
 
-AT_ONCE = 8
+BATCH = 8
 """How many surfaces are compared at a time."""
 
 
@@ -46,7 +46,7 @@ class SpinImages:
 
     Attributes
     ----------
-    bytes : uint8, shape (k, LENGTH)
+    bytes : uint8, shape (k, SPIN_IMAGE_LENGTH)
     points : float64, shape (k, 3)
         What they are about, in the mesh's units.
     unit : float
@@ -68,36 +68,38 @@ def spin_images(surface: Mesh, missing: float = 0.0) -> SpinImages:
     surface : Mesh
         Clean, with some area.
     missing : float
-        The share of the whole's area that is gone, in [0, 1): there are `KEYS` times the rest of them.
+        The share of the whole's area that is gone, in [0, 1): there are `KEYPOINTS` times the rest of them.
     """
     areas = face_areas(surface.vertices, surface.faces)
     corners = surface.vertices[surface.faces]
     centre = corners.mean(axis=(0, 1))
     unit = float(np.sqrt(areas.sum() / (1.0 - missing)))
     count = round(POINTS * (1.0 - missing))
-    points, faces = spread((corners - centre) / unit, areas, count)
-    keys = np.linspace(0, count - 1, spin_image_count(missing)).astype(np.int64)
-    about = corners[faces[keys]]
+    points, faces = evenly_spread((corners - centre) / unit, areas, count)
+    keypoints = np.linspace(0, count - 1, spin_image_count(missing)).astype(np.int64)
+    about = corners[faces[keypoints]]
     normals = np.cross(about[:, 1] - about[:, 0], about[:, 2] - about[:, 0])
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(np.float64).tiny)
-    counts = _counts(constant(points), constant(keys), constant(normals), np.array(RADII))
+    counts = _histograms(constant(points), constant(keypoints), constant(normals), np.array(RADII))
     shares = counts / (POINTS * np.array(RADII) ** 2)[:, None]
-    told = np.minimum(np.round(SCALE * np.sqrt(shares)), 255.0).astype(np.uint8)
-    return SpinImages(told.reshape(len(keys), LENGTH), points[keys] * unit + centre, unit)
+    told = np.minimum(np.round(BYTE_SCALE * np.sqrt(shares)), 255.0).astype(np.uint8)
+    return SpinImages(
+        told.reshape(len(keypoints), SPIN_IMAGE_LENGTH), points[keypoints] * unit + centre, unit
+    )
 
 
 def spin_image_count(missing: float) -> int:
     """How many patches a surface has of which a share is missing."""
-    return round(KEYS * (1.0 - missing))
+    return round(KEYPOINTS * (1.0 - missing))
 
 
-def between(query: Bytes, others: Sequence[Bytes]) -> Floats:
+def spin_image_distances(query: Bytes, others: Sequence[Bytes]) -> Floats:
     """How far the patches of one surface are from the nearest of each of c others, and theirs from its own.
 
     Parameters
     ----------
-    query : uint8, shape (k, LENGTH)
-    others : sequence of uint8, each of shape (KEYS, LENGTH)
+    query : uint8, shape (k, SPIN_IMAGE_LENGTH)
+    others : sequence of uint8, each of shape (KEYPOINTS, SPIN_IMAGE_LENGTH)
 
     Returns
     -------
@@ -107,28 +109,28 @@ def between(query: Bytes, others: Sequence[Bytes]) -> Floats:
     found = np.empty((len(others), 2))
     own = query.astype(np.float32)
     squares = (own**2).sum(axis=1)
-    for start in range(0, len(others), AT_ONCE):
-        some = np.stack(others[start : start + AT_ONCE]).astype(np.float32)
-        products = some.reshape(-1, LENGTH) @ own.T
+    for start in range(0, len(others), BATCH):
+        some = np.stack(others[start : start + BATCH]).astype(np.float32)
+        products = some.reshape(-1, SPIN_IMAGE_LENGTH) @ own.T
         descriptor_distance = (
             (some**2).sum(axis=2)[:, :, None] + squares - 2.0 * products.reshape(*some.shape[:2], -1)
         )
         found[start : start + len(some), 0] = descriptor_distance.min(axis=1).mean(axis=1, dtype=np.float64)
         found[start : start + len(some), 1] = descriptor_distance.min(axis=2).mean(axis=1, dtype=np.float64)
-    return found / SCALE**2
+    return found / BYTE_SCALE**2
 
 
 @compiled
-def _counts(points: Floats, keys: Ints, normals: Floats, radii: Floats) -> Ints:
+def _histograms(points: Floats, keypoints: Ints, normals: Floats, radii: Floats) -> Ints:
     """How many points lie in each bin of each ball about each key, shape (k, r, BINS); radii rise."""
-    counts = np.zeros((len(keys), len(radii), ACROSS * ALONG), dtype=np.int64)
-    squared, across, along = radii**2, ACROSS / radii, 0.5 * ALONG / radii
+    counts = np.zeros((len(keypoints), len(radii), RADIAL_BINS * HEIGHT_BINS), dtype=np.int64)
+    squared, across, along = radii**2, RADIAL_BINS / radii, 0.5 * HEIGHT_BINS / radii
     largest = squared[-1]
     x, y, z = points[:, 0].copy(), points[:, 1].copy(), points[:, 2].copy()
     squares, heights = np.empty(len(points)), np.empty(len(points))
     near = np.empty(len(points), dtype=np.int64)
-    for k in range(len(keys)):
-        own_x, own_y, own_z = x[keys[k]], y[keys[k]], z[keys[k]]
+    for k in range(len(keypoints)):
+        own_x, own_y, own_z = x[keypoints[k]], y[keypoints[k]], z[keypoints[k]]
         normal_x, normal_y, normal_z = normals[k, 0], normals[k, 1], normals[k, 2]
         for p in range(len(points)):
             east, north, up = x[p] - own_x, y[p] - own_y, z[p] - own_z
@@ -147,7 +149,7 @@ def _counts(points: Floats, keys: Ints, normals: Floats, radii: Floats) -> Ints:
             for r in range(len(radii) - 1, -1, -1):
                 if square >= squared[r]:
                     break
-                column = min(int(away * across[r]), ACROSS - 1)
-                row = min(max(int(height * along[r] + 0.5 * ALONG), 0), ALONG - 1)
-                counts[k, r, row * ACROSS + column] += 1
+                column = min(int(away * across[r]), RADIAL_BINS - 1)
+                row = min(max(int(height * along[r] + 0.5 * HEIGHT_BINS), 0), HEIGHT_BINS - 1)
+                counts[k, r, row * RADIAL_BINS + column] += 1
     return counts

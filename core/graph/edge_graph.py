@@ -8,10 +8,10 @@ from scipy.spatial import cKDTree
 from core.arrays import Floats, Ints
 from core.mesh.edges import HalfEdges, component_labels, half_edges, starts_of
 from core.mesh.mesh import Mesh
-from core.mesh.ordering import TIE, settled
+from core.mesh.ordering import TIE, tied_ranks
 from core.numerics.radix_sort import lexical_order
 
-MOST_SHEETS = 6
+MOST_FACES = 6
 """Where more faces than this share an edge, no way leads straight across it."""
 
 
@@ -30,9 +30,9 @@ def diagonals(vertices: Floats, faces: Ints, sides: HalfEdges | None = None) -> 
     sides = sides or half_edges(faces)
     opposite = faces[:, [2, 0, 1]].ravel()[sides.order]
     low, high = sides.low, sides.high
-    edge_of = np.repeat(np.arange(len(sides.first)), sides.sheets)
-    few = (sides.sheets <= MOST_SHEETS)[edge_of]
-    pairs = [np.flatnonzero((edge_of[i:] == edge_of[:-i]) & few[i:]) for i in range(1, MOST_SHEETS)]
+    edge_of = np.repeat(np.arange(len(sides.first)), sides.face_counts)
+    few = (sides.face_counts <= MOST_FACES)[edge_of]
+    pairs = [np.flatnonzero((edge_of[i:] == edge_of[:-i]) & few[i:]) for i in range(1, MOST_FACES)]
     start = np.concatenate(pairs)
     end = np.concatenate([first + i for i, first in enumerate(pairs, start=1)])
     a, b = vertices[low[start]], vertices[high[start]]
@@ -70,7 +70,7 @@ def bridges(vertices: Floats, labels: Ints) -> Ints:
             for mine, theirs in ((side, ~side), (~side, side)):
                 distance = cKDTree(vertices[theirs]).query(vertices[mine])[0]
                 gap[mine] = np.minimum(gap[mine], distance)
-        rank = settled(np.log(gap))
+        rank = tied_ranks(np.log(gap))
         order = np.lexsort((rank, labels))
         lead = order[np.unique(labels[order], return_index=True)[1]]
         lead = lead[np.argsort(rank[lead], kind="stable")]

@@ -8,7 +8,7 @@ from scipy.sparse.csgraph import dijkstra, minimum_spanning_tree
 
 from core.arrays import Floats, Ints
 from core.graph.edge_graph import symmetric
-from core.mesh.ordering import settled
+from core.mesh.ordering import tied_ranks
 from core.numerics.compilation import compiled
 
 ROUNDING = 1e-9
@@ -82,7 +82,7 @@ def sparse_graph(graph: csr_array, samples: Ints) -> SparseGraph:
     half = upper.row < upper.col
     edges = np.stack([upper.row[half], upper.col[half]], axis=1).astype(np.int64)
     lengths = upper.data[half]
-    shortest_first = np.argsort(settled(lengths, ROUNDING), kind="stable")
+    shortest_first = np.argsort(tied_ranks(lengths, ROUNDING), kind="stable")
     place = np.empty(len(edges), dtype=np.int64)
     place[shortest_first] = np.arange(1, len(edges) + 1)
     tree = minimum_spanning_tree(csr_array((place, edges.T), shape=proposals.shape))

@@ -69,7 +69,7 @@ def face_areas(vertices: Floats, faces: Ints) -> Floats:
     return _face_areas(constant(vertices), constant(faces))
 
 
-def part_areas(mesh: Mesh) -> Floats:
+def component_areas(mesh: Mesh) -> Floats:
     """For each vertex, the area of the connected component that it is of, shape (n,)."""
     count, part = component_labels(len(mesh.vertices), mesh.faces)
     areas = face_areas(mesh.vertices, mesh.faces)

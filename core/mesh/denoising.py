@@ -49,7 +49,7 @@ def roughness(mesh: Mesh) -> float:
     return float(np.median(np.abs((twice * vertex_normals(mesh)).sum(axis=1)))) / length
 
 
-def smoothed(mesh: Mesh, rounds: int) -> Mesh:
+def taubin_smoothing(mesh: Mesh, iterations: int) -> Mesh:
     """Taubin smoothing (1995): noise at the scale of the edges goes, the form stays as large as it is.
 
     Parameters
@@ -61,7 +61,7 @@ def smoothed(mesh: Mesh, rounds: int) -> Mesh:
     """
     means = neighbour_means(mesh)
     points = mesh.vertices
-    for _ in range(rounds):
+    for _ in range(iterations):
         for step in (SHRINK, GROW):
             points = points + step * (means @ points - points)
     return Mesh(points, mesh.faces)

@@ -35,7 +35,7 @@ class HalfEdges:
         return np.stack([self.low[self.first], self.high[self.first]], axis=1)
 
     @property
-    def sheets(self) -> Ints:
+    def face_counts(self) -> Ints:
         """How many faces share each edge, shape (e,)."""
         return np.diff(self.first, append=len(self.order))
 

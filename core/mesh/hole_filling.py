@@ -10,12 +10,12 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from core.arrays import Ints
-from core.mesh.cleaning import part_areas
+from core.mesh.cleaning import component_areas
 from core.mesh.edges import HalfEdges, half_edges
 from core.mesh.mesh import Mesh
 
 
-def filled(mesh: Mesh, most: float, sides: HalfEdges | None = None) -> Mesh:
+def fill_holes(mesh: Mesh, most: float, sides: HalfEdges | None = None) -> Mesh:
     """The mesh with its holes closed: a vertex amid each rim, and a face to it from each of the rim's edges.
 
     A rim is a closed line of edges with one face each, which meet nowhere else. One of length l bounds a disc
@@ -35,37 +35,37 @@ def filled(mesh: Mesh, most: float, sides: HalfEdges | None = None) -> Mesh:
     Mesh
         The same one where there is nothing to close; else with more vertices and faces behind its own.
     """
-    start, end = _open_sides(mesh.faces, half_edges(mesh.faces) if sides is None else sides)
+    start, end = _boundary_edges(mesh.faces, half_edges(mesh.faces) if sides is None else sides)
     if not len(start):
         return mesh
-    rims = _rims(start, end, len(mesh.vertices))
-    count = int(rims.max()) + 1
+    loops = _boundary_loops(start, end, len(mesh.vertices))
+    count = int(loops.max()) + 1
     if not count:
         return mesh
-    on = rims >= 0
-    start, end, rims = start[on], end[on], rims[on]
+    on = loops >= 0
+    start, end, loops = start[on], end[on], loops[on]
     lengths = np.linalg.norm(mesh.vertices[start] - mesh.vertices[end], axis=1)
-    whole = np.bincount(rims, weights=lengths)
-    area = part_areas(mesh)[start[np.unique(rims, return_index=True)[1]]]
+    whole = np.bincount(loops, weights=lengths)
+    area = component_areas(mesh)[start[np.unique(loops, return_index=True)[1]]]
     closed = whole**2 <= 4.0 * np.pi * most * area
     if not closed.any():
         return mesh
     # By the length of the edges, so that more vertices on one side do not draw the middle there.
     between = lengths[:, None] * (mesh.vertices[start] + mesh.vertices[end]) / 2.0
-    middles = np.stack([np.bincount(rims, weights=each) for each in between.T], axis=1) / whole[:, None]
+    middles = np.stack([np.bincount(loops, weights=each) for each in between.T], axis=1) / whole[:, None]
     number = len(mesh.vertices) + np.cumsum(closed) - 1
-    used = closed[rims]
-    fans = np.stack([end[used], start[used], number[rims[used]]], axis=1)
+    used = closed[loops]
+    fans = np.stack([end[used], start[used], number[loops[used]]], axis=1)
     return Mesh(np.concatenate([mesh.vertices, middles[closed]]), np.concatenate([mesh.faces, fans]))
 
 
-def _open_sides(faces: Ints, sides: HalfEdges) -> tuple[Ints, Ints]:
+def _boundary_edges(faces: Ints, sides: HalfEdges) -> tuple[Ints, Ints]:
     """The ends of the sides whose edge no other face has, as their faces run."""
-    alone = sides.order[sides.first[sides.sheets == 1]]
+    alone = sides.order[sides.first[sides.face_counts == 1]]
     return faces.ravel()[alone], faces[:, [1, 2, 0]].ravel()[alone]
 
 
-def _rims(start: Ints, end: Ints, vertices: int) -> Ints:
+def _boundary_loops(start: Ints, end: Ints, vertices: int) -> Ints:
     """The number of each side's rim, counted by their first vertices; -1 where sides meet in other ways.
 
     Each vertex of a rim has one side that begins there, and one that ends.
@@ -77,9 +77,9 @@ def _rims(start: Ints, end: Ints, vertices: int) -> Ints:
     bad = np.zeros(len(once), dtype=bool)
     bad[part[~once]] = True
     good = np.flatnonzero(~bad[part[start]])
-    rims = np.full(len(start), -1, dtype=np.int64)
+    loops = np.full(len(start), -1, dtype=np.int64)
     _, first, inverse = np.unique(part[start[good]], return_index=True, return_inverse=True)
     lowest = np.full(len(first), vertices)
     np.minimum.at(lowest, inverse, start[good])
-    rims[good] = np.argsort(np.argsort(lowest))[inverse]
-    return rims
+    loops[good] = np.argsort(np.argsort(lowest))[inverse]
+    return loops

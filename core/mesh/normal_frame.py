@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from core.arrays import Floats, Ints
 from core.mesh.cleaning import centroid, face_areas
 from core.mesh.mesh import Mesh
-from core.mesh.ordering import TIE, independent
+from core.mesh.ordering import TIE, independent_weights
 from core.numerics.compilation import compiled, constant
 
 Complexes = NDArray[np.complex128]
@@ -112,7 +112,7 @@ def _farthest(offsets: Floats) -> Floats:
 
 def _ordered_sum(mesh: Mesh) -> Floats:
     """A vector from the vertices' order, to decide between directions that are alike on the surface."""
-    return np.asarray(independent(np.arange(len(mesh.vertices))) @ mesh.vertices)
+    return np.asarray(independent_weights(np.arange(len(mesh.vertices))) @ mesh.vertices)
 
 
 def _sign(mesh: Mesh, areas: Floats, axis: Floats) -> float:
@@ -123,7 +123,7 @@ def _sign(mesh: Mesh, areas: Floats, axis: Floats) -> float:
     return -1.0 if skew < 0.0 else 1.0
 
 
-def _turn(mesh: Mesh, areas: Floats, normal: Floats) -> Floats:
+def _tied_axis(mesh: Mesh, areas: Floats, normal: Floats) -> Floats:
     """A direction across `normal` that turns with the shape, where the plane's own axes are tied.
 
     `mesh` is centred. The m-th moment of the plane, the mean of (u + iv)^m, has a phase, and 1/m of it is a
@@ -154,7 +154,7 @@ def _turn(mesh: Mesh, areas: Floats, normal: Floats) -> Floats:
 def normal_frame(mesh: Mesh) -> Frame:
     """The frame of Eq. 4's fit z = f(x, y), the same for every tessellation of a surface.
 
-    Tied axes: where all three are, x points to the surface's farthest point; where two are, `_turn` picks the
+    Tied axes: where all three are, x points to the surface's farthest point; where two are, `_tied_axis` picks the
     first of them. Signs come from the third moments, so that a turned copy gets the turned frame.
     """
     areas = face_areas(mesh.vertices, mesh.faces)
@@ -168,9 +168,9 @@ def normal_frame(mesh: Mesh) -> Frame:
     if tied.all():
         axes[0] = _farthest(unit.vertices)
     if tied[1]:
-        axes[1] = _turn(unit, areas, axes[0])
+        axes[1] = _tied_axis(unit, areas, axes[0])
     elif tied[0]:
-        axes[0] = _turn(unit, areas, axes[2])
+        axes[0] = _tied_axis(unit, areas, axes[2])
         axes[1] = np.cross(axes[2], axes[0])
     for i in (0, 1):
         axes[i] *= _sign(unit, areas, axes[i])

@@ -17,7 +17,7 @@ MOST_VERTICES = 300_000
 """Above this symmetry is not looked for: the order is by distance from the centroid, then the one given."""
 
 
-def settled(values: Floats, tolerance: float = TIE) -> Ints:
+def tied_ranks(values: Floats, tolerance: float = TIE) -> Ints:
     """Ranks of the values, shape (n,), 0 for the smallest; values that only rounding tells apart share one.
 
     Parameters
@@ -26,10 +26,10 @@ def settled(values: Floats, tolerance: float = TIE) -> Ints:
     tolerance : float
         Gaps up to this part of the largest magnitude are no gaps.
     """
-    return _split(np.zeros(len(values), dtype=np.int64), values, tolerance)
+    return _refined_ranks(np.zeros(len(values), dtype=np.int64), values, tolerance)
 
 
-def independent(ranks: Ints) -> Floats:
+def independent_weights(ranks: Ints) -> Floats:
     """A weight in (-1, 1) for each rank; no two different sums of them, with rational factors, are equal.
 
     The sine of rank + 1: sines of whole numbers are linearly independent (Lindemann and Weierstrass).
@@ -37,7 +37,7 @@ def independent(ranks: Ints) -> Floats:
     return np.asarray(np.sin(ranks + 1.0))
 
 
-def _split(ranks: Ints, values: Floats, tolerance: float = TIE) -> Ints:
+def _refined_ranks(ranks: Ints, values: Floats, tolerance: float = TIE) -> Ints:
     """Ranks by the ranks given, then by the values."""
     order = lexical_order(ranks, values)
     ranked, sorted_values = ranks[order], values[order]
@@ -97,7 +97,7 @@ def canonical_order(vertices: Floats, faces: Ints, centre: Floats) -> Ints:
         Vertices, from the one nearest to the centre.
     """
     count = len(vertices)
-    ranks = settled(np.linalg.norm(vertices - centre, axis=1))
+    ranks = tied_ranks(np.linalg.norm(vertices - centre, axis=1))
     if count > MOST_VERTICES:
         return np.argsort(ranks, kind="stable")
     vertices, faces = constant(vertices), constant(faces)
@@ -107,12 +107,12 @@ def canonical_order(vertices: Floats, faces: Ints, centre: Floats) -> Ints:
         for _ in range(ROUNDS):
             if ranks.max() == count - 1:
                 return np.argsort(ranks)
-            finer = _split(ranks, _from_neighbours(faces, lengths, independent(ranks)))
+            finer = _refined_ranks(ranks, _from_neighbours(faces, lengths, independent_weights(ranks)))
             told = finer.max() > ranks.max()
             ranks = finer
             if not told:
                 break
         alike = np.flatnonzero(np.bincount(ranks)[ranks] > 1)
         marked = alike[np.argmax(ranks[alike])]
-        ranks = _split(ranks, np.linalg.norm(vertices - vertices[marked], axis=1))
+        ranks = _refined_ranks(ranks, np.linalg.norm(vertices - vertices[marked], axis=1))
     return np.argsort(ranks, kind="stable")

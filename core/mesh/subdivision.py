@@ -16,7 +16,7 @@ def edge_table(faces: Ints) -> tuple[Ints, Ints]:
     """Distinct edges, shape (e, 2), and for each face the indices of its edges 01, 12, 20, shape (f, 3)."""
     sides = half_edges(faces)
     of_side = np.empty(len(sides.order), dtype=np.int64)
-    of_side[sides.order] = np.repeat(np.arange(len(sides.first)), sides.sheets)
+    of_side[sides.order] = np.repeat(np.arange(len(sides.first)), sides.face_counts)
     return sides.edges, of_side.reshape(-1, 3)
 
 

@@ -8,19 +8,19 @@ from scipy.special import expit
 
 from core.arrays import Floats
 from core.descriptors.descriptor_distance import DescriptorDistance
-from core.descriptors.global_descriptors import GLOBAL_SHARE, TERMS
+from core.descriptors.global_descriptors import GLOBAL_DESCRIPTORS, GLOBAL_WEIGHT
 
-NEAR = 0.1
+HALF_SATURATION = 0.1
 """Spectra whose logarithms differ by so much, root mean square, tell as much for one shape as against it."""
 
-SIM_SHARE = 0.03
+SIM_WEIGHT = 0.03
 """What sim counts beside CC: it falls from 1 some thirty times as fast between shapes of one class."""
 
-WHOLE_SHARE = 0.2
+WHOLE_WEIGHT = 0.2
 """What the match of the whole shapes counts beside their patches, where one is a part of the other: of the
 whole, a small cut leaves most points that correspond, and a large one few."""
 
-FAINT_PAIRS, FAINT_GLOBAL, FAINT_SPIN_IMAGES = 0.03, 0.1, 0.05
+PAIRS_FLOOR, GLOBAL_FLOOR, SPIN_IMAGE_FLOOR = 0.03, 0.1, 0.05
 """Added before logarithms are taken: smaller differences are those of one body's poses and meshes."""
 
 
@@ -63,20 +63,20 @@ def class_probability(whole: Floats, descriptor_distance: DescriptorDistance | N
 
 def spin_image_features(whole: Floats, distance: Floats) -> Floats:
     """`evidence`, shape (..., 2), and the logarithm of the distance of patches, shape (...): (..., 3)."""
-    return np.concatenate([whole, np.log(distance + FAINT_SPIN_IMAGES)[..., None]], axis=-1)
+    return np.concatenate([whole, np.log(distance + SPIN_IMAGE_FLOOR)[..., None]], axis=-1)
 
 
 def part_features(whole: Floats, distance: Floats) -> Floats:
     """The same where one is a part of the other, shape (..., 1)."""
-    return (np.log(distance + FAINT_SPIN_IMAGES) + WHOLE_SHARE * whole[..., 0])[..., None]
+    return (np.log(distance + SPIN_IMAGE_FLOOR) + WHOLE_WEIGHT * whole[..., 0])[..., None]
 
 
 def features(cc: Floats, sim: Floats, spectral: Floats, form: Floats) -> Floats:
     """What speaks against one class, as logarithms; arrays of one shape in, that shape and (2,) behind out.
 
-    The nearer the spectra are, the less all else counts. f = s^2 / (s^2 + NEAR^2) rises with the spectral
+    The nearer the spectra are, the less all else counts. f = s^2 / (s^2 + HALF_SATURATION^2) rises with the spectral
     distance s from 0 to 1; with d the distance of form, the columns are
-    log(f (1 - cc + SIM_SHARE (1 - sim)) + FAINT_PAIRS) and log(f d + FAINT_FORM). Poses of one body have
+    log(f (1 - cc + SIM_WEIGHT (1 - sim)) + PAIRS_FLOOR) and log(f d + FAINT_FORM). Poses of one body have
     nearly equal spectra, while their correspondence may stray, and how much of its hull a body fills hangs
     on its pose.
 
@@ -87,11 +87,11 @@ def features(cc: Floats, sim: Floats, spectral: Floats, form: Floats) -> Floats:
     spectral, form : float64
         Distances between the parts of two signatures, >= 0.
     """
-    far = spectral**2 / (spectral**2 + NEAR**2)
+    far = spectral**2 / (spectral**2 + HALF_SATURATION**2)
     return np.stack(
         [
-            np.log(far * (1.0 - cc + SIM_SHARE * (1.0 - sim)) + FAINT_PAIRS),
-            np.log(far * form + FAINT_GLOBAL),
+            np.log(far * (1.0 - cc + SIM_WEIGHT * (1.0 - sim)) + PAIRS_FLOOR),
+            np.log(far * form + GLOBAL_FLOOR),
         ],
         axis=-1,
     )
@@ -110,6 +110,6 @@ def signature_features(
         Eigenvalues first, and with `form` the terms of form behind, as `core.spectral.spectral_embedding` puts them.
     """
     steps = np.asarray(signatures, dtype=np.float64) - np.asarray(query, dtype=np.float64)
-    values = steps.shape[1] - TERMS if form else steps.shape[1]
+    values = steps.shape[1] - GLOBAL_DESCRIPTORS if form else steps.shape[1]
     spectral = np.linalg.norm(steps[:, :values], axis=1)
-    return features(cc, sim, spectral, np.linalg.norm(steps[:, values:], axis=1) / GLOBAL_SHARE)
+    return features(cc, sim, spectral, np.linalg.norm(steps[:, values:], axis=1) / GLOBAL_WEIGHT)

@@ -5,13 +5,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from core.arrays import Float32s
-from core.embedding import Points
+from core.embedding import EmbeddedPoints
 from core.matching.kernels.reranking import rerank_many
 from core.matching.procrustes import rounds_of
 from core.parameters import Parameters
 
 
-def rerank(query: Float32s, clouds: Sequence[Points], parameters: Parameters) -> Float32s:
+def rerank(query: Float32s, clouds: Sequence[EmbeddedPoints], parameters: Parameters) -> Float32s:
     """About the CC of one shape with each of c others: the match but for the others' splines, which are flat.
 
     Splines that do not bend are made in a hundredth of the time, and mostly lead to the same map.

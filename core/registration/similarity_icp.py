@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 
 from core.arrays import Floats
-from core.sampling.surface_samples import SurfaceSamples, closest
+from core.sampling.surface_samples import SurfaceSamples, closest_points
 
 Kinship = Literal["same", "scaled", "mirrored"]
 
@@ -40,19 +40,19 @@ GAIN = 0.995
 
 @dataclass(frozen=True, eq=False)
 class Similarity:
-    """p becomes `scale` * `turn` @ p + `shift`: `turn` is orthogonal, of determinant 1 or -1."""
+    """p becomes `scale` * `rotation` @ p + `shift`: `rotation` is orthogonal, of determinant 1 or -1."""
 
     scale: float
-    turn: Floats
+    rotation: Floats
     shift: Floats
 
     def apply(self, points: Floats) -> Floats:
         """Points, shape (n, 3), moved."""
-        return np.asarray(self.scale * points @ self.turn.T + self.shift)
+        return np.asarray(self.scale * points @ self.rotation.T + self.shift)
 
     def invert(self, points: Floats) -> Floats:
         """Points, shape (n, 3), moved back."""
-        return np.asarray((points - self.shift) @ self.turn / self.scale)
+        return np.asarray((points - self.shift) @ self.rotation / self.scale)
 
 
 @dataclass(frozen=True)
@@ -104,10 +104,10 @@ def best_similarity(source: Floats, target: Floats, *, sign: int, scaled: bool) 
     centred = source - here
     left, values, right = np.linalg.svd((target - there).T @ centred / len(source))
     signs = np.array([1.0, 1.0, sign * np.sign(np.linalg.det(left) * np.linalg.det(right))])
-    turn = left * signs @ right
+    rotation = left * signs @ right
     variance = float((centred**2).sum() / len(source))
     scale = float(values @ signs) / variance if scaled and variance > 0.0 else 1.0
-    return Similarity(scale, turn, there - scale * turn @ here)
+    return Similarity(scale, rotation, there - scale * rotation @ here)
 
 
 def align(
@@ -117,7 +117,7 @@ def align(
 
     Parameters
     ----------
-    first, second : Outline
+    first, second : SurfaceSamples
     pairs : two of float64, shape (m, 3), or None
         Points of each that correspond, in the file's units: a start beside the principal axes, which may be
         tied.
@@ -142,47 +142,49 @@ def _nearest(
     ]
     if pairs is not None:
         starts.append(
-            best_similarity(first.inside(pairs[0]), second.inside(pairs[1]), sign=sign, scaled=False)
+            best_similarity(first.to_unit(pairs[0]), second.to_unit(pairs[1]), sign=sign, scaled=False)
         )
-    ends = [_settled(first, second, start, sign) for start in starts]
+    ends = [_rough_alignment(first, second, start, sign) for start in starts]
     rough, motion = min(ends, key=lambda end: end[0])
     if rough > FAR:
         return rough, motion
-    residual, ours, theirs = _met(first, second, motion)
+    residual, ours, theirs = _closest_pairs(first, second, motion)
     best = residual, motion
     for _ in range(ROUNDS):
         motion = best_similarity(ours, theirs, sign=sign, scaled=True)
-        residual, ours, theirs = _met(first, second, motion)
+        residual, ours, theirs = _closest_pairs(first, second, motion)
         if residual > GAIN * best[0]:
             break
         best = residual, motion
     return best
 
 
-def _settled(
+def _rough_alignment(
     first: SurfaceSamples, second: SurfaceSamples, motion: Similarity, sign: int
 ) -> tuple[float, Similarity]:
     """A start after some rounds of the closest of the points, and how far these then are apart."""
     few = first.points[:: len(first.points) // FEW]
-    descriptor_distance, near = second.tree.query(motion.apply(few))
+    gaps, near = second.tree.query(motion.apply(few))
     for _ in range(STARTING):
         motion = best_similarity(few, second.points[near], sign=sign, scaled=False)
         before = near
-        descriptor_distance, near = second.tree.query(motion.apply(few))
+        gaps, near = second.tree.query(motion.apply(few))
         if np.array_equal(near, before):
             break
-    return float(np.sqrt((descriptor_distance**2).mean())), motion
+    return float(np.sqrt((gaps**2).mean())), motion
 
 
-def _met(first: SurfaceSamples, second: SurfaceSamples, motion: Similarity) -> tuple[float, Floats, Floats]:
+def _closest_pairs(
+    first: SurfaceSamples, second: SurfaceSamples, motion: Similarity
+) -> tuple[float, Floats, Floats]:
     """The residual of a motion, and the points of both that it brings closest, in their own places."""
-    ours, theirs = first.spread, second.spread
-    there = closest(second, motion.apply(ours))
-    back = closest(first, motion.invert(theirs))
-    descriptor_distance = ((motion.apply(ours) - there) ** 2).sum(axis=1).mean()
+    ours, theirs = first.representatives, second.representatives
+    there = closest_points(second, motion.apply(ours))
+    back = closest_points(first, motion.invert(theirs))
+    ahead = ((motion.apply(ours) - there) ** 2).sum(axis=1).mean()
     behind = ((motion.invert(theirs) - back) ** 2).sum(axis=1).mean()
     return (
-        float(np.sqrt(0.5 * (descriptor_distance + behind))),
+        float(np.sqrt(0.5 * (ahead + behind))),
         np.concatenate([ours, back]),
         np.concatenate([there, theirs]),
     )

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from core.arrays import Floats, Ints
-from core.mesh.ordering import settled
+from core.mesh.ordering import tied_ranks
 from core.sampling.farthest_point import farthest_points
 
 ROUNDING = 1e-9
@@ -15,7 +15,7 @@ ROUNDING = 1e-9
 
 def sort_and_cut(weights: Floats, count: int) -> Ints:
     """The `count` points of largest weight, the largest first (the paper's selection); ties by order."""
-    return np.argsort(-settled(weights, ROUNDING), kind="stable")[:count].astype(np.int64)
+    return np.argsort(-tied_ranks(weights, ROUNDING), kind="stable")[:count].astype(np.int64)
 
 
 def keyed_uniform(points: Floats, seed: int, digits: int = 4) -> Floats:
@@ -95,5 +95,5 @@ def weighted_farthest_points(
         >= 0.
     """
     relative = np.clip((weights / weights.mean()) ** power, 0.25, 4.0)
-    first = int(np.argmax(settled(np.linalg.norm(points, axis=1))))
+    first = int(np.argmax(tied_ranks(np.linalg.norm(points, axis=1))))
     return farthest_points(graph, count, first, relative)

@@ -10,7 +10,7 @@ from core.mesh.cleaning import clean, face_areas
 from core.mesh.mesh import Mesh
 from core.mesh.normal_frame import normal_frame
 
-POINTS, MOST, SPREAD, NEIGHBOURS = 4000, 40_000, 500, 8
+POINTS, MOST, REPRESENTATIVES, NEIGHBOURS = 4000, 40_000, 500, 8
 """Points that the closest face is found by, at least and at most; how many of them stand for the surface; and
 how many faces are looked at for each.
 
@@ -18,7 +18,7 @@ There are two points a face where that lies between: of a fine mesh that loses h
 would leave 0.005 of the root of the area, as much as other poses do.
 """
 
-STEPS = (0.7548776662466927, 0.5698402909980532)
+R2_STEPS = (0.7548776662466927, 0.5698402909980532)
 """1 / g and 1 / g^2 with g^3 = g + 1: the multiples of these fill a square evenly."""
 
 
@@ -53,11 +53,11 @@ class SurfaceSamples:
     tree: cKDTree
 
     @property
-    def spread(self) -> Floats:
-        """Those of the points that stand for the surface, shape (SPREAD, 3)."""
-        return self.points[:: len(self.points) // SPREAD]
+    def representatives(self) -> Floats:
+        """Those of the points that stand for the surface, shape (REPRESENTATIVES, 3)."""
+        return self.points[:: len(self.points) // REPRESENTATIVES]
 
-    def inside(self, points: Floats) -> Floats:
+    def to_unit(self, points: Floats) -> Floats:
         """Points of the file, shape (n, 3), at unit area."""
         return np.asarray((points - self.centre) / self.unit)
 
@@ -76,16 +76,16 @@ def surface_samples(mesh: Mesh) -> SurfaceSamples:
     unit = float(np.sqrt(areas.sum()))
     corners = (surface.vertices[surface.faces] - frame.centre) / unit
     count = POINTS * min(max(round(2 * len(areas) / POINTS), 1), MOST // POINTS)
-    points, faces = spread(corners, areas, count)
+    points, faces = evenly_spread(corners, areas, count)
     return SurfaceSamples(unit, frame.centre, frame.axes, corners, points, faces, cKDTree(points))
 
 
-def closest(surface: SurfaceSamples, points: Floats) -> Floats:
+def closest_points(surface: SurfaceSamples, points: Floats) -> Floats:
     """The closest point of a surface to each point, shape (n, 3), on the faces about its own."""
     near = surface.faces[surface.tree.query(points, k=NEIGHBOURS)[1]]
     on_faces = closest_on_triangles(surface.corners[near], points[:, None, :])
-    descriptor_distance = ((on_faces - points[:, None, :]) ** 2).sum(axis=-1)
-    return np.asarray(on_faces[np.arange(len(points)), descriptor_distance.argmin(axis=1)])
+    squares = ((on_faces - points[:, None, :]) ** 2).sum(axis=-1)
+    return np.asarray(on_faces[np.arange(len(points)), squares.argmin(axis=1)])
 
 
 def closest_on_triangles(corners: Floats, points: Floats) -> Floats:
@@ -108,13 +108,13 @@ def closest_on_triangles(corners: Floats, points: Floats) -> Floats:
     return np.where(inside[..., None], points[..., 0, :] - heights[..., None] * normals, best)
 
 
-def spread(corners: Floats, areas: Floats, count: int) -> tuple[Floats, Ints]:
+def evenly_spread(corners: Floats, areas: Floats, count: int) -> tuple[Floats, Ints]:
     """So many points on faces with corners of shape (f, 3, 3), and the face of each, evenly by area."""
     order = np.arange(count)
     total = np.cumsum(areas)
     wanted = (order + 0.5) / count * total[-1]
     faces = np.minimum(np.searchsorted(total, wanted), len(areas) - 1)
-    u, v = (np.mod(0.5 + order * step, 1.0) for step in STEPS)
+    u, v = (np.mod(0.5 + order * step, 1.0) for step in R2_STEPS)
     root = np.sqrt(u)
     shares = np.stack([1.0 - root, root * (1.0 - v), root * v], axis=1)
     return np.einsum("pc,pcx->px", shares, corners[faces]), faces

@@ -22,7 +22,7 @@ def twins(faces: Ints, sides: HalfEdges) -> Ints | None:
 
     That is, unless each edge has two faces, which pass it in opposite directions.
     """
-    if len(sides.order) != 2 * len(sides.first) or not (sides.sheets == 2).all():
+    if len(sides.order) != 2 * len(sides.first) or not (sides.face_counts == 2).all():
         return None
     start = faces.ravel()[sides.order].reshape(-1, 2)
     if (start[:, 0] == start[:, 1]).any():
@@ -33,7 +33,7 @@ def twins(faces: Ints, sides: HalfEdges) -> Ints | None:
     return result
 
 
-def mollified(lengths: Floats) -> Floats:
+def mollified_lengths(lengths: Floats) -> Floats:
     """Lengths of the faces' sides, shape (f, 3), all longer by what the worst triangle needs."""
     needed = MOLLIFIED * float(lengths.mean()) + (2.0 * lengths.max(axis=1) - lengths.sum(axis=1)).max()
     return np.asarray(lengths + max(0.0, needed))
@@ -157,7 +157,7 @@ def intrinsic_delaunay(
     if twin is None:
         return None
     lengths = np.linalg.norm(vertices[faces] - vertices[faces[:, [1, 2, 0]]], axis=2)
-    lengths = mollified(lengths).ravel()
+    lengths = mollified_lengths(lengths).ravel()
     tails = faces.ravel().copy()
     _flip_all(tails, lengths, twin)
     weights, areas = np.empty(len(tails)), np.zeros(len(vertices))

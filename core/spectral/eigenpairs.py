@@ -95,11 +95,11 @@ def oriented(values: Floats, vectors: Floats, count: int) -> Floats:
             result[:, shared] *= np.sign(cubes.sum())
             continue
         rest = vectors[:, shared]
-        turn = np.empty((len(shared), 0))
+        rotation = np.empty((len(shared), 0))
         for _ in shared:
             lengths = np.linalg.norm(rest, axis=1)
             row = rest[np.argmax(lengths > 0.5 * lengths.max())]
-            turn = np.c_[turn, row / np.linalg.norm(row)]
-            rest = vectors[:, shared] - vectors[:, shared] @ turn @ turn.T
-        result[:, shared] = vectors[:, shared] @ turn
+            rotation = np.c_[rotation, row / np.linalg.norm(row)]
+            rest = vectors[:, shared] - vectors[:, shared] @ rotation @ rotation.T
+        result[:, shared] = vectors[:, shared] @ rotation
     return result[:, :count]

@@ -17,7 +17,7 @@ from core.spectral.laplace_beltrami import laplace_beltrami
 
 
 @dataclass(frozen=True, eq=False)
-class Points:
+class SampledSurface:
     """The vertices of a surface that are embedded, and what is known between them.
 
     Attributes
@@ -35,7 +35,9 @@ class Points:
     areas: Floats
 
 
-def spectra_of(surface: Mesh, points: Points, wanted: Parameters) -> tuple[tuple[Spectrum, ...], Floats]:
+def spectra_of(
+    surface: Mesh, points: SampledSurface, wanted: Parameters
+) -> tuple[tuple[Spectrum, ...], Floats]:
     """The spectral embeddings that the parameters name, and the signature.
 
     Parameters
@@ -77,7 +79,7 @@ def spectra_of(surface: Mesh, points: Points, wanted: Parameters) -> tuple[tuple
     return tuple(spectra), np.concatenate(signature)
 
 
-def _affinity_pairs(points: Points, wanted: Parameters) -> tuple[Floats, Floats]:
+def _affinity_pairs(points: SampledSurface, wanted: Parameters) -> tuple[Floats, Floats]:
     """Eigenvalues, comparable whatever the number of samples, and eigenvectors at the points."""
     samples = len(points.areas)
     count = min(max(wanted.dimensions + 2, wanted.affinity_values), samples)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from core.arrays import Bytes
-from core.descriptors.partial_matching import part_of
+from core.descriptors.partial_matching import describe_part
 from core.embedding import Embedding, Match, Scores
 from core.errors import BadRecordError, DegenerateMeshError
 from core.io import Limits, read_mesh
@@ -119,8 +119,8 @@ def match_records(first: bytes, second: bytes, parameters: Parameters) -> Match:
 
 
 def part_of_mesh(mesh: Mesh, parameters: Parameters) -> Bytes:
-    """A mesh taken for a part, whether it looks incomplete or not: see `core.descriptors.partial_matching.part_of`."""
-    return part_of(_pipeline(parameters).bare(mesh))
+    """A mesh taken for a part, whether it looks incomplete or not: see `core.descriptors.partial_matching.describe_part`."""
+    return describe_part(_pipeline(parameters).open_surface(mesh))
 
 
 def spin_images_of_mesh(mesh: Mesh, parameters: Parameters) -> Bytes:

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from starlette.concurrency import run_in_threadpool
 
 from core.arrays import Bytes
-from core.descriptors.descriptor_distance import as_whole
+from core.descriptors.descriptor_distance import whole_spin_images
 from core.descriptors.partial_matching import part_distances
-from core.descriptors.spin_images import KEYS
+from core.descriptors.spin_images import KEYPOINTS
 from core.errors import MeshError
 from core.mesh.mesh import Mesh
 from core.parameters import Parameters
@@ -68,7 +68,7 @@ async def search(
         chosen = await run_in_threadpool(candidates, container, query, options)
     container.metrics.query_compared.observe(len(chosen.shapes))
     with timings.stage("patches"):
-        asked = query.spin_images[KEYS:]
+        asked = query.spin_images[KEYPOINTS:]
         if not len(asked):
             asked = await container.work.do(part_of_mesh, await mesh(), pipeline.parameters)
     with timings.stage("compare"):
@@ -107,7 +107,7 @@ async def _distances(
         rows = stored_spin_images(container, numbers)
         there = [place for place, number in enumerate(numbers) if number in rows]
         told = np.full((1, len(numbers)), np.nan)
-        told[0, there] = part_distances(asked, [as_whole(rows[numbers[place]]) for place in there])
+        told[0, there] = part_distances(asked, [whole_spin_images(rows[numbers[place]]) for place in there])
         return told
 
     distances: NDArray[np.float64] = (
@@ -120,7 +120,7 @@ async def _distances(
             made = await _made(container, number, parameters)
             if made is not None:
                 container.spin_images.put(number, made)
-                (told,) = await run_in_threadpool(part_distances, asked, [as_whole(made)])
+                (told,) = await run_in_threadpool(part_distances, asked, [whole_spin_images(made)])
                 distances[candidates.embeddings == number] = told
 
     try:

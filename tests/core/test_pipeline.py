@@ -12,7 +12,7 @@ import pytest
 import trimesh
 from scipy.spatial import cKDTree
 
-from core.descriptors.global_descriptors import TERMS
+from core.descriptors.global_descriptors import GLOBAL_DESCRIPTORS
 from core.embedding import Embedding
 from core.errors import DegenerateMeshError, IncompatibleEmbeddingsError
 from core.gallery import make_shape
@@ -57,7 +57,9 @@ def test_fields_have_their_shapes_and_types(embedded):
     wanted = pipeline.parameters
     for made in embeddings:
         m, edges = len(made.positions), len(made.graph_edges)
-        signature = wanted.affinity_values + wanted.laplacian_values + (TERMS if wanted.form else 0)
+        signature = (
+            wanted.affinity_values + wanted.laplacian_values + (GLOBAL_DESCRIPTORS if wanted.form else 0)
+        )
         assert made.fingerprint == wanted.fingerprint
         for array, kind, shape in (
             (made.positions, np.float32, (m, 3)),

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from safetensors.numpy import load, save
 
-from core.descriptors.descriptor_distance import WIDTH
-from core.descriptors.spin_images import KEYS
+from core.descriptors.descriptor_distance import ROW_LENGTH
+from core.descriptors.spin_images import KEYPOINTS
 from core.embedding import Embedding, Facts, Spectrum
 from core.errors import BadRecordError
 from core.gallery import make_shape
@@ -51,11 +51,13 @@ def embedding(*, samples=12, spectra=2, seed=0):
             )
             for i, name in enumerate(("affinity", "laplace-beltrami")[:spectra])
         ),
-        spin_images=rng.integers(0, 255, size=(KEYS, WIDTH)).astype(np.uint8),
+        spin_images=rng.integers(0, 255, size=(KEYPOINTS, ROW_LENGTH)).astype(np.uint8),
     )
 
 
 ARRAYS = [field.name for field in fields(Embedding) if field.name not in ("fingerprint", "facts", "spectra")]
+RECORD_NAMES = {"spin_images": "patches"}
+"""Arrays that a record has under another name."""
 
 
 @pytest.mark.parametrize("spectra", [1, 2])
@@ -134,7 +136,7 @@ def test_tensors_without_the_fields_are_refused():
 @pytest.mark.parametrize("missing", ["header", *ARRAYS, "eigenvalues_0", "coordinates_1"])
 def test_a_record_without_one_of_its_arrays_is_refused(missing):
     arrays = load(embedding_to_bytes(embedding()))
-    del arrays[missing]
+    del arrays[RECORD_NAMES.get(missing, missing)]
     with pytest.raises(BadRecordError):
         embedding_from_bytes(save(arrays))
 
@@ -169,7 +171,7 @@ def test_the_embeddings_that_the_pipeline_makes_are_records():
 
 
 def changed(name, change):
-    arrays = load(embedding_to_bytes(embedding()))
+    name, arrays = RECORD_NAMES.get(name, name), load(embedding_to_bytes(embedding()))
     arrays[name] = np.array(change(arrays[name].copy()), order="C")
     return save(arrays)
 

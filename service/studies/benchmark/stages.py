@@ -16,20 +16,20 @@ READING, REST = "read", "rest"
 
 STAGES: dict[str, tuple[ModuleType, str]] = {
     "clean": (pipeline, "clean"),
-    "close holes": (pipeline, "without_holes"),
+    "close holes": (pipeline, "fill_holes"),
     "normal frame": (pipeline, "normal_frame"),
     "simplify": (pipeline, "simplify"),
     "refine": (pipeline, "refine"),
     "edge graph": (pipeline, "edge_graph"),
     "Lewis weights": (pipeline, "lewis_weights"),
-    "covering": (pipeline, "covering"),
+    "covering": (pipeline, "weighted_farthest_points"),
     "sparse graph, MST": (pipeline, "sparse_graph"),
     "geodesics": (pipeline, "geodesics"),
     "affinity": (spectra, "_affinity_pairs"),
     "Laplace-Beltrami": (spectra, "laplace_beltrami"),
-    "form": (spectra, "form_terms"),
+    "form": (pipeline, "global_descriptors"),
     "facts": (pipeline, "measure"),
-    "patches": (pipeline, "described"),
+    "patches": (pipeline, "describe"),
 }
 """The function that each stage is, by the module that calls it."""
 

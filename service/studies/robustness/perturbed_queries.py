@@ -13,9 +13,9 @@ from zlib import crc32
 import numpy as np
 
 from core.arrays import Floats
-from core.descriptors.descriptor_distance import as_whole, is_part
-from core.descriptors.partial_matching import part_distances, part_of
-from core.descriptors.spin_images import KEYS
+from core.descriptors.descriptor_distance import is_part, whole_spin_images
+from core.descriptors.partial_matching import describe_part, part_distances
+from core.descriptors.spin_images import KEYPOINTS
 from core.embedding import Embedding, Scores
 from core.errors import CoreError
 from core.io import format_of, read_mesh
@@ -179,8 +179,12 @@ def _query(stored: Path, kind: Kind, amount: float, seed: int, path: Path) -> di
     pipeline, query, gallery = asked.pipeline, asked.query, asked.gallery
     found = {"cc": asked.scores.cc, "combined": pipeline.combined_with(query, gallery, asked.scores)}
     if kind.part:
-        part = query.spin_images[KEYS:] if is_part(query.spin_images) else part_of(pipeline.bare(asked.mesh))
-        found["part"] = -part_distances(part, [as_whole(one.spin_images) for one in gallery])
+        part = (
+            query.spin_images[KEYPOINTS:]
+            if is_part(query.spin_images)
+            else describe_part(pipeline.open_surface(asked.mesh))
+        )
+        found["part"] = -part_distances(part, [whole_spin_images(one.spin_images) for one in gallery])
     return found
 
 

@@ -8,9 +8,9 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from core.descriptors.boundary_ratio import INCOMPLETE
-from core.descriptors.descriptor_distance import ROWS, WIDTH, descriptor_distance
-from core.descriptors.partial_matching import PART_POINTS, part_distances
-from core.descriptors.spin_images import KEYS, LENGTH, between
+from core.descriptors.descriptor_distance import ROW_COUNTS, ROW_LENGTH, descriptor_distance
+from core.descriptors.partial_matching import PART_ROWS, part_distances
+from core.descriptors.spin_images import KEYPOINTS, SPIN_IMAGE_LENGTH, spin_image_distances
 from core.embedding import Embedding
 from core.gallery import make_shape
 from core.mesh.mesh import Mesh
@@ -29,29 +29,35 @@ def embedded(label: str, cut: float = 0.0) -> Embedding:
 
 def test_an_incomplete_surface_has_rows_as_a_part_too() -> None:
     whole, part = embedded("octopus").spin_images, embedded("octopus", 0.3).spin_images
-    assert whole.shape == (KEYS, WIDTH) == (ROWS[False], WIDTH)
-    assert part.shape == (KEYS + PART_POINTS, WIDTH) == (ROWS[True], WIDTH)
-    assert (whole[:, LENGTH:] == 1).all()
+    assert whole.shape == (KEYPOINTS, ROW_LENGTH) == (ROW_COUNTS[False], ROW_LENGTH)
+    assert part.shape == (KEYPOINTS + PART_ROWS, ROW_LENGTH) == (ROW_COUNTS[True], ROW_LENGTH)
+    assert (whole[:, SPIN_IMAGE_LENGTH:] == 1).all()
 
 
 def test_complete_surfaces_are_as_far_as_the_farther_way() -> None:
     first, second = embedded("octopus").spin_images, embedded("cup").spin_images
     found = descriptor_distance(first, [second, first])
     assert_array_equal(found.part, [False, False])
-    assert_array_equal(found.distance, [between(first[:, :LENGTH], [second[:, :LENGTH]]).max(), 0.0])
+    assert_array_equal(
+        found.distance,
+        [spin_image_distances(first[:, :SPIN_IMAGE_LENGTH], [second[:, :SPIN_IMAGE_LENGTH]]).max(), 0.0],
+    )
 
 
 def test_a_part_needs_no_partner_for_what_it_lacks() -> None:
     part, whole = embedded("octopus", 0.3).spin_images, embedded("octopus").spin_images
     found = descriptor_distance(part, [whole, embedded("cup").spin_images])
     assert_array_equal(found.part, [True, True])
-    assert found.distance[0] == part_distances(part[KEYS:], [whole[:, :LENGTH]])[0]
+    assert found.distance[0] == part_distances(part[KEYPOINTS:], [whole[:, :SPIN_IMAGE_LENGTH]])[0]
     assert found.distance[0] < found.distance[1]
 
 
 def test_of_two_parts_either_may_be_in_the_other() -> None:
     small, large = embedded("octopus", 0.5).spin_images, embedded("octopus", 0.2).spin_images
-    both = [part_distances(a[KEYS:], [b[:KEYS, :LENGTH]])[0] for a, b in ((small, large), (large, small))]
+    both = [
+        part_distances(a[KEYPOINTS:], [b[:KEYPOINTS, :SPIN_IMAGE_LENGTH]])[0]
+        for a, b in ((small, large), (large, small))
+    ]
     assert descriptor_distance(small, [large]).distance[0] == min(both) < max(both)
 
 
@@ -71,7 +77,7 @@ def test_a_soup_of_triangles_is_no_part() -> None:
     soup = PIPELINE.embed(make_soup(make_shape("octopus", 0), 0.02, 0))
     assert soup.facts.boundary_edges > 1000
     assert soup.facts.openness <= INCOMPLETE
-    assert soup.spin_images.shape == (KEYS, WIDTH)
+    assert soup.spin_images.shape == (KEYPOINTS, ROW_LENGTH)
     wholes = [embedded(label).spin_images for label in ("bird", "cup", "octopus", "person")]
     assert descriptor_distance(soup.spin_images, wholes).distance.argmin() == 2
 

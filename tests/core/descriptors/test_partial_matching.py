@@ -7,8 +7,23 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from core.arrays import Bytes
-from core.descriptors.partial_matching import AT_ONCE, MISSING, NEAR_RIM, PART_POINTS, part_distances, part_of
-from core.descriptors.spin_images import BINS, KEYS, LENGTH, RADII, SCALE, spin_image_count, spin_images
+from core.descriptors.partial_matching import (
+    BATCH,
+    BOUNDARY_MARGIN,
+    MISSING_SHARES,
+    PART_ROWS,
+    describe_part,
+    part_distances,
+)
+from core.descriptors.spin_images import (
+    BINS,
+    BYTE_SCALE,
+    KEYPOINTS,
+    RADII,
+    SPIN_IMAGE_LENGTH,
+    spin_image_count,
+    spin_images,
+)
 from core.gallery import make_shape
 from core.gallery.frames import rotation
 from core.mesh.cleaning import clean
@@ -21,7 +36,7 @@ KNOWN = [spin_images(clean(mesh).mesh).bytes for mesh in WHOLES.values()]
 
 
 def part(mesh: Mesh) -> Bytes:
-    return part_of(clean(mesh).mesh)
+    return describe_part(clean(mesh).mesh)
 
 
 def moved(mesh: Mesh, scale: float) -> Mesh:
@@ -38,20 +53,24 @@ def test_a_part_is_found_wherever_it_lies_and_in_any_unit(share: float) -> None:
 def plain(rows: Bytes, whole: Bytes) -> float:
     """The mean over the balls that count, for the share of missing area that makes it least."""
     found, start = [], 0
-    for missing in MISSING:
+    for missing in MISSING_SHARES:
         total = balls = 0.0
         for row in rows[start : start + spin_image_count(missing)].astype(float):
-            squares = (whole.astype(float) - row[:LENGTH]) ** 2
-            total += min((squares.reshape(KEYS, len(RADII), BINS).sum(axis=2) * row[LENGTH:]).sum(axis=1))
-            balls += row[LENGTH:].mean()
-        found.append(total / balls / SCALE**2)
+            squares = (whole.astype(float) - row[:SPIN_IMAGE_LENGTH]) ** 2
+            total += min(
+                (squares.reshape(KEYPOINTS, len(RADII), BINS).sum(axis=2) * row[SPIN_IMAGE_LENGTH:]).sum(
+                    axis=1
+                )
+            )
+            balls += row[SPIN_IMAGE_LENGTH:].mean()
+        found.append(total / balls / BYTE_SCALE**2)
         start += spin_image_count(missing)
     return min(found)
 
 
 def test_distances_are_those_of_a_search_over_all_pairs_and_hang_on_no_other() -> None:
     rows = part(cut_part(WHOLES["person"], 0.4, 0))
-    many = [KNOWN[i % len(KNOWN)] for i in range(2 * AT_ONCE + 1)]
+    many = [KNOWN[i % len(KNOWN)] for i in range(2 * BATCH + 1)]
     found = part_distances(rows, many)
     assert found[: len(KNOWN)] == pytest.approx([plain(rows, whole) for whole in KNOWN], rel=1e-12)
     for distance, whole in zip(found, many, strict=True):
@@ -60,17 +79,20 @@ def test_distances_are_those_of_a_search_over_all_pairs_and_hang_on_no_other() -
 
 def test_balls_that_reach_beyond_the_rim_do_not_count() -> None:
     surface = clean(cut_part(WHOLES["person"], 0.4, 0)).mesh
-    counts = part_of(surface)[:, LENGTH:]
-    assert counts.shape == (PART_POINTS, len(RADII))
+    counts = describe_part(surface)[:, SPIN_IMAGE_LENGTH:]
+    assert counts.shape == (PART_ROWS, len(RADII))
     found, start = spin_images(surface), 0
     away = _from_rim(surface, found.points)
     for ball, radius in enumerate(RADII):
-        wanted = away > NEAR_RIM * radius * found.unit
-        sure = np.abs(away - NEAR_RIM * radius * found.unit) > 0.2 * NEAR_RIM * RADII[0] * found.unit
-        assert_array_equal(counts[start : start + KEYS, ball][sure], wanted[sure])
+        wanted = away > BOUNDARY_MARGIN * radius * found.unit
+        sure = (
+            np.abs(away - BOUNDARY_MARGIN * radius * found.unit)
+            > 0.2 * BOUNDARY_MARGIN * RADII[0] * found.unit
+        )
+        assert_array_equal(counts[start : start + KEYPOINTS, ball][sure], wanted[sure])
         assert 0.3 < wanted.mean() < 1.0
         assert sure.mean() > 0.9
-    assert part(WHOLES["person"])[:, LENGTH:].all()
+    assert part(WHOLES["person"])[:, SPIN_IMAGE_LENGTH:].all()
 
 
 def test_where_nearly_all_is_rim_all_balls_count() -> None:
@@ -80,7 +102,7 @@ def test_where_nearly_all_is_rim_all_balls_count() -> None:
     i, j = np.arange(count), (np.arange(count) + 1) % count
     faces = np.concatenate([np.stack([i, j, count + i], 1), np.stack([j, count + j, count + i], 1)])
     strip = Mesh(np.concatenate([ring, ring + np.array([0.0, 0.0, 0.01])]), faces)
-    assert part(strip)[:, LENGTH:].all()
+    assert part(strip)[:, SPIN_IMAGE_LENGTH:].all()
 
 
 def test_long_open_edges_are_rim_all_along() -> None:
@@ -89,10 +111,10 @@ def test_long_open_edges_are_rim_all_along() -> None:
     quads = [(0, 1, 3, 2), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
     faces = np.array([face for a, b, c, d in quads for face in ((a, b, c), (a, c, d))])
     surface = clean(Mesh(corners, faces)).mesh
-    found, counts = spin_images(surface), part_of(surface)[:KEYS, LENGTH:]
+    found, counts = spin_images(surface), describe_part(surface)[:KEYPOINTS, SPIN_IMAGE_LENGTH:]
     away = _from_rim(surface, found.points)
     for ball, radius in enumerate(RADII):
-        near = away < 0.8 * NEAR_RIM * radius * found.unit
+        near = away < 0.8 * BOUNDARY_MARGIN * radius * found.unit
         assert near.any()
         assert not counts[near, ball].any()
 
@@ -100,10 +122,10 @@ def test_long_open_edges_are_rim_all_along() -> None:
 def test_a_needle_takes_no_more_memory_than_another_part() -> None:
     needle = Mesh(np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1e-9, 0.0]]), np.array([[0, 1, 2]]))
     tracemalloc.start()
-    rows = part_of(needle)
+    rows = describe_part(needle)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
-    assert rows.shape == (PART_POINTS, LENGTH + len(RADII))
+    assert rows.shape == (PART_ROWS, SPIN_IMAGE_LENGTH + len(RADII))
     assert peak < 50e6
 
 

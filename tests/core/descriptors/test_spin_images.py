@@ -6,22 +6,22 @@ from numpy.testing import assert_array_equal
 
 from core.arrays import Bytes, Floats
 from core.descriptors.spin_images import (
-    ACROSS,
-    ALONG,
-    AT_ONCE,
-    KEYS,
-    LENGTH,
+    BATCH,
+    BYTE_SCALE,
+    HEIGHT_BINS,
+    KEYPOINTS,
     POINTS,
+    RADIAL_BINS,
     RADII,
-    SCALE,
-    between,
+    SPIN_IMAGE_LENGTH,
+    spin_image_distances,
     spin_images,
 )
 from core.gallery import make_shape
 from core.gallery.frames import rotation
 from core.mesh.cleaning import clean, face_areas
 from core.mesh.mesh import Mesh
-from core.sampling.surface_samples import spread
+from core.sampling.surface_samples import evenly_spread
 
 PERSON = clean(make_shape("person", 0)).mesh
 OTHERS = [
@@ -34,10 +34,10 @@ def plain(surface: Mesh, missing: float, key: int) -> list[float]:
     areas = face_areas(surface.vertices, surface.faces)
     corners = surface.vertices[surface.faces]
     unit = np.sqrt(areas.sum() / (1.0 - missing))
-    points, faces = spread(
+    points, faces = evenly_spread(
         (corners - corners.mean(axis=(0, 1))) / unit, areas, round(POINTS * (1.0 - missing))
     )
-    place = round(key / (round(KEYS * (1.0 - missing)) - 1) * (len(points) - 1) - 0.5 + 1e-9)
+    place = round(key / (round(KEYPOINTS * (1.0 - missing)) - 1) * (len(points) - 1) - 0.5 + 1e-9)
     a, b, c = corners[faces[place]]
     normal = np.cross(b - a, c - a)
     normal /= np.linalg.norm(normal)
@@ -50,16 +50,16 @@ def plain(surface: Mesh, missing: float, key: int) -> list[float]:
         near = steps[descriptor_distance < radius]
         heights = near @ normal
         across = np.sqrt(np.maximum((near**2).sum(axis=1) - heights**2, 0.0))
-        edges = np.linspace(0.0, radius, ACROSS + 1), np.linspace(-radius, radius, ALONG + 1)
+        edges = np.linspace(0.0, radius, RADIAL_BINS + 1), np.linspace(-radius, radius, HEIGHT_BINS + 1)
         table = np.histogram2d(across, heights, bins=edges)[0].T
-        counts += (SCALE * np.sqrt(table / (POINTS * radius**2))).ravel().tolist()
+        counts += (BYTE_SCALE * np.sqrt(table / (POINTS * radius**2))).ravel().tolist()
     return counts
 
 
 @pytest.mark.parametrize("missing", [0.0, 0.3])
 def test_patches_are_histograms_of_the_points_nearby(missing: float) -> None:
     found = spin_images(PERSON, missing)
-    assert found.bytes.shape == (round(KEYS * (1.0 - missing)), LENGTH)
+    assert found.bytes.shape == (round(KEYPOINTS * (1.0 - missing)), SPIN_IMAGE_LENGTH)
     for key in (0, 17, 60, len(found.bytes) - 1):
         # A point at the edge of two bins may lie in either.
         wrong = np.abs(found.bytes[key] - np.array(plain(PERSON, missing, key))) > 0.5001
@@ -68,24 +68,24 @@ def test_patches_are_histograms_of_the_points_nearby(missing: float) -> None:
 
 def slow(first: Bytes, second: Bytes) -> float:
     rows = [((second.astype(float) - row.astype(float)) ** 2).sum(axis=1).min() for row in first]
-    return float(np.mean(rows)) / SCALE**2
+    return float(np.mean(rows)) / BYTE_SCALE**2
 
 
 def test_distances_are_those_of_a_search_over_all_pairs() -> None:
     own = spin_images(PERSON).bytes
-    found = between(own, OTHERS)
+    found = spin_image_distances(own, OTHERS)
     for row, other in zip(found, OTHERS, strict=True):
         assert row == pytest.approx([slow(own, other), slow(other, own)], rel=1e-12)
-    assert_array_equal(between(own, [own]), [[0.0, 0.0]])
+    assert_array_equal(spin_image_distances(own, [own]), [[0.0, 0.0]])
 
 
 def test_a_distance_hangs_on_no_other_and_on_no_order() -> None:
     own = spin_images(PERSON).bytes
-    many = [OTHERS[i % 4] for i in range(2 * AT_ONCE + 3)]
-    found = between(own, many)
+    many = [OTHERS[i % 4] for i in range(2 * BATCH + 3)]
+    found = spin_image_distances(own, many)
     for row, other in zip(found, many, strict=True):
-        assert_array_equal(row, between(own, [other])[0])
-        assert_array_equal(row[::-1], between(other, [own])[0])
+        assert_array_equal(row, spin_image_distances(own, [other])[0])
+        assert_array_equal(row[::-1], spin_image_distances(other, [own])[0])
 
 
 def moved(vertices: Floats) -> Floats:
@@ -96,7 +96,10 @@ def test_motion_unit_and_the_side_that_faces_turn_to_change_next_to_nothing() ->
     own = spin_images(PERSON).bytes
     flipped = PERSON.faces.copy()
     flipped[::3] = flipped[::3, ::-1]
-    assert between(own, [spin_images(Mesh(moved(PERSON.vertices), PERSON.faces)).bytes]).max() < 0.01
+    assert (
+        spin_image_distances(own, [spin_images(Mesh(moved(PERSON.vertices), PERSON.faces)).bytes]).max()
+        < 0.01
+    )
     # Points lie elsewhere on faces whose corners come in another order.
-    assert between(own, [spin_images(Mesh(PERSON.vertices, flipped)).bytes]).max() < 0.2
-    assert between(own, OTHERS).min() > 0.5
+    assert spin_image_distances(own, [spin_images(Mesh(PERSON.vertices, flipped)).bytes]).max() < 0.2
+    assert spin_image_distances(own, OTHERS).min() > 0.5

@@ -6,7 +6,7 @@ import trimesh
 
 from core.gallery import make_shape
 from core.mesh.cleaning import face_areas
-from core.mesh.denoising import neighbour_means, roughness, smoothed, vertex_normals
+from core.mesh.denoising import neighbour_means, roughness, taubin_smoothing, vertex_normals
 from core.mesh.mesh import Mesh
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
@@ -52,7 +52,7 @@ def test_roughness_hangs_on_no_frame(ball):
 
 def test_smoothing_takes_the_noise_and_leaves_the_size(ball):
     noisy = add_noise(ball, 0.01, 5)
-    smooth = smoothed(noisy, 10)
+    smooth = taubin_smoothing(noisy, 10)
 
     def off(mesh):
         return np.abs(np.linalg.norm(mesh.vertices, axis=1) - 1.0).mean()

@@ -19,8 +19,8 @@ def test_half_edges_are_sorted_by_their_ends(kind):
     np.testing.assert_array_equal(np.stack([sides.low, sides.high], axis=1), sorted_ends)
     edges, counts = np.unique(sorted_ends, axis=0, return_counts=True)
     np.testing.assert_array_equal(sides.edges, edges)
-    np.testing.assert_array_equal(sides.sheets, counts)
-    for start, count in zip(sides.first, sides.sheets, strict=True):
+    np.testing.assert_array_equal(sides.face_counts, counts)
+    for start, count in zip(sides.first, sides.face_counts, strict=True):
         assert (np.diff(sides.order[start : start + count]) > 0).all()
 
 

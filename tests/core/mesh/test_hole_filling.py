@@ -8,7 +8,7 @@ import pytest
 from core.gallery import make_shape
 from core.mesh.cleaning import clean, face_areas
 from core.mesh.edges import half_edges
-from core.mesh.hole_filling import filled
+from core.mesh.hole_filling import fill_holes
 from core.mesh.mesh import Mesh
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
@@ -23,19 +23,19 @@ def without_caps(mesh: Mesh, heights: list[float]) -> Mesh:
 
 
 def open_edges(mesh: Mesh) -> int:
-    return int((half_edges(mesh.faces).sheets == 1).sum())
+    return int((half_edges(mesh.faces).face_counts == 1).sum())
 
 
 BALL = icosphere(3)
 
 
 def test_what_is_closed_stays_the_same_object():
-    assert filled(BALL, 10.0) is BALL
+    assert fill_holes(BALL, 10.0) is BALL
 
 
 def test_each_rim_gets_a_vertex_in_its_middle():
     ring = without_caps(BALL, [-0.8, 0.7])
-    found = filled(ring, 1.0)
+    found = fill_holes(ring, 1.0)
     assert np.array_equal(found.vertices[: len(ring.vertices)], ring.vertices)
     assert np.array_equal(found.faces[: len(ring.faces)], ring.faces)
     new = found.vertices[len(ring.vertices) :]
@@ -46,9 +46,9 @@ def test_each_rim_gets_a_vertex_in_its_middle():
 
 
 def test_the_faces_run_as_their_neighbours_do_and_leave_nothing_open():
-    found = filled(without_caps(BALL, [-0.8, 0.7]), 1.0)
+    found = fill_holes(without_caps(BALL, [-0.8, 0.7]), 1.0)
     sides = half_edges(found.faces)
-    assert set(sides.sheets) == {2}
+    assert set(sides.face_counts) == {2}
     start = found.faces.ravel()[sides.order].reshape(-1, 2)
     assert np.array_equal(np.sort(start, axis=1), sides.edges)
 
@@ -60,21 +60,21 @@ def test_only_rims_that_bound_little_are_closed(most, count):
     area = face_areas(ring.vertices, ring.faces).sum()
     shares = [np.pi * (1.0 - height**2) / area for height in (0.9, 0.5)]
     assert np.allclose(shares, (0.07, 0.27), atol=0.01)
-    assert len(filled(ring, most).vertices) - len(ring.vertices) == count
+    assert len(fill_holes(ring, most).vertices) - len(ring.vertices) == count
 
 
 def test_sheets_and_triangles_by_themselves_are_no_holes():
     soup = make_soup(BALL, 0.2, 0)
-    assert filled(soup, DEFAULT.fill_holes) is soup
+    assert fill_holes(soup, DEFAULT.fill_holes) is soup
     sheet = rectangle(2.0, 1.0, 12, 6)
-    assert filled(sheet, DEFAULT.fill_holes) is sheet
+    assert fill_holes(sheet, DEFAULT.fill_holes) is sheet
 
 
 def test_each_part_is_measured_by_its_own_area():
     ring = without_caps(BALL, [-0.95, 2.0])
     small = Mesh(0.02 * ring.vertices + [3.0, 0.0, 0.0], ring.faces)
     both = joined(rectangle(2.0, 1.0, 12, 6), small)
-    found = filled(both, DEFAULT.fill_holes)
+    found = fill_holes(both, DEFAULT.fill_holes)
     assert len(found.vertices) == len(both.vertices) + 1
     assert np.linalg.norm(found.vertices[-1] - [3.0, 0.0, -0.019]) < 0.002
 
@@ -87,7 +87,7 @@ def test_rims_that_meet_are_left_open():
     drop = {int(here[0]), int(here[np.argmin(shared)]), opposite}
     kept = [face for face in range(len(BALL.faces)) if face not in drop]
     mesh = Mesh(BALL.vertices, BALL.faces[kept])
-    found = filled(mesh, 1.0)
+    found = fill_holes(mesh, 1.0)
     assert len(found.vertices) == len(mesh.vertices) + 1
     assert open_edges(found) == 6
 
@@ -96,7 +96,7 @@ def test_more_vertices_on_one_side_do_not_move_the_middle():
     square = np.array([(0, 0, 0), (0.25, 0, 0), (0.5, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0.5, 0.5, -9)])
     rim = np.arange(6)
     cone = Mesh(square.astype(float), np.stack([rim, np.roll(rim, -1), np.full(6, 6)], axis=1))
-    assert np.allclose(filled(cone, 1.0).vertices[-1], (0.5, 0.5, 0.0))
+    assert np.allclose(fill_holes(cone, 1.0).vertices[-1], (0.5, 0.5, 0.0))
 
 
 def test_a_shape_with_holes_is_more_like_the_whole_one_once_they_are_closed():

@@ -6,7 +6,7 @@ from scipy.spatial.distance import cdist
 
 from core.mesh.cleaning import clean
 from core.mesh.mesh import Mesh
-from core.mesh.ordering import independent, settled
+from core.mesh.ordering import independent_weights, tied_ranks
 from tests.core.shapes import (
     MANY_KINDS,
     blob,
@@ -82,11 +82,11 @@ def test_without_symmetry_it_is_the_order_by_distance_from_the_centroid():
 
 
 def test_settled_values_share_a_rank_where_only_rounding_parts_them():
-    assert settled(np.array([3.0, 1.0, 3.0 + 1e-9, 2.0, 1.0 - 1e-9])).tolist() == [2, 0, 2, 1, 0]
-    assert settled(np.array([])).tolist() == []
+    assert tied_ranks(np.array([3.0, 1.0, 3.0 + 1e-9, 2.0, 1.0 - 1e-9])).tolist() == [2, 0, 2, 1, 0]
+    assert tied_ranks(np.array([])).tolist() == []
 
 
 def test_sums_of_the_weights_of_different_ranks_differ():
-    weights = independent(np.arange(300))
+    weights = independent_weights(np.arange(300))
     sums = np.sort((weights[:, None] + weights[None, :])[np.triu_indices(300)])
     assert np.diff(sums).min() > 1e-12

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from core.descriptors.descriptor_distance import DescriptorDistance
-from core.descriptors.global_descriptors import GLOBAL_SHARE, TERMS
+from core.descriptors.global_descriptors import GLOBAL_DESCRIPTORS, GLOBAL_WEIGHT
 from core.gallery import make_shape
 from core.parameters import DEFAULT, PAPER
 from core.pipeline import Pipeline
@@ -120,9 +120,9 @@ def test_no_candidates():
 
 def test_the_parts_of_a_signature():
     rng = np.random.default_rng(0)
-    query, other = rng.normal(size=(2, 5 + TERMS)).astype(np.float32)
+    query, other = rng.normal(size=(2, 5 + GLOBAL_DESCRIPTORS)).astype(np.float32)
     steps = other.astype(np.float64) - query
-    spectral, form = np.linalg.norm(steps[:5]), np.linalg.norm(steps[5:]) / GLOBAL_SHARE
+    spectral, form = np.linalg.norm(steps[:5]), np.linalg.norm(steps[5:]) / GLOBAL_WEIGHT
     scores = np.array([0.7]), np.array([0.4])
     expected = features(*scores, np.array([spectral]), np.array([form]))
     found = signature_features(*scores, query, other[None], form=True)

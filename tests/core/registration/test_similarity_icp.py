@@ -13,7 +13,7 @@ from core.mesh.mesh import Mesh
 from core.mesh.normal_frame import normal_frame
 from core.mesh.simplification import simplify
 from core.registration.similarity_icp import RESIDUAL, Alignment, align, best_similarity
-from core.sampling.surface_samples import closest, closest_on_triangles, surface_samples
+from core.sampling.surface_samples import closest_on_triangles, closest_points, surface_samples
 from core.studies.perturbation import subdivide
 
 PERSON = make_person(0, 0)
@@ -47,7 +47,7 @@ def test_the_similarity_of_paired_points_is_the_one_they_were_moved_by(sign: int
     target = 1.7 * points @ turn.T + [1.0, 2.0, 3.0]
     found = best_similarity(points, target, sign=sign, scaled=True)
     assert found.scale == pytest.approx(1.7)
-    assert_allclose(found.turn, turn, atol=1e-12)
+    assert_allclose(found.rotation, turn, atol=1e-12)
     assert_allclose(found.apply(points), target, atol=1e-12)
     assert_allclose(found.invert(target), points, atol=1e-12)
 
@@ -57,13 +57,13 @@ def test_the_determinant_is_the_one_asked_for_and_no_rotation_nearby_is_better()
     points, target = draws.normal(size=(2, 15, 3))
     for sign in (1, -1):
         found = best_similarity(points, target, sign=sign, scaled=False)
-        assert np.linalg.det(found.turn) == pytest.approx(sign)
+        assert np.linalg.det(found.rotation) == pytest.approx(sign)
         assert found.scale == 1.0
         least = ((found.apply(points) - target) ** 2).sum()
         for _ in range(50):
             axis = 0.1 * draws.normal(size=3)
             skew = np.cross(np.eye(3), axis)
-            turn = np.linalg.solve(np.eye(3) + skew, np.eye(3) - skew) @ found.turn
+            turn = np.linalg.solve(np.eye(3) + skew, np.eye(3) - skew) @ found.rotation
             other = points @ turn.T + target.mean(axis=0) - turn @ points.mean(axis=0)
             assert ((other - target) ** 2).sum() > least
 
@@ -90,7 +90,7 @@ def test_points_are_spread_by_area_on_a_surface_of_unit_area() -> None:
     assert areas.sum() == pytest.approx(1.0)
     counts = np.bincount(made.faces, minlength=len(areas))
     assert (np.abs(counts - len(made.points) * areas) <= 1.0 + 1e-6).all()
-    assert_allclose(closest(made, made.points), made.points, atol=1e-9)
+    assert_allclose(closest_points(made, made.points), made.points, atol=1e-9)
 
 
 def test_a_turned_copy_is_the_same() -> None:

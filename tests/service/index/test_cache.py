@@ -13,7 +13,7 @@ import pytest
 from numpy.typing import NDArray
 
 from core.descriptors.descriptor_distance import descriptor_distance
-from core.descriptors.spin_images import KEYS
+from core.descriptors.spin_images import KEYPOINTS
 from core.matching.match_records import match_rows, row_of
 from core.parameters import DEFAULT
 from core.ranking.coarse_ranking import coarse_ranking, coarse_samples
@@ -257,7 +257,7 @@ def test_finalists_are_those_that_sifting_and_screening_put_first(running: Runni
     )[:9]
     coarse_samples = np.stack([coarse_samples(embeddings[name]) for name in names])
     # By chance, the patches of a sheet, which looks incomplete, are compared with those of all.
-    if rank_by == "cc" or len(wanted.patches) == KEYS:
+    if rank_by == "cc" or len(wanted.patches) == KEYPOINTS:
         names = likeliest(names, coarse_ranking(own, coarse_samples, DEFAULT), 6, spin_images=False)
     numbers = {shape["name"]: int(number) for shape, number in zip(shapes, entries.embeddings, strict=True)}
     points = [points_from_bytes(records[numbers[name]]) for name in names]

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from core.descriptors.global_descriptors import TERMS
+from core.descriptors.global_descriptors import GLOBAL_DESCRIPTORS
 from core.io import format_of, read_mesh
 from core.mesh.mesh import Mesh
 from core.parameters import DEFAULT
@@ -65,7 +65,7 @@ def test_every_file_is_read_and_embedded(folder, part):
     for path in files:
         embedding = PIPELINE.embed(read(path))
         assert len(embedding.positions) == DEFAULT.samples, path.name
-        length = DEFAULT.affinity_values + DEFAULT.laplacian_values + TERMS
+        length = DEFAULT.affinity_values + DEFAULT.laplacian_values + GLOBAL_DESCRIPTORS
         assert len(embedding.signature) == length, path.name
         for array in (embedding.signature, *(spectrum.coordinates for spectrum in embedding.spectra)):
             assert np.isfinite(array).all(), path.name

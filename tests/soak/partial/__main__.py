@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from core.arrays import Floats
-from core.descriptors.partial_matching import part_distances, part_of
-from core.descriptors.spin_images import KEYS, LENGTH
+from core.descriptors.partial_matching import describe_part, part_distances
+from core.descriptors.spin_images import KEYPOINTS, SPIN_IMAGE_LENGTH
 from core.io import format_of, read_mesh
 from core.mesh.cleaning import clean
 from core.parameters import DEFAULT
@@ -43,7 +43,7 @@ def main(folder: Path, limit: int, cut: list[float]) -> None:
     meshes = [clean(read_mesh(path.read_bytes(), format_of(path.name))).mesh for path, _ in files]
     pipeline = Pipeline(DEFAULT)
     wholes = [pipeline.embed(mesh) for mesh in meshes]
-    known = [whole.spin_images[:KEYS, :LENGTH] for whole in wholes]
+    known = [whole.spin_images[:KEYPOINTS, :SPIN_IMAGE_LENGTH] for whole in wholes]
     print(f"{len(files)} models of {len(set(labels.tolist()))} classes.\n")
     print("| cut away | ranked by | itself first | itself among three | NN without itself |")
     print("|---:|---|---:|---:|---:|", flush=True)
@@ -55,7 +55,7 @@ def main(folder: Path, limit: int, cut: list[float]) -> None:
             scores = pipeline.score(query, wholes)
             nearness["cc"].append(scores.cc)
             nearness["combined"].append(pipeline.combined_with(query, wholes, scores))
-            nearness["partial"].append(-part_distances(part_of(pipeline.bare(part)), known))
+            nearness["partial"].append(-part_distances(describe_part(pipeline.bare(part)), known))
         for name, found in nearness.items():
             print(row(name, share, np.array(found), labels), flush=True)
 
