@@ -9,7 +9,8 @@ from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
 from core.arrays import Bytes, Float32s, Floats, Ints
-from core.descriptors.boundary_ratio import INCOMPLETE, boundary_ratio
+from core.descriptors.boundary_ratio import boundary_ratio
+from core.descriptors.completeness import INCOMPLETE
 from core.descriptors.descriptor_distance import DescriptorDistance, describe, descriptor_distance
 from core.descriptors.global_descriptors import GLOBAL_WEIGHT, global_descriptors, signed_volume
 from core.embedding import NO_SPIN_IMAGES, Embedding, Facts, Match, Scores

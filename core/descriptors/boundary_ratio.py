@@ -8,15 +8,6 @@ from core.mesh.cleaning import component_areas
 from core.mesh.edges import HalfEdges
 from core.mesh.mesh import Mesh
 
-INCOMPLETE = 0.03
-"""A surface of more openness than this looks incomplete.
-
-Of every fourth model of the Princeton Segmentation Benchmark, all of them closed, with a part of 10 % of the
-area cut away 83 % are above it, of 20 % 98 %, of 30 % all; with five holes of 0.2 % together 2 %, of 1 %
-together 8 %.
-"""
-
-
 LEAST_COMPONENT_AREA = 0.01
 """Rims of parts of less than this share of the area are no gaps: loose bits, or the triangles of a soup."""
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.arrays import Bytes, Floats
-from core.descriptors.boundary_ratio import INCOMPLETE
+from core.descriptors.completeness import INCOMPLETE
 from core.descriptors.partial_matching import PART_ROWS, describe_part, part_distances
 from core.descriptors.spin_images import (
     KEYPOINTS,

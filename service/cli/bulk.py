@@ -7,7 +7,7 @@ from pathlib import Path
 from rich.progress import Progress
 
 from service.client import Client, ProblemError
-from service.http.problems import TYPE_PREFIX, Problem
+from service.http.problem_document import TYPE_PREFIX, Problem
 from service.jobs.schemas import Cause
 
 ENDINGS = (".zip", ".tar", ".tar.gz", ".tgz", ".tar.bz2", ".tbz2", ".tar.xz", ".txz")

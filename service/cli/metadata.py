@@ -7,7 +7,7 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from service.datasets import CollectionError
-from service.http.problems import faults_of
+from service.http.problem_document import faults_of
 from service.shapes.fields import split_tags
 from service.shapes.schemas import ShapeFields
 

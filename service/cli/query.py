@@ -11,7 +11,7 @@ from rich.table import Table
 from service.cli.target import Collection, Key, Url, service_at
 from service.client import Client, QueryArguments
 from service.console import output, progress, say
-from service.search.ranking import RankBy
+from service.search.rank_by import RankBy
 from service.search.schemas import QueryAnswer
 
 # What the page is drawn with.

@@ -5,7 +5,7 @@ from contextlib import suppress
 import httpx
 from pydantic import ValidationError
 
-from service.http.problems import MEDIA_TYPE, TYPE_PREFIX, Problem
+from service.http.problem_document import MEDIA_TYPE, TYPE_PREFIX, Problem
 
 
 class ClientError(Exception):

@@ -5,7 +5,7 @@ from typing import Any, Literal, TypedDict, Unpack
 
 from service.client.calls import Call, File, given, parsed
 from service.duplicates.schemas import DuplicatesAnswer
-from service.search.ranking import RankBy
+from service.search.rank_by import RankBy
 from service.search.schemas import CompareAnswer, QueryAnswer
 from service.system.schemas import Version
 

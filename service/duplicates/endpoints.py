@@ -7,7 +7,8 @@ from fastapi import APIRouter, Query, Request, Response
 from service.collections.dependencies import InCollection
 from service.dependencies import Service
 from service.duplicates import service
-from service.duplicates.schemas import DuplicatesAnswer, DuplicatesOptions
+from service.duplicates.options import DuplicatesOptions
+from service.duplicates.schemas import DuplicatesAnswer
 from service.duplicates.service import Duplicates
 from service.http.disconnects import while_connected
 from service.http.problems import documented

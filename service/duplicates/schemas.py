@@ -2,18 +2,16 @@
 
 import csv
 import io
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from pydantic import BaseModel, Field
 
-from core.registration.similarity_icp import RESIDUAL, Kinship
-from service.collection import CollectionNumber
-from service.collections.dependencies import NamedInAddress
-from service.duplicates.groups import Member
-from service.duplicates.service import Duplicates, Wanted
-from service.shapes.filters import Filters
 from service.shapes.records import ShapeRecord
 from service.shapes.schemas import Shape
+
+if TYPE_CHECKING:
+    from service.duplicates.groups import Member
+    from service.duplicates.service import Duplicates
 
 COLUMNS = ("group", "id", "name", "kinship", "scale", "cc", "residual")
 
@@ -21,34 +19,11 @@ FORMULA = ("=", "+", "-", "@", "\t", "\r")
 """What a spreadsheet takes for a formula begins so."""
 
 
-class DuplicatesOptions(NamedInAddress, Filters):
-    """Among which shapes to look for near-identical ones, and what these are."""
-
-    min_cc: float = Field(
-        default=0.98,
-        ge=-1.0,
-        le=1.0,
-        description="Only pairs of at least this cc are laid onto each other. Poses of one body pass it too.",
-    )
-    max_residual: float = Field(
-        default=RESIDUAL,
-        gt=0.0,
-        le=0.1,
-        description="How far apart two surfaces may lie at most after the best rotation, reflection and "
-        "scaling: the root mean square distance both ways, over the root of the area.",
-    )
-    format: Literal["json", "csv"] = Field(default="json", description="csv has a row a shape.")
-
-    def wanted(self, collection: CollectionNumber) -> Wanted:
-        """What to look for in a collection."""
-        return Wanted(self.filtered(collection), self.min_cc, self.max_residual)
-
-
 class Duplicate(BaseModel):
     """A shape of a group. The first is the oldest, and the others are told by what they are to it."""
 
     shape: Shape
-    kinship: Kinship = Field(
+    kinship: Literal["same", "scaled", "mirrored"] = Field(
         description="same: turned, moved or meshed anew; scaled: of another size; mirrored: in any size. A "
         "mirror image that a rotation gives as well, as of a symmetric shape, is same or scaled."
     )
@@ -57,7 +32,7 @@ class Duplicate(BaseModel):
     residual: float = Field(description="Of the same pair; 0 for the first.")
 
     @classmethod
-    def of(cls, member: Member, record: ShapeRecord) -> "Duplicate":
+    def of(cls, member: "Member", record: ShapeRecord) -> "Duplicate":
         """The JSON of a member."""
         return cls(
             shape=Shape.of(record),
@@ -78,7 +53,7 @@ class DuplicatesAnswer(BaseModel):
     milliseconds: dict[str, float] = Field(description="Wall time by stage.")
 
     @classmethod
-    def of(cls, found: Duplicates, *, milliseconds: dict[str, float]) -> "DuplicatesAnswer":
+    def of(cls, found: "Duplicates", *, milliseconds: dict[str, float]) -> "DuplicatesAnswer":
         """The JSON of what was found."""
         return cls(
             groups=[[Duplicate.of(member, record) for member, record in group] for group in found.groups],

@@ -9,6 +9,7 @@ __all__ = [
     "duplicate_parameters",
     "middleware",
     "openapi",
+    "problem_document",
     "problems",
     "uploads",
 ]

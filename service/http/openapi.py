@@ -11,7 +11,8 @@ from service.auth.rules import SAFE_METHODS, needed
 from service.auth.sessions import COOKIE
 from service.errors import PROBLEMS
 from service.http.links import link
-from service.http.problems import MEDIA_TYPE, Problem, documented
+from service.http.problem_document import MEDIA_TYPE, Problem
+from service.http.problems import documented
 
 DESCRIPTION = """\
 Upload meshes, then ask for the stored ones most like another. Two poses of one body are alike: what is

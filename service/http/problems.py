@@ -1,4 +1,4 @@
-"""Errors as RFC 9457 problem documents: the form, the handlers, and their part of the OpenAPI document."""
+"""Errors as RFC 9457 problem documents: the handlers, and their part of the OpenAPI document."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -6,46 +6,19 @@ from typing import Any
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
-from pydantic import BaseModel, Field
 from starlette.exceptions import HTTPException
 from starlette.routing import Match
 from starlette.types import Receive, Scope, Send
 
 from core.errors import CoreError
 from service.errors import BY_STATUS, PROBLEMS, BadRequestFieldsError, FieldFault, ServiceError
+from service.http.problem_document import INSTANCE_PREFIX, MEDIA_TYPE, TYPE_PREFIX, Fault, Problem, faults_of
 from service.observability.logging import get_logger, request_id
 from service.observability.metrics import METHODS
 
-MEDIA_TYPE = "application/problem+json"
-TYPE_PREFIX = "urn:isoshape:problem:"
-INSTANCE_PREFIX = "urn:isoshape:request:"
 KIND_IN_SCOPE = "isoshape.problem"
 
 log = get_logger("problems")
-
-
-class Fault(BaseModel):
-    """What is wrong with one field."""
-
-    field: str = Field(examples=["metadata"])
-    message: str = Field(examples=["not JSON: Expecting value at character 0"])
-
-
-class Problem(BaseModel):
-    """The answer whenever something went wrong (RFC 9457)."""
-
-    type: str = Field(
-        description="What kind of problem it is. It never changes, so a program may branch on it.",
-        json_schema_extra={"enum": [TYPE_PREFIX + kind for kind in PROBLEMS]},
-    )
-    title: str = Field(description="The same in words.")
-    status: int = Field(description="The HTTP status.")
-    detail: str = Field(description="What happened this time, for a person.")
-    instance: str = Field(description="This one occurrence.")
-    request_id: str = Field(
-        description="The id of the request, as in the X-Request-ID header and in the logs."
-    )
-    errors: list[Fault] | None = Field(default=None, description="Field by field, where fields are at fault.")
 
 
 class ProblemResponse(JSONResponse):
@@ -98,22 +71,6 @@ def problem_of(error: ServiceError) -> JSONResponse:
     return problem_response(
         error.kind, str(error), retry_after=error.retry_after, faults=faults, headers=error.headers
     )
-
-
-def faults_of(errors: Sequence[Any]) -> list[FieldFault]:
-    """The faults in what pydantic reports, each named by its field as the client wrote it."""
-    faults = []
-    for error in errors:
-        location = [str(part) for part in error["loc"]]
-        if (
-            location
-            and location[0] in {"body", "query", "path", "header"}
-            and error["type"] != "json_invalid"
-        ):
-            location = location[1:]
-        message = error["msg"].removeprefix("Value error, ")
-        faults.append(FieldFault(".".join(location) or "body", message))
-    return faults
 
 
 def handle_problems(app: FastAPI) -> None:

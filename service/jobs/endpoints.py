@@ -11,7 +11,8 @@ from starlette.concurrency import run_in_threadpool
 from service.collections.dependencies import InCollection, address
 from service.dependencies import Service
 from service.errors import BadRequestFieldsError, BusyError
-from service.http.problems import documented, faults_of
+from service.http.problem_document import faults_of
+from service.http.problems import documented
 from service.http.uploads import single, uploaded
 from service.jobs import events, service
 from service.jobs.members import shown

@@ -6,7 +6,7 @@ from typing import Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, JsonValue
 
 from service.errors import PROBLEMS
-from service.http.problems import TYPE_PREFIX
+from service.http.problem_document import TYPE_PREFIX
 from service.jobs import records
 from service.jobs.records import FileRecord, FilesPage, JobRecord, JobsPage, Progress
 from service.shapes.fields import Metadata, Tags

@@ -3,6 +3,7 @@
 __all__ = [
     "cache_warmer",
     "endpoints",
+    "rank_by",
     "ranking",
     "records",
     "repository",

@@ -13,7 +13,8 @@ from service.container import Container
 from service.dependencies import Service
 from service.errors import BadRequestFieldsError, FieldFault, UnsupportedBodyError
 from service.http.disconnects import while_connected
-from service.http.problems import documented, faults_of
+from service.http.problem_document import faults_of
+from service.http.problems import documented
 from service.http.uploads import is_form, is_json, single, uploaded
 from service.observability.timings import Timings
 from service.pipelines.active import ActivePipeline

@@ -1,12 +1,11 @@
 """The order of the shapes that were compared."""
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-RankBy = Literal["cc", "ssd", "sim", "combined"]
+from service.search.rank_by import RankBy
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,7 @@ from core.embedding import Embedding, Match
 from core.pipeline import Pipeline
 from core.serialization import spin_images_from_bytes
 from service.pipelines.active import ActivePipeline
-from service.search.ranking import RankBy
+from service.search.rank_by import RankBy
 from service.shapes.records import ShapeFilter, ShapeRecord
 
 

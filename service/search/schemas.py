@@ -1,14 +1,16 @@
 """Searches and comparisons as JSON."""
 
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
-from service.search.ranking import RankBy
-from service.search.records import Answer, Comparison, Found
+from service.search.rank_by import RankBy
 from service.shapes.fields import ListedTags, split_tags
 from service.shapes.filters import Filters
 from service.shapes.schemas import SHAPE, EmbeddingArrays, Shape, warnings_of
+
+if TYPE_CHECKING:
+    from service.search.records import Answer, Comparison, Found
 
 PIPELINE = "3f1c9a7be2d40586"
 MILLISECONDS: dict[str, Any] = {
@@ -185,7 +187,7 @@ class QueryAnswer(BaseModel):
     embedding: EmbeddingArrays | None = Field(default=None, description="Of the query, if asked for.")
 
     @classmethod
-    def of(cls, answer: Answer, *, milliseconds: dict[str, float]) -> "QueryAnswer":
+    def of(cls, answer: "Answer", *, milliseconds: dict[str, float]) -> "QueryAnswer":
         """The JSON of an answer."""
         return cls(
             results=[_result(rank, found) for rank, found in enumerate(answer.found, start=1)],
@@ -240,7 +242,7 @@ class CompareAnswer(BaseModel):
     milliseconds: dict[str, float] = Field(description="How long each stage took, and all of it.")
 
     @classmethod
-    def of(cls, comparison: Comparison, *, milliseconds: dict[str, float]) -> "CompareAnswer":
+    def of(cls, comparison: "Comparison", *, milliseconds: dict[str, float]) -> "CompareAnswer":
         """The JSON of a comparison."""
         match = comparison.match
         return cls(
@@ -254,7 +256,7 @@ class CompareAnswer(BaseModel):
         )
 
 
-def pairs(comparison: Comparison) -> list[Pair]:
+def pairs(comparison: "Comparison") -> list[Pair]:
     """The correspondence, each point with where it is on its mesh."""
     match = comparison.match
     first, second = match.correspondence[:, 0], match.correspondence[:, 1]
@@ -281,7 +283,7 @@ def pairs(comparison: Comparison) -> list[Pair]:
     ]
 
 
-def _result(rank: int, found: Found) -> Result:
+def _result(rank: int, found: "Found") -> Result:
     return Result(
         rank=rank,
         cc=found.cc,

@@ -17,7 +17,8 @@ from service.search.batches import by_threads, each_once, in_batches
 from service.search.cluster_scoring import SENT as SPREAD
 from service.search.cluster_scoring import cluster_scores
 from service.search.match_records import Rows, Scores
-from service.search.ranking import Compared, RankBy
+from service.search.rank_by import RankBy
+from service.search.ranking import Compared
 from service.search.records import Query
 from service.search.shortlist import Candidates
 from service.search.spin_images import chances

@@ -15,7 +15,8 @@ from service.http.access_control import KEY_IN_SCOPE
 from service.http.disconnects import while_connected
 from service.http.idempotency.keys import HEADER, REPLAYED, payload_of, read_key
 from service.http.idempotency.records import Claim
-from service.http.problems import documented, faults_of
+from service.http.problem_document import faults_of
+from service.http.problems import documented
 from service.http.uploads import Form, single, uploaded
 from service.pipelines.active import fingerprint
 from service.shapes import exporting, files, replacing, service

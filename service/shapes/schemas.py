@@ -1,15 +1,17 @@
 """Shapes as JSON."""
 
 from datetime import datetime
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pydantic import BaseModel, ConfigDict, Field, JsonValue
 
-from core.descriptors.boundary_ratio import INCOMPLETE
-from core.embedding import Embedding, Spectrum
+from core.descriptors.completeness import INCOMPLETE
 from service.shapes.fields import Metadata, Name, Tags
 from service.shapes.pages import write_cursor
 from service.shapes.records import Changes, Page, ShapeRecord
+
+if TYPE_CHECKING:
+    from core.embedding import Embedding, Spectrum
 
 SHAPE: dict[str, Any] = {
     "id": "0b7c1f4e-5a52-4c0e-9f0e-8d1a3f5f6a11",
@@ -169,7 +171,7 @@ class SpectrumArrays(BaseModel):
     )
 
     @classmethod
-    def of(cls, spectrum: Spectrum) -> "SpectrumArrays":
+    def of(cls, spectrum: "Spectrum") -> "SpectrumArrays":
         """The JSON of a spectrum."""
         return cls(
             name=spectrum.name,
@@ -192,7 +194,7 @@ class EmbeddingArrays(BaseModel):
     spectra: list[SpectrumArrays]
 
     @classmethod
-    def of(cls, embedding: Embedding) -> "EmbeddingArrays":
+    def of(cls, embedding: "Embedding") -> "EmbeddingArrays":
         """The JSON of an embedding."""
         arrays: dict[str, Any] = {
             name: getattr(embedding, name).tolist()

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from core.descriptors.boundary_ratio import INCOMPLETE, boundary_ratio
+from core.descriptors.boundary_ratio import boundary_ratio
+from core.descriptors.completeness import INCOMPLETE
 from core.gallery import make_shape
 from core.mesh.cleaning import clean, face_areas
 from core.mesh.edges import half_edges

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from core.descriptors.boundary_ratio import INCOMPLETE
+from core.descriptors.completeness import INCOMPLETE
 from core.descriptors.descriptor_distance import ROW_COUNTS, ROW_LENGTH, descriptor_distance
 from core.descriptors.partial_matching import PART_ROWS, part_distances
 from core.descriptors.spin_images import KEYPOINTS, SPIN_IMAGE_LENGTH, spin_image_distances

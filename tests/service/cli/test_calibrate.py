@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from core.arrays import Floats
-from core.descriptors.boundary_ratio import INCOMPLETE
+from core.descriptors.completeness import INCOMPLETE
 from core.descriptors.descriptor_distance import descriptor_distance
 from core.embedding import Embedding
 from core.evaluation.calibration import Collection, fit, leave_class_out, reliability

@@ -19,7 +19,7 @@ from service.client import (
     UnreachableError,
 )
 from service.errors import PROBLEMS
-from service.http.problems import MEDIA_TYPE, TYPE_PREFIX
+from service.http.problem_document import MEDIA_TYPE, TYPE_PREFIX
 from service.search.schemas import QueryOptions
 from service.shapes.schemas import Shape
 from tests.service.cli.awaited import Awaited

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from service.http.problems import MEDIA_TYPE, Problem
+from service.http.problem_document import MEDIA_TYPE, Problem
 from service.openapi_document import document, write
 from service.search.schemas import CompareAnswer, QueryAnswer
 from service.settings import PREFIX

@@ -11,7 +11,7 @@ from sqlalchemy import text
 from core import errors as core_errors
 from service import errors as service_errors
 from service.errors import BY_STATUS, PROBLEMS
-from service.http.problems import TYPE_PREFIX
+from service.http.problem_document import TYPE_PREFIX
 from service.openapi_document import document
 from tests.service.engines import on_both
 from tests.service.support import (

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from core.ranking.shortlist import signature_distances
-from service.search.ranking import Compared, RankBy, ranked
+from service.search.rank_by import RankBy
+from service.search.ranking import Compared, ranked
 from tests.service.engines import on_both
 from tests.service.support import Running, query, serving, settings_in, small_file
 

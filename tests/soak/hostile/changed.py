@@ -19,7 +19,7 @@ from pathlib import Path
 
 import httpx
 
-from service.http.problems import MEDIA_TYPE, TYPE_PREFIX
+from service.http.problem_document import MEDIA_TYPE, TYPE_PREFIX
 from service.storage.checking import check
 from tests.soak.hostile.mutation import mutations
 from tests.soak.hostile.serving import server

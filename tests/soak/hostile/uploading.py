@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import httpx
 
-from service.http.problems import MEDIA_TYPE, TYPE_PREFIX
+from service.http.problem_document import MEDIA_TYPE, TYPE_PREFIX
 from tests.soak.hostile.case import Hostile
 from tests.soak.hostile.serving import Memory, Peak, memory
 

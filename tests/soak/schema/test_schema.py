@@ -19,7 +19,7 @@ from schemathesis.specs.openapi.checks import (
 from sqlalchemy import delete
 
 from service.auth.keys import digest_of
-from service.http.problems import TYPE_PREFIX
+from service.http.problem_document import TYPE_PREFIX
 from service.openapi_document import document
 from service.storage.job_tables import JobRow
 from service.storage.tables import DeletedRow, IdempotencyKeyRow

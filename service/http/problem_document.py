@@ -1,0 +1,52 @@
+"""The problem document (RFC 9457) as the service writes it and a client reads it."""
+
+from collections.abc import Sequence
+from typing import Any
+
+from pydantic import BaseModel, Field
+
+from service.errors import PROBLEMS, FieldFault
+
+MEDIA_TYPE = "application/problem+json"
+TYPE_PREFIX = "urn:isoshape:problem:"
+INSTANCE_PREFIX = "urn:isoshape:request:"
+
+
+class Fault(BaseModel):
+    """What is wrong with one field."""
+
+    field: str = Field(examples=["metadata"])
+    message: str = Field(examples=["not JSON: Expecting value at character 0"])
+
+
+class Problem(BaseModel):
+    """The answer whenever something went wrong (RFC 9457)."""
+
+    type: str = Field(
+        description="What kind of problem it is. It never changes, so a program may branch on it.",
+        json_schema_extra={"enum": [TYPE_PREFIX + kind for kind in PROBLEMS]},
+    )
+    title: str = Field(description="The same in words.")
+    status: int = Field(description="The HTTP status.")
+    detail: str = Field(description="What happened this time, for a person.")
+    instance: str = Field(description="This one occurrence.")
+    request_id: str = Field(
+        description="The id of the request, as in the X-Request-ID header and in the logs."
+    )
+    errors: list[Fault] | None = Field(default=None, description="Field by field, where fields are at fault.")
+
+
+def faults_of(errors: Sequence[Any]) -> list[FieldFault]:
+    """The faults in what pydantic reports, each named by its field as the client wrote it."""
+    faults = []
+    for error in errors:
+        location = [str(part) for part in error["loc"]]
+        if (
+            location
+            and location[0] in {"body", "query", "path", "header"}
+            and error["type"] != "json_invalid"
+        ):
+            location = location[1:]
+        message = error["msg"].removeprefix("Value error, ")
+        faults.append(FieldFault(".".join(location) or "body", message))
+    return faults
