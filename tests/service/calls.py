@@ -49,6 +49,6 @@ def assert_recovered(running: Running, shape_id: str) -> None:
     assert stored.status_code == 201, stored.text
     assert running.client.delete(f"/shapes/{stored.json()['id']}").status_code == 204
     assert [shape["name"] for shape in running.client.get("/shapes").json()["shapes"]] == ["kept"]
-    url = url_of(running.parts.database)
+    url = url_of(running.container.database)
     if is_sqlite(url):
         assert check(path_of(url), lock_seconds=1).faults == []

@@ -125,8 +125,8 @@ def small_file(number: int, format: str = "off") -> bytes:
 
 def pipeline_in_use(running: Running) -> Pipeline:
     """The pipeline that the service's archive is searched by."""
-    with running.parts.database.read() as session:
-        return running.parts.pipelines.current(session).pipeline
+    with running.container.database.read() as session:
+        return running.container.pipelines.current(session).pipeline
 
 
 def upload(client: httpx.Client, data: bytes, filename: str, **fields: Any) -> httpx.Response:

@@ -170,7 +170,9 @@ def test_a_sample_falls_back_on_small_classes() -> None:
 
 def test_the_workers_of_a_command_that_is_killed_end_too() -> None:
     script = (
-        "import os, time; from core.parameters import DEFAULT; from service.studies.pairwise_scores import worker_pool\n"
+        "import os, time\n"
+        "from core.parameters import DEFAULT\n"
+        "from service.studies.pairwise_scores import worker_pool\n"
         "with worker_pool(DEFAULT, 1) as pool:\n"
         "    print(pool.submit(os.getpid).result(), flush=True)\n"
         "    time.sleep(600)\n"

@@ -21,7 +21,7 @@ from service.shapes.records import NewShape
 from service.storage.database import Database
 from service.storage.migrate import migrate
 from tests.service.cli.conftest import Run
-from tests.service.pipelines import active, embeddings, write_parameters
+from tests.service.pipeline_files import active, embeddings, write_parameters
 from tests.service.support import small_file, wait_until
 
 STORED = 120

@@ -18,8 +18,8 @@ PNG = b"\x89PNG\r\n\x1a\n"
 @pytest.fixture(autouse=True)
 def small(monkeypatch):
     """Surfaces of under 1,000 vertices: distances between all pairs are what takes the time."""
-    features = replace(sampling_surface.EVIDENCE, refine_vertices=0)
-    monkeypatch.setattr(sampling_surface, "EVIDENCE", features)
+    features = replace(sampling_surface.MEASURED, refine_vertices=0)
+    monkeypatch.setattr(sampling_surface, "MEASURED", features)
 
 
 @pytest.fixture

@@ -88,7 +88,7 @@ def test_the_same_bytes_are_kept_once_whatever_the_collection(running: Running) 
         first, second = one.store(small_file(3), "same.off"), two.store(small_file(3), "same.off")
         assert first["id"] != second["id"]
         assert one.store(small_file(3), "same.off") == first
-        with running.parts.database.read() as session:
+        with running.container.database.read() as session:
             blobs = session.scalars(select(BlobRow.number).where(BlobRow.sha256 == first["sha256"])).all()
             embeddings = select(EmbeddingRow.number).where(EmbeddingRow.blob_number.in_(blobs))
             assert (len(blobs), len(session.scalars(embeddings).all())) == (1, 1)
@@ -146,12 +146,12 @@ def test_only_an_empty_collection_is_deleted(running: Running) -> None:
         # The shapes can still be restored.
         told = assert_problem(client.delete("/collections/short"), 409, "collection-not-empty")
         assert "restored" in told["detail"]
-        with running.parts.database.write() as session:
+        with running.container.database.write() as session:
             session.execute(update(DeletedRow).values(deleted_at=datetime.now(UTC) - timedelta(days=2)))
             session.execute(update(JobRow).where(JobRow.id == job["id"]).values(state="arriving"))
         told = assert_problem(client.delete("/collections/short"), 409, "collection-not-empty")
         assert "job" in told["detail"]
-        with running.parts.database.write() as session:
+        with running.container.database.write() as session:
             session.execute(update(JobRow).where(JobRow.id == job["id"]).values(state="done"))
         assert client.delete("/collections/short").status_code == 204
         assert_problem(own.client.get("/shapes"), 404, "collection-not-found")
@@ -159,7 +159,7 @@ def test_only_an_empty_collection_is_deleted(running: Running) -> None:
     assert_problem(client.delete("/collections/short"), 404, "collection-not-found")
     assert_problem(client.delete("/collections/default"), 409, "collection-not-empty")
     assert "short" not in names(client)
-    with running.parts.database.read() as session:
+    with running.container.database.read() as session:
         numbers = session.scalars(select(CollectionRow.number)).all()
         for row in (JobRow, DeletedRow, IdempotencyKeyRow):
             assert set(session.scalars(select(row.collection_number))) <= set(numbers)
@@ -167,18 +167,18 @@ def test_only_an_empty_collection_is_deleted(running: Running) -> None:
 
 def test_what_arrives_when_its_collection_has_gone_is_refused(running: Running) -> None:
     with working_in(running, "gone") as own:
-        gate = running.parts.work.embed
+        gate = running.container.work.embed
 
         async def slow(*arguments: object) -> object:
             made = await gate(*arguments)  # type: ignore[arg-type]
-            with running.parts.database.write() as session:
+            with running.container.database.write() as session:
                 session.query(CollectionRow).where(CollectionRow.name == "gone").delete()
             return made
 
-        running.parts.work.embed = slow  # type: ignore[method-assign, assignment]
+        running.container.work.embed = slow  # type: ignore[method-assign, assignment]
         try:
             answer = upload(own.client, small_file(50), "late.off")
         finally:
-            running.parts.work.embed = gate  # type: ignore[method-assign]
+            running.container.work.embed = gate  # type: ignore[method-assign]
         assert_problem(answer, 404, "collection-not-found")
     assert running.client.get("/shapes", params={"name": "late"}).json()["total"] == 0

@@ -68,7 +68,7 @@ def running(made: Cluster, tmp_path_factory: pytest.TempPathFactory) -> Iterator
 def service(made: Cluster, running: Running) -> Running:
     """It, holding nothing, on two workers that are warm."""
     made.start(2 - len(made.workers))
-    wait_until(lambda: len(running.parts.pool.pids()) == 2, seconds=240)
+    wait_until(lambda: len(running.container.pool.pids()) == 2, seconds=240)
     running.clear()
     return running
 

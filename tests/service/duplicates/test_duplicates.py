@@ -108,7 +108,7 @@ def test_no_cell_is_a_formula(planted: Running, sign: str) -> None:
 def test_the_work_of_a_client_that_goes_away_is_stopped(
     planted: Running, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    work, compared = planted.parts.work, []
+    work, compared = planted.container.work, []
 
     def slowly(query: Float32s, rows: Sequence[Float32s], parameters: Parameters) -> Scores:
         compared.append(len(rows))
@@ -127,8 +127,8 @@ def test_the_work_of_a_client_that_goes_away_is_stopped(
     with monkeypatch.context() as patch:
         patch.setattr(tasks, "aligned", nap_instead)
         with send(planted, "/duplicates", method="GET"):
-            wait_until(lambda: at_work(planted.parts.pool), seconds=60)
-        wait_until(lambda: not work.inside and not at_work(planted.parts.pool), seconds=30)
+            wait_until(lambda: at_work(planted.container.pool), seconds=60)
+        wait_until(lambda: not work.inside and not at_work(planted.container.pool), seconds=30)
 
 
 def test_filters_and_bounds(planted: Running) -> None:

@@ -83,7 +83,7 @@ def names(running: Running) -> list[str]:
 def test_the_work_of_a_client_that_goes_away_is_stopped(
     single: Running, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, task: str, path: str
 ) -> None:
-    pool, work = single.parts.pool, single.parts.work
+    pool, work = single.container.pool, single.container.work
     (first,) = single.client.get("/shapes", params={"name": "first"}).json()["shapes"]
     body = {
         "embed_mesh": file_form(small_file(1), "gone.off"),
@@ -125,7 +125,7 @@ def test_a_client_that_goes_away_is_compared_no_further(
         patch.setattr(rows_module, "match_rows", slowly)
         with send(single, "/query", json={"shape_id": first["id"]}):
             wait_until(lambda: compared, seconds=60)
-        wait_until(lambda: not single.parts.work._inside, seconds=5)
+        wait_until(lambda: not single.container.work._inside, seconds=5)
         time.sleep(1.0)
         assert 0 < len(compared) < 8
     for number in numbers:
@@ -135,7 +135,7 @@ def test_a_client_that_goes_away_is_compared_no_further(
 def test_a_client_that_goes_away_while_it_waits_leaves_the_queue(
     single: Running, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    pool, work = single.parts.pool, single.parts.work
+    pool, work = single.container.pool, single.container.work
     with monkeypatch.context() as patch:
         patch.setattr(work_module, "embed_mesh", nap_instead)
         with send(single, "/query", **file_form(small_file(2), "works.off")):
@@ -165,7 +165,7 @@ def test_a_write_that_has_begun_is_whole(single: Running, monkeypatch: pytest.Mo
         patch.setattr(shapes_service, "_store", slow)
         with send(single, "/shapes", **file_form(small_file(6), "whole.off")):
             assert begun.wait(60)
-        wait_until(lambda: not single.parts.work._inside, seconds=5)
+        wait_until(lambda: not single.container.work._inside, seconds=5)
         go_on.set()
         assert done.wait(60)
     (shape,) = single.client.get("/shapes", params={"name": "whole.off"}).json()["shapes"]
@@ -176,11 +176,11 @@ def test_a_write_that_has_begun_is_whole(single: Running, monkeypatch: pytest.Mo
 def test_a_service_that_is_asked_to_stop_finishes_what_it_has(tmp_path: Path) -> None:
     settings = settings_in(tmp_path, workers=1, shutdown_seconds=60)
     with serving(settings) as running, ThreadPoolExecutor(6) as others:
-        held = running.parts.pool.submit(meet, str(tmp_path / "held"), str(tmp_path / "go on"))
+        held = running.container.pool.submit(meet, str(tmp_path / "held"), str(tmp_path / "go on"))
         sent = [
             others.submit(upload, running.client, small_file(number), f"{number}.off") for number in range(6)
         ]
-        wait_until(lambda: running.parts.work._inside == 6, seconds=60)
+        wait_until(lambda: running.container.work._inside == 6, seconds=60)
         assert not held.done()
         running.server.should_exit = True
         wait_until(lambda: not running.server.servers[0].is_serving(), seconds=10)
@@ -203,7 +203,9 @@ def test_a_service_that_is_asked_to_stop_refuses_what_it_cannot_finish(
             others.submit(upload, running.client, small_file(0), "at work.off"),
             others.submit(query, running.client, small_file(1)),
         ]
-        wait_until(lambda: running.parts.work._inside == 2 and at_work(running.parts.pool), seconds=60)
+        wait_until(
+            lambda: running.container.work._inside == 2 and at_work(running.container.pool), seconds=60
+        )
         running.server.should_exit = True
         for each in sent:
             assert_problem(each.result(), 503, "shutting-down")

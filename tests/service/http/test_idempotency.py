@@ -53,7 +53,7 @@ def no_keys_before(request: pytest.FixtureRequest) -> None:
     """The shared service knows no key of an earlier test."""
     if "service" in request.fixturenames:
         running: Running = request.getfixturevalue("service")
-        with running.parts.database.write() as session:
+        with running.container.database.write() as session:
             session.execute(text("DELETE FROM idempotency_keys"))
 
 

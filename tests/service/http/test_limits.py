@@ -96,13 +96,13 @@ def test_a_form_has_as_many_fields_as_set(strict: Running) -> None:
 def test_work_that_takes_too_long_is_stopped_and_the_worker_replaced(
     strict: Running, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    before = strict.parts.pool.pids()
+    before = strict.container.pool.pids()
     with monkeypatch.context() as patch:
         patch.setattr(work_module, "embed_mesh", nap_instead)
         problem = assert_problem(upload(strict.client, small_file(1), "slow.off"), 422, "file-time-limit")
     assert f"{TASK_SECONDS} s" in problem["detail"]
-    wait_until(strict.parts.pool.pids, seconds=60)
-    assert strict.parts.pool.pids() != before
+    wait_until(strict.container.pool.pids, seconds=60)
+    assert strict.container.pool.pids() != before
     assert upload(strict.client, small_file(1), "quick.off").status_code == 201
 
 
@@ -114,7 +114,7 @@ def test_a_comparison_that_takes_too_long_may_be_tried_again(
         patch.setattr(work_module, "match_records", nap_instead)
         pair = {"first": shape["id"], "second": shape["id"]}
         assert_problem(strict.client.post("/compare", json=pair), 503, "time-limit")
-    wait_until(strict.parts.pool.pids, seconds=60)
+    wait_until(strict.container.pool.pids, seconds=60)
     assert strict.client.post("/compare", json=pair).status_code == 200
 
 
@@ -124,7 +124,7 @@ def test_more_requests_than_may_wait_are_turned_away(
     with monkeypatch.context() as patch, ThreadPoolExecutor(1) as others:
         patch.setattr(work_module, "embed_mesh", nap_instead)
         first = others.submit(upload, strict.client, small_file(2), "first.off")
-        wait_until(lambda: strict.parts.work._inside, seconds=10)
+        wait_until(lambda: strict.container.work._inside, seconds=10)
         shape = strict.client.get("/shapes").json()["shapes"][0]
         for answer in (
             upload(strict.client, small_file(3), "second.off"),
@@ -135,17 +135,17 @@ def test_more_requests_than_may_wait_are_turned_away(
             assert_problem(answer, 503, "busy")
         assert strict.client.get("/shapes").status_code == 200
         assert strict.client.get("/readyz").status_code == 200
-        os.kill(strict.parts.pool.pids()[0], signal.SIGKILL)
+        os.kill(strict.container.pool.pids()[0], signal.SIGKILL)
         assert_problem(first.result(), 503, "worker-lost")
-    wait_until(strict.parts.pool.pids, seconds=60)
+    wait_until(strict.container.pool.pids, seconds=60)
     assert upload(strict.client, small_file(3), "second.off").status_code == 201
 
 
 def test_a_worker_that_is_killed_at_work_costs_one_request(
     strict: Running, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    wait_until(strict.parts.pool.pids, seconds=60)
-    killer = threading.Timer(1, lambda: os.kill(strict.parts.pool.pids()[0], signal.SIGKILL))
+    wait_until(strict.container.pool.pids, seconds=60)
+    killer = threading.Timer(1, lambda: os.kill(strict.container.pool.pids()[0], signal.SIGKILL))
     with monkeypatch.context() as patch:
         patch.setattr(work_module, "embed_mesh", nap_instead)
         killer.start()
@@ -155,7 +155,7 @@ def test_a_worker_that_is_killed_at_work_costs_one_request(
 
 
 def test_a_worker_that_dies_idle_costs_no_request(strict: Running) -> None:
-    wait_until(strict.parts.pool.pids, seconds=60)
-    os.kill(strict.parts.pool.pids()[0], signal.SIGKILL)
-    wait_until(lambda: not strict.parts.pool._seats[0]._process.alive(), seconds=10)  # type: ignore[union-attr]
+    wait_until(strict.container.pool.pids, seconds=60)
+    os.kill(strict.container.pool.pids()[0], signal.SIGKILL)
+    wait_until(lambda: not strict.container.pool._seats[0]._process.alive(), seconds=10)  # type: ignore[union-attr]
     assert upload(strict.client, small_file(5), "after.off").status_code == 201

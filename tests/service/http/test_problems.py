@@ -113,7 +113,7 @@ def every_kind_of_write(client: httpx.Client, shape_id: str) -> Iterator[httpx.R
 
 @on_both
 def test_storage_that_fails_is_said_and_recovered_from(broken: Running) -> None:
-    client, database = broken.client, broken.parts.database
+    client, database = broken.client, broken.container.database
     shape_id = client.get("/shapes").json()["shapes"][0]["id"]
 
     with database.write():

@@ -20,7 +20,7 @@ from core.ranking.coarse_ranking import coarse_ranking, coarse_samples
 from core.ranking.reranking import rerank
 from core.serialization import embedding_from_bytes, points_from_bytes
 from service.index.cache import ABOUT, EmbeddingCache
-from service.search import cache_warmer as cache_warmer
+from service.search import cache_warmer
 from service.search import match_records as rows_module
 from tests.service.support import (
     Running,
@@ -148,8 +148,8 @@ def running(folder: Path, request: pytest.FixtureRequest) -> Iterator[Running]:
 
 
 def shelf_of(running: Running) -> EmbeddingCache:
-    with running.parts.database.read() as session:
-        return running.parts.pipelines.current(session).cache
+    with running.container.database.read() as session:
+        return running.container.pipelines.current(session).cache
 
 
 def answer(running: Running, number: int = 20, **options: object) -> dict[str, dict[str, float]]:
@@ -188,13 +188,13 @@ def test_what_comes_is_made_ready_whatever_was_deleted_before(running: Running) 
     wait_until(lambda: len(cache) == STORED + 2, seconds=30)
     before = set(cache.missing(range(1000)))
     query(running.client, small_file(0), rank_by="combined")
-    assert len(running.parts.spin_images) == STORED + 2
+    assert len(running.container.spin_images) == STORED + 2
     for shape in gone:
         running.client.delete(f"/shapes/{shape}")
     late = running.store(small_file(33), "late.off")
     wait_until(lambda: len(cache) == STORED + 1, seconds=30)
     assert len(before - set(cache.missing(range(1000)))) == 1
-    wait_until(lambda: len(running.parts.spin_images) == STORED, seconds=30)
+    wait_until(lambda: len(running.container.spin_images) == STORED, seconds=30)
     running.client.delete(f"/shapes/{late['id']}")
 
 
@@ -229,8 +229,8 @@ def test_finalists_are_those_that_sifting_and_screening_put_first(running: Runni
     client = running.client
     shapes = client.get("/shapes").json()["shapes"]
     pipeline = pipeline_in_use(running)
-    with running.parts.database.read() as session:
-        entries = running.parts.pipelines.current(session).index.current(session)
+    with running.container.database.read() as session:
+        entries = running.container.pipelines.current(session).index.current(session)
         records = rows_module.repository.embedding_records(session, entries.embeddings.tolist())
     embeddings = {
         shape["name"]: embedding_from_bytes(records[int(number)])
@@ -246,7 +246,9 @@ def test_finalists_are_those_that_sifting_and_screening_put_first(running: Runni
         if rank_by == "combined":
             unknown = np.zeros(len(names))
             signatures = np.stack([embeddings[name].signature for name in names])
-            between = descriptor_distance(wanted.patches, [embeddings[name].patches for name in names])
+            between = descriptor_distance(
+                wanted.spin_images, [embeddings[name].spin_images for name in names]
+            )
             likeness = pipeline.combined(
                 likeness, unknown, wanted.signature, signatures, between if spin_images else None
             )
@@ -255,10 +257,10 @@ def test_finalists_are_those_that_sifting_and_screening_put_first(running: Runni
     names = sorted(
         embeddings, key=lambda name: np.linalg.norm(embeddings[name].signature - wanted.signature)
     )[:9]
-    coarse_samples = np.stack([coarse_samples(embeddings[name]) for name in names])
-    # By chance, the patches of a sheet, which looks incomplete, are compared with those of all.
-    if rank_by == "cc" or len(wanted.patches) == KEYPOINTS:
-        names = likeliest(names, coarse_ranking(own, coarse_samples, DEFAULT), 6, spin_images=False)
+    samples = np.stack([coarse_samples(embeddings[name]) for name in names])
+    # By chance, the spin images of a sheet, which looks incomplete, are compared with those of all.
+    if rank_by == "cc" or len(wanted.spin_images) == KEYPOINTS:
+        names = likeliest(names, coarse_ranking(own, samples, DEFAULT), 6, spin_images=False)
     numbers = {shape["name"]: int(number) for shape, number in zip(shapes, entries.embeddings, strict=True)}
     points = [points_from_bytes(records[numbers[name]]) for name in names]
     names = likeliest(names, rerank(own, points, DEFAULT), 3, spin_images=True)

@@ -34,7 +34,7 @@ def clean(service: Running) -> Running:
 
 
 def rows(running: Running, table: type) -> int:
-    with running.parts.database.read() as session:
+    with running.container.database.read() as session:
         return session.scalar(select(func.count()).select_from(table)) or 0
 
 
@@ -222,7 +222,7 @@ def test_rate_and_remaining_time(clean: Running, monkeypatch: pytest.MonkeyPatch
     job_id = begun(clean.client, pack(meshes(range(2))))
     ended(clean.client, job_id)
     start = datetime.now(UTC) - timedelta(seconds=100)
-    with clean.parts.database.write() as session:
+    with clean.container.database.write() as session:
         number = session.scalars(select(JobRow.number)).one()
         session.execute(
             update(JobRow).values(
@@ -247,7 +247,7 @@ def test_rate_and_remaining_time(clean: Running, monkeypatch: pytest.MonkeyPatch
 
 
 def test_a_job_that_is_cancelled_stores_nothing_more(clean: Running, held: threading.Event) -> None:
-    workers = clean.parts.settings.workers
+    workers = clean.container.settings.workers
     job_id = begun(clean.client, pack(meshes(range(3, 9))))
     wait_until(lambda: at_work(clean) == workers, seconds=180)
     cancelled = clean.client.post(f"/jobs/{job_id}/cancel")
@@ -304,7 +304,7 @@ def test_a_job_that_is_deleted_is_cancelled_and_forgotten(clean: Running, held: 
 
 def test_requests_come_before_files(clean: Running, held: threading.Event) -> None:
     job_id = begun(clean.client, pack(meshes(range(10, 16))))
-    wait_until(lambda: at_work(clean) == clean.parts.settings.workers, seconds=180)
+    wait_until(lambda: at_work(clean) == clean.container.settings.workers, seconds=180)
     # The files wait to be stored, and no request for a worker.
     assert clean.client.post("/query", files={"file": ("x.off", small_file(30))}).status_code == 200
     assert clean.client.get("/readyz").status_code == 200
@@ -314,7 +314,7 @@ def test_requests_come_before_files(clean: Running, held: threading.Event) -> No
 
 
 def test_files_wait_while_requests_want_the_workers(clean: Running) -> None:
-    work = clean.parts.work
+    work = clean.container.work
     with work.admitted(), work.admitted():
         job_id = begun(clean.client, pack(meshes(range(4))))
         wait_until(lambda: job(clean.client, job_id)["state"] == "running", seconds=180)
@@ -392,7 +392,7 @@ def test_a_job_that_cannot_be_gone_on_with_fails_and_the_next_has_its_turn(
 def test_leftovers_are_cleared(clean: Running) -> None:
     job_id = begun(clean.client, pack(meshes(range(1))))
     ended(clean.client, job_id)
-    database, now = clean.parts.database, datetime.now(UTC)
+    database, now = clean.container.database, datetime.now(UTC)
     with database.write() as session:
         number = session.scalars(select(JobRow.number)).one()
         session.add_all(JobPieceRow(job_number=number, place=place, data=b"x") for place in range(20))
@@ -430,6 +430,6 @@ def test_an_archive_that_never_arrived_whole_is_no_job(clean: Running) -> None:
 
     new = jobs_service.NewJob(DEFAULT_COLLECTION.number, "a", "zip", 10**8, (), {})
     with pytest.raises(OSError, match="gone"):
-        jobs_service.receive(clean.parts.database, Broken(), new, 10)
+        jobs_service.receive(clean.container.database, Broken(), new, 10)
     wait_until(lambda: rows(clean, JobPieceRow) == 0, seconds=30)
     assert rows(clean, JobRow) == 0

@@ -47,7 +47,7 @@ def value(running: Running, name: str, **labels: str) -> float:
 
 
 def test_every_metric_is_documented_with_its_type_and_labels(running: Running) -> None:
-    registry = running.parts.metrics.registry
+    registry = running.container.metrics.registry
     live = {}
     for metric, names in registry._collector_to_names.items():
         if any(name.startswith(PREFIX) for name in names):
@@ -142,7 +142,7 @@ def test_queue_and_workers(running: Running, monkeypatch: pytest.MonkeyPatch) ->
         if value(running, "workers", state="busy") == 1:
             assert value(running, "queue_requests") == 1
             assert upload(running.client, small_file(6), "late.off").status_code == 503
-            killed.extend(running.parts.pool.pids())
+            killed.extend(running.container.pool.pids())
             os.kill(killed[0], signal.SIGKILL)
         return bool(killed)
 
@@ -157,7 +157,7 @@ def test_queue_and_workers(running: Running, monkeypatch: pytest.MonkeyPatch) ->
 
 
 def test_a_database_that_fails_is_counted(running: Running, monkeypatch: pytest.MonkeyPatch) -> None:
-    database = running.parts.database
+    database = running.container.database
     monkeypatch.setattr(database, "_lock_seconds", 0.05)
     before = value(running, "database_failures_total", kind="storage-unavailable")
     with database.write():

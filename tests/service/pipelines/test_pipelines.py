@@ -22,7 +22,7 @@ from service.storage.database import Database
 from service.storage.migrate import migrate
 from service.storage.tables import EmbeddingRow, PipelineRow
 from tests.service.engines import on_both, url_in
-from tests.service.pipelines import active, fingerprints, write_parameters
+from tests.service.pipeline_files import active, fingerprints, write_parameters
 from tests.service.support import Running, assert_problem, query, serving, settings_in, small_file, upload
 from tests.service.trouble import url_of
 

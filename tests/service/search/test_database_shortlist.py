@@ -82,7 +82,7 @@ def test_no_signature_is_in_memory_and_rows_are_made_ready(both: tuple[Running, 
     answers(database, small_file(3))
     told = [each.client.get("/metrics").text for each in both]
     assert [re.search(r"^isoshape_indexed_shapes (\S+)$", text, re.M)[1] for text in told] == ["40.0", "0.0"]  # type: ignore[index]
-    wait_until(lambda: len(database.parts.pipelines._active.cache) >= STORED, seconds=60)  # type: ignore[union-attr]
+    wait_until(lambda: len(database.container.pipelines._active.cache) >= STORED, seconds=60)  # type: ignore[union-attr]
 
 
 def test_the_graph_is_asked_where_there_is_no_filter(
@@ -98,4 +98,4 @@ def test_the_graph_is_asked_where_there_is_no_filter(
     monkeypatch.setattr(stored_module.repository, "nearest", noted)
     answers(both[1], small_file(3))
     answers(both[1], small_file(3), filter="half")
-    assert asked == [both[1].parts.settings.hnsw_ef_search, None]
+    assert asked == [both[1].container.settings.hnsw_ef_search, None]

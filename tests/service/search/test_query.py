@@ -118,8 +118,8 @@ def test_combined_is_the_pipelines_and_the_same_in_every_answer(stocked: Running
     pipeline = pipeline_in_use(stocked)
     shapes = stocked.client.get("/shapes").json()["shapes"]
     stored = {s["name"]: s["id"] for s in shapes}
-    with stocked.parts.database.read() as session:
-        entries = stocked.parts.pipelines.current(session).index.current(session)
+    with stocked.container.database.read() as session:
+        entries = stocked.container.pipelines.current(session).index.current(session)
         records = embedding_records(session, entries.embeddings.tolist())
     embeddings = {
         shape["id"]: embedding_from_bytes(records[int(number)])

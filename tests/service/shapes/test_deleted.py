@@ -28,19 +28,19 @@ def keeping(tmp_path_factory: pytest.TempPathFactory, engine: str) -> Iterator[R
 def service(keeping: Running) -> Running:
     """The same, with nothing stored, and nothing deleted."""
     keeping.clear()
-    with keeping.parts.database.write() as session:
+    with keeping.container.database.write() as session:
         session.query(DeletedRow).delete()
     return keeping
 
 
 def rows(running: Running, table: type[BlobRow] | type[DeletedRow]) -> int:
-    with running.parts.database.read() as session:
+    with running.container.database.read() as session:
         return session.scalar(select(func.count()).select_from(table)) or 0
 
 
 def age(running: Running, days: float) -> None:
     """Have what was deleted have been deleted so long ago."""
-    with running.parts.database.write() as session:
+    with running.container.database.write() as session:
         session.execute(update(DeletedRow).values(deleted_at=datetime.now(UTC) - timedelta(days=days)))
 
 

@@ -20,7 +20,7 @@ from service.search.ranking import Compared
 from service.shapes import reembedding as reembedding_module
 from service.shapes.reembedding import Outcome, Reembedding
 from tests.service.engines import on_both
-from tests.service.pipelines import active, embeddings, fingerprints, write_parameters
+from tests.service.pipeline_files import active, embeddings, fingerprints, write_parameters
 from tests.service.support import (
     Running,
     assert_problem,
@@ -71,7 +71,7 @@ def stocked(serving_one: tuple[Running, Path]) -> tuple[Running, Path]:
     """A service with shapes that are embedded by its own pipeline alone."""
     running, folder = serving_one
     running.clear()
-    go_over(running, running.parts.pipelines.wanted)
+    go_over(running, running.container.pipelines.wanted)
     for number in range(STORED):
         running.store(small_file(number), f"{number}.off")
     running.store(small_file(0), "again.off")
@@ -87,8 +87,8 @@ def go_over(
     running: Running, parameters: Parameters, hook: Hook = nothing, *, leave_out: bool = False
 ) -> tuple[Outcome, Watched]:
     """Reembed the archive of a running service, as a process beside it would."""
-    work = Watched(running.parts.work, hook)
-    reembedding = Reembedding(running.parts.database, work, parameters)
+    work = Watched(running.container.work, hook)
+    reembedding = Reembedding(running.container.database, work, parameters)
     told: list[tuple[int, int]] = []
     outcome = asyncio.run(
         reembedding.run(
@@ -185,7 +185,7 @@ def test_an_upload_that_began_before_is_embedded_by_the_pipeline_of_its_end(
     stocked: tuple[Running, Path], few: Parameters, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     running, _ = stocked
-    work = running.parts.work
+    work = running.container.work
     embed = work.embed
     pipelines = []
 
@@ -212,14 +212,14 @@ def test_a_query_that_loses_its_embeddings_is_answered_by_the_new_ones(
     stocked: tuple[Running, Path], few: Parameters, monkeypatch: pytest.MonkeyPatch, by: str
 ) -> None:
     running, folder = stocked
-    work = running.parts.work
+    work = running.container.work
     compare_with = search_service.compare_with
     changed: list[Outcome] = []
 
     async def late(*given: Any) -> Compared:
         if not changed:
             changed.append((await asyncio.to_thread(go_over, running, few))[0])
-            await asyncio.to_thread(Reembedding(running.parts.database, work, few).prune)
+            await asyncio.to_thread(Reembedding(running.container.database, work, few).prune)
         return await compare_with(*given)
 
     (shape,) = running.client.get("/shapes", params={"name": "2.off"}).json()["shapes"]
@@ -238,10 +238,10 @@ def test_a_query_that_loses_its_embeddings_is_answered_by_the_new_ones(
 
 def test_pruned_and_gone_back_to_all_is_found_again(stocked: tuple[Running, Path], few: Parameters) -> None:
     running, folder = stocked
-    wanted = running.parts.pipelines.wanted
+    wanted = running.container.pipelines.wanted
     assert query(running.client, small_file(1)).json()["compared"] == STORED + 1
     for parameters in (few, wanted):
-        reembedding = Reembedding(running.parts.database, running.parts.work, parameters)
+        reembedding = Reembedding(running.container.database, running.container.work, parameters)
         outcome = asyncio.run(reembedding.run(at_once=2, leave_out=False, advance=lambda *_: None))
         assert (outcome.made, outcome.active) == (STORED, True)
         assert reembedding.prune() == STORED
@@ -279,7 +279,7 @@ def test_a_file_that_cannot_be_embedded_keeps_the_archive_as_it_is_unless_left_o
     assert shape["embedded"] is False
     assert_problem(running.client.post("/query", json={"shape_id": shape["id"]}), 409, "not-embedded")
 
-    assert Reembedding(running.parts.database, running.parts.work, few).prune() == STORED - 1
+    assert Reembedding(running.container.database, running.container.work, few).prune() == STORED - 1
     assert sorted(fingerprints(folder)) == sorted([old] + [few.fingerprint] * (STORED - 1))
 
 
@@ -302,9 +302,9 @@ def test_a_cluster_that_is_away_is_waited_for(
 def test_what_lacks_an_embedding_of_the_pipeline_in_use_gets_it(stocked: tuple[Running, Path]) -> None:
     running, _ = stocked
     assert query(running.client, small_file(1)).json()["compared"] == STORED + 1
-    with running.parts.database.write() as session:
+    with running.container.database.write() as session:
         session.execute(text("DELETE FROM embeddings WHERE number = (SELECT min(number) FROM embeddings)"))
-    outcome, _ = go_over(running, running.parts.pipelines.wanted)
+    outcome, _ = go_over(running, running.container.pipelines.wanted)
     assert (outcome.made, outcome.active) == (1, True)
     answer = query(running.client, small_file(0)).json()
     assert answer["compared"] == STORED + 1
@@ -319,7 +319,7 @@ def test_a_running_service_says_when_a_newer_one_has_taken_the_archive_over(
     (shape, *_) = running.client.get("/shapes").json()["shapes"]
 
     def search_by(fingerprint: str) -> None:
-        with running.parts.database.write() as session:
+        with running.container.database.write() as session:
             newer = "INSERT INTO pipelines VALUES ('0123456789abcdef', 99, '{}') ON CONFLICT DO NOTHING"
             session.execute(text(newer))
             session.execute(text("UPDATE archive SET fingerprint = :value"), {"value": fingerprint})

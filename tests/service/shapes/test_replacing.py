@@ -16,7 +16,7 @@ def put(running: Running, shape_id: str, data: bytes, name: str = "a.off", **hea
 
 
 def rows(running: Running, table: type[BlobRow] | type[EmbeddingRow]) -> int:
-    with running.parts.database.read() as session:
+    with running.container.database.read() as session:
         return session.scalar(select(func.count()).select_from(table)) or 0
 
 

@@ -52,7 +52,7 @@ def kept(frail: Running) -> str:
 def test_a_worker_that_is_killed(
     frail: Running, kept: str, monkeypatch: pytest.MonkeyPatch, task: str, name: str
 ) -> None:
-    pool = frail.parts.pool
+    pool = frail.container.pool
     wait_until(pool.pids, seconds=60)
     calls = reads(frail, kept) | {
         "upload": lambda: upload(frail.client, small_file(2), "lost.off"),
@@ -96,13 +96,13 @@ def test_a_worker_without_memory(
     status: int,
     kind: str,
 ) -> None:
-    wait_until(frail.parts.pool.pids, seconds=60)
-    before = frail.parts.pool.pids()
+    wait_until(frail.container.pool.pids, seconds=60)
+    before = frail.container.pool.pids()
     calls = reads(frail, kept) | {"upload": lambda: upload(frail.client, small_file(2), "lost.off")}
     with monkeypatch.context() as patch:
         patch.setattr(work_module, task, run_out_of_memory)
         assert "memory" in assert_problem(calls[name](), status, kind)["detail"]
-    assert frail.parts.pool.pids() == before
+    assert frail.container.pool.pids() == before
     assert_recovered(frail, kept)
 
 

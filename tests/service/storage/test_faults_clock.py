@@ -101,7 +101,7 @@ def test_order_and_pages_go_by_what_was_stored_first(
 
 def test_a_job_is_done(clocked: Running, monkeypatch: pytest.MonkeyPatch) -> None:
     """And so is that of a service which died before the clock was set back: its lease ends tomorrow."""
-    client, database = clocked.client, clocked.parts.database
+    client, database = clocked.client, clocked.container.database
     archive = pack({"7.off": small_file(7)})
     with database.write() as session:
         now = datetime.now(UTC)
@@ -135,7 +135,7 @@ def test_an_archive_is_left_alone_while_it_arrives(clocked: Running) -> None:
     now = datetime.now(UTC)
     new = NewJob(DEFAULT_COLLECTION.number, archive="half.zip", format="zip", size=1, tags=(), metadata={})
     for lease, left_over in ((ARRIVING_LEASE + timedelta(seconds=5), False), (DAY, True), (-DAY, True)):
-        with clocked.parts.database.write() as session:
+        with clocked.container.database.write() as session:
             number = job_repository.add(session, new, "receiver", now + lease, now)
             leftovers = job_repository.with_leftovers(session, now, now - DAY)
             assert ((number, True) in leftovers) is left_over

@@ -23,7 +23,7 @@ def frail(folder: Path, engine: str) -> Iterator[Running]:
     """A service with one worker that waits half a second for a lock."""
     with serving(settings_in(folder, workers=1, lock_seconds=0.5)) as running:
         running.store(small_file(0), "kept.off", name="kept")
-        assert is_sqlite(url_of(running.parts.database)) == (engine == SQLITE)
+        assert is_sqlite(url_of(running.container.database)) == (engine == SQLITE)
         yield running
 
 
@@ -35,7 +35,7 @@ def kept(frail: Running) -> str:
 
 @on_both
 def test_a_full_disk(frail: Running, kept: str) -> None:
-    with full(frail.parts.database):
+    with full(frail.container.database):
         large = small_file(1) + b"\n" * 100_000
         problem = assert_problem(upload(frail.client, large, "large.off"), 507, "storage-full")
         assert "full" in problem["detail"]
@@ -51,7 +51,7 @@ def test_a_full_disk(frail: Running, kept: str) -> None:
 @on_both
 def test_a_database_that_may_not_be_written(frail: Running, kept: str, engine: str) -> None:
     said = {SQLITE: "SQLITE_READONLY", POSTGRESQL: "ReadOnlySqlTransaction"}[engine]
-    with not_writable(frail.parts.database):
+    with not_writable(frail.container.database):
         for call in changes(frail, kept).values():
             assert said in assert_problem(call(), 503, "storage-unavailable")["detail"]
         for call in reads(frail, kept).values():
@@ -74,7 +74,7 @@ def test_a_folder_in_which_nothing_can_be_made(frail: Running, folder: Path, kep
 @on_both
 def test_a_lock_that_another_process_holds(frail: Running, kept: str, engine: str) -> None:
     said = {SQLITE: "SQLITE_BUSY", POSTGRESQL: "LockNotAvailable"}[engine]
-    url = url_of(frail.parts.database)
+    url = url_of(frail.container.database)
     with lock_held(url):
         for call in changes(frail, kept).values():
             answer = call()

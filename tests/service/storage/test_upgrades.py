@@ -20,7 +20,7 @@ from service.storage.checking import check
 from service.storage.database import Database
 from service.storage.migrate import migrate
 from tests.service.archives import begin_at, make_archive, opened
-from tests.service.pipelines import active, fingerprints
+from tests.service.pipeline_files import active, fingerprints
 from tests.service.support import query, serving, settings_in
 
 ARCHIVES = Path(__file__).with_name("archives")

@@ -1,7 +1,7 @@
-"""`python -m tests.soak.capacity --count 10000000`: bytes of a shape, and exact search of so many signatures.
+"""`python -m tests.soak.capacity --count 10000000`: bytes a shape, and exact search of COUNT signatures.
 
-The signatures are made as those of `tests.soak.vectors` are, in a file of 132 bytes each in the temporary folder,
-which is gone at the end. They are searched in a memory map of it: as much of it as is read is in memory.
+The signatures are drawn as in `tests.soak.vectors`. They are written to a temporary file, 132 bytes each, and
+searched through a memory map of this file, which is removed at the end.
 """
 
 import argparse

@@ -1,4 +1,4 @@
-"""`python -m tests.soak.duplicates --poses 8`: what is found of the copies planted, and what is found beside them.
+"""`python -m tests.soak.duplicates --poses 8`: recall and precision of planted copies.
 
 The gallery holds poses of one body of every class, which differ by pose alone; where the body is stiff, as a
 cup, other individuals. And it holds people, several poses of each, every one meshed anew. Forty of these

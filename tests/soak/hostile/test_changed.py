@@ -43,7 +43,7 @@ def test_no_change_is_a_fault_of_the_service_and_nothing_wrong_is_stored(running
     tally = upload_changed(running.client, COUNT, seed=1)
     assert tally.faults == []
     assert sum(tally.answers.values()) == COUNT
-    assert list(faults_of_archive(path_of(url_of(running.parts.database)), tally)) == []
+    assert list(faults_of_archive(path_of(url_of(running.container.database)), tally)) == []
     # Many were taken and many refused, so that both ways are tried.
     assert tally.count("stored") > COUNT / 10
     assert tally.count("malformed-mesh") > COUNT / 10

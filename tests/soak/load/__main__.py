@@ -1,4 +1,4 @@
-"""`python -m tests.soak.load --minutes 20`: mixed load by locust; statuses, times, and the slope of memory."""
+"""`python -m tests.soak.load --minutes 20`: a mixed load by locust: statuses, times, slope of memory."""
 
 import argparse
 import json

@@ -1,4 +1,4 @@
-"""`python -m tests.soak.partial DIR --limit 95 --cut 0.3 0.5`: parts of models looked for among the whole ones.
+"""`python -m tests.soak.partial DIR --limit 95 --cut 0.3 0.5`: search for parts of models.
 
 Each model in turn is cut by a plane of a direction drawn evenly, and what is left is the query: once against
 all models, where the first answer should be the model itself, and once without it, where it should be of its

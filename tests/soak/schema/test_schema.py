@@ -189,7 +189,7 @@ def _begin(running: Running) -> None:
     """Two shapes, and nothing of what was before."""
     wait_until(lambda: _ended(running), seconds=60)
     running.clear()
-    with running.parts.database.write() as session:
+    with running.container.database.write() as session:
         for table in (JobRow, IdempotencyKeyRow, DeletedRow):
             session.execute(delete(table))
     for format, data in (("off", small_file(0)), ("stl", small_file(1, "stl"))):
