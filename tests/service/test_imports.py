@@ -11,7 +11,8 @@ ROOT = Path(__file__).parents[2]
 
 # Every folder of the tree, and every module outside a folder, each after all that it imports from.
 ORDER = (
-    "core.errors", "core.arrays", "core.parameters", "core.embedding", "core.numerics", "core.mesh", "core.io",
+    "core.errors", "core.arrays", "core.parameters", "core.embedding", "core.numerics", "core.mesh",
+    "core.io",
     "core.sampling", "core.graph", "core.spectral", "core.descriptors", "core.registration",
     "core.matching.kernels", "core.matching", "core.ranking", "core.serialization", "core.pipeline",
     "core.evaluation", "core.gallery", "core.studies", "core.studies.sampling", "core",
