@@ -85,7 +85,7 @@ class Pipeline:
 
         It is clean, without holes, in its normal frame, simplified, smoothed and refined.
         """
-        wanted = self.parameters
+        wanted = self.parameters.mesh
         cleaned = clean(mesh)
         surface = cleaned.mesh
         if wanted.fill_holes:
@@ -96,20 +96,20 @@ class Pipeline:
 
     def _simplified_and_smoothed(self, normal: Mesh) -> Mesh:
         """A mesh in its normal frame, simplified if it is large, and smoothed if it is rough."""
-        wanted = self.parameters
+        wanted = self.parameters.mesh
         if wanted.decimate_above and len(normal.vertices) > wanted.decimate_above:
             normal = simplify(normal, wanted.decimate_to)
         return taubin_smoothing(normal, wanted.smooth_rounds) if self._is_rough(normal) else normal
 
     def _is_rough(self, normal: Mesh) -> bool:
-        most = self.parameters.smooth_above
+        most = self.parameters.mesh.smooth_above
         if not most or roughness(normal) <= most:
             return False
-        return not self.parameters.smooth_refined or roughness(self._refined(normal)) > most
+        return not self.parameters.mesh.smooth_refined or roughness(self._refined(normal)) > most
 
     def _refined(self, normal: Mesh) -> Mesh:
         """A mesh whose long edges are split, if it has fewer vertices than wanted."""
-        needed = max(self.parameters.refine_vertices, self._least_vertices())
+        needed = max(self.parameters.mesh.refine_vertices, self._least_vertices())
         return refine(normal, needed) if len(normal.vertices) < needed else normal
 
     def open_surface(self, mesh: Mesh) -> Mesh:
@@ -150,21 +150,21 @@ class Pipeline:
 
         `refine` makes edges of up to one and a half even sides, so it may make 2.25 times fewer than asked.
         """
-        wanted = self.parameters
-        samples = max(wanted.dimensions + 2, wanted.affinity_values)
+        wanted, spectral = self.parameters.sampling, self.parameters.spectral
+        samples = max(spectral.dimensions + 2, spectral.affinity_values)
         asked = wanted.samples or int(np.ceil(samples / wanted.tau))
-        return int(np.ceil(2.5 * max(asked, samples, wanted.laplacian_values + 2)))
+        return int(np.ceil(2.5 * max(asked, samples, spectral.laplacian_values + 2)))
 
     def sample(self, mesh: Mesh, graph: csr_array) -> tuple[Ints, int]:
         """The vertices that are embedded, shape (d,), and how many of them, the first, are the samples.
 
         The mesh is in its normal frame.
         """
-        wanted = self.parameters
+        wanted, spectral = self.parameters.sampling, self.parameters.spectral
         count = wanted.samples or round(wanted.tau * len(mesh.vertices))
         count = min(count, wanted.sample_cap or count, len(mesh.vertices))
-        if count < wanted.dimensions + 2:
-            raise DegenerateMeshError(f"only {count} samples for {wanted.dimensions} dimensions")
+        if count < spectral.dimensions + 2:
+            raise DegenerateMeshError(f"only {count} samples for {spectral.dimensions} dimensions")
         drawn = wanted.selection == "random-draw"
         weights = lewis_weights(
             mesh.vertices,
@@ -177,7 +177,7 @@ class Pipeline:
             return sort_and_cut(weights, count), count
         if drawn:
             return random_draw(weights, count, keyed_uniform(mesh.vertices, wanted.seed)), count
-        more = wanted.distances == "geodesic" and wanted.affinity == "gaussian"
+        more = spectral.distances == "geodesic" and spectral.affinity == "gaussian"
         points = min(max(wanted.points if more else 0, count), len(mesh.vertices))
         return weighted_farthest_points(graph, mesh.vertices, weights, points, wanted.coverage_power), count
 
@@ -186,12 +186,12 @@ class Pipeline:
 
         Along the tree and the sparse graph, between the samples alone.
         """
-        if self.parameters.distances == "geodesic":
+        if self.parameters.spectral.distances == "geodesic":
             between = geodesics(graph, samples, points)
             core = between[: len(samples)]
             core[:] = np.minimum(core, core.T)
             return between
-        along = tree_distances if self.parameters.distances == "tree" else graph_distances
+        along = tree_distances if self.parameters.spectral.distances == "tree" else graph_distances
         return along(sparse, len(samples))
 
     def embed(self, mesh: Mesh) -> Embedding:
@@ -204,7 +204,7 @@ class Pipeline:
         """
         with one_thread():
             surface, cleaned, frame = self.normalise(mesh)
-            graph = edge_graph(surface, unfold=self.parameters.unfold)
+            graph = edge_graph(surface, unfold=self.parameters.spectral.unfold)
             points, count = self.sample(surface, graph)
             samples = points[:count]
             sparse = sparse_graph(graph, samples)
@@ -216,12 +216,14 @@ class Pipeline:
                 distances=self.distances(graph, points, samples, sparse),
                 areas=areas / areas.sum(),
             )
-            spectra, signature = spectra_of(surface, embedded, self.parameters)
-            if self.parameters.form:
+            spectra, signature = spectra_of(surface, embedded, self.parameters.spectral)
+            if self.parameters.ranking.global_descriptors:
                 signature = np.concatenate([signature, GLOBAL_WEIGHT * global_descriptors(surface)])
             facts = measure(mesh, cleaned, frame)
             spin_images = (
-                self._spin_images(surface, cleaned, facts) if self.parameters.patches else NO_SPIN_IMAGES
+                self._spin_images(surface, cleaned, facts)
+                if self.parameters.ranking.spin_images
+                else NO_SPIN_IMAGES
             )
         positions = frame.invert(surface.vertices[samples])
         return Embedding(
@@ -275,7 +277,7 @@ class Pipeline:
             An embedding was made with other parameters.
         """
         with one_thread():
-            if self.parameters.pairs == "both-ways":
+            if self.parameters.matching.pairs == "both-ways":
                 rows = [self._row(candidate) for candidate in candidates]
                 return match_rows(self._row(query), rows, self.parameters)
             first = self._ready(query)
@@ -312,7 +314,7 @@ class Pipeline:
         self, cc: Floats, sim: Floats, query: NDArray[np.float32], signatures: NDArray[np.float32]
     ) -> Floats:
         """What of the whole shapes `combined` reads, shape (c, 2): `core.ranking.class_probability.signature_features`."""
-        return signature_features(cc, sim, query, signatures, form=self.parameters.form)
+        return signature_features(cc, sim, query, signatures, form=self.parameters.ranking.global_descriptors)
 
     def combined(
         self,

@@ -3,7 +3,6 @@
 import json
 import os
 import re
-from dataclasses import replace
 from datetime import timedelta
 from pathlib import Path
 from typing import Annotated, Literal
@@ -347,4 +346,4 @@ def load_parameters(pipeline: str) -> Parameters:
         ) from error
     except ParameterError as error:
         raise SettingsError(f"{PREFIX}PIPELINE: {pipeline}: {error}") from error
-    return parameters if "name" in json.loads(text) else replace(parameters, name=Path(pipeline).stem)
+    return parameters if "name" in json.loads(text) else parameters.with_values(name=Path(pipeline).stem)

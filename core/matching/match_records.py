@@ -33,7 +33,7 @@ def row_of(embedding: Embedding, parameters: Parameters) -> Float32s:
         raise IncompatibleEmbeddingsError(
             f"embedding {embedding.fingerprint} under pipeline {parameters.fingerprint}"
         )
-    if parameters.pairs != "both-ways":
+    if parameters.matching.pairs != "both-ways":
         raise ParameterError('rows are of parameters with pairs "both-ways"')
     return packed_row(pack(embedding, embedding_key(embedding), parameters))
 

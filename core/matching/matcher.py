@@ -72,7 +72,7 @@ def embedding_key(embedding: Embedding) -> bytes:
 
 def prepare(embedding: Embedding, key: bytes, parameters: Parameters) -> Prepared:
     """The embedding, whose `embedding_key` is `key`, with its splines factored."""
-    both = parameters.pairs == "both-ways"
+    both = parameters.matching.pairs == "both-ways"
     return Prepared(
         samples=int(embedding.regions.max()) + 1,
         key=key,

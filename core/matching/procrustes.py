@@ -47,8 +47,8 @@ def pack(embedding: Embedding, key: bytes, parameters: Parameters) -> Packed:
     """
     regions = embedding.regions.astype(np.int64)
     m = int(regions.max()) + 1
-    rows = min(parameters.search_samples or m, m)
-    columns = parameters.search_dimensions or parameters.dimensions
+    rows = min(parameters.matching.search_samples or m, m)
+    columns = parameters.matching.search_dimensions or parameters.spectral.dimensions
     clouds = [spectrum.coordinates.astype(np.float64) for spectrum in embedding.spectra]
     samples = [points[:m] for points in clouds]
     searched = [points[:rows, :columns] for points in samples]
@@ -57,11 +57,14 @@ def pack(embedding: Embedding, key: bytes, parameters: Parameters) -> Packed:
         points=np.ascontiguousarray(np.concatenate(clouds, axis=1), dtype=np.float32),
         searched=np.ascontiguousarray(np.stack([points.T for points in searched]), dtype=np.float32),
         operators=_whole(
-            [smoothing(one, parameters.first_dimensions, parameters.stiffness) for one in searched]
+            [
+                smoothing(one, parameters.matching.first_dimensions, parameters.matching.stiffness)
+                for one in searched
+            ]
         ),
         offsets=np.searchsorted(np.sort(regions), np.arange(m + 1)).astype(np.int32),
         members=np.argsort(regions, kind="stable").astype(np.int32),
-        warp=_whole([smoothing(one, one.shape[1], parameters.warp_stiffness)[0] for one in samples]),
+        warp=_whole([smoothing(one, one.shape[1], parameters.matching.warp_stiffness)[0] for one in samples]),
         radius=np.array([np.linalg.norm(points, axis=1).mean() for points in centred], dtype=np.float32),
         key=np.frombuffer(key, dtype=">u4").astype(np.uint32).view(np.int32),
     )
@@ -75,16 +78,16 @@ def _whole(matrices: Sequence[Floats]) -> Int16s:
 def rounds_of(parameters: Parameters) -> Rounds:
     """How long the parameters have the compiled matching search."""
     return Rounds(
-        parameters.first_dimensions,
-        2**parameters.first_dimensions if parameters.sign_starts else 1,
-        parameters.start_iterations,
-        parameters.step_iterations,
+        parameters.matching.first_dimensions,
+        2**parameters.matching.first_dimensions if parameters.matching.sign_starts else 1,
+        parameters.matching.start_iterations,
+        parameters.matching.step_iterations,
         2,
-        parameters.align_samples,
-        parameters.kept_maps,
-        parameters.align_rounds,
-        parameters.final_rounds,
-        parameters.slide_rounds,
+        parameters.matching.align_samples,
+        parameters.matching.kept_maps,
+        parameters.matching.align_rounds,
+        parameters.matching.final_rounds,
+        parameters.matching.slide_rounds,
         EFFECTIVE,
     )
 

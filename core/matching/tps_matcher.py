@@ -47,7 +47,7 @@ def domains(embedding: Embedding, parameters: Parameters) -> tuple[Domain, ...]:
     samples = int(embedding.regions.max()) + 1
     clouds = [spectrum.coordinates[:samples].astype(np.float64) for spectrum in embedding.spectra]
     return tuple(
-        Domain(points, smoothers(points, parameters.first_dimensions, parameters.stiffness))
+        Domain(points, smoothers(points, parameters.matching.first_dimensions, parameters.matching.stiffness))
         for points in clouds
     )
 
@@ -59,11 +59,11 @@ def warped(first: Domain, second: Domain, parameters: Parameters) -> Warped:
             first.points.astype(np.float32),
             second.points.astype(np.float32),
             first.operators,
-            parameters.first_dimensions,
-            2**parameters.first_dimensions if parameters.sign_starts else 1,
-            parameters.kept_starts,
-            parameters.start_iterations,
-            parameters.step_iterations,
+            parameters.matching.first_dimensions,
+            2**parameters.matching.first_dimensions if parameters.matching.sign_starts else 1,
+            parameters.matching.kept_starts,
+            parameters.matching.start_iterations,
+            parameters.matching.step_iterations,
         )
     )
     x = first.operators[-1].astype(np.float64) @ second.points[matches]

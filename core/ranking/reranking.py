@@ -31,7 +31,7 @@ def rerank(query: Float32s, clouds: Sequence[EmbeddedPoints], parameters: Parame
         In [-1, 1]; NaN where a number is not finite, a region not a sample's, or the points not for these.
     """
     scores = np.full(len(clouds), np.nan, dtype=np.float32)
-    shape = (len(parameters.operators), parameters.dimensions)
+    shape = (len(parameters.spectral.operators), parameters.spectral.dimensions)
     fit = [
         place
         for place, (coordinates, regions) in enumerate(clouds)
@@ -45,7 +45,12 @@ def rerank(query: Float32s, clouds: Sequence[EmbeddedPoints], parameters: Parame
         np.array([[_address(one) for one in clouds[place][0]] for place in fit], dtype=np.int64),
         np.array([_address(clouds[place][1]) for place in fit], dtype=np.int64),
         np.array([len(clouds[place][1]) for place in fit], dtype=np.int64),
-        np.array([parameters.search_samples or parameters.samples, parameters.first_dimensions]),
+        np.array(
+            [
+                parameters.matching.search_samples or parameters.sampling.samples,
+                parameters.matching.first_dimensions,
+            ]
+        ),
         rounds_of(parameters),
         found,
     )

@@ -8,7 +8,7 @@ from core.arrays import Floats, Ints
 from core.embedding import Spectrum
 from core.mesh.cleaning import face_areas
 from core.mesh.mesh import Mesh
-from core.parameters import Parameters
+from core.parameters import SpectralParameters
 from core.spectral.affinity import distance_affinity, gaussian_affinity
 from core.spectral.coordinates import spectral_coordinates
 from core.spectral.eigenpairs import leading_eigenpairs, oriented, sampled_eigenpairs
@@ -36,16 +36,16 @@ class SampledSurface:
 
 
 def spectra_of(
-    surface: Mesh, points: SampledSurface, wanted: Parameters
+    surface: Mesh, points: SampledSurface, wanted: SpectralParameters
 ) -> tuple[tuple[Spectrum, ...], Floats]:
     """The spectral embeddings that the parameters name, and the signature.
 
-    Parameters
+    SpectralParameters
     ----------
     surface : Mesh
         In its normal frame.
     points : Points
-    wanted : Parameters
+    wanted : SpectralParameters
 
     Returns
     -------
@@ -79,7 +79,7 @@ def spectra_of(
     return tuple(spectra), np.concatenate(signature)
 
 
-def _affinity_pairs(points: SampledSurface, wanted: Parameters) -> tuple[Floats, Floats]:
+def _affinity_pairs(points: SampledSurface, wanted: SpectralParameters) -> tuple[Floats, Floats]:
     """Eigenvalues, comparable whatever the number of samples, and eigenvectors at the points."""
     samples = len(points.areas)
     count = min(max(wanted.dimensions + 2, wanted.affinity_values), samples)

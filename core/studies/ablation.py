@@ -1,6 +1,6 @@
 """What each step away from the paper's own setting is worth: the settings between `paper` and `default`."""
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass
 from typing import Literal
 
 from core.parameters import DEFAULT, PAPER, Parameters
@@ -11,7 +11,7 @@ Block = Literal["alone", "together", "without"]
 
 @dataclass(frozen=True)
 class Change:
-    """Parameters that change as one, from their value in `paper` to that in `default`, and the ranking."""
+    """Parameters, by their flat keys, that change as one, from their value in `paper` to that in `default`, and the ranking."""
 
     title: str
     fields: tuple[str, ...]
@@ -77,9 +77,7 @@ def changes() -> tuple[Change, ...]:
     """The steps from `paper` to `default`: `NAMED`, one of what is left out, if anything, and `LAST`."""
     named = {name for change in (*NAMED, *LAST) for name in change.fields} | {"name"}
     rest = tuple(
-        field.name
-        for field in fields(Parameters)
-        if field.name not in named and getattr(PAPER, field.name) != getattr(DEFAULT, field.name)
+        key for key, value in DEFAULT.flat().items() if key not in named and PAPER.flat()[key] != value
     )
     left_out = (Change(f"the rest of default: {', '.join(rest)}", rest),) if rest else ()
     return (*NAMED, *left_out, *LAST)
@@ -123,4 +121,5 @@ def rows(*, without: bool = False) -> tuple[Row, ...]:
 
 def _taken(parameters: Parameters, source: Parameters, change: Change) -> Parameters:
     """The parameters with the change's fields as they are in `source`."""
-    return replace(parameters, **{name: getattr(source, name) for name in change.fields})
+    values = source.flat()
+    return parameters.with_values(**{key: values[key] for key in change.fields})

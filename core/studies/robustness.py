@@ -4,7 +4,7 @@ Every shape in turn is perturbed and is the query; its own clean self is left ou
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -144,8 +144,7 @@ def tau_parameters(tau: float) -> Parameters:
 
     The vertices that tau is a share of are `TAU_VERTICES`, for the gallery and the queries alike.
     """
-    return replace(
-        DEFAULT,
+    return DEFAULT.with_values(
         name=f"tau {tau}",
         samples=0,
         tau=tau,

@@ -150,7 +150,7 @@ def warm_comparing(records: Sequence[bytes], parameters: Parameters) -> None:
     """Go once along the paths of a search, in the process that does it."""
     embeddings = [embedding_from_bytes(record) for record in records]
     signature_distances(embeddings[0].signature, np.stack([one.signature for one in embeddings]))
-    if parameters.pairs == "both-ways":
+    if parameters.matching.pairs == "both-ways":
         rows = [row_of(embedding, parameters) for embedding in embeddings]
         match_rows(rows[0], rows, parameters)
         coarse_ranking(rows[0], np.stack([coarse_samples(embedding) for embedding in embeddings]), parameters)

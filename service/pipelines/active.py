@@ -1,12 +1,11 @@
 """The pipeline that the archive is searched by, which is not always the one that the settings name."""
 
-import json
 import threading
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 from core.arrays import Float32s
 from core.errors import ParameterError
-from core.parameters import DEFAULT, LATER, METHOD_VERSION, PAPER, Parameters
+from core.parameters import DEFAULT, EARLIER_VALUES, METHOD_VERSION, PAPER, Parameters
 from core.pipeline import Pipeline
 from service.errors import PipelineUnavailableError
 from service.index.cache import EmbeddingCache
@@ -133,7 +132,7 @@ def fingerprint(session: ReadSession) -> str:
 
 def keep(session: WriteSession, parameters: Parameters) -> None:
     """Have the archive know what a pipeline is."""
-    repository.write(session, parameters.fingerprint, Written(METHOD_VERSION, asdict(parameters)))
+    repository.write(session, parameters.fingerprint, Written(METHOD_VERSION, parameters.flat()))
 
 
 def _parameters(fingerprint: str, written: Written | None) -> Parameters:
@@ -150,7 +149,7 @@ def _parameters(fingerprint: str, written: Written | None) -> Parameters:
             f"version {METHOD_VERSION}: use the Isoshape that embedded it, or {REMEDY}"
         )
     try:
-        parameters = Parameters.from_json(json.dumps({**LATER, **written.parameters}))
+        parameters = Parameters.from_values({**EARLIER_VALUES, **written.parameters})
     except ParameterError:
         parameters = None
     if parameters is None or parameters.fingerprint != fingerprint:

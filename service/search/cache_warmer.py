@@ -103,7 +103,7 @@ class CacheWarmer:
         """The numbers of embeddings that are not on the shelf and for which there is room."""
         with self._container.database.read() as session:
             active_pipeline = self._container.pipelines.current(session)
-            if active_pipeline.pipeline.parameters.pairs != "both-ways" or isinstance(
+            if active_pipeline.pipeline.parameters.matching.pairs != "both-ways" or isinstance(
                 self._container.pool, RemoteWorkers
             ):
                 return active_pipeline, []

@@ -192,7 +192,7 @@ class QueryAnswer(BaseModel):
         return cls(
             results=[_result(rank, found) for rank, found in enumerate(answer.found, start=1)],
             matched=answer.best_cc is not None
-            and answer.best_cc >= answer.pipeline.parameters.match_threshold,
+            and answer.best_cc >= answer.pipeline.parameters.ranking.match_threshold,
             compared=answer.compared,
             stored=answer.stored,
             pipeline=answer.pipeline.fingerprint,

@@ -47,7 +47,7 @@ async def _compared(
     container: Container, query: Query, candidates: Candidates, rank_by: RankBy
 ) -> tuple[Compared, Candidates]:
     pipeline = query.active_pipeline.pipeline
-    if pipeline.parameters.pairs == "both-ways":
+    if pipeline.parameters.matching.pairs == "both-ways":
         rows = await run_in_threadpool(Rows, container.database, query)
         candidates = await _finalists(container, query, rows, candidates, rank_by)
         score, at_once = by_threads(container, rows.matched), MATCHED

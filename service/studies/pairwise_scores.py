@@ -113,7 +113,7 @@ def score_pairs(
                 )
                 scores.part[i, i + 1 :] = scores.part[i + 1 :, i] = between.part
             done(n - 1 - i)
-    spin_images = pipeline.parameters.patches
+    spin_images = pipeline.parameters.ranking.spin_images
     for i, signature in enumerate(scores.signatures):
         between = DescriptorDistance(scores.descriptor_distance[i], scores.part[i]) if spin_images else None
         scores.combined[i] = pipeline.combined(

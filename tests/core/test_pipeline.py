@@ -54,29 +54,28 @@ def to_surface(points, mesh):
 
 def test_fields_have_their_shapes_and_types(embedded):
     pipeline, embeddings = embedded
-    wanted = pipeline.parameters
+    sampling, spectral = pipeline.parameters.sampling, pipeline.parameters.spectral
+    form = pipeline.parameters.ranking.global_descriptors
     for made in embeddings:
         m, edges = len(made.positions), len(made.graph_edges)
-        signature = (
-            wanted.affinity_values + wanted.laplacian_values + (GLOBAL_DESCRIPTORS if wanted.form else 0)
-        )
-        assert made.fingerprint == wanted.fingerprint
+        signature = spectral.affinity_values + spectral.laplacian_values + (GLOBAL_DESCRIPTORS if form else 0)
+        assert made.fingerprint == pipeline.fingerprint
         for array, kind, shape in (
             (made.positions, np.float32, (m, 3)),
             (made.vertices, np.int32, (m,)),
             (made.graph_edges, np.int32, (edges, 2)),
             (made.graph_lengths, np.float32, (edges,)),
             (made.tree_edges, np.int32, (m - 1, 2)),
-            (made.regions, np.int32, (max(m, wanted.points),)),
+            (made.regions, np.int32, (max(m, sampling.points),)),
             (made.signature, np.float32, (signature,)),
         ):
             assert array.dtype == kind
             assert array.shape == shape
-        assert tuple(spectrum.name for spectrum in made.spectra) == wanted.operators
+        assert tuple(spectrum.name for spectrum in made.spectra) == spectral.operators
         for spectrum in made.spectra:
-            assert spectrum.coordinates.shape == (len(made.regions), wanted.dimensions)
+            assert spectrum.coordinates.shape == (len(made.regions), spectral.dimensions)
             assert spectrum.coordinates.dtype == spectrum.eigenvalues.dtype == np.float32
-            assert len(spectrum.eigenvalues) >= wanted.dimensions
+            assert len(spectrum.eigenvalues) >= spectral.dimensions
 
 
 def test_coordinates_are_centred_and_of_unit_radius(embedded):
@@ -222,7 +221,7 @@ def test_the_same_mesh_gives_the_same_bytes_in_another_process(embedded):
     ],
 )
 def test_as_many_samples_as_asked(changes, count):
-    assert len(Pipeline(replace(PAPER, **changes)).embed(blob(3)).positions) == count
+    assert len(Pipeline(PAPER.with_values(**changes)).embed(blob(3)).positions) == count
 
 
 def test_the_default_takes_its_fixed_number_of_samples(embedded):
@@ -315,7 +314,7 @@ def test_odd_meshes_are_embedded(kind, setting):
     for spectrum in made.spectra:
         assert np.isfinite(spectrum.coordinates).all()
         assert np.isfinite(spectrum.eigenvalues).all()
-    assert len(made.positions) >= pipeline.parameters.dimensions + 2
+    assert len(made.positions) >= pipeline.parameters.spectral.dimensions + 2
     assert pipeline.match(made, made).cc == pytest.approx(1.0, abs=1e-6)
 
 
@@ -334,12 +333,12 @@ def test_meshes_without_an_area_are_refused(kind, setting):
 
 
 def test_a_mesh_above_the_limit_is_simplified_and_one_below_is_not():
-    wanted = replace(DEFAULT, refine_vertices=0, decimate_above=1000, decimate_to=600)
+    wanted = DEFAULT.with_values(refine_vertices=0, decimate_above=1000, decimate_to=600)
     pipeline = Pipeline(wanted)
     large, small = blob(subdivisions=4), blob(subdivisions=3)
     assert 540 <= len(pipeline.normalise(large)[0].vertices) <= 660
     assert len(pipeline.normalise(small)[0].vertices) == len(small.vertices)
-    kept = Pipeline(replace(wanted, decimate_above=0)).normalise(large)[0]
+    kept = Pipeline(wanted.with_values(decimate_above=0)).normalise(large)[0]
     assert len(kept.vertices) == len(large.vertices)
     made = pipeline.embed(large)
     assert made.facts.vertices == len(large.vertices)

@@ -36,8 +36,12 @@ OUTSIDE = {
     "alembic", "fastapi", "starlette", "uvicorn", "httpx", "pydantic", "pydantic_settings", "typer", "rich",
     "matplotlib",
 }  # fmt: skip
-# Bytes in memory, which trimesh wants to be a file.
-ALLOWED_OUTSIDE = {("core.io", "io")}
+ALLOWED_OUTSIDE = {
+    # Bytes in memory, which trimesh wants to be a file.
+    ("core.io", "io"),
+    # Ranges and types of parameters are declared, and JSON is checked against them.
+    ("core.parameters", "pydantic"),
+}
 
 WEB = {"fastapi", "starlette", "uvicorn"}
 

@@ -175,7 +175,7 @@ def test_parameters_without_a_name_are_called_as_their_file(tmp_path: Path) -> N
     path = tmp_path / "few samples.json"
     path.write_text('{"samples": 60}')
     parameters = load_parameters(str(path))
-    assert (parameters.name, parameters.samples) == ("few samples", 60)
+    assert (parameters.name, parameters.sampling.samples) == ("few samples", 60)
     path.write_text('{"samples": 60, "name": "sixty"}')
     assert load_parameters(str(path)).name == "sixty"
     assert load_parameters(str(path)).fingerprint == parameters.fingerprint

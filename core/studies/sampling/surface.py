@@ -1,6 +1,6 @@
 """A surface made ready for evidence on sampling, and every way that it is sampled."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
 
@@ -26,7 +26,7 @@ from core.sampling.sampling import (
 )
 from core.spectral.laplace_beltrami import laplacian
 
-MEASURED: Parameters = replace(DEFAULT, name="sampling evidence", decimate_above=4000, decimate_to=3000)
+MEASURED: Parameters = DEFAULT.with_values(name="sampling evidence", decimate_above=4000, decimate_to=3000)
 """The default's way to a surface; larger meshes are simplified, since distances of all pairs are wanted."""
 
 Way = Literal["cut", "draw", "covering", "poisson-disk", "farthest-point"]
@@ -112,12 +112,12 @@ class Surface:
 
     @cached_property
     def _weights(self) -> dict[bool, Floats]:
-        points, key = self.mesh.vertices, MEASURED.seed + 1
+        points, key = self.mesh.vertices, MEASURED.sampling.seed + 1
         return {
             printed: lewis_weights(
                 points,
-                degree=MEASURED.degree,
-                epsilon=MEASURED.epsilon,
+                degree=MEASURED.sampling.degree,
+                epsilon=MEASURED.sampling.epsilon,
                 normalise=not printed,
                 random=keyed_uniform(points, key),
             ).weights
@@ -126,7 +126,7 @@ class Surface:
 
     @cached_property
     def _uniform(self) -> Floats:
-        return keyed_uniform(self.mesh.vertices, MEASURED.seed)
+        return keyed_uniform(self.mesh.vertices, MEASURED.sampling.seed)
 
     def select(self, method: Method, count: int) -> Ints:
         """The vertices that a method takes, shape (count,); a random one draws the same again each time."""
@@ -138,7 +138,9 @@ class Surface:
                 return random_draw(self._weights[method.printed], count, self._uniform)
             case "covering":
                 weights = self._weights[method.printed]
-                return weighted_farthest_points(self.graph, points, weights, count, MEASURED.coverage_power)
+                return weighted_farthest_points(
+                    self.graph, points, weights, count, MEASURED.sampling.coverage_power
+                )
             case "poisson-disk":
                 return poisson_disk_of(self.distances, count, np.argsort(self._uniform))[0]
             case "farthest-point":

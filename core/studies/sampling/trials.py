@@ -109,7 +109,9 @@ def quality(surface: Surface, method: Method, samples: Mapping[float, Ints]) -> 
         mean_spacing=laid.mean_spacing,
         evenness=laid.evenness,
         histogram=plain(distance_histogram(surface.between(chosen))),
-        fit_error=root_mean_square(sampled_fit_residuals(points, chosen, MEASURED.degree, probability)),
+        fit_error=root_mean_square(
+            sampled_fit_residuals(points, chosen, MEASURED.sampling.degree, probability)
+        ),
         rebuilt_errors=tuple(
             rebuilt_error(surface.stiffness, areas, points, samples[tau]) for tau in CURVE_TAUS
         ),

@@ -1,7 +1,7 @@
 """`isoshape ablation`: what each step from the paper's setting to the default one is worth."""
 
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -35,7 +35,7 @@ class Finding:
 
     def as_json(self) -> dict[str, object]:
         """The object that `--json` prints."""
-        paper = asdict(PAPER)
+        paper = PAPER.flat()
         return {
             "collection": self.collection,
             "block": self.row.block,
@@ -43,7 +43,7 @@ class Finding:
             "rank_by": self.row.rank_by,
             "fingerprint": self.row.parameters.fingerprint,
             "changed": {
-                name: value for name, value in asdict(self.row.parameters).items() if value != paper[name]
+                name: value for name, value in self.row.parameters.flat().items() if value != paper[name]
             },
             "shapes": self.figures.shapes,
             "classes": len(self.figures.classes),

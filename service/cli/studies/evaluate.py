@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Literal
@@ -100,7 +100,7 @@ def command(
     if method == "isoshape":
         parameters = PAPER if setting == "paper" else DEFAULT
         if uncapped:
-            parameters = replace(parameters, sample_cap=0)
+            parameters = parameters.with_values(sample_cap=0)
         labels, scores = score_collection(files, parameters, workers or default_workers())
         reports = [
             Report(name, setting, ranking.value, evaluate_ranking(scores, labels, ranking))

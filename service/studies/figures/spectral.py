@@ -1,7 +1,5 @@
 """Figs. 3, 5 and 6: samples, the spectral eigenmap, and a matched pair."""
 
-from dataclasses import replace
-
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -29,7 +27,7 @@ def samples_figure(mesh: Mesh) -> bytes:
     """Fig. 3: the samples at three sparse ratios tau, as the default setting selects them."""
     panels = []
     for tau in TAUS:
-        points = Pipeline(replace(DEFAULT, samples=0, tau=tau)).embed(mesh).positions.astype(np.float64)
+        points = Pipeline(DEFAULT.with_values(samples=0, tau=tau)).embed(mesh).positions.astype(np.float64)
         caption = f"tau {tau}: {len(points)} samples"
         panels.append(Panel(mesh, caption, points, np.full(len(points), 0.62), size=2.5))
     return draw_grid([panels], size=3.2)

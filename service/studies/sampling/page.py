@@ -10,14 +10,14 @@ from service.studies.sampling.tables import TextTable
 
 _TERMS = (
     "Every mesh goes the way of the default setting: cleaned, put in its normal frame, and its long "
-    f"edges split as for {MEASURED.refine_vertices:,} even vertices. One of more than "
-    f"{MEASURED.decimate_above:,} vertices is simplified to {MEASURED.decimate_to:,}, since distances "
+    f"edges split as for {MEASURED.mesh.refine_vertices:,} even vertices. One of more than "
+    f"{MEASURED.mesh.decimate_above:,} vertices is simplified to {MEASURED.mesh.decimate_to:,}, since distances "
     "between all pairs are wanted.",
     "Lengths are in units of the shape's **scale**, its root mean square radius. **Geodesic** distances "
     "run along edges and across pairs of neighbouring faces.",
     "**cut**: the paper's selection, the tau n vertices of largest weight q. **draw**: a seeded draw of "
     "as many, with probabilities min(1, c q). **covering**: farthest-point selection where distance "
-    f"counts times (q / mean q)^{MEASURED.coverage_power}; what the default setting uses.",
+    f"counts times (q / mean q)^{MEASURED.sampling.coverage_power}; what the default setting uses.",
     "**printed**: r1 and r2 of Eqs. 11 and 12 as in the paper, under which q follows the residual alone. "
     "**normalised**: each of the two terms over its sum, so that leverage and residual both count.",
     "**Poisson disk**: dart throwing on the vertices, with the radius that gives as many samples. "

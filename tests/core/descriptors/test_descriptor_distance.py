@@ -1,6 +1,5 @@
 """Distances of surfaces of which either may be a part of the other."""
 
-from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -105,7 +104,7 @@ def test_a_coarse_mesh_and_a_fine_one_of_the_same_box_are_alike() -> None:
     scores = PIPELINE.score(first, [second])
     assert scores.cc[0] > 0.98
     assert PIPELINE.combined_with(first, [second], scores)[0] > 0.9
-    blob = Pipeline(replace(DEFAULT, smooth_refined=False))
+    blob = Pipeline(DEFAULT.with_values(smooth_refined=False))
     assert (
         descriptor_distance(blob.embed(coarse).spin_images, [blob.embed(fine).spin_images]).distance[0] > 1.0
     )

@@ -1,7 +1,5 @@
 """Clouds made by hand, as embeddings hold them, and what matching reads of them."""
 
-from dataclasses import replace
-
 import numpy as np
 from scipy.spatial.distance import cdist
 
@@ -42,8 +40,8 @@ def embedded(clouds, m):
 
 def parameters_for(k):
     """The default in k dimensions."""
-    return replace(
-        DEFAULT, dimensions=k, first_dimensions=min(3, k), search_dimensions=min(6, k), name="by hand"
+    return DEFAULT.with_values(
+        dimensions=k, first_dimensions=min(3, k), search_dimensions=min(6, k), name="by hand"
     )
 
 

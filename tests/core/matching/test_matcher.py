@@ -21,8 +21,10 @@ def by_hand(parameters, count, seed):
     """Clouds as embeddings hold them: centred, unit root mean square radius, weaker from one to the next."""
     rng = np.random.default_rng(seed)
     made = []
-    for name in parameters.operators:
-        points = rng.normal(size=(count, parameters.dimensions)) * 0.8 ** np.arange(parameters.dimensions)
+    for name in parameters.spectral.operators:
+        points = rng.normal(size=(count, parameters.spectral.dimensions)) * 0.8 ** np.arange(
+            parameters.spectral.dimensions
+        )
         points -= points.mean(axis=0)
         points /= np.sqrt((points**2).sum(axis=1).mean())
         made.append(Spectrum(name, np.ones(20, dtype=np.float32), points.astype(np.float32)))
@@ -150,7 +152,7 @@ def test_a_cloud_turned_over_and_in_another_order_is_found(seed):
     rng = np.random.default_rng(seed)
     spectra = by_hand(DEFAULT, 70, 20 + seed)
     order = rng.permutation(70)
-    signs = [rng.choice(np.float32([-1, 1]), size=DEFAULT.dimensions) for _ in spectra]
+    signs = [rng.choice(np.float32([-1, 1]), size=DEFAULT.spectral.dimensions) for _ in spectra]
     other = tuple(
         Spectrum(one.name, one.eigenvalues, (one.coordinates * flip)[order])
         for one, flip in zip(spectra, signs, strict=True)
@@ -187,19 +189,19 @@ def test_what_is_prepared_is_the_spectra_and_their_splines(prepared):
     parameters, clouds = prepared
     for cloud in clouds:
         m = cloud.samples
-        if parameters.pairs == "nearest":
-            assert len(cloud.shape) == len(parameters.operators)
+        if parameters.matching.pairs == "nearest":
+            assert len(cloud.shape) == len(parameters.spectral.operators)
             for domain in cloud.shape:
-                assert domain.points.shape == (m, parameters.dimensions)
+                assert domain.points.shape == (m, parameters.spectral.dimensions)
                 assert domain.operators.shape[1:] == (m, m)
             continue
         packed = unpacked(cloud.shape)
-        rows = min(m, parameters.search_samples)
-        b, k = len(parameters.operators), parameters.dimensions
+        rows = min(m, parameters.matching.search_samples)
+        b, k = len(parameters.spectral.operators), parameters.spectral.dimensions
         for place in range(b):
-            own = packed.points[:rows, place * k : place * k + parameters.search_dimensions]
+            own = packed.points[:rows, place * k : place * k + parameters.matching.search_dimensions]
             assert np.array_equal(packed.searched[place], own.T)
-        stages = parameters.search_dimensions - parameters.first_dimensions + 1
+        stages = parameters.matching.search_dimensions - parameters.matching.first_dimensions + 1
         assert packed.operators.shape == (b, stages, rows, rows)
         assert packed.warp.shape == (b, m, m)
         assert sorted(packed.members) == list(range(len(packed.points)))

@@ -14,7 +14,7 @@ from core.matching.similarity import EFFECTIVE
 from core.parameters import DEFAULT
 from tests.core.matching.clouds import cloud, embedded, packed, packed_embedding, parameters_for
 
-K = DEFAULT.dimensions
+K = DEFAULT.spectral.dimensions
 TYPES = {
     "points": np.float32,
     "searched": np.float32,
@@ -63,8 +63,8 @@ def test_what_is_packed_is_the_points_their_regions_and_their_splines(m, d, bloc
     """Of 12 and 20 samples the search asks for more than there are."""
     embedding = made(1, m, d, blocks)
     found = packed_embedding(embedding)
-    rows, columns = min(m, DEFAULT.search_samples), DEFAULT.search_dimensions
-    stages = columns - DEFAULT.first_dimensions + 1
+    rows, columns = min(m, DEFAULT.matching.search_samples), DEFAULT.matching.search_dimensions
+    stages = columns - DEFAULT.matching.first_dimensions + 1
     assert found.points.shape == (d, blocks * K)
     assert found.searched.shape == (blocks, columns, rows)
     assert found.operators.shape == (blocks, stages, rows, rows)
@@ -74,9 +74,11 @@ def test_what_is_packed_is_the_points_their_regions_and_their_splines(m, d, bloc
         assert np.array_equal(found.points[:, place * K : place * K + K], points)
         assert np.array_equal(found.searched[place], points[:rows, :columns].T)
         of_samples = points.astype(np.float64)
-        searched = smoothers(of_samples[:rows, :columns], DEFAULT.first_dimensions, DEFAULT.stiffness)
+        searched = smoothers(
+            of_samples[:rows, :columns], DEFAULT.matching.first_dimensions, DEFAULT.matching.stiffness
+        )
         assert found.operators[place] / ONE == pytest.approx(searched, abs=0.51 / ONE)
-        softer = smoothers(of_samples[:m], K, DEFAULT.warp_stiffness)[0]
+        softer = smoothers(of_samples[:m], K, DEFAULT.matching.warp_stiffness)[0]
         assert found.warp[place] / ONE == pytest.approx(softer, abs=0.51 / ONE)
         centred = of_samples[:m] - of_samples[:m].mean(axis=0)
         assert found.radius[place] == pytest.approx(np.linalg.norm(centred, axis=1).mean(), rel=1e-6)
@@ -95,7 +97,7 @@ def test_splines_are_symmetric():
 
 
 def test_search_samples_of_nothing_are_all():
-    everything = replace(DEFAULT, search_samples=0, search_dimensions=0)
+    everything = DEFAULT.with_values(search_samples=0, search_dimensions=0)
     assert packed_embedding(made(3, 40, 60), everything).searched.shape == (2, K, 40)
 
 

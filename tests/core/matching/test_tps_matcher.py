@@ -1,7 +1,5 @@
 """The paper's comparison one way, against a plain computation of its definitions."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -12,12 +10,12 @@ from tests.core.matching.clouds import cloud, embedded
 
 SETTINGS = {
     "paper": PAPER,
-    "progressive": replace(PAPER, dimensions=5, sign_starts=True, kept_starts=3, stiffness=100.0),
+    "progressive": PAPER.with_values(dimensions=5, sign_starts=True, kept_starts=3, stiffness=100.0),
 }
 
 
 def domain(seed, m, parameters):
-    points = cloud(np.random.default_rng(seed), m, parameters.dimensions)
+    points = cloud(np.random.default_rng(seed), m, parameters.spectral.dimensions)
     return domains(embedded([points], m), parameters)[0]
 
 
@@ -27,11 +25,11 @@ def test_the_comparison_is_the_plain_one(name, m, n):
     parameters = SETTINGS[name]
     first, second = domain(m, m, parameters), domain(100 + n, n, parameters)
     search = Search(
-        parameters.first_dimensions,
-        parameters.sign_starts,
-        parameters.kept_starts,
-        parameters.start_iterations,
-        parameters.step_iterations,
+        parameters.matching.first_dimensions,
+        parameters.matching.sign_starts,
+        parameters.matching.kept_starts,
+        parameters.matching.start_iterations,
+        parameters.matching.step_iterations,
     )
     matches = progressive_reference(first.points, second.points, first.operators.astype(np.float64), search)
     found = warped(first, second, parameters)

@@ -1,7 +1,5 @@
 """Holes closed: what is one, what is not, and what the mesh is like afterwards."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -65,16 +63,16 @@ def test_only_rims_that_bound_little_are_closed(most, count):
 
 def test_sheets_and_triangles_by_themselves_are_no_holes():
     soup = make_soup(BALL, 0.2, 0)
-    assert fill_holes(soup, DEFAULT.fill_holes) is soup
+    assert fill_holes(soup, DEFAULT.mesh.fill_holes) is soup
     sheet = rectangle(2.0, 1.0, 12, 6)
-    assert fill_holes(sheet, DEFAULT.fill_holes) is sheet
+    assert fill_holes(sheet, DEFAULT.mesh.fill_holes) is sheet
 
 
 def test_each_part_is_measured_by_its_own_area():
     ring = without_caps(BALL, [-0.95, 2.0])
     small = Mesh(0.02 * ring.vertices + [3.0, 0.0, 0.0], ring.faces)
     both = joined(rectangle(2.0, 1.0, 12, 6), small)
-    found = fill_holes(both, DEFAULT.fill_holes)
+    found = fill_holes(both, DEFAULT.mesh.fill_holes)
     assert len(found.vertices) == len(both.vertices) + 1
     assert np.linalg.norm(found.vertices[-1] - [3.0, 0.0, -0.019]) < 0.002
 
@@ -103,7 +101,7 @@ def test_a_shape_with_holes_is_more_like_the_whole_one_once_they_are_closed():
     shape = make_shape("quadruped", 1)
     holed = remove_discs(turned(Mesh(shape.vertices, shape.faces), 3), 0.15, 1)
     found = []
-    for parameters in (DEFAULT, replace(DEFAULT, fill_holes=0.0)):
+    for parameters in (DEFAULT, DEFAULT.with_values(fill_holes=0.0)):
         method = Pipeline(parameters)
         found.append(method.score(method.embed(shape), [method.embed(holed)]).cc[0])
     assert found[0] > found[1]
@@ -111,6 +109,6 @@ def test_a_shape_with_holes_is_more_like_the_whole_one_once_they_are_closed():
 
 def test_a_pipeline_without_it_is_the_one_from_before_there_was_this():
     """Which an archive may have been embedded by."""
-    before = replace(DEFAULT, fill_holes=0.0, decimate_above=40_000, decimate_to=20_000)
-    before = replace(before, smooth_refined=False, patches=False)
+    before = DEFAULT.with_values(fill_holes=0.0, decimate_above=40_000, decimate_to=20_000)
+    before = before.with_values(smooth_refined=False, patches=False)
     assert before.fingerprint == "9973095625c03507"

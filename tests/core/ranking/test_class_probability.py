@@ -1,7 +1,5 @@
 """`combined`: a chance, the same both ways, falling with everything that differs."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -131,11 +129,11 @@ def test_the_parts_of_a_signature():
     np.testing.assert_allclose(signature_features(*scores, query, other[None], form=False), whole)
 
 
-@pytest.mark.parametrize("parameters", [PAPER, replace(DEFAULT, form=False, affinity_values=7)])
+@pytest.mark.parametrize("parameters", [PAPER, DEFAULT.with_values(form=False, affinity_values=7)])
 def test_a_setting_without_form_has_an_order_too(parameters):
     pipeline = Pipeline(parameters)
     first, second = (pipeline.embed(make_shape(label, 0)) for label in ("cup", "snake"))
-    assert len(first.signature) == parameters.affinity_values + parameters.laplacian_values
+    assert len(first.signature) == parameters.spectral.affinity_values + parameters.spectral.laplacian_values
     rows = pipeline.features(
         np.full(2, 0.9), np.full(2, 0.5), first.signature, np.stack([first.signature, second.signature])
     )

@@ -16,8 +16,8 @@ from core.pipeline import Pipeline
 from core.ranking.coarse_ranking import coarse_ranking, coarse_samples
 from tests.core.matching.clouds import cloud, embedded
 
-K = DEFAULT.dimensions
-B = len(DEFAULT.operators)
+K = DEFAULT.spectral.dimensions
+B = len(DEFAULT.spectral.operators)
 
 
 def opened(sketch, columns):
@@ -71,7 +71,7 @@ def test_sifting_is_one_search_a_domain_refined_once(embeddings):
         blocks = np.split(points, B, axis=1)
         other = unpacked(rows[j])._replace(
             points=points,
-            searched=np.stack([block[:, : DEFAULT.search_dimensions].T for block in blocks]),
+            searched=np.stack([block[:, : DEFAULT.matching.search_dimensions].T for block in blocks]),
             offsets=np.arange(len(points) + 1, dtype=np.int32),
         )
         expected, _ = best_map_reference(unpacked(rows[i]), other, rounds)
@@ -103,5 +103,5 @@ def test_sketches_that_cannot_be_written_to_give_the_same(embeddings):
 
 def test_a_sketch_of_the_paper_s_setting():
     embedding = Pipeline(PAPER).embed(make_shape("hand", 0))
-    columns = PAPER.dimensions * len(PAPER.operators)
+    columns = PAPER.spectral.dimensions * len(PAPER.spectral.operators)
     assert len(opened(coarse_samples(embedding), columns)) == COARSE_SAMPLES

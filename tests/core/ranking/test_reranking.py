@@ -18,7 +18,7 @@ from core.ranking.reranking import rerank
 from core.serialization import embedding_to_bytes, points_from_bytes
 from tests.core.matching.clouds import cloud, embedded
 
-FIRST, LAST = DEFAULT.first_dimensions, DEFAULT.search_dimensions
+FIRST, LAST = DEFAULT.matching.first_dimensions, DEFAULT.matching.search_dimensions
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +30,7 @@ def embeddings():
     fingerprint = made[0].fingerprint
     for seed, (m, d) in enumerate([(100, 300), (60, 60), (45, 91), (12, 12)]):
         rng = np.random.default_rng(seed)
-        one = embedded([cloud(rng, d, DEFAULT.dimensions) for _ in DEFAULT.operators], m)
+        one = embedded([cloud(rng, d, DEFAULT.spectral.dimensions) for _ in DEFAULT.spectral.operators], m)
         made.append(type(one)(**{**vars(one), "fingerprint": fingerprint}))
     return made
 

@@ -1,7 +1,5 @@
 """The settings between `paper` and `default`."""
 
-from dataclasses import asdict, replace
-
 import pytest
 
 from core.parameters import DEFAULT, PAPER, Parameters
@@ -10,7 +8,7 @@ from core.studies.ablation import LAST, NAMED, changes, rows
 
 
 def differing(first: Parameters, second: Parameters) -> set[str]:
-    one, other = asdict(first), asdict(second)
+    one, other = first.flat(), second.flat()
     return {name for name in one if one[name] != other[name]} - {"name"}
 
 
@@ -71,4 +69,4 @@ def test_without_is_the_default_but_for_one_change() -> None:
 def test_every_row_is_what_its_file_of_parameters_gives_back() -> None:
     for row in rows(without=True):
         read = Parameters.from_json(row.parameters.to_json())
-        assert replace(read, name=row.parameters.name) == row.parameters
+        assert read.with_values(name=row.parameters.name) == row.parameters

@@ -1,6 +1,5 @@
 """Surfaces made ready for the trials, every way to sample them, and what noise and poses do."""
 
-from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -39,7 +38,7 @@ def surface():
 
 
 def make_small(patch):
-    small = replace(sampling_surface.MEASURED, refine_vertices=0)
+    small = sampling_surface.MEASURED.with_values(refine_vertices=0)
     patch.setattr(sampling_surface, "MEASURED", small)
 
 

@@ -211,7 +211,7 @@ def _fail(*_arguments: object) -> None:
 def test_a_mesh_that_is_simplified_is_stored_and_found(service: Running) -> None:
     ball = trimesh.creation.icosphere(subdivisions=6)
     points = ball.vertices * (1 + 0.2 * ball.vertices[:, :1] ** 2 + 0.1 * ball.vertices[:, 1:2])
-    assert len(points) > pipeline_in_use(service).parameters.decimate_above > 0
+    assert len(points) > pipeline_in_use(service).parameters.mesh.decimate_above > 0
     for name, coordinates in (("ball", ball.vertices), ("pear", points)):
         data = write_mesh(Mesh(coordinates, ball.faces), "stl")
         answer = upload(service.client, data, f"{name}.stl")

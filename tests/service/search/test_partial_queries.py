@@ -1,7 +1,6 @@
 """Queries with a part, over HTTP."""
 
 from collections.abc import Iterator
-from dataclasses import replace
 
 import pytest
 
@@ -67,7 +66,7 @@ def test_with_a_stored_part_and_with_filters(stocked: Running) -> None:
 def before(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
     """An archive of before patches were kept: what lies about points is made of the files."""
     folder = tmp_path_factory.mktemp("before")
-    (folder / "old.json").write_text(replace(DEFAULT, name="old", patches=False).to_json())
+    (folder / "old.json").write_text(DEFAULT.with_values(name="old", patches=False).to_json())
     with serving(settings_in(folder, pipeline=str(folder / "old.json"))) as running:
         for label in CLASSES:
             running.store(write_mesh(make_shape(label, 0), "off"), f"{label}.off", tags=label)

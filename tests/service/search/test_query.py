@@ -104,7 +104,7 @@ def test_options_may_stand_in_the_address_the_form_or_the_object(stocked: Runnin
 
 
 def test_matched_says_whether_the_best_cc_of_all_reaches_the_threshold(stocked: Running) -> None:
-    threshold = pipeline_in_use(stocked).parameters.match_threshold
+    threshold = pipeline_in_use(stocked).parameters.ranking.match_threshold
     for rank_by in ("cc", "ssd"):
         itself = query(stocked.client, small_file(0), top_k=1, rank_by=rank_by).json()
         assert itself["matched"] is True

@@ -64,8 +64,8 @@ def test_every_file_is_read_and_embedded(folder, part):
     assert files
     for path in files:
         embedding = PIPELINE.embed(read(path))
-        assert len(embedding.positions) == DEFAULT.samples, path.name
-        length = DEFAULT.affinity_values + DEFAULT.laplacian_values + GLOBAL_DESCRIPTORS
+        assert len(embedding.positions) == DEFAULT.sampling.samples, path.name
+        length = DEFAULT.spectral.affinity_values + DEFAULT.spectral.laplacian_values + GLOBAL_DESCRIPTORS
         assert len(embedding.signature) == length, path.name
         for array in (embedding.signature, *(spectrum.coordinates for spectrum in embedding.spectra)):
             assert np.isfinite(array).all(), path.name

@@ -11,7 +11,7 @@ from core.matching.matcher import embedding_key, match_prepared, prepare
 from core.parameters import DEFAULT
 from tests.core.matching.clouds import cloud, embedded, packed
 
-K = DEFAULT.dimensions
+K = DEFAULT.spectral.dimensions
 SIZES = [(100, 500), (60, 60), (100, 300), (45, 91), (33, 40), (12, 12)]
 
 
@@ -21,7 +21,7 @@ def prepared():
     made = []
     for seed, (m, d) in enumerate(SIZES):
         rng = np.random.default_rng(seed)
-        one = embedded([cloud(rng, d, K) for _ in DEFAULT.operators], m)
+        one = embedded([cloud(rng, d, K) for _ in DEFAULT.spectral.operators], m)
         made.append(prepare(one, embedding_key(one), DEFAULT))
     return made
 

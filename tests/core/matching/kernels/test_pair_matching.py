@@ -13,7 +13,7 @@ from core.parameters import DEFAULT
 from core.pipeline import Pipeline
 from tests.core.matching.clouds import cloud, embedded, packed, packed_embedding, parameters_for
 
-K = DEFAULT.dimensions
+K = DEFAULT.spectral.dimensions
 ROUNDS = rounds_of(DEFAULT)
 
 

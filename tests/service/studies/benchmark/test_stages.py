@@ -7,7 +7,7 @@ from core import pipeline
 from core.gallery import make_shape
 from core.io import read_mesh, write_mesh
 from core.mesh.mesh import Mesh
-from core.parameters import DEFAULT, Parameters
+from core.parameters import DEFAULT
 from core.pipeline import Pipeline
 from core.spectral import spectral_embedding as spectra
 from service.studies.benchmark.stages import EMBEDDING, READING, REST, SAMPLING, STAGES, embed_bytes, watched
@@ -30,7 +30,7 @@ def test_a_stage_inside_another_counts_once(monkeypatch):
     """Cleaning is a stage of its own, and a part of simplifying."""
     clock = iter(range(100))
     monkeypatch.setattr("service.studies.benchmark.stages.perf_counter", lambda: float(next(clock)))
-    small = Parameters(decimate_above=900, decimate_to=500)
+    small = DEFAULT.with_values(decimate_above=900, decimate_to=500)
     mesh = read_mesh(DATA, "ply")
     assert len(mesh.vertices) > 900
     with watched() as seconds:

@@ -1,15 +1,18 @@
 """Parameters: the fingerprint, JSON and back, and the ranges."""
 
+import hashlib
 import json
+import pickle
 import re
 import subprocess
 import sys
-from dataclasses import asdict, fields, replace
 
 import pytest
+from pydantic import ValidationError
 
 from core.errors import ParameterError
-from core.parameters import DEFAULT, PAPER, Parameters
+from core.parameters import DEFAULT, METHOD_VERSION, PAPER, Parameters
+from core.parameters.parameters import FLAT_KEYS, GROUPS
 
 OTHER = {
     "fill_holes": 0.2,
@@ -138,7 +141,7 @@ WRONG_TYPES = [
 
 
 def test_every_field_but_the_name_has_another_value_here():
-    assert set(OTHER) == {field.name for field in fields(Parameters)} - {"name"}
+    assert set(OTHER) == set(FLAT_KEYS.values()) == DEFAULT.flat().keys() - {"name"}
 
 
 def test_a_fingerprint_is_sixteen_hexadecimal_digits():
@@ -147,16 +150,16 @@ def test_a_fingerprint_is_sixteen_hexadecimal_digits():
 
 
 def test_the_name_is_no_part_of_the_fingerprint():
-    assert replace(DEFAULT, name="mine").fingerprint == DEFAULT.fingerprint
+    assert DEFAULT.with_values(name="mine").fingerprint == DEFAULT.fingerprint
 
 
 @pytest.mark.parametrize("field", OTHER)
 def test_each_other_field_changes_the_fingerprint(field):
-    assert replace(DEFAULT, **{field: OTHER[field]}).fingerprint != DEFAULT.fingerprint
+    assert DEFAULT.with_values(**{field: OTHER[field]}).fingerprint != DEFAULT.fingerprint
 
 
 def test_fingerprints_of_all_these_differ():
-    changed = [replace(DEFAULT, **{field: value}).fingerprint for field, value in OTHER.items()]
+    changed = [DEFAULT.with_values(**{field: value}).fingerprint for field, value in OTHER.items()]
     assert len({DEFAULT.fingerprint, PAPER.fingerprint, *changed}) == len(OTHER) + 2
 
 
@@ -173,20 +176,89 @@ def test_another_process_has_the_same_fingerprints():
         assert out.split() == [DEFAULT.fingerprint, PAPER.fingerprint]
 
 
-@pytest.mark.parametrize("parameters", [DEFAULT, PAPER, replace(DEFAULT, name="other", **OTHER)])
+@pytest.mark.parametrize("parameters", [DEFAULT, PAPER, DEFAULT.with_values(name="other", **OTHER)])
 def test_json_and_back(parameters):
     back = Parameters.from_json(parameters.to_json())
     assert back == parameters
     assert back.fingerprint == parameters.fingerprint
 
 
-def test_json_names_every_field():
-    assert set(json.loads(DEFAULT.to_json())) == {field.name for field in fields(Parameters)}
+def test_json_names_every_parameter_in_its_group():
+    written = json.loads(DEFAULT.to_json())
+    assert list(written) == ["name", *GROUPS]
+    assert [name for group in GROUPS for name in written[group]] == list(FLAT_KEYS)
+
+
+def test_files_of_flat_keys_and_of_groups_give_the_same_parameters():
+    flat = {"name": "few", "form": False, "patches": False, "samples": 60, "operators": ["affinity"]}
+    grouped = {
+        "name": "few",
+        "ranking": {"global_descriptors": False, "spin_images": False},
+        "sampling": {"samples": 60},
+        "spectral": {"operators": ["affinity"]},
+    }
+    mixed = {**grouped, "samples": 60}
+    del mixed["sampling"]
+    few = Parameters.from_json(json.dumps(flat))
+    assert few == Parameters.from_json(json.dumps(grouped)) == Parameters.from_json(json.dumps(mixed))
+    assert not few.ranking.spin_images
+    assert few.sampling.samples == 60
+    assert few.fingerprint != DEFAULT.fingerprint
+
+
+@pytest.mark.parametrize("parameters", [DEFAULT, PAPER, DEFAULT.with_values(name="other", **OTHER)])
+def test_flat_keys_and_back(parameters):
+    stored = json.loads(json.dumps(parameters.flat()))
+    assert Parameters.from_values(stored) == parameters
+    assert Parameters.from_values(stored).fingerprint == parameters.fingerprint
+
+
+def test_fingerprints_are_those_that_archives_hold():
+    assert (DEFAULT.fingerprint, PAPER.fingerprint) == ("2d613f0cec486b3d", "96d291f5f86ee06d")
+
+
+@pytest.mark.parametrize("values", [{"fill_holes": 0.0}, {"smooth_refined": False}, {"patches": False}])
+def test_a_parameter_that_stands_for_the_method_before_it_is_not_in_the_fingerprint(values):
+    flat = DEFAULT.with_values(**values).flat()
+    text = json.dumps(
+        {"method": METHOD_VERSION} | {key: flat[key] for key in flat if key != "name" and key not in values},
+        sort_keys=True,
+    )
+    wanted = hashlib.sha256(text.encode()).hexdigest()[:16]
+    assert DEFAULT.with_values(**values).fingerprint == wanted
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"samples": 60, "sampling": {"samples": 60}}, "samples is given more than once"),
+        ({"patches": True, "spin_images": True}, "spin_images is given more than once"),
+        ({"mesh": 3}, "mesh: input should be a valid dictionary"),
+        ({"mesh": 3, "fill_holes": 0.1}, "mesh: input should be a valid dictionary"),
+        ({"mesh": {"samples": 60}}, "unknown parameter 'mesh.samples'"),
+        ({"ranking": {"patches": False}}, "unknown parameter 'ranking.patches'"),
+        ({"degree": 13, "tau": 2.0}, "sampling.degree: .* 12; sampling.tau: .* 1"),
+        ({"operators": ["affinity", "graph"]}, "spectral.operators.1: input should be 'affinity' or"),
+    ],
+)
+def test_an_error_names_the_parameter_and_the_cause(values, message):
+    with pytest.raises(ParameterError, match=message):
+        Parameters.from_json(json.dumps(values))
+
+
+def test_parameters_are_frozen_and_hashable():
+    assert len({DEFAULT, PAPER, Parameters.from_values(PAPER.flat())}) == 2
+    with pytest.raises(ValidationError, match="frozen"):
+        DEFAULT.mesh.fill_holes = 0.5
+
+
+def test_parameters_survive_the_way_to_another_process():
+    assert pickle.loads(pickle.dumps(PAPER)) == PAPER
 
 
 def test_fields_that_are_not_named_are_the_defaults():
     assert Parameters.from_json("{}") == DEFAULT
-    assert Parameters.from_json('{"degree": 4, "name": "four"}') == replace(DEFAULT, degree=4, name="four")
+    assert Parameters.from_json('{"degree": 4, "name": "four"}') == DEFAULT.with_values(degree=4, name="four")
 
 
 def test_a_whole_number_is_read_as_a_float_where_one_is_wanted():
@@ -200,14 +272,14 @@ def test_a_whole_number_is_read_as_a_float_where_one_is_wanted():
     [("tau", 1), ("width", 2), ("coverage_power", 0), ("stiffness", 100), ("match_threshold", -1)],
 )
 def test_a_whole_number_and_the_same_as_a_float_have_one_fingerprint(field, whole):
-    one, other = (replace(DEFAULT, **{field: value}) for value in (whole, float(whole)))
+    one, other = (DEFAULT.with_values(**{field: value}) for value in (whole, float(whole)))
     assert one.fingerprint == other.fingerprint
     assert one.to_json() == other.to_json()
 
 
 def test_a_whole_number_past_all_floats_is_refused():
-    with pytest.raises(ParameterError, match="too large"):
-        replace(DEFAULT, stiffness=10**400)
+    with pytest.raises(ParameterError, match=r"matching\.stiffness: input should be a valid number"):
+        DEFAULT.with_values(stiffness=10**400)
 
 
 @pytest.mark.parametrize("text", ["", "{", "degree: 4", '{"degree": }', "\x00"])
@@ -236,13 +308,13 @@ def test_a_wrong_type_is_refused(field, value):
 
 @pytest.mark.parametrize(("field", "value"), OUT_OF_RANGE)
 def test_a_value_out_of_range_is_refused(field, value):
-    with pytest.raises(ParameterError):
+    with pytest.raises(ParameterError, match=field):
         Parameters.from_json(json.dumps({field: value}))
-    with pytest.raises(ParameterError):
-        replace(DEFAULT, **{field: value})
+    with pytest.raises(ParameterError, match=field):
+        DEFAULT.with_values(**{field: value})
 
 
-FLOATS = [field.name for field in fields(Parameters) if isinstance(getattr(DEFAULT, field.name), float)]
+FLOATS = [key for key, value in DEFAULT.flat().items() if isinstance(value, float)]
 
 
 @pytest.mark.parametrize("field", FLOATS)
@@ -254,25 +326,25 @@ def test_what_is_not_a_number_is_refused(field, value):
 
 def test_a_signature_must_hold_something():
     with pytest.raises(ParameterError, match="both be 0"):
-        replace(DEFAULT, affinity_values=0, laplacian_values=0)
+        DEFAULT.with_values(affinity_values=0, laplacian_values=0)
 
 
 def test_limits_themselves_are_allowed():
-    replace(DEFAULT, degree=12, tau=1.0, samples=12, search_samples=12, match_threshold=-1.0, seed=2**62)
-    replace(DEFAULT, decimate_above=0, decimate_to=0, sample_cap=12, affinity_values=0)
-    replace(DEFAULT, points=0, slide_rounds=0)
-    replace(DEFAULT, sign_starts=False, dimensions=20, first_dimensions=20, search_dimensions=0)
+    DEFAULT.with_values(degree=12, tau=1.0, samples=12, search_samples=12, match_threshold=-1.0, seed=2**62)
+    DEFAULT.with_values(decimate_above=0, decimate_to=0, sample_cap=12, affinity_values=0)
+    DEFAULT.with_values(points=0, slide_rounds=0)
+    DEFAULT.with_values(sign_starts=False, dimensions=20, first_dimensions=20, search_dimensions=0)
 
 
 def test_many_first_dimensions_need_that_no_signs_are_tried():
     with pytest.raises(ParameterError, match="first_dimensions"):
-        replace(DEFAULT, sign_starts=True, dimensions=20, first_dimensions=20, search_dimensions=20)
+        DEFAULT.with_values(sign_starts=True, dimensions=20, first_dimensions=20, search_dimensions=20)
 
 
 def test_both_named_settings_are_valid_and_named():
     assert (DEFAULT.name, PAPER.name) == ("default", "paper")
     for parameters in (DEFAULT, PAPER):
-        assert Parameters(**asdict(parameters)) == parameters
+        assert Parameters.from_values(parameters.flat()) == parameters
 
 
 @pytest.mark.parametrize(
@@ -285,4 +357,4 @@ def test_monstrous_json_is_refused(text: str) -> None:
 
 def test_an_operator_is_named_once() -> None:
     with pytest.raises(ParameterError, match="differ"):
-        replace(DEFAULT, operators=("affinity", "affinity"))
+        DEFAULT.with_values(operators=("affinity", "affinity"))
