@@ -1,4 +1,4 @@
-"""The library: meshes in, embeddings and matches out. Pure functions of arrays.
+"""The library: meshes in, embeddings and matches out; pure functions of arrays.
 
     from core import Pipeline, read_mesh
 
@@ -6,8 +6,7 @@
     first, second = (pipeline.embed(read_mesh(data, "off")) for data in files)
     print(pipeline.match(first, second).cc)
 
-The names below are imported when they are first used, so that a program that needs none of them loads no
-compiler.
+The names below are imported on first use (PEP 562): a program that uses none of them loads no compiler.
 """
 
 from importlib import import_module
@@ -35,12 +34,12 @@ _MODULES = {
 
 
 def __getattr__(name: str) -> object:
-    """Import a name of the library when it is first used (PEP 562)."""
+    """Import a name of the library on first use."""
     if name not in _MODULES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    found: object = getattr(import_module(_MODULES[name]), name)
-    globals()[name] = found
-    return found
+    value: object = getattr(import_module(_MODULES[name]), name)
+    globals()[name] = value
+    return value
 
 
 def __dir__() -> list[str]:

@@ -1,4 +1,4 @@
-"""What the pipeline makes of a mesh, and what it says of two."""
+"""Results of the pipeline: the embedding of one shape, and the scores and the match of two."""
 
 from dataclasses import dataclass, field
 
@@ -12,16 +12,16 @@ NO_SPIN_IMAGES: NDArray[np.uint8] = np.empty((0, 0), dtype=np.uint8)
 
 @dataclass(frozen=True, eq=False)
 class Spectrum:
-    """One spectral embedding of the samples.
+    """One spectral embedding of d points of a surface.
 
     Attributes
     ----------
     name : str
-        Which operator it comes from: "affinity" or "laplace-beltrami".
+        The operator: "affinity" or "laplace-beltrami".
     eigenvalues : float32, shape (s,)
-        In the operator's own order: falling magnitude for an affinity, rising for a Laplacian.
+        By descending magnitude for an affinity, ascending for a Laplacian.
     coordinates : float32, shape (d, k)
-        Row i is point i in the k-dimensional spectral domain; the first m are the samples.
+        Row i is point i in the k-dimensional spectral domain; the first m points are the samples.
     """
 
     name: str
@@ -31,27 +31,27 @@ class Spectrum:
 
 @dataclass(frozen=True)
 class Facts:
-    """What was measured on the mesh, in the units of the file.
+    """Measurements of a mesh, in the units of its file.
 
     Attributes
     ----------
     vertices, faces : int
-        Counts in the file as it was read.
+        Numbers of vertices and faces in the file.
     area : float
         Surface area.
     volume : float
-        Magnitude of the signed volume; of little meaning when the mesh is not watertight.
+        Magnitude of the signed volume; it means little if the mesh is not watertight.
     scale : float
-        Area-weighted root mean square distance of the surface from its centroid: the length that
-        becomes 1 in the normal frame.
+        Area-weighted root mean square distance of the surface from its centroid, the unit length of the
+        normal frame.
     components : int
-        Connected components, after merging vertices that coincide.
+        Number of connected components after coincident vertices are merged.
     merged_vertices, dropped_faces : int
-        Vertices merged with another, and degenerate or repeated faces dropped, by cleaning.
+        Numbers of vertices that cleaning merged, and of degenerate or repeated faces that it dropped.
     boundary_edges, nonmanifold_edges : int
-        Edges with one face, and with more than two.
+        Numbers of edges with one face, and with more than two.
     openness : float
-        See `core.descriptors.boundary_ratio`. Embeddings of before it was measured have 0.
+        The boundary ratio, >= 0 (`core.descriptors.boundary_ratio`); 0 in records that do not hold it.
     """
 
     vertices: int
@@ -69,34 +69,33 @@ class Facts:
 
 @dataclass(frozen=True, eq=False)
 class Embedding:
-    """All that is kept of a shape for matching it and for drawing the match.
+    """The sparse spectral embedding of a shape: all data that matching and drawing need.
 
     Attributes
     ----------
     fingerprint : str
-        Of the parameters and the method version that made it. Only embeddings of one fingerprint are
-        compared.
+        Hash of the parameters and of the method version. Only embeddings of one fingerprint are compared.
     facts : Facts
-        Measured on the mesh.
+        Measurements of the mesh.
     positions : float32, shape (m, 3)
-        The samples in the file's own frame and units.
+        The samples, in the file's frame and units.
     vertices : int32, shape (m,)
-        The file's vertex at each sample, or the nearest one where the sample lies on a subdivided edge.
+        The file's vertex nearest to each sample; samples may lie on subdivided edges.
     graph_edges : int32, shape (e, 2)
-        The sparse graph on the samples, i < j.
+        Edges (i, j) of the sparse graph on the samples, i < j.
     graph_lengths : float32, shape (e,)
         Length of each edge, in units of `facts.scale`.
     tree_edges : int32, shape (m - 1, 2)
-        The minimum spanning tree, part of the graph.
+        Edges of the minimum spanning tree of the sparse graph.
     regions : int32, shape (d,)
         The sample nearest to each embedded point; the first m points are the samples themselves.
     signature : float32, shape (s,)
-        What shapes are shortlisted by; compared by Euclidean distance.
+        The vector for the shortlist, compared by Euclidean distance.
     spectra : tuple of Spectrum
-        One or several embeddings of the same points.
-    patches : uint8, shape (r, w)
-        What lies about points of the surface: see `core.descriptors.descriptor_distance`. Of shape (0, 0) where the parameters
-        ask for none.
+        One or several spectral embeddings of the same d points.
+    spin_images : uint8, shape (r, w)
+        Local descriptors (spin images) from `core.descriptors.descriptor_distance.describe`. The shape is
+        (0, 0) if the parameters ask for none.
     """
 
     fingerprint: str
@@ -114,7 +113,7 @@ class Embedding:
 
 @dataclass(frozen=True, eq=False)
 class Scores:
-    """How alike one shape is to each of c others.
+    """Similarity of one shape to each of c others.
 
     Attributes
     ----------
@@ -123,8 +122,8 @@ class Scores:
     ssd : float64, shape (c,)
         Sum of squared differences (Eq. 18), >= 0; 0 for a shape against itself.
     sim : float64, shape (c,)
-        Effective pairs over the smaller number of samples (Eq. 20), each partner counted once, the mean of
-        both ways; in [0, 1].
+        Effective one-to-one pairs over the smaller number of samples (Eq. 20), the mean of both directions;
+        in [0, 1].
     """
 
     cc: NDArray[np.float64]
@@ -134,7 +133,7 @@ class Scores:
 
 @dataclass(frozen=True, eq=False)
 class Match:
-    """Two shapes compared, with the correspondence.
+    """The scores and the correspondence of two shapes.
 
     Attributes
     ----------
@@ -143,8 +142,8 @@ class Match:
     correspondence : int32, shape (p, 2)
         Pairs (sample of the first shape, sample of the second).
     distances : float32, shape (p,)
-        Distance between the two points of each pair in the first spectral domain, under the warp that sim
-        reads.
+        Distance between the two points of each pair in the first spectral domain, under the map that sim
+        uses.
     effective : bool, shape (p,)
         Whether that distance is at most gamma (below Eq. 19) and the pair one-to-one.
     """
@@ -158,4 +157,5 @@ class Match:
 
 
 EmbeddedPoints = tuple[tuple[Float32s, ...], Int32s]
-"""Coordinates in each spectral domain, (d, k), and the sample nearest to each of the d points, (d,)."""
+"""Coordinates in each spectral domain, each of shape (d, k), and the sample nearest to each of the d points,
+shape (d,)."""

@@ -1,17 +1,17 @@
-"""What the core raises. A service turns each into an answer by its `kind`."""
+"""Errors of the core; a service answers each by its `kind`."""
 
 
 class CoreError(Exception):
-    """Base of every error the core raises on purpose.
+    """Base class of every error that the core raises on purpose.
 
-    `kind` is a stable, hyphenated name that a program may branch on; the message is for a person.
+    `kind` is a stable, hyphenated name for programs; the message is for people.
     """
 
     kind = "core-error"
 
 
 class MeshError(CoreError):
-    """The mesh, or the file it should come from, cannot be used."""
+    """The mesh or its file cannot be used."""
 
     kind = "malformed-mesh"
 
@@ -23,13 +23,13 @@ class EmptyFileError(MeshError):
 
 
 class UnknownFormatError(MeshError):
-    """The format is not one that is read."""
+    """The format is not supported."""
 
     kind = "unknown-format"
 
 
 class MalformedMeshError(MeshError):
-    """The file is not what its format promises: truncated, wrong counts, indices out of range."""
+    """The file violates its format: it is truncated, a count is wrong, or an index is out of range."""
 
     kind = "malformed-mesh"
 
@@ -41,7 +41,7 @@ class NonFiniteCoordinatesError(MeshError):
 
 
 class NoTrianglesError(MeshError):
-    """There are points, perhaps, but no faces."""
+    """The mesh has no faces; it may have points."""
 
     kind = "no-triangles"
 
@@ -53,7 +53,7 @@ class DegenerateMeshError(MeshError):
 
 
 class MeshTooComplexError(MeshError):
-    """More vertices, faces or parts than the limit allows."""
+    """The mesh has more vertices, faces or parts than the limit allows."""
 
     kind = "mesh-too-complex"
 
@@ -71,12 +71,12 @@ class ParameterError(CoreError):
 
 
 class IncompatibleEmbeddingsError(CoreError):
-    """Embeddings made with different parameters are never compared."""
+    """Two embeddings have different parameters, so they cannot be compared."""
 
     kind = "incompatible-embeddings"
 
 
 class BadRecordError(CoreError):
-    """Bytes that should hold an embedding do not."""
+    """The bytes are not an embedding record."""
 
     kind = "bad-record"

@@ -1,4 +1,4 @@
-"""Embeddings as bytes (the safetensors format), and back."""
+"""Serialization of embeddings as records in the safetensors format."""
 
 import json
 import math
@@ -19,7 +19,7 @@ from core.errors import BadRecordError
 
 
 def embedding_to_bytes(embedding: Embedding) -> bytes:
-    """The embedding as one block of bytes; the same embedding always gives the same bytes."""
+    """The record of an embedding; the same embedding always gives the same bytes."""
     header: dict[str, Any] = {
         "fingerprint": embedding.fingerprint,
         "facts": asdict(embedding.facts),
@@ -50,8 +50,8 @@ def embedding_from_bytes(data: bytes) -> Embedding:
     Raises
     ------
     BadRecordError
-        The bytes are not such a record: not of the format, or an array has not the shape or type that
-        `core.embedding.Embedding` gives, a number that is not finite, or an index of nothing.
+        The bytes are not safetensors, or an array has the wrong shape or type (see
+        `core.embedding.Embedding`), a value that is not finite, or an index out of range.
     """
     try:
         arrays = load(data)
@@ -81,19 +81,19 @@ def embedding_from_bytes(data: bytes) -> Embedding:
 
 
 def points_from_bytes(data: bytes) -> EmbeddedPoints:
-    """The embedded points of a record: views of its bytes, whose numbers are not checked.
+    """The embedded points of a record, as views of its bytes; their values are not checked.
 
-    Some twenty times as fast as `embedding_from_bytes`.
+    This is about twenty times as fast as `embedding_from_bytes`.
 
     Raises
     ------
     BadRecordError
-        The bytes are not a record, or do not say that it has such arrays.
+        The bytes are not a record, or its header does not describe these arrays.
     """
     try:
         end = 8 + int.from_bytes(data[:8], "little")
         if end % 4:
-            raise ValueError("the header has not its length")
+            raise ValueError("the header's length is not a multiple of four")
         regions, *coordinates = (
             np.frombuffer(data, one.dtype, math.prod(one.shape), end + one.start).reshape(one.shape)
             for one in _layout(data[8:end])
@@ -101,17 +101,17 @@ def points_from_bytes(data: bytes) -> EmbeddedPoints:
     except (KeyError, TypeError, ValueError, RecursionError, OverflowError, AttributeError) as error:
         raise BadRecordError(f"not an embedding: {error}") from error
     if regions.ndim != 1 or any(one.ndim != 2 or len(one) != len(regions) for one in coordinates):
-        raise BadRecordError("not an embedding: its points have not the shape of such")
+        raise BadRecordError("not an embedding: its points have the wrong shape")
     return tuple(coordinates), regions
 
 
 def spin_images_from_bytes(data: bytes) -> Bytes:
-    """The patches of a record; of shape (0, 0) if it has none.
+    """The spin images of a record, uint8 of shape (r, w); of shape (0, 0) if it has none.
 
     Raises
     ------
     BadRecordError
-        The bytes are not a record, or its patches have not the shape or type of such.
+        The bytes are not a record, or its spin images have the wrong shape or type.
     """
     try:
         arrays = load(data)
@@ -119,14 +119,14 @@ def spin_images_from_bytes(data: bytes) -> Bytes:
         spin_images = arrays["patches"] if header.get("patches") else NO_SPIN_IMAGES
     except (SafetensorError, KeyError, TypeError, ValueError, RecursionError, AttributeError) as error:
         raise BadRecordError(f"not an embedding: {error}") from error
-    fault = next(_patch_faults(spin_images), None)
+    fault = next(_spin_image_faults(spin_images), None)
     if fault is not None:
         raise BadRecordError(f"not an embedding: {fault}")
     return spin_images
 
 
 class _Place(NamedTuple):
-    """An array of a record: its type, and where it begins behind the header."""
+    """Type, shape and byte offset behind the header of one array of a record."""
 
     dtype: type[np.generic]
     shape: tuple[int, ...]
@@ -135,7 +135,10 @@ class _Place(NamedTuple):
 
 @lru_cache(maxsize=1024)
 def _layout(header: bytes) -> list[_Place]:
-    """The regions and the coordinates as the header of the safetensors format has them; most are the same."""
+    """Places of the regions and of the coordinates, from the header of a safetensors file.
+
+    Cached, since most records have the same header but for values.
+    """
     entries = json.loads(header)
     domains = sum(name.startswith("coordinates_") for name in entries)
     names = ["regions", *(f"coordinates_{i}" for i in range(domains))]
@@ -148,13 +151,13 @@ def _layout(header: bytes) -> list[_Place]:
         start, stop = entry["data_offsets"]
         shape = tuple(int(length) for length in entry["shape"])
         if min(shape) < 1 or start < 0 or stop - start != 4 * math.prod(shape) or start % 4:
-            raise ValueError(f"{name} has not its length")
+            raise ValueError(f"{name} has the wrong length")
         found.append(_Place(dtype, shape, start))
     return found
 
 
 def _faults(embedding: Embedding) -> Iterator[str]:
-    """What is wrong with the arrays and the header's values; later ones suppose that earlier ones hold."""
+    """Faults of the header's values and of the arrays; a later check assumes that the earlier ones passed."""
     yield from _header_faults(embedding)
     m, e, d = (
         array.shape[0] if array.ndim else 0
@@ -172,7 +175,7 @@ def _faults(embedding: Embedding) -> Iterator[str]:
     for spectrum in embedding.spectra:
         yield from _array_faults(f"{spectrum.name} eigenvalues", spectrum.eigenvalues, np.float32, (None,))
         yield from _array_faults(f"{spectrum.name} coordinates", spectrum.coordinates, np.float32, (d, None))
-    yield from _patch_faults(embedding.spin_images)
+    yield from _spin_image_faults(embedding.spin_images)
     for name, indices, end in (
         ("vertices", embedding.vertices, embedding.facts.vertices),
         ("graph_edges", embedding.graph_edges, m),
@@ -198,17 +201,17 @@ def _header_faults(embedding: Embedding) -> Iterator[str]:
         yield f"the spectra are {names!r}"
 
 
-def _patch_faults(spin_images: NDArray[Any]) -> Iterator[str]:
+def _spin_image_faults(spin_images: NDArray[Any]) -> Iterator[str]:
     if spin_images is not NO_SPIN_IMAGES:
         yield from _array_faults("patches", spin_images, np.uint8, (None, ROW_LENGTH))
         if len(spin_images) not in ROW_COUNTS.values():
-            yield f"there are {len(spin_images)} spin images"
+            yield f"there are {len(spin_images)} rows of spin images"
 
 
 def _array_faults(
     name: str, array: NDArray[Any], dtype: type[np.generic], shape: tuple[int | None, ...]
 ) -> Iterator[str]:
-    """What is wrong with one array; a None in the shape is any length but 0."""
+    """Faults of one array; None in the shape stands for any length above 0."""
     if array.dtype != dtype:
         yield f"{name} is of type {array.dtype}, not {np.dtype(dtype)}"
     fits = array.ndim == len(shape) and all(

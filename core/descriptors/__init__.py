@@ -1,6 +1,6 @@
-"""Descriptors of a surface beside its spectrum.
+"""Descriptors of a surface that need no correspondence.
 
-A mesh in, spin images, global descriptors and boundary ratio out, and their distances.
+A mesh in; spin images, global descriptors, the boundary ratio and the distances between descriptors out.
 """
 
 __all__ = [

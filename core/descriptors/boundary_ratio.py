@@ -1,4 +1,4 @@
-"""How much of a surface may be missing, by the length of its open boundary."""
+"""The boundary ratio: how much of a surface may be missing, estimated from its boundary loops."""
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -9,24 +9,25 @@ from core.mesh.edges import HalfEdges
 from core.mesh.mesh import Mesh
 
 LEAST_COMPONENT_AREA = 0.01
-"""Rims of parts of less than this share of the area are no gaps: loose bits, or the triangles of a soup."""
+"""Boundary loops of components below this share of the area do not count: such components are debris, or the
+triangles of a soup."""
 
 
 def boundary_ratio(mesh: Mesh, sides: HalfEdges, area: float) -> float:
-    """Areas of the discs that the rims would bound, over the surface's area; >= 0.
+    """Total area of the discs that the boundary loops could bound, over the area of the surface; >= 0.
 
-    A rim of length l, which is what hangs together of the open edges, bounds a disc of at most l^2 / 4 pi. So
-    a limb cut off counts by its cross section, and many small holes count little. Rims of parts of less than
-    `LEAST_COMPONENT_AREA` of the area do not count.
+    A boundary loop is a connected set of boundary edges. A loop of length l bounds a disc of area at most
+    l^2 / 4 pi (isoperimetric inequality), so a removed limb counts by its cross section, and many small holes
+    count little. Components below `LEAST_COMPONENT_AREA` of the area are ignored.
 
     Parameters
     ----------
     mesh : Mesh
-        With its coincident vertices merged.
+        Its coincident vertices are merged.
     sides : HalfEdges
-        Of its faces.
+        The half-edges of the mesh's faces.
     area : float
-        Of the surface, > 0.
+        Area of the surface, > 0.
     """
     edges = sides.edges[sides.face_counts == 1]
     if len(edges):
@@ -35,6 +36,6 @@ def boundary_ratio(mesh: Mesh, sides: HalfEdges, area: float) -> float:
         return 0.0
     lengths = np.linalg.norm(mesh.vertices[edges[:, 0]] - mesh.vertices[edges[:, 1]], axis=1)
     graph = coo_array((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(len(mesh.vertices),) * 2)
-    _, rim = connected_components(graph, directed=False)
-    rims = np.bincount(rim[edges[:, 0]], weights=lengths) / np.sqrt(area)
-    return float((rims**2).sum() / (4.0 * np.pi))
+    _, loop = connected_components(graph, directed=False)
+    loop_lengths = np.bincount(loop[edges[:, 0]], weights=lengths) / np.sqrt(area)
+    return float((loop_lengths**2).sum() / (4.0 * np.pi))

@@ -1,4 +1,4 @@
-"""How far two surfaces are apart by what lies about their points, where either may be a part of the other."""
+"""Descriptor distance of two surfaces, from their spin images; either may be a part of the other."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -20,21 +20,21 @@ from core.mesh.mesh import Mesh
 
 ROW_LENGTH = SPIN_IMAGE_LENGTH + len(RADII)
 ROW_COUNTS = {False: KEYPOINTS, True: KEYPOINTS + PART_ROWS}
-"""How many rows a complete and an incomplete surface have."""
+"""Number of descriptor rows, by whether the surface is incomplete."""
 
 
 @dataclass(frozen=True, eq=False)
 class DescriptorDistance:
-    """How far one surface is from each of c others: arrays of shape (c,).
+    """Descriptor distances of one surface to c others.
 
     Attributes
     ----------
-    distance : float64
-        Mean squared distance of patches, >= 0; 0 between a surface and itself. Of two complete surfaces, the
-        larger of those from either to the other; else from an incomplete one to the other, and the smaller
-        where both are.
-    part : bool
-        Where one or both are incomplete.
+    distance : float64, shape (c,)
+        Mean squared distance of spin images, >= 0; 0 between a surface and itself. Two complete surfaces: the
+        larger of the two one-sided distances. One incomplete surface: the distance from it to the other. Two
+        incomplete surfaces: the smaller of the two one-sided distances.
+    part : bool, shape (c,)
+        Whether one or both surfaces are incomplete.
     """
 
     distance: Floats
@@ -42,19 +42,22 @@ class DescriptorDistance:
 
 
 def describe(surface: Mesh, *, boundary_ratio: float) -> Bytes:
-    """A surface as rows of bytes: its patches as a whole, and behind them, if it is incomplete, as a part.
+    """The spin images of a surface as rows of bytes.
+
+    The first `KEYPOINTS` rows describe the surface as a whole. An incomplete surface has `PART_ROWS` more
+    rows, which describe it as a part (`core.descriptors.partial_matching.describe_part`).
 
     Parameters
     ----------
     surface : Mesh
-        Clean, with some area; if it is incomplete, its open edges are its rim.
-    openness : float
-        Of `core.descriptors.boundary_ratio`; incomplete is what has more than `INCOMPLETE`.
+        Clean, with area > 0. An incomplete surface has its boundary loops open.
+    boundary_ratio : float
+        As `core.descriptors.boundary_ratio` computes it; above `INCOMPLETE` the surface is incomplete.
 
     Returns
     -------
     uint8, shape (r, ROW_LENGTH)
-        `ROW_COUNTS` says how many.
+        r is `ROW_COUNTS` of whether the surface is incomplete.
     """
     whole = np.ones((KEYPOINTS, ROW_LENGTH), dtype=np.uint8)
     whole[:, :SPIN_IMAGE_LENGTH] = spin_images(surface).bytes
@@ -62,13 +65,14 @@ def describe(surface: Mesh, *, boundary_ratio: float) -> Bytes:
 
 
 def descriptor_distance(query: Bytes, others: Sequence[Bytes]) -> DescriptorDistance:
-    """The distances of one surface from c others, each the same whatever others there are.
+    """Descriptor distances of one surface to c others; no distance depends on the other candidates.
 
     Parameters
     ----------
     query : uint8, shape (r, ROW_LENGTH)
-        As `described` gives it.
+        Descriptors of the surface, from `describe`.
     others : sequence of uint8, each of shape (r, ROW_LENGTH)
+        Descriptors of the candidates.
     """
     distance = np.full(len(others), np.inf)
     part = np.array([is_part(query) or is_part(other) for other in others], dtype=bool)
@@ -86,10 +90,10 @@ def descriptor_distance(query: Bytes, others: Sequence[Bytes]) -> DescriptorDist
 
 
 def is_part(rows: Bytes) -> bool:
-    """Whether a surface, as `described` gives it, is incomplete."""
+    """Whether the descriptors, from `describe`, belong to an incomplete surface."""
     return len(rows) > KEYPOINTS
 
 
 def whole_spin_images(rows: Bytes) -> Bytes:
-    """Its patches as a whole, shape (KEYPOINTS, SPIN_IMAGE_LENGTH)."""
+    """The spin images of the surface as a whole, shape (KEYPOINTS, SPIN_IMAGE_LENGTH)."""
     return rows[:KEYPOINTS, :SPIN_IMAGE_LENGTH]

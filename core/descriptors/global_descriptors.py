@@ -1,7 +1,9 @@
-"""Terms of a surface's overall form, which tell a cup from a vase where distances along it cannot.
+"""Global descriptors of a surface: compactness and ratios to its convex hull.
+
+They separate shapes whose geodesic distances agree, such as a cup and a vase.
 
 J. Corney, H. Rea, D. Clark, J. Pritchard, M. Breaks, R. MacLeod, "Coarse filters for shape matching", IEEE
-Computer Graphics and Applications 22(3), 2002: ratios of a shape to its convex hull, and compactness.
+Computer Graphics and Applications 22(3), 2002.
 """
 
 import numpy as np
@@ -13,21 +15,27 @@ from core.mesh.mesh import Mesh
 from core.numerics.compilation import compiled, constant
 
 GLOBAL_DESCRIPTORS = 3
+"""Number of global descriptors."""
 
 GLOBAL_WEIGHT = 0.1
-"""What terms of form are multiplied by in a signature, so that its plain distance heeds eigenvalues first."""
+"""Factor of the global descriptors in a signature; the eigenvalues dominate its Euclidean distance."""
 
 LEAST_VOLUME = 1e-3
-"""Added to volumes, over the area to the power 3/2 (a ball has 0.094): open and flat surfaces, whose volume
-is nothing or chance, have finite terms that do not outweigh all else."""
+"""Added to volumes, in units of the area to the power 3/2 (a ball has 0.094). The volume of an open or flat
+surface is 0 or arbitrary; with this its descriptors are finite and of moderate size."""
 
 
 def global_descriptors(mesh: Mesh) -> Floats:
-    """log(A^1.5 / V), log(H / V) and log(A / B), shape (3,): finite, free of place, pose and size.
+    """log(A^1.5 / V), log(H / V) and log(A / B), shape (3,): finite, invariant to rigid motion and scale.
 
-    A is the area, V the volume enclosed (by signed tetrahedra about the area's centroid, which is only a
-    number where the surface is open), H and B the volume and area of the convex hull. The logarithms fall
-    with compactness, with how much of its hull the shape fills, and with how smooth it is.
+    A is the area, V the enclosed volume, H and B are the volume and the area of the convex hull. V is the sum
+    of the signed tetrahedra between the area centroid and the faces; for an open surface it is only a number.
+    The descriptors fall with compactness, with the filled share of the hull and with smoothness.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        Its area is > 0.
     """
     faces = mesh.faces
     areas = face_areas(mesh.vertices, faces)
@@ -40,7 +48,14 @@ def global_descriptors(mesh: Mesh) -> Floats:
 
 
 def signed_volume(vertices: Floats, faces: Ints) -> float:
-    """The sum of the tetrahedra between the origin and each face; negative where they face inwards."""
+    """Sum of the signed volumes of the tetrahedra between the origin and each face.
+
+    Parameters
+    ----------
+    vertices : float64, shape (n, 3)
+    faces : int64, shape (f, 3)
+        Negative volume where a face is oriented inwards.
+    """
     return _signed_volume(constant(vertices), constant(faces))
 
 
@@ -56,11 +71,11 @@ def _signed_volume(vertices: Floats, faces: Ints) -> float:
 
 
 def _hull(points: Floats) -> tuple[float, float]:
-    """Volume and area of the convex hull; that of flat points has two sides."""
+    """Volume and area of the convex hull; the hull of coplanar points counts both of its sides."""
     try:
         hull = ConvexHull(points)
     except QhullError:
         axes = np.linalg.svd(points, full_matrices=False)[2]
-        # Joggled, since a needle may be flat in its plane as well.
+        # QJ (joggled input): the points may be collinear within their plane.
         return 0.0, 2.0 * float(ConvexHull(points @ axes[:2].T, qhull_options="QJ").volume)
     return float(hull.volume), float(hull.area)

@@ -1,7 +1,8 @@
-"""Part in whole: how well a part of a surface is found again on another, by what lies about its points.
+"""Partial matching: the one-sided distance of spin images from a part of a surface to a whole one.
 
-Distances are one-sided: each of the part's points needs a like one on the whole, and the whole's may have
-none. How much of the whole is missing, and so how large it is, is not known: several shares are tried.
+Each keypoint of the part needs a similar keypoint on the whole; keypoints of the whole may stay unmatched.
+The scale of spin images follows from the area of the whole, and the missing share of it is unknown, so a part
+is described for several shares.
 """
 
 from collections.abc import Sequence
@@ -24,37 +25,38 @@ from core.mesh.edges import half_edges
 from core.mesh.mesh import Mesh
 
 MISSING_SHARES = (0.0, 0.15, 0.3, 0.5, 0.7)
-"""Shares of the area that may be gone."""
+"""Shares of the whole's area that may be missing."""
 
 BOUNDARY_MARGIN = 0.4
-"""A ball counts if its centre is farther than so many of its radii from the open rim: the others lack what
-was cut away."""
+"""A support ball is usable if its centre is farther from the boundary than this many of its radii; closer to
+the boundary the ball lacks surface that was cut away."""
 
 LEAST_USABLE = 0.1
-"""Where fewer balls count than this share of them, all do."""
+"""Below this share of usable support balls, all of them are used."""
 
 MOST_BOUNDARY_POINTS = 20_000
+"""Largest number of points sampled on the boundary, beside one on each boundary edge."""
 
 BATCH = 4
-"""How many wholes are compared at a time."""
+"""Number of wholes that are compared at a time; it bounds the memory."""
 
 PART_ROWS = sum(spin_image_count(missing) for missing in MISSING_SHARES)
-"""Rows of a part."""
+"""Number of rows that describe a part."""
 
 
 def describe_part(surface: Mesh) -> Bytes:
-    """A surface as a part, for each share of `MISSING_SHARES`.
+    """The spin images of a surface as a part, for each share of `MISSING_SHARES`.
 
     Parameters
     ----------
     surface : Mesh
-        Clean, with some area; its rims are its open edges.
+        Clean, with area > 0 and its boundary loops open.
 
     Returns
     -------
-    uint8, shape (PATCHES, SPIN_IMAGE_LENGTH + len(RADII))
-        The patches for one share after those for another, and behind each patch 1 for each of its balls that
-        counts, else 0.
+    uint8, shape (PART_ROWS, SPIN_IMAGE_LENGTH + len(RADII))
+        The spin images of one share after those of another. The last columns are 1 for each usable support
+        ball of the keypoint, else 0.
     """
     rim = _boundary_points(surface)
     tree = cKDTree(rim) if len(rim) else None
@@ -70,9 +72,9 @@ def describe_part(surface: Mesh) -> Bytes:
 
 
 def _boundary_points(surface: Mesh) -> Floats:
-    """Points along the open edges, so close that no ball misses them, shape (p, 3).
+    """Points on the boundary edges, dense enough for the smallest support ball, shape (p, 3).
 
-    Of a needle, whose edges are long beside the root of its area, at most `MOST_BOUNDARY_POINTS` beside one an edge.
+    The edges of a needle are long beside the root of its area; `MOST_BOUNDARY_POINTS` bounds their number.
     """
     sides = half_edges(surface.faces)
     start, end = (surface.vertices[ends] for ends in sides.edges[sides.face_counts == 1].T)
@@ -89,17 +91,17 @@ def _boundary_points(surface: Mesh) -> Floats:
 
 
 def part_distances(part: Bytes, wholes: Sequence[Bytes]) -> Floats:
-    """How far the patches of a part are from the nearest of each of c wholes, shape (c,), >= 0.
+    """Distance of the spin images of a part to the nearest ones of each of c wholes, shape (c,), >= 0.
 
-    The mean squared distance over the balls that count, for the share of missing area that makes it least. It
-    is 0 for the whole itself; how much it is for a part hangs on how it was cut.
+    The mean squared distance over the usable support balls, for the missing share that minimises it. It is 0
+    for a complete surface and itself; for a part it depends on the cut.
 
     Parameters
     ----------
-    part : uint8, shape (PATCHES, SPIN_IMAGE_LENGTH + len(RADII))
-        As `describe_part` gives it.
-    wholes : sequence of uint8, each of shape (KEYS, SPIN_IMAGE_LENGTH)
-        As `core.descriptors.spin_images.patches` gives them.
+    part : uint8, shape (PART_ROWS, SPIN_IMAGE_LENGTH + len(RADII))
+        From `describe_part`.
+    wholes : sequence of uint8, each of shape (KEYPOINTS, SPIN_IMAGE_LENGTH)
+        From `core.descriptors.spin_images.spin_images`.
     """
     own = part[:, :SPIN_IMAGE_LENGTH].astype(np.float32)
     counts = part[:, SPIN_IMAGE_LENGTH:].astype(np.float32)
@@ -112,7 +114,7 @@ def part_distances(part: Bytes, wholes: Sequence[Bytes]) -> Floats:
     for start in range(0, len(wholes), BATCH):
         some = np.stack(wholes[start : start + BATCH]).astype(np.float32)
         flat = some.reshape(-1, SPIN_IMAGE_LENGTH)
-        descriptor_distance = squares + flat**2 @ weights.T - 2.0 * (flat @ weighted.T)
-        least = descriptor_distance.reshape(*some.shape[:2], -1).min(axis=1).astype(np.float64)
+        distances = squares + flat**2 @ weights.T - 2.0 * (flat @ weighted.T)
+        least = distances.reshape(*some.shape[:2], -1).min(axis=1).astype(np.float64)
         found[start : start + len(some)] = (np.add.reduceat(least, starts, axis=1) / balls).min(axis=1)
     return found / BYTE_SCALE**2

@@ -1,10 +1,10 @@
-"""What lies about the points of a surface, as bytes that two surfaces are compared by.
+"""Spin images: local descriptors at keypoints of a surface, quantised to bytes.
 
 A. E. Johnson, M. Hebert, "Using spin images for efficient object recognition in cluttered 3D scenes", IEEE
-PAMI 21(5), 1999: about a point with its normal, the surface nearby is a histogram over the distance from the
-normal's line and the height along it. It changes little where a limb bends elsewhere, and not at all where a
-part was cut away farther off. Which side of a face is the outer one is not asked, since files are often wrong
-about it: the greater part of what is near a point counts as below it.
+PAMI 21(5), 1999. At an oriented point, the surface inside a support ball is a histogram over the distance
+from the normal line (alpha) and the height along it (beta). A spin image changes little where a limb bends
+elsewhere, and not at all where a distant part was cut away. The orientation of faces is not used, since files
+are often wrong about it: the normal points away from the greater part of the neighbourhood.
 """
 
 from collections.abc import Sequence
@@ -19,38 +19,38 @@ from core.numerics.compilation import compiled, constant
 from core.sampling.surface_samples import evenly_spread
 
 POINTS, KEYPOINTS = 4000, 160
-"""Points that stand for a whole surface, and how many of them have a patch."""
+"""Number of sample points of a complete surface, and of its keypoints, which have a spin image."""
 
 RADII = (0.1, 0.2, 0.4)
-"""Of the balls that are looked at, over the root of the whole's area."""
+"""Radii of the support balls, over the square root of the area of the whole."""
 
 RADIAL_BINS, HEIGHT_BINS = 5, 9
-"""Bins from the normal's line outwards, and along it: as many below the point as above, and one about its
-own height, where flat surfaces lie."""
+"""Bins over alpha, and over beta: as many below the point as above, and one at its height (flat surfaces)."""
 
 BINS = RADIAL_BINS * HEIGHT_BINS
 SPIN_IMAGE_LENGTH = len(RADII) * BINS
-"""Bytes of a patch: those of each ball, the smallest first."""
+"""Bytes of a spin image: the bins of each support ball, the smallest ball first."""
 
 BYTE_SCALE = 100.0
-"""A byte is so many times the root of a share of the area of a disc, and at most 255. Squared distances
-between bytes, summed over a patch, are whole numbers that single precision holds, in whatever order."""
+"""A byte is this factor times the square root of a bin's area over r^2, at most 255. The squared distance of
+two spin images is a whole number that single precision holds exactly, in any order of summation."""
 
 BATCH = 8
-"""How many surfaces are compared at a time."""
+"""Number of surfaces that are compared at a time; it bounds the memory."""
 
 
 @dataclass(frozen=True, eq=False)
 class SpinImages:
-    """Those of a surface, or of one from which a share of the area is missing.
+    """The spin images of one surface.
 
     Attributes
     ----------
     bytes : uint8, shape (k, SPIN_IMAGE_LENGTH)
+        One spin image a row.
     points : float64, shape (k, 3)
-        What they are about, in the mesh's units.
+        The keypoints, in the mesh's units.
     unit : float
-        The root of the whole's area in the same.
+        The square root of the area of the whole, in the mesh's units.
     """
 
     bytes: Bytes
@@ -59,16 +59,17 @@ class SpinImages:
 
 
 def spin_images(surface: Mesh, missing: float = 0.0) -> SpinImages:
-    """What lies about points spread evenly over a surface.
+    """Spin images at keypoints spread evenly over a surface.
 
-    Points are as dense on a part as on the whole, so that what chance adds to a bin is the same.
+    The sample points are as dense on a part as on the whole, so the noise of a bin is the same on both.
 
     Parameters
     ----------
     surface : Mesh
-        Clean, with some area.
+        Clean, with area > 0.
     missing : float
-        The share of the whole's area that is gone, in [0, 1): there are `KEYPOINTS` times the rest of them.
+        Share of the whole's area that the surface lacks, in [0, 1). The surface has
+        `spin_image_count(missing)` keypoints.
     """
     areas = face_areas(surface.vertices, surface.faces)
     corners = surface.vertices[surface.faces]
@@ -82,19 +83,19 @@ def spin_images(surface: Mesh, missing: float = 0.0) -> SpinImages:
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(np.float64).tiny)
     counts = _histograms(constant(points), constant(keypoints), constant(normals), np.array(RADII))
     shares = counts / (POINTS * np.array(RADII) ** 2)[:, None]
-    told = np.minimum(np.round(BYTE_SCALE * np.sqrt(shares)), 255.0).astype(np.uint8)
+    quantised = np.minimum(np.round(BYTE_SCALE * np.sqrt(shares)), 255.0).astype(np.uint8)
     return SpinImages(
-        told.reshape(len(keypoints), SPIN_IMAGE_LENGTH), points[keypoints] * unit + centre, unit
+        quantised.reshape(len(keypoints), SPIN_IMAGE_LENGTH), points[keypoints] * unit + centre, unit
     )
 
 
 def spin_image_count(missing: float) -> int:
-    """How many patches a surface has of which a share is missing."""
+    """Number of spin images of a surface that lacks the share `missing` of the whole's area."""
     return round(KEYPOINTS * (1.0 - missing))
 
 
 def spin_image_distances(query: Bytes, others: Sequence[Bytes]) -> Floats:
-    """How far the patches of one surface are from the nearest of each of c others, and theirs from its own.
+    """One-sided distances between the spin images of one surface and of c others.
 
     Parameters
     ----------
@@ -104,7 +105,8 @@ def spin_image_distances(query: Bytes, others: Sequence[Bytes]) -> Floats:
     Returns
     -------
     float64, shape (c, 2)
-        Mean squared distances, >= 0: from the query, and to it. 0 between a surface and itself.
+        Mean squared distance to the nearest spin image, >= 0: from the query to the other surface, and back.
+        0 between a surface and itself.
     """
     found = np.empty((len(others), 2))
     own = query.astype(np.float32)
@@ -112,17 +114,18 @@ def spin_image_distances(query: Bytes, others: Sequence[Bytes]) -> Floats:
     for start in range(0, len(others), BATCH):
         some = np.stack(others[start : start + BATCH]).astype(np.float32)
         products = some.reshape(-1, SPIN_IMAGE_LENGTH) @ own.T
-        descriptor_distance = (
-            (some**2).sum(axis=2)[:, :, None] + squares - 2.0 * products.reshape(*some.shape[:2], -1)
-        )
-        found[start : start + len(some), 0] = descriptor_distance.min(axis=1).mean(axis=1, dtype=np.float64)
-        found[start : start + len(some), 1] = descriptor_distance.min(axis=2).mean(axis=1, dtype=np.float64)
+        distances = (some**2).sum(axis=2)[:, :, None] + squares - 2.0 * products.reshape(*some.shape[:2], -1)
+        found[start : start + len(some), 0] = distances.min(axis=1).mean(axis=1, dtype=np.float64)
+        found[start : start + len(some), 1] = distances.min(axis=2).mean(axis=1, dtype=np.float64)
     return found / BYTE_SCALE**2
 
 
 @compiled
 def _histograms(points: Floats, keypoints: Ints, normals: Floats, radii: Floats) -> Ints:
-    """How many points lie in each bin of each ball about each key, shape (k, r, BINS); radii rise."""
+    """Number of points in each bin of each support ball of each keypoint, shape (k, r, BINS).
+
+    `radii`, shape (r,), ascend.
+    """
     counts = np.zeros((len(keypoints), len(radii), RADIAL_BINS * HEIGHT_BINS), dtype=np.int64)
     squared, across, along = radii**2, RADIAL_BINS / radii, 0.5 * HEIGHT_BINS / radii
     largest = squared[-1]

@@ -154,8 +154,14 @@ def _tied_axis(mesh: Mesh, areas: Floats, normal: Floats) -> Floats:
 def normal_frame(mesh: Mesh) -> Frame:
     """The frame of Eq. 4's fit z = f(x, y), the same for every tessellation of a surface.
 
-    Tied axes: where all three are, x points to the surface's farthest point; where two are, `_tied_axis` picks the
-    first of them. Signs come from the third moments, so that a turned copy gets the turned frame.
+    z is the direction of least spread. If all three axes are tied, x points to the surface's farthest point;
+    if two are, `_tied_axis` chooses the first of them. Third moments give the signs, so that a rotated copy
+    gets the rotated frame.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        With area > 0.
     """
     areas = face_areas(mesh.vertices, mesh.faces)
     centre = centroid(mesh.vertices, mesh.faces, areas)

@@ -1,4 +1,4 @@
-"""A mesh with fewer faces: one of `core.studies.perturbation`'s, with a way out where quadric collapses fail."""
+"""Simplification: fewer faces by quadric error, or by vertex clustering where quadric collapses fail."""
 
 import fast_simplification
 import numpy as np

@@ -1,4 +1,4 @@
-"""How far signatures are apart, and which are nearest."""
+"""The shortlist: distances between signatures, and the candidates of least distance."""
 
 import math
 
@@ -10,7 +10,13 @@ from core.numerics.compilation import compiled
 
 
 def signature_distances(query: Float32s, signatures: Float32s) -> Floats:
-    """Euclidean distances from one signature, shape (s,), to each row of a matrix (n, s): shape (n,)."""
+    """Euclidean distances from one signature to each of n others, shape (n,), >= 0.
+
+    Parameters
+    ----------
+    query : float32, shape (s,)
+    signatures : float32, shape (n, s)
+    """
     distances = np.empty(len(signatures))
     if len(signatures):
         _distances(np.array(query), np.require(signatures, requirements=["C", "W"]), distances)
@@ -19,7 +25,7 @@ def signature_distances(query: Float32s, signatures: Float32s) -> Floats:
 
 @compiled
 def _distances(query: Float32s, signatures: Float32s, distances: Floats) -> None:
-    """Sums in float64, four at once: one would wait for itself at each step."""
+    """Fill `distances`, shape (n,); four float64 sums run side by side to hide the latency of an addition."""
     n, s = signatures.shape
     whole = s - s % 4
     for i in range(n):
@@ -35,11 +41,12 @@ def _distances(query: Float32s, signatures: Float32s, distances: Floats) -> None
 
 
 def least(values: NDArray[np.floating], order: NDArray[np.integer], count: int) -> NDArray[np.intp]:
-    """Places of the `count` least values, least first; of equals, that which is less in `order`.
+    """Indices of the `count` least values, ascending; `order` breaks ties. Shape (min(count, n),).
 
     Parameters
     ----------
-    values, order : shape (n,)
+    values : float, shape (n,)
+    order : int, shape (n,)
     count : int
         At least 1.
     """
