@@ -29,7 +29,7 @@ from core.mesh.normal_frame import Frame, normal_frame
 from core.mesh.simplification import simplify
 from core.mesh.subdivision import refine
 from core.numerics.threads import one_thread
-from core.parameters import Parameters
+from core.parameters import DEFAULT, Parameters
 from core.ranking.class_probability import class_probability, signature_features
 from core.sampling.lewis_weights import lewis_weights
 from core.sampling.sampling import keyed_uniform, random_draw, sort_and_cut, weighted_farthest_points
@@ -67,13 +67,13 @@ class Pipeline:
 
     Parameters
     ----------
-    parameters : Parameters
-        Frozen; `fingerprint` is a hash of them and of the method version.
+    parameters : Parameters, optional
+        Frozen; `DEFAULT` unless given. `fingerprint` is a hash of them and of the method version.
     memory : int
         How many bytes are kept of factored splines for shapes it has met; the last one's always are.
     """
 
-    def __init__(self, parameters: Parameters, *, memory: int = PREPARED_BYTES) -> None:
+    def __init__(self, parameters: Parameters = DEFAULT, *, memory: int = PREPARED_BYTES) -> None:
         self._memory = memory
         self.parameters = parameters
         self.fingerprint = parameters.fingerprint
