@@ -1,4 +1,4 @@
-"""What each step away from the paper's own setting is worth: the settings between `paper` and `default`."""
+"""The settings between `paper` and `default`, which show the value of each step."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -20,11 +20,11 @@ class Change:
 
 NAMED = (
     Change(
-        "even mesh: holes closed, long edges split, large meshes simplified, rough ones smoothed",
+        "even mesh: holes closed, long edges split, large meshes simplified, rough meshes smoothed",
         ("fill_holes", "refine_vertices", "decimate_above", "smooth_above", "smooth_refined"),
     ),
     Change(
-        "samples: 100, covering, weights of Eqs. 11 and 12 normalised",
+        "samples: 100 by weighted farthest-point sampling, terms of Eqs. 11 and 12 normalised",
         ("selection", "coverage_power", "samples", "sample_cap", "normalise_weights"),
     ),
     Change("geodesic distances, across faces", ("distances", "unfold")),
@@ -46,19 +46,19 @@ NAMED = (
     Change("nearest neighbours both ways, orthogonal map", ("pairs", "warp_stiffness")),
     Change("coordinates tapered at the cut", ("taper",)),
     Change(
-        "500 points embedded, the samples their quadrature; partners between the samples",
+        "500 points embedded, the samples as quadrature nodes; partners between the samples",
         ("points", "slide_rounds"),
     ),
     Change(
-        "Laplace-Beltrami embedding too, and its eigenvalues and terms of form in the signature",
+        "second embedding by Laplace-Beltrami; its eigenvalues and global descriptors in the signature",
         ("operators", "affinity_values", "laplacian_values", "form"),
     ),
 )
-"""In the order in which they are added up. `changes` gives these, and whatever they leave out."""
+"""In the order in which they are added up."""
 
 LAST = (
-    Change("signature too: ranked by combined", (), "combined"),
-    Change("what lies about points of the surface too", ("patches",), "combined"),
+    Change("ranked by combined, which reads the signature", (), "combined"),
+    Change("spin images", ("patches",), "combined"),
 )
 """The steps that only the ranking by `combined` shows; the first of them changes no parameter."""
 
@@ -74,7 +74,7 @@ class Row:
 
 
 def changes() -> tuple[Change, ...]:
-    """The steps from `paper` to `default`: `NAMED`, one of what is left out, if anything, and `LAST`."""
+    """The steps from `paper` to `default`: `NAMED`, a step for any parameter they leave out, and `LAST`."""
     named = {name for change in (*NAMED, *LAST) for name in change.fields} | {"name"}
     rest = tuple(
         key for key, value in DEFAULT.flat().items() if key not in named and PAPER.flat()[key] != value

@@ -72,14 +72,14 @@ def page(found: Found, command: str, *, picture: bool) -> str:
     """All tables under headings, with the command that made them."""
     parts = [
         "# Benchmark",
-        f"Made by `{command}`. One thread; every figure is a median, with its quartiles in brackets. "
-        "Ratios are of neighbouring measurements in the same run.",
+        f"Measured by `{command}`. One thread; every figure is a median, with its quartiles in brackets. "
+        "Ratios are between neighbouring measurements in the same run.",
     ]
     if found.embedding:
         parts += ["## Embedding a file of about 3,000 vertices", _markdown(embedding_table(found.embedding))]
         if all(row.peer is not None for row in found.embedding):
             parts.append(
-                "Ours is from the bytes of a binary PLY to the embedding; LaPy's is ShapeDNA with "
+                "Our time is from the bytes of a binary PLY to the embedding; LaPy's is ShapeDNA with "
                 f"{PEER_VALUES} eigenvalues from a mesh already read."
             )
         parts.append(_markdown(stage_table(found.embedding)))
@@ -87,8 +87,8 @@ def page(found: Found, command: str, *, picture: bool) -> str:
         parts += [
             "## Cost against size",
             _markdown(growth_table(found.growth)),
-            "One mesh, its edges halved until it is as large; each line in a fresh process, whose peak "
-            "counts its libraries too. Time grows as the number of vertices to the power "
+            "One mesh, its edges halved until it has that size. Each line is a fresh process, whose peak "
+            "memory includes its libraries. Time grows as the number of vertices to the power "
             f"{exponent(found.growth):.2f}.",
             _markdown(growth_stage_table(found.growth)),
         ]
@@ -98,60 +98,62 @@ def page(found: Found, command: str, *, picture: bool) -> str:
         parts += [
             "## The paper's Table 1",
             _markdown(times_table(found.table1)),
-            "In seconds: the paper's / ours (times faster). Ours are meshes of the nearest class, brought to "
-            "the paper's number of points; sampling counts cleaning and simplification too.",
+            "In seconds: the paper's / ours (times faster). Our meshes are of the nearest class, brought to "
+            "the paper's number of points; sampling includes cleaning and simplification.",
         ]
     if found.match:
         parts += [
             "## One match of two stored shapes",
             _markdown(match_table(found.match)),
-            f"Both ways, in every embedding, to CC, SSD and sim. One of {MANY}: a shape with that many that "
-            "are ready to be matched, in one call, as queries do it. Screened and sifted: the two looks that "
-            "leave few of them to be matched. Score: one by `Pipeline.score`. From records: the bytes of two "
-            "records, nothing kept, and its parts.",
+            f"Both ways, in every embedding, to CC, SSD and sim. One of {MANY}: a shape with that many match "
+            "records in one call, as in a query. Re-ranking and coarse ranking: the two stages of a search "
+            "before the full match. Score: one match by `Pipeline.score`. From records: from the bytes of "
+            "two stored embeddings without any cache, and its parts.",
         ]
         if all(row.peer is not None for row in found.match):
             parts += [
                 _markdown(peer_table(found.match)),
-                "Pyfmaps by its defaults: wave kernel signatures, a map fitted and refined by ZoomOut, one "
-                f"way; its spectra, of {SPECTRUM} eigenvalues, apart. The ratios say how many times longer "
-                "its match takes than ours of many in one call, and from records; from meshes, its spectra "
-                "count on one side, and our embeddings and their packing on the other.",
+                "Pyfmaps with its defaults: wave kernel signatures, a map fitted and refined by ZoomOut, one "
+                f"way; its spectra, of {SPECTRUM} eigenvalues, are timed separately. The ratios say how many "
+                "times longer its match takes than ours, of many in one call and from records. The ratio "
+                "from meshes includes its spectra on one side, and our embeddings and match records on the "
+                "other.",
             ]
     if found.search:
         parts += [
             "## Queries over HTTP",
             _markdown(search_table(found.search)),
-            "By the id of a stored shape, with all defaults but "
-            f"that archives of up to {EXHAUSTIVE:,} shapes are searched exhaustively. Shapes beyond those of "
-            "the collection are their embeddings with noise. Memory is of the service's own process.",
+            "Queries by the id of a stored shape, with default settings, except that archives of up to "
+            f"{EXHAUSTIVE:,} shapes are searched exhaustively. Shapes beyond the size of the collection are "
+            "copies of its embeddings with noise. Memory is the service's own process.",
         ]
         if found.kept:
             parts += [
                 _markdown(kept_table(found.kept)),
-                f"The cascade against exhaustive search of {found.kept[0].shapes:,} shapes, ranked by CC: "
-                f"{found.kept[0].queries} queries, from whose answers their own noisy copies are left out.",
+                f"The stages of a search against exhaustive search of {found.kept[0].shapes:,} shapes, "
+                f"ranked by CC: {found.kept[0].queries} queries, with their own noisy copies left out of the "
+                "answers.",
             ]
     if found.ingest:
         parts += [
             "## A folder stored",
             _markdown(ingest_table(found.ingest)),
             "The collection's files sent over HTTP as `isoshape ingest` sends them, to an empty archive on "
-            "SQLite. The processors are shared by the service, its workers, one for each, and the sender.",
+            "SQLite. The service, one worker for each processor, and the sender share the processors.",
         ]
     if found.load:
         parts += [
             "## Many clients at once",
             _markdown(load_table(found.load)),
-            "Capacity: what is answered while all clients ask again as soon as they have an answer. Then "
-            f"{SHARE:.0%} of it is asked for evenly, and a query's time counts from when it was due.",
+            "Capacity: the rate of answers while every client asks again as soon as it has an answer. Then "
+            f"{SHARE:.0%} of that rate is asked for evenly, and a query's time counts from when it was due.",
         ]
     if found.pictures:
         parts += [
             "## Thumbnails over HTTP",
             _markdown(picture_table(found.pictures)),
-            "256 pixels a side, as the page asks for them. Drawn: the first time, in a warm worker, the file "
-            "read first; kept: every other time, from the database.",
+            "256 pixels a side, as on the page. Drawn: the first request, in a warm worker, which reads the "
+            "file first. Kept: every later request, from the database.",
         ]
     return "\n\n".join(parts) + "\n"
 

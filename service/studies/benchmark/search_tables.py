@@ -46,12 +46,12 @@ def kept_table(rows: Sequence[Kept]) -> list[list[str]]:
 
     return [
         [
-            "sifted",
-            "screened",
-            "in full, beside those wanted",
-            "the same first",
-            "first of the class",
-            "first ten of it",
+            "shortlist",
+            "after coarse ranking",
+            "in full, besides the results",
+            "same first result",
+            "first result of the class",
+            "first ten of the class",
             "median, ms",
         ],
         *(

@@ -1,4 +1,4 @@
-"""The calibration as a page in Markdown, and as the lines of code it comes to."""
+"""The calibration as a page in Markdown, and as the lines of code that hold its constants."""
 
 from textwrap import fill
 
@@ -8,7 +8,7 @@ from service.studies.calibration.study import UPPER, Study
 
 DIGITS = 4
 
-_BINS = ("combined", "share of pairs", "mean given", "found of one class")
+_BINS = ("combined", "share of pairs", "mean given", "share of one class")
 
 COLUMNS = (
     "collection", "shapes", "classes",
@@ -22,7 +22,7 @@ def constants(study: Study) -> str:
     models = {
         "CALIBRATED": study.model,
         "CALIBRATED_PARTS": study.incomplete.model,
-        "WITHOUT_PATCHES": study.without_spin_images,
+        "WITHOUT_SPIN_IMAGES": study.without_spin_images,
     }
     return "\n".join(f"{name} = {_constant(model)}" for name, model in models.items())
 
@@ -46,35 +46,37 @@ def page(study: Study, command: str) -> str:
     """The text of calibration.md, beside its picture; `command` is what made it."""
     parts = [
         "# Calibration of `combined`",
-        f"Written by `{command}`. `combined` is the chance that two shapes are of one class: a "
-        "logistic model of three numbers made of CC and the Laplace-Beltrami spectra, of terms of form, and "
-        "of what lies about points of the surfaces, fitted to all pairs of these collections, each with the "
-        "same weight. Pairs with an incomplete shape have a model of their own, of one number. Where what "
-        "lies about points is not known, as in the rough steps of a search, a third serves. Their "
-        "parameters, in `core/ranking/class_probability.py`:",
+        f"Written by `{command}`. `combined` is the probability that two shapes have the same class. It is a "
+        "logistic model of three features: one of CC, sim and the Laplace-Beltrami eigenvalues, one of the "
+        "global descriptors, one of the distance between spin images. The model is fitted to all pairs of "
+        "these collections, each collection with the same weight. Pairs with an incomplete shape have a "
+        "model of their own, of one feature. A third model serves where spin images are not known, as in the "
+        "coarse stages of a search. The parameters of the three, in `core/ranking/class_probability.py`:",
         f"```python\n{constants(study)}\n```",
-        "What follows is judged without the class in question: the pairs of each class' shapes with all "
-        "others, by a model fitted to the pairs without any shape of that class, in any collection.",
+        "The model is judged on classes that it has not seen: the pairs of each class' shapes with all other "
+        "shapes are judged by a model fitted to the pairs without any shape of that class, in any "
+        "collection.",
         "![Reliability](calibration.png)",
-        "*Above: among pairs given about the same chance, how many are of one class; the line is what should "
-        "be, dotted the base rate. Below: how many pairs.*",
+        "*Above: the share of pairs of one class among the pairs that are given about the same probability. "
+        "The line is perfect calibration; the dotted line is the base rate. Below: the number of pairs.*",
         _table(COLUMNS, summary(study)),
-        "**base rate**: the share of all pairs that are of one class. **error**: the expected calibration "
-        f"error, the mean over pairs of how far the share found in its bin of {BINS} is from the mean chance "
-        "given. Most pairs are plainly of two classes, so it is told apart for the pairs given more than "
-        f"{UPPER / BINS:g}. **NN, FT, ST**: retrieval by those chances.",
-        "A class is wider in one collection than in another (all chairs, or one body's poses), and one model "
-        "serves all: each alone strays further than all together.",
-        "A chance hangs on the base rate: in an archive where fewer pairs are of one class than here, "
-        "`combined` is too high, by about the ratio of the odds. Its order is the same.",
+        "**base rate**: the share of all pairs that have one class. **error**: the expected calibration "
+        f"error. The probabilities fall into {BINS} bins; the error is the mean over pairs of the difference "
+        "between the share of one class found in the bin and the mean probability given there. Most pairs "
+        f"clearly have two classes, so the error of the pairs given more than {UPPER / BINS:g} is also "
+        "shown. **NN, FT, ST**: retrieval by these probabilities.",
+        "Classes are wider in one collection (all chairs) than in another (the poses of one body). One model "
+        "serves both, so the error of each collection is larger than the error of all together.",
+        "A probability depends on the base rate: in an archive where fewer pairs have one class than here, "
+        "`combined` is too high, by about the ratio of the odds. The order of results stays the same.",
         _table(_BINS, _bins(study.together)),
         "## Incomplete shapes",
-        f"{study.incomplete.queries} queries, shapes with holes or with a part cut away, 10 to 40 % of the "
-        "area gone, each against the whole ones without its own, and judged as above: error "
+        f"{study.incomplete.queries} queries with holes or with a part cut away, 10 to 40 % of the area "
+        "removed, each against all whole shapes but its own. Judged as above: error "
         f"{study.incomplete.reliability.error:.4f}, above {UPPER / BINS:g} "
         f"{study.incomplete.reliability.error_above(UPPER):.3f}, base rate "
-        f"{study.incomplete.reliability.base_rate:.3f}; the likeliest whole one is of the query's class for "
-        f"{study.incomplete.nn:.3f} of them.",
+        f"{study.incomplete.reliability.base_rate:.3f}; the most probable whole shape has the query's class "
+        f"for {study.incomplete.nn:.3f} of them.",
         _table(_BINS, _bins(study.incomplete.reliability)),
     ]
     wrapped = (part if part[0] in "#`!|" else fill(part, 110, break_on_hyphens=False) for part in parts)

@@ -21,14 +21,14 @@ def page(label: str, figures: Evaluation, found: Classification, *, made: bool) 
     right, wrong = (int((found.matched & (found.right == good)).sum()) for good in (True, False))
     unmatched = int((~found.matched).sum())
     source = (
-        f"Written by `isoshape figures --out docs`: {figures.shapes} shapes made by the gallery, in "
+        f"Written by `isoshape figures --out docs`: {figures.shapes} generated shapes of the gallery, in "
         f"{len(figures.classes)} classes. The same command draws the same pictures."
         if made
         else f"Written by `isoshape figures`, of {figures.shapes} shapes in {len(figures.classes)} classes."
     )
     pair = f"one {label} in two poses" if made else f"two shapes of class {label}"
     sections = [
-        ("samples", "Fig. 3: samples at three sparse ratios", "Selected as the default setting does."),
+        ("samples", "Fig. 3: samples at three sparse ratios", "Selected as in the default setting."),
         (
             "eigenmap",
             "Fig. 5: the spectral eigenmap",
@@ -38,27 +38,27 @@ def page(label: str, figures: Evaluation, found: Classification, *, made: bool) 
         (
             "match",
             f"Fig. 6: {pair}, matched",
-            "Above: matched samples have one colour; the two clouds (discs and triangles) as they are. "
-            "Below: the correspondence extended to all vertices; the clouds after the orthogonal map, "
-            "pairs joined.",
+            "Above: matched samples have the same colour; the two clouds (discs and triangles) before any "
+            "map. Below: the correspondence extended to all vertices; the clouds after the orthogonal map, "
+            "with pairs joined.",
         ),
         (
             "top",
-            "Table 3: the three shapes most like one query a class",
+            "Table 3: the three shapes most similar to one query of each class",
             "By CC, the query itself left out; shapes of another class are red.",
         ),
         (
             "confusion",
             "First neighbours by class",
-            f"By CC, each shape a query against all others: NN is {figures.nn:.3f}.",
+            f"By CC, each shape a query against all other shapes: NN is {figures.nn:.3f}.",
         ),
         (
             "classes",
             "Fig. 10: the collection classified",
             f"Each shape has the class of its first neighbour by CC ({right} right, {wrong} wrong), or is "
             f"unmatched, in grey ({unmatched}), when its CC is under the threshold, {found.threshold:.4f}, "
-            "that best tells shapes whose class is there from shapes whose class is left out (balanced "
-            f"accuracy {found.balanced_accuracy:.3f}, each class judged by the threshold of the others).",
+            "that best separates shapes whose class is present from shapes whose class is left out (balanced "
+            f"accuracy {found.balanced_accuracy:.3f}; each class is judged by the threshold of the others).",
         ),
     ]
     text = ["# The paper's figures", source]

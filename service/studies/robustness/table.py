@@ -4,7 +4,7 @@ from core.studies.robustness import KINDS, TAU, TAU_VERTICES, Level, Study
 from service.studies.sampling.tables import TextTable
 
 TITLES = {TAU: "sparse ratio tau", **{kind.name: kind.title for kind in KINDS}}
-# What each ranking falls from: a whole shape is looked for by CC or by the combined score.
+# The clean ranking that each fall is measured from: there is no clean query by part.
 CLEAN = {"cc": "cc", "combined": "combined", "part": "combined"}
 UNITS = {TAU: f"of about {TAU_VERTICES} vertices", **{kind.name: kind.unit for kind in KINDS}}
 
@@ -35,8 +35,8 @@ def table(study: Study) -> TextTable:
             "unusable",
         ),
         tuple(rows),
-        "NN is the mean over the seeds, and in brackets the smallest and the largest; the fall is in points, "
-        "that of parts from the clean queries by the combined score.",
+        "NN is the mean over the seeds, with the smallest and the largest in brackets. The fall is in "
+        "points; NN as a part falls from the clean queries by the combined score.",
     )
 
 

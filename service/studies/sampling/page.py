@@ -9,40 +9,42 @@ from core.studies.sampling.trials import COMPARED_TAU
 from service.studies.sampling.tables import TextTable
 
 _TERMS = (
-    "Every mesh goes the way of the default setting: cleaned, put in its normal frame, and its long "
-    f"edges split as for {MEASURED.mesh.refine_vertices:,} even vertices. One of more than "
-    f"{MEASURED.mesh.decimate_above:,} vertices is simplified to {MEASURED.mesh.decimate_to:,}, since distances "
-    "between all pairs are wanted.",
+    "Every mesh is processed as in the default setting: cleaned, put in its normal frame, and its long "
+    f"edges split as for {MEASURED.mesh.refine_vertices:,} even vertices. A mesh of more than "
+    f"{MEASURED.mesh.decimate_above:,} vertices is simplified to {MEASURED.mesh.decimate_to:,}, since the study "
+    "computes the distances between all pairs.",
     "Lengths are in units of the shape's **scale**, its root mean square radius. **Geodesic** distances "
     "run along edges and across pairs of neighbouring faces.",
     "**cut**: the paper's selection, the tau n vertices of largest weight q. **draw**: a seeded draw of "
-    "as many, with probabilities min(1, c q). **covering**: farthest-point selection where distance "
-    f"counts times (q / mean q)^{MEASURED.sampling.coverage_power}; what the default setting uses.",
-    "**printed**: r1 and r2 of Eqs. 11 and 12 as in the paper, under which q follows the residual alone. "
-    "**normalised**: each of the two terms over its sum, so that leverage and residual both count.",
-    "**Poisson disk**: dart throwing on the vertices, with the radius that gives as many samples. "
-    "**farthest point**: each next sample where it is farthest from all before. The salient geometric "
-    "(SGS) and MLS methods, to which Fig. 3b also compares, are not reproduced.",
-    "**Histogram**: of the distances of all pairs of samples over the largest of them, in five ranges of "
+    "as many vertices, with probabilities min(1, c q). **weighted farthest point**: farthest-point sampling "
+    f"with distances multiplied by (q / mean q)^{MEASURED.sampling.coverage_power}, as in the default setting.",
+    "**printed**: r1 and r2 of Eqs. 11 and 12 as in the paper, with which q follows the residual alone. "
+    "**normalised**: each of the two terms is divided by its sum, so that leverage and residual both count.",
+    "**Poisson disk**: dart throwing on the vertices, with the radius that gives the same number "
+    "of samples. **farthest point**: each next sample is the vertex farthest from all earlier samples. The "
+    "salient geometric (SGS) and MLS methods of Fig. 3b are not reproduced.",
+    "**Histogram**: the distances of all pairs of samples over the largest distance, in five ranges of "
     "equal width, per cent. Its **change** is the total variation distance, 0 for equal and 1 for "
     "disjoint. *between taus*: the largest change between two of the three. *from surface*: the mean "
     "change from the histogram of all vertices.",
     "*largest gap*, *mean gap*: distance from a vertex to the nearest sample. *evenness*: the smallest "
     "distance between two samples over the mean distance from a sample to the next.",
-    "*fit / best*: f(x, y) fitted to the samples alone, its RMS residual at all vertices over that of "
-    "the best fit; the median over the shapes. Rows of a draw weigh 1 / p, as in Algorithm 1.",
-    "*rebuilt*: samples stay where they are, and all other vertices are pulled tight between them like a "
-    "soap film (each coordinate harmonic). *as Poisson disk with*: how many times the samples of tau "
-    f"{COMPARED_TAU} Poisson disk needs to do as well; the paper claims more than 1 for its own.",
-    "**Noise**: Gaussian, on each coordinate of each vertex of the cleaned mesh, then all steps anew. "
-    "Its standard deviation is given as a share of the shape's size, the diagonal of its bounding box "
-    f"along the axes of the normal frame; so the paper's delta is read, {DELTAS[0]}. *kept*: the share "
-    f"of the samples that stay where they were, the surface being cut into {REGIONS} regions. *kept if "
-    "even*: the same for an even spread in place of the noisy samples; only what lies above it says that "
-    "preferred places are kept.",
-    f"**Poses**: one body otherwise bent, each pose a mesh of its own, at tau {ROBUST_TAU}; beside it, "
-    "the change between all pairs of the shapes of Fig. 2.",
-    "Numbers are means over the shapes unless said otherwise.",
+    "*fit / best*: f(x, y) is fitted to the samples alone; the RMS residual at all vertices is divided by "
+    "the residual of the best fit; the median over the shapes. Rows of a draw have weight 1 / p, as in "
+    "Algorithm 1.",
+    "*rebuilt*: the samples keep their positions, and all other vertices are stretched between them like a "
+    "soap film (each coordinate is harmonic). *as Poisson disk with*: the number of samples with which "
+    f"Poisson disk reaches the same error, over the number at tau {COMPARED_TAU}; the paper claims more than "
+    "1 for its own method.",
+    "**Noise**: Gaussian, on each coordinate of each vertex of the cleaned mesh, before all other steps. "
+    "Its standard deviation is a share of the shape's size, the diagonal of its bounding box along the axes "
+    f"of the normal frame: the reading of the paper's delta, {DELTAS[0]}. *kept*: the share of the samples "
+    f"that stay in their region, with the surface cut into {REGIONS} regions. *kept if even*: the same for "
+    "evenly spread samples in place of the noisy ones; only a share above this value shows that preferred "
+    "places are kept.",
+    f"**Poses**: other poses of one body, each with a mesh of its own, at tau {ROBUST_TAU}, beside the "
+    "change between all pairs of the shapes of Fig. 2.",
+    "Numbers are means over the shapes unless stated otherwise.",
 )
 
 _PICTURES = {"Fig. 2": "fit", "Fig. 3a": "ratio", "Fig. 3b": "methods", "Fig. 3c": "noise"}
@@ -66,7 +68,7 @@ def page(tables: Sequence[TextTable], *, source: str, drawn: str, poses: Sequenc
         "# Samples by Lewis weights: Figs. 2 and 3 of the paper, measured again",
         source,
         f"The pictures show {_plain(drawn)}, seen along z; samples on the far side are not drawn.",
-        "## What the words mean",
+        "## Terms",
         "\n".join(fill(term, 110, initial_indent="- ", subsequent_indent="  ") for term in _TERMS),
     ]
     figure = ""

@@ -20,7 +20,7 @@ PAPER_METHOD = Method("cut", printed=True)
 _WAYS = {
     "cut": "cut",
     "draw": "draw",
-    "covering": "covering",
+    "covering": "weighted farthest point",
     "poisson-disk": "Poisson disk",
     "farthest-point": "farthest point",
 }
@@ -142,12 +142,12 @@ def rebuilt_table(shapes: Sequence[ShapeMeasures]) -> TextTable:
     best = int(np.argmin(ours))
     share, own = (_as_many(float(ours[i]), reference) for i in (best, METHODS.index(PAPER_METHOD)))
     return TextTable(
-        "Fig. 3b: RMS distance from the surface to what is rebuilt from the samples, over the scale",
+        "Fig. 3b: RMS distance from the surface to the surface rebuilt from the samples, over the scale",
         ("selection", *(f"tau {tau}" for tau in CURVE_TAUS), "as Poisson disk with"),
         tuple(rows),
         f"At tau {COMPARED_TAU}, of the selections by Lewis weight, {title_of(METHODS[best])} keeps the "
-        f"surface best, as Poisson disk does with {share} as many samples; {_name(PAPER_METHOD)}, as it does "
-        f"with {own} as many.",
+        f"surface best, as well as Poisson disk with {share} as many samples; {_name(PAPER_METHOD)}, keeps "
+        f"it as well as Poisson disk with {own} as many.",
     )
 
 
@@ -194,7 +194,7 @@ def pose_table(study: Study) -> TextTable:
         tuple(rows),
         f"The mean change between poses, over that between shapes, is {_ends(shares, 2)}."
         if shares
-        else "There is nothing to hold it against: name poses of one body, and two shapes or more.",
+        else "Comparing needs poses of one body, and two shapes or more.",
     )
 
 

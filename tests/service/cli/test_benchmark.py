@@ -108,7 +108,7 @@ def test_a_page_and_its_picture(run, collection, tmp_path):
     done = run("benchmark", collection, "--only", "growth", "--only", "embedding", "--out", tmp_path / "out")
     assert (done.status, done.stderr) == (0, "")
     text = (tmp_path / "out" / "benchmark.md").read_text(encoding="utf-8")
-    assert "Made by `isoshape benchmark made --only growth --only embedding`" in text
+    assert "Measured by `isoshape benchmark made --only growth --only embedding`" in text
     assert text.count("\n## ") == 2
     assert "LaPy's" not in text
     assert (tmp_path / "out" / "benchmark-growth.png").read_bytes().startswith(b"\x89PNG\r\n\x1a\n")
@@ -125,7 +125,7 @@ def test_an_object_with_lapy_beside_it(run, collection):
 def test_one_match_as_a_page(run, collection):
     done = run("benchmark", collection, "--only", "match")
     assert (done.status, done.stderr) == (0, "")
-    assert "Made by `isoshape benchmark made --only match`" in done.stdout
+    assert "Measured by `isoshape benchmark made --only match`" in done.stdout
     assert "## One match of two stored shapes" in done.stdout
 
 

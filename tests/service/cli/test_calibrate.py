@@ -117,7 +117,7 @@ def test_the_fit_and_how_it_is_judged(collection: Path, second: Path, run: Run, 
     names: dict[str, object] = {"Calibration": Calibration}
     exec(code, names)
     told_of = {"CALIBRATED": found, "CALIBRATED_PARTS": found["incomplete"]}
-    told_of["WITHOUT_PATCHES"] = found["without_patches"]
+    told_of["WITHOUT_SPIN_IMAGES"] = found["without_patches"]
     for name, numbers in told_of.items():
         given = names[name]
         assert isinstance(given, Calibration)
