@@ -138,7 +138,7 @@ def _start(settings: Settings, parameters: Parameters, gate: Gate, metrics: Metr
             settings.database_url,
             lock_seconds=settings.lock_seconds,
             metrics=metrics,
-            graph=settings.graph,
+            hnsw=settings.hnsw,
         )
         migrate(database)
         pipelines = Pipelines(parameters, room=settings.search_bytes)

@@ -3,11 +3,12 @@
 import json
 import os
 import re
+from collections.abc import Container
 from datetime import timedelta
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import Field, PositiveInt, ValidationError, ValidationInfo, field_validator
+from pydantic import AliasChoices, Field, PositiveInt, ValidationError, ValidationInfo, field_validator
 from pydantic_settings import BaseSettings, NoDecode, SettingsConfigDict
 from sqlalchemy import make_url
 from sqlalchemy.exc import ArgumentError
@@ -20,8 +21,11 @@ from service.storage.hnsw_parameters import HnswParameters
 
 PREFIX = "ISOSHAPE_"
 
-# Read by other parts of the project, so not a mistake in the environment of a service.
 OTHER_VARIABLES = frozenset({"ISOSHAPE_API_KEY", "ISOSHAPE_COLLECTION", "ISOSHAPE_DATA", "ISOSHAPE_URL"})
+"""Variables that the command line and the tests read. The service accepts and ignores them."""
+
+DEPRECATED_VARIABLES = {"ISOSHAPE_SCREENED": "ISOSHAPE_RERANKED"}
+"""Old names of settings, each with its present name. Setting both is an error."""
 
 Digests = Annotated[tuple[str, ...], NoDecode]
 
@@ -29,27 +33,27 @@ _SCHEDULER = re.compile(r"(?:tcp|tls)://[^\s/:]+:\d{1,5}")
 
 
 class SettingsError(Exception):
-    """The environment, or the file of parameters it names, cannot be used; the message says why."""
+    """The environment, or the file of parameters that it names, is invalid; the message gives the reason."""
 
 
 def _processors() -> int:
-    """How many processors this process may use, where the system tells, or else how many there are."""
+    """The number of processors that this process may use; if the system does not say, of all processors."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
 
 
 class Settings(BaseSettings):
-    """What an operator may choose. `docs/settings.md` says what each is for."""
+    """The settings of one service. `docs/settings.md` describes each of them."""
 
     model_config = SettingsConfigDict(
-        env_prefix=PREFIX, extra="forbid", frozen=True, hide_input_in_errors=True
+        env_prefix=PREFIX, extra="forbid", frozen=True, hide_input_in_errors=True, populate_by_name=True
     )
 
     database_url: str = Field(
         default="sqlite:///isoshape-data/isoshape.sqlite3",
-        description="Where everything is stored, as an SQLAlchemy URL: an SQLite file, whose folder is made, "
-        "or a PostgreSQL database.",
+        description="The database of the archive, as an SQLAlchemy URL: an SQLite file, whose folder is "
+        "created if it is missing, or a PostgreSQL database.",
     )
     pipeline: str = Field(
         default="default",
@@ -60,168 +64,172 @@ class Settings(BaseSettings):
         default=8000,
         ge=0,
         le=65535,
-        description="The port that `isoshape serve` listens on; 0 is any free one.",
+        description="The port that `isoshape serve` listens on; 0 chooses a free port.",
     )
     api_keys: Digests = Field(
         default=(),
-        description="SHA-256 digests of the keys that may do everything, separated by commas; as "
-        "digest:name+name, in these collections alone.",
+        description="SHA-256 digests of the keys with full access, separated by commas. digest:name+name "
+        "limits a key to the collections named.",
     )
     read_keys: Digests = Field(
         default=(),
-        description="SHA-256 digests of the keys that may read, query and compare, separated by commas; as "
-        "digest:name+name, in these collections alone.",
+        description="SHA-256 digests of the keys that may read, query and compare, separated by commas. "
+        "digest:name+name limits a key to the collections named.",
     )
     rate_limit: int = Field(
         default=1_200,
         ge=0,
-        description="Requests that a key may make at once, and then a minute; 0 is no limit.",
+        description="Requests that a key may make in one burst, and per minute after it; 0 is no limit.",
     )
     log_level: Literal["debug", "info", "warning", "error"] = Field(
-        default="info", description="The least severe messages that are logged."
+        default="info", description="The lowest severity of the messages that are logged."
     )
     workers: PositiveInt = Field(
         default_factory=_processors,
-        description="Worker processes that read, embed and compare. As many as processors unless set.",
+        description="Worker processes that embed and compare meshes. The default is one per processor.",
     )
     scheduler: str = Field(
         default="",
-        description="The address of a Dask scheduler, as tcp://host:8786. Without one, workers are local.",
+        description="The address of a Dask scheduler, as tcp://host:8786. Empty: the workers are local.",
     )
     queue_length: int = Field(
         default=32,
         ge=0,
-        description="Requests that may wait for a worker beyond those at work; the next is answered 503.",
+        description="Requests that may wait for a worker, besides those that have one; the next request is "
+        "answered 503.",
     )
     task_seconds: float = Field(
         default=120.0,
         gt=0,
         allow_inf_nan=False,
-        description="The longest that one task may run in a worker before the worker is replaced.",
+        description="The time limit of one task in a worker; a worker that exceeds it is replaced.",
     )
     read_seconds: float = Field(
         default=30.0,
         gt=0,
         allow_inf_nan=False,
-        description="The processor time that reading one file may take.",
+        description="The limit of processor time for reading one file.",
     )
     read_memory_bytes: int = Field(
         default=3 * 1024**3,
         ge=512 * 1024**2,
-        description="The address space of a process that reads uploads.",
+        description="The limit of the address space of a process that reads uploads.",
     )
     shutdown_seconds: PositiveInt = Field(
         default=10,
-        description="How long `isoshape serve`, asked to stop, goes on with requests that are at work.",
+        description="How long `isoshape serve` finishes running requests after it is told to stop.",
     )
     lock_seconds: float = Field(
         default=10.0,
         gt=0,
         allow_inf_nan=False,
-        description="The longest wait for the database's lock before the answer is 503.",
+        description="The longest wait for the lock of the database; after it the answer is 503.",
     )
     idempotency_hours: float = Field(
         default=24.0,
         gt=0,
         le=24 * 366,
         allow_inf_nan=False,
-        description="How long the answer to an upload with an Idempotency-Key is kept.",
+        description="How long the service keeps the answer to an upload with an Idempotency-Key.",
     )
     max_upload_bytes: PositiveInt = Field(
         default=128 * 1024 * 1024, description="The largest file that may be uploaded."
     )
     max_archive_bytes: PositiveInt = Field(
-        default=512 * 1024 * 1024, description="The largest archive that a bulk job may be given."
+        default=512 * 1024 * 1024, description="The largest archive that a bulk job accepts."
     )
     max_archive_files: PositiveInt = Field(
-        default=10_000, description="The most members that an archive may have, folders included."
+        default=10_000, description="The largest number of members of an archive, folders included."
     )
     max_unpacked_bytes: PositiveInt = Field(
-        default=4 * 1024**3, description="The most bytes that an archive may unpack to in all."
+        default=4 * 1024**3, description="The largest total size of an unpacked archive, in bytes."
     )
     max_unpacked_ratio: float = Field(
         default=200.0,
         gt=1,
         allow_inf_nan=False,
-        description="How many times its packed size anything in an archive may unpack to.",
+        description="The largest ratio of unpacked size to packed size, for an archive and its members.",
     )
     max_jobs: PositiveInt = Field(
-        default=16, description="Bulk jobs that have not ended; the next archive is answered 503."
+        default=16, description="The most unfinished bulk jobs; the next archive is answered 503."
     )
     job_days: float = Field(
         default=7.0,
         gt=0,
         le=3660,
         allow_inf_nan=False,
-        description="How long the record of a bulk job that has ended is kept.",
+        description="How long the service keeps the record of a finished bulk job.",
     )
     undo_days: float = Field(
         default=0.0,
         ge=0,
         le=3660,
         allow_inf_nan=False,
-        description="How long a deleted shape can be restored; 0 is not at all, and nothing is kept of it.",
+        description="How long a deleted shape can be restored; with 0 it is erased at once.",
     )
     max_vertices: PositiveInt = Field(
-        default=DEFAULT_LIMITS.vertices, description="The most vertices a mesh may have."
+        default=DEFAULT_LIMITS.vertices, description="The largest number of vertices of a mesh."
     )
     max_faces: PositiveInt = Field(
-        default=DEFAULT_LIMITS.faces, description="The most faces a mesh may have."
+        default=DEFAULT_LIMITS.faces, description="The largest number of faces of a mesh."
     )
     max_parts: PositiveInt = Field(
         default=DEFAULT_LIMITS.parts,
-        description="The most parts (solids, groups, instances) that a file may be made of.",
+        description="The largest number of parts (solids, groups, instances) in a file.",
     )
     max_form_fields: PositiveInt = Field(
         default=640,
-        description="The most fields beside the file in one form. A query may name 500 shapes to leave out, "
-        "and 32 of each tag and metadata.",
+        description="The largest number of fields beside the file in one form. A query may exclude 500 "
+        "shapes and name 32 tags and 32 metadata values.",
     )
     shortlist_from: PositiveInt = Field(
         default=5_000,
-        description="With at least this many candidates, a query looks only at the nearest by signature.",
+        description="With at least this many candidates, a query compares only a shortlist: the nearest "
+        "candidates by signature.",
     )
     shortlist_length: PositiveInt = Field(
-        default=1_000, description="How many of the nearest by signature such a query looks at."
+        default=1_000, description="The length of the shortlist. Coarse ranking orders it."
     )
-    screened: PositiveInt = Field(
+    reranked: PositiveInt = Field(
         default=300,
-        description="How many of those are looked at more closely: what a rough match finds most alike.",
+        validation_alias=AliasChoices("isoshape_reranked", "isoshape_screened"),
+        description="How many shapes of the shortlist, the best of coarse ranking, are re-ranked.",
     )
     finalists: PositiveInt = Field(
         default=20,
-        description="How many more than are wanted are compared in full: what that look finds most alike.",
+        description="How many re-ranked shapes, the best ones, are compared in full besides the number of "
+        "answers requested.",
     )
     search_bytes: int = Field(
         default=1280 * 1024**2,
         ge=0,
-        description="Memory for searching: signatures and sketches of all shapes, about 900 bytes each, and "
-        "embeddings made ready to be compared, about 100 kB each.",
+        description="Memory for search: signatures and coarse samples of all shapes, about 900 bytes each, "
+        "and a cache of match records, about 100 kB each.",
     )
 
     signatures: Literal["memory", "database"] = Field(
         default="memory",
-        description="Where the nearest signatures are looked for: in the memory of the service, or, on "
-        "PostgreSQL, by the database, so that none need be in memory.",
+        description="Where the nearest signatures are found: in the memory of the service or, on "
+        "PostgreSQL, by the database, which keeps them out of memory.",
     )
     hnsw_m: int = Field(
         default=16,
         ge=2,
         le=100,
-        description="On PostgreSQL: to how many others a signature is linked in the graph that is searched.",
+        description="On PostgreSQL: the number of neighbours of a signature in the HNSW index.",
     )
     hnsw_ef_construction: int = Field(
         default=200,
         ge=4,
         le=1_000,
         validate_default=True,
-        description="On PostgreSQL: how many near ones are kept in mind while a signature is linked.",
+        description="On PostgreSQL: the size of the candidate list while the HNSW index is built.",
     )
     hnsw_ef_search: int = Field(
         default=400,
         ge=1,
         le=1_000,
-        description="On PostgreSQL: how many near ones are kept in mind while the graph is searched.",
+        description="On PostgreSQL: the size of the candidate list while the HNSW index is searched.",
     )
 
     @field_validator("database_url")
@@ -249,14 +257,14 @@ class Settings(BaseSettings):
 
     @field_validator("signatures")
     @classmethod
-    def _can_be_looked_for(cls, signatures: str, others: ValidationInfo) -> str:
+    def _has_an_index(cls, signatures: str, others: ValidationInfo) -> str:
         if signatures == "database" and not str(others.data.get("database_url", "")).startswith("postgresql"):
-            raise ValueError("database is for PostgreSQL; an SQLite file has its signatures in memory")
+            raise ValueError("database needs PostgreSQL; with an SQLite file the signatures are in memory")
         return signatures
 
     @field_validator("hnsw_ef_construction")
     @classmethod
-    def _makes_a_graph(cls, ef_construction: int, others: ValidationInfo) -> int:
+    def _builds_an_index(cls, ef_construction: int, others: ValidationInfo) -> int:
         if ef_construction < 2 * int(others.data.get("hnsw_m", 2)):
             raise ValueError(f"must be at least twice {PREFIX}HNSW_M")
         return ef_construction
@@ -270,12 +278,12 @@ class Settings(BaseSettings):
             entries = [Entry.read(part) for part in value.split(",") if part.strip()]
         except ValueError as error:
             raise ValueError(
-                "must be SHA-256 digests of keys, of 64 hexadecimal digits each, separated by commas, and "
-                "behind those that are limited to collections a colon and their names, joined by +; "
-                "`isoshape key` makes a key and prints its digest"
+                "must be SHA-256 digests of keys, 64 hexadecimal digits each, separated by commas; a colon "
+                "and names joined by + after a digest limit the key to these collections; "
+                "`isoshape key` creates a key and prints its digest"
             ) from error
         if len({entry.digest for entry in entries}) < len(set(entries)):
-            raise ValueError("a digest stands there twice, with different collections")
+            raise ValueError("a digest is listed twice with different collections")
         return tuple(entry.write() for entry in entries)
 
     @property
@@ -284,8 +292,8 @@ class Settings(BaseSettings):
         return bool(self.api_keys or self.read_keys)
 
     @property
-    def graph(self) -> HnswParameters:
-        """How graphs of signatures are made and searched."""
+    def hnsw(self) -> HnswParameters:
+        """The parameters of the HNSW index of signatures."""
         return HnswParameters(
             m=self.hnsw_m, ef_construction=self.hnsw_ef_construction, ef_search=self.hnsw_ef_search
         )
@@ -297,7 +305,7 @@ class Settings(BaseSettings):
 
     @property
     def limits(self) -> Limits:
-        """What a file may hold at most."""
+        """The limits of a mesh file."""
         return Limits(vertices=self.max_vertices, faces=self.max_faces, parts=self.max_parts)
 
 
@@ -307,32 +315,42 @@ def load_settings() -> Settings:
     Raises
     ------
     SettingsError
-        A variable beginning with ISOSHAPE_ is not one of them, or a value is out of range.
+        A variable beginning with ISOSHAPE_ is unknown, a value is out of range, or a setting is given under
+        both its present and its deprecated name.
     """
     known = {PREFIX + name.upper() for name in Settings.model_fields} | OTHER_VARIABLES
-    ours = (name for name in os.environ if name.upper().startswith(PREFIX))
-    unknown = sorted(name for name in ours if name.upper() not in known)
+    given = {name.upper(): name for name in os.environ if name.upper().startswith(PREFIX)}
+    unknown = sorted(given[name] for name in given.keys() - known - DEPRECATED_VARIABLES.keys())
     if unknown:
         raise SettingsError(
             f"unknown settings: {', '.join(unknown)}; the known ones are {', '.join(sorted(known))}"
         )
+    for old, new in DEPRECATED_VARIABLES.items():
+        if old in given and new in given:
+            raise SettingsError(f"{old} is the deprecated name of {new}: set only {new}")
     try:
         return Settings()
     except ValidationError as error:
         problems = [
-            f"{PREFIX}{str(e['loc'][0]).upper()}: {e['msg'].removeprefix('Value error, ')}"
+            f"{_variable(str(e['loc'][0]), given)}: {e['msg'].removeprefix('Value error, ')}"
             for e in error.errors()
         ]
         raise SettingsError("; ".join(problems)) from error
 
 
+def _variable(location: str, given: Container[str]) -> str:
+    """The environment variable of a field or alias, under its deprecated name if that one is given."""
+    name = PREFIX + location.upper().removeprefix(PREFIX)
+    return next((old for old, new in DEPRECATED_VARIABLES.items() if new == name and old in given), name)
+
+
 def load_parameters(pipeline: str) -> Parameters:
-    """The parameters that the setting `pipeline` names; a file that gives them no name gives its own.
+    """The parameters that the setting `pipeline` names; parameters without a name take that of their file.
 
     Raises
     ------
     SettingsError
-        It names neither a setting nor a readable file of parameters.
+        `pipeline` names neither built-in parameters nor a readable file of parameters.
     """
     named = {"default": DEFAULT, "paper": PAPER}
     if pipeline in named:

@@ -72,7 +72,7 @@ def reembed(
     settings: Settings, parameters: Parameters, *, leave_out: bool = False, prune: bool = False
 ) -> tuple[Outcome, int]:
     """Go over to a pipeline; what came of it, and how many embeddings of others were deleted."""
-    database = Database(settings.database_url, lock_seconds=settings.lock_seconds, graph=settings.graph)
+    database = Database(settings.database_url, lock_seconds=settings.lock_seconds, hnsw=settings.hnsw)
     try:
         migrate(database)
         with _working(settings, parameters) as work, _shown() as advance:
@@ -89,7 +89,7 @@ def reembed(
 def bring_up(settings: Settings) -> None:
     """Have an archive searched by the pipeline that the settings name, if it is not."""
     parameters = load_parameters(settings.pipeline)
-    database = Database(settings.database_url, lock_seconds=settings.lock_seconds, graph=settings.graph)
+    database = Database(settings.database_url, lock_seconds=settings.lock_seconds, hnsw=settings.hnsw)
     try:
         migrate(database)
         with database.read() as session:

@@ -109,7 +109,7 @@ async def _alike(
         signature=stored.signatures[place],
         signatures=stored.signatures[places],
         coarse_samples=np.empty((len(places), 0), np.uint8),
-        screened=None,
+        reranked=None,
         finalists=None,
         stored=len(stored.shapes),
     )

@@ -267,6 +267,6 @@ def _options(
         embedding=given.embedding,
         shortlist_from=container.settings.shortlist_from,
         shortlist_length=container.settings.shortlist_length,
-        screened=container.settings.screened,
+        reranked=container.settings.reranked,
         finalists=container.settings.finalists,
     )

@@ -75,7 +75,7 @@ async def search(
         distances = await _distances(container, asked, chosen, pipeline.parameters)
         there = np.flatnonzero(np.isfinite(distances))
         distances = distances[there]
-        chosen = replace(chosen.only(there), screened=None, finalists=None)
+        chosen = replace(chosen.only(there), reranked=None, finalists=None)
         order = least(distances, chosen.shapes, options.top_k)
         compared, scored = await compare_with(container, query, chosen.only(order), "cc")
     with timings.stage("results"):

@@ -17,7 +17,7 @@ class Options:
     """How to search.
 
     `shortlist_from` candidates or more are cut to the `shortlist_length` nearest by signature; of these the
-    `screened` that a rough look finds most alike are looked at more closely, and of these as many as are
+    `reranked` that a rough look finds most alike are looked at more closely, and of these as many as are
     wanted and `finalists` more are compared in full. `sizes` is the factor by which the roots of two areas
     may differ at most.
     """
@@ -33,7 +33,7 @@ class Options:
     embedding: bool
     shortlist_from: int
     shortlist_length: int
-    screened: int
+    reranked: int
     finalists: int
 
 

@@ -77,7 +77,7 @@ async def _finalists(
     """
     by_chance = rank_by == "combined"
     sifting = not (by_chance and is_part(query.spin_images))
-    if sifting and candidates.screened is not None and candidates.screened < len(candidates.shapes):
+    if sifting and candidates.reranked is not None and candidates.reranked < len(candidates.shapes):
         sifted = by_threads(container, rows.sifted)
         rough = (await in_batches(candidates.coarse_samples, SIFTED, container.settings.workers, 1, sifted))[
             0
@@ -86,7 +86,7 @@ async def _finalists(
             rough = query.active_pipeline.pipeline.combined(
                 rough, np.zeros(len(rough)), candidates.signature, candidates.signatures
             )
-        candidates = _likeliest(candidates, rough, candidates.screened)
+        candidates = _likeliest(candidates, rough, candidates.reranked)
     if candidates.finalists is not None and candidates.finalists < len(candidates.shapes):
         rough = (await each_once(container, candidates, MATCHED, 1, by_threads(container, rows.screened)))[0]
         if by_chance:

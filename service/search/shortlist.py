@@ -34,7 +34,7 @@ class Candidates:
         The query's.
     signatures : float32, shape (c, s)
     sketches : uint8, shape (c, l)
-    screened, finalists : int or None
+    reranked, finalists : int or None
         How many of them are looked at more closely after a rough look at each, and how many of those are
         compared in full; None is all.
     stored : int
@@ -46,7 +46,7 @@ class Candidates:
     signature: NDArray[np.float32]
     signatures: NDArray[np.float32]
     coarse_samples: NDArray[np.uint8]
-    screened: int | None
+    reranked: int | None
     finalists: int | None
     stored: int
 
@@ -87,7 +87,7 @@ def candidates(container: Container, query: Query, options: Options) -> Candidat
         # Where nothing is stored yet, no length is known.
         signatures=entries.signatures.reshape(len(entries.shapes), len(embedding.signature)),
         coarse_samples=entries.coarse_samples,
-        screened=max(options.screened, finalists) if shortlisted else None,
+        reranked=max(options.reranked, finalists) if shortlisted else None,
         finalists=finalists if shortlisted else None,
         stored=stored,
     )

@@ -1,4 +1,4 @@
-"""The database, and its two kinds of session: one reads, one writes and commits at its end."""
+"""The database and its two kinds of session: read sessions, and write sessions that commit at their end."""
 
 import threading
 from collections.abc import Iterator, Mapping
@@ -19,23 +19,27 @@ from service.storage.tables import ArchiveRow, Table
 
 
 class ReadSession(Session):
-    """One view of the database, rolled back at its end."""
+    """A session that reads from one snapshot of the database. It is rolled back at its end."""
 
 
 class WriteSession(ReadSession):
-    """One transaction, committed at its end. Only one is open at a time.
+    """A session of one transaction, committed at its end. Only one write session is open at a time.
 
-    `graph` is how graphs of signatures are made. `revision` is that of the archive after it, once something
-    that is searched has changed.
+    Attributes
+    ----------
+    hnsw : HnswParameters
+        Parameters of the HNSW indexes that the session builds.
+    revision : int or None
+        Revision of the archive after the transaction; None until the transaction changes searchable data.
     """
 
-    def __init__(self, engine: Engine, graph: HnswParameters) -> None:
+    def __init__(self, engine: Engine, hnsw: HnswParameters) -> None:
         super().__init__(engine)
-        self.graph = graph
+        self.hnsw = hnsw
         self.revision: int | None = None
 
     def insert(self, table: type[Table], row: Mapping[str, Any]) -> Any:  # noqa: ANN401
-        """Write a row; its primary key's first number. Several times as fast as an object that is added."""
+        """Insert a row and return the first column of its primary key; several times as fast as `add`."""
         into = Table.metadata.tables[table.__tablename__]
         key = self.connection().execute(insert(into), row).inserted_primary_key
         assert key is not None
@@ -52,9 +56,9 @@ class Database:
     lock_seconds : float
         The longest wait for another writer, in this process or another.
     metrics : Metrics, optional
-        Where sessions and failures are counted.
-    graph : GraphParameters
-        Of the graphs of signatures, which PostgreSQL keeps.
+        Counters of sessions and failures.
+    hnsw : HnswParameters
+        Parameters of the HNSW indexes of signatures; PostgreSQL only.
     """
 
     def __init__(
@@ -63,10 +67,10 @@ class Database:
         *,
         lock_seconds: float,
         metrics: Metrics | None = None,
-        graph: HnswParameters = HnswParameters(),  # noqa: B008 - it is frozen
+        hnsw: HnswParameters = HnswParameters(),  # noqa: B008 - it is frozen
     ) -> None:
         self._metrics = metrics or Metrics()
-        self._graph = graph
+        self._hnsw = hnsw
         self._lock_seconds = lock_seconds
         self._one_writer = threading.Lock()
         named = make_url(url)
@@ -84,50 +88,50 @@ class Database:
 
     @contextmanager
     def read(self) -> Iterator[ReadSession]:
-        """A session that reads."""
+        """Open a read session."""
         with self._measured("read"), translated(), ReadSession(self._engine) as session:
             yield session
 
     @contextmanager
     def write(self) -> Iterator[WriteSession]:
-        """A session that is committed when the block ends well, and rolled back when it raises."""
+        """Open a write session: committed at the end of the block, rolled back if the block raises."""
         with (
             self._measured("write"),
             self._turn(),
             translated(),
-            WriteSession(self._writing_engine, self._graph) as session,
+            WriteSession(self._writing_engine, self._hnsw) as session,
             session.begin(),
         ):
             yield session
 
     @contextmanager
     def connect(self) -> Iterator[Connection]:
-        """A bare connection in one writing transaction, for migrations. SQLite enforces no references."""
+        """A bare connection in one write transaction, for migrations. SQLite checks no foreign keys in it."""
         with self._turn(), translated(), self._writing_engine.connect() as connection:
             unchecked = nullcontext() if self._lock is None else without_references(connection)
             with unchecked, connection.begin():
                 yield connection
 
     def ping(self) -> None:
-        """Ask the database for something.
+        """Read one row of the database.
 
         Raises
         ------
         StorageUnavailableError
-            It does not answer.
+            The database does not answer.
         """
         with self.read() as session:
             session.scalars(select(ArchiveRow.revision)).one()
 
     def close(self) -> None:
-        """Close every connection, and let others put another archive in the place of this one."""
+        """Close every connection and release the lock of the archive."""
         self._engine.dispose()
         if self._lock is not None:
             self._lock.release()
 
     @contextmanager
     def _measured(self, session: str) -> Iterator[None]:
-        """Count the session, from its wait for other writers on, and how it failed."""
+        """Measure a session, its wait for other writers included, and count its failure."""
         metrics = self._metrics
         with metrics.database_sessions.track_inprogress(), metrics.database_seconds.labels(session).time():
             try:
@@ -138,7 +142,7 @@ class Database:
 
     @contextmanager
     def _turn(self) -> Iterator[None]:
-        """Wait here for this process's other writers: fair, and cheaper than asking the database."""
+        """Wait for other writers of this process; fairer and cheaper than waiting in the database."""
         if not self._one_writer.acquire(timeout=self._lock_seconds):
             raise StorageUnavailableError("the database is busy with other writes")
         try:

@@ -1,20 +1,20 @@
-"""How the graph of signatures is made and searched."""
+"""The parameters of the HNSW index of signatures."""
 
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
 class HnswParameters:
-    """How a graph is made and searched.
+    """The parameters of an HNSW index (Malkov and Yashunin 2018).
 
     Attributes
     ----------
     m : int
-        To how many others a signature is linked, twice as many on the lowest layer; 2 to 100.
+        Neighbours of a signature in each layer, twice as many in the lowest; 2 to 100.
     ef_construction : int
-        How many near ones are kept in mind while its links are chosen; 2 m to 1,000.
+        Size of the candidate list while the index is built; 2 m to 1,000.
     ef_search : int
-        How many are while a query looks; 1 to 1,000.
+        Size of the candidate list while the index is searched; 1 to 1,000.
     """
 
     m: int = 16

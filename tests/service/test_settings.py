@@ -11,7 +11,15 @@ from sqlalchemy import make_url
 
 from core.parameters import DEFAULT, PAPER
 from service.jobs.runner import ARRIVING
-from service.settings import OTHER_VARIABLES, PREFIX, Settings, SettingsError, load_parameters, load_settings
+from service.settings import (
+    DEPRECATED_VARIABLES,
+    OTHER_VARIABLES,
+    PREFIX,
+    Settings,
+    SettingsError,
+    load_parameters,
+    load_settings,
+)
 from service.storage.postgresql import CONNECTIONS, MORE_CONNECTIONS
 
 ROOT = Path(__file__).parents[2]
@@ -23,8 +31,8 @@ CLUSTER = ROOT / "docker" / "compose.cluster.yaml"
 @pytest.fixture(autouse=True)
 def no_settings(monkeypatch: pytest.MonkeyPatch) -> None:
     """None of the environment's own."""
-    for name in Settings.model_fields:
-        monkeypatch.delenv(PREFIX + name.upper(), raising=False)
+    for name in (*(PREFIX + field.upper() for field in Settings.model_fields), *DEPRECATED_VARIABLES):
+        monkeypatch.delenv(name, raising=False)
 
 
 def documented() -> dict[str, str]:
@@ -47,7 +55,7 @@ def test_every_setting_is_documented_with_its_default() -> None:
 
 def test_the_document_names_no_variable_that_is_not_known() -> None:
     named = set(re.findall(r"ISOSHAPE_[A-Z_]+[A-Z]", DOCUMENT.read_text()))
-    assert named == set(documented()) | OTHER_VARIABLES
+    assert named == set(documented()) | OTHER_VARIABLES | set(DEPRECATED_VARIABLES)
 
 
 def test_defaults(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -106,6 +114,22 @@ def test_variables_of_other_parts_are_let_be(monkeypatch: pytest.MonkeyPatch) ->
     load_settings()
 
 
+def test_a_deprecated_name_sets_the_setting_that_it_stood_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ISOSHAPE_SCREENED", "77")
+    assert load_settings().reranked == 77
+    monkeypatch.setenv("ISOSHAPE_SCREENED", "0")
+    with pytest.raises(SettingsError, match=r"^ISOSHAPE_SCREENED: "):
+        load_settings()
+    monkeypatch.setenv("ISOSHAPE_RERANKED", "88")
+    with pytest.raises(SettingsError, match="ISOSHAPE_SCREENED is the deprecated name of ISOSHAPE_RERANKED"):
+        load_settings()
+    monkeypatch.delenv("ISOSHAPE_SCREENED")
+    assert load_settings().reranked == 88
+    monkeypatch.setenv("ISOSHAPE_RERANKED", "0")
+    with pytest.raises(SettingsError, match=r"^ISOSHAPE_RERANKED: "):
+        load_settings()
+
+
 def test_unknown_variables_are_refused_by_name(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("ISOSHAPE_WORKER", "3")
     monkeypatch.setenv("ISOSHAPE_DATABASE", "x")
@@ -154,15 +178,15 @@ def test_a_value_out_of_range_is_refused_by_name(
         load_settings()
 
 
-def test_a_graph_that_cannot_be_made_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_hnsw_index_that_cannot_be_built_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("ISOSHAPE_HNSW_M", "100")
-    assert load_settings().graph.ef_construction == 200
+    assert load_settings().hnsw.ef_construction == 200
     monkeypatch.setenv("ISOSHAPE_HNSW_EF_CONSTRUCTION", "199")
     with pytest.raises(SettingsError, match="HNSW_EF_CONSTRUCTION: must be at least twice ISOSHAPE_HNSW_M"):
         load_settings()
     monkeypatch.setenv("ISOSHAPE_HNSW_EF_CONSTRUCTION", "200")
-    graph = load_settings().graph
-    assert (graph.m, graph.ef_construction, graph.ef_search) == (100, 200, 400)
+    hnsw = load_settings().hnsw
+    assert (hnsw.m, hnsw.ef_construction, hnsw.ef_search) == (100, 200, 400)
 
 
 def test_parameters_come_from_a_file(tmp_path: Path) -> None:

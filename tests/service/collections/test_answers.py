@@ -34,7 +34,7 @@ def answers(
 ) -> Iterator[dict[tuple[str, str], Any]]:
     """What is answered by collection and way; "alone" behind its name is without the other collection."""
     engine, signatures = request.param
-    limits = {"shortlist_from": 10, "shortlist_length": 6, "screened": 5, "finalists": 2}
+    limits = {"shortlist_from": 10, "shortlist_length": 6, "reranked": 5, "finalists": 2}
     with ExitStack() as stack:
         # As the fixture of that name does, which cannot know where signatures are.
         from tests.service.engines import using  # noqa: PLC0415

@@ -36,7 +36,7 @@ STORED = 12
 
 PLAIN: dict[str, int] = {}
 NARROW = [{"search_bytes": 0}, {"search_bytes": 300_000}]
-SHORT = {"shortlist_from": 5, "shortlist_length": 9, "screened": 6, "finalists": 2}
+SHORT = {"shortlist_from": 5, "shortlist_length": 9, "reranked": 6, "finalists": 2}
 
 
 def row(value: float, length: int = 100) -> np.ndarray:

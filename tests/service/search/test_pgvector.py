@@ -17,7 +17,7 @@ from service.search.pgvector_repository import Nearest, nearest
 from service.shapes import repository
 from service.shapes.records import NewShape, ShapeFilter
 from service.storage.database import Database, ReadSession
-from service.storage.hnsw import ensure_hnsw, name_of
+from service.storage.hnsw import ensure_hnsw, index_name
 from service.storage.hnsw_parameters import HnswParameters
 from service.storage.tables import BlobRow, EmbeddingRow, ShapeRow, TagRow
 from tests.service.archives import embedded
@@ -63,7 +63,7 @@ def stored(engine: str) -> Iterator[Stored]:
     signatures, queries = np.split(points.astype(np.float32), [SHAPES])
     numbers = range(1, SHAPES + 1)
     url = empty_database(migrated=True)
-    with closing(Database(url, lock_seconds=60, graph=HnswParameters(m=12, ef_construction=50))) as database:
+    with closing(Database(url, lock_seconds=60, hnsw=HnswParameters(m=12, ef_construction=50))) as database:
         with database.write() as session:
             rows = session.connection()
             blob = {"size": 1, "data": b"x"}
@@ -162,7 +162,7 @@ def test_the_graph_is_what_is_searched(stored: Stored, monkeypatch: pytest.Monke
 
     explained(100)
     explained(None)
-    assert f"Index Scan using {name_of(FINGERPRINT)}" in plans[100]
+    assert f"Index Scan using {index_name(FINGERPRINT)}" in plans[100]
     assert "signatures_" not in plans[None]
 
 
@@ -219,7 +219,7 @@ def test_a_graph_is_made_with_the_first_signature_and_anew_for_other_parameters(
 
     def graphs(parameters: HnswParameters, *, make: bool = False) -> list[str]:
         with (
-            closing(Database(url, lock_seconds=5, graph=parameters)) as database,
+            closing(Database(url, lock_seconds=5, hnsw=parameters)) as database,
             database.write() as session,
         ):
             if make:
@@ -228,7 +228,7 @@ def test_a_graph_is_made_with_the_first_signature_and_anew_for_other_parameters(
             return list(session.scalars(found))
 
     few, many = HnswParameters(m=4, ef_construction=10), HnswParameters(m=20, ef_construction=90)
-    with closing(Database(url, lock_seconds=5, graph=few)) as database:
+    with closing(Database(url, lock_seconds=5, hnsw=few)) as database:
         for number in (1, 2):
             new, made = (
                 NewShape(b"%d" % number, "off", DEFAULT_COLLECTION.number, "x", (), {}),

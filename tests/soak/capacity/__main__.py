@@ -70,7 +70,7 @@ def stored_in_a_second() -> None:
     print("\n| stored one by one in | shapes/s |\n|---|---:|")
     with tempfile.TemporaryDirectory() as folder:
         for url in (f"sqlite:///{folder}/archive.sqlite3", engines.empty_database()):
-            with closing(Database(url, lock_seconds=10, graph=HnswParameters())) as database:
+            with closing(Database(url, lock_seconds=10, hnsw=HnswParameters())) as database:
                 migrate(database)
                 begin(Pipelines(DEFAULT), database)
                 began = time.perf_counter()

@@ -22,7 +22,7 @@ from service.search.pgvector_repository import MORE, nearest
 from service.shapes.records import ShapeFilter
 from service.storage.columns import vector_text
 from service.storage.database import Database
-from service.storage.hnsw import ensure_hnsw, name_of
+from service.storage.hnsw import ensure_hnsw, index_name
 from service.storage.hnsw_parameters import HnswParameters
 from tests.service import engines
 
@@ -110,14 +110,14 @@ def main(
     stored, asked = signatures(count, queries, seed)
     url = engines.empty_database(migrated=True) + MEMORY
     fill(url, stored)
-    with closing(Database(url, lock_seconds=60, graph=graph)) as database:
+    with closing(Database(url, lock_seconds=60, hnsw=graph)) as database:
         began = time.perf_counter()
         with database.write() as session:
             ensure_hnsw(session, FINGERPRINT)
         build = time.perf_counter() - began
         with engines.bare(url) as connection:
             connection.execute(text("ANALYZE"))
-            told = text(f"SELECT pg_relation_size('{name_of(FINGERPRINT)}')")
+            told = text(f"SELECT pg_relation_size('{index_name(FINGERPRINT)}')")
             size = connection.execute(told).scalar_one()
         how = f"m {graph.m}, ef_construction {graph.ef_construction}"
         print(f"{count:,} signatures of {LENGTH} numbers; {how}: in {build:.0f} s, {size / 2**20:.0f} MiB.\n")
