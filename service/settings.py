@@ -16,7 +16,7 @@ from sqlalchemy.exc import ArgumentError
 from core.errors import ParameterError
 from core.io import DEFAULT_LIMITS, Limits
 from core.parameters import DEFAULT, PAPER, Parameters
-from service.auth.keys import Entry
+from service.auth.keys import KeyEntry
 from service.storage.hnsw_parameters import HnswParameters
 
 PREFIX = "ISOSHAPE_"
@@ -275,7 +275,7 @@ class Settings(BaseSettings):
         if not isinstance(value, str):
             return value
         try:
-            entries = [Entry.read(part) for part in value.split(",") if part.strip()]
+            entries = [KeyEntry.read(part) for part in value.split(",") if part.strip()]
         except ValueError as error:
             raise ValueError(
                 "must be SHA-256 digests of keys, 64 hexadecimal digits each, separated by commas; a colon "

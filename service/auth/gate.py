@@ -1,4 +1,4 @@
-"""The gate that every request passes, or does not."""
+"""The access decision for each request: key or session, access level, collections and rate limit."""
 
 from starlette.datastructures import Headers
 from starlette.requests import cookie_parser
@@ -11,7 +11,7 @@ from service.errors import CrossSiteError, ForbiddenError, RateLimitError, Unaut
 
 
 class Gate:
-    """Keys, sessions and rates of one service. It is used in the event loop alone, and locks nothing."""
+    """Keys, sessions and rate limits of one service. Use it in the event loop only: it has no locks."""
 
     def __init__(self, keys: KeyRing, rate_limit: int) -> None:
         self._keys = keys
@@ -19,12 +19,12 @@ class Gate:
         self.sessions = Sessions()
 
     def grant(self, headers: Headers) -> Grant | None:
-        """What a request with these headers may do; None when it shows neither a key nor an open session.
+        """The grant of a request, from its headers; None if it has neither a key nor an open session.
 
         Raises
         ------
         UnauthorizedError
-            It shows a key that is none of the service's.
+            The key is unknown.
         """
         if not self._keys:
             return Grant("full")
@@ -34,20 +34,20 @@ class Gate:
             return None if token is None else self.sessions.grant(token)
         grant = self._keys.grant(key)
         if grant is None:
-            raise UnauthorizedError("the key is none of this service's", wrong=True)
+            raise UnauthorizedError("the service does not know this key", wrong=True)
         return grant
 
     def admit(self, method: str, path: str, headers: Headers) -> Grant | None:
-        """What the request may do; None where anybody may.
+        """The grant of an admitted request; None if its address is public.
 
         Raises
         ------
         CrossSiteError
-            A page of another site makes a browser send it.
+            A page of another site caused a browser to send the request.
         UnauthorizedError, ForbiddenError
-            It has no key, or the key may not do this.
+            The request has no key, or its key does not allow the request.
         RateLimitError
-            The key has asked too often.
+            The key has exceeded its rate limit.
         """
         if method not in SAFE_METHODS and key_in(headers) is None and from_another_site(headers):
             raise CrossSiteError("pages of other sites cannot use this service")
@@ -69,7 +69,7 @@ class Gate:
 
 
 def key_in(headers: Headers) -> str | None:
-    """The key in the headers Authorization, of the scheme Bearer, or X-API-Key."""
+    """The key in the header Authorization (scheme Bearer) or X-API-Key."""
     scheme, _, key = headers.get("authorization", "").strip().partition(" ")
     if scheme.lower() == "bearer":
         return key.strip()
@@ -77,5 +77,5 @@ def key_in(headers: Headers) -> str | None:
 
 
 def token_in(headers: Headers) -> str | None:
-    """The token of a session, in the cookie."""
+    """The session token in the cookie."""
     return cookie_parser(headers.get("cookie", "")).get(COOKIE)

@@ -1,4 +1,4 @@
-"""API keys. The service holds their SHA-256 only: a key is 256 random bits, so no guess comes near it."""
+"""API keys. The service has only their SHA-256, which is safe because a key has 256 random bits."""
 
 import hashlib
 import hmac
@@ -12,14 +12,14 @@ from service.collection import is_name
 
 Level = Literal["read", "full"]
 
-# So that programs which look for secrets in files know one when they see it.
+# The prefix lets scanners for leaked secrets recognise a key.
 PREFIX = "isoshape_"
 
 _DIGEST = re.compile(r"[0-9a-f]{64}")
 
 
 def new_key() -> str:
-    """A key that nobody has."""
+    """A new random key."""
     return PREFIX + secrets.token_urlsafe(32)
 
 
@@ -30,17 +30,17 @@ def digest_of(key: str) -> str:
 
 @dataclass(frozen=True)
 class Grant:
-    """What a request may do.
+    """The access rights of a request.
 
     Attributes
     ----------
     level : "read" or "full"
     digest : str or None
-        Of the key that says so; None on a service without keys.
+        SHA-256 of the key; None if the service has no keys.
     signed_in : bool
-        Whether the key was not sent itself, but a cookie of a session that was begun with it.
+        Whether the request carried the cookie of a session instead of the key.
     collections : frozenset of str or None
-        Those that it may be done in; None is all.
+        Names of the allowed collections; None allows all.
     """
 
     level: Level
@@ -50,20 +50,20 @@ class Grant:
 
 
 @dataclass(frozen=True)
-class Entry:
-    """A key in a list of keys: its digest, and the collections it is limited to; None is no limit."""
+class KeyEntry:
+    """A key in a list of keys: its digest and the names of its allowed collections; None allows all."""
 
     digest: str
     collections: frozenset[str] | None
 
     @classmethod
-    def read(cls, text: str) -> "Entry":
-        """What `write` wrote; the digest in either case.
+    def read(cls, text: str) -> "KeyEntry":
+        """Parse an entry in the form of `write`; the digest may be in upper case.
 
         Raises
         ------
         ValueError
-            It is no entry.
+            The text is not an entry.
         """
         digest, colon, names = text.strip().partition(":")
         listed = names.split("+")
@@ -72,27 +72,27 @@ class Entry:
         return cls(digest.lower(), frozenset(listed) if colon else None)
 
     def write(self) -> str:
-        """As `digest`, or `digest:name+name`."""
+        """Format the entry as `digest` or `digest:name+name`."""
         return (
             self.digest if self.collections is None else f"{self.digest}:{'+'.join(sorted(self.collections))}"
         )
 
 
 class KeyRing:
-    """The keys of a service, by their entries. Of a key in both lists, that of the full ones counts."""
+    """The keys of a service. A key in both lists has full access."""
 
     def __init__(self, full: Collection[str], read: Collection[str]) -> None:
         self._grants: dict[str, Grant] = {}
         lists: tuple[tuple[Level, Collection[str]], ...] = (("read", read), ("full", full))
         for level, entries in lists:
-            for entry in map(Entry.read, entries):
+            for entry in map(KeyEntry.read, entries):
                 self._grants[entry.digest] = Grant(level, entry.digest, collections=entry.collections)
 
     def __bool__(self) -> bool:
         return bool(self._grants)
 
     def grant(self, key: str) -> Grant | None:
-        """What a key may do, or None for one that is not ours; takes as long for either."""
+        """The grant of a key, or None for an unknown key. The time does not depend on the key."""
         given = digest_of(key)
         found: Grant | None = None
         for digest, grant in self._grants.items():

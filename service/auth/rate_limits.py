@@ -1,4 +1,4 @@
-"""How often a key may ask."""
+"""Rate limits of API keys."""
 
 import math
 import time
@@ -6,16 +6,16 @@ from collections.abc import Callable
 
 
 class RateLimit:
-    """A bucket a key: so many requests at once, and as many a minute on end.
+    """A rate limit per key: a burst of `per_minute` requests, and as many per minute after it.
 
-    The generic cell rate algorithm (ITU-T I.371) on a clock that is never set back: one number a key, and the
-    very second at which the next request passes. Kept libraries were looked at: `limits` goes by the wall
-    clock, and starts a thread for each request.
+    The generic cell rate algorithm (ITU-T I.371) on a monotonic clock stores one number per key and gives the
+    exact time of the next admitted request. The library `limits` uses the wall clock and starts a thread per
+    request.
 
     Parameters
     ----------
     per_minute : int
-        0 is no limit.
+        Requests per minute; 0 is no limit.
     """
 
     def __init__(self, per_minute: int, clock: Callable[[], float] = time.monotonic) -> None:
@@ -24,14 +24,14 @@ class RateLimit:
         self._empty_at: dict[str, float] = {}
 
     def wait(self, key: str) -> int | None:
-        """Count a request; None when it passes, else the whole seconds to wait before the next one does."""
+        """Count a request: None if it is admitted, else the number of seconds until the next one is."""
         if not self._interval:
             return None
         now = self._clock()
-        # When the bucket, which empties by one request an interval, would be empty.
+        # The time at which the bucket, which loses one request per interval, becomes empty.
         empty_at = max(self._empty_at.get(key, now), now) + self._interval
         excess = empty_at - now - 60.0
-        # Sums of many intervals round.
+        # The tolerance covers rounding of the sum of many intervals.
         if excess > 1e-6:
             return max(1, math.ceil(excess))
         self._empty_at[key] = empty_at

@@ -1,4 +1,4 @@
-"""What each request needs. Whatever is not named here needs a key, so that a new address is closed."""
+"""The access level of each address. An address without a rule needs full access."""
 
 from urllib.parse import urlsplit
 
@@ -8,7 +8,7 @@ from service.auth.keys import Level
 
 SAFE_METHODS = frozenset({"GET", "HEAD", "OPTIONS"})
 
-# Probes, the documentation of the interface, and what a browser needs before it has signed in.
+# Health probes, the documentation, and the addresses that a browser needs before it signs in.
 PUBLIC = frozenset(
     {
         ("GET", "/"),
@@ -21,24 +21,24 @@ PUBLIC = frozenset(
     }
 )
 
-# The files of the page, which hold no data.
+# Static files of the page, without data.
 PAGE_FILES = "/page/"
 
-# They send something, and change nothing that is stored.
+# POST requests that change no stored data.
 READING_POSTS = frozenset({"/query", "/compare", "/preview", "/session"})
 
 
-# Of the whole service, whatever collection: not for a key that is limited to some.
+# Addresses about all collections: a key for some collections has no access.
 OF_ALL_COLLECTIONS = frozenset({"/metrics"})
 
 
 def of_all_collections(method: str, path: str) -> bool:
-    """Whether a request needs a key that is limited to no collections."""
+    """Whether a request needs a key for all collections."""
     return path in OF_ALL_COLLECTIONS or (path.startswith("/collections/") and method not in SAFE_METHODS)
 
 
 def needed(method: str, path: str) -> Level | None:
-    """The level that a request needs; None for one that anybody may make."""
+    """The access level that a request needs; None for a public address."""
     if ("GET" if method == "HEAD" else method, path) in PUBLIC:
         return None
     if method in SAFE_METHODS and path.startswith(PAGE_FILES):
@@ -49,10 +49,10 @@ def needed(method: str, path: str) -> Level | None:
 
 
 def from_another_site(headers: Headers) -> bool:
-    """Whether a browser sends this for a page of another site, as far as browsers tell.
+    """Whether a browser sends the request for a page of another site.
 
-    Current ones say so in Sec-Fetch-Site; older ones name the page's origin, which is then compared with the
-    address that the request itself went to. Programs that are no browsers send neither.
+    Current browsers send Sec-Fetch-Site. Older ones send the Origin of the page, which is compared with the
+    Host of the request. Other programs send neither.
     """
     site = headers.get("sec-fetch-site")
     if site is not None:

@@ -1,4 +1,4 @@
-"""Browsers that have signed in: images and event streams of a page cannot send headers, but cookies."""
+"""Sessions of browsers. Images and event streams of a page can send cookies, but no key in a header."""
 
 import secrets
 import time
@@ -13,9 +13,9 @@ MOST = 1000
 
 
 class Sessions:
-    """What each signed-in browser may do, in memory: a restart signs all of them out.
+    """The grants of signed-in browsers, in memory: a restart signs all of them out.
 
-    A cookie holds random bytes and never the key, and here only its digest is kept.
+    A cookie contains random bytes instead of the key; the service stores only the digest of these bytes.
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
@@ -23,7 +23,7 @@ class Sessions:
         self._open: dict[str, tuple[float, Grant]] = {}
 
     def begin(self, grant: Grant) -> str:
-        """A new session's token. The oldest session ends if there are too many."""
+        """Begin a session and return its token. The oldest session ends if there are too many."""
         now = self._clock()
         self._open = {name: held for name, held in self._open.items() if held[0] > now}
         while len(self._open) >= MOST:
@@ -33,10 +33,10 @@ class Sessions:
         return token
 
     def grant(self, token: str) -> Grant | None:
-        """What the session's browser may do; None when it has ended, or never began."""
+        """The grant of a session, or None if it has ended or never began."""
         until, grant = self._open.get(digest_of(token), (0.0, None))
         return grant if self._clock() < until else None
 
     def end(self, token: str) -> None:
-        """End the session, if there is one."""
+        """End the session, if it exists."""
         self._open.pop(digest_of(token), None)

@@ -4,7 +4,7 @@ from typing import Annotated
 
 import typer
 
-from service.auth.keys import Entry, digest_of, new_key
+from service.auth.keys import KeyEntry, digest_of, new_key
 from service.collection import is_name
 from service.console import fail, output
 
@@ -26,7 +26,7 @@ def command(
         if not is_name(name):
             fail(f"no collection can be called {name!r}", status=2)
     key = new_key()
-    entry = Entry(digest_of(key), frozenset(collection) if collection else None)
+    entry = KeyEntry(digest_of(key), frozenset(collection) if collection else None)
     console = output()
     console.print(f"key     {key}", soft_wrap=True)
     console.print(f"sha256  {entry.write()}", soft_wrap=True)

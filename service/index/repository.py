@@ -1,4 +1,4 @@
-"""The SQL of what is kept in memory of stored shapes."""
+"""The SQL of the signature index, and its entries."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
@@ -15,19 +15,19 @@ AT_ONCE = 20_000
 
 @dataclass(frozen=True, eq=False)
 class IndexEntries:
-    """Shapes and their signatures.
+    """Shapes of the signature index.
 
     Attributes
     ----------
     shapes : int64, shape (n,)
-        Their numbers.
+        Numbers of the shapes.
     collections : int64, shape (n,)
-        The number of each shape's collection.
+        Numbers of their collections.
     embeddings : int64, shape (n,)
-        The number of each shape's embedding.
+        Numbers of their embeddings.
     signatures : float32, shape (n, s)
-    sketches : uint8, shape (n, l)
-        All zero where an embedding has none.
+    coarse_samples : uint8, shape (n, l)
+        See `core.ranking.coarse_ranking`; zeros for embeddings without coarse samples.
     """
 
     shapes: NDArray[np.int64]
@@ -38,21 +38,21 @@ class IndexEntries:
 
     @property
     def nbytes(self) -> int:
-        """Memory held, in bytes."""
+        """Memory of the arrays, in bytes."""
         return sum(getattr(self, part.name).nbytes for part in fields(self))
 
     def only(self, places: NDArray[np.integer] | NDArray[np.bool_]) -> "IndexEntries":
-        """Those at some places, in new memory."""
+        """A copy of the entries at some indices, or of those that a mask selects."""
         return IndexEntries(*(getattr(self, part.name)[places] for part in fields(self)))
 
 
 def revision(session: ReadSession) -> int:
-    """How many times what is searched has changed."""
+    """The revision of the archive, which counts changes of searchable data."""
     return session.scalars(select(ArchiveRow.revision)).one()
 
 
-def shapes_stored(session: ReadSession) -> int:
-    """How many shapes there are."""
+def count_shapes(session: ReadSession) -> int:
+    """The number of shapes in all collections."""
     return session.scalars(select(func.count()).select_from(ShapeRow)).one()
 
 
@@ -66,10 +66,10 @@ NOTHING = IndexEntries(
 
 
 def entries_since(session: ReadSession, fingerprint: str, since: int) -> Iterator[IndexEntries]:
-    """The shapes that came, or were embedded, after a revision, as far as one pipeline embedded them.
+    """The embedded shapes of a pipeline that were stored, or embedded, after a revision.
 
-    In batches, so that the rows of a large archive are not all there at once; by the connection, whose rows
-    take half as long as the session's.
+    They come in batches, so that a large archive is never in memory as rows. The connection reads them,
+    because a session takes twice as long.
     """
     query = (
         select(
@@ -100,7 +100,7 @@ def entries_since(session: ReadSession, fingerprint: str, since: int) -> Iterato
 
 
 def stacked(rows: Sequence[bytes]) -> NDArray[np.uint8]:
-    """Bytes as rows of an array, all of one length; all zero where there are none."""
+    """Byte strings of equal length as an array, shape (n, l), uint8; an empty string becomes zeros."""
     length = max(map(len, rows), default=0)
     data = b"".join(one or bytes(length) for one in rows)
     return np.frombuffer(data, dtype=np.uint8).reshape(len(rows), length)

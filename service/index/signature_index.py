@@ -1,4 +1,4 @@
-"""The signatures and sketches of all shapes, in memory, kept up with the database."""
+"""The index of the signatures and coarse samples of all shapes, in memory, synchronised with the database."""
 
 import threading
 from dataclasses import fields, replace
@@ -18,42 +18,42 @@ _Scalar = TypeVar("_Scalar", bound=np.generic)
 
 
 class SignatureIndex:
-    """The signatures and sketches of one pipeline.
+    """The signatures and coarse samples of one pipeline's embeddings.
 
-    Whatever process wrote, it counted the archive's revision up; a query reads that first, and then only what
-    changed since. What `current` returns is never changed afterwards, though it shares memory with what comes
-    later: new shapes are written behind its end.
+    Every process that changes searchable data increases the revision of the archive. A query compares the
+    revision, then reads only later changes. The arrays that `current` returns never change afterwards, though
+    later results share their memory: new shapes are appended behind their end.
     """
 
     def __init__(self, fingerprint: str) -> None:
         self._fingerprint = fingerprint
         self._lock = threading.Lock()
         self._revision = 0
-        self._room = NOTHING
+        self._allocated = NOTHING
         self._length = 0
 
     def __len__(self) -> int:
-        """How many shapes it holds, as of the last query."""
+        """The number of indexed shapes, as of the last query."""
         return self._length
 
     @property
     def revision(self) -> int:
-        """Of the archive, as of the last query."""
+        """The revision of the archive, as of the last query."""
         return self._revision
 
     def current(self, session: ReadSession) -> IndexEntries:
-        """The shapes and signatures as the session sees them."""
+        """The entries that the session sees."""
         with self._lock:
             revision = repository.revision(session)
             if revision < self._revision:
-                log.warning("the database went back in time; reading it anew")
-                self._revision, self._room, self._length = 0, NOTHING, 0
+                log.warning("the revision of the archive decreased: rebuilding the index of signatures")
+                self._revision, self._allocated, self._length = 0, NOTHING, 0
             if revision > self._revision:
                 expected = 0
                 if self._revision:
                     self._drop(repository.removed_since(session, self._revision))
-                else:  # an index that holds nothing has nothing to drop
-                    expected = repository.shapes_stored(session)
+                else:  # an empty index has nothing to drop
+                    expected = repository.count_shapes(session)
                 for added in repository.entries_since(session, self._fingerprint, self._revision):
                     if self._revision:
                         self._drop(added.shapes)
@@ -62,56 +62,60 @@ class SignatureIndex:
             return self._used()
 
     def _used(self) -> IndexEntries:
-        return IndexEntries(*(part[: self._length] for part in _container(self._room)))
+        return IndexEntries(*(array[: self._length] for array in _arrays(self._allocated)))
 
     def _drop(self, shapes: NDArray[np.int64]) -> None:
-        """Leave out these shapes, in new memory."""
+        """Remove shapes; the remaining entries are copied."""
         used = self._used()
         shapes = shapes[shapes <= used.shapes.max(initial=0)]
         if not len(shapes):
             return
         stays = ~np.isin(used.shapes, shapes)
         if not stays.all():
-            self._room = used.only(stays)
+            self._allocated = used.only(stays)
             self._length = int(stays.sum())
 
     def _append(self, added: IndexEntries, expected: int) -> None:
-        """Add shapes; in new memory where there is no room behind the end.
+        """Append shapes; if the allocated arrays are full, the entries are copied into larger ones.
 
-        That has room for a quarter more, and for as many as are expected in all: memory is held where it is
-        written to.
+        The new arrays have space for a quarter more than the entries, or than the `expected` number if it is
+        larger. The operating system provides memory only for pages that are written.
         """
         start, end = self._length, self._length + len(added.shapes)
-        width = max(self._room.coarse_samples.shape[1], added.coarse_samples.shape[1])
-        added = replace(added, coarse_samples=_wide(added.coarse_samples, width))
+        width = max(self._allocated.coarse_samples.shape[1], added.coarse_samples.shape[1])
+        added = replace(added, coarse_samples=_padded(added.coarse_samples, width))
         if start == 0:
-            self._room = IndexEntries(*(part[:0] for part in _container(added)))
+            self._allocated = IndexEntries(*(array[:0] for array in _arrays(added)))
         if end > start:
-            self._room = replace(self._room, coarse_samples=_wide(self._room.coarse_samples, width))
-            if end > len(self._room.shapes):
-                room = max(end + end // 4, expected + expected // 4)
-                self._room = IndexEntries(*(_grown(part, room) for part in _container(self._used())))
-            for part, more in zip(_container(self._room), _container(added), strict=True):
-                part[start:end] = more
+            self._allocated = replace(
+                self._allocated, coarse_samples=_padded(self._allocated.coarse_samples, width)
+            )
+            if end > len(self._allocated.shapes):
+                capacity = max(end + end // 4, expected + expected // 4)
+                self._allocated = IndexEntries(
+                    *(_enlarged(array, capacity) for array in _arrays(self._used()))
+                )
+            for array, more in zip(_arrays(self._allocated), _arrays(added), strict=True):
+                array[start:end] = more
         self._length = end
 
 
-def _container(entries: IndexEntries) -> list[NDArray[Any]]:
-    """The arrays, in their order."""
+def _arrays(entries: IndexEntries) -> list[NDArray[Any]]:
+    """The arrays of the entries, in the order of the fields."""
     return [getattr(entries, field.name) for field in fields(entries)]
 
 
-def _wide(coarse_samples: NDArray[np.uint8], width: int) -> NDArray[np.uint8]:
-    """The sketches in rows of `width`: where none of several shapes has one, they come without a length."""
+def _padded(coarse_samples: NDArray[np.uint8], width: int) -> NDArray[np.uint8]:
+    """Coarse samples in rows of `width` bytes; a batch without any has rows of length 0."""
     if coarse_samples.shape[1] == width:
         return coarse_samples
-    wide = np.zeros((len(coarse_samples), width), dtype=np.uint8)
-    wide[:, : coarse_samples.shape[1]] = coarse_samples
-    return wide
+    padded = np.zeros((len(coarse_samples), width), dtype=np.uint8)
+    padded[:, : coarse_samples.shape[1]] = coarse_samples
+    return padded
 
 
-def _grown(array: NDArray[_Scalar], length: int) -> NDArray[_Scalar]:
-    """The array in room for `length` rows."""
-    room = np.empty((length, *array.shape[1:]), dtype=array.dtype)
-    room[: len(array)] = array
-    return room
+def _enlarged(array: NDArray[_Scalar], length: int) -> NDArray[_Scalar]:
+    """A copy of the array with space for `length` rows."""
+    copy = np.empty((length, *array.shape[1:]), dtype=array.dtype)
+    copy[: len(array)] = array
+    return copy

@@ -1,4 +1,4 @@
-"""The pipeline that the archive is searched by, which is not always the one that the settings name."""
+"""The active pipeline, with which the archive is searched; the settings may name another one."""
 
 import threading
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from service.index.cache import EmbeddingCache
 from service.index.signature_index import SignatureIndex
 from service.observability.logging import get_logger
 from service.pipelines import repository
-from service.pipelines.repository import Written
+from service.pipelines.repository import PipelineRecord
 from service.storage.database import ReadSession, WriteSession
 
 log = get_logger("pipelines")
@@ -22,7 +22,7 @@ REMEDY = "run `isoshape reembed` on the archive"
 
 @dataclass(frozen=True, eq=False)
 class ActivePipeline:
-    """A pipeline, the signatures of what it has embedded, and what of that is ready to be compared."""
+    """A pipeline, the index of its signatures and the cache of its match records."""
 
     pipeline: Pipeline
     index: SignatureIndex
@@ -30,15 +30,15 @@ class ActivePipeline:
 
     @property
     def fingerprint(self) -> str:
-        """Of the pipeline."""
+        """The fingerprint of the pipeline."""
         return self.pipeline.fingerprint
 
 
 @dataclass(frozen=True)
 class Pending:
-    """The pipeline that the settings name, while the archive is searched by another.
+    """The pipeline of the settings, while another one is active.
 
-    `embedded` of `files` have an embedding of it; shapes on the same bytes are one file.
+    `embedded` of `files` have an embedding by this pipeline; shapes with the same bytes count as one file.
     """
 
     name: str
@@ -48,14 +48,14 @@ class Pending:
 
 
 class Pipelines:
-    """Follows the database in which pipeline is used: `isoshape reembed` may change that at any time.
+    """The active pipeline, as the database names it: `isoshape reembed` may change it at any time.
 
     Parameters
     ----------
     wanted : Parameters
-        Those that the settings name.
+        The parameters that the settings name.
     room : int
-        Bytes that may be kept of embeddings ready to be compared.
+        Size of the cache of match records, in bytes.
     """
 
     def __init__(self, wanted: Parameters, *, room: int = 0) -> None:
@@ -65,12 +65,12 @@ class Pipelines:
         self._active: ActivePipeline | None = None
 
     def begin(self, session: WriteSession) -> None:
-        """Take up the pipeline that the archive has; the wanted one where nothing is stored.
+        """Adopt the active pipeline of the archive, or activate the wanted one if the archive is empty.
 
         Raises
         ------
         PipelineUnavailableError
-            This version of the service cannot make such embeddings, nor compare them.
+            This version of the service does not have the active pipeline.
         """
         fingerprint = repository.active(session)
         if fingerprint is None or repository.is_empty(session):
@@ -83,12 +83,12 @@ class Pipelines:
         self.current(session)
 
     def current(self, session: ReadSession) -> ActivePipeline:
-        """What the archive is searched by, as the session sees it.
+        """The active pipeline, as the session sees it.
 
         Raises
         ------
         PipelineUnavailableError
-            A newer version of the service has taken it over meanwhile.
+            A newer version of the service has activated a pipeline that this version does not have.
         """
         fingerprint = repository.active(session)
         assert fingerprint is not None
@@ -97,14 +97,14 @@ class Pipelines:
                 parameters = _parameters(fingerprint, repository.written(session, fingerprint))
                 if self._active is not None:
                     fields = {"pipeline": parameters.name, "fingerprint": fingerprint}
-                    log.info("the archive is searched by another pipeline now", extra={"fields": fields})
+                    log.info("another pipeline is active now", extra={"fields": fields})
                 self._active = ActivePipeline(
                     Pipeline(parameters), SignatureIndex(fingerprint), EmbeddingCache(self._room)
                 )
             return self._active
 
     def pending(self, session: ReadSession) -> Pending | None:
-        """The wanted pipeline, unless it is in use."""
+        """The wanted pipeline and its progress, or None if it is active."""
         if repository.active(session) == self.wanted.fingerprint:
             return None
         embedded, files = repository.count_embedded(session, self.wanted.fingerprint)
@@ -112,31 +112,31 @@ class Pipelines:
 
     @property
     def indexed(self) -> int:
-        """How many shapes are in the index in use, as of the last query."""
+        """The number of shapes in the index of the active pipeline, as of the last query."""
         active_pipeline = self._active
         return 0 if active_pipeline is None else len(active_pipeline.index)
 
     @property
     def cached_bytes(self) -> int:
-        """How many bytes are kept of embeddings ready to be compared."""
+        """The size of the cached match records, in bytes."""
         active_pipeline = self._active
         return 0 if active_pipeline is None else active_pipeline.cache.nbytes
 
 
 def fingerprint(session: ReadSession) -> str:
-    """Of the pipeline that the archive is searched by, whether or not this service knows it."""
+    """The fingerprint of the active pipeline, even if this service does not have the pipeline."""
     active = repository.active(session)
     assert active is not None
     return active
 
 
 def keep(session: WriteSession, parameters: Parameters) -> None:
-    """Have the archive know what a pipeline is."""
-    repository.write(session, parameters.fingerprint, Written(METHOD_VERSION, parameters.flat()))
+    """Store the parameters of a pipeline in the archive."""
+    repository.write(session, parameters.fingerprint, PipelineRecord(METHOD_VERSION, parameters.flat()))
 
 
-def _parameters(fingerprint: str, written: Written | None) -> Parameters:
-    """The parameters with a fingerprint."""
+def _parameters(fingerprint: str, written: PipelineRecord | None) -> Parameters:
+    """The stored parameters with a fingerprint."""
     if written is None:
         raise PipelineUnavailableError(
             f"the archive was embedded by pipeline {fingerprint}, of another version of the method or of "

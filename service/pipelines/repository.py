@@ -1,4 +1,4 @@
-"""The SQL of pipelines: which is in use, and what each has embedded."""
+"""The SQL of pipelines: the active one, and the embeddings of each."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -13,31 +13,31 @@ from service.storage.tables import ArchiveRow, BlobRow, EmbeddingRow, PipelineRo
 
 
 @dataclass(frozen=True)
-class Written:
-    """A pipeline as the database tells of it."""
+class PipelineRecord:
+    """The version of the method and the parameters of a stored pipeline."""
 
     method: int
     parameters: Mapping[str, Any]
 
 
 def active(session: ReadSession) -> str | None:
-    """The fingerprint of the pipeline that the archive is searched by; None before the first start."""
+    """The fingerprint of the active pipeline; None before the first start."""
     return session.scalars(select(ArchiveRow.fingerprint)).one()
 
 
 def is_empty(session: ReadSession) -> bool:
-    """Whether no shape is stored."""
+    """Whether the archive has no shape."""
     return session.scalar(select(ShapeRow.number).limit(1)) is None
 
 
-def written(session: ReadSession, fingerprint: str) -> Written | None:
-    """What is known of a pipeline; nothing of one that only 0.1.0 has used."""
+def written(session: ReadSession, fingerprint: str) -> PipelineRecord | None:
+    """The record of a pipeline; None for a pipeline that only version 0.1.0 has used."""
     row = session.get(PipelineRow, fingerprint)
-    return None if row is None else Written(row.method, row.parameters)
+    return None if row is None else PipelineRecord(row.method, row.parameters)
 
 
-def write(session: WriteSession, fingerprint: str, pipeline: Written) -> None:
-    """Keep what a pipeline is, unless it is known."""
+def write(session: WriteSession, fingerprint: str, pipeline: PipelineRecord) -> None:
+    """Store the record of a pipeline unless it is present."""
     if session.get(PipelineRow, fingerprint) is None:
         session.add(
             PipelineRow(fingerprint=fingerprint, method=pipeline.method, parameters=dict(pipeline.parameters))
@@ -46,13 +46,13 @@ def write(session: WriteSession, fingerprint: str, pipeline: Written) -> None:
 
 
 def activate(session: WriteSession, fingerprint: str) -> None:
-    """Have the archive searched by a pipeline, and every shape looked at again by every process."""
+    """Make a pipeline the active one; every process then reads every shape again."""
     session.execute(update(ArchiveRow).values(fingerprint=fingerprint))
     session.execute(update(ShapeRow).values(revision=next_revision(session)))
 
 
 def count_embedded(session: ReadSession, fingerprint: str) -> tuple[int, int]:
-    """How many files a pipeline has embedded, and how many there are; once for shapes on the same bytes."""
+    """The numbers of files embedded by a pipeline and of all files; shapes with equal bytes count once."""
     files = select(ShapeRow.blob_number, ShapeRow.format).distinct().subquery()
     total = session.scalar(select(func.count()).select_from(files)) or 0
     return total - len(unembedded(session, fingerprint)), total

@@ -1,4 +1,4 @@
-"""What a service does about pipelines when it starts."""
+"""The choice of the active pipeline when a service starts."""
 
 from service.observability.logging import get_logger
 from service.pipelines import repository
@@ -10,15 +10,15 @@ log = get_logger("pipelines")
 
 
 def begin(pipelines: Pipelines, database: Database, *, in_memory: bool = True) -> None:
-    """Take up the archive's pipeline, and log if it is not the one that was asked for.
+    """Adopt the active pipeline of the archive, and log a warning if the settings name another one.
 
-    Its signatures are read if they are searched in memory.
-    Where the graph of signatures is not there, or was made with other parameters, it is made first.
+    The HNSW index of signatures is built if it is missing or has other parameters. With `in_memory`, the
+    signatures are read into memory.
 
     Raises
     ------
     PipelineUnavailableError
-        This version of the service does not have it.
+        This version of the service does not have the active pipeline.
     """
     with database.write() as session:
         pipelines.begin(session)
@@ -31,11 +31,11 @@ def begin(pipelines: Pipelines, database: Database, *, in_memory: bool = True) -
         embedded, files = repository.count_embedded(session, active_pipeline.fingerprint)
     parameters = active_pipeline.pipeline.parameters
     fields: dict[str, object] = {"pipeline": parameters.name, "fingerprint": active_pipeline.fingerprint}
-    log.info("the archive is searched by this pipeline", extra={"fields": fields})
+    log.info("the active pipeline of the archive", extra={"fields": fields})
     if pending is not None:
         log.warning(
-            "the archive is searched by pipeline %s (%s), and not by %s (%s), which the settings name, until "
-            "`isoshape reembed` has made the embeddings of that one",
+            "pipeline %s (%s) is active, not %s (%s) of the settings, until `isoshape reembed` has computed "
+            "the embeddings of the latter",
             parameters.name,
             active_pipeline.fingerprint,
             pending.name,
@@ -43,8 +43,8 @@ def begin(pipelines: Pipelines, database: Database, *, in_memory: bool = True) -
         )
     if embedded < files:
         log.warning(
-            "%d of %d files have no embedding of the pipeline in use, and are not searched: "
-            "`isoshape reembed` makes them",
+            "%d of %d files have no embedding by the active pipeline and are not searched: "
+            "`isoshape reembed` computes the missing ones",
             files - embedded,
             files,
         )

@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from core.ranking.shortlist import least, signature_distances
 from service.collection import CollectionNumber
-from service.index.repository import IndexEntries, shapes_stored, stacked
+from service.index.repository import IndexEntries, count_shapes, stacked
 from service.search import pgvector_repository as repository
 from service.search.records import Options, Query
 from service.shapes import repository as shapes_repository
@@ -80,6 +80,6 @@ def entries_in_database(
 
 def _is_half(session: ReadSession, collection: CollectionNumber, stored: int) -> bool:
     """Whether a collection with so many shapes has half of all, or more."""
-    return not shapes_repository.others_hold_shapes(session, collection) or 2 * stored >= shapes_stored(
+    return not shapes_repository.others_hold_shapes(session, collection) or 2 * stored >= count_shapes(
         session
     )

@@ -1,4 +1,4 @@
-"""The file of an archive, opened past the service: for checking, copying and putting back."""
+"""The SQLite file of an archive, opened without the service, to check, copy and restore it."""
 
 import os
 import sqlite3
@@ -7,17 +7,17 @@ from pathlib import Path
 from service.errors import ArchiveError
 from service.storage.migrate import check_known
 
-# Beside the file there may be what SQLite needs to make it whole after a process was killed.
+# Files beside the database with which SQLite completes or rolls back an interrupted transaction.
 JOURNALS = ("-journal", "-wal")
 
 
 def connect(path: Path, *, lock_seconds: float) -> sqlite3.Connection:
-    """A bare connection to a file that is there; what a killed process left half done is rolled back.
+    """A plain SQLite connection to an existing file; it rolls back transactions of killed processes.
 
     Raises
     ------
     ArchiveError
-        There is no such file, or it is no database.
+        The file is missing, or is not a database.
     """
     if not path.is_file():
         raise ArchiveError(f"there is no archive at {path}")
@@ -51,19 +51,19 @@ def check_version(connection: sqlite3.Connection, path: Path) -> None:
 
 
 def reason(error: sqlite3.Error) -> str:
-    """What SQLite says, with its name for it."""
+    """The message of an SQLite error with the name of its code."""
     name = getattr(error, "sqlite_errorname", None)
     return f"{error} ({name})" if name else str(error)
 
 
 def has_journal(path: Path) -> bool:
-    """Whether something lies beside the file without which it is not whole."""
+    """Whether a non-empty journal is beside the file, without which the file is incomplete."""
     beside = (path.with_name(path.name + ending) for ending in JOURNALS)
     return any(journal.is_file() and journal.stat().st_size > 0 for journal in beside)
 
 
 def put_in_place(finished: Path, target: Path) -> None:
-    """Give a finished file its name, in one step and for good: after a loss of power it is there whole."""
+    """Rename a finished file to its target, atomically and durably across a loss of power."""
     _sync(finished)
     os.replace(finished, target)
     _sync(target.parent)

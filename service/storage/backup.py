@@ -1,8 +1,8 @@
-"""An archive copied while it is used, and a copy put back.
+"""Backups of a running archive, and their restoration.
 
-Files, embeddings and records are all in the one database, so that a copy of it is a copy of everything.
-Either way the copy is made under another name, checked in full, synced, and then given its name in one step:
-what was there before stays until a whole one replaces it.
+One database holds files, embeddings and records, so that its copy is complete. A backup and a restoration
+write a copy under a temporary name, check and sync it, and rename it at the end: the previous file stays
+until a complete one replaces it.
 """
 
 import os
@@ -18,31 +18,31 @@ from service.storage.archive_file import JOURNALS, check_version, connect, has_j
 from service.storage.checking import Report, check
 from service.storage.lock import ArchiveLock
 
-# Not the service's own patience: a copy made at night may wait for a busy moment to pass.
+# Longer than the time limit of the service: a nightly backup may wait for a busy moment to pass.
 LOCK_SECONDS = 60.0
 
 
 def back_up(archive: Path, target: Path, *, replace: bool = False) -> Report:
-    """Copy the archive into a file, while services read and write it.
+    """Copy a running archive into a file.
 
-    The copy is of one moment. With a rollback journal, writers wait while the rows are copied (not while the
-    copy is checked).
+    The copy shows one moment. With a rollback journal, writers wait while rows are copied, but not while the
+    copy is checked.
 
     Parameters
     ----------
     archive, target : Path
     replace : bool
-        Whether a file that is there already may be replaced.
+        Whether an existing file may be replaced.
 
     Returns
     -------
     Report
-        Of the copy.
+        The content of the copy.
 
     Raises
     ------
     ArchiveError
-        There is no archive, the target is there or cannot be written, or the copy is not whole.
+        The archive is missing, the target exists or is not writable, or the copy is damaged.
     """
     with closing(connect(archive, lock_seconds=LOCK_SECONDS)) as connection, _beside(target) as copy:
         check_version(connection, archive)
@@ -60,25 +60,25 @@ def back_up(archive: Path, target: Path, *, replace: bool = False) -> Report:
 
 
 def restore(backup: Path, archive: Path, *, replace: bool = False) -> Report:
-    """Put a backup in the place of an archive that no process is using.
+    """Replace an archive that no process uses with a backup.
 
-    An older one is brought up to date when a service starts on it.
+    A service that starts on a backup of an older version migrates it.
 
     Parameters
     ----------
     backup, archive : Path
     replace : bool
-        Whether an archive that holds shapes, or a file that is none, may be replaced.
+        Whether an archive with shapes, or a file of another kind, may be replaced.
 
     Returns
     -------
     Report
-        Of the restored archive.
+        The content of the restored archive.
 
     Raises
     ------
     ArchiveError
-        The backup is not whole, or something is in its place.
+        The backup is damaged, or the target is not empty.
     StorageUnavailableError
         A service uses the archive.
     """
@@ -97,15 +97,15 @@ def restore(backup: Path, archive: Path, *, replace: bool = False) -> Report:
         shutil.copyfile(backup, copy)
         report = _checked(copy, str(backup))
         if archive.exists():
-            _belong_alike(copy, archive)
-        _settle(archive)
+            _copy_ownership(copy, archive)
+        _remove_journals(archive)
         put_in_place(copy, archive)
     return report
 
 
 @contextmanager
 def _beside(target: Path) -> Iterator[Path]:
-    """An empty file in the same folder, readable to its owner alone; gone at the end unless renamed."""
+    """An empty file in the folder of the target, readable by its owner only; removed unless renamed."""
     try:
         descriptor, name = tempfile.mkstemp(prefix=f".{target.name}.", suffix=".partial", dir=target.parent)
     except OSError as error:
@@ -129,7 +129,7 @@ def _checked(copy: Path, name: str) -> Report:
 
 
 def _holds_something(archive: Path) -> bool:
-    """Whether the file holds shapes, or anything that is no archive."""
+    """Whether the file has shapes, or is not an archive."""
     if not archive.exists() or archive.stat().st_size == 0:
         return False
     try:
@@ -139,16 +139,16 @@ def _holds_something(archive: Path) -> bool:
         return True
 
 
-def _belong_alike(copy: Path, archive: Path) -> None:
-    """Give the copy the rights, and where that is allowed the owner, of what it replaces."""
+def _copy_ownership(copy: Path, archive: Path) -> None:
+    """Give the copy the mode and, if permitted, the owner of the archive that it replaces."""
     before = archive.stat()
     with suppress(PermissionError):
         os.chown(copy, before.st_uid, before.st_gid)
     shutil.copymode(archive, copy)
 
 
-def _settle(archive: Path) -> None:
-    """Leave no journal that SQLite would play into the file that takes the archive's place."""
+def _remove_journals(archive: Path) -> None:
+    """Remove the journals of the replaced archive, which SQLite would apply to the new one."""
     if has_journal(archive):
         with suppress(ArchiveError, sqlite3.Error), closing(connect(archive, lock_seconds=0)) as connection:
             connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")

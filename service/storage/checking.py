@@ -1,7 +1,7 @@
-"""Whether an archive is whole: its file, its references, its blobs and its embeddings.
+"""Checks of an archive: its file, its references, its blobs and its embeddings.
 
-Plain SQL on columns that every version of the archive has, so that an older one is checked as it stands.
-Blobs and embeddings are read in batches, each in a transaction of its own: a service may write in between.
+The queries use columns that exist in every version, so that archives of older versions can be checked. Each
+batch of blobs or embeddings is read in its own transaction: a service may write between two batches.
 """
 
 import hashlib
@@ -18,7 +18,7 @@ from core.errors import BadRecordError
 from core.serialization import embedding_from_bytes
 from service.storage.archive_file import check_version, connect, reason
 
-# What a batch may hold is read while writers wait.
+# Writers wait while a batch is read.
 BLOBS_AT_ONCE = 8
 EMBEDDINGS_AT_ONCE = 256
 MOST_INTEGRITY_FAULTS = 100
@@ -50,30 +50,30 @@ REFERENCES = {
     "the archive has {} rows about itself, not one": """
         SELECT n FROM (SELECT count(*) AS n FROM archive) WHERE n <> 1""",
 }
-"""What must not be there, and the query that finds it."""
+"""Faults, each with a query that finds them."""
 
 COLLECTIONS = {
     "the first collection is not default, but {}": """
         SELECT coalesce((SELECT name FROM collections WHERE number = 1), 'not there') AS first
         WHERE first <> 'default'""",
 }
-"""The same, of an archive that has collections. A reference to one that is not there is a foreign key."""
+"""Faults of archives with collections. Foreign keys cover references to missing collections."""
 
 
 @dataclass
 class Report:
-    """What an archive holds, and what is wrong with it.
+    """The content of an archive and its faults.
 
     Attributes
     ----------
     shapes, blobs, embeddings : int
-        How many were seen.
+        Numbers of rows that were read.
     bytes : int
-        Of all blobs.
+        Total size of the blobs.
     pipelines : dict
-        How many embeddings each fingerprint has.
+        Number of embeddings of each pipeline fingerprint.
     faults : list of str
-        Each with the name of what it is found in; none for an archive that is whole.
+        Each names the row or file that it concerns; empty for a sound archive.
     """
 
     shapes: int = 0
@@ -85,12 +85,12 @@ class Report:
 
 
 def check(path: Path, *, lock_seconds: float) -> Report:
-    """Check the archive in a file, which a service may be using.
+    """Check the archive in a file; services may be using it.
 
     Raises
     ------
     ArchiveError
-        There is no archive to check, or a newer version wrote it.
+        The file is not an archive, or a newer version wrote it.
     """
     report = Report()
     with closing(connect(path, lock_seconds=lock_seconds)) as connection:
@@ -104,16 +104,16 @@ def check(path: Path, *, lock_seconds: float) -> Report:
 
 
 def _file(connection: sqlite3.Connection, report: Report) -> None:
-    """SQLite's own check of pages, indexes and constraints, and the foreign keys."""
-    for (said,) in connection.execute(f"PRAGMA integrity_check({MOST_INTEGRITY_FAULTS})"):
-        if said != "ok":
-            report.faults.append(f"the file: {said}")
+    """Check pages, indexes and constraints with SQLite's own check, then foreign keys."""
+    for (message,) in connection.execute(f"PRAGMA integrity_check({MOST_INTEGRITY_FAULTS})"):
+        if message != "ok":
+            report.faults.append(f"the file: {message}")
     for table, row, parent, _ in connection.execute("PRAGMA foreign_key_check"):
         report.faults.append(f"{table} row {row} refers to a row of {parent} that is not there")
 
 
 def _references(connection: sqlite3.Connection, report: Report) -> None:
-    """What foreign keys do not say; one transaction sees all of it."""
+    """Run the queries of `REFERENCES`, which foreign keys do not cover, in one transaction."""
     connection.execute("BEGIN")
     try:
         (report.shapes,) = connection.execute("SELECT count(*) FROM shapes").fetchone()
@@ -134,11 +134,11 @@ def _blobs(connection: sqlite3.Connection, report: Report) -> None:
         if hashlib.sha256(data).hexdigest() != sha256:
             yield f"blob {number} does not have the SHA-256 {sha256}"
 
-    _each(connection, "blobs", "sha256, size, data", BLOBS_AT_ONCE, check_blob, report)
+    _check_rows(connection, "blobs", "sha256, size, data", BLOBS_AT_ONCE, check_blob, report)
 
 
 def _embeddings(connection: sqlite3.Connection, report: Report) -> None:
-    forms: dict[str, object] = {}
+    dimensions: dict[str, object] = {}
 
     def check_embedding(number: int, fingerprint: str, signature: bytes, record: bytes) -> Iterator[str]:
         report.embeddings += 1
@@ -152,19 +152,19 @@ def _embeddings(connection: sqlite3.Connection, report: Report) -> None:
             yield f"embedding {number} is of {embedding.fingerprint}, and stored as one of {fingerprint}"
         if not np.array_equal(np.frombuffer(signature, np.uint8), embedding.signature.view(np.uint8)):
             yield f"embedding {number} has a signature beside it that is not its own"
-        if forms.setdefault(fingerprint, _form(embedding)) != _form(embedding):
+        if dimensions.setdefault(fingerprint, _dimensions(embedding)) != _dimensions(embedding):
             yield f"embedding {number} has other dimensions than the first of {fingerprint}"
 
     columns = "fingerprint, signature, record"
-    _each(connection, "embeddings", columns, EMBEDDINGS_AT_ONCE, check_embedding, report)
+    _check_rows(connection, "embeddings", columns, EMBEDDINGS_AT_ONCE, check_embedding, report)
 
 
-def _form(embedding: Embedding) -> object:
-    """What all embeddings of one pipeline have alike."""
+def _dimensions(embedding: Embedding) -> object:
+    """The dimensions that all embeddings of one pipeline share."""
     return len(embedding.signature), [(each.name, each.coordinates.shape[1]) for each in embedding.spectra]
 
 
-def _each(
+def _check_rows(
     connection: sqlite3.Connection,
     table: str,
     columns: str,
@@ -172,7 +172,7 @@ def _each(
     faults_of: Callable[..., Iterator[str]],
     report: Report,
 ) -> None:
-    """Check the rows of a table, in the order of their numbers."""
+    """Check all rows of a table in the order of their numbers."""
     query = f"SELECT number, {columns} FROM {table} WHERE number > ? ORDER BY number LIMIT ?"
     last, more = -1, True
     while more:

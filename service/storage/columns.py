@@ -1,6 +1,6 @@
-"""Column types: numbers, vectors, times with their zone, and text of any characters.
+"""Column types for 64-bit numbers, float32 vectors, times in UTC and text with any character.
 
-On SQLite a vector is its bytes; on PostgreSQL it is a `vector` of pgvector, which can be searched there.
+SQLite stores a vector as bytes; PostgreSQL stores it as a `vector` of pgvector, which it can search.
 """
 
 from datetime import UTC, datetime
@@ -16,11 +16,11 @@ from sqlalchemy.types import TypeDecorator, TypeEngine, UserDefinedType
 POSTGRESQL = "postgresql"
 
 Number = BigInteger().with_variant(Integer(), "sqlite")
-"""A whole number of 64 bits; SQLite calls every whole number an integer, and counts up no other."""
+"""A 64-bit integer. SQLite needs the type INTEGER to generate numbers."""
 
 
 class PgVector(UserDefinedType[Any]):
-    """The type `vector` of pgvector, of a length or of any."""
+    """The type `vector` of pgvector, of a fixed length or of any."""
 
     cache_ok = True
 
@@ -28,12 +28,12 @@ class PgVector(UserDefinedType[Any]):
         self.length = length
 
     def get_col_spec(self, **_: object) -> str:
-        """Its name in SQL."""
+        """The name of the type in SQL."""
         return "vector" if self.length is None else f"vector({self.length})"
 
 
 class _AsBytes(FunctionElement[bytes]):
-    """A vector as its bytes: by pgvector's own binary form on PostgreSQL, whose text takes long to read."""
+    """The bytes of a vector. PostgreSQL sends pgvector's binary format, which is faster than its text."""
 
     inherit_cache = True
 
@@ -53,28 +53,28 @@ def _sent_as_bytes(element: _AsBytes, compiler: Any, **options: object) -> str: 
 
 
 class Float32Vector(TypeDecorator[NDArray[np.float32]]):
-    """A vector of float32, shape (s,): bit for bit what was stored."""
+    """A vector of float32, shape (s,), returned bit for bit as stored."""
 
     impl = LargeBinary
     cache_ok = True
 
     def load_dialect_impl(self, dialect: Dialect) -> TypeEngine[Any]:
-        """The type of the column."""
+        """The column type of the dialect."""
         return dialect.type_descriptor(PgVector() if dialect.name == POSTGRESQL else LargeBinary())
 
     def column_expression(self, column: ColumnElement[Any]) -> ColumnElement[Any]:
-        """What is selected."""
+        """The expression that a query selects."""
         return _AsBytes(column, self)
 
     def process_bind_param(self, value: NDArray[np.float32] | None, dialect: Dialect) -> bytes | str | None:
-        """The vector's little-endian bytes, or its text."""
+        """The little-endian bytes of the vector, or its text."""
         if value is None:
             return None
         vector = np.ascontiguousarray(value, dtype="<f4")
         return vector_text(vector) if dialect.name == POSTGRESQL else vector.tobytes()
 
     def process_result_value(self, value: bytes | None, dialect: Dialect) -> NDArray[np.float32] | None:
-        """The vector; pgvector sends its length and two empty bytes before it, and the largest byte first."""
+        """Decode a vector; pgvector sends big-endian floats after its length and two empty bytes."""
         if value is None:
             return None
         if dialect.name == POSTGRESQL:
@@ -83,39 +83,39 @@ class Float32Vector(TypeDecorator[NDArray[np.float32]]):
 
 
 def vector_text(vector: NDArray[np.float32]) -> str:
-    """A vector of float32 as pgvector reads it: to the last bit."""
+    """The text of a float32 vector for pgvector, exact to the last bit."""
     return f"[{','.join(map(str, vector.tolist()))}]"
 
 
 class AnyText(TypeDecorator[str]):
-    """Text that is looked up as it came: PostgreSQL keeps no NUL, so that one is written otherwise there."""
+    """Text with any character. PostgreSQL cannot store NUL, which is escaped with a backslash there."""
 
     impl = String
     cache_ok = True
 
     def process_bind_param(self, value: str | None, dialect: Dialect) -> str | None:
-        """The text, in which a backslash escapes on PostgreSQL."""
+        """Escape backslashes and NULs on PostgreSQL."""
         if value is None or dialect.name != POSTGRESQL:
             return value
         return value.replace("\\", "\\\\").replace("\0", "\\0")
 
     def process_result_value(self, value: str | None, dialect: Dialect) -> str | None:
-        """The text as it came."""
+        """Restore escaped backslashes and NULs."""
         if value is None or dialect.name != POSTGRESQL:
             return value
         return "\\".join(part.replace("\\0", "\0") for part in value.split("\\\\"))
 
 
 class UtcDateTime(TypeDecorator[datetime]):
-    """A time in UTC. SQLite keeps no zone, so it is taken off on the way in and put back on the way out."""
+    """A time in UTC. SQLite stores no time zone: it is removed on writing and added on reading."""
 
     impl = DateTime
     cache_ok = True
 
     def process_bind_param(self, value: datetime | None, dialect: Dialect) -> datetime | None:
-        """The time in UTC, without its zone."""
+        """Convert a time to UTC and remove its time zone."""
         return None if value is None else value.astimezone(UTC).replace(tzinfo=None)
 
     def process_result_value(self, value: datetime | None, dialect: Dialect) -> datetime | None:
-        """The time with its zone."""
+        """Add the time zone UTC."""
         return None if value is None else value.replace(tzinfo=UTC)

@@ -1,7 +1,7 @@
-"""An archive copied from one engine to the other, row by row.
+"""Copies of archives between SQLite and PostgreSQL, row by row.
 
-All that is written is one transaction, so that the target holds the whole archive or nothing. Before it is
-committed the target is read again, and every row compared with the source's.
+One transaction writes the whole target, or nothing. Before it commits, every row of the target is read again
+and compared with the source.
 """
 
 import hashlib
@@ -25,18 +25,18 @@ from service.storage.tables import ArchiveRow, BlobRow, CollectionRow, Embedding
 
 ROWS_AT_ONCE = 500
 BYTES_AT_ONCE = 16 * 1024**2
-# What migrations write, and a service as soon as it starts on an empty archive.
+# Tables with rows that migrations, and the first start of a service, write into an empty archive.
 WRITTEN_AT_THE_START = {ArchiveRow.__tablename__, CollectionRow.__tablename__, PipelineRow.__tablename__}
 
-# Of jobs too, once the module of their tables is imported.
+# The import of `job_tables` adds the tables of jobs to the metadata.
 _TABLES = JobRow.metadata
 
 Advance = Callable[[str, int, int], object]
 
 
 @dataclass(frozen=True)
-class Copied:
-    """What was copied: how many shapes, blobs and embeddings, and the bytes of all blobs."""
+class CopyCounts:
+    """Numbers of copied shapes, blobs and embeddings, and the total size of the blobs."""
 
     shapes: int
     blobs: int
@@ -46,7 +46,7 @@ class Copied:
 
 @dataclass(frozen=True)
 class _Content:
-    """Some rows: how many, and the sum of their SHA-256 modulo 2^256, which no order changes."""
+    """The number of some rows, and the sum of their SHA-256 modulo 2^256, which no order changes."""
 
     rows: int = 0
     digest: int = 0
@@ -55,22 +55,22 @@ class _Content:
         return _Content(self.rows + 1, (self.digest + _digest(row)) % 2**256)
 
 
-def copy_archive(source: Database, target: Database, advance: Advance) -> Copied:
-    """Copy everything from one archive into another, which is empty.
+def copy_archive(source: Database, target: Database, advance: Advance) -> CopyCounts:
+    """Copy a whole archive into another database, which must be empty.
 
-    The copy is of one moment. A PostgreSQL source may be written meanwhile; those who write to a source that
-    is a file wait.
+    The copy shows one moment. Other processes may write to a PostgreSQL source meanwhile; writers to an
+    SQLite source wait.
 
     Parameters
     ----------
     source, target : Database
     advance : callable
-        Told the name of a table, how many of its rows were copied, and how many there are.
+        Called with the name of a table, the number of its copied rows and the number of all its rows.
 
     Raises
     ------
     ArchiveError
-        The source is no archive of this version, the target is not empty, or the copy is not the same.
+        The source is not an archive of this version, the target is not empty, or the copy differs.
     """
     migrate(target)
     with source.read() as reading, target.write() as writing:
@@ -90,22 +90,22 @@ def copy_archive(source: Database, target: Database, advance: Advance) -> Copied
                 copy.execute(insert(table), [dict(row._mapping) for row in rows])
                 advance(table.name, copied.rows, total)
             _check_same(copy, table, copied)
-            _go_on_counting(origin, copy, table)
+            _continue_numbering(origin, copy, table)
         for fingerprint in writing.scalars(select(EmbeddingRow.fingerprint).distinct()).all():
             ensure_hnsw(writing, fingerprint)
         if copy.dialect.name == POSTGRESQL:
-            # Or queries are planned for empty tables until the server looks at them by itself.
+            # Without statistics the planner of PostgreSQL takes the tables for empty.
             copy.execute(text("ANALYZE"))
         shapes, blobs, embeddings = (
             copy.execute(select(func.count()).select_from(row)).scalar_one()
             for row in (ShapeRow, BlobRow, EmbeddingRow)
         )
         total = copy.execute(select(func.sum(BlobRow.size))).scalar_one()
-        return Copied(shapes, blobs, embeddings, int(total or 0))
+        return CopyCounts(shapes, blobs, embeddings, int(total or 0))
 
 
 def _check_source(origin: Connection) -> None:
-    """Raise unless the source is an archive of this version, of whose tables this code knows all."""
+    """Raise unless the source is an archive of this version without unknown tables."""
     present = set(inspect(origin).get_table_names())
     if "alembic_version" not in present:
         raise ArchiveError("the source is no Isoshape archive")
@@ -126,28 +126,28 @@ def _check_empty(copy: Connection) -> None:
 
 
 def _batches(connection: Connection, table: Table) -> Iterator[list[Row[Any]]]:
-    """The rows of a table, so many at a time that they have few bytes."""
-    # From PostgreSQL by a cursor of the server's: no more rows than these are in memory.
+    """The rows of a table in batches of bounded size."""
+    # PostgreSQL uses a server-side cursor, so that only one batch is in memory.
     query = select(table).execution_options(yield_per=_at_once(connection, table))
     for rows in connection.execute(query).partitions():
         yield list(rows)
 
 
 def _at_once(connection: Connection, table: Table) -> int:
-    """How many rows to hold in memory, by the longest bytes that one of them has."""
+    """The number of rows in a batch, from the longest row of the table."""
     lengths = [func.max(func.length(each)) for each in table.columns if isinstance(each.type, LargeBinary)]
     longest = connection.execute(select(*lengths)).one() if lengths else ()
     return max(1, min(ROWS_AT_ONCE, BYTES_AT_ONCE // max(1, sum(length or 0 for length in longest))))
 
 
 def _check_bytes(blob: Row[Any]) -> None:
-    """Raise unless a blob is what its SHA-256 says. In SQLite it might even be text."""
+    """Raise unless a blob has its SHA-256. SQLite could also return text."""
     if not isinstance(blob.data, bytes) or hashlib.sha256(blob.data).hexdigest() != blob.sha256:
         raise ArchiveError(f"blob {blob.number} of the source does not have the SHA-256 {blob.sha256}")
 
 
 def _check_same(copy: Connection, table: Table, copied: _Content) -> None:
-    """Read the rows again, and compare."""
+    """Read the copied rows again and compare them with the source."""
     found = _Content()
     for rows in _batches(copy, table):
         for row in rows:
@@ -156,8 +156,8 @@ def _check_same(copy: Connection, table: Table, copied: _Content) -> None:
         raise ArchiveError(f"the copy of the table {table.name} is not the same; nothing was kept of it")
 
 
-def _go_on_counting(origin: Connection, copy: Connection, table: Table) -> None:
-    """Have the target give no number again that the source once gave."""
+def _continue_numbering(origin: Connection, copy: Connection, table: Table) -> None:
+    """Have the target continue the numbering of the source, so that no number is used twice."""
     if not table.dialect_options["sqlite"]["autoincrement"]:
         return
     last = _last_number(origin, table)
@@ -174,7 +174,7 @@ def _go_on_counting(origin: Connection, copy: Connection, table: Table) -> None:
 
 
 def _last_number(connection: Connection, table: Table) -> int:
-    """The last number that was given to a row of a table, which may be there no more; 0 before the first."""
+    """The last number that a table has generated, even if its row is deleted; 0 before the first."""
     if connection.dialect.name == POSTGRESQL:
         last = text(f"SELECT CASE WHEN is_called THEN last_value ELSE 0 END FROM {_sequence(table)}")
         return int(connection.execute(last).scalar_one())
@@ -185,18 +185,18 @@ def _last_number(connection: Connection, table: Table) -> int:
 
 
 def _sequence(table: Table) -> str:
-    """PostgreSQL's name for what counts a table's rows."""
+    """The name of the PostgreSQL sequence that numbers a table's rows."""
     return f"{table.name}_number_seq"
 
 
 def _digest(row: Row[Any]) -> int:
-    """The SHA-256 of a row, as a number; the same whatever engine it was read from."""
+    """The SHA-256 of a row as a number, equal on both databases."""
     values = {str(name): _plain(value) for name, value in row._mapping.items()}
     return int.from_bytes(hashlib.sha256(json.dumps(values, sort_keys=True).encode()).digest(), "big")
 
 
 def _plain(value: object) -> object:
-    """A value as JSON."""
+    """The JSON value of a column."""
     if isinstance(value, bytes):
         return hashlib.sha256(value).hexdigest()
     if isinstance(value, np.ndarray):

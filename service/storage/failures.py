@@ -1,4 +1,4 @@
-"""What the database's drivers raise, said in the service's own errors."""
+"""Translation of database driver errors into errors of the service."""
 
 import sqlite3
 from collections.abc import Iterator
@@ -17,9 +17,9 @@ POSTGRESQL_DISK_FULL = "53100"
 
 @contextmanager
 def translated() -> Iterator[None]:
-    """Raise `StorageFullError` or `StorageUnavailableError` where the database failed.
+    """Raise `StorageFullError` or `StorageUnavailableError` for errors of the database.
 
-    A broken constraint is the service's own mistake and stays what it is.
+    A violated constraint is an error of the program and passes unchanged.
     """
     try:
         yield
@@ -27,10 +27,10 @@ def translated() -> Iterator[None]:
         raise
     except (DatabaseError, InterfaceError) as error:
         connected = error.statement is not None
-        # A statement may be long, and the values in it are not the log's business.
+        # Statements may be long, and their values must not appear in the log.
         error.statement = None
-        _leave_out_details(error)
-        # Where there is no connection to begin with, no line of the program is at fault.
+        _remove_details(error)
+        # A failed connection attempt needs no traceback.
         log.error("the database failed", exc_info=error if connected else None)
         if _is_full(error.orig):
             raise StorageFullError("the disk, or the room the database may use, is full") from error
@@ -39,11 +39,11 @@ def translated() -> Iterator[None]:
         raise StorageUnavailableError("every connection to the database is in use") from error
 
 
-def _leave_out_details(error: DBAPIError) -> None:
-    """Keep the first line of what PostgreSQL says: those below it may repeat the statement and its values."""
-    said = getattr(getattr(error.orig, "diag", None), "message_primary", None)
-    if said is not None and error.orig is not None:
-        error.args = error.orig.args = (said,)
+def _remove_details(error: DBAPIError) -> None:
+    """Keep only the primary message of PostgreSQL: the details may repeat the statement and its values."""
+    message = getattr(getattr(error.orig, "diag", None), "message_primary", None)
+    if message is not None and error.orig is not None:
+        error.args = error.orig.args = (message,)
 
 
 def _is_full(error: BaseException | None) -> bool:
@@ -53,7 +53,7 @@ def _is_full(error: BaseException | None) -> bool:
 
 
 def _reason(error: BaseException | None) -> str:
-    """The driver's name for what happened; its message may hold paths, not the client's business."""
+    """The driver's name of the error; its message may contain paths, which clients must not see."""
     return (
         error.sqlite_errorname if isinstance(error, sqlite3.Error) and _code(error) else type(error).__name__
     )

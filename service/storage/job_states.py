@@ -1,9 +1,9 @@
-"""The states of a bulk job, as the database keeps them."""
+"""The states of a bulk job in the database."""
 
 from typing import Literal
 
 State = Literal["arriving", "waiting", "running", "done", "failed", "cancelled"]
-"""Of a job. One that is arriving is not acknowledged, and is shown to nobody."""
+"""The state of a job. A job in the state "arriving" is not acknowledged yet, and is hidden."""
 
 ACTIVE: tuple[State, ...] = ("waiting", "running")
 ENDED: tuple[State, ...] = ("done", "failed", "cancelled")

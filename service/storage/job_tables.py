@@ -1,7 +1,7 @@
 """The tables of bulk jobs.
 
-The archive lies in the database, in pieces: what was acknowledged is then durable by one commit, a backup has
-it, and any service on the archive can go on with it, also one on another machine.
+The database stores the uploaded archive in pieces: one commit makes it durable, backups contain it, and any
+service on the database can continue the job, also on another machine.
 """
 
 from datetime import datetime
@@ -15,10 +15,10 @@ from service.storage.tables import Table
 
 
 class JobRow(Table):
-    """A job: an archive whose members are to be stored.
+    """A bulk job, which stores the members of an archive.
 
-    `number` counts up and orders jobs by when they came. `state` is one of `service.storage.job_states.State`;
-    `runner` the service that works on it, or receives it, and is taken for dead after `leased_until`.
+    `number` increases in the order of creation. `state` is one of `service.storage.job_states.State`.
+    `runner` identifies the service that receives or runs the job; it counts as dead after `leased_until`.
     """
 
     __tablename__ = "jobs"
@@ -47,7 +47,7 @@ class JobRow(Table):
 
 
 class JobPieceRow(Table):
-    """A piece of a job's archive, until the job has ended."""
+    """A piece of the archive of an unfinished job."""
 
     __tablename__ = "job_pieces"
 
@@ -57,7 +57,7 @@ class JobPieceRow(Table):
 
 
 class JobFileRow(Table):
-    """A member of a job's archive, and what became of it: nothing yet, while it has no outcome."""
+    """A member of a job's archive and its outcome, which is NULL until the member is processed."""
 
     __tablename__ = "job_files"
     __table_args__ = (Index("job_files_by_outcome", "job_number", "outcome", "place"),)

@@ -1,7 +1,7 @@
-"""Who uses an archive: services share it, and a file is only put in its place while there are none.
+"""Locks on archive files: services share them, and a restoration needs one exclusively.
 
-SQLite's own locks do not tell: a service holds none between two transactions. The lock is on a file beside
-the archive, which is left there; the system lets go of it when the process ends, however it ends.
+SQLite's own locks cannot tell whether a service runs, because it holds none between transactions. The lock is
+on a file beside the archive. The file remains; the operating system releases the lock when a process ends.
 """
 
 import fcntl
@@ -15,19 +15,19 @@ ENDING = "-lock"
 
 
 class ArchiveLock:
-    """A hold on the archive in a file, from when it is made until it is released.
+    """A lock on an archive file, from the construction of the object to `release`.
 
     Parameters
     ----------
     path : Path
-        The archive's file, which need not be there yet; its folder must be.
+        The file of the archive, which may be missing; its folder must exist.
     alone : bool
-        Whether nobody else may use the archive meanwhile.
+        Whether the lock is exclusive.
 
     Raises
     ------
     StorageUnavailableError
-        Another process holds the archive, and one of both wants to be alone; or the lock cannot be made.
+        Another process holds a lock that excludes this one, or the lock file cannot be created.
     """
 
     def __init__(self, path: Path, *, alone: bool = False) -> None:
@@ -50,5 +50,5 @@ class ArchiveLock:
         self.release()
 
     def release(self) -> None:
-        """Let go of it, once."""
+        """Release the lock; call this once."""
         os.close(self._descriptor)

@@ -1,4 +1,4 @@
-"""Bring a database to the version of this code."""
+"""Migration of a database to the version of this code."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -17,13 +17,13 @@ _FOLDER = Path(__file__).parent / "migrations"
 
 
 def migrate(database: Database) -> None:
-    """Run the migrations that the database lacks, in one transaction.
+    """Run all missing migrations in one transaction.
 
     Raises
     ------
     ArchiveError
-        A newer version of the service has changed the database in ways this one does not know, or the
-        database's server lacks what an archive needs.
+        A newer version of the service wrote the database, or the database server does not meet the
+        requirements of an archive.
     """
     config = _config()
     with database.connect() as connection:
@@ -35,7 +35,7 @@ def migrate(database: Database) -> None:
 
 
 def check_known(versions: Iterable[str]) -> None:
-    """Raise unless this code knows the versions that a database says it has.
+    """Raise unless this code knows all versions that a database has.
 
     Raises
     ------
@@ -51,14 +51,14 @@ def check_known(versions: Iterable[str]) -> None:
 
 
 def head() -> str:
-    """The version that this code brings a database to."""
+    """The newest version of the database that this code knows."""
     (version,) = ScriptDirectory.from_config(_config()).get_heads()
     return version
 
 
 def _config() -> Config:
     config = Config()
-    # Alembic reads the value as a template, in which a percent sign is doubled.
+    # Alembic expands percent signs in the value, so that they are doubled.
     config.set_main_option("script_location", str(_FOLDER).replace("%", "%%"))
     config.set_main_option("path_separator", "os")
     return config

@@ -1,4 +1,4 @@
-"""What PostgreSQL needs to be told, and what it must have."""
+"""PostgreSQL engines: their options, and the requirements on the server."""
 
 import math
 from importlib.util import find_spec
@@ -11,13 +11,13 @@ from service.storage.sqlite import WRITES
 
 DRIVER = "postgresql+psycopg"
 
-# Any number, as long as all who write to an archive take the same.
+# An arbitrary number; all writers of an archive use the same.
 WRITERS_LOCK = 0x1505_4A9E
 
 CONNECTIONS = 8
 MORE_CONNECTIONS = 24
 
-# A server whose machine has gone answers nothing, not even that it has gone.
+# Without a time limit, a connection to a machine that has failed never ends.
 CONNECT_SECONDS = 5
 SILENCE_SECONDS = 10
 
@@ -25,11 +25,11 @@ SILENCE_SECONDS = 10
 def open_postgresql(url: URL, *, lock_seconds: float) -> Engine:
     """An engine on a PostgreSQL database.
 
-    A session that reads sees the database as of its first statement (REPEATABLE READ). A connection with the
-    execution option `WRITES` begins its transactions with a lock that all writers take, like SQLite's BEGIN
-    IMMEDIATE: whatever it then reads is what every transaction before it left (READ COMMITTED), and numbers
-    and revisions become visible in the order in which they are counted. A connection that the server has
-    closed is replaced before it is used.
+    A read session sees the database as of its first statement (REPEATABLE READ). A connection with the
+    execution option `WRITES` begins its transactions with an advisory lock that all writers take, like
+    SQLite's BEGIN IMMEDIATE: it sees the results of every earlier transaction (READ COMMITTED), and numbers
+    and revisions become visible in the order of their creation. The pool replaces connections that the server
+    has closed.
 
     Raises
     ------
@@ -67,7 +67,7 @@ def open_postgresql(url: URL, *, lock_seconds: float) -> Engine:
 
 
 def check_server(connection: Connection) -> None:
-    """Raise unless the server has what an archive needs.
+    """Raise unless the server meets the requirements of an archive.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The count of changes of what is searched."""
+"""The revision of the archive, which counts changes of searchable data."""
 
 from sqlalchemy import update
 
@@ -9,7 +9,7 @@ from service.storage.tables import (
 
 
 def next_revision(session: WriteSession) -> int:
-    """Count a change of what is searched: once a transaction, since nobody sees a part of one."""
+    """Increase the revision, once per transaction: nobody sees a part of one."""
     if session.revision is None:
         counted = update(ArchiveRow).values(revision=ArchiveRow.revision + 1).returning(ArchiveRow.revision)
         session.revision = session.scalars(counted).one()

@@ -1,4 +1,4 @@
-"""What SQLite needs to be told, and where it must not be trusted."""
+"""SQLite engines: their options, locks and journals."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -20,7 +20,7 @@ def path_of(url: str) -> Path:
     Raises
     ------
     ArchiveError
-        It names a PostgreSQL database, which is no file.
+        The URL names a PostgreSQL database.
     """
     named = make_url(url)
     if named.get_backend_name() != "sqlite":
@@ -33,18 +33,18 @@ def path_of(url: str) -> Path:
 
 
 def open_sqlite(url: URL, *, lock_seconds: float) -> Engine:
-    """An engine on an SQLite file, whose folder is made.
+    """An engine on an SQLite file; a missing folder is created.
 
-    A connection with the execution option `WRITES` begins its transactions with the lock in hand. Asked for
-    later it may be refused at once, whatever the time-out, because two readers that both want to write can
-    never wait for each other.
+    A connection with the execution option `WRITES` begins its transactions with BEGIN IMMEDIATE, which takes
+    the write lock. A read transaction that asks for the lock later may fail at once, whatever the time limit,
+    because two readers that both want to write can never wait for each other.
     """
     if url.database is not None:
         try:
             Path(url.database).parent.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise StorageUnavailableError(f"the folder of the database cannot be made: {error}") from error
-    # With isolation_level None the driver begins nothing by itself, and the listener below says how.
+    # With isolation_level None the driver begins no transactions; the listener `_begin` does.
     engine = create_engine(
         url,
         connect_args={"timeout": lock_seconds, "isolation_level": None},
@@ -59,30 +59,31 @@ def open_sqlite(url: URL, *, lock_seconds: float) -> Engine:
 
 @contextmanager
 def without_references(connection: Connection) -> Iterator[None]:
-    """Have a connection that is in no transaction enforce no references, until the end of the block.
+    """Disable foreign keys of a connection outside a transaction, until the end of the block.
 
-    SQLite changes a table by making it anew, and while references are enforced, dropping the old one deletes
-    what refers to its rows (sqlite.org/lang_altertable.html, "Making Other Kinds Of Table Schema Changes").
+    SQLite alters a table by creating a new one and dropping the old one. With foreign keys enabled, the drop
+    deletes all rows that refer to it (sqlite.org/lang_altertable.html, "Making Other Kinds Of Table Schema
+    Changes").
     """
-    _tell(connection, "PRAGMA foreign_keys = OFF")
+    _execute(connection, "PRAGMA foreign_keys = OFF")
     try:
         yield
     finally:
-        _tell(connection, "PRAGMA foreign_keys = ON")
+        _execute(connection, "PRAGMA foreign_keys = ON")
 
 
-def _tell(connection: Connection, pragma: str) -> None:
-    """Past SQLAlchemy, which would begin a transaction, in which the pragma does nothing."""
+def _execute(connection: Connection, pragma: str) -> None:
+    """Execute a pragma without SQLAlchemy, whose transaction would make the pragma ineffective."""
     cursor = connection.connection.cursor()
     cursor.execute(pragma)
     cursor.close()
 
 
 def write_ahead_log_is_safe(version: tuple[int, int, int]) -> bool:
-    """Whether this version of SQLite keeps a write-ahead log sound when several connections use it.
+    """Whether several connections can safely use a write-ahead log in this version of SQLite.
 
-    Versions 3.7.0 to 3.51.2 may corrupt it (sqlite.org/wal.html, "The WAL-reset bug"), but for 3.44.6 and
-    3.50.7, which were repaired, and what follows them in their series.
+    Versions 3.7.0 to 3.51.2 may corrupt the log (sqlite.org/wal.html, "The WAL-reset bug"), except 3.44.6,
+    3.50.7 and later releases of these two series.
     """
     repaired = {(3, 44): 6, (3, 50): 7}
     series = version[:2]
@@ -90,10 +91,10 @@ def write_ahead_log_is_safe(version: tuple[int, int, int]) -> bool:
 
 
 def journal_mode() -> str:
-    """The journal to use with the SQLite that is linked.
+    """The journal mode for the linked version of SQLite.
 
-    A rollback journal is truncated rather than deleted: with synchronous FULL the truncation is synced before
-    a commit returns, so what was acknowledged outlives a loss of power.
+    "truncate" is safer than "delete": with synchronous FULL the truncation is synced before a commit returns,
+    so that acknowledged data survive a loss of power.
     """
     return "wal" if write_ahead_log_is_safe(sqlite_version_info[:3]) else "truncate"
 

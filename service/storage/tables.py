@@ -1,8 +1,8 @@
-"""The tables.
+"""The tables of the database.
 
-A blob is the bytes of a file, once per SHA-256. A shape is a record that people name, in one collection;
-several may share a blob. An embedding belongs to a blob read in one format under one pipeline fingerprint, so
-that shapes on the same bytes share it. Migrations make the tables; a test holds the two equal.
+A blob holds the bytes of a file, once per SHA-256. A shape is a named record in one collection; several
+shapes may share a blob. An embedding belongs to a blob, a format and a pipeline fingerprint, so that shapes
+with the same bytes share it. Migrations create the tables; a test compares them with these classes.
 """
 
 from datetime import datetime
@@ -23,7 +23,7 @@ class Table(DeclarativeBase):
 
 
 class CollectionRow(Table):
-    """A named set of shapes. The first is `default`, and is always there."""
+    """A named set of shapes. The first one is `default`, which always exists."""
 
     __tablename__ = "collections"
     __table_args__ = ({"sqlite_autoincrement": True},)
@@ -48,8 +48,8 @@ class BlobRow(Table):
 class ShapeRow(Table):
     """A stored shape.
 
-    `number` counts up and is never used again, so it orders shapes by creation. `revision` is that of the
-    archive when the shape came, or when its embedding did, whichever was later.
+    `number` increases and is never reused, so that it orders shapes by creation. `revision` is the revision
+    of the archive in which the shape or its embedding was stored, whichever is later.
     """
 
     __tablename__ = "shapes"
@@ -76,7 +76,7 @@ class ShapeRow(Table):
 
 
 class TagRow(Table):
-    """A tag of a shape, and its place among them."""
+    """A tag of a shape and its position in the list of tags."""
 
     __tablename__ = "shape_tags"
     __table_args__ = (Index("shapes_by_tag", "tag", "shape_number"),)
@@ -89,10 +89,10 @@ class TagRow(Table):
 
 
 class MetadataRow(Table):
-    """A plain value in a shape's metadata, as text, to filter by."""
+    """A scalar value of a shape's metadata as text, for filters."""
 
     __tablename__ = "shape_metadata"
-    # A value may be longer than what an ordered index of PostgreSQL takes.
+    # Values may exceed the limit of an ordered index in PostgreSQL.
     __table_args__ = (
         Index("shapes_by_metadata", "key", "value", "shape_number").ddl_if(dialect="sqlite"),
         Index("shapes_by_metadata_value", "value", postgresql_using="hash").ddl_if(dialect="postgresql"),
@@ -106,10 +106,10 @@ class MetadataRow(Table):
 
 
 class EmbeddingRow(Table):
-    """What a pipeline made of a blob.
+    """The embedding of a blob in one format by one pipeline.
 
-    The signature stands before the record, which is long, so that reading it does not read that. A number is
-    never used again, so that one held in memory cannot come to mean another embedding.
+    The signature precedes the long record, so that a query of signatures does not read records. A number is
+    never reused, so that a number in memory never refers to another embedding.
     """
 
     __tablename__ = "embeddings"
@@ -127,10 +127,10 @@ class EmbeddingRow(Table):
 
 
 class SketchRow(Table):
-    """The sketch of an embedding, see `core.ranking.coarse_ranking`, and its signature once more.
+    """The coarse samples of an embedding (`core.ranking.coarse_ranking`) and a copy of its signature.
 
-    Both are held in memory of all embeddings, so they lie close together: a start that took the signatures
-    from among the records would read a page of each record.
+    A service loads both for all embeddings at its start. This table stores them densely: reading signatures
+    from `embeddings` would read a page of each record.
     """
 
     __tablename__ = "sketches"
@@ -143,7 +143,7 @@ class SketchRow(Table):
 
 
 class RemovalRow(Table):
-    """A shape that was deleted, for processes that still hold its signature."""
+    """The number of a deleted shape, for processes that still have its signature in memory."""
 
     __tablename__ = "removals"
 
@@ -152,11 +152,11 @@ class RemovalRow(Table):
 
 
 class DeletedRow(Table):
-    """A deleted shape, which can be restored.
+    """A deleted shape that can be restored.
 
-    It has the bytes once more, so that nothing else need know of it: the blob and the embeddings go with the
-    last shape that has them, and a restored shape is stored anew. `number` orders them by when they were
-    deleted.
+    The row has a copy of the bytes, so that no other table depends on it: the blob and its embeddings are
+    deleted with the last shape that uses them, and a restored shape is stored as a new one. `number` orders
+    the rows by the time of deletion.
     """
 
     __tablename__ = "deleted_shapes"
@@ -180,7 +180,7 @@ class DeletedRow(Table):
 
 
 class PipelineRow(Table):
-    """A pipeline that made embeddings: the version of the method, and its parameters."""
+    """A pipeline with embeddings: the version of the method and the parameters."""
 
     __tablename__ = "pipelines"
 
@@ -190,9 +190,9 @@ class PipelineRow(Table):
 
 
 class IdempotencyKeyRow(Table):
-    """The answer to a request that had an Idempotency-Key, for the next one that has it.
+    """The answer to a request with an Idempotency-Key, for its repetitions.
 
-    `scope` is the digest of the API key that sent it, or empty; `payload` is a hash of what was sent.
+    `scope` is the digest of the client's API key, or empty; `payload` is a hash of the request.
     """
 
     __tablename__ = "idempotency_keys"
@@ -210,10 +210,10 @@ class IdempotencyKeyRow(Table):
 
 
 class ArchiveRow(Table):
-    """The one row about the archive itself.
+    """The only row about the archive itself.
 
-    `revision` is how many times what is searched has changed; `fingerprint` that of the pipeline it is
-    searched by, none before the first start.
+    `revision` counts changes of searchable data. `fingerprint` identifies the active pipeline; NULL before
+    the first start of a service.
     """
 
     __tablename__ = "archive"
@@ -224,7 +224,7 @@ class ArchiveRow(Table):
 
 
 class ThumbnailRow(Table):
-    """A picture of a blob read in one format, `size` pixels a side; `drawing` tells how it was drawn."""
+    """A picture of a blob in one format, of `size` by `size` pixels, by version `drawing` of the renderer."""
 
     __tablename__ = "thumbnails"
 

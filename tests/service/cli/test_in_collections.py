@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from service.auth.keys import Entry, digest_of
+from service.auth.keys import KeyEntry, digest_of
 from service.client import Client, ClientError
 from service.settings import Settings
 from tests.service.cli.conftest import CLASSES, POSES, Run, mesh_bytes
@@ -74,8 +74,8 @@ def test_clients_of_two_collections(archive: Client) -> None:
 
 def test_a_key_that_is_limited(run: Run) -> None:
     printed = run("key", "--collection", "b", "--collection", "a").stdout.split()
-    entry = Entry.read(printed[3])
-    assert entry == Entry(digest_of(printed[1]), frozenset({"a", "b"}))
+    entry = KeyEntry.read(printed[3])
+    assert entry == KeyEntry(digest_of(printed[1]), frozenset({"a", "b"}))
     assert Settings(api_keys=printed[3]).api_keys == (printed[3],)
     wrong = run("key", "--collection", "A")
     assert (wrong.status, wrong.stdout) == (2, "")

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import httpx
 import pytest
 
-from service.auth.keys import Entry, Grant, KeyRing, digest_of
+from service.auth.keys import KeyEntry, Grant, KeyRing, digest_of
 from service.collections.dependencies import HEADER, PARAMETER, allowed
 from service.errors import BadRequestFieldsError, ForbiddenError
 from service.settings import Settings
@@ -118,11 +118,11 @@ def test_what_is_allowed(limits: set[str] | None, named: str | None, found: str 
 
 def test_entries_are_read_as_they_are_written() -> None:
     for text in (D, f"{D}:a", f"{D}:a+b-c_9+default"):
-        assert Entry.read(text).write() == text
-    assert Entry.read(f" {'AB' * 32}:b+a ") == Entry("ab" * 32, frozenset({"a", "b"}))
+        assert KeyEntry.read(text).write() == text
+    assert KeyEntry.read(f" {'AB' * 32}:b+a ") == KeyEntry("ab" * 32, frozenset({"a", "b"}))
     for wrong in ("", D[1:], f"{D}:", f"{D}:a+", f"{D}:A", f"{D}:a b", f"{D}:a:b", f"{D}+a", f":{D}"):
         with pytest.raises(ValueError, match="digest:name"):
-            Entry.read(wrong)
+            KeyEntry.read(wrong)
 
 
 def test_of_a_key_in_both_lists_the_full_one_counts() -> None:

@@ -23,7 +23,7 @@ from service.shapes import repository
 from service.shapes.deleted import repository as deleted
 from service.shapes.records import NewShape
 from service.storage.checking import check
-from service.storage.copying import Copied, copy_archive
+from service.storage.copying import CopyCounts, copy_archive
 from service.storage.database import Database
 from service.storage.tables import ShapeRow, ThumbnailRow
 from tests.service.archives import change, embedded, make_archive
@@ -77,7 +77,7 @@ def opened(url: str) -> Iterator[Database]:
         yield database
 
 
-def copied(source: str, target: str) -> Copied:
+def copied(source: str, target: str) -> CopyCounts:
     with opened(source) as origin, opened(target) as copy:
         return copy_archive(origin, copy, lambda *_: None)
 
