@@ -16,7 +16,7 @@ from service.observability import logging
 from service.pipelines import repository
 from service.server.child_process import sigterm_exits
 from service.settings import Settings, load_parameters, load_settings
-from service.shapes.reembedding import Outcome, Reembedding
+from service.shapes.reembedding import ReembeddingResult, Reembedding
 from service.storage.database import Database
 from service.storage.migrate import migrate
 
@@ -70,7 +70,7 @@ def command(
 
 def reembed(
     settings: Settings, parameters: Parameters, *, leave_out: bool = False, prune: bool = False
-) -> tuple[Outcome, int]:
+) -> tuple[ReembeddingResult, int]:
     """Go over to a pipeline; what came of it, and how many embeddings of others were deleted."""
     database = Database(settings.database_url, lock_seconds=settings.lock_seconds, hnsw=settings.hnsw)
     try:
@@ -138,7 +138,7 @@ def _shown() -> Iterator[Advance]:
     yield line
 
 
-def _told(outcome: Outcome, parameters: Parameters, pruned: int) -> str:
+def _told(outcome: ReembeddingResult, parameters: Parameters, pruned: int) -> str:
     parts = [f"{outcome.made} embedded by pipeline {parameters.name} ({parameters.fingerprint})"]
     if outcome.refused:
         parts.append(f"{len(outcome.refused)} cannot be")

@@ -1,4 +1,4 @@
-"""Which collection a call works in: the one that it names, of those that its key may use."""
+"""The collection of a request, chosen by its header or parameter and by its key."""
 
 from typing import Annotated
 
@@ -16,9 +16,9 @@ from service.http.access_control import COLLECTION_IN_SCOPE, GRANT_IN_SCOPE
 HEADER, PARAMETER = "Isoshape-Collection", "collection"
 
 PROBLEMS = ("bad-request-fields", "collection-not-found", "forbidden")
-"""What a call that works in a collection may be answered, whatever else it does."""
+"""The problems of every endpoint that works in a collection."""
 
-_ABOUT = "The collection that the call works in; `default` unless one is named."
+_ABOUT = "The collection of the request; by default `default`."
 _PATTERN = f"^{NAME}$"
 
 Named = Annotated[
@@ -28,14 +28,14 @@ NamedByHeader = Annotated[
     str | None,
     Header(
         alias=HEADER,
-        description="The same; where both are given, they must be equal.",
+        description="The collection of the request; if the parameter is given too, both must be equal.",
         json_schema_extra={"pattern": _PATTERN},
     ),
 ]
 
 
 class NamedInAddress(BaseModel):
-    """For models of all parameters of an address, which refuse those that they do not have."""
+    """The parameter `collection`, for models that list all query parameters of an address."""
 
     collection: str | None = Field(default=None, description=_ABOUT, json_schema_extra={"pattern": _PATTERN})
 
@@ -43,11 +43,14 @@ class NamedInAddress(BaseModel):
 async def _chosen(
     request: Request, container: Service, _named: Named = None, _by_header: NamedByHeader = None
 ) -> Collection:
-    # For the framework what is empty is as good as left out; here it is a name that no collection has.
+    # FastAPI treats an empty value as missing; here it is a name that no collection has.
     names = {*request.headers.getlist(HEADER), *request.query_params.getlist(PARAMETER)}
     if len(names) > 1:
         raise BadRequestFieldsError(
-            FieldFault(PARAMETER, f"{HEADER} and the parameter name several: {', '.join(sorted(names))}")
+            FieldFault(
+                PARAMETER,
+                f"{HEADER} and the parameter name different collections: {', '.join(sorted(names))}",
+            )
         )
     grant: Grant | None = request.scope.get(GRANT_IN_SCOPE)
     name = allowed(None if grant is None else grant.collections, names.pop() if names else None)
@@ -63,21 +66,21 @@ async def _chosen(
 
 
 def allowed(limits: frozenset[str] | None, named: str | None) -> str:
-    """The name of the collection to work in.
+    """The name of a request's collection.
 
     Parameters
     ----------
     limits : frozenset of str or None
-        The collections that the key may use; None is all.
+        Names of the collections that the key may use; None allows all.
     named : str or None
-        The one that the call names.
+        The collection that the request names.
 
     Raises
     ------
     ForbiddenError
-        The key may not use it.
+        The key may not use the collection.
     BadRequestFieldsError
-        None is named, and the key may use several, of which none is the default.
+        The request names none, and the key allows several, but not the default one.
     """
     if limits is None or named in limits:
         return DEFAULT_COLLECTION.name if named is None else named
@@ -94,9 +97,9 @@ def allowed(limits: frozenset[str] | None, named: str | None) -> str:
 
 
 def address(path: str, collection: Collection) -> str:
-    """An address that works in a collection, whoever asks."""
+    """The address of a resource in a collection, valid for every key that may use it."""
     return path if collection == DEFAULT_COLLECTION else f"{path}?{PARAMETER}={collection.name}"
 
 
 InCollection = Annotated[Collection, Depends(_chosen)]
-"""What an endpoint takes that has to do with shapes."""
+"""The parameter type of endpoints that work in a collection."""

@@ -14,17 +14,18 @@ from service.storage.tables import CollectionRow, DeletedRow, ShapeRow
 
 
 def by_name(session: ReadSession, name: str) -> Collection | None:
-    """The collection of a name."""
+    """The collection with a name."""
     number = session.scalar(select(CollectionRow.number).where(CollectionRow.name == name))
     return None if number is None else Collection(CollectionNumber(number), name)
 
 
 def require(session: WriteSession, collection: CollectionNumber) -> None:
-    """Raise unless a collection is there. Only one session writes at a time, so it stays until its end.
+    """Raise unless a collection exists. Until the end of the session no other one can delete it.
 
     Raises
     ------
     CollectionNotFoundError
+        The collection was deleted.
     """
     query = select(CollectionRow.number).where(CollectionRow.number == collection)
     if session.scalar(query) is None:
@@ -32,7 +33,7 @@ def require(session: WriteSession, collection: CollectionNumber) -> None:
 
 
 def counted(session: ReadSession, names: Several[str] | None) -> list[Counted]:
-    """The collections by name, those of some names or all, and how many shapes each has."""
+    """All collections, or those with some names, sorted by name, with their numbers of shapes."""
     shapes = (
         select(func.count())
         .select_from(ShapeRow)
@@ -46,7 +47,7 @@ def counted(session: ReadSession, names: Several[str] | None) -> list[Counted]:
 
 
 def add(session: WriteSession, name: str) -> None:
-    """Make a collection."""
+    """Create a collection."""
     session.execute(insert(CollectionRow).values(name=name, created_at=datetime.now(UTC)))
 
 
@@ -57,19 +58,19 @@ def holds_shapes(session: ReadSession, collection: CollectionNumber) -> bool:
 
 
 def deleted_until(session: WriteSession, collection: CollectionNumber, moment: datetime) -> bool:
-    """Forget the collection's shapes that were deleted until a moment; whether later ones are left."""
+    """Erase the collection's shapes that were deleted until a time; whether later ones remain."""
     own = DeletedRow.collection_number == collection
     session.execute(delete(DeletedRow).where(own, DeletedRow.deleted_at <= moment))
     return session.scalar(select(DeletedRow.number).where(own).limit(1)) is not None
 
 
 def remove(session: WriteSession, collection: CollectionNumber) -> None:
-    """Delete a collection that holds nothing, with the records of its jobs."""
+    """Delete an empty collection and the records of its jobs."""
     session.execute(delete(JobRow).where(JobRow.collection_number == collection))
     session.execute(delete(CollectionRow).where(CollectionRow.number == collection))
 
 
 def is_at_work(session: ReadSession, collection: CollectionNumber) -> bool:
-    """Whether a job of a collection has not ended, be it that it is arriving."""
+    """Whether a collection has an unfinished job, or one whose archive is being received."""
     query = select(JobRow.number).where(JobRow.collection_number == collection, JobRow.state.not_in(ENDED))
     return session.scalar(query.limit(1)) is not None

@@ -1,4 +1,4 @@
-"""What can be done with collections."""
+"""Operations on collections: find, list, create and delete."""
 
 from collections.abc import Collection as Several
 from datetime import UTC, datetime, timedelta
@@ -10,12 +10,12 @@ from service.storage.database import ReadSession, WriteSession
 
 
 def get(session: ReadSession, name: str) -> Collection:
-    """The collection of a name.
+    """The collection with a name.
 
     Raises
     ------
     CollectionNotFoundError
-        There is none.
+        No collection has the name.
     """
     found = repository.by_name(session, name) if is_name(name) else None
     if found is None:
@@ -24,21 +24,21 @@ def get(session: ReadSession, name: str) -> Collection:
 
 
 def counted(session: ReadSession, limits: Several[str] | None) -> list[Counted]:
-    """The collections by name, those of some names or all, and how many shapes each has."""
+    """All collections, or those with some names, sorted by name, with their numbers of shapes."""
     return repository.counted(session, limits)
 
 
 def create(session: WriteSession, name: str) -> bool:
-    """Make a collection, unless it is there; whether it was made.
+    """Create a collection unless it exists; whether it was created.
 
     Raises
     ------
     BadRequestFieldsError
-        No collection may be called so.
+        The name is not valid.
     """
     if not is_name(name):
         raise BadRequestFieldsError(
-            FieldFault("name", "1 to 64 of a-z, 0-9, _ and -, of which the first is no _ and no -")
+            FieldFault("name", "1 to 64 of a-z, 0-9, _ and -, beginning with a letter or digit")
         )
     if repository.by_name(session, name) is not None:
         return False
@@ -47,17 +47,17 @@ def create(session: WriteSession, name: str) -> bool:
 
 
 def delete(session: WriteSession, name: str, keep: timedelta) -> None:
-    """Delete a collection that is empty, and the records of its jobs. What was deleted is kept for so long.
+    """Delete an empty collection and the records of its jobs. Deleted shapes can be restored for `keep`.
 
     Raises
     ------
     CollectionNotFoundError
     CollectionNotEmptyError
-        It is the default one, or has shapes, deleted ones that can be restored, or a job that has not ended.
+        It is the default one, or has shapes, deleted shapes that can be restored, or an unfinished job.
     """
     collection = get(session, name)
     if collection.number == DEFAULT_COLLECTION.number:
-        raise CollectionNotEmptyError(f"the collection {name!r} is always there")
+        raise CollectionNotEmptyError(f"the collection {name!r} cannot be deleted")
     if repository.holds_shapes(session, collection.number):
         raise CollectionNotEmptyError(f"the collection {name!r} has shapes")
     if repository.deleted_until(session, collection.number, datetime.now(UTC) - keep):

@@ -33,7 +33,7 @@ from service.jobs.members import Fault
 from service.jobs.records import LEASE, Cause, FileRecord, JobRecord, Outcome, Settled
 from service.jobs.stored_archive import StoredArchive
 from service.observability.logging import get_logger
-from service.shapes.records import Stored
+from service.shapes.records import StoredShape
 from service.shapes.service import ingest
 from service.storage.database import WriteSession
 
@@ -206,7 +206,7 @@ class Runner:
     async def _store(self, job: JobRecord, file: FileRecord, data: bytes) -> None:
         """Store a member as an upload would be, or write down why not."""
 
-        def settle(session: WriteSession, stored: Stored) -> None:
+        def settle(session: WriteSession, stored: StoredShape) -> None:
             outcome: Outcome = "stored" if stored.created else "present"
             if not service.settle(session, job, file, Settled(outcome, stored.shape.id)):
                 raise LostError

@@ -5,7 +5,7 @@ from datetime import UTC, datetime, timedelta
 
 from core.io import format_of
 from service.collection import CollectionNumber
-from service.collections import repository as sets
+from service.collections import repository as collections_repository
 from service.errors import BusyError
 from service.jobs import repository
 from service.jobs.archives import archive_format, list_members
@@ -59,7 +59,7 @@ def receive(database: Database, file: Readable, new: NewJob, most: int) -> JobRe
     with database.write() as session:
         if repository.count_open(session) >= most:
             raise BusyError(f"{most} jobs wait or are at work; send the archive when one has ended")
-        sets.require(session, new.collection)
+        collections_repository.require(session, new.collection)
         now = datetime.now(UTC)
         number = repository.add(session, new, receiver, now + ARRIVING_LEASE, now)
     try:

@@ -59,7 +59,7 @@ def count_embedded(session: ReadSession, fingerprint: str) -> tuple[int, int]:
 
 
 def unembedded(session: ReadSession, fingerprint: str) -> list[tuple[int, str]]:
-    """The files that a pipeline has not embedded, oldest first: number of the blob, and format."""
+    """The files without an embedding by a pipeline, oldest first, as pairs of blob number and format."""
     query = (
         select(ShapeRow.blob_number, ShapeRow.format)
         .outerjoin(
@@ -76,21 +76,21 @@ def unembedded(session: ReadSession, fingerprint: str) -> list[tuple[int, str]]:
 
 
 def blob(session: ReadSession, number: int) -> tuple[str, bytes] | None:
-    """SHA-256 and bytes of a blob, if it is still there."""
+    """The SHA-256 and the bytes of a blob, or None if it was deleted."""
     row = session.execute(select(BlobRow.sha256, BlobRow.data).where(BlobRow.number == number)).one_or_none()
     return None if row is None else (row[0], row[1])
 
 
 def names(session: ReadSession, blob_number: int, format: str) -> list[str]:
-    """What the shapes on a file are called."""
+    """The names of the shapes with a file."""
     query = select(ShapeRow.name).where(ShapeRow.blob_number == blob_number, ShapeRow.format == format)
     return list(session.scalars(query.order_by(ShapeRow.number)))
 
 
 def prune(session: WriteSession, kept: str, limit: int) -> int:
-    """Delete some of the embeddings of files that one pipeline has embedded too; how many.
+    """Delete at most `limit` embeddings by other pipelines of files that one pipeline has embedded; how many.
 
-    What it has not embedded keeps what it has: an archive has no shape without an embedding.
+    Files that it has not embedded keep their embeddings: every shape has one.
     """
     newer = aliased(EmbeddingRow)
     replaced = (

@@ -1,4 +1,4 @@
-"""Which signatures a query looks at, found by the database: none of them is kept in memory."""
+"""Shortlists from the database, without signatures in memory."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,7 @@ from service.shapes.records import ShapeFilter
 from service.storage.database import ReadSession
 
 CLOSE = 16
-"""So many more are put in order here: the database's distances are of single precision."""
+"""Additional neighbours, sorted again by distances in double precision: the database has single precision."""
 
 
 def entries_in_database(
@@ -26,30 +26,30 @@ def entries_in_database(
     *,
     ef_search: int,
 ) -> tuple[IndexEntries, bool]:
-    """The shapes to look at, the nearest first where they are a shortlist; and whether they are.
+    """The candidates of a query, and whether they are a shortlist; a shortlist has the nearest first.
 
-    Without a filter the shortlist is found by the graph, with one by looking at all that it means; and so it
-    is in a collection that has not half of the shapes, which the graph would find among the others. Bytes
-    are read for a shortlist alone.
+    The HNSW index finds the shortlist if there is no filter and the collection has at least half of all
+    shapes; otherwise exact search does, because most neighbours in the index would not match. Coarse samples
+    are read only for a shortlist.
 
     Parameters
     ----------
     session : ReadSession
-        Of a PostgreSQL database.
+        A session of a PostgreSQL database.
     query : Query
     signature : float32, shape (s,)
-        The query's.
+        The signature of the query.
     shapes : ShapeFilter
-        Which are meant.
+        The candidates.
     options : Options
     stored : int
-        How many shapes the collection has.
+        Number of shapes in the collection.
     ef_search : int
-        As `service.search.pgvector_repository.nearest` takes it.
+        See `service.search.pgvector_repository.nearest`.
     """
     fingerprint = query.active_pipeline.fingerprint
     itself = np.array(sorted(query.itself) if options.exclude_self else [], dtype=np.int64)
-    if options.exhaustive or not repository.is_many(
+    if options.exhaustive or not repository.has_at_least(
         session, fingerprint, shapes, itself.tolist(), options.shortlist_from
     ):
         numbers, embeddings, signatures = repository.signatures(session, fingerprint, shapes)
@@ -57,14 +57,14 @@ def entries_in_database(
         none = np.empty((len(numbers), 0), np.uint8)
         collections = np.full(len(numbers), shapes.collection, np.int64)
         return IndexEntries(numbers, collections, embeddings, signatures, none).only(others), False
-    by_graph = shapes.is_empty and _is_half(session, shapes.collection, stored)
+    by_hnsw = shapes.is_empty and _is_half(session, shapes.collection, stored)
     found = repository.nearest(
         session,
         fingerprint,
         signature,
         options.shortlist_length + len(itself) + CLOSE,
         shapes=shapes,
-        ef_search=ef_search if by_graph else None,
+        ef_search=ef_search if by_hnsw else None,
     )
     others = ~np.isin(found.shapes, itself)
     numbers, embeddings = found.shapes[others], found.embeddings[others]
@@ -79,7 +79,7 @@ def entries_in_database(
 
 
 def _is_half(session: ReadSession, collection: CollectionNumber, stored: int) -> bool:
-    """Whether a collection with so many shapes has half of all, or more."""
+    """Whether a collection with `stored` shapes has at least half of all shapes."""
     return not shapes_repository.others_hold_shapes(session, collection) or 2 * stored >= count_shapes(
         session
     )

@@ -1,4 +1,4 @@
-"""Finding the stored shapes that a part may be of."""
+"""Partial queries: the stored shapes that a part may belong to."""
 
 import asyncio
 from collections.abc import Awaitable, Callable
@@ -23,7 +23,7 @@ from service.container import Container
 from service.errors import FileTimeLimitError
 from service.observability.logging import get_logger
 from service.observability.timings import Timings
-from service.search import partial_repository as repository
+from service.search import repository
 from service.search.batches import by_threads, each_once
 from service.search.records import Answer, Options, Query
 from service.search.scoring import compare_with
@@ -39,7 +39,7 @@ log = get_logger("partial")
 async def stored_mesh(
     container: Container, collection: CollectionNumber, shape_id: str, fingerprint: str
 ) -> Mesh:
-    """The mesh of a collection's shape, read anew."""
+    """The mesh of a shape, read from its file."""
 
     def read() -> tuple[ShapeRecord, bytes]:
         with container.database.read() as session:
@@ -57,35 +57,46 @@ async def search(
     options: Options,
     timings: Timings,
 ) -> Answer:
-    """The stored shapes that the query is most likely a part of, by `core.descriptors.partial_matching.part_distances`.
+    """The stored shapes that the query is most likely a part of.
 
-    `mesh` reads its mesh, for a surface that does not look like a part. What lies about the points of a
-    stored shape is in its record, or else is made of its file when it is first asked for, and then kept in
-    memory.
+    Stages: choose the candidates; describe the query as a part; rank the candidates by
+    `core.descriptors.partial_matching.part_distances` and compare the best; read the results. The record of a
+    shape has its spin images. For a record without them, the first query computes them from the file and
+    caches them.
+
+    Parameters
+    ----------
+    container : Container
+    query : Query
+    mesh : callable
+        Reads the mesh of the query, if its record does not describe it as a part.
+    options : Options
+    timings : Timings
+        Receives the time of each stage.
     """
     pipeline = query.active_pipeline.pipeline
     with timings.stage("shortlist"):
         chosen = await run_in_threadpool(candidates, container, query, options)
     container.metrics.query_compared.observe(len(chosen.shapes))
     with timings.stage("patches"):
-        asked = query.spin_images[KEYPOINTS:]
-        if not len(asked):
-            asked = await container.work.do(part_of_mesh, await mesh(), pipeline.parameters)
+        spin_images = query.spin_images[KEYPOINTS:]
+        if not len(spin_images):
+            spin_images = await container.work.do(part_of_mesh, await mesh(), pipeline.parameters)
     with timings.stage("compare"):
-        distances = await _distances(container, asked, chosen, pipeline.parameters)
-        there = np.flatnonzero(np.isfinite(distances))
-        distances = distances[there]
-        chosen = replace(chosen.only(there), reranked=None, finalists=None)
+        distances = await _distances(container, spin_images, chosen, pipeline.parameters)
+        finite = np.flatnonzero(np.isfinite(distances))
+        distances = distances[finite]
+        chosen = replace(chosen.only(finite), reranked=None, finalists=None)
         order = least(distances, chosen.shapes, options.top_k)
         compared, scored = await compare_with(container, query, chosen.only(order), "cc")
     with timings.stage("results"):
         best = np.flatnonzero(compared.cc >= options.min_cc)
         found = await results(container, query, compared, scored, best, options)
-    told = dict(zip(chosen.shapes.tolist(), distances.tolist(), strict=True))
+    distance_of = dict(zip(chosen.shapes.tolist(), distances.tolist(), strict=True))
     embedding = embedding_from_bytes(query.record)
     return Answer(
         pipeline=pipeline,
-        found=[replace(one, part_distance=told[one.shape.number]) for one in found],
+        found=[replace(one, part_distance=distance_of[one.shape.number]) for one in found],
         best_cc=float(compared.cc.max()) if len(compared.cc) else None,
         compared=len(chosen.shapes),
         stored=chosen.stored,
@@ -95,44 +106,48 @@ async def search(
 
 
 async def _distances(
-    container: Container, asked: Bytes, candidates: Candidates, parameters: Parameters
+    container: Container, part: Bytes, candidates: Candidates, parameters: Parameters
 ) -> NDArray[np.float64]:
-    """How far a part is from c candidates; NaN for those that are gone, or whose file cannot be read.
+    """Distances of a part from c candidates, shape (c,); NaN for deleted and unreadable shapes.
 
-    Those without patches in their record come last: a file is read for each.
+    Shapes without spin images in their record come last: each file is read.
     """
 
-    def kept(embeddings: NDArray[np.int64]) -> NDArray[np.float64]:
+    def by_records(embeddings: NDArray[np.int64]) -> NDArray[np.float64]:
         numbers = embeddings.tolist()
         rows = stored_spin_images(container, numbers)
-        there = [place for place, number in enumerate(numbers) if number in rows]
-        told = np.full((1, len(numbers)), np.nan)
-        told[0, there] = part_distances(asked, [whole_spin_images(rows[numbers[place]]) for place in there])
-        return told
+        known = [index for index, number in enumerate(numbers) if number in rows]
+        measured = np.full((1, len(numbers)), np.nan)
+        measured[0, known] = part_distances(
+            part, [whole_spin_images(rows[numbers[index]]) for index in known]
+        )
+        return measured
 
     distances: NDArray[np.float64] = (
-        await each_once(container, candidates, COMPARED, 1, by_threads(container, kept))
+        await each_once(container, candidates, COMPARED, 1, by_threads(container, by_records))
     )[0]
-    turns = asyncio.Semaphore(2 * container.settings.workers)
+    slots = asyncio.Semaphore(2 * container.settings.workers)
 
-    async def add(number: int) -> None:
-        async with turns:
-            made = await _made(container, number, parameters)
-            if made is not None:
-                container.spin_images.put(number, made)
-                (told,) = await run_in_threadpool(part_distances, asked, [whole_spin_images(made)])
-                distances[candidates.embeddings == number] = told
+    async def by_file(number: int) -> None:
+        async with slots:
+            spin_images = await _spin_images_of_file(container, number, parameters)
+            if spin_images is not None:
+                container.spin_images.put(number, spin_images)
+                (distance,) = await run_in_threadpool(part_distances, part, [whole_spin_images(spin_images)])
+                distances[candidates.embeddings == number] = distance
 
     try:
         async with asyncio.TaskGroup() as group:
             for number in np.unique(candidates.embeddings[np.isnan(distances)]).tolist():
-                group.create_task(add(number))
+                group.create_task(by_file(number))
     except ExceptionGroup as several:
         raise several.exceptions[0] from None
     return distances
 
 
-async def _made(container: Container, embedding: int, parameters: Parameters) -> Bytes | None:
+async def _spin_images_of_file(container: Container, embedding: int, parameters: Parameters) -> Bytes | None:
+    """The spin images of an embedding's file; None if it was deleted or cannot be read."""
+
     def read() -> tuple[bytes, str] | None:
         with container.database.read() as session:
             return repository.file_of(session, embedding)
@@ -143,5 +158,5 @@ async def _made(container: Container, embedding: int, parameters: Parameters) ->
     try:
         return await container.work.do(spin_images_of_mesh, await container.work.read(*file), parameters)
     except (FileTimeLimitError, MeshError) as error:
-        log.warning("a stored shape is left out of a query with a part: %s", error)
+        log.warning("a stored shape is left out of a partial query: %s", error)
         return None

@@ -1,7 +1,6 @@
-"""The SQL of the nearest signatures, by PostgreSQL: exactly, or by the graph of `service.storage.hnsw`.
+"""The SQL of nearest signatures in PostgreSQL, by exact search or by an HNSW index (`service.storage.hnsw`).
 
-With these no signature need be in the service's memory. They are for databases that have graphs; elsewhere
-there is `service.index.signature_index`.
+The service then needs no signatures in memory. With SQLite, `service.index.signature_index` has them.
 """
 
 from collections.abc import Sequence
@@ -29,28 +28,30 @@ from service.storage.columns import POSTGRESQL, PgVector, vector_text
 from service.storage.database import ReadSession
 from service.storage.tables import EmbeddingRow, ShapeRow, SketchRow
 
-Found = Select[int, int, float]
-Chosen = TypeVar("Chosen", bound=Select[*tuple[Any, ...]])
+Neighbours = Select[int, int, float]
+"""A query of the numbers of shapes and embeddings, and of distances."""
+
+Rows = TypeVar("Rows", bound=Select[*tuple[Any, ...]])
 
 MORE = 2
-"""So many times as many are taken from the graph as are wanted, unless told: it misses mostly the last."""
+"""Factor by which the HNSW index returns more signatures than requested: it misses mostly the last ones."""
 
 AT_ONCE = 10_000
 
 MOST_SEEN = 100_000
-"""The graph is left, and all are searched, where a filter means so few that this many are not enough."""
+"""Signatures that the HNSW index visits at most. If too few of them match the filter, all are searched."""
 
 
 @dataclass(frozen=True, eq=False)
 class Nearest:
-    """Shapes in the order of their distance, those at one distance in the order of their numbers.
+    """Shapes in the order of their distances, and for equal distances of their numbers.
 
     Attributes
     ----------
     shapes, embeddings : int64, shape (n,)
-        Their numbers, and those of their embeddings.
+        Numbers of the shapes and of their embeddings.
     distances : float64, shape (n,)
-        Euclidean, between signatures; computed in single precision.
+        Euclidean distances of signatures, computed in single precision.
     """
 
     shapes: NDArray[np.int64]
@@ -68,22 +69,24 @@ def nearest(
     ef_search: int | None,
     more: int = MORE,
 ) -> Nearest:
-    """The shapes with the nearest signatures of one pipeline, as many as are wanted or there are.
+    """The shapes with the nearest signatures of one pipeline: `count` shapes, or all if there are fewer.
 
     Parameters
     ----------
     session : ReadSession
-        Of a PostgreSQL database.
+        A session of a PostgreSQL database.
+    fingerprint : str
+        The fingerprint of the pipeline.
     signature : float32, shape (s,)
     count : int
-        How many are wanted.
+        Number of shapes to return.
     shapes : ShapeFilter
-        Which are meant.
+        The candidates.
     ef_search : int or None
-        How many near ones the search of the graph keeps in mind, 1 to 1,000; None is the exact search, which
-        reads all signatures. The graph may miss some of the nearest, yet gives as many as are wanted.
+        Size of the candidate list of the HNSW search, 1 to 1,000; None selects exact search, which reads all
+        signatures. HNSW search may miss some neighbours, but always returns `count` shapes.
     more : int
-        How many times as many are taken from the graph as are wanted, to be put in order by distance.
+        Factor by which the HNSW index returns more shapes, of which the nearest `count` are chosen.
     """
     if ef_search is not None:
         for name, value in (
@@ -92,25 +95,25 @@ def nearest(
             ("hnsw.max_scan_tuples", MOST_SEEN),
         ):
             session.execute(select(func.set_config(name, str(value), True)))
-        found = _run(session, _by_graph(fingerprint, signature, count, shapes, more * count))
+        found = _run(session, _by_hnsw(fingerprint, signature, count, shapes, more * count))
         if len(found.shapes) == count:
             return found
     return _run(session, _exactly(fingerprint, signature, count, shapes))
 
 
-def is_many(
-    session: ReadSession, fingerprint: str, shapes: ShapeFilter, without: Sequence[int], many: int
+def has_at_least(
+    session: ReadSession, fingerprint: str, shapes: ShapeFilter, without: Sequence[int], count: int
 ) -> bool:
-    """Whether a pipeline embedded so many of the shapes that are meant, or more, without some numbers."""
+    """Whether at least `count` shapes match a filter, have an embedding and are not in `without`."""
     found = _embedded(select(ShapeRow.number), fingerprint, shapes).where(ShapeRow.number.not_in(without))
-    some = found.limit(many).subquery()
-    return (session.scalar(select(func.count()).select_from(some)) or 0) >= many
+    some = found.limit(count).subquery()
+    return (session.scalar(select(func.count()).select_from(some)) or 0) >= count
 
 
 def signatures(
     session: ReadSession, fingerprint: str, shapes: ShapeFilter
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float32]]:
-    """The numbers of all shapes that are meant, of their embeddings, and their signatures, (n, s)."""
+    """Numbers of the n shapes that match a filter and of their embeddings, and signatures, shape (n, s)."""
     query = select(ShapeRow.number, EmbeddingRow.number, EmbeddingRow.signature)
     found = _embedded(query, fingerprint, shapes).order_by(ShapeRow.number)
     rows = session.execute(found.execution_options(yield_per=AT_ONCE)).all()
@@ -123,43 +126,43 @@ def signatures(
 
 
 def entries(session: ReadSession, embeddings: NDArray[np.int64]) -> dict[int, tuple[bytes, bytes]]:
-    """The signatures of embeddings and their sketches, which may be empty, by number."""
+    """Signatures and coarse samples of embeddings by number; the coarse samples may be empty."""
     query = select(SketchRow.embedding_number, SketchRow.signature, SketchRow.data)
     found: dict[int, tuple[bytes, bytes]] = {}
     for start in range(0, len(embeddings), AT_ONCE):
         some = embeddings[start : start + AT_ONCE].tolist()
-        for number, signature, sketch in session.execute(query.where(SketchRow.embedding_number.in_(some))):
-            found[number] = (signature, sketch)
+        rows = session.execute(query.where(SketchRow.embedding_number.in_(some)))
+        found |= {number: (signature, coarse_samples) for number, signature, coarse_samples in rows}
     return found
 
 
 def latest(session: ReadSession, fingerprint: str, count: int) -> list[int]:
-    """The numbers of a pipeline's newest embeddings, the newest first."""
+    """The numbers of a pipeline's latest embeddings, the latest first."""
     query = select(EmbeddingRow.number).where(EmbeddingRow.fingerprint == fingerprint)
     return list(session.scalars(query.order_by(EmbeddingRow.number.desc()).limit(count)))
 
 
-def _by_graph(
+def _by_hnsw(
     fingerprint: str, signature: NDArray[np.float32], count: int, shapes: ShapeFilter, taken: int
-) -> Found:
-    """In the order of an expression that is the graph's; the graph gives nearly this order."""
+) -> Neighbours:
+    """A query by the expression of the HNSW index, which returns rows in approximate order."""
     expression = cast(EmbeddingRow.signature, PgVector(len(signature)))
     some = _distances(fingerprint, expression, signature, shapes).limit(taken)
     near = some.order_by(text("distance")).cte("near").prefix_with("MATERIALIZED", dialect=POSTGRESQL)
-    # Plus nothing, since what the graph gives counts as ordered already, and PostgreSQL would not order it.
+    # PostgreSQL takes the rows of the index for sorted. Adding zero makes it sort them.
     order = near.c.distance + literal(0.0, literal_execute=True)
     return select(near.c.shape, near.c.embedding, near.c.distance).order_by(order, near.c.shape).limit(count)
 
 
-def _exactly(fingerprint: str, signature: NDArray[np.float32], count: int, shapes: ShapeFilter) -> Found:
-    """In the order of an expression that is no graph's."""
+def _exactly(fingerprint: str, signature: NDArray[np.float32], count: int, shapes: ShapeFilter) -> Neighbours:
+    """A query by an expression without an index, so that PostgreSQL computes all distances."""
     found = _distances(fingerprint, EmbeddingRow.signature, signature, shapes)
     return found.order_by("distance", "shape").limit(count)
 
 
 def _distances(
     fingerprint: str, vector: SQLColumnExpression[Any], signature: NDArray[np.float32], shapes: ShapeFilter
-) -> Found:
+) -> Neighbours:
     wanted = cast(literal(vector_text(signature.astype(np.float32)), String), PgVector(len(signature)))
     query = select(
         ShapeRow.number.label("shape"),
@@ -169,13 +172,13 @@ def _distances(
     return _embedded(query, fingerprint, shapes)
 
 
-def _embedded(query: Chosen, fingerprint: str, shapes: ShapeFilter) -> Chosen:
-    """Of shapes and their embeddings, those that are meant and that a pipeline made."""
+def _embedded(query: Rows, fingerprint: str, shapes: ShapeFilter) -> Rows:
+    """Restrict a query to shapes that match a filter, and to their embeddings by a pipeline."""
     query = query.join(
         EmbeddingRow,
         (EmbeddingRow.blob_number == ShapeRow.blob_number) & (EmbeddingRow.format == ShapeRow.format),
     )
-    # Written out, so that the planner sees which pipeline's graph it is.
+    # A literal, so that the planner can choose the partial index of the pipeline.
     query = query.where(
         EmbeddingRow.fingerprint == bindparam(None, fingerprint, literal_execute=True),
         ShapeRow.collection_number == shapes.collection,
@@ -183,7 +186,7 @@ def _embedded(query: Chosen, fingerprint: str, shapes: ShapeFilter) -> Chosen:
     return query if shapes.is_empty else query.where(ShapeRow.number.in_(matching(shapes)))
 
 
-def _run(session: ReadSession, query: Found) -> Nearest:
+def _run(session: ReadSession, query: Neighbours) -> Nearest:
     rows = session.execute(query).all()
     return Nearest(
         np.array([row[0] for row in rows], dtype=np.int64),

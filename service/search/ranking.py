@@ -1,4 +1,4 @@
-"""The order of the shapes that were compared."""
+"""The order of an answer's shapes, by one of their scores."""
 
 from dataclasses import dataclass
 
@@ -10,16 +10,17 @@ from service.search.rank_by import RankBy
 
 @dataclass(frozen=True, eq=False)
 class Compared:
-    """The shapes that a query was compared with: arrays of shape (c,).
+    """The scores of c shapes that a query was compared with; each array has shape (c,).
 
     Attributes
     ----------
     shapes : int64
-        Their numbers.
+        Numbers of the shapes.
     cc, ssd, sim : float64
-        How alike each is to the query; `ssd` is less for what is more alike, the others greater.
+        Scores of each shape and the query, see `core.matching`. Similar shapes have a small `ssd`, and large
+        `cc` and `sim`.
     combined : float64 or None
-        Likewise, where shapes are ranked by it.
+        Class probability, if the answer is ranked by it.
     """
 
     shapes: NDArray[np.int64]
@@ -30,9 +31,10 @@ class Compared:
 
 
 def ranked(compared: Compared, by: RankBy) -> NDArray[np.intp]:
-    """Places in `compared`, the most alike first; of equals, the least SSD, then the one stored first.
+    """Indices into `compared`, the most similar shape first; ties by ascending SSD, then by number.
 
-    Near copies, as two scans of one part, can have the CC and sim of the very same shape: SSD tells them.
+    Near copies, such as two scans of one part, can have the CC and sim of the shape itself; their SSD
+    differs.
     """
-    likeness = -compared.ssd if by == "ssd" else getattr(compared, by)
-    return np.lexsort((compared.shapes, compared.ssd, -likeness))
+    score = -compared.ssd if by == "ssd" else getattr(compared, by)
+    return np.lexsort((compared.shapes, compared.ssd, -score))

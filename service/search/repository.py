@@ -10,13 +10,23 @@ from service.storage.tables import BlobRow, EmbeddingRow, ShapeRow
 
 
 def embedding_records(session: ReadSession, numbers: Sequence[int]) -> dict[int, bytes]:
-    """The records of embeddings, by number, without those that are gone."""
+    """The records of embeddings by number; deleted ones are left out."""
     query = select(EmbeddingRow.number, EmbeddingRow.record).where(EmbeddingRow.number.in_(numbers))
     return dict(session.execute(query).all())
 
 
 def numbers_of_bytes(session: ReadSession, collection: CollectionNumber, sha256: str) -> list[int]:
-    """The numbers of the collection's shapes with some bytes."""
+    """The numbers of a collection's shapes with a SHA-256."""
     query = select(ShapeRow.number).join(BlobRow, BlobRow.number == ShapeRow.blob_number)
     own = ShapeRow.collection_number == collection
     return list(session.scalars(query.where(BlobRow.sha256 == sha256, own)))
+
+
+def file_of(session: ReadSession, embedding: int) -> tuple[bytes, str] | None:
+    """The bytes of an embedding's file, and their format."""
+    row = session.execute(
+        select(BlobRow.data, EmbeddingRow.format)
+        .join(EmbeddingRow, EmbeddingRow.blob_number == BlobRow.number)
+        .where(EmbeddingRow.number == embedding)
+    ).first()
+    return None if row is None else (row.data, row.format)

@@ -1,4 +1,4 @@
-"""Which of the stored shapes a query is compared with."""
+"""The candidates of a query: all shapes that match its filter, or a shortlist of them."""
 
 from dataclasses import dataclass, replace
 
@@ -19,26 +19,26 @@ from service.storage.database import ReadSession
 log = get_logger("search")
 
 FEW = 3
-"""Of so many shapes one that is meant is few."""
+"""If fewer than one shape in `FEW` matches the filter, signatures are gathered before measuring distances."""
 
 
 @dataclass(frozen=True, eq=False)
 class Candidates:
-    """The shapes to compare.
+    """The shapes that a query is compared with.
 
     Attributes
     ----------
     shapes, embeddings : int64, shape (c,)
-        The numbers of the shapes, and of their embeddings.
+        Numbers of the shapes and of their embeddings.
     signature : float32, shape (s,)
-        The query's.
+        The signature of the query.
     signatures : float32, shape (c, s)
-    sketches : uint8, shape (c, l)
+    coarse_samples : uint8, shape (c, l)
     reranked, finalists : int or None
-        How many of them are looked at more closely after a rough look at each, and how many of those are
-        compared in full; None is all.
+        How many of them coarse ranking passes on to re-ranking, and how many of those are compared in full;
+        None passes on all.
     stored : int
-        How many shapes the collection has.
+        Number of shapes in the collection.
     """
 
     shapes: NDArray[np.int64]
@@ -51,7 +51,7 @@ class Candidates:
     stored: int
 
     def only(self, places: NDArray[np.intp]) -> "Candidates":
-        """Those at some places."""
+        """The candidates at some indices."""
         return replace(
             self,
             shapes=self.shapes[places],
@@ -62,7 +62,7 @@ class Candidates:
 
 
 def candidates(container: Container, query: Query, options: Options) -> Candidates:
-    """Those that the filter means, less the query itself, less those that are far by signature."""
+    """The shapes that match the filter, without the query itself, or a shortlist of them."""
     embedding = embedding_from_bytes(query.record)
     wanted = options.filter
     if options.sizes is not None:
@@ -84,7 +84,7 @@ def candidates(container: Container, query: Query, options: Options) -> Candidat
         shapes=entries.shapes,
         embeddings=entries.embeddings,
         signature=embedding.signature,
-        # Where nothing is stored yet, no length is known.
+        # The index of an empty archive has signatures of length 0.
         signatures=entries.signatures.reshape(len(entries.shapes), len(embedding.signature)),
         coarse_samples=entries.coarse_samples,
         reranked=max(options.reranked, finalists) if shortlisted else None,
@@ -101,26 +101,26 @@ def _in_memory(
     options: Options,
     stored: int,
 ) -> tuple[IndexEntries, bool]:
-    """The shapes to look at, and whether they are a shortlist, by the signatures in memory."""
+    """The candidates by the signatures in memory, and whether they are a shortlist."""
     entries = query.active_pipeline.index.current(session)
     chosen = entries.collections == wanted.collection
     lacking = stored - np.count_nonzero(chosen)
     if lacking > 0:
         log.info(
-            "%d of %d stored shapes have no embedding of the pipeline in use and are not searched",
+            "%d of %d stored shapes have no embedding by the active pipeline and are not searched",
             lacking,
             stored,
         )
     if not wanted.is_empty:
-        meant = shapes_repository.numbers(session, wanted)
-        chosen &= np.isin(entries.shapes, np.array(meant, dtype=np.int64))
+        matching = shapes_repository.numbers(session, wanted)
+        chosen &= np.isin(entries.shapes, np.array(matching, dtype=np.int64))
     if options.exclude_self:
         for number in query.itself:
             chosen &= entries.shapes != number
     places = np.flatnonzero(chosen)
     shortlisted = not options.exhaustive and len(places) >= options.shortlist_from
     if shortlisted:
-        # Where nearly all are meant, picking them out takes longer than looking at the others too.
+        # If most shapes match the filter, gathering their signatures takes longer than measuring all.
         if FEW * len(places) < len(entries.shapes):
             distances = signature_distances(signature, entries.signatures[places])
         else:

@@ -36,7 +36,7 @@ from service.shapes.documentation import (
 from service.shapes.fields import base_name, read_metadata, split_tags
 from service.shapes.filters import Filters
 from service.shapes.pages import read_cursor
-from service.shapes.records import NewFile, NewShape, ShapeRecord, Stored
+from service.shapes.records import NewFile, NewShape, ShapeRecord, StoredShape
 from service.shapes.schemas import EmbeddingArrays, Shape, ShapeChanges, ShapeFields, ShapePage
 
 router = APIRouter(tags=["shapes"])
@@ -96,7 +96,7 @@ async def create_shape(request: Request, container: Service, collection: InColle
             claim = None if key is None else _claim(request, container, key, new, form)
             with container.in_flight.taken(claim):
                 done = await while_connected(request, service.ingest(container, new, claim))
-    answer = service.answer_of(done) if isinstance(done, Stored) else done
+    answer = service.answer_of(done) if isinstance(done, StoredShape) else done
     headers = {"Location": address(answer.location, collection)}
     if answer is done:
         headers[REPLAYED] = "true"

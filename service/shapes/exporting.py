@@ -1,4 +1,4 @@
-"""A stored mesh as a file of another format."""
+"""Export of stored meshes to other file formats."""
 
 from starlette.concurrency import run_in_threadpool
 
@@ -12,19 +12,19 @@ from service.shapes.service import get_file
 
 _VERTEX = {"obj": 80, "off": 78, "ply": 12, "glb": 12, "stl": 0, "3mf": 98}
 _FACE = {"obj": 30, "off": 31, "ply": 13, "glb": 12, "stl": 50, "3mf": 58}
-"""The most bytes that each takes, in lines or in 32 bits; vertices of STL are written with the faces, and
-a 3MF is counted as it is before it is packed."""
+"""The largest size of a vertex and of a face in bytes. STL repeats vertices in its faces; 3MF counts before
+compression."""
 
 
 async def exported(
     container: Container, collection: CollectionNumber, shape: ShapeRecord, format: str
 ) -> bytes:
-    """The mesh of a collection's shape, written in a format: what `core.io.write_mesh` keeps of it.
+    """The mesh of a shape in another file format; `core.io.write_mesh` lists what is preserved.
 
     Raises
     ------
     MeshTooComplexError
-        It may take more bytes than an upload may have.
+        The file could exceed the limit of an upload.
     NonFiniteCoordinatesError
         A coordinate is too large for the 32 bits of the format.
     """
@@ -39,7 +39,7 @@ async def exported(
 
 
 def check_size(mesh: Mesh, format: str, limit: int) -> None:
-    """Raise MeshTooComplexError where a mesh may take more bytes than the limit."""
+    """Raise MeshTooComplexError if the file of a mesh could exceed the limit."""
     size = len(mesh.vertices) * _VERTEX[format] + len(mesh.faces) * _FACE[format]
     if size > limit:
         raise MeshTooComplexError(

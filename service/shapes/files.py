@@ -1,10 +1,10 @@
-"""How a stored file is sent back."""
+"""Headers for downloads of stored files."""
 
 from urllib.parse import quote
 
 from core.io import ENDINGS
 
-# Registered media types where there are any; OFF and PLY have none.
+# OFF and PLY have no registered media type.
 MEDIA_TYPES = {
     "stl": "model/stl",
     "obj": "model/obj",
@@ -23,8 +23,8 @@ def media_type(format: str) -> str:
 def disposition(name: str, format: str) -> str:
     """A Content-Disposition that saves the file under the shape's name (RFC 6266).
 
-    An old client reads `filename`, in which whatever is not a harmless ASCII character is replaced; a newer
-    one reads `filename*`, where every byte but letters, digits and a few signs is escaped.
+    Old clients read `filename`, where an underscore replaces unsafe characters; newer ones read `filename*`,
+    where unsafe bytes are percent-encoded.
     """
     if ENDINGS.get(name.lower().rpartition(".")[2]) != format:
         name = f"{name}.{format}"
@@ -33,12 +33,12 @@ def disposition(name: str, format: str) -> str:
 
 
 def entity_tag(sha256: str) -> str:
-    """The ETag of the bytes."""
+    """The ETag of bytes with a SHA-256."""
     return f'"{sha256}"'
 
 
 def is_known(if_none_match: str | None, tag: str) -> bool:
-    """Whether the client says that it has the bytes with a tag already."""
+    """Whether an If-None-Match header contains the tag, or is `*`."""
     if if_none_match is None:
         return False
     given = [part.strip().removeprefix("W/") for part in if_none_match.split(",")]

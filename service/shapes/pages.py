@@ -1,4 +1,4 @@
-"""The cursor of a page: opaque to clients, so that what it holds may change."""
+"""Cursors of pages: opaque to clients, so that their content may change."""
 
 import base64
 import binascii
@@ -8,17 +8,17 @@ from service.errors import BadRequestFieldsError, FieldFault
 
 
 def write_cursor(after: int) -> str:
-    """The cursor of the page that follows the shape with a number."""
+    """The cursor of the page after the shape with a number."""
     return base64.urlsafe_b64encode(json.dumps({"after": after}).encode()).decode().rstrip("=")
 
 
 def read_cursor(cursor: str | None) -> int:
-    """The number that a cursor holds; 0 before the first page.
+    """The number in a cursor; 0 for the first page.
 
     Raises
     ------
     BadRequestFieldsError
-        The service did not write it.
+        The cursor is malformed.
     """
     if cursor is None:
         return 0
@@ -28,5 +28,5 @@ def read_cursor(cursor: str | None) -> int:
     except (binascii.Error, ValueError, TypeError, KeyError):
         after = None
     if not isinstance(after, int) or not 0 <= after < 2**63:
-        raise BadRequestFieldsError(FieldFault("cursor", "not one that this service gave"))
+        raise BadRequestFieldsError(FieldFault("cursor", "this service did not create the cursor"))
     return after

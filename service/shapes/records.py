@@ -1,4 +1,4 @@
-"""Shapes as they go between storage, service and endpoints."""
+"""Values that describe shapes between storage, service and endpoints."""
 
 import hashlib
 from collections.abc import Mapping
@@ -14,8 +14,8 @@ from service.collection import CollectionNumber
 class ShapeRecord:
     """A stored shape, without its bytes.
 
-    `number` orders shapes by creation and stays inside the service; `embedded` is whether it has an embedding
-    of the pipeline in use.
+    `number` orders shapes by creation and is never sent to clients. `embedded` tells whether the active
+    pipeline has embedded the shape.
     """
 
     number: int
@@ -34,22 +34,22 @@ class ShapeRecord:
 
 @dataclass(frozen=True)
 class NewFile:
-    """A file to be stored."""
+    """A file to store."""
 
     data: bytes
     format: str
 
     @cached_property
     def sha256(self) -> str:
-        """Of the file, as hexadecimal digits."""
+        """The SHA-256 of the bytes, as 64 hexadecimal digits."""
         return sha256(self.data)
 
 
 @dataclass(frozen=True)
 class NewShape(NewFile):
-    """A file to be stored, in which collection, and what is written about it.
+    """A file to store as a shape, its collection and its fields.
 
-    A shape that is restored has its id and the time of its creation already.
+    `id` and `created_at` are given for a shape that is restored.
     """
 
     collection: CollectionNumber
@@ -62,7 +62,7 @@ class NewShape(NewFile):
 
 @dataclass(frozen=True)
 class StoredFile:
-    """Where the bytes of a file are, what was measured on its mesh, and whether the bytes came just now."""
+    """The number of a file's blob, the facts of its mesh, and whether the blob is new."""
 
     blob_number: int
     facts: Mapping[str, Any]
@@ -71,7 +71,7 @@ class StoredFile:
 
 @dataclass(frozen=True)
 class Changes:
-    """What to change of a shape; None leaves a part as it is."""
+    """New values of a shape's fields; None leaves a field unchanged."""
 
     name: str | None = None
     tags: tuple[str, ...] | None = None
@@ -80,10 +80,21 @@ class Changes:
 
 @dataclass(frozen=True)
 class ShapeFilter:
-    """Which shapes of a collection are meant: with every tag, the text in their name, and every plain value.
+    """A filter of the shapes of a collection: all conditions must hold.
 
-    `metadata` holds pairs of key and value, `excluded` the ids of shapes that are not meant, and `area` the
-    least and the most surface in squared units of the files.
+    Attributes
+    ----------
+    collection : CollectionNumber
+    tags : tuple of str
+        The shape has each of them.
+    name : str or None
+        The shape's name contains it, in any case.
+    metadata : tuple of (str, str)
+        Keys and values of the shape's metadata.
+    excluded : tuple of str
+        Ids of other shapes.
+    area : tuple of (float, float) or None
+        Least and largest surface area, in squared units of the file.
     """
 
     collection: CollectionNumber
@@ -95,21 +106,21 @@ class ShapeFilter:
 
     @property
     def is_empty(self) -> bool:
-        """Whether every shape of the collection is meant."""
+        """Whether every shape of the collection matches."""
         return self == ShapeFilter(self.collection)
 
 
 @dataclass(frozen=True)
-class Stored:
-    """A shape after an upload, and whether the upload made it."""
+class StoredShape:
+    """A shape after an upload, and whether the upload created it."""
 
     shape: ShapeRecord
     created: bool
 
 
 @dataclass(frozen=True)
-class Page:
-    """Some shapes, how many there are in all, and the number to go on after, if there are more."""
+class RecordPage:
+    """A page of shapes, the number of all matches, and the number of its last shape if more follow."""
 
     shapes: list[ShapeRecord]
     total: int
@@ -117,5 +128,5 @@ class Page:
 
 
 def sha256(data: bytes) -> str:
-    """The hash of a file's bytes, as hexadecimal digits."""
+    """The SHA-256 of some bytes, as 64 hexadecimal digits."""
     return hashlib.sha256(data).hexdigest()

@@ -1,6 +1,6 @@
-"""Going over to another pipeline: its embeddings are made beside the old ones, then all queries change.
+"""Re-embedding of an archive by another pipeline: new embeddings are added, then the pipeline is activated.
 
-Each embedding is kept as soon as it is made, so that what is stopped, by whatever, goes on where it was.
+Each embedding is stored as soon as it is computed, so that an interrupted run can be continued.
 """
 
 import asyncio
@@ -20,29 +20,29 @@ from service.shapes import repository as shapes_repository
 from service.storage.database import Database
 
 PRUNED_AT_ONCE = 200
-# A worker that is lost may have been stopped for want of memory, and not because of the file.
+# Lack of memory, rather than the file, may have killed a worker.
 TRIES = 2
-# It may come back at any time, and nothing is lost by waiting.
+# Waiting for a lost cluster costs nothing.
 CLUSTER_SECONDS = 5.0
 
 log = get_logger("pipelines")
 
 File = tuple[int, str]
-"""The number of a blob, and the format that it is read in."""
+"""The number of a blob, and its format."""
 
 
 @dataclass
-class Outcome:
-    """What came of it.
+class ReembeddingResult:
+    """The result of a run.
 
     Attributes
     ----------
     made : int
-        Embeddings that this run made.
+        Number of embeddings that the run computed.
     refused : list
-        The names of the shapes that have none, and why.
+        Names of the shapes without an embedding, each with the reason.
     active : bool
-        Whether the archive is searched by the pipeline now.
+        Whether the pipeline is active now.
     """
 
     made: int = 0
@@ -51,15 +51,15 @@ class Outcome:
 
 
 class Reembedding:
-    """Has an archive embedded by a pipeline.
+    """Embeds an archive by a pipeline and activates it.
 
     Parameters
     ----------
     database : Database
     work : Work
-        Does the embedding.
+        Embeds the files.
     parameters : Parameters
-        Of the pipeline.
+        The parameters of the pipeline.
     """
 
     def __init__(self, database: Database, work: Work, parameters: Parameters) -> None:
@@ -70,27 +70,28 @@ class Reembedding:
         self._refused: dict[File, str] = {}
 
     def todo(self) -> list[File]:
-        """The files that lack an embedding, without those that cannot have one."""
+        """The files without an embedding, except those that the pipeline refused."""
         with self._database.read() as session:
             found = repository.unembedded(session, self._pipeline.fingerprint)
         return [file for file in found if file not in self._refused]
 
-    async def run(self, *, at_once: int, leave_out: bool, advance: Callable[[int, int], object]) -> Outcome:
-        """Make the embeddings that are lacking, and have the archive searched by the pipeline.
+    async def run(
+        self, *, at_once: int, leave_out: bool, advance: Callable[[int, int], object]
+    ) -> ReembeddingResult:
+        """Compute the missing embeddings and activate the pipeline.
 
         Parameters
         ----------
         at_once : int
-            How many files are at work at a time.
+            Number of files that are embedded at a time.
         leave_out : bool
-            Whether to go over to the pipeline though files cannot be embedded by it; no query finds them
-            then.
+            Whether to activate the pipeline although it refuses some files; queries then miss these.
         advance : callable
-            Told how many files were done, and how many there were to do, whenever that changes.
+            Called with the number of finished files and of all files whenever one of them changes.
         """
-        outcome = Outcome()
+        result = ReembeddingResult()
         done = 0
-        while not outcome.active:
+        while not result.active:
             files = await asyncio.to_thread(self.todo)
             advance(done, done + len(files))
             waiting = iter(files)
@@ -99,7 +100,7 @@ class Reembedding:
                 nonlocal done
                 for file in waiting:
                     made = await self._embed(file)
-                    outcome.made += made
+                    result.made += made
                     done += 1
                     advance(done, total)
 
@@ -111,12 +112,12 @@ class Reembedding:
                 raise several.exceptions[0] from None
             if self._refused and not leave_out:
                 break
-            outcome.active = await asyncio.to_thread(self._go_over)
-        outcome.refused = await asyncio.to_thread(self._names_of_refused)
-        return outcome
+            result.active = await asyncio.to_thread(self._activate)
+        result.refused = await asyncio.to_thread(self._names_of_refused)
+        return result
 
     def prune(self) -> int:
-        """Delete the embeddings by other pipelines of what this one has embedded; how many there were."""
+        """Delete embeddings by other pipelines of files that this one has embedded; how many."""
         deleted = 0
         while True:
             with self._database.write() as session:
@@ -126,7 +127,7 @@ class Reembedding:
                 return deleted
 
     async def _embed(self, file: File) -> bool:
-        """Embed a file, unless it has been deleted; whether that was done."""
+        """Embed a file unless it was deleted; whether it was embedded."""
         number, format = file
         read = await asyncio.to_thread(self._read, number)
         if read is None:
@@ -155,18 +156,18 @@ class Reembedding:
             return repository.blob(session, number)
 
     def _store(self, number: int, sha256: str, format: str, embedded: Embedded) -> bool:
-        """Keep an embedding, unless the file has gone, or somebody else has embedded it."""
+        """Store an embedding, unless the file was deleted or has one; whether it was stored."""
         fingerprint = self._pipeline.fingerprint
         with self._database.write() as session:
             wanted = repository.names(session, number, format)
             if not wanted or shapes_repository.is_embedded(session, fingerprint, sha256, format):
                 return False
             shapes_repository.add_embedding(session, number, format, fingerprint, embedded)
-            shapes_repository.look_again(session, number, format, embedded.facts)
+            shapes_repository.mark_changed(session, number, format, embedded.facts)
             return True
 
-    def _go_over(self) -> bool:
-        """Have the archive searched by the pipeline, unless files came meanwhile that it has not embedded."""
+    def _activate(self) -> bool:
+        """Activate the pipeline, unless it has not embedded all new files; whether it is active."""
         fingerprint = self._pipeline.fingerprint
         with self._database.write() as session:
             lacking = repository.unembedded(session, fingerprint)

@@ -1,4 +1,4 @@
-"""Another file in the place of a shape's own."""
+"""Replacement of a shape's file."""
 
 from starlette.concurrency import run_in_threadpool
 
@@ -17,19 +17,19 @@ from service.storage.database import Database
 async def replace_file(
     container: Container, collection: CollectionNumber, shape_id: str, file: NewFile, if_match: str | None
 ) -> ShapeRecord:
-    """Have a collection's shape be of another file; id, name, tags and metadata stay.
+    """Replace the file of a shape; its id, name, tags and metadata stay.
 
-    The embedding is made before the transaction begins, which then writes bytes, embedding and shape
-    together: every query sees either file, and none a shape without one.
+    Stages: check the shape and If-Match; embed the file in a worker if needed; replace bytes, embedding and
+    shape in one transaction. Every query sees either file, and the shape always has an embedding.
 
     Raises
     ------
     ShapeNotFoundError
-        No shape of the collection has the id.
+        The collection has no such shape.
     FileChangedError
-        The file is not the one that the client means by If-Match.
+        If-Match names another file.
     NameTakenError
-        Another shape of the collection has the name and the new file.
+        Another shape of the collection has the same name and the new file.
     """
     while True:
         pipeline, needed = await run_in_threadpool(_look_up, container, collection, shape_id, file, if_match)
@@ -44,7 +44,7 @@ async def replace_file(
 def _look_up(
     container: Container, collection: CollectionNumber, shape_id: str, file: NewFile, if_match: str | None
 ) -> tuple[Pipeline, bool]:
-    """The pipeline in use, and whether the file needs to be embedded."""
+    """The active pipeline, and whether the file needs an embedding."""
     with container.database.read() as session:
         pipeline = container.pipelines.current(session).pipeline
         _check_match(get(session, pipeline.fingerprint, collection, shape_id), if_match)
@@ -60,7 +60,7 @@ def _replace(
     embedded: Embedded | None,
     if_match: str | None,
 ) -> ShapeRecord | None:
-    """One transaction; None when it comes too late."""
+    """Replace the file in one transaction; None if the file must be embedded first."""
     with database.write() as session:
         record = get(session, fingerprint, collection, shape_id)
         _check_match(record, if_match)
@@ -77,7 +77,7 @@ def _replace(
 
 
 def _check_match(record: ShapeRecord, if_match: str | None) -> None:
-    """Raise unless the client's If-Match, if it gave one, means the file that is there."""
+    """Raise unless If-Match, if given, matches the stored file."""
     tag = entity_tag(record.sha256)
     if if_match is not None and not is_known(if_match, tag):
-        raise FileChangedError(f"the file's ETag is {tag} now")
+        raise FileChangedError(f"the ETag of the file is now {tag}")

@@ -30,7 +30,7 @@ from service.storage.tables import (
 
 
 def matching(shapes: ShapeFilter) -> Select[int]:
-    """What selects the numbers of the shapes that a filter means."""
+    """A query of the numbers of the shapes that match a filter."""
     query = select(ShapeRow.number).where(ShapeRow.collection_number == shapes.collection)
     for tag in shapes.tags:
         query = query.where(ShapeRow.number.in_(select(TagRow.shape_number).where(TagRow.tag == tag)))
@@ -47,19 +47,19 @@ def matching(shapes: ShapeFilter) -> Select[int]:
 
 
 def numbers(session: ReadSession, shapes: ShapeFilter) -> Sequence[int]:
-    """The numbers of the shapes that a filter means."""
+    """The numbers of the shapes that match a filter."""
     return session.scalars(matching(shapes)).all()
 
 
 def count(session: ReadSession, shapes: ShapeFilter) -> int:
-    """How many shapes a filter means."""
+    """The number of shapes that match a filter."""
     return session.scalar(select(func.count()).select_from(matching(shapes).subquery())) or 0
 
 
 def stored(session: ReadSession, collection: CollectionNumber) -> int:
-    """How many shapes a collection has.
+    """The number of shapes of a collection.
 
-    Where no other has any, all are counted, which takes a third of the time.
+    If no other collection has shapes, this counts all rows, which takes a third of the time.
     """
     query = select(func.count()).select_from(ShapeRow)
     if others_hold_shapes(session, collection):
@@ -77,7 +77,7 @@ def others_hold_shapes(session: ReadSession, collection: CollectionNumber) -> bo
 def page(
     session: ReadSession, fingerprint: str, shapes: ShapeFilter, *, after: int, limit: int
 ) -> list[ShapeRecord]:
-    """The next `limit` shapes, by number, that a filter means."""
+    """The next `limit` shapes that match a filter, by number."""
     numbers = matching(shapes).where(ShapeRow.number > after).order_by(ShapeRow.number).limit(limit)
     return records(session, fingerprint, shapes.collection, session.scalars(numbers).all())
 
@@ -94,7 +94,7 @@ def by_id(
 def records(
     session: ReadSession, fingerprint: str, collection: CollectionNumber, numbers: Sequence[int]
 ) -> list[ShapeRecord]:
-    """The shapes of a collection with these numbers, in their order, without those that are gone."""
+    """The shapes of a collection with given numbers, in their order; deleted ones are left out."""
     shown = (
         select(ShapeRow, BlobRow.sha256, BlobRow.size, EmbeddingRow.number)
         .join(BlobRow, BlobRow.number == ShapeRow.blob_number)
@@ -125,7 +125,7 @@ def records(
 
 
 def file_of(session: ReadSession, collection: CollectionNumber, shape_id: str) -> bytes | None:
-    """The bytes that were uploaded of a collection's shape."""
+    """The uploaded bytes of a shape."""
     return session.scalar(
         select(BlobRow.data)
         .join(ShapeRow, ShapeRow.blob_number == BlobRow.number)
@@ -136,7 +136,7 @@ def file_of(session: ReadSession, collection: CollectionNumber, shape_id: str) -
 def embedding_of(
     session: ReadSession, fingerprint: str, collection: CollectionNumber, shape_id: str
 ) -> bytes | None:
-    """The record of the embedding by one pipeline of a collection's shape."""
+    """The record of a shape's embedding by one pipeline."""
     return session.scalar(
         select(EmbeddingRow.record)
         .join(ShapeRow, _is_its_embedding(fingerprint))
@@ -145,7 +145,7 @@ def embedding_of(
 
 
 def same(session: ReadSession, fingerprint: str, new: NewShape) -> ShapeRecord | None:
-    """The shape that has the bytes, the format and the name of a new one, in its collection."""
+    """The shape of the same collection with the bytes, the format and the name of a new one."""
     number = session.scalar(
         select(ShapeRow.number)
         .join(BlobRow, BlobRow.number == ShapeRow.blob_number)
@@ -160,7 +160,7 @@ def same(session: ReadSession, fingerprint: str, new: NewShape) -> ShapeRecord |
 
 
 def is_embedded(session: ReadSession, fingerprint: str, sha256: str, format: str) -> bool:
-    """Whether one pipeline's embedding of some bytes is stored."""
+    """Whether a pipeline has embedded some bytes in a format."""
     query = (
         select(EmbeddingRow.number)
         .join(BlobRow, BlobRow.number == EmbeddingRow.blob_number)
@@ -174,24 +174,24 @@ def is_embedded(session: ReadSession, fingerprint: str, sha256: str, format: str
 
 
 def blob_number(session: ReadSession, sha256: str) -> int | None:
-    """The number of the blob that holds some bytes."""
+    """The number of the blob with a SHA-256."""
     return session.scalar(select(BlobRow.number).where(BlobRow.sha256 == sha256))
 
 
 def add_blob(session: WriteSession, data: bytes, sha256: str) -> int:
-    """Store bytes that are not there; the number of their blob."""
+    """Store the bytes of a new blob; its number."""
     return int(session.insert(BlobRow, {"sha256": sha256, "size": len(data), "data": data}))
 
 
 def add_embedding(
     session: WriteSession, blob_number: int, format: str, fingerprint: str, embedded: Embedded
 ) -> None:
-    """Store an embedding that is not there. With the first of a pipeline, the graph of its signatures begins.
+    """Store a new embedding. The first one of a pipeline begins its HNSW index.
 
     Raises
     ------
     SignatureLengthError
-        Those that are stored are longer or shorter: those of one pipeline are searched as one matrix.
+        Its length differs from that of the pipeline's other signatures, which are searched as one matrix.
     """
     latest = session.scalar(
         select(EmbeddingRow.signature)
@@ -201,7 +201,7 @@ def add_embedding(
     )
     if latest is not None and len(latest) != len(embedded.signature):
         raise SignatureLengthError(
-            f"the signature has {len(embedded.signature)} numbers, and those that are stored {len(latest)}"
+            f"the signature has {len(embedded.signature)} numbers; the stored ones have {len(latest)}"
         )
     number = session.insert(
         EmbeddingRow,
@@ -219,8 +219,8 @@ def add_embedding(
         ensure_hnsw(session, fingerprint)
 
 
-def look_again(session: WriteSession, blob_number: int, format: str, facts: Mapping[str, Any]) -> None:
-    """Have every process look again at the shapes on a blob that has been embedded."""
+def mark_changed(session: WriteSession, blob_number: int, format: str, facts: Mapping[str, Any]) -> None:
+    """Have every process read the shapes on a newly embedded blob again."""
     session.execute(
         update(ShapeRow)
         .where(ShapeRow.blob_number == blob_number, ShapeRow.format == format)
@@ -231,7 +231,7 @@ def look_again(session: WriteSession, blob_number: int, format: str, facts: Mapp
 def add_shape(
     session: WriteSession, blob_number: int, new: NewShape, facts: Mapping[str, Any]
 ) -> ShapeRecord:
-    """Store a shape on a blob that is embedded."""
+    """Store a shape on an embedded blob."""
     now = datetime.now(UTC)
     record = ShapeRecord(
         number=0,
@@ -269,14 +269,14 @@ def add_shape(
 
 
 def facts_on(session: ReadSession, blob_number: int, format: str) -> dict[str, Any] | None:
-    """What was measured on a blob read in a format, if a shape on it is stored."""
+    """The facts of a blob in a format, if a shape has it."""
     return session.scalar(
         select(ShapeRow.facts).where(ShapeRow.blob_number == blob_number, ShapeRow.format == format).limit(1)
     )
 
 
 def change(session: WriteSession, number: int, changes: Changes) -> None:
-    """Write the changes."""
+    """Write changed fields of a shape."""
     values = _updated_now()
     if changes.name is not None:
         values |= {"name": changes.name, "folded_name": changes.name.casefold()}
@@ -291,7 +291,7 @@ def change(session: WriteSession, number: int, changes: Changes) -> None:
 
 
 def is_name_taken(session: ReadSession, collection: CollectionNumber, record: ShapeRecord, name: str) -> bool:
-    """Whether another shape of the collection with the same bytes and format has a name."""
+    """Whether another shape of the collection with the same bytes and format has the name."""
     query = (
         select(ShapeRow.number)
         .join(BlobRow, BlobRow.number == ShapeRow.blob_number)
@@ -307,7 +307,7 @@ def is_name_taken(session: ReadSession, collection: CollectionNumber, record: Sh
 
 
 def replace_file(session: WriteSession, record: ShapeRecord, format: str, file: StoredFile) -> None:
-    """Have a shape be of another file, and delete what no other shape needs of the one before."""
+    """Give a shape another file, and delete the previous one unless another shape has it."""
     session.execute(
         update(ShapeRow)
         .where(ShapeRow.number == record.number)
@@ -325,14 +325,14 @@ def replace_file(session: WriteSession, record: ShapeRecord, format: str, file: 
 
 
 def remove(session: WriteSession, record: ShapeRecord) -> None:
-    """Delete a shape, and the bytes and embeddings that no other shape needs."""
+    """Delete a shape, and its bytes and embeddings unless another shape has them."""
     session.execute(delete(ShapeRow).where(ShapeRow.number == record.number))
     session.add(RemovalRow(shape_number=record.number, revision=next_revision(session)))
     _drop_unused(session, record.sha256)
 
 
 def _drop_unused(session: WriteSession, sha256: str) -> None:
-    """Delete bytes, and embeddings of them, that no shape has any more."""
+    """Delete bytes, and embeddings of them, that no shape has."""
     blob_number = session.scalars(select(BlobRow.number).where(BlobRow.sha256 == sha256)).one()
     formats = set(session.scalars(select(ShapeRow.format).where(ShapeRow.blob_number == blob_number)))
     session.execute(
@@ -345,7 +345,7 @@ def _drop_unused(session: WriteSession, sha256: str) -> None:
 
 
 def _updated_now() -> dict[str, Any]:
-    """A clock that was set back does not make a shape older than it is."""
+    """The current time, but never before the previous change: the clock may have been set back."""
     now = literal(datetime.now(UTC), UtcDateTime())
     return {"updated_at": case((ShapeRow.updated_at > now, ShapeRow.updated_at), else_=now)}
 

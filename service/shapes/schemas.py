@@ -8,7 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field, JsonValue
 from core.descriptors.completeness import INCOMPLETE
 from service.shapes.fields import Metadata, Name, Tags
 from service.shapes.pages import write_cursor
-from service.shapes.records import Changes, Page, ShapeRecord
+from service.shapes.records import Changes, RecordPage, ShapeRecord
 
 if TYPE_CHECKING:
     from core.embedding import Embedding, Spectrum
@@ -123,7 +123,7 @@ class ShapePage(BaseModel):
     next_cursor: str | None = Field(description="Give it as `cursor` to go on; null on the last page.")
 
     @classmethod
-    def of(cls, page: Page) -> "ShapePage":
+    def of(cls, page: RecordPage) -> "ShapePage":
         """The JSON of a page."""
         return cls(
             shapes=[Shape.of(record) for record in page.shapes],

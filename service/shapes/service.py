@@ -1,4 +1,4 @@
-"""What can be done with shapes."""
+"""Operations on shapes: store, list, read, change and delete."""
 
 import io
 from collections.abc import Callable
@@ -12,7 +12,7 @@ from core.embedding import Embedding
 from core.pipeline import Pipeline
 from core.serialization import embedding_from_bytes
 from service.collection import CollectionNumber
-from service.collections import repository as sets
+from service.collections import repository as collections_repository
 from service.compute.tasks import Embedded
 from service.container import Container
 from service.errors import NameTakenError, NotEmbeddedError, ShapeNotFoundError
@@ -25,11 +25,11 @@ from service.shapes.records import (
     Changes,
     NewFile,
     NewShape,
-    Page,
+    RecordPage,
     ShapeFilter,
     ShapeRecord,
-    Stored,
     StoredFile,
+    StoredShape,
 )
 from service.shapes.schemas import Shape
 from service.storage.database import Database, ReadSession, WriteSession
@@ -39,21 +39,21 @@ async def ingest(
     container: Container,
     new: NewShape,
     claim: Claim | None = None,
-    also: Callable[[WriteSession, Stored], object] | None = None,
-) -> Stored | Kept:
-    """Store a file under a name, unless the same bytes are stored under it already.
+    also: Callable[[WriteSession, StoredShape], object] | None = None,
+) -> StoredShape | Kept:
+    """Store a file as a shape, unless its collection has a shape with the same bytes, format and name.
 
-    The embedding is made before the transaction begins, which then writes bytes, shape and embedding
-    together, and for a claim the answer: once this returns, they are durable, and the next query sees them.
-    Where the claim has an answer, that is what is returned, and nothing is done. What `also` writes is
-    committed with the rest, and when it raises, nothing is.
+    Stages: look up the shape and its embedding; embed the file in a worker if needed; store bytes, shape and
+    embedding in one transaction, with the answer to a claim and the changes that `also` makes. When this
+    returns, all of them are durable and the next query finds the shape. If the claim already has an answer,
+    this returns the answer and stores nothing. If `also` raises, nothing is stored.
 
     Raises
     ------
     CollectionNotFoundError
-        Its collection is there no more.
+        The collection was deleted.
     IdempotencyKeyReusedError
-        The claim's key has come with another payload before.
+        The key of the claim was used with another payload.
     """
     timings = Timings()
     if claim is not None:
@@ -63,7 +63,7 @@ async def ingest(
     while True:
         pipeline, present, needed = await run_in_threadpool(_look_up, container, new)
         if present is not None and not needed and claim is None and also is None:
-            return Stored(present, created=False)
+            return StoredShape(present, created=False)
         embedded = await container.work.embed(new.data, new.format, pipeline) if needed else None
         with timings.stage("store"):
             stored = await run_in_threadpool(
@@ -76,16 +76,24 @@ async def ingest(
     return stored
 
 
-def list_page(session: ReadSession, fingerprint: str, shapes: ShapeFilter, *, after: int, limit: int) -> Page:
-    """One page of the shapes that a filter means, oldest first."""
+def list_page(
+    session: ReadSession, fingerprint: str, shapes: ShapeFilter, *, after: int, limit: int
+) -> RecordPage:
+    """One page of the shapes that match a filter, oldest first."""
     found = repository.page(session, fingerprint, shapes, after=after, limit=limit + 1)
     more = len(found) > limit
     found = found[:limit]
-    return Page(found, repository.count(session, shapes), found[-1].number if more else None)
+    return RecordPage(found, repository.count(session, shapes), found[-1].number if more else None)
 
 
 def get(session: ReadSession, fingerprint: str, collection: CollectionNumber, shape_id: str) -> ShapeRecord:
-    """The shape of a collection with an id."""
+    """The shape of a collection with an id.
+
+    Raises
+    ------
+    ShapeNotFoundError
+        The collection has no such shape.
+    """
     record = repository.by_id(session, fingerprint, collection, shape_id)
     if record is None:
         raise ShapeNotFoundError(shape_id)
@@ -93,7 +101,13 @@ def get(session: ReadSession, fingerprint: str, collection: CollectionNumber, sh
 
 
 def get_file(session: ReadSession, collection: CollectionNumber, shape_id: str) -> bytes:
-    """The bytes that were uploaded of a collection's shape."""
+    """The uploaded bytes of a shape.
+
+    Raises
+    ------
+    ShapeNotFoundError
+        The collection has no such shape.
+    """
     data = repository.file_of(session, collection, shape_id)
     if data is None:
         raise ShapeNotFoundError(shape_id)
@@ -101,7 +115,15 @@ def get_file(session: ReadSession, collection: CollectionNumber, shape_id: str) 
 
 
 def get_record(session: ReadSession, fingerprint: str, collection: CollectionNumber, shape_id: str) -> bytes:
-    """The bytes of the embedding of a collection's shape."""
+    """The record of a shape's embedding.
+
+    Raises
+    ------
+    ShapeNotFoundError
+        The collection has no such shape.
+    NotEmbeddedError
+        The active pipeline has not embedded the shape.
+    """
     record = repository.embedding_of(session, fingerprint, collection, shape_id)
     if record is None:
         get(session, fingerprint, collection, shape_id)
@@ -112,14 +134,22 @@ def get_record(session: ReadSession, fingerprint: str, collection: CollectionNum
 def get_embedding(
     session: ReadSession, fingerprint: str, collection: CollectionNumber, shape_id: str
 ) -> Embedding:
-    """The embedding of a collection's shape."""
+    """The embedding of a shape. It raises the errors of `get_record`."""
     return embedding_from_bytes(get_record(session, fingerprint, collection, shape_id))
 
 
 def change(
     session: WriteSession, fingerprint: str, collection: CollectionNumber, shape_id: str, changes: Changes
 ) -> ShapeRecord:
-    """Change the name, tags or metadata of a collection's shape."""
+    """Change the name, tags or metadata of a shape.
+
+    Raises
+    ------
+    ShapeNotFoundError
+        The collection has no such shape.
+    NameTakenError
+        Another shape of the collection has the new name and the same file.
+    """
     record = get(session, fingerprint, collection, shape_id)
     if changes == Changes():
         return record
@@ -130,12 +160,18 @@ def change(
 
 
 def remove(session: WriteSession, fingerprint: str, collection: CollectionNumber, shape_id: str) -> None:
-    """Delete a collection's shape, and its file and embedding if no other shape has the same."""
+    """Delete a shape, and its file and embeddings unless another shape has the same file.
+
+    Raises
+    ------
+    ShapeNotFoundError
+        The collection has no such shape.
+    """
     repository.remove(session, get(session, fingerprint, collection, shape_id))
 
 
 def as_npz(embedding: Embedding) -> bytes:
-    """The arrays of an embedding as a NumPy archive, each spectrum's under its name."""
+    """The arrays of an embedding as a NumPy archive; names of spectral arrays begin with their spectrum's."""
     arrays: dict[str, Any] = {
         "positions": embedding.positions,
         "vertices": embedding.vertices,
@@ -154,7 +190,7 @@ def as_npz(embedding: Embedding) -> bytes:
 
 
 def _look_up(container: Container, new: NewShape) -> tuple[Pipeline, ShapeRecord | None, bool]:
-    """The pipeline in use, the shape that is there already, and whether the file needs to be embedded."""
+    """The active pipeline, the shape if it is already stored, and whether the file needs an embedding."""
     with container.database.read() as session:
         pipeline = container.pipelines.current(session).pipeline
         present = repository.same(session, pipeline.fingerprint, new)
@@ -173,17 +209,16 @@ def _store(
     new: NewShape,
     embedded: Embedded | None,
     claim: Claim | None,
-    also: Callable[[WriteSession, Stored], object] | None,
-) -> Stored | Kept | None:
-    """One transaction; None when it comes too late.
+    also: Callable[[WriteSession, StoredShape], object] | None,
+) -> StoredShape | Kept | None:
+    """Store a new shape in one transaction; None if the file must be embedded first.
 
-    The archive is searched by another pipeline by now, or the embedding that was there has gone, with the
-    last shape that had it.
+    That happens if another pipeline became active, or if the embedding was deleted with its last shape.
     """
     with database.write() as session:
-        sets.require(session, new.collection)
+        collections_repository.require(session, new.collection)
         now = datetime.now(UTC)
-        # Another process, or a request that was given up, may have answered meanwhile.
+        # Another process, or a cancelled request, may have stored the answer meanwhile.
         kept = None if claim is None else idempotency.answer_to(session, claim, now)
         if kept is not None:
             return kept
@@ -192,9 +227,9 @@ def _store(
             return None
         present = None if put.created else repository.same(session, fingerprint, new)
         if present is not None:
-            stored = Stored(present, created=False)
+            stored = StoredShape(present, created=False)
         else:
-            stored = Stored(repository.add_shape(session, put.blob_number, new, put.facts), created=True)
+            stored = StoredShape(repository.add_shape(session, put.blob_number, new, put.facts), created=True)
         if claim is not None:
             idempotency.keep(session, claim, answer_of(stored), now)
         if also is not None:
@@ -205,10 +240,9 @@ def _store(
 def put_file(
     session: WriteSession, fingerprint: str, file: NewFile, embedded: Embedded | None
 ) -> StoredFile | None:
-    """Store the bytes and the embedding of a file, as far as they are not there.
+    """Store the bytes and the embedding of a file, unless they are stored.
 
-    None where there is no embedding: the one that was there when the file was looked up has gone, or is of a
-    pipeline that the archive is searched by no more.
+    None if the file has no embedding: it was deleted after the lookup, or another pipeline became active.
     """
     if active_fingerprint(session) != fingerprint:
         return None
@@ -225,12 +259,12 @@ def put_file(
     if not there:
         repository.add_embedding(session, blob_number, file.format, fingerprint, embedded)
         if not created:
-            repository.look_again(session, blob_number, file.format, embedded.facts)
+            repository.mark_changed(session, blob_number, file.format, embedded.facts)
     return StoredFile(blob_number, embedded.facts, created)
 
 
-def answer_of(stored: Stored) -> Kept:
-    """How an upload is answered: 201 where it made the shape, 200 where the shape was there."""
+def answer_of(stored: StoredShape) -> Kept:
+    """The answer to an upload: status 201 for a new shape, 200 for an existing one."""
     return Kept(
         status=201 if stored.created else 200,
         location=f"/shapes/{stored.shape.id}",

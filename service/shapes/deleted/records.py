@@ -1,4 +1,4 @@
-"""Deleted shapes as they go between storage, service and endpoints."""
+"""Values that describe deleted shapes between storage, service and endpoints."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ from typing import Any
 
 @dataclass(frozen=True)
 class DeletedRecord:
-    """A deleted shape, without its bytes. `number` orders them by when they were deleted."""
+    """A deleted shape, without its bytes. `number` orders deleted shapes by the time of deletion."""
 
     number: int
     id: str
@@ -24,7 +24,7 @@ class DeletedRecord:
 
 @dataclass(frozen=True)
 class DeletedPage:
-    """Some deleted shapes, how many there are in all, and the number to go on after, if there are more."""
+    """A page of deleted shapes, the number of all, and the number of its last shape if more follow."""
 
     shapes: list[DeletedRecord]
     total: int

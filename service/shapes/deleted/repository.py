@@ -12,7 +12,7 @@ from service.storage.tables import BlobRow, DeletedRow
 
 
 def keep(session: WriteSession, collection: CollectionNumber, record: ShapeRecord, now: datetime) -> None:
-    """Write down a collection's shape, to be deleted then, with its bytes; these go from table to table."""
+    """Copy a shape and its bytes to the table of deleted shapes. The database copies the bytes itself."""
     row = DeletedRow(
         id=record.id,
         collection_number=collection,
@@ -33,7 +33,7 @@ def keep(session: WriteSession, collection: CollectionNumber, record: ShapeRecor
 
 
 def count(session: ReadSession, collection: CollectionNumber, since: datetime) -> int:
-    """How many were deleted from a collection since a moment."""
+    """The number of shapes that were deleted from a collection since a time."""
     query = select(func.count()).select_from(DeletedRow).where(*_since(collection, since))
     return session.scalar(query) or 0
 
@@ -41,7 +41,7 @@ def count(session: ReadSession, collection: CollectionNumber, since: datetime) -
 def page(
     session: ReadSession, collection: CollectionNumber, since: datetime, *, after: int, limit: int
 ) -> list[DeletedRecord]:
-    """The next `limit`, by number, that were deleted from a collection since a moment."""
+    """The next `limit` shapes that were deleted from a collection since a time, by number."""
     query = (
         select(DeletedRow)
         .where(*_since(collection, since), DeletedRow.number > after)
@@ -54,7 +54,7 @@ def page(
 def by_id(
     session: ReadSession, collection: CollectionNumber, shape_id: str, since: datetime
 ) -> DeletedRecord | None:
-    """The one with an id, if it was deleted from a collection since a moment."""
+    """The shape with an id, if it was deleted from a collection since a time."""
     row = session.scalar(select(DeletedRow).where(DeletedRow.id == shape_id, *_since(collection, since)))
     return None if row is None else _record(row)
 
@@ -65,18 +65,18 @@ def data_of(session: ReadSession, number: int) -> bytes | None:
 
 
 def remove(session: WriteSession, number: int) -> bool:
-    """Forget one; whether it was there."""
+    """Erase a deleted shape; whether it existed."""
     gone = session.execute(delete(DeletedRow).where(DeletedRow.number == number).returning(DeletedRow.number))
     return gone.first() is not None
 
 
 def remove_until(session: WriteSession, moment: datetime) -> None:
-    """Forget those that were deleted at a moment, or before."""
+    """Erase the shapes that were deleted at a time or before."""
     session.execute(delete(DeletedRow).where(DeletedRow.deleted_at <= moment))
 
 
 def any_until(session: ReadSession, moment: datetime) -> bool:
-    """Whether one was deleted at a moment, or before."""
+    """Whether a shape was deleted at a time or before."""
     query = select(DeletedRow.number).where(DeletedRow.deleted_at <= moment).limit(1)
     return session.scalar(query) is not None
 

@@ -1,4 +1,4 @@
-"""Deleting with a time to undo it."""
+"""Deletion of shapes that can be restored for some time."""
 
 import asyncio
 from datetime import UTC, datetime, timedelta
@@ -12,7 +12,7 @@ from service.observability.logging import get_logger
 from service.shapes import service as shapes_service
 from service.shapes.deleted import repository
 from service.shapes.deleted.records import DeletedPage, DeletedRecord
-from service.shapes.records import NewShape, ShapeRecord, Stored
+from service.shapes.records import NewShape, ShapeRecord, StoredShape
 from service.storage.database import Database, ReadSession, WriteSession
 
 log = get_logger("deleted")
@@ -23,9 +23,12 @@ PURGE_SECONDS = 600.0
 def delete(
     session: WriteSession, fingerprint: str, collection: CollectionNumber, shape_id: str, keep: timedelta
 ) -> None:
-    """Delete a collection's shape. It can be restored for so long.
+    """Delete a shape, which can be restored during the time `keep`; with 0 it is erased at once.
 
-    Not at all, and nothing of it stays, if that is 0.
+    Raises
+    ------
+    ShapeNotFoundError
+        The collection has no such shape.
     """
     record = shapes_service.get(session, fingerprint, collection, shape_id)
     if keep:
@@ -36,7 +39,7 @@ def delete(
 def list_page(
     session: ReadSession, collection: CollectionNumber, keep: timedelta, *, after: int, limit: int
 ) -> DeletedPage:
-    """One page of the collection's shapes that can be restored, those deleted first before the others."""
+    """One page of a collection's shapes that can be restored, in the order of their deletion."""
     since = datetime.now(UTC) - keep
     found = repository.page(session, collection, since, after=after, limit=limit + 1)
     more = len(found) > limit
@@ -51,7 +54,7 @@ def get(session: ReadSession, collection: CollectionNumber, shape_id: str, keep:
     Raises
     ------
     ShapeNotFoundError
-        None has it, or it was deleted longer ago.
+        No deleted shape has the id, or the time `keep` has passed.
     """
     record = repository.by_id(session, collection, shape_id, datetime.now(UTC) - keep)
     if record is None:
@@ -60,14 +63,14 @@ def get(session: ReadSession, collection: CollectionNumber, shape_id: str, keep:
 
 
 async def restore(container: Container, collection: CollectionNumber, shape_id: str) -> ShapeRecord:
-    """Store a collection's deleted shape again, under its id.
+    """Store a deleted shape again, under its id.
 
-    Its file is embedded anew unless another shape has it.
+    Its file is embedded unless another shape has the same file.
 
     Raises
     ------
     NameTakenError
-        The same bytes have been stored under its name meanwhile.
+        A shape with the same bytes and name was stored meanwhile.
     """
     keep = container.settings.undo_time
 
@@ -88,24 +91,30 @@ async def restore(container: Container, collection: CollectionNumber, shape_id: 
         record.created_at,
     )
 
-    def undone(session: WriteSession, stored: Stored) -> None:
+    def undone(session: WriteSession, stored: StoredShape) -> None:
         if not repository.remove(session, record.number):
             raise ShapeNotFoundError(shape_id)
         if not stored.created:
             raise NameTakenError(f"the same file was stored as {record.name!r} again: {stored.shape.id}")
 
     done = await shapes_service.ingest(container, new, also=undone)
-    assert isinstance(done, Stored)
+    assert isinstance(done, StoredShape)
     return done.shape
 
 
 def purge(session: WriteSession, collection: CollectionNumber, shape_id: str, keep: timedelta) -> None:
-    """Forget a collection's deleted shape for good."""
+    """Erase a deleted shape.
+
+    Raises
+    ------
+    ShapeNotFoundError
+        No deleted shape has the id, or the time `keep` has passed.
+    """
     repository.remove(session, get(session, collection, shape_id, keep).number)
 
 
 def purge_old(database: Database, keep: timedelta) -> None:
-    """Forget those whose time has passed."""
+    """Erase all deleted shapes whose time `keep` has passed."""
     moment = datetime.now(UTC) - keep
     with database.read() as session:
         if not repository.any_until(session, moment):
@@ -115,7 +124,7 @@ def purge_old(database: Database, keep: timedelta) -> None:
 
 
 async def keep_purging(container: Container) -> None:
-    """Forget those whose time has passed, now and every ten minutes, until cancelled."""
+    """Call `purge_old` now and every ten minutes, until cancelled."""
     while True:
         try:
             await run_in_threadpool(purge_old, container.database, container.settings.undo_time)

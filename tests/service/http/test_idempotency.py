@@ -17,7 +17,7 @@ from service.collection import DEFAULT_COLLECTION
 from service.compute.tasks import Embedded
 from service.http.idempotency.keys import HEADER, REPLAYED, payload_of, read_key
 from service.http.idempotency.records import Claim, Kept
-from service.shapes.records import NewShape, Stored
+from service.shapes.records import NewShape, StoredShape
 from service.shapes.service import answer_of, ingest
 from service.storage.tables import IdempotencyKeyRow
 from tests.service.engines import on_both
@@ -267,7 +267,7 @@ def test_an_answer_that_another_process_gave_meanwhile_is_the_answer(
     )
     work = service.container.work
     embed = work.embed
-    answers: list[Stored | Kept] = []
+    answers: list[StoredShape | Kept] = []
 
     async def late(data: bytes, format: str, pipeline: Pipeline) -> Embedded:
         with monkeypatch.context() as patch:
@@ -279,7 +279,7 @@ def test_an_answer_that_another_process_gave_meanwhile_is_the_answer(
         patch.setattr(work, "embed", late)
         answers.append(asyncio.run(ingest(service.container, new, claim)))
     stored, kept = answers
-    assert isinstance(stored, Stored)
+    assert isinstance(stored, StoredShape)
     assert stored.created
     assert kept == answer_of(stored)
     assert total(service) == 1

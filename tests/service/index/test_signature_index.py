@@ -42,7 +42,7 @@ def store(database: Database, content: int, name: str, fingerprint: str = FINGER
         blob = repository.add_blob(session, new.data, new.sha256) if blob is None else blob
         if not repository.is_embedded(session, fingerprint, new.sha256, "off"):
             repository.add_embedding(session, blob, "off", fingerprint, embedded)
-            repository.look_again(session, blob, "off", embedded.facts)
+            repository.mark_changed(session, blob, "off", embedded.facts)
         if repository.same(session, fingerprint, new) is None:
             repository.add_shape(session, blob, new, {})
 

@@ -18,7 +18,7 @@ from service.errors import ClusterUnavailableError, WorkerLostError
 from service.search import service as search_service
 from service.search.ranking import Compared
 from service.shapes import reembedding as reembedding_module
-from service.shapes.reembedding import Outcome, Reembedding
+from service.shapes.reembedding import ReembeddingResult, Reembedding
 from tests.service.engines import on_both
 from tests.service.pipeline_files import active, embeddings, fingerprints, write_parameters
 from tests.service.support import (
@@ -85,7 +85,7 @@ def nothing(_data: bytes) -> None:
 
 def go_over(
     running: Running, parameters: Parameters, hook: Hook = nothing, *, leave_out: bool = False
-) -> tuple[Outcome, Watched]:
+) -> tuple[ReembeddingResult, Watched]:
     """Reembed the archive of a running service, as a process beside it would."""
     work = Watched(running.container.work, hook)
     reembedding = Reembedding(running.container.database, work, parameters)
@@ -214,7 +214,7 @@ def test_a_query_that_loses_its_embeddings_is_answered_by_the_new_ones(
     running, folder = stocked
     work = running.container.work
     compare_with = search_service.compare_with
-    changed: list[Outcome] = []
+    changed: list[ReembeddingResult] = []
 
     async def late(*given: Any) -> Compared:
         if not changed:
