@@ -1,6 +1,6 @@
-"""The mesh as a graph (section 3.3, Eq. 13, Algorithm 2).
+"""Graphs on the mesh and on its samples (section 3.3, Eq. 13, Algorithm 2).
 
-A mesh and its samples in, sparse graph, spanning tree and distances out.
+A mesh and its samples in; the sparse graph, its minimum spanning tree and path lengths out.
 """
 
 __all__ = ["edge_graph", "geodesics", "minimum_spanning_tree", "sparse_graph"]

@@ -1,4 +1,4 @@
-"""The mesh as a graph: edges, straight ways across pairs of faces, and bridges between loose parts."""
+"""The edge graph of a mesh: edges, diagonals across pairs of faces, bridges between components."""
 
 import numpy as np
 from scipy.sparse import coo_array, csr_array
@@ -12,19 +12,27 @@ from core.mesh.ordering import TIE, tied_ranks
 from core.numerics.radix_sort import lexical_order
 
 MOST_FACES = 6
-"""Where more faces than this share an edge, no way leads straight across it."""
+"""Edges with more faces than this get no diagonals."""
 
 
 def diagonals(vertices: Floats, faces: Ints, sides: HalfEdges | None = None) -> tuple[Ints, Floats]:
-    """Straight ways across pairs of neighbouring faces.
+    """Straight paths across pairs of adjacent faces.
 
-    Two faces on an edge are unfolded into a plane; where the segment between their far corners crosses the
-    edge it is a true path on the surface. With these in the graph, shortest paths follow twelve directions
-    instead of six, and come nearer to the geodesics.
+    Two adjacent faces are unfolded into a plane. If the segment between their opposite corners crosses the
+    shared edge, it is a path on the surface. With diagonals a shortest path follows twelve directions instead
+    of six, and comes closer to the geodesic.
+
+    Parameters
+    ----------
+    vertices : float64, shape (n, 3)
+    faces : int64, shape (f, 3)
+    sides : HalfEdges, optional
+        The half-edges of the faces, if they are known.
 
     Returns
     -------
     ends : int64, shape (d, 2)
+        Vertices at both ends.
     lengths : float64, shape (d,)
     """
     sides = sides or half_edges(faces)
@@ -53,11 +61,17 @@ def diagonals(vertices: Floats, faces: Ints, sides: HalfEdges | None = None) -> 
 
 
 def bridges(vertices: Floats, labels: Ints) -> Ints:
-    """Vertex pairs that join all components by their shortest Euclidean gaps, shape (components - 1, 2).
+    """Vertex pairs that join all components by the shortest Euclidean gaps, shape (components - 1, 2).
 
-    Boruvka's rounds: each component's nearest vertex outside it. Components differ in some bit of their
-    number, so nearest neighbours between the two halves of each bit find it exactly. Of equal gaps that of
-    the earliest vertices is taken.
+    The algorithm of Boruvka: in each round every component is joined to the nearest vertex outside it. Two
+    components differ in some bit of their labels, so nearest-neighbour queries between the two halves of each
+    bit are exact. The earliest vertices break ties.
+
+    Parameters
+    ----------
+    vertices : float64, shape (n, 3)
+    labels : int64, shape (n,)
+        Connected component of each vertex, 0 .. components - 1.
     """
     labels = labels.copy()
     chosen: list[Ints] = []
@@ -89,7 +103,15 @@ def bridges(vertices: Floats, labels: Ints) -> Ints:
 
 
 def symmetric(edges: Ints, lengths: Floats, count: int) -> csr_array:
-    """The graph as a symmetric sparse matrix, shape (count, count); of parallel edges the shortest counts."""
+    """The symmetric csr matrix of a graph, shape (count, count); the shortest of parallel edges is kept.
+
+    Parameters
+    ----------
+    edges : int64, shape (e, 2)
+    lengths : float64, shape (e,)
+    count : int
+        Number of vertices.
+    """
     low, high = edges.min(axis=1), edges.max(axis=1)
     order = lexical_order(low, high)
     low, high = low[order], high[order]
@@ -102,19 +124,20 @@ def symmetric(edges: Ints, lengths: Floats, count: int) -> csr_array:
 
 
 def edge_graph(mesh: Mesh, labels: Ints | None = None, *, unfold: bool = True) -> csr_array:
-    """The graph of the mesh's vertices: edges with their lengths, bridges between loose parts, diagonals.
+    """The graph of the mesh's vertices: edges, bridges between components, and diagonals, with their lengths.
 
     Parameters
     ----------
     mesh : Mesh
     labels : int64, shape (n,), optional
-        Connected components, when known.
+        Connected component of each vertex, if known.
     unfold : bool
-        Whether to add `diagonals`; the paper's graph has the edges alone.
+        Whether to add `diagonals`; the paper's graph has edges only.
 
     Returns
     -------
-    csr_array, shape (n, n), symmetric, connected
+    csr_array, shape (n, n)
+        Symmetric and connected, with positive lengths.
     """
     count = len(mesh.vertices)
     sides = half_edges(mesh.faces)

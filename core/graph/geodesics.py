@@ -1,4 +1,4 @@
-"""Path lengths over the mesh from a few vertices to a few others."""
+"""Geodesic distances: shortest path lengths on the edge graph between points and samples."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,7 +9,7 @@ from core.arrays import Floats, Ints
 from core.numerics.compilation import compiled
 
 WIDTH = 0.25
-"""Of a bucket, in mean edges: most edges are longer, so hardly a vertex is taken out twice."""
+"""Width of a bucket in mean edge lengths; most edges are longer, so few vertices are processed twice."""
 
 
 @compiled
@@ -22,19 +22,19 @@ def _search(
     points: Ints,
     found: Floats,
 ) -> int:
-    """Fill columns of `found`, shape (d, m), one search a sample; how many were done before one went astray.
+    """Fill the columns of `found`, shape (d, m), by one search for each sample; return the number completed.
 
-    Vertices wait in buckets by their distance, `width` each (Dial 1969), as chains through a pool of entries.
-    Edges shorter than a bucket may lower a vertex that has been taken out, which then waits again: the result
-    is the same, to the last bit, but there is no bound on the work, so that a search stops at twice as many
-    as there are vertices.
+    The queue holds vertices in buckets of distance (Dial 1969), as linked lists in a pool of entries. An edge
+    shorter than a bucket may lower a vertex that was already processed, which is then queued again. The
+    result is exact to the last bit, but the work has no bound; a search stops after processing twice as many
+    entries as there are vertices.
     """
     count = len(indptr) - 1
     buckets = 1
     while buckets < int(lengths.max() / width) + 3:
         buckets *= 2
     mask = buckets - 1
-    # The pool's first free entry heads a chain of those that were taken out; behind `top` none was ever used.
+    # `free` heads the list of released entries of the pool; entries from `top` on were never used.
     pool = len(indices) + 1
     node_of = np.empty(pool, dtype=np.int32)
     key_of = np.empty(pool)
@@ -90,13 +90,15 @@ def _search(
 
 
 def geodesics(graph: csr_array, samples: Ints, points: Ints) -> Floats:
-    """Path lengths over the mesh from d points to m samples, shape (d, m).
+    """Shortest path lengths from d points to m samples, shape (d, m), >= 0.
 
     Parameters
     ----------
     graph : csr_array, shape (n, n)
-        Symmetric, connected, positive lengths.
-    samples, points : int64, shapes (m,) and (d,)
+        Symmetric and connected, with positive lengths.
+    samples : int64, shape (m,)
+        Vertices.
+    points : int64, shape (d,)
         Vertices.
     """
     found = np.empty((len(points), len(samples)))
@@ -115,11 +117,11 @@ def geodesics(graph: csr_array, samples: Ints, points: Ints) -> Floats:
 
 
 def geodesics_reference(graph: csr_array, samples: Ints, points: Ints) -> Floats:
-    """What `geodesics` finds, by SciPy."""
+    """Reference for `geodesics`, by SciPy's Dijkstra."""
     return np.ascontiguousarray(dijkstra(graph, indices=samples)[:, points].T)
 
 
 def geodesic_distances(graph: csr_array, samples: Ints) -> Floats:
-    """Path lengths between the samples over the whole mesh, shape (m, m)."""
+    """Shortest path lengths between the samples, shape (m, m), symmetric."""
     distances = geodesics(graph, samples, samples)
     return np.asarray(np.minimum(distances, distances.T))

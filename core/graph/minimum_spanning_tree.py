@@ -9,6 +9,13 @@ from core.graph.sparse_graph import SparseGraph
 
 
 def tree_distances(graph: SparseGraph, count: int) -> Floats:
-    """Path lengths between the samples along the minimum spanning tree, shape (m, m): the paper's reading."""
+    """Path lengths between the samples along the minimum spanning tree, as in the paper, shape (m, m).
+
+    Parameters
+    ----------
+    graph : SparseGraph
+    count : int
+        Number of samples m.
+    """
     tree = symmetric(graph.edges[graph.tree], graph.lengths[graph.tree], count)
     return np.asarray(dijkstra(tree))

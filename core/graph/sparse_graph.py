@@ -1,4 +1,4 @@
-"""The mesh as a graph, the sparse graph of its samples, and the minimum spanning tree (Algorithm 2)."""
+"""The sparse graph of the samples and its minimum spanning tree (Algorithm 2)."""
 
 from dataclasses import dataclass
 
@@ -12,24 +12,24 @@ from core.mesh.ordering import tied_ranks
 from core.numerics.compilation import compiled
 
 ROUNDING = 1e-9
-"""Path lengths that differ by less than this part are equal: rounding, which changes with the pose, must not
-choose between them. Split edges make many such ties."""
+"""Path lengths are equal if they differ by less than this fraction: rounding, which changes with the pose,
+must not decide between them. Subdivision makes many such ties."""
 
 
 @dataclass(frozen=True, eq=False)
 class SparseGraph:
-    """The samples' graph.
+    """The sparse graph on m samples of n vertices.
 
     Attributes
     ----------
     edges : int64, shape (e, 2)
-        Pairs of samples whose regions touch, i < j, in lexical order.
+        Pairs (i, j) of samples with adjacent Voronoi regions, i < j, in lexical order.
     lengths : float64, shape (e,)
-        Shortest way through the two regions, d(u) + |uv| + d(v) (Mehlhorn 1988).
+        Shortest path through the two regions, d(u) + |uv| + d(v) (Mehlhorn 1988).
     tree : int64, shape (m - 1,)
-        Which edges form the minimum spanning tree; of equal ones the first.
-    regions: int64, shape (n,)
-        The sample nearest to each vertex, by its place among the samples; of equally near ones the first.
+        Indices of the edges of the minimum spanning tree; ties go to the first edge.
+    regions : int64, shape (n,)
+        Index of the sample nearest to each vertex; ties go to the first sample.
     """
 
     edges: Ints
@@ -42,7 +42,7 @@ class SparseGraph:
 def _settle_ties(
     indptr: Ints, indices: Ints, lengths: Floats, order: Ints, distance: Floats, region: Ints
 ) -> None:
-    """Move each vertex, the nearest first, to the earliest of the samples that are equally near to it."""
+    """Assign each vertex, in order of distance, to the first of the samples that are equally near."""
     for v in order:
         for edge in range(indptr[v], indptr[v + 1]):
             u = indices[edge]
@@ -52,16 +52,16 @@ def _settle_ties(
 
 
 def sparse_graph(graph: csr_array, samples: Ints) -> SparseGraph:
-    """The samples' graph and its minimum spanning tree, by one multi-source Dijkstra.
+    """The sparse graph of the samples and its minimum spanning tree, by one multi-source Dijkstra search.
 
-    Every vertex learns its nearest sample; an edge (u, v) between two regions proposes a sample-sample edge
-    of length d(u) + |uv| + d(v). The minimum spanning tree of the proposals is one of the complete geodesic
-    graph on the samples (Mehlhorn 1988).
+    The search gives the nearest sample of each vertex. An edge (u, v) between two regions gives an edge
+    between their samples of length d(u) + |uv| + d(v), and the shortest of these is kept. The minimum
+    spanning tree of this graph is one of the complete geodesic graph on the samples (Mehlhorn 1988).
 
     Parameters
     ----------
     graph : csr_array, shape (n, n)
-        Symmetric and connected.
+        Symmetric and connected, with positive lengths.
     samples : int64, shape (m,)
         Distinct vertices.
     """
@@ -92,5 +92,12 @@ def sparse_graph(graph: csr_array, samples: Ints) -> SparseGraph:
 
 
 def graph_distances(graph: SparseGraph, count: int) -> Floats:
-    """Path lengths between the samples along the sparse graph, shape (m, m)."""
+    """Path lengths between the samples along the sparse graph, shape (m, m).
+
+    Parameters
+    ----------
+    graph : SparseGraph
+    count : int
+        Number of samples m.
+    """
     return np.asarray(dijkstra(symmetric(graph.edges, graph.lengths, count)))

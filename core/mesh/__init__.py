@@ -1,6 +1,6 @@
-"""Triangle meshes.
+"""Triangle meshes: validity, cleaning, hole filling, denoising, simplification, subdivision, normal frame.
 
-Vertices and faces in; a valid, clean, closed, smooth, even mesh in its normal frame out.
+Vertices and faces in; a clean, closed and evenly meshed surface in its normal frame out.
 """
 
 __all__ = [

@@ -1,4 +1,4 @@
-"""Cleaning: coinciding vertices are merged; faces that span nothing and negligible parts are dropped."""
+"""Cleaning: merges coincident vertices, drops degenerate faces and negligible components."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,24 +15,24 @@ from core.numerics.compilation import compiled, constant
 from core.numerics.radix_sort import lexical_order
 
 MERGE_TOLERANCE = 1e-7
-"""Vertices whose coordinates agree after rounding to this part of the bounding box's diagonal are one:
-coarser than the rounding of float32 files, far finer than any detail."""
+"""Vertices are merged if their coordinates agree after rounding to this fraction of the bounding box's
+diagonal: coarser than the rounding of float32 files, far finer than any detail."""
 
 COVERED_AREA = 0.999
-"""Parts are kept, largest first, until this part of the area is covered, and with the last all of its size:
-dust around a scan goes, and the many equal parts of an assembly stay."""
+"""Components are kept, largest first, until they have this share of the area, and with the last one all of
+its size: debris around a scan is dropped, the many equal components of an assembly stay."""
 
 EQUAL_AREA = 1e-6
-"""Areas that differ by less than this part are equal."""
+"""Relative difference below which areas are equal."""
 
 FARTHEST, SMALLEST = 1e30, 1e-30
-"""Limits of a coordinate and of the bounding box's diagonal: products of four lengths are still numbers, and
+"""Largest coordinate, and smallest diagonal of the bounding box: products of four lengths stay finite, and
 positions fit into single precision."""
 
 
 @dataclass(frozen=True, eq=False)
 class Cleaned:
-    """A mesh without defects of bookkeeping, and what was mended.
+    """A cleaned mesh, and counts of the repairs.
 
     Attributes
     ----------
@@ -41,9 +41,9 @@ class Cleaned:
     labels : int64, shape (n,)
         The connected component of each vertex, 0 .. components - 1.
     components : int
-        Connected components kept.
+        Number of connected components that were kept.
     merged_vertices, dropped_faces : int
-        How many of the file's went.
+        Numbers of vertices merged and of faces dropped.
     """
 
     mesh: Mesh
@@ -54,12 +54,12 @@ class Cleaned:
 
     @cached_property
     def sides(self) -> HalfEdges:
-        """Of the mesh's faces, sorted by their edges."""
+        """The half-edges of the mesh's faces, sorted by edge."""
         return half_edges(self.mesh.faces)
 
 
 def vertex_areas(vertices: Floats, faces: Ints) -> Floats:
-    """A third of the area of the faces about each vertex, shape (n,)."""
+    """A third of the area of the faces at each vertex, shape (n,)."""
     third = np.repeat(face_areas(vertices, faces) / 3.0, 3)
     return np.bincount(faces.ravel(), weights=third, minlength=len(vertices)).astype(np.float64)
 
@@ -70,7 +70,7 @@ def face_areas(vertices: Floats, faces: Ints) -> Floats:
 
 
 def component_areas(mesh: Mesh) -> Floats:
-    """For each vertex, the area of the connected component that it is of, shape (n,)."""
+    """Area of the connected component of each vertex, shape (n,)."""
     count, part = component_labels(len(mesh.vertices), mesh.faces)
     areas = face_areas(mesh.vertices, mesh.faces)
     return np.asarray(np.bincount(part[mesh.faces[:, 0]], weights=areas, minlength=count)[part])
@@ -97,7 +97,15 @@ def _face_areas(vertices: Floats, faces: Ints) -> Floats:
 
 
 def centroid(vertices: Floats, faces: Ints, areas: Floats) -> Floats:
-    """Centroid of the surface from its faces' areas, shape (3,)."""
+    """Area-weighted centroid of the surface, shape (3,).
+
+    Parameters
+    ----------
+    vertices : float64, shape (n, 3)
+    faces : int64, shape (f, 3)
+    areas : float64, shape (f,)
+        Areas of the faces; their sum is > 0.
+    """
     return _centroid(constant(vertices), constant(faces), areas)
 
 
@@ -116,19 +124,19 @@ def _centroid(vertices: Floats, faces: Ints, areas: Floats) -> Floats:
 
 
 def merge_vertices(vertices: Floats) -> tuple[Ints, Ints]:
-    """Vertices that coincide.
+    """Group vertices that coincide, up to `MERGE_TOLERANCE`.
 
     Returns
     -------
     first : int64, shape (u,)
-        One original index a distinct point.
+        One original index for each distinct point.
     group : int64, shape (n,)
         The distinct point of each original vertex.
 
     Raises
     ------
     DegenerateMeshError
-        All are one point, or a coordinate is past `FARTHEST`.
+        All vertices coincide, or a coordinate exceeds `FARTHEST`.
     """
     if float(np.abs(vertices).max()) > FARTHEST:
         raise DegenerateMeshError(f"vertices lie too far apart to measure: a coordinate is over {FARTHEST:g}")
@@ -146,8 +154,8 @@ def merge_vertices(vertices: Floats) -> tuple[Ints, Ints]:
 
 
 def _distinct_faces(faces: Ints) -> NDArray[np.bool_]:
-    """True for faces with three different corners, the first of each set of faces on the same corners."""
-    # By columns, which takes a tenth of the time that rows of three would.
+    """Whether each face has three different corners and is the first on these corners, shape (f,)."""
+    # Columns take a tenth of the time that rows of three take.
     one, other, third = faces.T
     low = np.minimum(np.minimum(one, other), third)
     high = np.maximum(np.maximum(one, other), third)
@@ -161,7 +169,7 @@ def _distinct_faces(faces: Ints) -> NDArray[np.bool_]:
 
 @compiled
 def _renumbered(faces: Ints, place: Ints) -> Ints:
-    """The faces with each vertex at its place, turned so that the first of the three leads."""
+    """Faces with renumbered vertices, rotated so that the smallest index comes first; orientation is kept."""
     result = np.empty_like(faces)
     for f in range(len(faces)):
         a, b, c = place[faces[f, 0]], place[faces[f, 1]], place[faces[f, 2]]
@@ -174,7 +182,7 @@ def _renumbered(faces: Ints, place: Ints) -> Ints:
 
 
 def _ordered(vertices: Floats, faces: Ints) -> Mesh:
-    """The mesh with its vertices in their canonical order, and its faces in that of their corners."""
+    """The mesh with its vertices in canonical order and its faces in lexical order."""
     areas = face_areas(vertices, faces)
     order = canonical_order(vertices, faces, centroid(vertices, faces, areas))
     place = np.empty(len(order), dtype=np.int64)
@@ -184,16 +192,15 @@ def _ordered(vertices: Floats, faces: Ints) -> Mesh:
 
 
 def clean(mesh: Mesh) -> Cleaned:
-    """The mesh without duplicate vertices, degenerate or repeated faces, loose vertices and negligible parts.
+    """Remove duplicate vertices, degenerate or repeated faces, unused vertices and negligible components.
 
-    Vertices and faces come in an order that is the shape's own, not the file's: see `core.mesh.ordering`.
-    Slivers of zero area stay while they join other faces: they carry no weight but keep the surface
-    connected.
+    Vertices and faces are in canonical order (`core.mesh.ordering`), which does not depend on the file's
+    order. Slivers of zero area stay where they join other faces: they have no weight but connect the surface.
 
     Raises
     ------
     DegenerateMeshError
-        Nothing has an area, or it is too large to measure.
+        The mesh has no area, or a coordinate exceeds `FARTHEST`.
     """
     first, group = merge_vertices(mesh.vertices)
     vertices = mesh.vertices[first]

@@ -1,4 +1,4 @@
-"""Noise on the vertices: how rough a surface is at the scale of its edges, and smoothing of rough ones."""
+"""Denoising: the roughness of a surface at the scale of its edges, and Taubin smoothing."""
 
 import numpy as np
 from scipy.sparse import csr_array, diags_array
@@ -7,11 +7,11 @@ from core.arrays import Floats
 from core.mesh.mesh import Mesh
 
 SHRINK, GROW = 0.5, -0.53
-"""Taubin's two steps: what the first takes of the coarse form the second gives back."""
+"""Taubin's lambda and mu: the second step undoes the shrinkage of low frequencies by the first."""
 
 
 def neighbour_means(mesh: Mesh) -> csr_array:
-    """The matrix that takes values at the vertices to the means over each one's neighbours, shape (n, n)."""
+    """The matrix that averages vertex values over the neighbours of each vertex, csr, shape (n, n)."""
     count = len(mesh.vertices)
     ends = np.concatenate([mesh.faces[:, [i, j]] for i in range(3) for j in range(3) if i != j])
     links = csr_array((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(count, count))
@@ -20,7 +20,7 @@ def neighbour_means(mesh: Mesh) -> csr_array:
 
 
 def vertex_normals(mesh: Mesh) -> Floats:
-    """Unit normals, each the mean of the faces' about a vertex by area, shape (n, 3); 0 where they cancel."""
+    """Area-weighted unit vertex normals, shape (n, 3); 0 where the normals of the faces cancel."""
     corners = mesh.vertices[mesh.faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     sums = np.stack(
@@ -34,12 +34,11 @@ def vertex_normals(mesh: Mesh) -> Floats:
 
 
 def roughness(mesh: Mesh) -> float:
-    """How far vertices stand out from their neighbours, in mean edge lengths.
+    """Median normal part of the squared umbrella Laplacian over the vertices, in mean edge lengths; >= 0.
 
-    The median, over the vertices, of the normal part of the Laplacian (neighbours' mean less vertex) applied
-    twice. A smooth surface has next to none, and a crease has it along a line only: clean scans and parts
-    are under 0.07, the same simplified to a tenth, or to 250 vertices, under 0.2. Independent noise of half
-    an edge's length has 0.3.
+    The umbrella Laplacian is the mean of a vertex's neighbours minus the vertex. It is small on a smooth
+    surface, and large on a crease along a line only. Clean scans and CAD parts are below 0.07; the same
+    meshes simplified to a tenth, or to 250 vertices, below 0.2; independent noise of half an edge gives 0.3.
     """
     means = neighbour_means(mesh)
     once = means @ mesh.vertices - mesh.vertices
@@ -50,14 +49,14 @@ def roughness(mesh: Mesh) -> float:
 
 
 def taubin_smoothing(mesh: Mesh, iterations: int) -> Mesh:
-    """Taubin smoothing (1995): noise at the scale of the edges goes, the form stays as large as it is.
+    """Taubin smoothing (1995): removes noise at the scale of the edges without shrinking the shape.
 
     Parameters
     ----------
     mesh : Mesh
-        Each of its vertices in a face.
-    rounds : int
-        Of the two steps.
+        Every vertex belongs to a face.
+    iterations : int
+        Number of pairs of steps, >= 0.
     """
     means = neighbour_means(mesh)
     points = mesh.vertices

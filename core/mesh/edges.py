@@ -1,4 +1,4 @@
-"""Edges and parts of a triangulation."""
+"""Edges and connected components of a triangulation."""
 
 from dataclasses import dataclass
 
@@ -12,16 +12,16 @@ from core.numerics.radix_sort import lexical_order
 
 @dataclass(frozen=True, eq=False)
 class HalfEdges:
-    """The faces' sides in the order of their edges: number 3 f + i runs from corner i of face f to the next.
+    """Half-edges sorted by edge; half-edge 3 f + i runs from corner i of face f to the next corner.
 
     Attributes
     ----------
     order : int64, shape (3 f,)
-        Half-edges, those of one edge side by side, as they come in the faces.
+        Half-edges, grouped by edge; those of one edge in the order of the faces.
     low, high : int64, shape (3 f,)
-        The ends of each, low <= high, rising.
+        End points of each half-edge in `order`, low <= high, in ascending lexical order.
     first : int64, shape (e,)
-        Where in `order` each distinct edge begins.
+        Position in `order` of the first half-edge of each distinct edge.
     """
 
     order: Ints
@@ -36,12 +36,12 @@ class HalfEdges:
 
     @property
     def face_counts(self) -> Ints:
-        """How many faces share each edge, shape (e,)."""
+        """Number of faces at each edge, shape (e,)."""
         return np.diff(self.first, append=len(self.order))
 
 
 def half_edges(faces: Ints) -> HalfEdges:
-    """The sides of the faces, shape (f, 3), sorted by their ends."""
+    """The half-edges of the faces, shape (f, 3), sorted by edge."""
     start, end = faces.ravel(), faces[:, [1, 2, 0]].ravel()
     low, high = np.minimum(start, end), np.maximum(start, end)
     order = lexical_order(low, high)
@@ -50,7 +50,13 @@ def half_edges(faces: Ints) -> HalfEdges:
 
 
 def starts_of(*columns: Ints) -> NDArray[np.bool_]:
-    """Where sorted rows, given by their columns of shape (n,), differ from the row before, or have none."""
+    """Whether each row differs from the row before it, shape (n,); the first row does.
+
+    Parameters
+    ----------
+    columns : int64, shape (n,)
+        The columns of lexically sorted rows.
+    """
     new = np.zeros(len(columns[0]), dtype=bool)
     new[:1] = True
     for column in columns:
@@ -60,7 +66,7 @@ def starts_of(*columns: Ints) -> NDArray[np.bool_]:
 
 @compiled
 def _join(faces: Ints, root: Ints) -> None:
-    """Let `root` lead from each vertex to the first of its part, by union and find."""
+    """Set `root` of each vertex to the first vertex of its component, by union-find."""
     for f in range(len(faces)):
         for side in range(2):
             a, b = faces[f, side], faces[f, side + 1]
@@ -79,9 +85,20 @@ def _join(faces: Ints, root: Ints) -> None:
 
 
 def component_labels(count: int, faces: Ints) -> tuple[int, Ints]:
-    """Connected components of the vertices through the faces' edges: their number, and each vertex's own.
+    """Connected components of the vertices, linked by the edges of the faces.
 
-    They are numbered by their first vertices.
+    Parameters
+    ----------
+    count : int
+        Number of vertices n.
+    faces : int64, shape (f, 3)
+
+    Returns
+    -------
+    int
+        Number of components.
+    int64, shape (n,)
+        Component of each vertex; components are numbered by their first vertices.
     """
     root = np.arange(count)
     _join(constant(faces), root)

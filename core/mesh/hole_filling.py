@@ -1,8 +1,9 @@
-"""Holes closed, so that distances over the surface are those of the shape that it is a part of.
+"""Hole filling: closes boundary loops by fans of triangles.
 
-Where a scan has a hole, or a limb is cut off, paths go round it, and the Laplacian's domain ends there. A rim
-is closed by a fan about its middle, if the disc that it bounds is smaller than the surface. The edge of a
-sheet, or of a triangle by itself, is no hole: what can lie flat is no larger than its rim's disc.
+Around a hole, or where a limb is cut off, geodesics detour and the Laplacian's domain ends; a closed surface
+has the distances of the complete shape. A boundary loop is closed by a fan around its centre if the disc that
+it can bound is small beside the surface. The boundary of a sheet or of a single triangle stays open: a planar
+surface is no larger than the disc of its boundary loop.
 """
 
 import numpy as np
@@ -16,24 +17,24 @@ from core.mesh.mesh import Mesh
 
 
 def fill_holes(mesh: Mesh, most: float, sides: HalfEdges | None = None) -> Mesh:
-    """The mesh with its holes closed: a vertex amid each rim, and a face to it from each of the rim's edges.
+    """The mesh with its holes closed: each loop gets a centre vertex, and a face from each edge to it.
 
-    A rim is a closed line of edges with one face each, which meet nowhere else. One of length l bounds a disc
-    of at most l^2 / 4 pi.
+    A boundary loop is a simple closed chain of edges that have one face each. A loop of length l bounds a
+    disc of area at most l^2 / 4 pi.
 
     Parameters
     ----------
     mesh : Mesh
-        With its coincident vertices merged.
+        Its coincident vertices are merged.
     most : float
-        Rims are closed whose discs are at most this share of the area of the part that they are of; >= 0.
+        A loop is closed if its disc is at most this share of the area of its connected component; >= 0.
     sides : HalfEdges, optional
-        Of its faces, where they are known.
+        The half-edges of the faces, if they are known.
 
     Returns
     -------
     Mesh
-        The same one where there is nothing to close; else with more vertices and faces behind its own.
+        The given mesh if no loop is closed; else a mesh with the new vertices and faces at the end.
     """
     start, end = _boundary_edges(mesh.faces, half_edges(mesh.faces) if sides is None else sides)
     if not len(start):
@@ -50,7 +51,7 @@ def fill_holes(mesh: Mesh, most: float, sides: HalfEdges | None = None) -> Mesh:
     closed = whole**2 <= 4.0 * np.pi * most * area
     if not closed.any():
         return mesh
-    # By the length of the edges, so that more vertices on one side do not draw the middle there.
+    # Weighted by edge length: denser vertices on one side do not move the centre.
     between = lengths[:, None] * (mesh.vertices[start] + mesh.vertices[end]) / 2.0
     middles = np.stack([np.bincount(loops, weights=each) for each in between.T], axis=1) / whole[:, None]
     number = len(mesh.vertices) + np.cumsum(closed) - 1
@@ -60,15 +61,15 @@ def fill_holes(mesh: Mesh, most: float, sides: HalfEdges | None = None) -> Mesh:
 
 
 def _boundary_edges(faces: Ints, sides: HalfEdges) -> tuple[Ints, Ints]:
-    """The ends of the sides whose edge no other face has, as their faces run."""
+    """Start and end of each boundary edge, directed as in its face, two arrays of shape (b,)."""
     alone = sides.order[sides.first[sides.face_counts == 1]]
     return faces.ravel()[alone], faces[:, [1, 2, 0]].ravel()[alone]
 
 
 def _boundary_loops(start: Ints, end: Ints, vertices: int) -> Ints:
-    """The number of each side's rim, counted by their first vertices; -1 where sides meet in other ways.
+    """The boundary loop of each boundary edge, shape (b,), numbered by first vertex; -1 where edges branch.
 
-    Each vertex of a rim has one side that begins there, and one that ends.
+    At each vertex of a loop one boundary edge starts and one ends.
     """
     graph = coo_array((np.ones(len(start)), (start, end)), shape=(vertices, vertices))
     _, part = connected_components(graph, directed=False)

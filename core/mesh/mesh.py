@@ -1,4 +1,4 @@
-"""A triangle mesh that is valid once made."""
+"""The triangle mesh, validated on construction."""
 
 from dataclasses import dataclass
 
@@ -10,7 +10,7 @@ from core.errors import MalformedMeshError, NonFiniteCoordinatesError, NoTriangl
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """A frozen pair of arrays.
+    """A triangle mesh: a frozen, validated pair of read-only arrays.
 
     Attributes
     ----------
@@ -22,11 +22,11 @@ class Mesh:
     Raises
     ------
     MalformedMeshError
-        Wrong shapes, or an index that is not whole or outside 0 .. n - 1.
+        An array has the wrong shape, or an index is not an integer in 0 .. n - 1.
     NonFiniteCoordinatesError
         A coordinate is NaN or infinite.
     NoTrianglesError
-        There is no face.
+        The mesh has no faces.
     """
 
     vertices: Floats

@@ -1,4 +1,4 @@
-"""The normal frame: centroid at the origin, principal axes, unit root mean square radius, all by area."""
+"""The normal frame: centroid at the origin, principal axes, unit root mean square radius, area-weighted."""
 
 from dataclasses import dataclass
 
@@ -14,29 +14,29 @@ from core.numerics.compilation import compiled, constant
 Complexes = NDArray[np.complex128]
 
 TIED = 0.02
-"""Axes are tied when their second moments differ by less than this part of the larger one: then a small
-change of the surface may swap them, and a rule decides instead."""
+"""Axes are tied if their second moments differ by less than this fraction of the larger one. A small change
+of the surface may swap tied axes, so a rule decides between them."""
 
 VANISHING = 0.02
-"""A moment of the plane below this part of its radius' power counts as zero."""
+"""A planar moment below this fraction of the radius to its order counts as zero."""
 
 ORDERS = (3, 5, 2, 4, 6, 7, 8)
-"""Orders of the plane's moments, in the order they are asked."""
+"""Orders of the planar moments, in the order of use."""
 
 SYMMETRIC = 1e-5
-"""A third moment below this part of the cubed scale is rounding, and says nothing of an axis' sign."""
+"""A third moment below this fraction of the cubed scale is rounding and cannot decide the sign of an axis."""
 
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """A similarity from the file's frame to the normal one.
+    """The similarity transform from the file's frame to the normal frame.
 
     Attributes
     ----------
     centre : float64, shape (3,)
         Area centroid, in file units.
     axes : float64, shape (3, 3)
-        Rows are the x, y, z axes: largest spread first, a right-handed rotation.
+        Rows are the x, y and z axes, largest variance first; a right-handed rotation.
     scale : float
         Root mean square distance of the surface from the centroid, in file units.
     """
@@ -46,19 +46,19 @@ class Frame:
     scale: float
 
     def apply(self, points: Floats) -> Floats:
-        """Points of the file, shape (n, 3), in the normal frame."""
+        """Transform points, shape (n, 3), from the file's frame to the normal frame."""
         return np.asarray((points - self.centre) @ self.axes.T / self.scale)
 
     def invert(self, points: Floats) -> Floats:
-        """Points of the normal frame, shape (n, 3), in the file's."""
+        """Transform points, shape (n, 3), from the normal frame to the file's frame."""
         return np.asarray(points * self.scale @ self.axes + self.centre)
 
 
 def _mean_power(values: Floats | Complexes, faces: Ints, areas: Floats, order: int) -> complex:
-    """Mean over the surface of a power of a linear function, from its values at the vertices, shape (n,).
+    """Mean over the surface of the m-th power of a linear function, given at the vertices, shape (n,).
 
-    Exact on flat faces, so the same for every tessellation: over one triangle it is 2 / ((m + 1)(m + 2))
-    times the complete homogeneous symmetric polynomial of degree m of the three values.
+    The mean is exact on planar faces, so it does not depend on the tessellation: over one triangle it is
+    2 / ((m + 1)(m + 2)) times the complete homogeneous symmetric polynomial of degree m of the three values.
     """
     total = _power_sum(values.astype(np.complex128), constant(faces), areas, order)
     return complex(2.0 / ((order + 1) * (order + 2)) * total / areas.sum())
@@ -66,7 +66,7 @@ def _mean_power(values: Floats | Complexes, faces: Ints, areas: Floats, order: i
 
 @compiled
 def _power_sum(values: Complexes, faces: Ints, areas: Floats, order: int) -> np.complex128:
-    """The sum over faces of area times the polynomial."""
+    """Sum over the faces of area times the symmetric polynomial."""
     total = np.complex128(0.0)
     terms = np.empty(order + 1, dtype=np.complex128)
     for f in range(len(faces)):
@@ -81,14 +81,14 @@ def _power_sum(values: Complexes, faces: Ints, areas: Floats, order: int) -> np.
 
 
 def _second_moments(vertices: Floats, faces: Ints, areas: Floats) -> Floats:
-    """Mean of p p^T over the surface, exact on flat faces, shape (3, 3)."""
+    """Mean of p p^T over the surface, exact on planar faces, shape (3, 3)."""
     upper = _second_sum(constant(vertices), constant(faces), areas)
     return np.asarray((upper + upper.T - np.diag(np.diag(upper))) / (12.0 * areas.sum()))
 
 
 @compiled
 def _second_sum(vertices: Floats, faces: Ints, areas: Floats) -> Floats:
-    """The sum over faces of 12 times the area times the mean of p p^T, the upper triangle, shape (3, 3)."""
+    """Upper triangle of the sum over faces of 12 times area times the mean of p p^T, shape (3, 3)."""
     second = np.zeros((3, 3))
     for f in range(len(faces)):
         a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
@@ -104,19 +104,19 @@ def _second_sum(vertices: Floats, faces: Ints, areas: Floats) -> Floats:
 
 
 def _farthest(offsets: Floats) -> Floats:
-    """The longest row, of equal ones the first, as a unit vector."""
+    """The longest row as a unit vector; the first of equally long rows."""
     squares = np.einsum("ni,ni->n", offsets, offsets)
     row = offsets[np.argmax(squares >= (1.0 - TIE) * squares.max())]
     return np.asarray(row / np.linalg.norm(row))
 
 
 def _ordered_sum(mesh: Mesh) -> Floats:
-    """A vector from the vertices' order, to decide between directions that are alike on the surface."""
+    """A vector from the canonical order of the vertices; it decides between symmetric directions."""
     return np.asarray(independent_weights(np.arange(len(mesh.vertices))) @ mesh.vertices)
 
 
 def _sign(mesh: Mesh, areas: Floats, axis: Floats) -> float:
-    """1 or -1: to which side of the centroid the surface leans along an axis."""
+    """Sign of the third moment along an axis, 1 or -1."""
     skew = _mean_power(mesh.vertices @ axis, mesh.faces, areas, 3).real
     if abs(skew) < SYMMETRIC:
         skew = float(_ordered_sum(mesh) @ axis)
@@ -124,11 +124,11 @@ def _sign(mesh: Mesh, areas: Floats, axis: Floats) -> float:
 
 
 def _tied_axis(mesh: Mesh, areas: Floats, normal: Floats) -> Floats:
-    """A direction across `normal` that turns with the shape, where the plane's own axes are tied.
+    """A direction perpendicular to `normal` that rotates with the shape, for tied axes of the plane.
 
-    `mesh` is centred. The m-th moment of the plane, the mean of (u + iv)^m, has a phase, and 1/m of it is a
-    direction up to turns by 1/m of a circle; among these a slanting line's moments choose. Where all of the
-    plane's vanish, as on a body of revolution, it is the direction of the vertex farthest from the axis.
+    `mesh` is centred. The planar moment of order m is the mean of (u + iv)^m; its phase over m is a direction
+    up to rotations by 1/m of a circle, and moments along oblique lines choose among these. On a body of
+    revolution all planar moments vanish; the vertex farthest from the axis gives the direction.
     """
     across = mesh.vertices - np.outer(mesh.vertices @ normal, normal)
     u = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
@@ -152,7 +152,7 @@ def _tied_axis(mesh: Mesh, areas: Floats, normal: Floats) -> Floats:
 
 
 def normal_frame(mesh: Mesh) -> Frame:
-    """The frame of Eq. 4's fit z = f(x, y), the same for every tessellation of a surface.
+    """The frame for the fit z = f(x, y) of Eq. 4, independent of the tessellation.
 
     z is the direction of least spread. If all three axes are tied, x points to the surface's farthest point;
     if two are, `_tied_axis` chooses the first of them. Third moments give the signs, so that a rotated copy

@@ -1,4 +1,4 @@
-"""An order of the vertices that the shape itself gives, so that no later choice hangs on the file's."""
+"""The canonical order of vertices, which depends on the shape and not on the order in the file."""
 
 import numpy as np
 
@@ -7,38 +7,39 @@ from core.numerics.compilation import compiled, constant
 from core.numerics.radix_sort import lexical_order
 
 TIE = 1e-5
-"""Lengths that differ by less than this part of the largest are equal: so far may rounding to the single
-precision of a file, which changes with the pose, drive them apart."""
+"""Lengths are equal if they differ by less than this fraction of the largest: files in single precision round
+coordinates, and the rounding changes with the pose."""
 
 ROUNDS, MARKS = 40, 8
-"""Most rounds in which vertices tell each other apart, and most vertices marked."""
+"""Largest number of rounds of colour refinement, and of vertices that are individualised."""
 
 MOST_VERTICES = 300_000
-"""Above this symmetry is not looked for: the order is by distance from the centroid, then the one given."""
+"""Above this number symmetry is not resolved: the order is by distance from the centroid, then as given."""
 
 
 def tied_ranks(values: Floats, tolerance: float = TIE) -> Ints:
-    """Ranks of the values, shape (n,), 0 for the smallest; values that only rounding tells apart share one.
+    """Ranks of the values, shape (n,), 0 for the smallest; values that differ by rounding only share a rank.
 
     Parameters
     ----------
     values : float64, shape (n,)
     tolerance : float
-        Gaps up to this part of the largest magnitude are no gaps.
+        Neighbouring values share a rank if their gap is at most this fraction of the largest magnitude.
     """
     return _refined_ranks(np.zeros(len(values), dtype=np.int64), values, tolerance)
 
 
 def independent_weights(ranks: Ints) -> Floats:
-    """A weight in (-1, 1) for each rank; no two different sums of them, with rational factors, are equal.
+    """Weights in (-1, 1) of the ranks, linearly independent over the rationals.
 
-    The sine of rank + 1: sines of whole numbers are linearly independent (Lindemann and Weierstrass).
+    The weight is the sine of rank + 1: sines of positive integers are linearly independent over the rationals
+    (Lindemann and Weierstrass).
     """
     return np.asarray(np.sin(ranks + 1.0))
 
 
 def _refined_ranks(ranks: Ints, values: Floats, tolerance: float = TIE) -> Ints:
-    """Ranks by the ranks given, then by the values."""
+    """Ranks by the given ranks, then by the values with ties up to the tolerance, shape (n,)."""
     order = lexical_order(ranks, values)
     ranked, sorted_values = ranks[order], values[order]
     step = np.zeros(len(order), dtype=np.int64)
@@ -51,7 +52,7 @@ def _refined_ranks(ranks: Ints, values: Floats, tolerance: float = TIE) -> Ints:
 
 @compiled
 def _side_lengths(vertices: Floats, faces: Ints) -> Floats:
-    """Of each face's sides, shape (f, 3), from each corner to the next."""
+    """Length of each face's sides, from each corner to the next, shape (f, 3)."""
     lengths = np.empty((len(faces), 3))
     for f in range(len(faces)):
         for i in range(3):
@@ -65,7 +66,7 @@ def _side_lengths(vertices: Floats, faces: Ints) -> Floats:
 
 @compiled
 def _from_neighbours(faces: Ints, lengths: Floats, weights: Floats) -> Floats:
-    """For each vertex, the sum over the sides at it of their lengths times their other ends' weights."""
+    """Sum over the sides at each vertex of length times the weight of the other end, shape (n,)."""
     sums = np.zeros(len(weights))
     for f in range(len(faces)):
         for i in range(3):
@@ -76,25 +77,25 @@ def _from_neighbours(faces: Ints, lengths: Floats, weights: Floats) -> Floats:
 
 
 def canonical_order(vertices: Floats, faces: Ints, centre: Floats) -> Ints:
-    """Vertices by their place in the shape: the same order in any pose, however the file lists them.
+    """The canonical order of the vertices, the same in any pose and for any order of the file.
 
-    First by distance from the centroid. Vertices at equal distance are told apart by their neighbours' ranks
-    and the lengths to them, again and again (the colour refinement of graph isomorphism). Those that still
-    are alike are so by a symmetry of the mesh: one of them is marked, all others are ranked by their distance
-    from it, and so on until no two are alike. Which one is marked makes no difference but that symmetry.
+    Vertices are ranked by distance from the centroid. Colour refinement (Weisfeiler and Leman 1968) separates
+    equal ranks by the neighbours' ranks and the lengths of the edges to them. Vertices that remain equal are
+    images of each other under a symmetry of the mesh: one is individualised, all others are ranked by the
+    distance from it, and refinement continues. The choice changes the order by that symmetry only.
 
     Parameters
     ----------
     vertices : float64, shape (n, 3)
-        Distinct.
+        Distinct points.
     faces : int64, shape (f, 3)
     centre : float64, shape (3,)
-        Of the surface.
+        Centroid of the surface.
 
     Returns
     -------
     int64, shape (n,)
-        Vertices, from the one nearest to the centre.
+        Vertices; the one nearest to the centre comes first.
     """
     count = len(vertices)
     ranks = tied_ranks(np.linalg.norm(vertices - centre, axis=1))
@@ -108,11 +109,11 @@ def canonical_order(vertices: Floats, faces: Ints, centre: Floats) -> Ints:
             if ranks.max() == count - 1:
                 return np.argsort(ranks)
             finer = _refined_ranks(ranks, _from_neighbours(faces, lengths, independent_weights(ranks)))
-            told = finer.max() > ranks.max()
+            refined = finer.max() > ranks.max()
             ranks = finer
-            if not told:
+            if not refined:
                 break
-        alike = np.flatnonzero(np.bincount(ranks)[ranks] > 1)
-        marked = alike[np.argmax(ranks[alike])]
+        tied = np.flatnonzero(np.bincount(ranks)[ranks] > 1)
+        marked = tied[np.argmax(ranks[tied])]
         ranks = _refined_ranks(ranks, np.linalg.norm(vertices - vertices[marked], axis=1))
     return np.argsort(ranks, kind="stable")

@@ -9,21 +9,20 @@ from core.mesh.cleaning import clean
 from core.mesh.mesh import Mesh
 
 MOST_WORK = 1e8
-"""Quadric collapses go round and round a vertex of very many neighbours; their work grows as the sum of all
-squared valences, and past this number, some seconds, vertices are clustered instead."""
+"""The work of quadric collapses grows as the sum of the squared valences. Above this number (some seconds)
+vertices are clustered instead."""
 
 SHORT = 1.1
-"""Where quadric collapses stop at more than this many times the wanted faces, vertices are clustered too."""
+"""Vertices are clustered if quadric collapses leave more than this many times the wanted faces."""
 
 _HALVINGS = 30
 
 
 def decimate(mesh: Mesh, amount: float, seed: int) -> Mesh:
-    """Simplified by quadric error (Garland and Heckbert 1997) to a share of its faces.
+    """Simplify to a share of the faces by quadric error (Garland and Heckbert 1997).
 
-    The seed settles the order of the faces, and with it which of about equal collapses comes first. Where
-    that would take too long (`MOST_WORK`), or stops short (`SHORT`), it is `cluster_vertices` instead: a rule
-    on the mesh, not on a clock.
+    If the collapses would take too long (`MOST_WORK`) or stop too early (`SHORT`), `cluster_vertices` is used
+    instead; the rule depends on the mesh only, not on a clock.
 
     Parameters
     ----------
@@ -31,11 +30,14 @@ def decimate(mesh: Mesh, amount: float, seed: int) -> Mesh:
     amount : float
         Share of the faces to keep, in (0, 1].
     seed : int
+        Shuffles the faces, which decides between collapses of nearly equal cost.
 
     Raises
     ------
+    ParameterError
+        The amount is outside (0, 1].
     NoTrianglesError
-        Nothing is left of a mesh of very few faces.
+        No face is left of a mesh of very few faces.
     """
     check_amount(amount, np.finfo(float).tiny, 1.0)
     wanted = max(4, round(amount * len(mesh.faces)))
@@ -53,15 +55,20 @@ def decimate(mesh: Mesh, amount: float, seed: int) -> Mesh:
 
 
 def cluster_vertices(mesh: Mesh, faces: int, seed: int) -> Mesh:
-    """The vertices of each cell of a cubic grid become one, at their mean (Rossignac and Borrel 1993).
+    """Merge the vertices in each cell of a cubic grid at their mean (Rossignac and Borrel 1993).
 
-    The cells' size is the one, found by halving, that leaves nearest to `faces` distinct faces; the seed
-    shifts the grid.
+    Parameters
+    ----------
+    mesh : Mesh
+    faces : int
+        Wanted number of distinct faces; bisection finds the cell size that comes nearest.
+    seed : int
+        Shifts the grid.
 
     Raises
     ------
     NoTrianglesError
-        Every size leaves none.
+        No cell size leaves a face.
     """
     shift = np.random.default_rng(seed).random(3)
     low = mesh.vertices.min(axis=0)
@@ -77,7 +84,7 @@ def cluster_vertices(mesh: Mesh, faces: int, seed: int) -> Mesh:
 
 
 def _clustered(mesh: Mesh, low: Floats, size: float, shift: Floats) -> tuple[Floats, Ints]:
-    """Vertices and distinct faces over the cells of one size."""
+    """Vertices, shape (n, 3), and distinct faces, shape (f, 3), after clustering with one cell size."""
     cells = np.floor((mesh.vertices - low) / size + shift).astype(np.int64)
     width = int(cells.max()) + 1
     _, cell = np.unique((cells[:, 0] * width + cells[:, 1]) * width + cells[:, 2], return_inverse=True)
@@ -91,21 +98,28 @@ def _clustered(mesh: Mesh, low: Floats, size: float, shift: Floats) -> tuple[Flo
 
 
 def check_amount(amount: float, least: float, most: float) -> None:
-    """Raise a ParameterError unless the amount lies within both, or at one of them."""
+    """Raise a ParameterError unless least <= amount <= most."""
     if not least <= amount <= most:
         raise ParameterError(f"an amount of {amount} lies outside {least} to {most}")
 
 
 def diagonal(mesh: Mesh) -> float:
-    """Of the bounding box along the mesh's own axes."""
+    """Length of the diagonal of the axis-aligned bounding box."""
     return float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
 
 
 def simplify(mesh: Mesh, vertices: int) -> Mesh:
-    """A mesh in its normal frame with about so many vertices, by quadric error (Garland and Heckbert 1997).
+    """Simplify to about `vertices` vertices by quadric error (Garland and Heckbert 1997), and clean.
 
-    Coordinates are rounded to six decimals first: on flat parts every collapse costs nothing, and the last
-    bits, which change with the pose, would choose among them.
+    Coordinates are rounded to six decimals first: every collapse on a planar part costs 0, and the last bits,
+    which change with the pose, would decide between them.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        In its normal frame.
+    vertices : int
+        Wanted number, less than the mesh has.
     """
     points, faces = fast_simplification.simplify(
         np.round(mesh.vertices, 6),

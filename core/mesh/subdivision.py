@@ -1,4 +1,4 @@
-"""Splitting long edges, so that samples and geodesics do not hang on how coarsely a surface was meshed."""
+"""Subdivision of long edges: samples and geodesics become independent of the resolution of the mesh."""
 
 import numpy as np
 
@@ -9,11 +9,11 @@ from core.mesh.mesh import Mesh
 from core.mesh.ordering import TIE
 
 PASSES = 24
-"""Each pass halves what is too long; 24 take any triangle a million times longer than the target."""
+"""Largest number of passes. Each pass halves long edges; 24 suffice for edges a million times the target."""
 
 
 def edge_table(faces: Ints) -> tuple[Ints, Ints]:
-    """Distinct edges, shape (e, 2), and for each face the indices of its edges 01, 12, 20, shape (f, 3)."""
+    """Distinct edges, shape (e, 2), and the indices of each face's edges 01, 12 and 20, shape (f, 3)."""
     sides = half_edges(faces)
     of_side = np.empty(len(sides.order), dtype=np.int64)
     of_side[sides.order] = np.repeat(np.arange(len(sides.first)), sides.face_counts)
@@ -21,9 +21,17 @@ def edge_table(faces: Ints) -> tuple[Ints, Ints]:
 
 
 def split_faces(faces: Ints, middle: Ints, vertices: Floats) -> Ints:
-    """Faces after their marked edges got a midpoint; `middle` is (f, 3), -1 where the edge stays.
+    """Faces after the subdivision of edges, conforming.
 
-    A face with two is cut along the shorter diagonal; of equal ones, that at the earlier vertex.
+    A face with two midpoints is cut along the shorter diagonal, or at the earlier vertex if both are equal.
+
+    Parameters
+    ----------
+    faces : int64, shape (f, 3)
+    middle : int64, shape (f, 3)
+        Vertex at the midpoint of each face's edges 01, 12 and 20; -1 where the edge is not split.
+    vertices : float64, shape (n, 3)
+        The midpoints included.
     """
     marked = middle >= 0
     number = marked.sum(axis=1)
@@ -66,10 +74,19 @@ def split_faces(faces: Ints, middle: Ints, vertices: Floats) -> Ints:
 
 
 def split_long_edges(mesh: Mesh, longest: float, most: int) -> Mesh:
-    """The same surface with no edge longer than `longest`; the first n vertices are the mesh's own.
+    """Split edges longer than `longest` at their midpoints; the surface and the first n vertices stay.
 
-    Every long edge gets a midpoint and its faces are cut conformingly into two, three or four, until none is
-    left or a pass would make more than `most` vertices.
+    The faces of a split edge are cut into two, three or four. Passes repeat until no long edge is left or the
+    next pass would make more than `most` vertices.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        With n vertices.
+    longest : float
+        Largest length of an edge, > 0.
+    most : int
+        Largest number of vertices.
     """
     vertices, faces = mesh.vertices, mesh.faces
     for _ in range(PASSES):
@@ -86,10 +103,10 @@ def split_long_edges(mesh: Mesh, longest: float, most: int) -> Mesh:
 
 
 def refine(mesh: Mesh, vertices: int) -> Mesh:
-    """The mesh with edges short enough for about `vertices` even vertices over its area.
+    """Split long edges so that the mesh is as fine as an even one of about `vertices` vertices.
 
-    An even triangulation of area A with n vertices has 2 n faces of side sqrt(2 A / (sqrt(3) n)); edges up to
-    one and a half times that are left alone.
+    An even triangulation of area A with n vertices has 2 n faces of side sqrt(2 A / (sqrt(3) n)). Edges up to
+    1.5 times that side are not split.
     """
     area = float(face_areas(mesh.vertices, mesh.faces).sum())
     side = float(np.sqrt(2.0 * area / (np.sqrt(3.0) * vertices)))

@@ -1,6 +1,6 @@
-"""Compiled loops, sorting and threads.
+"""Numerical helpers: compilation of loops, radix sort, control of threads.
 
-Functions and integer keys in, the same functions compiled and an order out.
+Functions and sort keys in; compiled functions and sort orders out.
 """
 
 __all__ = ["compilation", "radix_sort", "threads"]

@@ -1,4 +1,4 @@
-"""The compiler of the inner loops, with the types kept for the reader and the type checker."""
+"""Compilation of inner loops by numba, with decorators that keep the types of functions."""
 
 from collections.abc import Callable
 from functools import cache
@@ -17,35 +17,35 @@ R = TypeVar("R")
 T = TypeVar("T", bound=np.generic)
 
 FINITE = {"nnan", "ninf", "nsz"}
-"""What the compiler may assume: that no float is NaN or infinite, and that the sign of a zero is nothing.
+"""Flags of LLVM: no float is NaN or infinite, and the sign of zero does not matter.
 
-It may not reorder sums or fuse products with them. How it did so would depend on what it inlines: the process
-that compiled a function would find other last bits than those that load it from the cache.
+Reassociation and contraction stay off. They depend on inlining, so the process that compiles a function would
+compute other last bits than the processes that load it from the cache.
 """
 
 
 def constant(array: NDArray[T]) -> NDArray[T]:
-    """A view that cannot be written to: arrays that can and cannot be would each compile a function anew."""
+    """A contiguous read-only view: numba compiles a function once more for each kind of array."""
     view = np.ascontiguousarray(array).view()
     view.flags.writeable = False
     return view
 
 
 def compiled(function: Callable[P, R]) -> Callable[P, R]:
-    """The function compiled for the types it is called with, cached on disk, running without the GIL."""
+    """Compile a function for the types of its arguments; cached on disk, runs without the GIL."""
     return cast("Callable[P, R]", njit(cache=True, nogil=True)(function))
 
 
 def compiled_fast(function: Callable[P, R]) -> Callable[P, R]:
-    """As `compiled`, for finite floats, of which it finds the least by vectors."""
+    """As `compiled`, for finite floats: loops that search a minimum are vectorised."""
     return cast("Callable[P, R]", njit(cache=True, nogil=True, fastmath=FINITE)(function))
 
 
 def kernel(function: Callable[P, R]) -> Callable[P, R]:
     """As `compiled_fast`, for the functions of `core.matching.kernels`, which call one another across files.
 
-    The cache on disk is renewed when a function's own file changes. It also goes by the function's name, so
-    that is given a hash of all the package's sources.
+    Numba's cache notices changes of a function's own file only. Its key includes the function's name, so a
+    hash of all source files of the package is added to the name.
     """
     function.__qualname__ = f"{function.__name__}_{_kernel_sources()}"
     return cast(

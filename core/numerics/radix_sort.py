@@ -1,4 +1,4 @@
-"""Stable sorting by digits (least significant first), several times faster than comparing."""
+"""Stable radix sort, least significant digit first; several times faster than comparison sorts."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,7 @@ Keys = NDArray[np.uint64]
 
 @compiled
 def _sort(keys: Keys, order: Ints) -> Ints:
-    """`order` sorted anew by the keys, shape (n,), that go with its places; equal keys stay as they are."""
+    """`order` sorted stably by `keys`, both of shape (n,)."""
     count = len(keys)
     largest = np.uint64(0)
     for i in range(count):
@@ -42,7 +42,13 @@ def _sort(keys: Keys, order: Ints) -> Ints:
 
 
 def sortable(values: Ints | Floats) -> Keys:
-    """Unsigned numbers in the order of the values, shape (n,): integers >= 0, or floats other than NaN."""
+    """Unsigned keys that sort like the values, shape (n,).
+
+    Parameters
+    ----------
+    values : int64 or float64, shape (n,)
+        Integers >= 0, or floats without NaN.
+    """
     if values.dtype.kind == "f":
         bits = (values + 0.0).view(np.uint64)
         sign = np.uint64(1) << np.uint64(63)
@@ -51,12 +57,12 @@ def sortable(values: Ints | Floats) -> Keys:
 
 
 def lexical_order(*columns: Ints | Floats) -> Ints:
-    """The order of rows by the first column, then by the second, and so on, then as given, shape (n,).
+    """The stable lexical order of rows, by the first column first, shape (n,).
 
     Parameters
     ----------
     columns : int64 or float64, shape (n,)
-        Integers >= 0; no NaN.
+        Integers >= 0, or floats without NaN.
     """
     order = np.arange(len(columns[0]))
     for i, column in enumerate(reversed(columns)):

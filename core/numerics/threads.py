@@ -1,4 +1,4 @@
-"""Linear algebra on one thread: on several, sums are added up in another order, and last bits change."""
+"""Linear algebra on one thread: several threads change the order of sums, and with it the last bits."""
 
 from contextlib import AbstractContextManager
 from functools import cache
@@ -8,14 +8,14 @@ from threadpoolctl import ThreadpoolController
 
 
 def one_thread() -> AbstractContextManager[object]:
-    """While it is entered, NumPy's and SciPy's linear algebra runs on one thread."""
+    """A context in which the linear algebra of NumPy and SciPy runs on one thread."""
     limited: AbstractContextManager[object] = _controller().limit(limits=1)
     return limited
 
 
 @cache
 def _controller() -> ThreadpoolController:
-    """Looks once for the libraries that are loaded, which takes milliseconds."""
+    """The controller of the loaded BLAS libraries; the search for them takes milliseconds and runs once."""
     for name in ("numpy.linalg", "scipy.linalg"):
         import_module(name)
     return ThreadpoolController()

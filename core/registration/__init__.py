@@ -1,6 +1,6 @@
-"""Rigid registration.
+"""Registration of two surfaces by a similarity transform.
 
-Two sampled surfaces in, the best similarity transform of one onto the other and its residual out.
+Two sampled surfaces in; the best similarity transform of one onto the other and its residual out.
 """
 
 __all__ = ["similarity_icp"]

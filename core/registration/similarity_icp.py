@@ -1,8 +1,8 @@
-"""Whether two surfaces are one rigid form: the best similarity of one onto the other, and what it leaves.
+"""Similarity ICP: the best similarity transform of one surface onto another, and its residual.
 
 S. Umeyama, "Least-squares estimation of transformation parameters between two point patterns", IEEE PAMI
-13(4), 1991, with the sign of the determinant given; and P. J. Besl, N. D. McKay, "A method for registration
-of 3-D shapes", IEEE PAMI 14(2), 1992, from several starts.
+13(4), 1991, with a given sign of the determinant; P. J. Besl, N. D. McKay, "A method for registration of 3-D
+shapes", IEEE PAMI 14(2), 1992, from several initial alignments.
 """
 
 from dataclasses import dataclass
@@ -17,56 +17,67 @@ from core.sampling.surface_samples import SurfaceSamples, closest_points
 Kinship = Literal["same", "scaled", "mirrored"]
 
 RESIDUAL = 0.003
-"""Two surfaces are one form where no more than this is left, over the root of the area.
+"""Largest residual of two copies of one shape, over the square root of the area.
 
-Copies that are turned, scaled, mirrored, split or simplified to half their vertices leave at most 0.0014,
-made shapes and scanned ones alike; other poses and individuals of the gallery at least 0.006. With the
-samples' positions alone it is 0.037 and 0.044, as another meshing moves the samples by their own spacing; so
-the surfaces themselves are laid onto each other.
+Copies that are rotated, scaled, mirrored, subdivided or simplified to half their vertices have at most
+0.0014, synthetic shapes and scans alike; other poses and individuals of the gallery have at least 0.006. The
+distances are between surfaces and not between samples, because another meshing moves the samples by their
+spacing: between samples the two figures would be 0.037 and 0.044.
 """
 
 SIZE = 0.03
-"""They are of one size where the factor between them differs from 1 by no more than this."""
+"""Two copies have one size if their scale differs from 1 by at most this."""
 
 STARTING, ROUNDS, FEW = 12, 20, 200
-"""Most rounds from each start, with so few points; and most with all, from the best of each sign."""
+"""Largest number of coarse iterations from each start, of fine iterations from the best start, and the number
+of points of a coarse iteration."""
 
 FAR = 0.05
-"""Where the few points stay farther apart than this, no more rounds are made."""
+"""Residual of the coarse alignment above which there are no fine iterations."""
 
 GAIN = 0.995
-"""Rounds end where the residual does not fall below this part of itself."""
+"""Fine iterations end when the residual exceeds this fraction of the best one."""
 
 
 @dataclass(frozen=True, eq=False)
 class Similarity:
-    """p becomes `scale` * `rotation` @ p + `shift`: `rotation` is orthogonal, of determinant 1 or -1."""
+    """The similarity transform p -> scale * rotation @ p + shift.
+
+    Attributes
+    ----------
+    scale : float
+        > 0.
+    rotation : float64, shape (3, 3)
+        Orthogonal; its determinant is 1, or -1 for a reflection.
+    shift : float64, shape (3,)
+    """
 
     scale: float
     rotation: Floats
     shift: Floats
 
     def apply(self, points: Floats) -> Floats:
-        """Points, shape (n, 3), moved."""
+        """Transform points, shape (n, 3)."""
         return np.asarray(self.scale * points @ self.rotation.T + self.shift)
 
     def invert(self, points: Floats) -> Floats:
-        """Points, shape (n, 3), moved back."""
+        """Transform points, shape (n, 3), by the inverse."""
         return np.asarray((points - self.shift) @ self.rotation / self.scale)
 
 
 @dataclass(frozen=True)
 class Alignment:
-    """How near one surface comes to another.
+    """The alignment of two surfaces.
 
     Attributes
     ----------
     residual : float
-        Root mean square distance, both ways, over the root of the area; >= 0. Above `FAR` it is roughly that.
+        Root mean square distance in both directions over the square root of the area, >= 0; an estimate
+        above `FAR`.
     scale : float
-        Length in the second over length in the first.
+        Length in the second surface over length in the first.
     mirrored : bool
-        Whether a reflection comes nearer, beyond `RESIDUAL`, than all rotations.
+        Whether the residual of rotations exceeds `RESIDUAL` and a reflection has a smaller one.
     """
 
     residual: float
@@ -74,31 +85,31 @@ class Alignment:
     mirrored: bool
 
     def kinship(self, residual: float = RESIDUAL, size: float = SIZE) -> Kinship | None:
-        """What the second is to the first; None where more than the residual is left.
+        """Relation of the second surface to the first; None if the alignment exceeds the given residual.
 
-        A mirror image is "mirrored" in any size.
+        A mirror image is "mirrored" at any scale.
         """
         return None if self.residual > residual else kinship(self.scale, mirrored=self.mirrored, size=size)
 
 
 def kinship(scale: float, *, mirrored: bool, size: float = SIZE) -> Kinship:
-    """What a form of another scale, and perhaps mirrored, is to the first."""
+    """Relation of two copies, from their relative scale and from whether one is a mirror image."""
     if mirrored:
         return "mirrored"
     return "same" if max(scale, 1.0 / scale) <= 1.0 + size else "scaled"
 
 
 def best_similarity(source: Floats, target: Floats, *, sign: int, scaled: bool) -> Similarity:
-    """The least-squares similarity of paired points (Umeyama 1991, Eqs. 39 to 43).
+    """The least-squares similarity transform of paired points (Umeyama 1991, Eqs. 39 to 43).
 
     Parameters
     ----------
     source, target : float64, shape (n, 3)
-        Row i of one belongs to row i of the other.
+        Row i of the source corresponds to row i of the target.
     sign : int
-        Of the determinant: 1 for a rotation, -1 for a reflection.
+        Sign of the determinant: 1 for a rotation, -1 for a reflection.
     scaled : bool
-        Whether the scale is fitted too; it is 1 otherwise, and where the source is one point.
+        Whether the scale is fitted; else it is 1, as for a source whose points coincide.
     """
     here, there = source.mean(axis=0), target.mean(axis=0)
     centred = source - here
@@ -113,14 +124,14 @@ def best_similarity(source: Floats, target: Floats, *, sign: int, scaled: bool) 
 def align(
     first: SurfaceSamples, second: SurfaceSamples, pairs: tuple[Floats, Floats] | None = None
 ) -> Alignment:
-    """The best similarity of one surface onto another, rotations and reflections alike.
+    """The best similarity transform of one surface onto another, over rotations and reflections.
 
     Parameters
     ----------
     first, second : SurfaceSamples
     pairs : two of float64, shape (m, 3), or None
-        Points of each that correspond, in the file's units: a start beside the principal axes, which may be
-        tied.
+        Corresponding points of both surfaces, in the files' units. They give one more initial alignment
+        beside those by the principal axes, which may be tied.
     """
     residual, motion = _nearest(first, second, pairs, 1)
     mirrored = False
@@ -134,7 +145,7 @@ def align(
 def _nearest(
     first: SurfaceSamples, second: SurfaceSamples, pairs: tuple[Floats, Floats] | None, sign: int
 ) -> tuple[float, Similarity]:
-    """The least residual that motions of one sign come to, and the motion, at unit areas."""
+    """The least residual of transforms with one sign of the determinant, and the transform, at unit areas."""
     starts = [
         Similarity(1.0, second.axes.T * signs @ first.axes, np.zeros(3))
         for signs in product((1.0, -1.0), repeat=3)
@@ -162,7 +173,7 @@ def _nearest(
 def _rough_alignment(
     first: SurfaceSamples, second: SurfaceSamples, motion: Similarity, sign: int
 ) -> tuple[float, Similarity]:
-    """A start after some rounds of the closest of the points, and how far these then are apart."""
+    """The residual and the transform after coarse iterations between sample points, without scaling."""
     few = first.points[:: len(first.points) // FEW]
     gaps, near = second.tree.query(motion.apply(few))
     for _ in range(STARTING):
@@ -177,7 +188,7 @@ def _rough_alignment(
 def _closest_pairs(
     first: SurfaceSamples, second: SurfaceSamples, motion: Similarity
 ) -> tuple[float, Floats, Floats]:
-    """The residual of a motion, and the points of both that it brings closest, in their own places."""
+    """The residual of a transform, and the pairs of closest points, each at its own unit area."""
     ours, theirs = first.representatives, second.representatives
     there = closest_points(second, motion.apply(ours))
     back = closest_points(first, motion.invert(theirs))

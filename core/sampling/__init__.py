@@ -1,6 +1,6 @@
-"""Samples of a surface (sections 3.1 and 3.2, Algorithm 1).
+"""Sampling of a surface (sections 3.1 and 3.2, Algorithm 1).
 
-A mesh and its graph in, chosen vertices or points out.
+A mesh and its graph in; selected vertices or points out.
 """
 
 __all__ = ["farthest_point", "lewis_weights", "poisson_disk", "sampling", "surface_samples"]

@@ -1,4 +1,4 @@
-"""Farthest-point selection under graph distance, in one growing pass."""
+"""Farthest-point sampling under graph distance, with one incremental distance field."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,11 +9,11 @@ from core.arrays import Floats, Ints
 from core.numerics.compilation import compiled
 
 TIE = 1e-6
-"""Scores that differ by less than this part of the largest are equal. Not imported: a compiled function keeps
-the value, and the cache of compiled code would not notice a change in another file."""
+"""Scores are equal if they differ by less than this fraction of the largest. The constant is not imported: a
+compiled function stores its value, and the cache of compiled code would miss a change in another file."""
 
 BLOCK = 64
-"""Vertices whose largest score is kept."""
+"""Number of vertices in a block; the largest score of each block is stored."""
 
 
 @compiled
@@ -27,9 +27,9 @@ def _relax(
     heap_key: Floats,
     heap_node: Ints,
 ) -> None:
-    """Lower `distance` by paths from `source`, visiting only the vertices that come nearer.
+    """Lower `distance` by paths from `source` (Dijkstra), and mark the blocks of lowered vertices as changed.
 
-    Their blocks are marked as changed.
+    Only vertices whose distance falls are visited.
     """
     distance[source] = 0.0
     changed[source // BLOCK] = True
@@ -82,7 +82,7 @@ def _select(indptr: Ints, indices: Ints, lengths: Floats, weights: Floats, first
     count = len(indptr) - 1
     blocks = (count + BLOCK - 1) // BLOCK
     distance = np.full(count, np.inf)
-    # The largest score in each block of vertices: only those that a path reached are looked through again.
+    # The largest score in each block of vertices; only changed blocks are searched again.
     largest = np.empty(blocks)
     changed = np.ones(blocks, dtype=np.bool_)
     heap_key = np.empty(len(indices) + 1)
@@ -109,25 +109,25 @@ def _select(indptr: Ints, indices: Ints, lengths: Floats, weights: Floats, first
 
 
 def farthest_points(graph: csr_array, count: int, first: int, weights: Floats | None = None) -> Ints:
-    """Samples chosen one by one, each where distance to those before it, times weight, is largest.
+    """Weighted farthest-point sampling: each sample maximises weight times distance to the earlier samples.
 
-    Of vertices equally far, but for rounding, the first is taken.
+    The first of equal vertices, up to `TIE`, is selected.
 
     Parameters
     ----------
     graph : csr_array, shape (n, n)
-        Symmetric, connected, positive lengths.
+        Symmetric and connected, with positive lengths.
     count : int
-        How many, at most n.
+        Number of samples, 1 to n.
     first : int
-        The vertex to begin with.
+        The first sample.
     weights : float64, shape (n,), optional
-        Positive; all one gives plain farthest-point sampling.
+        Positive; without them this is plain farthest-point sampling.
 
     Returns
     -------
     int64, shape (count,)
-        Distinct vertices in the order of choice.
+        Distinct vertices in the order of selection.
     """
     total = graph.shape[0]
     samples = np.empty(min(count, total), dtype=np.int64)
@@ -141,7 +141,7 @@ def farthest_points(graph: csr_array, count: int, first: int, weights: Floats | 
 def farthest_points_reference(
     graph: csr_array, count: int, first: int, weights: Floats | None = None
 ) -> Ints:
-    """What `farthest_points` finds, by a whole search a sample."""
+    """Reference for `farthest_points`: one complete Dijkstra search for each sample."""
     weights = np.ones(graph.shape[0]) if weights is None else weights
     distance = np.full(graph.shape[0], np.inf)
     samples = [first]

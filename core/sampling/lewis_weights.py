@@ -10,22 +10,22 @@ from core.arrays import Floats
 from core.errors import ParameterError
 
 ROUNDING = 1e-12
-"""A fit whose squared residuals are below this part of the points' squares is exact: what is left is the
-rounding of a file in single precision, and would choose the samples of a flat shape."""
+"""A fit is exact if its squared residuals are below this fraction of the points' squares. The remainder is
+rounding of a file in single precision, which must not select the samples of a flat shape."""
 
 
 @dataclass(frozen=True, eq=False)
 class LewisWeights:
-    """What Algorithm 1 finds for n points.
+    """Lewis weights of n points (Algorithm 1).
 
     Attributes
     ----------
     leverage : float64, shape (n,)
         Squared row norms of an orthonormal basis of B's columns, in [0, 1], summing to the rank (Eq. 2).
     residual : float64, shape (n,)
-        The second stage's rho, B x - z (Eq. 12).
+        rho = B x - z of the second stage (Eq. 12).
     weights : float64, shape (n,)
-        q of Eq. 12. As printed they may pass 1; normalised they are in [0, 1].
+        q of Eq. 12, >= 0: in [0, 1] if normalised; the printed constants may give values above 1.
     """
 
     leverage: Floats
@@ -41,7 +41,7 @@ def polynomial_basis(x: Floats, y: Floats, degree: int) -> Floats:
     Raises
     ------
     ParameterError
-        Degree under 1 or over 12.
+        The degree is below 1 or above 12.
     """
     if not 1 <= degree <= 12:
         raise ParameterError(f"the degree must be 1 to 12, not {degree}")
@@ -60,7 +60,7 @@ def polynomial_basis(x: Floats, y: Floats, degree: int) -> Floats:
 def orthonormal_basis(matrix: Floats) -> Floats:
     """An orthonormal basis of the columns' span, shape (n, rank), by a rank-revealing QR.
 
-    For p = 2 it is the well-conditioned basis of Theorem 4.
+    For p = 2 this is the well-conditioned basis of Theorem 4.
     """
     basis, upper, _ = qr(matrix, mode="economic", pivoting=True, check_finite=False)
     diagonal = np.abs(np.diag(upper))
@@ -69,18 +69,21 @@ def orthonormal_basis(matrix: Floats) -> Floats:
 
 
 def leverage_scores(matrix: Floats) -> Floats:
-    """a_i^T (A^T A)^-1 a_i of each row (Eq. 2), shape (n,); for p = 2 the Lewis weights (Theorem 2)."""
+    """Leverage score a_i^T (A^T A)^-1 a_i of each row (Eq. 2), shape (n,), in [0, 1].
+
+    For p = 2 leverage scores are the Lewis weights (Theorem 2).
+    """
     basis = orthonormal_basis(matrix)
     return np.asarray(np.einsum("ij,ij->i", basis, basis))
 
 
 def printed_constants(rank: int, epsilon: float) -> tuple[float, float]:
-    """r1 of Eq. 11 and r2 of Eq. 12 as printed, p = 2 and the exponent k = 2.
+    """r1 of Eq. 11 and r2 of Eq. 12 as printed, for p = 2 and the exponent k = 2.
 
     Raises
     ------
     ParameterError
-        Epsilon outside (0, 1/7).
+        Epsilon is outside (0, 1/7).
     """
     if not 0.0 < epsilon < 1.0 / 7.0:
         raise ParameterError(f"epsilon must be between 0 and 1/7, not {epsilon}")
@@ -99,28 +102,29 @@ def lewis_weights(
 ) -> LewisWeights:
     """Algorithm 1 for the points of a mesh in its normal frame.
 
-    Stage one weighs each row by its leverage score and fits z to the rows that a draw with those
-    probabilities keeps; stage two adds the rows that the fit misses (Eqs. 11, 12).
+    Stage one draws rows with probabilities from their leverage scores and fits z to these rows; stage two
+    raises the weight of rows with a large residual (Eqs. 11 and 12).
 
     Parameters
     ----------
     points : float64, shape (n, 3)
-        z is the direction of least spread.
+        z is the direction of least variance.
     degree : int
-        Of the polynomial surface f (the paper: 6).
+        Degree of the polynomial surface f, 1 to 12 (the paper: 6).
     epsilon : float
-        Error parameter in (0, 1/7); it enters r2 alone.
+        Error parameter in (0, 1/7); it affects r2 only.
     normalise : bool
         False keeps the printed r1 and r2. They are so large (about 1e7 and 2e14) that stage one keeps every
-        row of any mesh under ten million vertices, and q follows the residual alone. True divides each of
-        the two terms by its sum before the larger one is taken, so that both count.
+        row of any mesh below ten million vertices, and q follows the residual alone. True divides each of
+        the two terms by its sum before taking the larger one, so that both count.
     random : float64, shape (n,), optional
-        Uniform numbers in [0, 1) for stage one's draw, wanted only where a probability is under 1.
+        Uniform numbers in [0, 1) for the draw of stage one, used only if a probability is below 1. Without
+        them stage one keeps every row.
 
     Raises
     ------
     ParameterError
-        Degree or epsilon out of range.
+        The degree or epsilon is out of range.
     """
     basis = orthonormal_basis(polynomial_basis(points[:, 0], points[:, 1], degree))
     rank = basis.shape[1]

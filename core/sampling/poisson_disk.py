@@ -1,4 +1,4 @@
-"""Poisson-disk selection by dart throwing: no two samples nearer than a radius, and no room for one more."""
+"""Poisson-disk sampling by dart throwing: a maximal set of samples at least a radius apart."""
 
 import numpy as np
 
@@ -6,28 +6,28 @@ from core.arrays import Floats, Ints
 from core.errors import ParameterError
 
 _HALVINGS = 40
-"""Of the interval that holds the radius, to which the number of samples answers in steps."""
+"""Number of bisection steps for the radius."""
 
 
 def poisson_disk(distances: Floats, radius: float, order: Ints) -> Ints:
-    """A maximal set of points at least `radius` apart: every point is in it or nearer than that to one in it.
+    """A maximal set of points at least `radius` apart, by dart throwing (Cook 1986).
 
-    Darts are thrown in the order given and each that falls too near an earlier one is lost (Cook 1986). On a
-    mesh the darts are its vertices and distances are geodesic.
+    Darts are tried in the given order; a dart nearer than the radius to an earlier sample is rejected. On a
+    mesh the darts are its vertices and the distances are geodesic.
 
     Parameters
     ----------
     distances : float64, shape (n, n)
-        Between all points, symmetric, zero on the diagonal.
+        Distances between all points, symmetric, zero on the diagonal.
     radius : float
-        In the unit of the distances, not negative; 0 takes every point.
+        In the unit of the distances, >= 0; 0 selects every point.
     order : int64, shape (n,)
-        Each point once; shuffled, or the set follows the list's own pattern.
+        A permutation of the points. It should be shuffled, else the set follows the pattern of the list.
 
     Returns
     -------
     int64, shape (m,)
-        In the order of their throws.
+        Samples in the order of the darts.
     """
     free = np.ones(len(distances), dtype=bool)
     samples = []
@@ -39,15 +39,15 @@ def poisson_disk(distances: Floats, radius: float, order: Ints) -> Ints:
 
 
 def poisson_disk_of(distances: Floats, count: int, order: Ints) -> tuple[Ints, float]:
-    """A Poisson-disk set of exactly `count` points, and its radius.
+    """A Poisson-disk set of exactly `count` points, and its radius, found by bisection.
 
-    The radius is found by halving. The size of a set goes in steps, so the last few points thrown are left
-    out where no radius gives the number: the set keeps its radius, and just misses being maximal.
+    If no radius gives the exact number, the last few samples are dropped: the samples stay a radius apart,
+    and the set is not quite maximal. Parameters as in `poisson_disk`.
 
     Raises
     ------
     ParameterError
-        A count under 1 or over n.
+        The count is below 1 or above n.
     """
     if not 1 <= count <= len(distances):
         raise ParameterError(f"a set of {count} cannot be taken from {len(distances)} points")

@@ -1,4 +1,4 @@
-"""Which vertices become samples: the paper's cut, a draw by Lewis weights, and a selection that covers."""
+"""Selection of samples by Lewis weight: sort and cut, random draw, weighted farthest-point sampling."""
 
 import hashlib
 
@@ -10,25 +10,38 @@ from core.mesh.ordering import tied_ranks
 from core.sampling.farthest_point import farthest_points
 
 ROUNDING = 1e-9
-"""Weights that differ by less than this part of the largest are equal."""
+"""Weights are equal if they differ by less than this fraction of the largest."""
 
 
 def sort_and_cut(weights: Floats, count: int) -> Ints:
-    """The `count` points of largest weight, the largest first (the paper's selection); ties by order."""
+    """The `count` points of largest weight, descending (the paper's selection), shape (count,).
+
+    Ties are broken by the order of the points.
+
+    Parameters
+    ----------
+    weights : float64, shape (n,)
+        Lewis weights, >= 0.
+    count : int
+        At most n.
+    """
     return np.argsort(-tied_ranks(weights, ROUNDING), kind="stable")[:count].astype(np.int64)
 
 
 def keyed_uniform(points: Floats, seed: int, digits: int = 4) -> Floats:
-    """A number in [0, 1) for each point, keyed to where it is and not to its place in the list.
+    """Pseudo-random numbers in [0, 1), one for each point, that depend on the position and not on the order.
 
-    Coordinates of the normal frame are rounded to `digits` decimals and hashed with the seed, so the same
-    surface gives the same draw whatever the order of its vertices.
+    Coordinates are rounded to `digits` decimals and hashed with the seed, so a surface gives the same draw
+    for any order of its vertices.
 
     Parameters
     ----------
     points : float64, shape (n, 3)
         In the normal frame.
     seed : int
+        Key of the hash, a signed 64-bit number.
+    digits : int
+        Number of decimals.
 
     Returns
     -------
@@ -44,7 +57,7 @@ def keyed_uniform(points: Floats, seed: int, digits: int = 4) -> Floats:
 
 
 def draw_scale(weights: Floats, count: int) -> float:
-    """The c with sum min(1, c q) = count, so that a draw with those probabilities has that mean size."""
+    """The c with sum min(1, c q) = count: a draw with these probabilities has `count` points on average."""
     ordered = np.sort(weights[weights > 0.0])[::-1]
     if count >= len(ordered):
         return float(1.0 / ordered[-1]) if len(ordered) else 1.0
@@ -55,22 +68,23 @@ def draw_scale(weights: Floats, count: int) -> float:
 
 
 def random_draw(weights: Floats, count: int, uniform: Floats) -> Ints:
-    """A seeded draw of exactly `count` points with inclusion probabilities min(1, c q_i).
+    """A draw of exactly `count` points with inclusion probabilities p_i = min(1, c q_i), shape (count,).
 
-    Pareto sampling (Rosen 1997): the points of smallest u_i (1 - p_i) / (p_i (1 - u_i)). Without the fixed
-    size a point would be kept when u_i < p_i, which is where that is below 1; with it the probabilities hold
-    nearly. Points of p_i = 1 come first, so that each is drawn.
+    Pareto sampling (Rosen 1997) selects the points of smallest u_i (1 - p_i) / (p_i (1 - u_i)). Poisson
+    sampling keeps a point if this ratio is below 1; the fixed size changes the probabilities slightly. Every
+    point with p_i = 1 is selected.
 
     Parameters
     ----------
     weights : float64, shape (n,)
-        Lewis weights, not negative.
+        Lewis weights, >= 0.
     count : int
+        At most n.
     uniform : float64, shape (n,)
-        Numbers in [0, 1), one a point.
+        Uniform numbers u_i in [0, 1).
     """
     probability = np.minimum(1.0, draw_scale(weights, count) * weights)
-    # Points of no weight come last, in an order of their own.
+    # Points of weight 0 come last, ordered by `uniform`.
     ratio = uniform * (1.0 - probability) / (np.maximum(probability, 1e-200) * (1.0 - uniform))
     return np.lexsort((uniform, ratio))[:count].astype(np.int64)
 
@@ -78,19 +92,22 @@ def random_draw(weights: Floats, count: int, uniform: Floats) -> Ints:
 def weighted_farthest_points(
     graph: csr_array, points: Floats, weights: Floats, count: int, power: float
 ) -> Ints:
-    """Farthest-point selection weighted by importance.
+    """Farthest-point sampling weighted by Lewis weights, shape (count,).
 
-    Each next sample maximises distance times (q / mean q)^power, clipped to [1/4, 4]: power 0 is plain
-    farthest-point sampling, larger powers put more samples where the Lewis weight is high without leaving
-    any region bare. The first is the point farthest from the centroid.
+    Each sample maximises distance times (q / mean q)^power, the factor clipped to [1/4, 4]. Power 0 is plain
+    farthest-point sampling; a larger power puts more samples where the Lewis weight is high and still covers
+    every region. The first sample is the point farthest from the centroid.
 
     Parameters
     ----------
     graph : csr_array, shape (n, n)
+        Symmetric and connected, with positive lengths.
     points : float64, shape (n, 3)
         In the normal frame.
     weights : float64, shape (n,)
+        Lewis weights q, >= 0.
     count : int
+        Number of samples, 1 to n.
     power : float
         >= 0.
     """

@@ -1,4 +1,4 @@
-"""A surface made ready for being laid onto another: evenly spread points, and the closest point to any."""
+"""Surface samples for registration: evenly spread points, and closest points on the surface."""
 
 from dataclasses import dataclass
 
@@ -11,37 +11,37 @@ from core.mesh.mesh import Mesh
 from core.mesh.normal_frame import normal_frame
 
 POINTS, MOST, REPRESENTATIVES, NEIGHBOURS = 4000, 40_000, 500, 8
-"""Points that the closest face is found by, at least and at most; how many of them stand for the surface; and
-how many faces are looked at for each.
+"""Least and largest number of sample points, number of representatives, and number of candidate faces.
 
-There are two points a face where that lies between: of a fine mesh that loses half its vertices, fewer points
-would leave 0.005 of the root of the area, as much as other poses do.
+Sample points find the candidate faces of a closest-point query, two for each face between the two limits: on
+a fine mesh simplified to half its vertices, fewer points leave a residual of 0.005 of the square root of the
+area, as large as that of another pose.
 """
 
 R2_STEPS = (0.7548776662466927, 0.5698402909980532)
-"""1 / g and 1 / g^2 with g^3 = g + 1: the multiples of these fill a square evenly."""
+"""1 / g and 1 / g^2 with g^3 = g + 1: the R2 low-discrepancy sequence in the unit square (Roberts 2018)."""
 
 
 @dataclass(frozen=True, eq=False)
 class SurfaceSamples:
-    """A surface of unit area about its centroid.
+    """A surface scaled to unit area, with its centroid at the origin, and its sample points.
 
     Attributes
     ----------
     unit : float
-        The root of the area in the file's units: the length that is 1 here.
+        Square root of the surface's area, in the file's units.
     centre : float64, shape (3,)
-        The centroid in the file's units.
+        The centroid, in the file's units.
     axes : float64, shape (3, 3)
         Rows are the principal axes.
     corners : float64, shape (f, 3, 3)
-        Of the faces.
+        Corners of the faces, at unit area.
     points : float64, shape (p, 3)
-        Spread over the surface by area.
+        Sample points, evenly spread by area, at unit area.
     faces : int64, shape (p,)
-        The face that each lies on.
+        The face of each sample point.
     tree : cKDTree
-        Of the points.
+        Search tree of the sample points.
     """
 
     unit: float
@@ -54,21 +54,21 @@ class SurfaceSamples:
 
     @property
     def representatives(self) -> Floats:
-        """Those of the points that stand for the surface, shape (REPRESENTATIVES, 3)."""
+        """A subset of the sample points that represents the surface, shape (REPRESENTATIVES, 3)."""
         return self.points[:: len(self.points) // REPRESENTATIVES]
 
     def to_unit(self, points: Floats) -> Floats:
-        """Points of the file, shape (n, 3), at unit area."""
+        """Transform points, shape (n, 3), from the file's units to unit area."""
         return np.asarray((points - self.centre) / self.unit)
 
 
 def surface_samples(mesh: Mesh) -> SurfaceSamples:
-    """A mesh made ready.
+    """Sample points of a mesh, at unit area.
 
     Raises
     ------
     DegenerateMeshError
-        It has no area.
+        The mesh has no area.
     """
     surface = clean(mesh).mesh
     frame = normal_frame(surface)
@@ -81,7 +81,14 @@ def surface_samples(mesh: Mesh) -> SurfaceSamples:
 
 
 def closest_points(surface: SurfaceSamples, points: Floats) -> Floats:
-    """The closest point of a surface to each point, shape (n, 3), on the faces about its own."""
+    """The closest point of a surface to each point, among the faces of the nearest samples, shape (n, 3).
+
+    Parameters
+    ----------
+    surface : SurfaceSamples
+    points : float64, shape (n, 3)
+        At unit area.
+    """
     near = surface.faces[surface.tree.query(points, k=NEIGHBOURS)[1]]
     on_faces = closest_on_triangles(surface.corners[near], points[:, None, :])
     squares = ((on_faces - points[:, None, :]) ** 2).sum(axis=-1)
@@ -89,9 +96,15 @@ def closest_points(surface: SurfaceSamples, points: Floats) -> Floats:
 
 
 def closest_on_triangles(corners: Floats, points: Floats) -> Floats:
-    """The closest point of each triangle, corners of shape (..., 3, 3), to a point, shape (..., 3).
+    """The point of a triangle closest to a point, shape (..., 3).
 
-    It is the foot on the plane where that lies inside, and else the closest of those on the three edges.
+    It is the projection onto the plane if that lies inside, else the closest point on the three edges.
+
+    Parameters
+    ----------
+    corners : float64, shape (..., 3, 3)
+    points : float64, shape (..., 3)
+        Broadcast against the triangles.
     """
     corners, points = np.broadcast_arrays(corners, points[..., None, :])
     sides = np.roll(corners, -1, axis=-2) - corners
@@ -109,7 +122,17 @@ def closest_on_triangles(corners: Floats, points: Floats) -> Floats:
 
 
 def evenly_spread(corners: Floats, areas: Floats, count: int) -> tuple[Floats, Ints]:
-    """So many points on faces with corners of shape (f, 3, 3), and the face of each, evenly by area."""
+    """Points spread evenly over the faces by area, shape (count, 3), and the face of each, shape (count,).
+
+    Parameters
+    ----------
+    corners : float64, shape (f, 3, 3)
+        Corners of the faces.
+    areas : float64, shape (f,)
+        Areas of the faces.
+    count : int
+        Number of points.
+    """
     order = np.arange(count)
     total = np.cumsum(areas)
     wanted = (order + 0.5) / count * total[-1]

@@ -1,6 +1,6 @@
-"""The spectral embedding (section 3.3).
+"""Spectral embedding (section 3.3).
 
-Distances between samples and a mesh in, eigenvalues and coordinates out.
+A mesh and the distances to its samples in; eigenvalues, spectral coordinates and the signature out.
 """
 
 __all__ = ["laplace_beltrami", "spectral_embedding"]

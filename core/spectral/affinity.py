@@ -1,4 +1,4 @@
-"""Affinity of the samples, its eigenvectors, and the k-dimensional embedding (section 3.3)."""
+"""Affinity matrices of the samples, from their distances (section 3.3, Eq. 13)."""
 
 import numpy as np
 
@@ -7,14 +7,20 @@ from core.errors import ParameterError
 
 
 def gaussian_affinity(distances: Floats, width: float, areas: Floats | None = None) -> Floats:
-    """W = exp(-d^2 / 2 s^2), s = `width` times the mean distance; ones where the distance is 0.
+    """Gaussian affinity W = exp(-d^2 / 2 s^2), in [0, 1]; s is `width` times the mean distance.
 
     Parameters
     ----------
     distances : float64, shape (m, m), or (d, m) with areas
+        >= 0.
     width : float
+        > 0.
     areas : float64, shape (m,), optional
-        Shares that weigh the columns in the mean; without them it is that of distinct samples.
+        Weights of the columns in the mean, of sum 1. Without them the mean is over pairs of distinct samples.
+
+    Returns
+    -------
+    float64, of the shape of `distances`
 
     Raises
     ------
@@ -31,7 +37,13 @@ def gaussian_affinity(distances: Floats, width: float, areas: Floats | None = No
 
 
 def distance_affinity(distances: Floats) -> Floats:
-    """The literal Eq. 13: distances over their mean off the diagonal, ones on it, shape (m, m)."""
+    """The literal Eq. 13: distances over their mean off the diagonal, and 1 on it, shape (m, m).
+
+    Parameters
+    ----------
+    distances : float64, shape (m, m)
+        Symmetric, 0 on the diagonal.
+    """
     count = len(distances)
     mean = float(distances.sum()) / (count * (count - 1))
     affinity = distances / mean

@@ -1,29 +1,30 @@
-"""Coordinates in the spectral domain (section 3.3)."""
+"""Spectral coordinates of the points (section 3.3)."""
 
 import numpy as np
 
 from core.arrays import Floats
 
 FADED = 1e-6
-"""A tapered column keeps so much of the largest squared weight: the spline needs every dimension."""
+"""Least squared weight of a tapered column, over the largest; the spline needs every dimension."""
 
 
 def spectral_coordinates(values: Floats, vectors: Floats, power: float, *, taper: bool = False) -> Floats:
     """Rows of the eigenvectors as points of the spectral domain, shape (m, k).
 
     Each column is multiplied by its eigenvalue's magnitude to the `power` (0: the paper's plain
-    eigenvectors; 1/2: kernel principal components; -1/2 for a Laplacian: the global point signature).
-    The cloud is then centred and scaled to unit root mean square radius.
+    eigenvectors; 1/2: kernel principal components; -1/2 for a Laplacian: the global point signature). The
+    points are then centred and scaled to unit root mean square radius.
 
-    Where the last eigenvalue kept is close to the first left out, a small change of the shape swaps their
-    vectors. Tapered, the square of each weight is lessened by that of the first eigenvalue left out, so that
-    the last columns fade to nothing as the two come together.
+    If the last eigenvalue kept is close to the first one dropped, a small change of the shape swaps their
+    eigenvectors. Tapering subtracts the squared weight of the first eigenvalue dropped from each squared
+    weight, so the last columns fade out as the two eigenvalues meet.
 
     Parameters
     ----------
     values : float64, shape (s,), s >= k
-        In order of importance; tapering needs s > k.
+        Eigenvalues by descending importance; tapering needs s > k.
     vectors : float64, shape (m, k)
+        Eigenvectors in columns.
     power : float
     taper : bool
     """

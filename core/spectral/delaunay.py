@@ -1,7 +1,7 @@
-"""The intrinsic Delaunay triangulation of a closed surface, by flipping edges.
+"""The intrinsic Delaunay triangulation of a closed surface, by edge flips.
 
-A. Bobenko, B. Springborn, "A discrete Laplace-Beltrami operator for simplicial surfaces", 2007. Only lengths
-change: the surface stays the same, and its cotangent weights become positive.
+A. Bobenko, B. Springborn, "A discrete Laplace-Beltrami operator for simplicial surfaces", 2007. Flips change
+the triangulation and not the surface; after them the cotangent weights are not negative.
 """
 
 import math
@@ -13,14 +13,14 @@ from core.mesh.edges import HalfEdges
 from core.numerics.compilation import compiled
 
 MOLLIFIED = 1e-5
-"""Two sides of a triangle exceed the third by at least this part of the mean edge; where they do not, all
-edges are lengthened alike (Sharp and Crane 2020, section 4.5)."""
+"""Least excess of two sides of a triangle over the third, in mean edge lengths; if a triangle has less, all
+edges are lengthened by the same amount (Sharp and Crane 2020, section 4.5)."""
 
 
 def twins(faces: Ints, sides: HalfEdges) -> Ints | None:
-    """The half-edge on the other side of each, shape (3 f,); None unless the surface is closed and oriented.
+    """The opposite of each half-edge, shape (3 f,); None unless the surface is closed and oriented.
 
-    That is, unless each edge has two faces, which pass it in opposite directions.
+    In a closed, oriented surface every edge has two faces, which traverse it in opposite directions.
     """
     if len(sides.order) != 2 * len(sides.first) or not (sides.face_counts == 2).all():
         return None
@@ -34,14 +34,14 @@ def twins(faces: Ints, sides: HalfEdges) -> Ints | None:
 
 
 def mollified_lengths(lengths: Floats) -> Floats:
-    """Lengths of the faces' sides, shape (f, 3), all longer by what the worst triangle needs."""
+    """Side lengths of the faces, shape (f, 3), mollified: all are raised by what the worst triangle needs."""
     needed = MOLLIFIED * float(lengths.mean()) + (2.0 * lengths.max(axis=1) - lengths.sum(axis=1)).max()
     return np.asarray(lengths + max(0.0, needed))
 
 
 @compiled
 def _cotangent(a: float, b: float, c: float) -> float:
-    """Half the cotangent of the angle across side a of a triangle; -1e300 where it has no area."""
+    """Half the cotangent of the angle opposite side a of a triangle; -1e300 if the triangle has no area."""
     half = 0.5 * (a + b + c)
     square = half * (half - a) * (half - b) * (half - c)
     if not square > 0.0:
@@ -51,7 +51,7 @@ def _cotangent(a: float, b: float, c: float) -> float:
 
 @compiled
 def _flip_all(tails: Ints, lengths: Floats, twin: Ints) -> int:
-    """Flip edges until none has a negative weight; the number of flips."""
+    """Flip edges until no edge has a negative weight; return the number of flips."""
     sides = len(twin)
     queue = np.empty(sides + 1, dtype=np.int64)
     waits = np.zeros(sides, dtype=np.bool_)
@@ -76,7 +76,7 @@ def _flip_all(tails: Ints, lengths: Floats, twin: Ints) -> int:
         weight = _cotangent(length, lengths[h1], lengths[h2]) + _cotangent(length, lengths[g1], lengths[g2])
         if weight >= -1e-6 or weight < -1e299:
             continue
-        # The far corners in a plane, the edge along x from the tail of h.
+        # The two opposite corners in a plane; the edge runs along x from the tail of h.
         along_h = (length**2 + lengths[h2] ** 2 - lengths[h1] ** 2) / (2.0 * length)
         along_g = (length**2 + lengths[g1] ** 2 - lengths[g2] ** 2) / (2.0 * length)
         up_h = np.sqrt(max(0.0, lengths[h2] ** 2 - along_h**2))
@@ -85,7 +85,7 @@ def _flip_all(tails: Ints, lengths: Floats, twin: Ints) -> int:
         tail = tails[h1], tails[h2], tails[g1], tails[g2]
         size_of = lengths[h1], lengths[h2], lengths[g1], lengths[g2]
         other = twin[h1], twin[h2], twin[g1], twin[g2]
-        # Where each side goes; the new edge runs between the far corners.
+        # The new position of each side; the new edge joins the two opposite corners.
         to = g2, h1, h2, g1
         tails[h], tails[g] = tail[3], tail[1]
         lengths[h] = across
@@ -116,7 +116,7 @@ def _flip_all(tails: Ints, lengths: Floats, twin: Ints) -> int:
 
 @compiled
 def _weights(tails: Ints, lengths: Floats, weights: Floats, areas: Floats) -> bool:
-    """Cotangent weight of each half-edge, and areas of the vertices; False if a triangle has none."""
+    """Fill the weights of the half-edges and the areas of the vertices; False if a triangle has no area."""
     for f in range(0, len(tails), 3):
         a, b, c = lengths[f], lengths[f + 1], lengths[f + 2]
         half = 0.5 * (a + b + c)
@@ -142,16 +142,16 @@ def intrinsic_delaunay(
     vertices : float64, shape (n, 3)
     faces : int64, shape (f, 3)
     sides : HalfEdges
-        Of the faces.
+        The half-edges of the faces.
 
     Returns
     -------
     start, end : int64, shape (3 f,)
-        The ends of each triangle's sides.
+        Vertices at the ends of each half-edge.
     weights : float64, shape (3 f,)
-        Half the cotangent of the angle across each.
+        Half the cotangent of the angle opposite each half-edge.
     areas : float64, shape (n,)
-        A third of the triangles about each vertex.
+        A third of the area of the triangles at each vertex.
     """
     twin = twins(faces, sides)
     if twin is None:

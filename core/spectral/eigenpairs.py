@@ -1,4 +1,4 @@
-"""Eigenpairs of the affinity, with signs and directions that the shape itself gives (section 3.3)."""
+"""Eigenpairs of the affinity, with signs and directions that follow from the shape (section 3.3)."""
 
 import numpy as np
 from scipy.linalg import eigh, svd
@@ -7,25 +7,32 @@ from scipy.sparse.linalg import eigsh
 from core.arrays import Floats
 
 SPARSE_FROM = 600
-"""From so many samples on, the leading eigenpairs come from the iterative solver: the dense one costs m^3."""
+"""From this number of samples on, the iterative solver is used; the dense solver costs O(m^3)."""
 
 
 EQUAL_VALUES = 1e-4
-"""Eigenvalues, and sums of cubes, that differ by less than this part are equal."""
+"""Relative difference below which eigenvalues, and sums of cubes, are equal."""
 
 
 def leading_eigenpairs(affinity: Floats, count: int) -> tuple[Floats, Floats]:
-    """The `count` eigenvalues of largest magnitude, that first, and their unit eigenvectors (W = Q L Q^T).
+    """The `count` eigenvalues of largest magnitude, and their unit eigenvectors (W = Q L Q^T).
 
-    A Gaussian affinity has no negative eigenvalues. Distances along a tree have one positive eigenvalue, and
-    what tells of the shape is in the large negative ones; the largest by sign would be noise.
+    A Gaussian affinity has no negative eigenvalues. A matrix of tree distances has one positive eigenvalue;
+    its large negative eigenvalues describe the shape, and small positive ones are rounding.
 
-    Signs, and directions where eigenvalues are equal, are those of `oriented`.
+    Parameters
+    ----------
+    affinity : float64, shape (m, m)
+        Symmetric.
+    count : int
+        At most m.
 
     Returns
     -------
     float64, shape (count,)
+        Eigenvalues by descending magnitude.
     float64, shape (m, count)
+        Eigenvectors in columns, oriented by `oriented`.
     """
     size = len(affinity)
     if size < SPARSE_FROM:
@@ -37,47 +44,48 @@ def leading_eigenpairs(affinity: Floats, count: int) -> tuple[Floats, Floats]:
 
 
 def sampled_eigenpairs(affinity: Floats, areas: Floats, count: int) -> tuple[Floats, Floats]:
-    """Eigenpairs of the affinity as an operator on the surface, read at more points than the samples.
+    """Eigenpairs of the affinity as an integral operator on the surface, evaluated at d points.
 
-    The operator (W f)(p) is the integral of W(p, q) f(q) over the surface; the samples, each standing for the
-    area of its region, are the quadrature (Nystrom). The singular pairs of W(point, sample) sqrt(area) are
-    those of W W^T, so where the samples happen to lie, and how many lie where, matters to second order: the
-    leading functions of one shape meshed twice agree far better than those of a matrix between samples.
+    The operator is (W f)(p) = integral of W(p, q) f(q) over the surface. The samples, weighted by the areas
+    of their regions, are its quadrature nodes (Nystrom method). The singular pairs of
+    W(point, sample) sqrt(area) are the eigenpairs of W W^T, so positions and density of the samples have an
+    effect of second order only: the leading eigenfunctions of two meshings of one shape agree far better than
+    those of the matrix between samples.
 
     Parameters
     ----------
     affinity : float64, shape (d, m)
-        Between points spread evenly over the surface, and the samples.
+        Between d points, evenly spread over the surface, and the m samples.
     areas : float64, shape (m,)
-        Share of the surface that is nearest to each sample; they sum to 1.
+        Share of the surface in the region of each sample, of sum 1.
     count : int
         At most m.
 
     Returns
     -------
     float64, shape (count,)
-        Falling. 1 for the constant affinity.
+        Eigenvalues, descending; 1 for the constant affinity.
     float64, shape (d, count)
-        Orthonormal columns, signs and directions those of `oriented`.
+        Orthonormal columns, oriented by `oriented`.
     """
     left, values, _ = svd(affinity * np.sqrt(areas), full_matrices=False, check_finite=False)
     return values[:count] / np.sqrt(len(affinity)), oriented(values, left, count)
 
 
 def oriented(values: Floats, vectors: Floats, count: int) -> Floats:
-    """The first `count` eigenvectors, with signs and, where eigenvalues are equal, directions of their own.
+    """The first `count` eigenvectors with canonical signs, and canonical bases of repeated eigenvalues.
 
-    A vector is turned so that the sum of its cubes is positive. Where that vanishes, as for an odd function
-    on a symmetric shape, and where several share an eigenvalue, rounding would choose, so the rows decide:
-    the first row that is large in the shared space lies along its first vector, the next row that is large
-    in what is left along the second, and so on.
+    The sign of an eigenvector makes the sum of its cubes positive. That sum is 0 for an odd function on a
+    symmetric shape, and a repeated eigenvalue leaves the basis of its eigenspace free. In both cases the rows
+    decide: the first row that is large in the eigenspace gives the first basis vector, the next row that is
+    large in the orthogonal complement gives the second, and so on.
 
     Parameters
     ----------
     values : float64, shape (s,)
-        In order.
+        Sorted eigenvalues.
     vectors : float64, shape (m, s)
-        Some more than `count` where that would part equal ones.
+        Eigenvectors in columns; s > count if the eigenvalues `count` and `count + 1` may be equal.
     count : int
 
     Returns

@@ -1,4 +1,4 @@
-"""The Laplace-Beltrami operator, which section 3.3 names as the model: eigenvalues and eigenfunctions."""
+"""Eigenvalues and eigenfunctions of the Laplace-Beltrami operator, the model that section 3.3 names."""
 
 import numpy as np
 import robust_laplacian
@@ -13,15 +13,15 @@ from core.mesh.mesh import Mesh
 from core.spectral.delaunay import intrinsic_delaunay
 
 DENSE_BELOW = 200
-"""Under this many vertices the dense eigensolver is the faster one."""
+"""Below this number of vertices the dense eigensolver is faster."""
 
 MORE = 4
-"""Eigenvalues that the iterative solver finds beyond those wanted. Of several equal ones (a ball's) only
-rounding brings in the second and the third; a search that is over early has missed some of the last."""
+"""Number of extra eigenvalues for the iterative solver. It finds the further copies of a repeated eigenvalue
+(as of a ball) late, by rounding; without extra ones some of the last would be missed."""
 
 
 def tufted(mesh: Mesh) -> tuple[csc_array, Floats]:
-    """The cotangent Laplacian, shape (n, n), and vertex areas of any mesh, by robust-laplacian."""
+    """The cotangent Laplacian of the tufted cover, shape (n, n), and vertex areas, by robust-laplacian."""
     stiffness, mass = robust_laplacian.mesh_laplacian(
         np.ascontiguousarray(mesh.vertices), np.ascontiguousarray(mesh.faces)
     )
@@ -29,7 +29,7 @@ def tufted(mesh: Mesh) -> tuple[csc_array, Floats]:
 
 
 def _closed(mesh: Mesh) -> tuple[csc_array, Floats] | None:
-    """The same of a closed, oriented mesh, whose cover is twice itself; None of any other."""
+    """The Laplacian and vertex areas of a closed, oriented mesh, which need no cover; None of any other."""
     found = intrinsic_delaunay(mesh.vertices, mesh.faces, half_edges(mesh.faces))
     if found is None:
         return None
@@ -47,15 +47,16 @@ def _closed(mesh: Mesh) -> tuple[csc_array, Floats] | None:
 def laplacian(mesh: Mesh) -> tuple[csc_array, Floats]:
     """The cotangent Laplacian of a tufted intrinsic Delaunay cover (Sharp and Crane 2020), and vertex areas.
 
-    It copes with holes, non-manifold edges and soups. Loose parts are joined by one link of weight 1 (two
-    equilateral triangles give 2/sqrt(3)), so that a shape of many parts has one spectrum.
+    The mesh may have holes and non-manifold edges or be a triangle soup. Components are joined by links of
+    weight 1 (the edge between two equilateral triangles has 1 / sqrt(3)), so that a shape of several
+    components has one spectrum.
 
     Returns
     -------
     csc_array, shape (n, n)
-        Symmetric, positive semidefinite, rows summing to 0.
+        Symmetric, positive semidefinite; each row sums to 0.
     float64, shape (n,)
-        Area of each vertex, positive.
+        Area of each vertex, > 0.
     """
     stiffness, areas = _closed(mesh) or tufted(mesh)
     areas = np.maximum(areas, 1e-9 * areas.mean())
@@ -73,12 +74,19 @@ def laplacian(mesh: Mesh) -> tuple[csc_array, Floats]:
 def laplace_beltrami(mesh: Mesh, count: int) -> tuple[Floats, Floats]:
     """The first `count` eigenpairs after the constant one, L phi = lambda M phi.
 
+    Parameters
+    ----------
+    mesh : Mesh
+        Of n vertices.
+    count : int
+        Less than n.
+
     Returns
     -------
     float64, shape (count,)
         Eigenvalues, ascending, in units of 1 / length^2.
     float64, shape (n, count)
-        Eigenfunctions at the vertices, of unit norm by area: sum of area * phi^2 is 1.
+        Eigenfunctions at the vertices; the sum of area * phi^2 is 1.
     """
     stiffness, areas = laplacian(mesh)
     root = 1.0 / np.sqrt(areas)
@@ -87,8 +95,8 @@ def laplace_beltrami(mesh: Mesh, count: int) -> tuple[Floats, Floats]:
     if size < max(DENSE_BELOW, 4 * count):
         values, vectors = eigh(scaled.toarray(), subset_by_index=(0, count), check_finite=False)
     else:
-        # A small negative shift makes the factor positive definite, so no pivots need be sought; the start
-        # vector is fixed, so that the same mesh gives the same bytes.
+        # A small negative shift makes the matrix positive definite, so the factorisation needs no pivoting.
+        # The start vector is fixed, so that the same mesh gives the same bytes.
         shift = -0.01 / float(areas.sum())
         factor = splu(
             csc_array(scaled - shift * diags_array(np.ones(size))),

@@ -1,4 +1,4 @@
-"""The spectral embeddings of one shape, and its signature, as the parameters ask (section 3.3)."""
+"""The spectral embeddings and the signature of one shape, by its parameters (section 3.3)."""
 
 from dataclasses import dataclass
 
@@ -18,16 +18,16 @@ from core.spectral.laplace_beltrami import laplace_beltrami
 
 @dataclass(frozen=True, eq=False)
 class SampledSurface:
-    """The vertices of a surface that are embedded, and what is known between them.
+    """The d points of a surface that are embedded, their distances and areas.
 
     Attributes
     ----------
     vertices : int64, shape (d,)
-        The samples first.
+        Vertices of the surface; the m samples come first.
     distances : float64, shape (d, m)
-        From each to the m samples.
+        Distance from each point to each sample.
     areas : float64, shape (m,)
-        Share of the surface in each sample's region; they sum to 1.
+        Share of the surface in each sample's region, of sum 1.
     """
 
     vertices: Ints
@@ -80,7 +80,7 @@ def spectra_of(
 
 
 def _affinity_pairs(points: SampledSurface, wanted: SpectralParameters) -> tuple[Floats, Floats]:
-    """Eigenvalues, comparable whatever the number of samples, and eigenvectors at the points."""
+    """Eigenvalues of the affinity, normalised by the number of samples, and eigenvectors at the points."""
     samples = len(points.areas)
     count = min(max(wanted.dimensions + 2, wanted.affinity_values), samples)
     if wanted.affinity == "distance":
