@@ -11,7 +11,7 @@ Block = Literal["alone", "together", "without"]
 
 @dataclass(frozen=True)
 class Change:
-    """Parameters, by their flat keys, that change as one, from their value in `paper` to that in `default`, and the ranking."""
+    """A step: parameters, by their flat keys, that change together from `paper` to `default`, and the ranking."""
 
     title: str
     fields: tuple[str, ...]
