@@ -81,7 +81,7 @@ def main(poses: int, seed: int) -> bool:
     false = sorted(set(found) - set(planted))
     seconds = answer["milliseconds"]["total"] / 1000
     print(
-        f"{answer['shapes']} shapes: {answer['compared']:,} pairs compared, {answer['aligned']:,} registered, "
+        f"{answer['shapes']} shapes: {answer['compared']:,} pairs compared, {answer['aligned']:,} registered "
         f"in {seconds:.1f} s. {len(set(planted) & set(found))} of {len(planted)} copies found, "
         f"{len(false)} wrong pairs.\n"
     )
