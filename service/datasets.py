@@ -11,11 +11,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from core.io import ENDINGS, READABLE
+from service.errors import ExpectedError
 
 LABELS_FILE = "labels.csv"
 
 
-class CollectionError(Exception):
+class CollectionError(ExpectedError):
     """A folder, or its labels, cannot be read as a collection; the message says what and where."""
 
 

@@ -6,6 +6,18 @@ from typing import ClassVar
 CHALLENGE = 'Bearer realm="isoshape"'
 
 
+class ExpectedError(Exception):
+    """Base of the errors that are no fault of the program; the message is for the person who runs it.
+
+    Attributes
+    ----------
+    status : int
+        The exit status of a command that the error ends: 1, or 2 where the command was called wrongly.
+    """
+
+    status: ClassVar[int] = 1
+
+
 class ServiceError(Exception):
     """Base of every error the service raises on purpose; `kind` is its row in `PROBLEMS`."""
 
@@ -226,7 +238,7 @@ class SignatureLengthError(ServiceError):
     """The method gave a mesh a signature of another length than all others have."""
 
 
-class ArchiveError(Exception):
+class ArchiveError(ExpectedError):
     """An archive cannot be opened, checked, backed up or restored; the message says why."""
 
 

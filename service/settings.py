@@ -10,13 +10,12 @@ from typing import Annotated, Literal
 
 from pydantic import AliasChoices, Field, PositiveInt, ValidationError, ValidationInfo, field_validator
 from pydantic_settings import BaseSettings, NoDecode, SettingsConfigDict
-from sqlalchemy import make_url
-from sqlalchemy.exc import ArgumentError
 
 from core.errors import ParameterError
 from core.io import DEFAULT_LIMITS, Limits
 from core.parameters import DEFAULT, PAPER, Parameters
 from service.auth.keys import KeyEntry
+from service.errors import ExpectedError
 from service.storage.hnsw_parameters import HnswParameters
 
 PREFIX = "ISOSHAPE_"
@@ -32,8 +31,10 @@ Digests = Annotated[tuple[str, ...], NoDecode]
 _SCHEDULER = re.compile(r"(?:tcp|tls)://[^\s/:]+:\d{1,5}")
 
 
-class SettingsError(Exception):
+class SettingsError(ExpectedError):
     """The environment, or the file of parameters that it names, is invalid; the message gives the reason."""
+
+    status = 2
 
 
 def _processors() -> int:
@@ -235,6 +236,10 @@ class Settings(BaseSettings):
     @field_validator("database_url")
     @classmethod
     def _names_a_database(cls, database_url: str) -> str:
+        # Here, so that a command that needs no database does not wait for the database's imports.
+        from sqlalchemy import make_url  # noqa: PLC0415
+        from sqlalchemy.exc import ArgumentError  # noqa: PLC0415
+
         try:
             url = make_url(database_url)
         except ArgumentError as error:

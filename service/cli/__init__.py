@@ -1,15 +1,15 @@
-"""The command line `isoshape`: one file a command."""
+"""The command line: words typed in, calls to a service or an archive and printed results out.
 
-import sys
+One file a command; the research commands are in `service.cli.studies`.
+"""
 
 
 def main() -> None:
     """Run the command line."""
     # Here, because a worker process imports this package anew and needs no command.
-    from service.cli.commands import COMMANDS, command_line  # noqa: PLC0415
+    from service.cli.commands import command_line  # noqa: PLC0415
 
-    asked = sys.argv[1] if len(sys.argv) > 1 else ""
-    command_line([asked] if asked in COMMANDS else COMMANDS)()
+    command_line()()
 
 
 __all__ = ["options"]

@@ -20,8 +20,9 @@ from service.client import Client
 from service.client.concurrent_uploads import Item, upload_all
 from service.console import fail, output, progress, say
 from service.search.schemas import QueryAnswer
+from service.server.address import DEFAULT_PORT, LOOPBACK, PortError, bind
 from service.server.child_process import ChildService, sigterm_exits
-from service.server.uvicorn_server import DEFAULT_PORT, LOOPBACK, PortError, bind, wait_until_ready
+from service.server.uvicorn_server import wait_until_ready
 from service.settings import load_settings
 
 POSES = 8

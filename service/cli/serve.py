@@ -5,7 +5,8 @@ from typing import Annotated
 import typer
 
 from service.console import say
-from service.server.uvicorn_server import bind, is_loopback, run
+from service.server.address import bind, is_loopback
+from service.server.uvicorn_server import run
 from service.settings import SettingsError, load_settings
 
 

@@ -5,10 +5,11 @@ from contextlib import suppress
 import httpx
 from pydantic import ValidationError
 
+from service.errors import ExpectedError
 from service.http.problem_document import MEDIA_TYPE, TYPE_PREFIX, Problem
 
 
-class ClientError(Exception):
+class ClientError(ExpectedError):
     """A request that did not succeed."""
 
 

@@ -1,3 +1,3 @@
 """The service as a process: an application in, a running server and its address out."""
 
-__all__ = ["child_process", "uvicorn_server"]
+__all__ = ["address", "child_process", "uvicorn_server"]

@@ -10,7 +10,8 @@ from pathlib import Path
 from types import FrameType, TracebackType
 from typing import Self
 
-from service.server.uvicorn_server import LOOPBACK, SHUTDOWN_SECONDS
+from service.server.address import LOOPBACK
+from service.server.uvicorn_server import SHUTDOWN_SECONDS
 
 
 @contextmanager

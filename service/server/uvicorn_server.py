@@ -1,7 +1,6 @@
 """The service as this process runs it: in the foreground, or in a thread for one command."""
 
 import gc
-import ipaddress
 import socket
 import threading
 import time
@@ -12,10 +11,10 @@ import uvicorn
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from service.client import Client
+from service.errors import ExpectedError
 from service.jobs.events import ENDING_IN_SCOPE
+from service.server.address import LOOPBACK, bind
 
-LOOPBACK = "127.0.0.1"
-DEFAULT_PORT = 8000
 READY_SECONDS = 300.0
 # Of a service that one command uses, and which is asked for nothing any more.
 SHUTDOWN_SECONDS = 10
@@ -23,41 +22,8 @@ SHUTDOWN_SECONDS = 10
 KEEP_ALIVE_SECONDS = 75
 
 
-class PortError(Exception):
-    """The address cannot be listened on; the message says why."""
-
-
-class StartError(Exception):
+class StartError(ExpectedError):
     """The service did not start; the message says why."""
-
-
-def bind(host: str, port: int) -> socket.socket:
-    """A socket bound to the address, before anything is opened or migrated.
-
-    Raises
-    ------
-    PortError
-        The port is taken, or the address is none of this machine's.
-    """
-    try:
-        family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
-        bound = socket.socket(family, kind, protocol)
-        try:
-            bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            bound.bind(address)
-            # A second process may bind the same port until somebody listens on it.
-            bound.listen(128)
-        except BaseException:
-            bound.close()
-            raise
-    except OSError as error:
-        raise PortError(f"cannot listen on {host} port {port}: {error.strerror}") from error
-    return bound
-
-
-def is_loopback(address: str) -> bool:
-    """Whether a bound address is reached from this machine alone."""
-    return ipaddress.ip_address(address).is_loopback
 
 
 def run(app: ASGIApp, bound: socket.socket, *, shutdown_seconds: int) -> None:

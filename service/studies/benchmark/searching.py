@@ -10,7 +10,8 @@ import numpy as np
 
 from service.client import Client
 from service.server.child_process import ChildService
-from service.server.uvicorn_server import LOOPBACK, bind, wait_until_ready
+from service.server.address import LOOPBACK, bind
+from service.server.uvicorn_server import wait_until_ready
 from service.studies.benchmark.archive import Original, fill, label_of, shape_id
 
 SIZES = (380, 10_000, 100_000)

@@ -13,7 +13,8 @@ import pytest
 from service import openapi_document as openapi
 from service.cli import demo
 from service.client import Client
-from service.server.uvicorn_server import LOOPBACK, bind, wait_until_ready
+from service.server.address import LOOPBACK, bind
+from service.server.uvicorn_server import wait_until_ready
 from tests.service.cli.conftest import CLASSES, Run
 
 

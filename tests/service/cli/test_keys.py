@@ -11,7 +11,8 @@ from service.app import create_app
 from service.auth.keys import digest_of
 from service.cli import demo, target
 from service.client import Client, ClientError, ProblemError
-from service.server.uvicorn_server import in_thread, is_loopback
+from service.server.address import is_loopback
+from service.server.uvicorn_server import in_thread
 from service.settings import Settings
 from tests.service.cli.conftest import CLASSES, Run, mesh_bytes
 from tests.service.cli.test_server import free_port

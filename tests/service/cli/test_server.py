@@ -11,7 +11,8 @@ import pytest
 
 from service.app import create_app
 from service.client import Client
-from service.server.uvicorn_server import LOOPBACK, PortError, StartError, bind, in_thread, wait_until_ready
+from service.server.address import LOOPBACK, PortError, bind
+from service.server.uvicorn_server import StartError, in_thread, wait_until_ready
 from service.settings import Settings
 from tests.service.cli.conftest import Run, mesh_bytes
 

@@ -327,7 +327,7 @@ def test_a_backup_that_another_process_holds_up_says_so(
 def test_the_commands(archive: Path, target: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("ISOSHAPE_DATABASE_URL", f"sqlite:///{archive}")
     runner = CliRunner()
-    app = command_line(["backup", "restore"])
+    app = command_line()
     done = runner.invoke(app, ["backup", str(target)])
     assert done.exit_code == 0, done.output
     assert done.stdout.startswith("2 shapes on 2 files of ")

@@ -191,7 +191,7 @@ def test_what_is_no_archive_is_refused_and_left_alone(tmp_path: Path, archive: P
 
 
 def run(*arguments: object) -> Result:
-    return CliRunner().invoke(command_line(["check"]), ["check", *map(str, arguments)])
+    return CliRunner().invoke(command_line(), ["check", *map(str, arguments)])
 
 
 def test_the_command_prints_counts_and_faults_and_its_status_tells(

@@ -177,7 +177,7 @@ def test_what_is_no_archive_is_not_copied(archive: Path, tmp_path: Path) -> None
 
 def test_the_command(archive: Path, tmp_path: Path) -> None:
     def run(*arguments: object) -> tuple[int, str]:
-        done = CliRunner().invoke(command_line({"copy"}), ["copy", *map(str, arguments)])
+        done = CliRunner().invoke(command_line(), ["copy", *map(str, arguments)])
         return done.exit_code, done.output
 
     url = empty_database()

@@ -156,7 +156,7 @@ def test_commands_for_a_file_say_what_to_use(
 ) -> None:
     monkeypatch.setenv("ISOSHAPE_DATABASE_URL", "postgresql://me:secret@db.example/archive")
     arguments = [command] if command == "check" else [command, str(tmp_path / "file")]
-    done = CliRunner().invoke(command_line({command}), arguments)
+    done = CliRunner().invoke(command_line(), arguments)
     assert done.exit_code == 1
     assert "pg_dump" in done.output
     assert "isoshape copy" in done.output
