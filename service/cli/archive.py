@@ -1,4 +1,4 @@
-"""What the commands on an archive's file share."""
+"""The file of the archive, and the summary of its contents, for the commands on archives."""
 
 from pathlib import Path
 
@@ -9,12 +9,12 @@ from service.storage.sqlite import path_of
 
 
 def archive_in_use() -> Path:
-    """The file that ISOSHAPE_DATABASE_URL names, or the one that a service without it would use."""
+    """The file that ISOSHAPE_DATABASE_URL names, or the default file."""
     return path_of(load_settings().database_url)
 
 
 def print_counts(report: Report) -> None:
-    """Print what an archive holds."""
+    """Print the numbers of shapes, files and embeddings of an archive."""
     console = output()
     console.print(
         f"{report.shapes} shapes on {report.blobs} files of {report.bytes} bytes, "

@@ -1,4 +1,4 @@
-"""An archive that is sent as it is, and stored by a job of the service."""
+"""A bulk upload: an archive is sent whole, and a job of the service stores its files."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ ENDINGS = (".zip", ".tar", ".tar.gz", ".tgz", ".tar.bz2", ".tbz2", ".tar.xz", ".
 
 @dataclass(frozen=True)
 class Done:
-    """How many files were stored, how many were there, and which were refused, each with its cause."""
+    """The numbers of files stored and already present, and the refused files with their causes."""
 
     stored: int
     present: int
@@ -23,7 +23,7 @@ class Done:
 
 
 def is_archive(path: Path) -> bool:
-    """Whether a file is to be sent as an archive, by its name."""
+    """Whether a file is an archive, by its name."""
     return path.is_file() and path.name.lower().endswith(ENDINGS)
 
 
@@ -33,7 +33,7 @@ def store_archive(client: Client, path: Path, tags: Sequence[str], bar: Progress
     Raises
     ------
     ClientError
-        The service does not answer, or not as it should.
+        The service does not answer, or gives an unexpected answer.
     """
     task = bar.add_task(f"storing {path.name}", total=None)
     try:

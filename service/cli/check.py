@@ -1,4 +1,4 @@
-"""`isoshape check`: whether the archive is whole."""
+"""`isoshape check`: whether an archive is intact."""
 
 import json
 from dataclasses import asdict
@@ -15,14 +15,16 @@ from service.storage.checking import check
 
 def command(
     file: Annotated[
-        Path | None, typer.Argument(help="An archive, or a backup. [default: that of ISOSHAPE_DATABASE_URL]")
+        Path | None,
+        typer.Argument(help="An archive or a backup. [default: the database of ISOSHAPE_DATABASE_URL]"),
     ] = None,
     *,
     as_json: Annotated[bool, typer.Option("--json", help="Print everything as one JSON object.")] = False,
 ) -> None:
-    """Check an archive: the file, every reference, every blob's SHA-256 and every embedding.
+    """Check every file, reference and embedding of an archive.
 
-    A service may be using it. Each fault is named, and ends the command with 1.
+    The check includes the SHA-256 of every file. A service may use the archive at the same time. The command
+    names each fault and ends with status 1 if there is any.
     """
     path = file or archive_in_use()
     report = check(path, lock_seconds=load_settings().lock_seconds)

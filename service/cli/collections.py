@@ -12,14 +12,17 @@ from service.console import output
 
 def command(
     *,
-    create: Annotated[str | None, typer.Option(metavar="NAME", help="Make this one first.")] = None,
+    create: Annotated[str | None, typer.Option(metavar="NAME", help="Create this collection first.")] = None,
     delete: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Delete this one first; it must be empty.")
+        str | None, typer.Option(metavar="NAME", help="Delete this collection first; it must be empty.")
     ] = None,
     url: Url = None,
     key: Key = None,
 ) -> None:
-    """List the collections, the named sets of shapes, each with the number of its shapes."""
+    """List, create and delete collections of shapes.
+
+    A collection is a named set of shapes. The list has the number of shapes of each.
+    """
     with service_at(url, key) as client:
         if create is not None:
             client.create_collection(create)

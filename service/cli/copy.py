@@ -1,4 +1,4 @@
-"""`isoshape copy`: an archive moved between an SQLite file and PostgreSQL."""
+"""`isoshape copy`: an archive between an SQLite file and PostgreSQL."""
 
 from contextlib import closing
 from typing import Annotated
@@ -15,13 +15,14 @@ from service.storage.sqlite import path_of
 
 
 def command(
-    source: Annotated[str, typer.Argument(help="The archive to copy: a file, or an SQLAlchemy URL.")],
-    target: Annotated[str, typer.Argument(help="Where to: a file, or an SQLAlchemy URL; an empty database.")],
+    source: Annotated[str, typer.Argument(help="The archive to copy: a file or an SQLAlchemy URL.")],
+    target: Annotated[str, typer.Argument(help="An empty database: a file or an SQLAlchemy URL.")],
 ) -> None:
-    """Copy an archive from an SQLite file to PostgreSQL, or back, and compare every row of both.
+    """Copy an archive between SQLite and PostgreSQL.
 
-    The copy is of one moment, and what services write to the source later is not in it; those that write to
-    a file wait until it is copied. A copy that is stopped, or is not the same, leaves the target empty.
+    The command compares every row of both. The copy is of one moment and lacks later changes of the source.
+    Services that write to an SQLite source wait for the copy to end. A copy that is stopped or differs from
+    the source leaves the target empty.
     """
     settings = load_settings()
     from_url, to_url = database_named("SOURCE", source), database_named("TARGET", target)

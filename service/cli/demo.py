@@ -32,7 +32,7 @@ MADE = "gallery"
 
 @dataclass(frozen=True)
 class Answered:
-    """A query with a made shape of a known class."""
+    """The answer to a query with a made shape of a known class."""
 
     label: str
     name: str
@@ -40,7 +40,7 @@ class Answered:
 
     @property
     def right(self) -> bool:
-        """Whether the first of the answer is of the query's class."""
+        """Whether the first result is of the query's class."""
         return bool(self.answer.results) and self.label in self.answer.results[0].shape.tags
 
 
@@ -48,18 +48,21 @@ def command(
     *,
     check: Annotated[
         bool,
-        typer.Option("--check", help="Fail unless every first neighbour is of the query's class; then end."),
+        typer.Option(
+            "--check", help="Fail unless every nearest neighbour is of the query's class, and end then."
+        ),
     ] = False,
     port: Annotated[int, typer.Option(min=1, max=65535, help="Port of the service.")] = DEFAULT_PORT,
     picture: Annotated[
         Path | None,
-        typer.Option(help="Write a picture of some answers, corresponding points coloured alike."),
+        typer.Option(help="Write a picture of some answers, corresponding points in one colour."),
     ] = None,
     key: Key = None,
 ) -> None:
-    """Make a gallery of articulated shapes, store it, and query it with poses that are not stored.
+    """Make shapes, store them and query them with unseen poses.
 
-    The service runs until Ctrl-C, on a database of its own in isoshape-data; with --check it ends at once.
+    The shapes are an articulated gallery. The service runs until Ctrl-C, on a database of its own in
+    isoshape-data; with --check it ends after the queries.
     """
     try:
         bind(LOOPBACK, port).close()
@@ -102,7 +105,7 @@ def _shape(label: str, pose: int) -> tuple[str, bytes]:
 
 
 def _store(client: Client, items: Sequence[Item]) -> None:
-    """Store the gallery, and drop what an older version of it left."""
+    """Store the gallery, and delete the shapes of an older gallery."""
     kept = set()
     with progress() as bar:
         task = bar.add_task("storing", total=len(items))
@@ -123,7 +126,7 @@ def _query(client: Client, label: str) -> Answered:
 
 def _print(answered: list[Answered]) -> None:
     table = Table(
-        title="the three stored shapes most like a pose that is not stored",
+        title="the three stored shapes most similar to an unseen pose",
         box=box.SIMPLE_HEAD,
         collapse_padding=True,
     )
@@ -149,7 +152,7 @@ def _print(answered: list[Answered]) -> None:
 
 
 def _save_query() -> Path:
-    """A query as a file, for people to send themselves."""
+    """Write a query to a file, for the user to send."""
     name, data = _shape(CLASSES[0], POSES)
     path = FOLDER / name
     path.write_bytes(data)

@@ -1,4 +1,4 @@
-"""Answers of the demo as a picture: each query, the stored shapes found, and the points that correspond."""
+"""A picture of the demo: each query, the stored shapes found and their corresponding points."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -17,7 +17,7 @@ ROWS = ("person", "quadruped", "hand", "octopus", "plane")
 
 
 def draw_answers(client: Client, answered: Sequence[tuple[str, QueryAnswer]], path: Path) -> None:
-    """Write a PNG: a row for each class of `ROWS`, the query first, then what was found."""
+    """Write a PNG: a row for each class of `ROWS`, the query first, then the shapes found."""
     rows = []
     for name, answer in answered:
         label, _, pose = name.removesuffix(".ply").rpartition("-")

@@ -1,4 +1,4 @@
-"""`isoshape duplicates`: which stored shapes are near-identical."""
+"""`isoshape duplicates`: groups of near-identical stored shapes."""
 
 from typing import Annotated
 
@@ -14,20 +14,24 @@ from service.duplicates.schemas import DuplicatesAnswer
 def command(
     *,
     min_cc: Annotated[
-        float | None, typer.Option(min=-1.0, max=1.0, help="Only pairs of at least this cc.")
+        float | None, typer.Option(min=-1.0, max=1.0, help="Only pairs with at least this cc.")
     ] = None,
     max_residual: Annotated[
-        float | None, typer.Option(help="How far apart two surfaces may lie, over the root of the area.")
+        float | None,
+        typer.Option(help="Largest distance of two aligned surfaces, over the square root of the area."),
     ] = None,
     tag: Annotated[
-        list[str] | None, typer.Option(help="Only among shapes with this tag; repeatable.")
+        list[str] | None, typer.Option(help="Search only shapes with this tag; repeatable.")
     ] = None,
-    as_csv: Annotated[bool, typer.Option("--csv", help="Print a row a shape, as CSV.")] = False,
+    as_csv: Annotated[bool, typer.Option("--csv", help="Print one row for each shape, as CSV.")] = False,
     url: Url = None,
     key: Key = None,
     collection: Collection = None,
 ) -> None:
-    """Find stored shapes that are one form: turned, scaled, mirrored or meshed anew."""
+    """Find groups of near-identical stored shapes.
+
+    Copies may be rotated, scaled, mirrored or remeshed.
+    """
     with service_at(url, key, collection) as client:
         answer = client.duplicates(min_cc=min_cc, max_residual=max_residual, tag=tag or [])
     if as_csv:

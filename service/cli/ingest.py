@@ -17,33 +17,35 @@ from service.shapes.fields import TAG_CHARACTERS
 
 def command(
     paths: Annotated[
-        list[Path], typer.Argument(metavar="PATH...", help="Mesh files, folders of them, and archives.")
+        list[Path], typer.Argument(metavar="PATH...", help="Mesh files, folders of mesh files, and archives.")
     ],
     *,
-    tag: Annotated[list[str] | None, typer.Option(help="Give every file this tag too; repeatable.")] = None,
+    tag: Annotated[list[str] | None, typer.Option(help="Add this tag to every file; repeatable.")] = None,
     metadata: Annotated[
         Path | None,
         typer.Option(
-            help="CSV file: the column name tells the file, tags its tags, and the others metadata."
+            help="CSV file: column name holds the file name, tags its tags, other columns metadata."
         ),
     ] = None,
     url: Url = None,
     key: Key = None,
     collection: Collection = None,
-    at_once: Annotated[int, typer.Option(min=1, max=64, help="Uploads under way at a time.")] = AT_ONCE,
+    at_once: Annotated[int, typer.Option(min=1, max=64, help="Uploads at the same time.")] = AT_ONCE,
 ) -> None:
-    """Store mesh files under their own names. A file's class becomes a tag.
+    """Store mesh files, folders of meshes and archives.
 
-    The class is the one that labels.csv (columns file and class) in the file's folder gives, or else the name
-    of the class folder, directly below the folder given; a file given itself has none but that of labels.csv.
-    What is there already, the same bytes under the same name, stays as it is: the command may be run again. A
-    file that is refused does not stop the others. An archive (zip, tar, tar.gz, tar.bz2, tar.xz) is sent as
-    it is, and unpacked by the service; files in it have no class, and no row of the metadata.
+    Each shape has the name of its file, and the class of the file as a tag. The class comes from labels.csv
+    (columns file and class) in the folder of the file, or else from the name of the class folder, directly
+    below the given folder. A file given by itself has a class only from labels.csv.
+
+    A file that is already stored under its name stays as it is, so the command can be repeated. A refused
+    file does not stop the others. The service unpacks archives (zip, tar, tar.gz, tar.bz2, tar.xz); their
+    files have no class and no metadata.
     """
     archives = [path for path in paths if is_archive(path)]
     found = find_meshes([path for path in paths if path not in archives])
     if not found.files and not archives:
-        fail(f"no meshes there; the formats read are {', '.join(READABLE)}")
+        fail(f"no meshes found; the formats read are {', '.join(READABLE)}")
     rows = {} if metadata is None else read_metadata(metadata)
     named = {file.path: row_of(rows, file.path) for file in found.files}
     items = [_item(file, rows.get(named[file.path] or "", About()), tag or []) for file in found.files]

@@ -1,4 +1,4 @@
-"""`isoshape key`: a new key."""
+"""`isoshape key`: a new API key."""
 
 from typing import Annotated
 
@@ -16,15 +16,15 @@ def command(
         typer.Option(metavar="NAME", help="Limit the key to this collection; repeatable."),
     ] = None,
 ) -> None:
-    """Make a key, and print it and its SHA-256.
+    """Make an API key and print it with its SHA-256.
 
-    The service is given the digest, in ISOSHAPE_API_KEYS (may do everything) or ISOSHAPE_READ_KEYS (may read,
-    query and compare); of a key that is limited to collections, with their names behind it, as printed.
-    Whoever uses the service is given the key. It is kept nowhere.
+    Users of the service send the key; it is stored nowhere. The service knows its SHA-256, from
+    ISOSHAPE_API_KEYS (all calls) or ISOSHAPE_READ_KEYS (reading, queries and comparisons). The names of
+    collections behind the SHA-256 limit the key to them.
     """
     for name in collection or []:
         if not is_name(name):
-            fail(f"no collection can be called {name!r}", status=2)
+            fail(f"no collection can have the name {name!r}", status=2)
     key = new_key()
     entry = KeyEntry(digest_of(key), frozenset(collection) if collection else None)
     console = output()

@@ -1,4 +1,4 @@
-"""What a CSV file says of meshes: a row a file, `tags`, and metadata in all other columns."""
+"""A CSV file of metadata: a row for each mesh, a column `tags`, and metadata in all other columns."""
 
 import csv
 from dataclasses import dataclass
@@ -16,23 +16,24 @@ NAME, TAGS = "name", "tags"
 
 @dataclass(frozen=True)
 class About:
-    """What is written about a mesh."""
+    """The tags and the metadata of a mesh."""
 
     tags: tuple[str, ...] = ()
     metadata: dict[str, str] | None = None
 
 
 def read_metadata(path: Path) -> dict[str, About]:
-    """The rows of a CSV file by what stands in the column `name`.
+    """The rows of a CSV file by their column `name`.
 
-    That is a file's name, with some of its folders before it where names are repeated. What stands in `tags`
-    is split at commas and semicolons; every other column is a key, whose empty cells are left out. Values
-    stay text, as numbers of parts may begin with a zero.
+    The column holds the name of a file, with folders before it where names are repeated. The column `tags` is
+    split at commas and semicolons. Every other column is a key; its empty cells are left out. Values stay
+    text: a part number may begin with a zero.
 
     Raises
     ------
     CollectionError
-        It cannot be read, has no column `name`, names a file twice, or holds what no shape may have.
+        The file cannot be read, has no column `name`, names a mesh twice, or holds a value that no shape may
+        have.
     """
     try:
         # Spreadsheets write a byte order mark, which would become part of the first column's name.
@@ -52,7 +53,7 @@ def read_metadata(path: Path) -> dict[str, About]:
 
 
 def row_of(rows: dict[str, About], path: Path) -> str | None:
-    """The name that means a file, the longest if there are several."""
+    """The name in the rows that fits a file, the longest if several fit."""
     parts = path.parts
     names = ("/".join(parts[start:]) for start in range(len(parts)))
     return next((name for name in names if name in rows), None)

@@ -6,6 +6,8 @@ import typer
 
 Workers = Annotated[
     int | None,
-    typer.Option(min=1, envvar="ISOSHAPE_WORKERS", help="Processes. [default: one a processor]"),
+    typer.Option(
+        min=1, envvar="ISOSHAPE_WORKERS", help="Worker processes. [default: one for each processor]"
+    ),
 ]
 """How many processes compute; `service.studies.pairwise_scores.default_workers` where None."""

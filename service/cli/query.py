@@ -1,4 +1,4 @@
-"""`isoshape query`: the stored shapes most like a file."""
+"""`isoshape query`: the stored shapes most similar to a file."""
 
 from pathlib import Path
 from typing import Annotated, Literal
@@ -14,50 +14,53 @@ from service.console import output, progress, say
 from service.search.rank_by import RankBy
 from service.search.schemas import QueryAnswer
 
-# What the page is drawn with.
+# Correspondences are asked for the page; the JSON leaves them out.
 UNASKED = {"results": {"__all__": {"correspondence"}}}
 
 
 def command(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A mesh file.")],
     *,
-    top_k: Annotated[int, typer.Option(min=1, max=100, help="Results at most.")] = 3,
-    rank_by: Annotated[RankBy, typer.Option(help="What they are sorted by.")] = "cc",
+    top_k: Annotated[int, typer.Option(min=1, max=100, help="The most results.")] = 3,
+    rank_by: Annotated[RankBy, typer.Option(help="Score that sorts the results.")] = "cc",
     partial: Annotated[
-        bool, typer.Option("--partial", help="The file is a part: find what it is a part of.")
+        bool, typer.Option("--partial", help="The file is a part: find the shapes that contain it.")
     ] = False,
     tag: Annotated[
-        list[str] | None, typer.Option(help="Only among shapes with this tag; repeatable.")
+        list[str] | None, typer.Option(help="Search only shapes with this tag; repeatable.")
     ] = None,
-    name: Annotated[str | None, typer.Option(help="Only among shapes with this text in their name.")] = None,
+    name: Annotated[
+        str | None, typer.Option(help="Search only shapes whose name contains this text.")
+    ] = None,
     metadata: Annotated[
         list[str] | None,
-        typer.Option(metavar="KEY=VALUE", help="Only among shapes whose metadata holds this; repeatable."),
+        typer.Option(metavar="KEY=VALUE", help="Search only shapes with this metadata; repeatable."),
     ] = None,
     exclude: Annotated[
-        list[str] | None, typer.Option(metavar="ID", help="Not the shape with this id; repeatable.")
+        list[str] | None, typer.Option(metavar="ID", help="Leave out the shape with this id; repeatable.")
     ] = None,
     exclude_self: Annotated[
-        bool, typer.Option("--exclude-self", help="Not the shapes with the very bytes of the file.")
+        bool, typer.Option("--exclude-self", help="Leave out shapes with the same bytes as the file.")
     ] = False,
     min_cc: Annotated[
-        float | None, typer.Option(min=-1.0, max=1.0, help="Only results of at least this cc.")
+        float | None, typer.Option(min=-1.0, max=1.0, help="Only results with at least this cc.")
     ] = None,
     scale: Annotated[
-        Literal["ignore", "respect"], typer.Option(help="respect: only shapes of about the file's size.")
+        Literal["ignore", "respect"], typer.Option(help="respect: only shapes of about the size of the file.")
     ] = "ignore",
     exhaustive: Annotated[
-        bool, typer.Option("--exhaustive", help="Compare with every shape, however many are stored.")
+        bool, typer.Option("--exhaustive", help="Compare with every stored shape, without a shortlist.")
     ] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the service's answer as it is.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the answer of the service as JSON.")] = False,
     html: Annotated[
-        Path | None, typer.Option(help="Also write a page, with pictures of what corresponds, to this file.")
+        Path | None,
+        typer.Option(help="Also write a page with pictures of corresponding points to this file."),
     ] = None,
     url: Url = None,
     key: Key = None,
     collection: Collection = None,
 ) -> None:
-    """Find the stored shapes most like a mesh file."""
+    """Find the stored shapes most similar to a mesh file."""
     mesh = (file.name, file.read_bytes())
     asked: QueryArguments = {
         "top_k": top_k,
@@ -92,8 +95,8 @@ def command(
 def write_report(
     client: Client, mesh: tuple[str, bytes], asked: QueryArguments, answer: QueryAnswer, path: Path
 ) -> None:
-    """Write the page of an answer, in UTF-8 whatever the system's own is."""
-    # Here, so that a query without a page does not wait for what draws it.
+    """Write the page of an answer, in UTF-8 on every system."""
+    # Here, so that a query without a page does not wait for the imports of drawing.
     from service.report.report import report  # noqa: PLC0415
 
     with progress() as bar:
@@ -103,12 +106,12 @@ def write_report(
 
 
 def print_answer(console: Console, answer: QueryAnswer) -> None:
-    """The results as a table."""
+    """Print the results as a table."""
     if not answer.compared:
-        console.print("nothing is stored that could be compared")
+        console.print("no stored shape could be compared")
         return
     if not answer.results:
-        console.print("no shape that was compared has so high a cc")
+        console.print("no compared shape has so high a cc")
         return
     table = Table(box=box.SIMPLE_HEAD, collapse_padding=True)
     table.add_column("rank", justify="right")
@@ -133,4 +136,4 @@ def print_answer(console: Console, answer: QueryAnswer) -> None:
         )
     console.print(table)
     if not (answer.matched or partial):
-        console.print("Not even the first is like it: its cc is below the pipeline's threshold.")
+        console.print("No result is similar: the best cc is below the pipeline's threshold.")

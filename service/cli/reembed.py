@@ -1,4 +1,4 @@
-"""`isoshape reembed`: go over to another pipeline."""
+"""`isoshape reembed`: change the pipeline of an archive."""
 
 import asyncio
 import time
@@ -20,10 +20,10 @@ from service.shapes.reembedding import ReembeddingResult, Reembedding
 from service.storage.database import Database
 from service.storage.migrate import migrate
 
-# Where standard error is no terminal, and a bar would be a heap of lines.
+# Where standard error is no terminal, which would show every state of a bar.
 SECONDS_BETWEEN_LINES = 10.0
 
-STOPPED = "stopped; what was made is kept, and the same command goes on from there"
+STOPPED = "stopped; the new embeddings are kept, and the same command continues"
 
 Advance = Callable[[int, int], object]
 
@@ -31,21 +31,21 @@ Advance = Callable[[int, int], object]
 def command(
     *,
     prune: Annotated[
-        bool, typer.Option("--prune", help="Then delete the embeddings of all other pipelines.")
+        bool, typer.Option("--prune", help="Delete the embeddings of all other pipelines afterwards.")
     ] = False,
     leave_out: Annotated[
         bool,
         typer.Option(
             "--leave-out",
-            help="Go over to the pipeline though some files cannot be embedded by it: no query finds them.",
+            help="Change the pipeline although some files cannot be embedded; no query finds those.",
         ),
     ] = False,
 ) -> None:
-    """Embed every stored shape by the pipeline that ISOSHAPE_PIPELINE names, then search by that one.
+    """Embed every stored shape by another pipeline.
 
-    It works on the database that ISOSHAPE_DATABASE_URL names, also while a service serves it. Until every
-    shape has its new embedding, queries go on with the old ones. It may be stopped at any time, and goes on
-    where it was when it is run again.
+    ISOSHAPE_PIPELINE names the pipeline, ISOSHAPE_DATABASE_URL the database. A service may use the archive at
+    the same time: queries use the old embeddings until every shape has a new one. The command can be stopped
+    at any time, and continues from there when it is run again.
     """
     settings = load_settings()
     parameters = load_parameters(settings.pipeline)
@@ -63,15 +63,15 @@ def command(
         say(f"{name}: {cause}")
     if outcome.refused and not outcome.active:
         fail(
-            "the archive is searched as before, since these shapes have no embedding: delete them, or leave "
-            "them out with --leave-out"
+            "the archive keeps its pipeline, because these shapes have no new embedding: delete them, or "
+            "leave them out with --leave-out"
         )
 
 
 def reembed(
     settings: Settings, parameters: Parameters, *, leave_out: bool = False, prune: bool = False
 ) -> tuple[ReembeddingResult, int]:
-    """Go over to a pipeline; what came of it, and how many embeddings of others were deleted."""
+    """Change the pipeline of an archive; the result, and the number of deleted embeddings of others."""
     database = Database(settings.database_url, lock_seconds=settings.lock_seconds, hnsw=settings.hnsw)
     try:
         migrate(database)
@@ -87,7 +87,7 @@ def reembed(
 
 
 def bring_up(settings: Settings) -> None:
-    """Have an archive searched by the pipeline that the settings name, if it is not."""
+    """Change an archive to the pipeline of the settings, unless it has that pipeline."""
     parameters = load_parameters(settings.pipeline)
     database = Database(settings.database_url, lock_seconds=settings.lock_seconds, hnsw=settings.hnsw)
     try:
@@ -97,13 +97,13 @@ def bring_up(settings: Settings) -> None:
     finally:
         database.close()
     if active not in {None, parameters.fingerprint}:
-        say("embedding what is stored anew, by another pipeline than before")
+        say("embedding the stored shapes again, by another pipeline")
         reembed(settings, parameters, leave_out=True, prune=True)
 
 
 @contextmanager
 def _working(settings: Settings, parameters: Parameters) -> Iterator[Work]:
-    """Worker processes of this command's own."""
+    """Worker processes for this command."""
     workers, readers = start_processes(settings, parameters)
     try:
         yield Work(
@@ -121,7 +121,7 @@ def _working(settings: Settings, parameters: Parameters) -> Iterator[Work]:
 
 @contextmanager
 def _shown() -> Iterator[Advance]:
-    """Shows how far it is: a bar, or a line now and then."""
+    """Show the progress: a bar, or a line every few seconds."""
     if messages().is_terminal:
         with progress() as bar:
             task = bar.add_task("embedding", total=None)

@@ -1,4 +1,4 @@
-"""`isoshape restore`: a backup made the archive."""
+"""`isoshape restore`: a backup in the place of the archive."""
 
 from pathlib import Path
 from typing import Annotated
@@ -10,14 +10,15 @@ from service.storage.backup import restore
 
 
 def command(
-    file: Annotated[Path, typer.Argument(help="What `isoshape backup` wrote.")],
+    file: Annotated[Path, typer.Argument(help="A file that `isoshape backup` wrote.")],
     *,
     force: Annotated[
-        bool, typer.Option("--force", help="Replace an archive that is not empty; it is gone then.")
+        bool, typer.Option("--force", help="Replace an archive that is not empty; its shapes are lost.")
     ] = False,
 ) -> None:
-    """Put a backup in the place of the archive of ISOSHAPE_DATABASE_URL, which no service may be using.
+    """Replace the archive by a backup.
 
-    The backup is checked first, as `isoshape check` does.
+    The archive is the database of ISOSHAPE_DATABASE_URL; no service may use it. The backup is checked first,
+    as by `isoshape check`.
     """
     print_counts(restore(file, archive_in_use(), replace=force))

@@ -18,11 +18,12 @@ def command(
         int | None, typer.Option(min=0, max=65535, help="Port. [default: ISOSHAPE_PORT or 8000; 0: any free]")
     ] = None,
 ) -> None:
-    """Serve the archive over HTTP until Ctrl-C. Settings are ISOSHAPE_* variables of the environment.
+    """Serve the archive over HTTP until Ctrl-C.
 
-    An address that other machines reach is not listened on unless there is a key.
+    The settings are the variables ISOSHAPE_* of the environment. Without a key the service listens only on an
+    address that other machines cannot reach.
     """
-    # Here, so that commands that run no service do not wait for its imports.
+    # Here, so that the help does not wait for these imports.
     from service.app import create_app  # noqa: PLC0415
 
     settings = load_settings()
@@ -30,7 +31,7 @@ def command(
         address = bound.getsockname()
         if not (settings.has_keys or is_loopback(address[0])):
             raise SettingsError(
-                f"{address[0]} can be reached from other machines, where anybody could change the archive: "
+                f"{address[0]} can be reached from other machines, and anybody could change the archive: "
                 "set ISOSHAPE_API_KEYS to the SHA-256 of a key (`isoshape key` makes one and prints both), "
                 "or listen on 127.0.0.1"
             )

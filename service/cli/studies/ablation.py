@@ -1,4 +1,4 @@
-"""`isoshape ablation`: what each step from the paper's setting to the default one is worth."""
+"""`isoshape ablation`: the effect of each step from the paper's setting to the default one."""
 
 import json
 from dataclasses import dataclass
@@ -20,8 +20,8 @@ from service.studies.subset import spread
 MEASURES = ("nn", "ft", "st")
 HEADINGS = {
     "alone": "`paper`, and each change alone",
-    "together": "`paper`, and the changes added up",
-    "without": "`default`, and each change taken back",
+    "together": "`paper`, and the changes one after another",
+    "without": "`default` without each change",
 }
 
 
@@ -53,21 +53,24 @@ class Finding:
 
 def command(
     folders: Annotated[
-        list[Path], typer.Argument(metavar="DIR...", help="Folders with labels.csv, or of class folders.")
+        list[Path],
+        typer.Argument(metavar="DIR...", help="Folders of meshes with labels.csv, or with a folder a class."),
     ],
     *,
     without: Annotated[
-        bool, typer.Option("--without", help="Also the default setting with each change taken back.")
+        bool, typer.Option("--without", help="Also measure the default setting without each change.")
     ] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one list of objects.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON list of objects.")] = False,
     limit: Annotated[
-        int | None, typer.Option(min=2, help="So many shapes of each folder only, spread over the classes.")
+        int | None,
+        typer.Option(min=2, help="Use only this many shapes of each folder, spread over the classes."),
     ] = None,
     workers: Workers = None,
 ) -> None:
-    """Measure retrieval as `evaluate` does, under the paper's setting and each change to it, as Markdown.
+    """Measure retrieval after each change to the paper's setting.
 
-    NN nearest neighbour, FT and ST first and second tier. About twenty whole evaluations a folder.
+    The output is a Markdown table of NN (nearest neighbour), FT and ST (first and second tier), measured as
+    by `isoshape evaluate`. A folder takes about twenty evaluations.
     """
     collections = [(folder.resolve().name, read_collection(folder)) for folder in folders]
     wanted = rows(without=without)
@@ -87,7 +90,7 @@ def command(
 
 
 def table(wanted: tuple[Row, ...], findings: list[Finding]) -> str:
-    """The findings as one Markdown table a block, with three columns for each collection."""
+    """One Markdown table for each block, with three columns for each collection."""
     by_row: dict[int, list[Finding]] = {}
     for place, finding in enumerate(findings):
         by_row.setdefault(place % len(wanted), []).append(finding)
@@ -112,7 +115,7 @@ def table(wanted: tuple[Row, ...], findings: list[Finding]) -> str:
 def _measure(
     files: list[tuple[Path, str]], wanted: tuple[Row, ...], workers: int
 ) -> tuple[list[Evaluation], int]:
-    """An evaluation a row, each set of parameters run once; and how many files all runs were short of."""
+    """One evaluation for each row, each set of parameters run once; and the number of files that failed."""
     known: dict[str, dict[Ranking, Evaluation]] = {}
     missing = 0
     for row in wanted:

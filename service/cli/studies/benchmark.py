@@ -1,4 +1,4 @@
-"""`isoshape benchmark`: what embedding and matching cost, against other software, size and the paper."""
+"""`isoshape benchmark`: the cost of embedding and matching, against other software, size and the paper."""
 
 import json
 from enum import StrEnum
@@ -24,7 +24,7 @@ from service.studies.benchmark.table1 import table1_rows
 
 
 class Subject(StrEnum):
-    """What can be measured by itself."""
+    """A part of the benchmark that can be measured alone."""
 
     EMBEDDING = "embedding"
     GROWTH = "growth"
@@ -40,32 +40,34 @@ def command(
     folder: Annotated[
         Path | None,
         typer.Argument(
-            metavar="[DIR]", help="Folder with labels.csv, or of class folders. [default: made shapes]"
+            metavar="[DIR]",
+            help="Folder of meshes with labels.csv, or with a folder a class. [default: made shapes]",
         ),
     ] = None,
     *,
     only: Annotated[
-        list[Subject] | None, typer.Option(help="Measure this alone; repeatable. [default: everything]")
+        list[Subject] | None, typer.Option(help="Measure only this subject; repeatable. [default: all]")
     ] = None,
     sizes: Annotated[
         list[int] | None,
         typer.Option(
             "--shapes",
             min=1,
-            help="Shapes of an archive that is queried, about 75 kB of disk each; repeatable. "
+            help="Shapes in the archive that is queried, about 75 kB of disk each; repeatable. "
             "[default: 380, 10000, 100000]",
         ),
     ] = None,
-    peers: Annotated[bool, typer.Option("--peers", help="Measure LaPy and pyfmaps beside it.")] = False,
+    peers: Annotated[bool, typer.Option("--peers", help="Measure LaPy and pyfmaps too.")] = False,
     out: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Write benchmark.md and its picture there.")
+        Path | None, typer.Option(metavar="DIR", help="Write benchmark.md and its pictures to this folder.")
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print all numbers as one object.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print all numbers as one JSON object.")] = False,
 ) -> None:
-    """Measure what embedding costs, by stage, against size and Table 1, and what a match and a query cost.
+    """Measure the time and memory of embedding and matching.
 
-    Each figure is a median of several; where peers are measured too, in turn with them. Measure on a machine
-    that does nothing else, with OMP_NUM_THREADS=1.
+    The subjects are the stages of embedding, growth with size, the paper's Table 1, matches, queries,
+    storing, load and pictures. Each figure is a median of several runs; runs of other software alternate with
+    them. Measure on an idle machine, with OMP_NUM_THREADS=1.
     """
     subjects = list(dict.fromkeys(only or Subject))
     signature = matcher = None
@@ -114,7 +116,7 @@ def command(
         out.mkdir(parents=True, exist_ok=True)
         (out / "benchmark.md").write_text(text, encoding="utf-8")
         if found.growth:
-            # Here, since the drawing library takes a second to load.
+            # Here, because matplotlib takes a second to import.
             from service.studies.benchmark.plot import growth_plot  # noqa: PLC0415
 
             (out / PLOT).write_bytes(growth_plot(found.growth))

@@ -29,31 +29,34 @@ from service.studies.robustness.perturbed_queries import clean_gallery
 from service.studies.subset import spread
 
 PARTS = 48
-"""More take long: each is made incomplete in several ways, and asked for."""
+"""Each of them is made incomplete in several ways, and each result is a query."""
 
 
 def command(
     folders: Annotated[
-        list[Path], typer.Argument(metavar="DIR...", help="Folders with labels.csv, or of class folders.")
+        list[Path],
+        typer.Argument(metavar="DIR...", help="Folders of meshes with labels.csv, or with a folder a class."),
     ],
     *,
     out: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Write calibration.md and its picture there.")
+        Path | None, typer.Option(metavar="DIR", help="Write calibration.md and its pictures to this folder.")
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one object.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
     limit: Annotated[
-        int | None, typer.Option(min=4, help="So many shapes of each folder only, spread over the classes.")
+        int | None,
+        typer.Option(min=4, help="Use only this many shapes of each folder, spread over the classes."),
     ] = None,
     parts: Annotated[
-        int, typer.Option(min=2, help="So many shapes of each folder are made incomplete in turn.")
+        int, typer.Option(min=2, help="This many shapes of each folder are made incomplete.")
     ] = PARTS,
     workers: Workers = None,
 ) -> None:
-    """Fit the chance that two shapes are of one class, and print the constants for core/ranking/class_probability.py.
+    """Fit the class probability to labelled collections.
 
-    A logistic regression over all pairs, each collection with the same weight; another over pairs of a shape
-    with holes, or of which a part is cut away, and a whole one. They are judged by class: the pairs of a
-    class' shapes by a model fitted without that class. Three classes or more are needed.
+    The command prints the constants of core/ranking/class_probability.py: the coefficients of a logistic
+    regression over all pairs, each collection with the same weight, and of another over pairs of an
+    incomplete shape (with holes, or with a part cut away) and a complete one. Each class is judged by a model
+    fitted without that class. Three classes or more are needed.
     """
     names, collections, chosen, sampled = [], [], [], []
     short = 0
@@ -103,7 +106,7 @@ def _incomplete(files: list[tuple[Path, str]], workers: int) -> list[Collection]
 
 
 def _check(labels: Sequence[Sequence[str]], where: str) -> None:
-    """End the command where, without some class, no pair would be of one class or none of two."""
+    """End the command unless every model has pairs of one class and pairs of two classes."""
     sizes = Counter(label.casefold() for several in labels for label in several)
     if len(sizes) < 3 or sum(size > 1 for size in sizes.values()) < 2:
         fail(f"three classes or more are needed{where}, two of them with two shapes or more")
@@ -115,7 +118,9 @@ def _limited(limit: int | None, parts: int) -> str:
 
 
 def _print(found: Study) -> None:
-    table = Table(title="judged without the class in question", box=box.SIMPLE_HEAD, collapse_padding=True)
+    table = Table(
+        title="each class judged by a model fitted without it", box=box.SIMPLE_HEAD, collapse_padding=True
+    )
     for i, column in enumerate(COLUMNS):
         table.add_column(column, justify="right" if i else "left", overflow="fold")
     for row in summary(found):
@@ -125,7 +130,7 @@ def _print(found: Study) -> None:
 
 
 def _write(folder: Path, found: Study, made_by: str) -> None:
-    # Here, since no other use of the command draws, and the drawing library takes a second to load.
+    # Here, because matplotlib takes a second to import and only this option draws.
     from service.studies.calibration.figure import reliability_figure  # noqa: PLC0415
 
     folder.mkdir(parents=True, exist_ok=True)

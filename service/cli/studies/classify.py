@@ -1,4 +1,4 @@
-"""`isoshape classify`: Algorithm 3, each shape's class by its first neighbour, or none."""
+"""`isoshape classify`: Algorithm 3, the class of each shape by its nearest neighbour, or none."""
 
 import json
 from collections import Counter
@@ -22,30 +22,32 @@ from service.studies.subset import spread
 
 def command(
     folder: Annotated[
-        Path, typer.Argument(metavar="DIR", help="Folder with labels.csv, or of class folders.")
+        Path,
+        typer.Argument(metavar="DIR", help="Folder of meshes with labels.csv, or with a folder a class."),
     ],
     *,
-    rank_by: Annotated[Ranking, typer.Option(help="Score by which neighbours are ranked.")] = Ranking.CC,
+    rank_by: Annotated[Ranking, typer.Option(help="Score that ranks the neighbours.")] = Ranking.CC,
     picture: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write a PNG: thumbnails by class, unmatched in grey.")
+        Path | None,
+        typer.Option(metavar="FILE", help="Write a PNG of thumbnails by class, the unmatched ones in grey."),
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one object.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
     limit: Annotated[
-        int | None, typer.Option(min=6, help="Take this many shapes only, spread over the classes.")
+        int | None, typer.Option(min=6, help="Use only this many shapes, spread over the classes.")
     ] = None,
     workers: Workers = None,
 ) -> None:
-    """Give each shape the class of its first neighbour among the others, or leave it unmatched.
+    """Classify each shape by its nearest neighbour.
 
-    The threshold is the score that best tells first neighbours when the shape's class is there from those
-    when its class is left out (largest balanced accuracy); each class is judged by the threshold of the
-    others.
+    A shape whose nearest neighbour scores below the threshold stays unmatched (Algorithm 3 of the paper). The
+    threshold best separates the nearest neighbours found with the shape's class present from those found
+    without it (largest balanced accuracy). Each class is judged by the threshold of the other classes.
     """
     files = read_collection(folder)
     if limit is not None:
         files = spread(files, limit)
     classes = {str(path): label for path, label in files}
-    # The name stands where the class does, so that it comes back with the scores of the usable files.
+    # The path takes the place of the class: the result names the usable files by it.
     named = [(path, str(path)) for path, _ in files]
     names, scores = score_collection(named, DEFAULT, workers or default_workers())
     labels = [classes[name] for name in names]
@@ -56,7 +58,7 @@ def command(
         output().print(_shapes(folder, rank_by, names, labels, found))
         output().print(_summary(labels, found))
     if picture is not None:
-        # Here, since no other use of the command draws, and the drawing library takes a second to load.
+        # Here, because matplotlib takes a second to import and only this option draws.
         from service.studies.figures.classes import classes_picture  # noqa: PLC0415
 
         meshes = [read_mesh(Path(name).read_bytes(), format_of(name)) for name in names]

@@ -1,4 +1,4 @@
-"""`isoshape correspondence`: matched poses of one body against the truth."""
+"""`isoshape correspondence`: matches between poses of one body against the truth."""
 
 import json
 from concurrent.futures import as_completed
@@ -22,22 +22,25 @@ def command(
     only: Annotated[
         list[str] | None, typer.Option(metavar="CLASS", help=f"One of {', '.join(CLASSES)}; repeatable.")
     ] = None,
-    poses: Annotated[int, typer.Option(min=2, help="Poses of each body; every two are matched.")] = 4,
+    poses: Annotated[
+        int, typer.Option(min=2, help="Poses of each body; every pair of poses is matched.")
+    ] = 4,
     bodies: Annotated[int, typer.Option(min=1, help="Individuals of each class.")] = 1,
     remeshed: Annotated[
-        bool, typer.Option("--remeshed", help="Mesh the second of each pair otherwise: a harder test.")
+        bool, typer.Option("--remeshed", help="Remesh the second shape of each pair: a harder test.")
     ] = False,
     check: Annotated[
-        bool, typer.Option("--check", help=f"Fail where a class's mean error is above {MOST_ERROR}.")
+        bool, typer.Option("--check", help=f"Fail if the mean error of a class is above {MOST_ERROR}.")
     ] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print all numbers as one object.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print all numbers as one JSON object.")] = False,
     workers: Workers = None,
 ) -> None:
-    """Measure correspondences on made bodies, whose poses have the same vertices in the same order.
+    """Measure correspondences against the true ones.
 
-    The error is the mean geodesic distance between the vertex found and the true one, over the square root
-    of the area, up to the symmetries that each class has: of the matched samples, and of the correspondence
-    extended to all vertices.
+    The shapes are bodies made by code, whose poses have the same vertices in the same order. The error is the
+    mean geodesic distance between the vertex found and the true vertex, over the square root of the area, up
+    to the symmetries of the class. It is measured for the matched samples, and for all vertices by the dense
+    correspondence.
     """
     if unknown := sorted(set(only or ()) - set(CLASSES)):
         fail(f"{unknown[0]} is none of {', '.join(CLASSES)}", status=2)
@@ -83,7 +86,7 @@ def _object(by_class: dict[str, list[BodyErrors]]) -> dict[str, object]:
 
 def _table(by_class: dict[str, list[BodyErrors]], poses: int) -> Table:
     table = Table(
-        title=f"geodesic error / root of the area, {poses} poses of each body matched two by two",
+        title=f"geodesic error / root of the area, {poses} poses of each body, matched in pairs",
         box=box.SIMPLE_HEAD,
         collapse_padding=True,
     )

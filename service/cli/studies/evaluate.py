@@ -1,4 +1,4 @@
-"""`isoshape evaluate`: how well a labelled collection is retrieved, each shape a query against all others."""
+"""`isoshape evaluate`: retrieval on a labelled collection, each shape a query against all others."""
 
 import json
 from collections.abc import Sequence
@@ -26,7 +26,7 @@ MEASURES = ("nn", "ft", "st", "e", "dcg", "map")
 
 
 class RankBy(StrEnum):
-    """A ranking, or all."""
+    """A score that ranks the answers, or all of them."""
 
     CC = "cc"
     SSD = "ssd"
@@ -37,7 +37,7 @@ class RankBy(StrEnum):
 
 @dataclass(frozen=True)
 class Report:
-    """One evaluation and what it is of; `setting` names the parameters, or another method."""
+    """One evaluation of a collection; `setting` names the parameters or the baseline."""
 
     collection: str
     setting: str
@@ -59,7 +59,8 @@ class Report:
 
 def command(
     folder: Annotated[
-        Path, typer.Argument(metavar="DIR", help="Folder with labels.csv, or of class folders.")
+        Path,
+        typer.Argument(metavar="DIR", help="Folder of meshes with labels.csv, or with a folder a class."),
     ],
     *,
     setting: Annotated[
@@ -67,29 +68,31 @@ def command(
     ] = "default",
     method: Annotated[
         Literal["isoshape", "shapedna", "icp", "mds"],
-        typer.Option(help="Isoshape, or another method, which has one distance and no settings."),
+        typer.Option(help="Isoshape or a baseline; a baseline has one distance and no settings."),
     ] = "isoshape",
     rank_by: Annotated[
-        list[RankBy] | None, typer.Option(help="Ranking; may be given several times. [default: cc]")
+        list[RankBy] | None, typer.Option(help="Score that ranks the answers; repeatable. [default: cc]")
     ] = None,
     as_json: Annotated[
-        bool, typer.Option("--json", help="Print one object (a list of them for several rankings).")
+        bool, typer.Option("--json", help="Print one JSON object, or a list of them for several rankings.")
     ] = False,
     uncapped: Annotated[
-        bool, typer.Option("--uncapped", help="Lift the cap on the number of samples.")
+        bool, typer.Option("--uncapped", help="Remove the cap on the number of samples.")
     ] = False,
     limit: Annotated[
-        int | None, typer.Option(min=2, help="Evaluate this many shapes only, spread over the classes.")
+        int | None, typer.Option(min=2, help="Use only this many shapes, spread over the classes.")
     ] = None,
     workers: Workers = None,
 ) -> None:
-    """Measure retrieval on a labelled collection; the shape itself is left out of its own ranking.
+    """Measure retrieval on a labelled collection.
 
-    NN nearest neighbour, FT and ST first and second tier, E the E-measure of the first 32, DCG discounted
-    cumulative gain, MAP mean average precision (Shilane et al. 2004). Ties count against the ranking.
+    Each shape is a query against all others. The measures are NN (nearest neighbour), FT and ST (first and
+    second tier), E (E-measure of the first 32), DCG (discounted cumulative gain) and MAP (mean average
+    precision), as in Shilane et al. 2004. Ties count against the ranking.
 
-    The other methods, on the same meshes: ShapeDNA (Reuter et al. 2006) by LaPy, ICP (Besl and McKay 1992) by
-    trimesh, MDS (Elad and Kimmel 2003) by scikit-learn; two of them want `pip install isoshape[peers]`.
+    The other methods run on the same meshes: ShapeDNA (Reuter et al. 2006) by LaPy, ICP (Besl and McKay 1992)
+    by trimesh, MDS (Elad and Kimmel 2003) by scikit-learn. ShapeDNA and MDS need `pip install
+    isoshape[peers]`.
     """
     if method != "isoshape" and (rank_by or uncapped or setting != "default"):
         fail(f"--method {method} has no --setting, --rank-by or --uncapped", status=2)

@@ -31,25 +31,28 @@ def command(
     folder: Annotated[
         Path | None,
         typer.Argument(
-            metavar="[DIR]", help="Folder with labels.csv, or of class folders. [default: made shapes]"
+            metavar="[DIR]",
+            help="Folder of meshes with labels.csv, or with a folder a class. [default: made shapes]",
         ),
     ] = None,
     *,
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Where the pictures and figures.md go.")],
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the pictures and figures.md.")],
     shown: Annotated[
         str | None,
-        typer.Option("--class", help=f"Class of the shapes drawn singly. [default: {SHOWN}, or the first]"),
+        typer.Option("--class", help=f"Class of the shapes drawn alone. [default: {SHOWN}, or the first]"),
     ] = None,
     limit: Annotated[
-        int | None, typer.Option(min=6, help="Take this many shapes only, spread over the classes.")
+        int | None, typer.Option(min=6, help="Use only this many shapes, spread over the classes.")
     ] = None,
     workers: Workers = None,
 ) -> None:
-    """Draw samples (Fig. 3), an eigenmap (Fig. 5), a match (Fig. 6), answers (Table 3), classes (Fig. 10).
+    """Draw the paper's figures of spectra, matches and classes.
 
-    And the confusion matrix. Without a folder the shapes are made: the match is one body in two poses.
+    The figures are samples (Fig. 3), an eigenmap (Fig. 5), a match (Fig. 6), the first answers (Table 3), the
+    classes (Fig. 10) and the confusion matrix. Without a folder the shapes are made by code, and the match
+    shows one body in two poses.
     """
-    # Here, since no other command needs the drawing library, which takes a second to load.
+    # Here, because matplotlib takes a second to import.
     from service.studies.figures.classes import classes_picture  # noqa: PLC0415
     from service.studies.figures.page import page  # noqa: PLC0415
     from service.studies.figures.retrieval import confusion_figure, top_figure  # noqa: PLC0415
@@ -94,7 +97,7 @@ def command(
 
 @contextmanager
 def _collection(folder: Path | None) -> Iterator[Path]:
-    """The folder, or the made shapes in one that lasts as long as it is needed."""
+    """The folder, or a temporary folder of made shapes."""
     if folder is not None:
         yield folder
         return

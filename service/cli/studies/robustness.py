@@ -31,28 +31,29 @@ NAMES = (*(kind.name for kind in KINDS), TAU)
 
 def command(
     folder: Annotated[
-        Path, typer.Argument(metavar="DIR", help="Folder with labels.csv, or of class folders.")
+        Path,
+        typer.Argument(metavar="DIR", help="Folder of meshes with labels.csv, or with a folder a class."),
     ],
     *,
     out: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Write robustness.md and its pictures there.")
+        Path | None, typer.Option(metavar="DIR", help="Write robustness.md and its pictures to this folder.")
     ] = None,
-    seeds: Annotated[int, typer.Option(min=1, help="Runs of everything that hangs on chance.")] = 3,
+    seeds: Annotated[int, typer.Option(min=1, help="Runs of every random perturbation.")] = 3,
     only: Annotated[
         list[str] | None, typer.Option(metavar="NAME", help=f"One of {', '.join(NAMES)}; repeatable.")
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print all numbers as one object.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print all numbers as one JSON object.")] = False,
     limit: Annotated[
-        int | None, typer.Option(min=2, help="Take this many shapes only, spread over the classes.")
+        int | None, typer.Option(min=2, help="Use only this many shapes, spread over the classes.")
     ] = None,
     workers: Workers = None,
 ) -> None:
-    """Measure retrieval with perturbed queries against the clean collection; Fig. 9 of the paper.
+    """Measure retrieval of perturbed queries (Fig. 9).
 
-    Noise, holes, parts cut away, decimation, subdivision, triangle soup, loose parts and the sparse ratio
-    tau, each by several amounts; the first neighbour by CC and by the combined score, and with holes and
-    cuts also as a part (`partial=true`). An amount and a seed cost about as much as evaluating the collection
-    twice.
+    The perturbations are noise, holes, parts cut away, decimation, subdivision, triangle soup, loose parts
+    and the sparse ratio tau, each by several amounts. The table has the nearest neighbour by CC and by the
+    combined score; with holes and cuts also the nearest neighbour of a partial query. One amount with one
+    seed takes about as long as two evaluations of the collection.
     """
     chosen = set(only or NAMES)
     if unknown := sorted(chosen - set(NAMES)):
@@ -76,7 +77,7 @@ def command(
 def _study(
     collection: str, files: list[tuple[Path, str]], chosen: set[str], seeds: int, workers: int
 ) -> tuple[Study, int]:
-    """The study, and how many of the files could be used; each of the others is named."""
+    """The study, and the number of files used; a message names each file that cannot be used."""
     levels = []
     kinds = [kind for kind in KINDS if kind.name in chosen]
     with progress() as bar:

@@ -1,4 +1,4 @@
-"""`isoshape sampling`: the paper's evidence on its samples, Figs. 2 and 3, on any meshes."""
+"""`isoshape sampling`: the paper's evidence for its samples, Figs. 2 and 3, on any meshes."""
 
 import json
 from collections.abc import Callable, Sequence
@@ -35,22 +35,24 @@ Source = tuple[str, Callable[[], Mesh]]
 def command(
     paths: Annotated[
         list[Path] | None,
-        typer.Argument(metavar="[PATH]...", help="Mesh files, and folders of them. [default: made shapes]"),
+        typer.Argument(
+            metavar="[PATH]...", help="Mesh files and folders of mesh files. [default: made shapes]"
+        ),
     ] = None,
     *,
     poses: Annotated[
-        list[Path] | None, typer.Option(help="A mesh of one body in some pose; repeatable, twice or more.")
+        list[Path] | None, typer.Option(help="A mesh of one body in one pose; give two or more.")
     ] = None,
     out: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Write sampling.md and its pictures there.")
+        Path | None, typer.Option(metavar="DIR", help="Write sampling.md and its pictures to this folder.")
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print all numbers as one object.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print all numbers as one JSON object.")] = False,
 ) -> None:
-    """Measure how vertices are sampled: Figs. 2 and 3 of the paper, with both readings of its weights.
+    """Measure how vertices are sampled (Figs. 2 and 3).
 
-    Error of the fit by degree; the histogram of geodesic distances by sparse ratio; the selections by Lewis
-    weight against Poisson-disk and farthest-point sampling; samples under noise and between poses. A shape
-    takes about ten seconds.
+    The measures are the error of the fit by degree, the histogram of geodesic distances by sparse ratio, the
+    selections by Lewis weight against Poisson-disk and farthest-point sampling, and the samples under noise
+    and between poses, with both readings of the paper's weights. A shape takes about ten seconds.
     """
     shapes, bodies = _shapes(paths or []), _poses(paths or [], poses or [])
     found: list[ShapeMeasures] = []
@@ -99,13 +101,13 @@ def _shapes(paths: Sequence[Path]) -> list[Source]:
         return [(label, partial(make_shape, label, 0)) for label in CLASSES]
     files = find_meshes(paths).files
     if not files:
-        fail(f"no meshes there; the formats read are {', '.join(READABLE)}")
+        fail(f"no meshes found; the formats read are {', '.join(READABLE)}")
     return [(str(file.path), partial(_read, file.path)) for file in files]
 
 
 def _poses(paths: Sequence[Path], poses: Sequence[Path]) -> list[Source]:
     if len(poses) == 1:
-        fail("one pose has nothing to be compared with; name two or more", status=2)
+        fail("one pose cannot be compared; name two or more", status=2)
     if poses or paths:
         return [(str(path), partial(_read, path)) for path in poses]
     return [(f"one person, pose {pose + 1}", partial(make_person, 0, pose)) for pose in range(BODY_POSES)]
@@ -125,7 +127,7 @@ def _source(study: Study, *, made: bool) -> str:
 
 
 def _object(study: Study) -> dict[str, object]:
-    """What `--json` prints."""
+    """The object that `--json` prints."""
     return {
         "degrees": DEGREES,
         "taus": TAUS,
@@ -145,7 +147,7 @@ def _print(tables: Sequence[TextTable]) -> None:
     for text in tables:
         table = Table(title=text.title, box=box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
         for i, column in enumerate(text.columns):
-            # The head no wider than what is below it, where its words allow.
+            # The heading is as narrow as the cells below it, where its words allow.
             width = max(len(cell) for cell in (*column.split(), *(row[i] for row in text.rows)))
             table.add_column(fill(column, width), justify="right" if i else "left", overflow="fold")
         for row in text.rows:
@@ -155,8 +157,8 @@ def _print(tables: Sequence[TextTable]) -> None:
 
 
 def _write(folder: Path, text: str, drawn: Surface, study: Study, poses: Sequence[Surface]) -> None:
-    # Here, and not above: no other command draws, and the drawing library takes a second to load and wants a
-    # folder for its fonts, which a service with a read-only disk does not have.
+    # Here, because matplotlib takes a second to import and needs a folder for its fonts, which a service on a
+    # read-only disk does not have.
     from service.studies.sampling.figures import (  # noqa: PLC0415
         fit_figure,
         methods_figure,

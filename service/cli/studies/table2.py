@@ -1,4 +1,4 @@
-"""`isoshape table2`: the paper's Table 2 beside what is measured here, category by category."""
+"""`isoshape table2`: the paper's Table 2 beside the accuracies measured here, category by category."""
 
 import json
 from collections.abc import Mapping
@@ -13,7 +13,7 @@ from core.evaluation.retrieval_measures import Evaluation, evaluate
 from core.parameters import DEFAULT, PAPER
 from core.studies.published_figures import ALL_CATEGORIES, METHODS, TABLE_2, Category
 from service.cli.options import Workers
-from service.console import fail
+from service.console import fail, say
 from service.datasets import read_collection
 from service.studies.baselines.methods import Method
 from service.studies.pairwise_scores import default_workers
@@ -25,7 +25,7 @@ TITLES = {"cc": "cc", "combined": "combined", "shapedna": "ShapeDNA", "icp": "IC
 
 @dataclass(frozen=True)
 class Line:
-    """A class: its category in the paper, if it is one there, and accuracies here by method, in per cent."""
+    """A class: its category in the paper, if any, and the accuracies measured here by method, in per cent."""
 
     label: str
     category: Category | None
@@ -43,31 +43,39 @@ class Line:
 
 def command(
     folder: Annotated[
-        Path, typer.Argument(metavar="DIR", help="Folder with labels.csv, or of class folders.")
+        Path,
+        typer.Argument(metavar="DIR", help="Folder of meshes with labels.csv, or with a folder a class."),
     ],
     *,
     setting: Annotated[
         Literal["paper", "default"], typer.Option(help="Parameters of the method.")
     ] = "default",
-    rivals: Annotated[
-        bool, typer.Option("--rivals/--no-rivals", help="Whether ShapeDNA, ICP and MDS are run as well.")
+    baselines: Annotated[
+        bool, typer.Option("--baselines/--no-baselines", help="Measure ShapeDNA, ICP and MDS too.")
     ] = True,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one object.")] = False,
+    rivals: Annotated[
+        bool | None, typer.Option("--rivals/--no-rivals", hidden=True, help="Deprecated: use --baselines.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
     limit: Annotated[
-        int | None, typer.Option(min=2, help="Evaluate this many shapes only, spread over the classes.")
+        int | None, typer.Option(min=2, help="Use only this many shapes, spread over the classes.")
     ] = None,
     workers: Workers = None,
 ) -> None:
-    """Compare with the paper's Table 2: the share of a class' shapes whose first neighbour is of their class.
+    """Measure the paper's Table 2, category by category.
 
-    Classes are matched with the paper's categories by the names of the Princeton Segmentation Benchmark
-    (Human, Fourleg, Airplane, Bird, Fish, Cup). Of the paper's rivals, ICP and MDS are run here by libraries;
-    Parts and TPS-RPM have none.
+    The accuracy of a class is the share of its shapes whose nearest neighbour is of the same class. Classes
+    and the paper's categories are matched by the names of the Princeton Segmentation Benchmark (Human,
+    Fourleg, Airplane, Bird, Fish, Cup). Of the paper's baselines, libraries provide ICP and MDS, but neither
+    Parts nor TPS-RPM.
     """
+    if rivals is not None:
+        say("--rivals and --no-rivals are deprecated: use --baselines and --no-baselines")
+        baselines = rivals
     files = read_collection(folder)
     if limit is not None:
         files = spread(files, limit)
-    methods = list(Method) if rivals else []
+    methods = list(Method) if baselines else []
     for method in methods:
         ready(method)
     labels, scores = score_collection(
@@ -101,9 +109,9 @@ def command(
 
 
 def compared(found: Mapping[str, Evaluation]) -> list[Line]:
-    """A line a class: those of the paper in its order, then the others by name.
+    """One line for each class: the classes of the paper in its order, then the others by name.
 
-    A class is left out where a method has fewer than two shapes of it.
+    A class is left out where a method has fewer than two of its shapes.
     """
     shared = set.intersection(*(set(figures.per_class) for figures in found.values()))
     names = {name.casefold(): name for name in sorted(shared)}
@@ -120,7 +128,7 @@ def means(lines: list[Line]) -> dict[str, float]:
 
 
 def markdown(lines: list[Line]) -> str:
-    """The table, and sentences on how it compares."""
+    """The table, and sentences that compare it with the paper."""
     inside = [line for line in lines if line.category is not None]
     head = [
         "category",

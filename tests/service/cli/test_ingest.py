@@ -100,7 +100,7 @@ def test_what_is_called_an_archive_and_is_none(archive: Client, tmp_path: Path, 
 def test_nothing_to_store(tmp_path: Path, run: Run) -> None:
     done = run("ingest", tmp_path)
     assert done.status == 1
-    assert done.stderr.startswith("isoshape: no meshes there")
+    assert done.stderr.startswith("isoshape: no meshes found")
     assert run("ingest", tmp_path / "nowhere").status == 1
 
 

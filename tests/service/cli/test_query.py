@@ -79,7 +79,7 @@ def test_filters(archive: Client, cup: Path, run: Run) -> None:
     assert found("--metadata", "made=here") == {"cup.off"}
     assert found("--exclude", same.id) == found("--exclude-self") == everything - {"cup.off"}
     none = run("query", cup, "--min-cc", 1, "--name", "octopus", "--url", archive.url)
-    assert none.stdout == "no shape that was compared has so high a cc\n"
+    assert none.stdout == "no compared shape has so high a cc\n"
 
 
 def test_a_page_with_pictures(archive: Client, cup: Path, run: Run, tmp_path: Path) -> None:
@@ -104,7 +104,7 @@ def test_a_page_with_pictures(archive: Client, cup: Path, run: Run, tmp_path: Pa
 
 def test_nothing_stored(archive: Client, cup: Path, run: Run) -> None:
     done = run("query", cup, "--url", archive.url)
-    assert (done.status, done.stdout) == (0, "nothing is stored that could be compared\n")
+    assert (done.status, done.stdout) == (0, "no stored shape could be compared\n")
 
 
 def test_bad_files_and_options(archive: Client, tmp_path: Path, run: Run) -> None:

@@ -70,7 +70,7 @@ def test_stopped_and_killed_it_goes_on_and_does_nothing_twice(
     for number, status in ((signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGKILL, -9)):
         returned, said = interrupted(tmp_path, len(done) + 2, number)
         assert returned == status
-        assert ("goes on from there" in said) == (number != signal.SIGKILL)
+        assert ("the same command continues" in said) == (number != signal.SIGKILL)
         before, done = done, embeddings(tmp_path)
         assert done[: len(before)] == before
         assert len(before) + 2 <= len(done) < STORED

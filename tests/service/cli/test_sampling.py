@@ -76,7 +76,7 @@ def test_a_bad_file_costs_the_others_nothing(run, folder):
 
 def test_nothing_to_sample(run, folder, tmp_path):
     (tmp_path / "empty").mkdir()
-    assert "no meshes there" in run("sampling", tmp_path / "empty").stderr
+    assert "no meshes found" in run("sampling", tmp_path / "empty").stderr
     (folder / "broken.off").write_bytes(b"")
     done = run("sampling", folder / "broken.off")
     assert done.status == 1

@@ -85,8 +85,9 @@ def test_accuracies_are_those_of_evaluate(collection: Path, run: Run) -> None:
         )
 
 
-def test_without_rivals_no_other_library_is_needed(
-    collection: Path, run: Run, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("option", ["--no-baselines", "--no-rivals"])
+def test_without_baselines_no_other_library_is_needed(
+    collection: Path, run: Run, option: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "lapy", None)
     monkeypatch.delitem(sys.modules, "service.studies.baselines.shapedna", raising=False)
@@ -94,6 +95,7 @@ def test_without_rivals_no_other_library_is_needed(
     asked = run("table2", collection)
     assert (asked.status, asked.stdout) == (2, "")
     assert "pip install isoshape[peers]" in asked.stderr
-    done = run("table2", collection, "--no-rivals", "--limit", 4, "--setting", "paper")
+    done = run("table2", collection, option, "--limit", 4, "--setting", "paper")
     assert done.status == 0
+    assert ("deprecated" in done.stderr) == (option == "--no-rivals")
     assert "| here: cc | here: combined |" in done.stdout

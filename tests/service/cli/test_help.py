@@ -1,0 +1,82 @@
+"""The help of `isoshape`: groups, whole summaries, and nothing imported for it that a command needs."""
+
+import re
+import subprocess
+import sys
+from importlib import import_module
+from pathlib import Path
+from typing import get_args
+
+import pytest
+
+from service import cli
+from service.cli.command_table import COMMANDS, LONGEST_SUMMARY, Group
+from tests.service.cli.conftest import Run
+
+
+def modules_with_a_command() -> set[str]:
+    folder = Path(cli.__file__).parent
+    return {
+        ".".join(("service.cli", *path.relative_to(folder).with_suffix("").parts))
+        for path in folder.rglob("*.py")
+        if re.search(r"^def command\(", path.read_text(encoding="utf-8"), re.MULTILINE)
+    }
+
+
+def test_the_table_names_every_command() -> None:
+    assert {f"{command.package}.{name}" for name, command in COMMANDS.items()} == modules_with_a_command()
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_a_summary_is_the_first_line_of_the_docstring(name: str) -> None:
+    function = import_module(f"{COMMANDS[name].package}.{name}").command
+    assert COMMANDS[name].summary == function.__doc__.splitlines()[0]
+    assert len(COMMANDS[name].summary) <= LONGEST_SUMMARY == 60
+    assert COMMANDS[name].summary.endswith(".")
+
+
+def test_help_has_every_command_in_its_group_on_one_line(run: Run) -> None:
+    text = run("--help").stdout
+    for group in get_args(Group):
+        section = re.search(rf"^{group}:\n((?:  .*\n?)+)", text, re.MULTILINE)
+        assert section is not None
+        rows = [tuple(line.split(maxsplit=1)) for line in section[1].splitlines()]
+        assert rows == [(name, c.summary) for name, c in COMMANDS.items() if c.group == group]
+    assert max(map(len, text.splitlines())) <= 80
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_command_has_help(run: Run, name: str) -> None:
+    done = run(name, "--help")
+    assert done.status == 0
+    assert COMMANDS[name].summary in done.stdout
+
+
+def test_an_unknown_command_is_told_what_it_may_be(run: Run) -> None:
+    done = run("queri")
+    assert done.status == 2
+    assert "Did you mean 'query'?" in done.stderr
+
+
+def test_help_imports_no_command() -> None:
+    script = (
+        "import sys\n"
+        "from service.cli import main\n"
+        "sys.argv = ['isoshape', '--help']\n"
+        "try:\n"
+        "    main()\n"
+        "finally:\n"
+        "    print(*sys.modules, sep='\\n', file=sys.stderr)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    imported = set(done.stderr.splitlines())
+    assert "Research:" in done.stdout
+    assert "typer" in imported
+    heavy = {"numba", "numpy", "scipy", "matplotlib", "sqlalchemy", "pydantic", "fastapi", "uvicorn", "httpx"}
+    assert imported & heavy == set()
+    assert not [
+        name
+        for name in imported
+        if name.startswith(("core.", "service.cli.studies"))  # fmt: skip
+        and name != "core.errors"
+    ]

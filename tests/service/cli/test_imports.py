@@ -1,0 +1,63 @@
+"""Commands that only talk to a service import neither compiled code nor the database."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from service.client import Client
+from tests.service.cli.conftest import mesh_bytes
+
+HEAVY = {"numba", "llvmlite", "sqlalchemy", "scipy", "numpy", "fastapi", "starlette", "uvicorn", "trimesh"}
+
+SCRIPT = """
+import sys
+from service.cli import main
+sys.argv[0] = "isoshape"
+try:
+    main()
+finally:
+    print("imported:", *sys.modules, file=sys.stderr)
+"""
+
+
+def imported_by(*arguments: object) -> set[str]:
+    """What a command has imported at its end, in a process of its own."""
+    command = [sys.executable, "-c", SCRIPT, *map(str, arguments)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return set(done.stderr.splitlines()[-1].removeprefix("imported:").split())
+
+
+@pytest.fixture
+def cup(tmp_path: Path) -> Path:
+    path = tmp_path / "cup.off"
+    path.write_bytes(mesh_bytes("cup", 0))
+    return path
+
+
+def test_a_command_on_a_service_is_light(archive: Client, cup: Path) -> None:
+    for arguments in (
+        ("ingest", cup, "--url", archive.url),
+        ("query", cup, "--url", archive.url),
+        ("query", cup, "--json", "--url", archive.url),
+        ("duplicates", "--url", archive.url),
+        ("collections", "--url", archive.url),
+        ("key",),
+    ):
+        imported = imported_by(*arguments)
+        assert {"typer", f"service.cli.{arguments[0]}"} <= imported
+        assert imported & HEAVY == set(), arguments
+    assert [shape.name for shape in archive.shapes()] == ["cup.off"]
+
+
+def test_the_library_and_the_client_are_light_until_they_are_used() -> None:
+    script = "import sys, core, service.client; print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert set(done.stdout.split()) & HEAVY == set()
+
+
+def test_a_database_is_reached_by_the_whole_service(cup: Path, tmp_path: Path) -> None:
+    imported = imported_by("query", cup, "--url", f"sqlite:///{tmp_path}/archive.sqlite3")
+    assert {"sqlalchemy", "fastapi", "uvicorn"} <= imported
