@@ -9,8 +9,8 @@ from time import perf_counter
 import numpy as np
 
 from service.client import Client
-from service.server.child_process import ChildService
 from service.server.address import LOOPBACK, bind
+from service.server.child_process import ChildService
 from service.server.uvicorn_server import wait_until_ready
 from service.studies.benchmark.archive import Original, fill, label_of, shape_id
 
