@@ -16,7 +16,7 @@ from service.observability import logging
 from service.pipelines import repository
 from service.server.child_process import sigterm_exits
 from service.settings import Settings, load_parameters, load_settings
-from service.shapes.reembedding import ReembeddingResult, Reembedding
+from service.shapes.reembedding import Reembedding, ReembeddingResult
 from service.storage.database import Database
 from service.storage.migrate import migrate
 

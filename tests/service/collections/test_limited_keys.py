@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import httpx
 import pytest
 
-from service.auth.keys import KeyEntry, Grant, KeyRing, digest_of
+from service.auth.keys import Grant, KeyEntry, KeyRing, digest_of
 from service.collections.dependencies import HEADER, PARAMETER, allowed
 from service.errors import BadRequestFieldsError, ForbiddenError
 from service.settings import Settings

@@ -18,7 +18,7 @@ from service.errors import ClusterUnavailableError, WorkerLostError
 from service.search import service as search_service
 from service.search.ranking import Compared
 from service.shapes import reembedding as reembedding_module
-from service.shapes.reembedding import ReembeddingResult, Reembedding
+from service.shapes.reembedding import Reembedding, ReembeddingResult
 from tests.service.engines import on_both
 from tests.service.pipeline_files import active, embeddings, fingerprints, write_parameters
 from tests.service.support import (
