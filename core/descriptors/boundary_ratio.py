@@ -1,11 +1,10 @@
 """The boundary ratio: how much of a surface may be missing, estimated from its boundary loops."""
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
+from core.mesh.boundary import boundary_edges
 from core.mesh.cleaning import component_areas
-from core.mesh.edges import HalfEdges
+from core.mesh.edges import HalfEdges, component_labels
 from core.mesh.mesh import Mesh
 
 LEAST_COMPONENT_AREA = 0.01
@@ -29,13 +28,12 @@ def boundary_ratio(mesh: Mesh, sides: HalfEdges, area: float) -> float:
     area : float
         Area of the surface, > 0.
     """
-    edges = sides.edges[sides.face_counts == 1]
+    edges = boundary_edges(sides)
     if len(edges):
         edges = edges[component_areas(mesh)[edges[:, 0]] >= LEAST_COMPONENT_AREA * area]
     if not len(edges):
         return 0.0
     lengths = np.linalg.norm(mesh.vertices[edges[:, 0]] - mesh.vertices[edges[:, 1]], axis=1)
-    graph = coo_array((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(len(mesh.vertices),) * 2)
-    _, loop = connected_components(graph, directed=False)
-    loop_lengths = np.bincount(loop[edges[:, 0]], weights=lengths) / np.sqrt(area)
+    _, labels = component_labels(len(mesh.vertices), edges)
+    loop_lengths = np.bincount(labels[edges[:, 0]], weights=lengths) / np.sqrt(area)
     return float((loop_lengths**2).sum() / (4.0 * np.pi))

@@ -20,6 +20,7 @@ from core.descriptors.spin_images import (
     spin_image_count,
     spin_images,
 )
+from core.mesh.boundary import boundary_edges
 from core.mesh.cleaning import face_areas
 from core.mesh.edges import half_edges
 from core.mesh.mesh import Mesh
@@ -76,8 +77,7 @@ def _boundary_points(surface: Mesh) -> Floats:
 
     The edges of a needle are long beside the root of its area; `MOST_BOUNDARY_POINTS` bounds their number.
     """
-    sides = half_edges(surface.faces)
-    start, end = (surface.vertices[ends] for ends in sides.edges[sides.face_counts == 1].T)
+    start, end = (surface.vertices[ends] for ends in boundary_edges(half_edges(surface.faces)).T)
     area = face_areas(surface.vertices, surface.faces).sum()
     lengths = np.linalg.norm(end - start, axis=1)
     step = max(

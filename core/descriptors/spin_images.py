@@ -14,6 +14,7 @@ import numpy as np
 
 from core.arrays import Bytes, Floats, Ints
 from core.mesh.cleaning import face_areas
+from core.mesh.face_normals import face_normals
 from core.mesh.mesh import Mesh
 from core.numerics.compilation import compiled, constant
 from core.sampling.surface_samples import evenly_spread
@@ -78,9 +79,7 @@ def spin_images(surface: Mesh, missing: float = 0.0) -> SpinImages:
     count = round(POINTS * (1.0 - missing))
     points, faces = evenly_spread((corners - centre) / unit, areas, count)
     keypoints = np.linspace(0, count - 1, spin_image_count(missing)).astype(np.int64)
-    about = corners[faces[keypoints]]
-    normals = np.cross(about[:, 1] - about[:, 0], about[:, 2] - about[:, 0])
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(np.float64).tiny)
+    normals = face_normals(corners[faces[keypoints]])
     counts = _histograms(constant(points), constant(keypoints), constant(normals), np.array(RADII))
     shares = counts / (POINTS * np.array(RADII) ** 2)[:, None]
     quantised = np.minimum(np.round(BYTE_SCALE * np.sqrt(shares)), 255.0).astype(np.uint8)

@@ -9,6 +9,7 @@ from scipy.sparse import coo_array
 from core.arrays import Floats, Ints
 from core.gallery.grid import Grid, cell_size
 from core.gallery.parts import Part
+from core.mesh.face_normals import face_normals
 
 _SURPLUS = 2.0
 """Vertices of the isosurface for each one asked, so that the decimation has a choice."""
@@ -53,17 +54,10 @@ def _relaxed(grid: Grid, points: Floats, faces: Ints, rounds: int) -> Floats:
     degree = graph.sum(axis=1)[:, None]
     for _ in range(rounds):
         moved = grid.projected(points + 0.5 * (graph @ points / degree - points))
-        before = _normals(points, faces)
+        before = face_normals(points[faces])
         for _ in range(2):
-            folded = np.einsum("ij,ij->i", before, _normals(moved, faces)) < _LEAST_COSINE
+            folded = np.einsum("ij,ij->i", before, face_normals(moved[faces])) < _LEAST_COSINE
             corners = np.unique(faces[folded])
             moved[corners] = points[corners]
         points = moved
     return points
-
-
-def _normals(points: Floats, faces: Ints) -> Floats:
-    a, b, c = points[faces.T]
-    normals = np.cross(b - a, c - a)
-    unit: Floats = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
-    return unit

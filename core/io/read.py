@@ -14,6 +14,7 @@ from core.io import glb, obj, off, ply, step, stl, threemf
 from core.io.checks import DEFAULT_LIMITS, Limits
 from core.io.formats import known
 from core.io.trimesh_adapter import load
+from core.mesh.face_normals import face_normals
 from core.mesh.mesh import Mesh
 
 _CHECKS = {"stl": stl.check, "obj": obj.check, "ply": ply.check, "off": off.check, "glb": glb.check}
@@ -125,9 +126,8 @@ def _degenerate(mesh: Mesh) -> bool:
     for start in range(0, len(mesh.faces), _BLOCK):
         # Scaled first, so that no coordinate is too large or too small for its square.
         corners = mesh.vertices[mesh.faces[start : start + _BLOCK]] / largest
-        first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-        area = np.linalg.norm(np.cross(first, second), axis=1) / 2
-        longest = np.maximum(np.linalg.norm(first, axis=1), np.linalg.norm(second, axis=1))
+        area = np.linalg.norm(face_normals(corners, unit=False), axis=1) / 2
+        longest = np.linalg.norm(corners[:, 1:] - corners[:, :1], axis=2).max(axis=1)
         if (area > 2 * np.finfo(np.float64).eps * longest).any():
             return False
     return True

@@ -4,9 +4,11 @@ Vertices and faces in; a clean, closed and evenly meshed surface in its normal f
 """
 
 __all__ = [
+    "boundary",
     "cleaning",
     "denoising",
     "edges",
+    "face_normals",
     "hole_filling",
     "mesh",
     "normal_frame",

@@ -4,6 +4,7 @@ import numpy as np
 from scipy.sparse import csr_array, diags_array
 
 from core.arrays import Floats
+from core.mesh.face_normals import face_normals
 from core.mesh.mesh import Mesh
 
 SHRINK, GROW = 0.5, -0.53
@@ -21,8 +22,7 @@ def neighbour_means(mesh: Mesh) -> csr_array:
 
 def vertex_normals(mesh: Mesh) -> Floats:
     """Area-weighted unit vertex normals, shape (n, 3); 0 where the normals of the faces cancel."""
-    corners = mesh.vertices[mesh.faces]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals = face_normals(mesh.vertices[mesh.faces], unit=False)
     sums = np.stack(
         [
             np.bincount(mesh.faces.ravel(), np.repeat(normals[:, axis], 3), len(mesh.vertices))

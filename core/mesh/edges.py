@@ -65,11 +65,11 @@ def starts_of(*columns: Ints) -> NDArray[np.bool_]:
 
 
 @compiled
-def _join(faces: Ints, root: Ints) -> None:
+def _join(cells: Ints, root: Ints) -> None:
     """Set `root` of each vertex to the first vertex of its component, by union-find."""
-    for f in range(len(faces)):
-        for side in range(2):
-            a, b = faces[f, side], faces[f, side + 1]
+    for f in range(len(cells)):
+        for side in range(cells.shape[1] - 1):
+            a, b = cells[f, side], cells[f, side + 1]
             while root[a] != a:
                 root[a] = root[root[a]]
                 a = root[a]
@@ -84,14 +84,15 @@ def _join(faces: Ints, root: Ints) -> None:
         root[v] = root[root[v]]
 
 
-def component_labels(count: int, faces: Ints) -> tuple[int, Ints]:
-    """Connected components of the vertices, linked by the edges of the faces.
+def component_labels(count: int, cells: Ints) -> tuple[int, Ints]:
+    """Connected components of the vertices, linked by edges or by the edges of faces.
 
     Parameters
     ----------
     count : int
         Number of vertices n.
-    faces : int64, shape (f, 3)
+    cells : int64, shape (f, 3) or (e, 2)
+        Faces or edges.
 
     Returns
     -------
@@ -101,6 +102,6 @@ def component_labels(count: int, faces: Ints) -> tuple[int, Ints]:
         Component of each vertex; components are numbered by their first vertices.
     """
     root = np.arange(count)
-    _join(constant(faces), root)
+    _join(constant(cells), root)
     first = root == np.arange(count)
     return int(first.sum()), (np.cumsum(first) - 1)[root]

@@ -7,10 +7,8 @@ surface is no larger than the disc of its boundary loop.
 """
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
-from core.arrays import Ints
+from core.mesh.boundary import boundary_half_edges, boundary_loops
 from core.mesh.cleaning import component_areas
 from core.mesh.edges import HalfEdges, half_edges
 from core.mesh.mesh import Mesh
@@ -36,15 +34,12 @@ def fill_holes(mesh: Mesh, most: float, sides: HalfEdges | None = None) -> Mesh:
     Mesh
         The given mesh if no loop is closed; else a mesh with the new vertices and faces at the end.
     """
-    start, end = _boundary_edges(mesh.faces, half_edges(mesh.faces) if sides is None else sides)
-    if not len(start):
-        return mesh
-    loops = _boundary_loops(start, end, len(mesh.vertices))
-    count = int(loops.max()) + 1
-    if not count:
-        return mesh
+    edges = boundary_half_edges(mesh.faces, half_edges(mesh.faces) if sides is None else sides)
+    loops = boundary_loops(edges, len(mesh.vertices))
     on = loops >= 0
-    start, end, loops = start[on], end[on], loops[on]
+    if not on.any():
+        return mesh
+    (start, end), loops = edges[on].T, loops[on]
     lengths = np.linalg.norm(mesh.vertices[start] - mesh.vertices[end], axis=1)
     whole = np.bincount(loops, weights=lengths)
     area = component_areas(mesh)[start[np.unique(loops, return_index=True)[1]]]
@@ -58,29 +53,3 @@ def fill_holes(mesh: Mesh, most: float, sides: HalfEdges | None = None) -> Mesh:
     used = closed[loops]
     fans = np.stack([end[used], start[used], number[loops[used]]], axis=1)
     return Mesh(np.concatenate([mesh.vertices, middles[closed]]), np.concatenate([mesh.faces, fans]))
-
-
-def _boundary_edges(faces: Ints, sides: HalfEdges) -> tuple[Ints, Ints]:
-    """Start and end of each boundary edge, directed as in its face, two arrays of shape (b,)."""
-    alone = sides.order[sides.first[sides.face_counts == 1]]
-    return faces.ravel()[alone], faces[:, [1, 2, 0]].ravel()[alone]
-
-
-def _boundary_loops(start: Ints, end: Ints, vertices: int) -> Ints:
-    """The boundary loop of each boundary edge, shape (b,), numbered by first vertex; -1 where edges branch.
-
-    At each vertex of a loop one boundary edge starts and one ends.
-    """
-    graph = coo_array((np.ones(len(start)), (start, end)), shape=(vertices, vertices))
-    _, part = connected_components(graph, directed=False)
-    once = np.bincount(start, minlength=vertices) == np.bincount(end, minlength=vertices)
-    once &= np.bincount(start, minlength=vertices) <= 1
-    bad = np.zeros(len(once), dtype=bool)
-    bad[part[~once]] = True
-    good = np.flatnonzero(~bad[part[start]])
-    loops = np.full(len(start), -1, dtype=np.int64)
-    _, first, inverse = np.unique(part[start[good]], return_index=True, return_inverse=True)
-    lowest = np.full(len(first), vertices)
-    np.minimum.at(lowest, inverse, start[good])
-    loops[good] = np.argsort(np.argsort(lowest))[inverse]
-    return loops

@@ -11,7 +11,7 @@ Block = Literal["alone", "together", "without"]
 
 @dataclass(frozen=True)
 class Change:
-    """A step: parameters, by their flat keys, that change together from `paper` to `default`, and the ranking."""
+    """A step: parameters (flat keys) that change together from `paper` to `default`, and the ranking."""
 
     title: str
     fields: tuple[str, ...]

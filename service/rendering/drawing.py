@@ -12,6 +12,7 @@ from mpl_toolkits.mplot3d import Axes3D
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from numpy.typing import NDArray
 
+from core.mesh.face_normals import face_normals
 from core.mesh.mesh import Mesh
 
 SURFACE = (0.80, 0.83, 0.87)
@@ -50,9 +51,7 @@ class Panel:
 
 def _shade(panel: Panel) -> NDArray[np.float64]:
     mesh = panel.mesh
-    corners = mesh.vertices[mesh.faces]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+    normals = face_normals(mesh.vertices[mesh.faces])
     light = 0.45 + 0.55 * np.clip(normals @ TOWARDS_LIGHT, 0.0, 1.0)
     colours = panel.painted[mesh.faces].mean(axis=1) if len(panel.painted) else np.array([panel.colour])
     return np.asarray(light[:, None] * colours)

@@ -7,6 +7,7 @@ import numpy as np
 from PIL import Image
 
 from core.arrays import Floats, Ints
+from core.mesh.face_normals import face_normals
 from core.mesh.mesh import Mesh
 from service.rendering.colours import spread
 from service.rendering.rasteriser import NOTHING, nearest_triangles
@@ -87,9 +88,7 @@ def _shares(corners: Floats, pixels: Floats) -> Floats:
 
 def _light(corners: Floats) -> Floats:
     """How bright each triangle is, in [0, 1], from whichever side it is seen."""
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normals[:, 1] *= -1.0
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+    normals = face_normals(corners) * [1.0, -1.0, 1.0]
     # Whichever way its corners go round, the side that is seen faces the eye.
     normals *= np.where(normals[:, 2:] < 0.0, -1.0, 1.0)
     return np.asarray(0.40 + 0.60 * np.clip(normals @ _TOWARDS_LIGHT, 0.0, 1.0))

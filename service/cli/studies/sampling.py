@@ -136,7 +136,7 @@ def _object(study: Study) -> dict[str, object]:
         "robust_tau": ROBUST_TAU,
         "deltas": DELTAS,
         "parameters": {
-            name: getattr(MEASURED, name) for name in ("degree", "epsilon", "coverage_power", "seed")
+            name: getattr(MEASURED.sampling, name) for name in ("degree", "epsilon", "coverage_power", "seed")
         },
         **asdict(study),
     }

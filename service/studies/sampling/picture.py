@@ -8,6 +8,7 @@ from matplotlib.collections import PolyCollection
 from numpy.typing import NDArray
 
 from core.arrays import Floats, Ints
+from core.mesh.face_normals import face_normals
 from core.mesh.mesh import Mesh
 
 _CHUNK = 128
@@ -45,8 +46,7 @@ class Picture:
         # Upright: the normal frame's x points to the thin end, which is mostly the foot.
         places = np.stack([y, -x], axis=1)
         corners = np.column_stack([places, depth])[mesh.faces]
-        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        tilt = np.abs(normals[:, 2]) / np.maximum(np.linalg.norm(normals, axis=1), 1e-300)
+        tilt = np.abs(face_normals(corners)[:, 2])
         order = np.argsort(corners[:, :, 2].mean(axis=1), kind="stable")
         return cls(
             places=places,

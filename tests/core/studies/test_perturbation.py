@@ -150,7 +150,7 @@ def boundary_loops(mesh):
     ends = np.sort(mesh.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
     edges, uses = np.unique(ends, axis=0, return_counts=True)
     edges = edges[uses == 1]
-    _, labels = component_labels(len(mesh.vertices), edges[:, [0, 1, 1]])
+    _, labels = component_labels(len(mesh.vertices), edges)
     rim = np.unique(edges)
     return [mesh.vertices[rim[labels[rim] == label]] for label in np.unique(labels[rim])]
 

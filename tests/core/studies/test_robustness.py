@@ -84,5 +84,5 @@ def test_samples_are_the_share_tau_of_about_so_many_vertices(tau, mesh):
     wanted = min(TAU_CAP, round(tau * len(surface.vertices)))
     assert len(pipeline.embed(mesh).positions) == wanted
     changed = ("name", "samples", "tau", "sample_cap", "refine_vertices", "decimate_above", "decimate_to")
-    for name, value in vars(DEFAULT).items():
-        assert (getattr(parameters, name) == value) or name in changed
+    for key, value in DEFAULT.flat().items():
+        assert parameters.flat()[key] == value or key in changed

@@ -1,7 +1,6 @@
 """`isoshape sampling`: its tables, its object, its page and pictures, and files that cannot be used."""
 
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +17,7 @@ PNG = b"\x89PNG\r\n\x1a\n"
 @pytest.fixture(autouse=True)
 def small(monkeypatch):
     """Surfaces of under 1,000 vertices: distances between all pairs are what takes the time."""
-    features = replace(sampling_surface.MEASURED, refine_vertices=0)
+    features = sampling_surface.MEASURED.with_values(refine_vertices=0)
     monkeypatch.setattr(sampling_surface, "MEASURED", features)
 
 

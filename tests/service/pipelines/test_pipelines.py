@@ -3,7 +3,6 @@
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -124,7 +123,7 @@ def test_an_archive_of_an_unknown_pipeline_is_refused_at_the_start(
     few = write_parameters(tmp_path)
     database = archive_of(few, tmp_path)
     with database.write() as session:
-        session.execute(change(asdict(few)))
+        session.execute(change(few.flat()))
     with pytest.raises(PipelineUnavailableError, match=said) as refused:
         begin(Pipelines(DEFAULT), database)
     assert "isoshape reembed" in str(refused.value)
