@@ -6,7 +6,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import asynccontextmanager, suppress
 from threading import Event
 
-from fastapi import Depends, FastAPI
+from fastapi import FastAPI
 from starlette.concurrency import run_in_threadpool
 from threadpoolctl import threadpool_limits
 
@@ -24,7 +24,6 @@ from service.compute.workers import Workers
 from service.container import Container
 from service.duplicates.endpoints import router as duplicates_router
 from service.http.access_control import AccessControl
-from service.http.duplicate_parameters import refuse_duplicate_parameters
 from service.http.idempotency.keys import InFlight
 from service.http.middleware import BodyLimit, RequestContext
 from service.http.openapi import DESCRIPTION, TAGS, describe
@@ -44,6 +43,7 @@ from service.settings import Settings, load_parameters, load_settings
 from service.shapes.deleted.endpoints import router as deleted_router
 from service.shapes.deleted.service import keep_purging
 from service.shapes.endpoints import router as shapes_router
+from service.shapes.file_endpoints import router as files_router
 from service.storage.database import Database
 from service.storage.migrate import migrate
 from service.system.endpoints import router as service_router
@@ -95,16 +95,17 @@ def create_app(settings: Settings) -> FastAPI:
         summary="Finds, among stored 3D shapes, those most like an uploaded one, whatever their pose.",
         description=DESCRIPTION,
         openapi_tags=TAGS,
-        dependencies=[Depends(refuse_duplicate_parameters)],
         lifespan=lifespan,
         redirect_slashes=False,
         # The framework's own pages take their scripts from a public server.
         docs_url=None,
         redoc_url=None,
     )
+    app.state.settings = settings
     app.include_router(search_router)
     app.include_router(duplicates_router)
     app.include_router(shapes_router)
+    app.include_router(files_router)
     app.include_router(deleted_router)
     app.include_router(jobs_router)
     app.include_router(collections_router)

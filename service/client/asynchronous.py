@@ -157,6 +157,7 @@ class AsyncClient:
     cancel_job = _method(job_calls.cancel_job)
     delete_job = _method(job_calls.delete_job)
     query_file = _method(search_calls.query_file)
+    similar = _method(search_calls.similar)
     query_shape = _method(search_calls.query_shape)
     compare = _method(search_calls.compare)
     duplicates = _method(search_calls.duplicates)

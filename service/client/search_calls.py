@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Any, Literal, TypedDict, Unpack
 
-from service.client.calls import Call, File, given, parsed
+from service.client.calls import Call, File, given, parsed, segment
 from service.duplicates.schemas import DuplicatesAnswer
 from service.search.rank_by import RankBy
 from service.search.schemas import CompareAnswer, QueryAnswer
@@ -31,12 +31,16 @@ class QueryArguments(TypedDict, total=False):
 
 def query_file(file: File, **options: Unpack[QueryArguments]) -> Call[QueryAnswer]:
     """The stored shapes most like a file."""
-    fields = {name: _field(value) for name, value in options.items()}
-    return Call("POST", "/query", parsed(QueryAnswer), data=fields, file=file)
+    return Call("POST", "/query", parsed(QueryAnswer), data=_fields(options), file=file)
+
+
+def similar(shape_id: str, **options: Unpack[QueryArguments]) -> Call[QueryAnswer]:
+    """The stored shapes most like a stored one; the options are part of the address."""
+    return Call("GET", f"/shapes/{segment(shape_id)}/similar", parsed(QueryAnswer), params=_fields(options))
 
 
 def query_shape(shape_id: str, **options: Unpack[QueryArguments]) -> Call[QueryAnswer]:
-    """The stored shapes most like a stored one."""
+    """The same answer as that of `similar`; the options are in the body, so a long list of ids fits."""
     body: dict[str, Any] = {"shape_id": shape_id, **options}
     for name in {"exclude", "filter", "metadata", "tag"} & set(body):
         body[name] = list(body[name])
@@ -68,8 +72,12 @@ def version() -> Call[Version]:
     return Call("GET", "/version", parsed(Version))
 
 
+def _fields(options: QueryArguments) -> dict[str, str | list[str]]:
+    return {name: _field(value) for name, value in options.items()}
+
+
 def _field(value: object) -> str | list[str]:
-    """A query option as a form's field, a list as a field that is repeated."""
+    """A query option as text of a form or an address; a list is a field that is repeated."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, Sequence) and not isinstance(value, str):

@@ -12,6 +12,7 @@ from service.collections import service
 from service.dependencies import Service
 from service.errors import BadRequestFieldsError, FieldFault, ForbiddenError
 from service.http.access_control import COLLECTION_IN_SCOPE, GRANT_IN_SCOPE
+from service.http.duplicate_parameters import once
 
 HEADER, PARAMETER = "Isoshape-Collection", "collection"
 
@@ -41,7 +42,11 @@ class NamedInAddress(BaseModel):
 
 
 async def _chosen(
-    request: Request, container: Service, _named: Named = None, _by_header: NamedByHeader = None
+    request: Request,
+    container: Service,
+    _once: Annotated[None, once(PARAMETER)],
+    _named: Named = None,
+    _by_header: NamedByHeader = None,
 ) -> Collection:
     # FastAPI treats an empty value as missing; here it is a name that no collection has.
     names = {*request.headers.getlist(HEADER), *request.query_params.getlist(PARAMETER)}

@@ -11,6 +11,7 @@ from service.duplicates.options import DuplicatesOptions
 from service.duplicates.schemas import DuplicatesAnswer
 from service.duplicates.service import Duplicates
 from service.http.disconnects import while_connected
+from service.http.duplicate_parameters import once_each
 from service.http.problems import documented
 from service.observability.timings import Timings
 from service.pipelines.active import ActivePipeline
@@ -25,6 +26,7 @@ router = APIRouter(tags=["search"])
     "/duplicates",
     summary="Find near-identical shapes",
     response_model=DuplicatesAnswer,
+    dependencies=[once_each(DuplicatesOptions)],
     responses={
         200: {
             "description": "The groups.",

@@ -11,5 +11,5 @@ __all__ = [
     "openapi",
     "problem_document",
     "problems",
-    "uploads",
+    "request_bodies",
 ]

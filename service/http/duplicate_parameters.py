@@ -1,29 +1,30 @@
-"""Parameters that stand in an address more often than the document says."""
+"""Parameters of an address that are given more often than the OpenAPI document says."""
 
-from collections import Counter
+from collections.abc import Callable, Coroutine
+from typing import Any, get_origin
 
 from fastapi import Request
+from fastapi.params import Depends
+from pydantic import BaseModel
 
 from service.errors import BadRequestFieldsError, FieldFault
 
 
-async def refuse_duplicate_parameters(request: Request) -> None:
-    """Refuse a parameter that is given more than once and is no list: the framework would take the last.
+def once(*names: str) -> Depends:
+    """A dependency that refuses to have one of these parameters repeated; FastAPI takes the last value."""
+    return Depends(_refusing(frozenset(names)))
 
-    Raises
-    ------
-    BadRequestFieldsError
-    """
-    counts = Counter(name for name, _ in request.query_params.multi_items())
-    repeated = {name for name, count in counts.items() if count > 1}
-    if repeated:
-        route = getattr(request.scope.get("route"), "path", "")
-        operation = request.app.openapi()["paths"].get(route, {}).get(request.method.lower(), {})
-        once = {
-            parameter["name"]
-            for parameter in operation.get("parameters", [])
-            if parameter["in"] == "query" and parameter["schema"].get("type") != "array"
-        }
-        if repeated & once:
-            faults = [FieldFault(name, "given more than once") for name in sorted(repeated & once)]
-            raise BadRequestFieldsError(*faults)
+
+def once_each(model: type[BaseModel]) -> Depends:
+    """The same for a model of an address's parameters: for every field that is not a list."""
+    fields = model.model_fields.items()
+    return once(*(name for name, field in fields if get_origin(field.annotation) is not list))
+
+
+def _refusing(names: frozenset[str]) -> Callable[[Request], Coroutine[Any, Any, None]]:
+    async def refuse_duplicates(request: Request) -> None:
+        repeated = sorted(name for name in names if len(request.query_params.getlist(name)) > 1)
+        if repeated:
+            raise BadRequestFieldsError(*(FieldFault(name, "given more than once") for name in repeated))
+
+    return refuse_duplicates

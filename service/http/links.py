@@ -10,6 +10,7 @@ _NAMED = {
     ("get", "/shapes/{shape_id}", "200"): ("shape_id", "$response.body#/id"),
     ("patch", "/shapes/{shape_id}", "200"): ("shape_id", "$response.body#/id"),
     ("post", "/query", "200"): ("shape_id", "$response.body#/results/0/shape/id"),
+    ("get", "/shapes/{shape_id}/similar", "200"): ("shape_id", "$response.body#/results/0/shape/id"),
     ("post", "/jobs", "202"): ("job_id", "$response.body#/id"),
     ("get", "/jobs", "200"): ("job_id", "$response.body#/jobs/0/id"),
     ("get", "/jobs/{job_id}", "200"): ("job_id", "$response.body#/id"),

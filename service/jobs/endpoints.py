@@ -1,27 +1,28 @@
 """The addresses under /jobs."""
 
-from collections.abc import Callable
-from typing import Annotated, Any
+from collections.abc import AsyncIterator, Callable
+from typing import Annotated
 
-from fastapi import APIRouter, Depends, Path, Query, Request, Response
+from fastapi import APIRouter, Depends, Path, Query, Request, Response, UploadFile
 from fastapi.responses import StreamingResponse
-from pydantic import ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 from starlette.concurrency import run_in_threadpool
 
 from service.collections.dependencies import InCollection, address
 from service.dependencies import Service
-from service.errors import BadRequestFieldsError, BusyError
-from service.http.problem_document import faults_of
+from service.errors import BusyError
+from service.http.duplicate_parameters import once
 from service.http.problems import documented
-from service.http.uploads import single, uploaded
+from service.http.request_bodies import RequestBody
 from service.jobs import events, service
 from service.jobs.members import shown
 from service.jobs.records import NewJob, Outcome
 from service.jobs.runner import Runner
-from service.jobs.schemas import Job, JobFields, JobFilePage, JobPage
-from service.shapes.documentation import READ_PROBLEMS, UPLOAD_BODY, WRITE_PROBLEMS
-from service.shapes.fields import base_name, read_metadata, split_tags
+from service.jobs.schemas import Job, JobFilePage, JobPage
+from service.shapes.documentation import READ_PROBLEMS, WRITE_PROBLEMS
+from service.shapes.fields import base_name
 from service.shapes.pages import read_cursor
+from service.shapes.uploads import FormMetadata, FormTags
 
 ADDRESS = "/jobs"
 ARCHIVE_CHARACTERS = 255
@@ -42,24 +43,25 @@ def _runner(request: Request) -> Runner:
 Jobs = Annotated[Runner, Depends(_runner)]
 
 
-def _body() -> dict[str, Any]:
-    """The form, without the fields that are a single shape's."""
-    form = UPLOAD_BODY["content"]["multipart/form-data"]["schema"]
-    file = {
-        "type": "string",
-        "contentMediaType": "application/octet-stream",
-        "description": "The archive: zip (stored or deflated), or tar as it is or packed by gzip, bzip2 or "
-        "xz. Its name does not matter.",
-    }
-    properties = {
-        "file": file,
-        "tags": form["properties"]["tags"],
-        "metadata": form["properties"]["metadata"],
-    }
-    return {
-        "required": True,
-        "content": {"multipart/form-data": {"schema": {**form, "properties": properties}}},
-    }
+async def _receiving(jobs: Jobs) -> AsyncIterator[None]:
+    with jobs.arriving():
+        yield
+
+
+class ArchiveUpload(BaseModel):
+    """An archive of meshes, and the text that people write about each of them."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    file: UploadFile = Field(
+        description="The archive: zip (stored or deflated), or tar, plain or compressed by gzip, bzip2 or "
+        "xz. The service reads the format from the content, not from the file's name."
+    )
+    tags: FormTags
+    metadata: FormMetadata
+
+
+ARCHIVE = RequestBody(ArchiveUpload, limit="max_archive_bytes")
 
 
 @router.post(
@@ -78,40 +80,44 @@ def _body() -> dict[str, Any]:
         "busy",
         *WRITE_PROBLEMS,
     ),
-    openapi_extra={"requestBody": _body()},
+    # Before the body is read: only so many archives are received at a time.
+    dependencies=[Depends(_receiving, scope="function")],
+    openapi_extra=ARCHIVE.openapi,
 )
 async def create_job(
-    request: Request, response: Response, container: Service, jobs: Jobs, collection: InCollection
+    response: Response,
+    container: Service,
+    jobs: Jobs,
+    collection: InCollection,
+    upload: Annotated[ArchiveUpload, Depends(ARCHIVE, scope="function")],
 ) -> Job:
     """Have every mesh in a zip or tar stored as by an upload of its own, with these tags and this metadata.
 
     A shape has the name of its file, without the folders. A file that cannot be stored is refused with its
     cause, and does not hold up the others. The job outlives a restart of the service.
     """
-    settings = container.settings
-    with jobs.arriving():
-        async with uploaded(
-            request, max_bytes=settings.max_archive_bytes, max_fields=settings.max_form_fields
-        ) as form:
-            fields = _fields(form.fields)
-            format = await run_in_threadpool(service.format_of_archive, form.spooled, settings)
-            new = NewJob(
-                collection=collection.number,
-                archive=shown(base_name(form.filename))[:ARCHIVE_CHARACTERS],
-                format=format,
-                size=form.size,
-                tags=tuple(fields.tags),
-                metadata=fields.metadata,
-            )
-            job = await run_in_threadpool(
-                service.receive, container.database, form.spooled, new, settings.max_jobs
-            )
+    settings, file = container.settings, upload.file
+    format = await run_in_threadpool(service.format_of_archive, file.file, settings)
+    new = NewJob(
+        collection=collection.number,
+        archive=shown(base_name(file.filename or ""))[:ARCHIVE_CHARACTERS],
+        format=format,
+        size=file.size or 0,
+        tags=tuple(upload.tags),
+        metadata=upload.metadata,
+    )
+    job = await run_in_threadpool(service.receive, container.database, file.file, new, settings.max_jobs)
     jobs.look()
     response.headers["Location"] = address(f"{ADDRESS}/{job.id}", collection)
     return await run_in_threadpool(events.read, container.database, collection.number, job.id)
 
 
-@router.get(ADDRESS, summary="List jobs", responses=documented(*READ_PROBLEMS))
+@router.get(
+    ADDRESS,
+    summary="List jobs",
+    responses=documented(*READ_PROBLEMS),
+    dependencies=[once("cursor", "limit")],
+)
 def list_jobs(
     container: Service, collection: InCollection, cursor: Cursor = None, limit: Limit = 50
 ) -> JobPage:
@@ -131,6 +137,7 @@ def read_job(job_id: JobId, container: Service, collection: InCollection) -> Job
     "/jobs/{job_id}/files",
     summary="List the files of a job",
     responses=documented("job-not-found", *READ_PROBLEMS),
+    dependencies=[once("outcome", "cursor", "limit")],
 )
 def list_job_files(
     job_id: JobId,
@@ -201,14 +208,3 @@ async def delete_job(job_id: JobId, container: Service, jobs: Jobs, collection: 
     """Cancel the job, unless it has ended, and delete its record. What it has stored stays."""
     await run_in_threadpool(service.remove, container.database, collection.number, job_id)
     jobs.look()
-
-
-def _fields(form: dict[str, list[str]]) -> JobFields:
-    """The text fields of the form, or a refusal that names what is wrong."""
-    values: dict[str, Any] = {name: single(form, name) for name in form if name != "tags"}
-    values["tags"] = split_tags(form.get("tags", []))
-    values["metadata"] = read_metadata(values.get("metadata") or "{}")
-    try:
-        return JobFields.model_validate(values)
-    except ValidationError as error:
-        raise BadRequestFieldsError(*faults_of(error.errors())) from error

@@ -9,7 +9,6 @@ from service.errors import PROBLEMS
 from service.http.problem_document import TYPE_PREFIX
 from service.jobs import records
 from service.jobs.records import FileRecord, FilesPage, JobRecord, JobsPage, Progress
-from service.shapes.fields import Metadata, Tags
 from service.shapes.pages import write_cursor
 from service.storage.job_states import ENDED
 
@@ -192,12 +191,3 @@ class JobFilePage(BaseModel):
             total=page.total,
             next_cursor=None if page.after is None else write_cursor(page.after),
         )
-
-
-class JobFields(BaseModel):
-    """What may be said of every shape in an archive."""
-
-    model_config = ConfigDict(extra="forbid")
-
-    tags: Tags = []
-    metadata: Metadata = {}

@@ -2,25 +2,29 @@
 
 from typing import Annotated, Any, Literal
 
-from fastapi import APIRouter, Query, Request, Response
+from fastapi import APIRouter, Depends, Query, Request, Response
 
 from core.io import format_of
 from service.collection import DEFAULT_COLLECTION
 from service.collections.dependencies import InCollection
 from service.dependencies import Service
 from service.http.disconnects import while_connected
+from service.http.duplicate_parameters import once
 from service.http.problems import documented
-from service.http.uploads import uploaded
+from service.http.request_bodies import RequestBody
 from service.previews import service
 from service.rendering.glb import MEDIA_TYPE
 from service.rendering.tasks import FACES
 from service.rendering.thumbnail import DRAWING
 from service.shapes import files
-from service.shapes.documentation import FILE_FIELD, FILE_PROBLEMS, READ_PROBLEMS
+from service.shapes.documentation import FILE_PROBLEMS, READ_PROBLEMS
 from service.shapes.endpoints import ShapeId
+from service.shapes.uploads import MeshUpload
 from service.web.answers import page, viewing_page
 
 router = APIRouter(tags=["shapes"])
+
+MESH = RequestBody(MeshUpload)
 
 WORK_PROBLEMS = (
     *READ_PROBLEMS,
@@ -41,6 +45,7 @@ KNOWN: dict[int | str, dict[str, Any]] = {
     "/shapes/{shape_id}/thumbnail.png",
     summary="Get a picture",
     response_class=Response,
+    dependencies=[once("size")],
     responses={
         200: {
             "description": "A picture on a transparent ground.",
@@ -102,28 +107,17 @@ async def read_preview(
         200: {"description": f"A GLB of about {FACES} faces at most.", "content": GLB},
         **documented(*FILE_PROBLEMS, "storage-full"),
     },
-    openapi_extra={
-        "requestBody": {
-            "required": True,
-            "content": {
-                "multipart/form-data": {
-                    "schema": {"type": "object", "required": ["file"], "properties": {"file": FILE_FIELD}}
-                }
-            },
-        }
-    },
+    openapi_extra=MESH.openapi,
 )
-async def make_preview(request: Request, container: Service) -> Response:
-    """The preview of a file, as that of a stored shape: to show what a query is made with."""
-    settings = container.settings
-    async with uploaded(
-        request, max_bytes=settings.max_upload_bytes, max_fields=settings.max_form_fields
-    ) as form:
-        mesh_format = format_of(form.filename)
-        with container.work.admitted():
-            data = await form.bytes()
-            made = await while_connected(request, service.preview(container, data, mesh_format))
-    return Response(made, media_type=MEDIA_TYPE)
+async def make_preview(
+    request: Request, container: Service, upload: Annotated[MeshUpload, Depends(MESH, scope="function")]
+) -> Response:
+    """The preview of a file that is not stored: a page shows it beside the answer to a query."""
+    mesh_format = format_of(upload.file.filename or "")
+    with container.work.admitted():
+        data = await upload.file.read()
+        glb = await while_connected(request, service.preview(container, data, mesh_format))
+    return Response(glb, media_type=MEDIA_TYPE)
 
 
 @router.get(

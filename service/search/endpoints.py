@@ -1,122 +1,113 @@
-"""The addresses /query and /compare."""
+"""The addresses /query, /shapes/{shape_id}/similar and /compare."""
 
-from dataclasses import replace
-from typing import Annotated, Any, Literal, TypeVar
+from collections.abc import Awaitable, Callable
+from typing import Annotated, Literal
 
-from fastapi import APIRouter, Query, Request, Response
-from pydantic import BaseModel, ValidationError
+from fastapi import APIRouter, Depends, Query, Request, Response
 
 from core.io import format_of
-from service.collection import CollectionNumber
-from service.collections.dependencies import PARAMETER, InCollection
+from core.mesh.mesh import Mesh
+from service.collection import Collection
+from service.collections.dependencies import InCollection
 from service.container import Container
 from service.dependencies import Service
-from service.errors import BadRequestFieldsError, FieldFault, UnsupportedBodyError
 from service.http.disconnects import while_connected
-from service.http.problem_document import faults_of
+from service.http.duplicate_parameters import once, once_each
 from service.http.problems import documented
-from service.http.uploads import is_form, is_json, single, uploaded
+from service.http.request_bodies import RequestBody
 from service.observability.timings import Timings
 from service.pipelines.active import ActivePipeline
 from service.rendering.glb import MEDIA_TYPE
-from service.search import partial_queries as partial
-from service.search import service
+from service.search import partial_queries, records, service
 from service.search.comparison_preview import coloured
-from service.search.records import Answer, Comparison, Options
-from service.search.schemas import (
-    SAME_SIZE,
-    CompareAnswer,
-    CompareRequest,
-    QueryAnswer,
-    QueryOptions,
-    StoredQuery,
-)
-from service.shapes.documentation import FILE_FIELD, FILE_PROBLEMS
+from service.search.options import FileQuery, QueryParameters, StoredQuery, merged, search_options
+from service.search.records import Answer, Comparison
+from service.search.schemas import CompareAnswer, CompareRequest, QueryAnswer, QueryOptions
+from service.shapes.documentation import FILE_PROBLEMS
+from service.shapes.endpoints import ShapeId
 from service.web.answers import comparing_page
 
 router = APIRouter(tags=["search"])
 
-Model = TypeVar("Model", bound=BaseModel)
-
-REPEATED = frozenset({"exclude", "filter", "metadata", "tag"})
-
-
-def _as_text(schema: dict[str, Any]) -> dict[str, Any]:
-    """The schema of an option in an address or a form, where nothing is null: it is left out instead."""
-    choices = [choice for choice in schema.get("anyOf", []) if choice != {"type": "null"}]
-    if len(choices) != 1:
-        return schema
-    kept = {key: value for key, value in schema.items() if key not in {"anyOf", "default"}}
-    return {**kept, **choices[0]}
-
-
-_OPTIONS = {name: _as_text(schema) for name, schema in QueryOptions.model_json_schema()["properties"].items()}
-
-QUERY_BODY: dict[str, Any] = {
-    "parameters": [
-        {
-            "name": name,
-            "in": "query",
-            "required": False,
-            "description": schema["description"],
-            "schema": {key: value for key, value in schema.items() if key != "description"},
-        }
-        for name, schema in _OPTIONS.items()
-    ],
-    "requestBody": {
-        "required": True,
-        "content": {
-            "multipart/form-data": {
-                "schema": {
-                    "type": "object",
-                    "required": ["file"],
-                    "properties": {"file": FILE_FIELD, **_OPTIONS},
-                    "additionalProperties": False,
-                }
-            },
-            "application/json": {"schema": StoredQuery.model_json_schema()},
-        },
-    },
-}
+QUERY = RequestBody[FileQuery | StoredQuery](FileQuery, json=StoredQuery)
+WORK_PROBLEMS = (
+    "bad-request-fields",
+    "shape-not-found",
+    "not-embedded",
+    "busy",
+    "shutting-down",
+    "worker-lost",
+    "cluster-unavailable",
+    "time-limit",
+    "file-time-limit",
+    "pipeline-unavailable",
+    "storage-unavailable",
+)
+ANSWER = "The most similar shapes, the best first: by cc, unless rank_by names another score."
 
 
 @router.post(
     "/query",
-    summary="Find the shapes most like one",
-    response_description="The most alike, first of all by cc.",
-    responses=documented(
-        *FILE_PROBLEMS,
-        "shape-not-found",
-        "not-embedded",
-        "time-limit",
-        "pipeline-unavailable",
-        "storage-unavailable",
-        "storage-full",
-    ),
-    openapi_extra=QUERY_BODY,
+    summary="Find similar shapes",
+    response_description=ANSWER,
+    responses=documented(*FILE_PROBLEMS, *WORK_PROBLEMS, "storage-full"),
+    dependencies=[once_each(QueryParameters)],
+    openapi_extra=QUERY.openapi,
 )
-async def query(request: Request, container: Service, collection: InCollection) -> QueryAnswer:
-    """Search with a mesh file, or with a stored shape by its id, whatever pose either is in.
+async def query(
+    request: Request,
+    container: Service,
+    collection: InCollection,
+    address: Annotated[QueryParameters, Query()],
+    body: Annotated[FileQuery | StoredQuery, Depends(QUERY, scope="function")],
+) -> QueryAnswer:
+    """Search with a mesh file, or with a stored shape by its id. Rotation and pose make no difference.
 
-    Options are fields of the form, or of the JSON object, or parameters of the address.
+    Options are fields of the form or of the JSON object, or parameters of the address; the body overrides the
+    address. A JSON object asks the same as `GET /shapes/{shape_id}/similar`.
     """
-    given = {name: request.query_params.getlist(name) for name in request.query_params}
-    address = {name: values for name, values in given.items() if name != PARAMETER}
-    # Also what the body overrides must be sound.
-    _validated(
-        QueryOptions, _values({name: values for name, values in address.items() if name != "shape_id"})
-    )
-    if is_form(request):
-        return await _with_file(request, container, collection.number, address)
-    if is_json(request):
-        return await _with_id(request, container, collection.number, address)
-    raise UnsupportedBodyError("the body must be multipart/form-data with a file, or JSON with a shape_id")
+    options = merged(body, address)
+    if isinstance(body, StoredQuery):
+        return await _similar_to_stored(request, container, collection, body.shape_id, options)
+    mesh_format = format_of(body.file.filename or "")
+    how = search_options(options, collection.number, container.settings, exclude_self=False)
+    with container.work.admitted():
+        data = await body.file.read()
+
+        async def embedded(active_pipeline: ActivePipeline, timings: Timings) -> records.Query:
+            return await service.by_file(
+                container, collection.number, data, mesh_format, active_pipeline, timings
+            )
+
+        async def mesh(_active_pipeline: ActivePipeline) -> Mesh:
+            return await container.work.read(data, mesh_format)
+
+        return await _similar(request, container, embedded, mesh if options.partial else None, how)
+
+
+@router.get(
+    "/shapes/{shape_id}/similar",
+    summary="Find shapes similar to a stored one",
+    response_description=ANSWER,
+    responses=documented(*WORK_PROBLEMS),
+    dependencies=[once_each(QueryParameters)],
+)
+async def similar(
+    shape_id: ShapeId,
+    request: Request,
+    container: Service,
+    collection: InCollection,
+    options: Annotated[QueryParameters, Query()],
+) -> QueryAnswer:
+    """Search with a stored shape: the same as `POST /query` with the shape's id and these options."""
+    return await _similar_to_stored(request, container, collection, shape_id, options)
 
 
 @router.post(
     "/compare",
     summary="Compare two stored shapes",
     response_model=CompareAnswer,
+    dependencies=[once("format")],
     responses={
         200: {
             "description": "The scores and the points; or a GLB with both meshes; or a page that shows them.",
@@ -175,98 +166,40 @@ async def compare(
     return CompareAnswer.of(comparison, milliseconds=timings.so_far())
 
 
-async def _with_file(
-    request: Request, container: Container, collection: CollectionNumber, address: dict[str, list[str]]
+async def _similar_to_stored(
+    request: Request, container: Container, collection: Collection, shape_id: str, options: QueryOptions
 ) -> QueryAnswer:
-    settings = container.settings
-    async with uploaded(
-        request, max_bytes=settings.max_upload_bytes, max_fields=settings.max_form_fields
-    ) as form:
-        options = _validated(QueryOptions, _values({**address, **form.fields}))
-        mesh_format = format_of(form.filename)
-        timings = Timings()
-        with container.work.admitted():
-            data = await form.bytes()
+    own = collection.number
+    how = search_options(options, own, container.settings, exclude_self=True)
 
-            async def found(active_pipeline: ActivePipeline) -> Answer:
-                wanted = await service.by_file(
-                    container, collection, data, mesh_format, active_pipeline, timings
-                )
-                how = _options(options, container, collection, exclude_self=False)
-                if options.partial:
-                    return await partial.search(
-                        container, wanted, lambda: container.work.read(data, mesh_format), how, timings
-                    )
-                return await service.search(container, wanted, how, timings)
+    async def embedded(active_pipeline: ActivePipeline, timings: Timings) -> records.Query:
+        return await service.by_id(container, own, shape_id, active_pipeline, timings)
 
-            answer = await while_connected(request, service.in_one_pipeline(container, found))
-    return _answer(answer, container, timings)
+    async def mesh(active_pipeline: ActivePipeline) -> Mesh:
+        return await partial_queries.stored_mesh(container, own, shape_id, active_pipeline.fingerprint)
 
-
-async def _with_id(
-    request: Request, container: Container, collection: CollectionNumber, address: dict[str, list[str]]
-) -> QueryAnswer:
-    try:
-        body = await request.json()
-    except (ValueError, RecursionError) as error:
-        raise BadRequestFieldsError(FieldFault("body", f"not JSON: {error}")) from error
-    if not isinstance(body, dict):
-        raise BadRequestFieldsError(FieldFault("body", "must be a JSON object"))
-    options = _validated(StoredQuery, {**_values(address), **body})
-    timings = Timings()
     with container.work.admitted():
-
-        async def found(active_pipeline: ActivePipeline) -> Answer:
-            wanted = await service.by_id(container, collection, options.shape_id, active_pipeline, timings)
-            how = _options(options, container, collection, exclude_self=True)
-            if options.partial:
-                stored = partial.stored_mesh
-                return await partial.search(
-                    container,
-                    wanted,
-                    lambda: stored(container, collection, options.shape_id, active_pipeline.fingerprint),
-                    how,
-                    timings,
-                )
-            return await service.search(container, wanted, how, timings)
-
-        answer = await while_connected(request, service.in_one_pipeline(container, found))
-    return _answer(answer, container, timings)
+        return await _similar(request, container, embedded, mesh if options.partial else None, how)
 
 
-def _answer(answer: Answer, container: Container, timings: Timings) -> QueryAnswer:
+async def _similar(
+    request: Request,
+    container: Container,
+    embedded: Callable[[ActivePipeline, Timings], Awaitable[records.Query]],
+    part: Callable[[ActivePipeline], Awaitable[Mesh]] | None,
+    options: records.Options,
+) -> QueryAnswer:
+    """The answer to a query, whose embedding `embedded` gives; `part` reads its mesh, if it is a part."""
+    timings = Timings()
+
+    async def found(active_pipeline: ActivePipeline) -> Answer:
+        wanted = await embedded(active_pipeline, timings)
+        if part is None:
+            return await service.search(container, wanted, options, timings)
+        return await partial_queries.search(
+            container, wanted, lambda: part(active_pipeline), options, timings
+        )
+
+    answer = await while_connected(request, service.in_one_pipeline(container, found))
     container.metrics.stages("query", timings.milliseconds)
     return QueryAnswer.of(answer, milliseconds=timings.so_far())
-
-
-def _values(fields: dict[str, list[str]]) -> dict[str, Any]:
-    """The text fields of a form or an address, of which lists alone may be repeated."""
-    return {name: values if name in REPEATED else single(fields, name) for name, values in fields.items()}
-
-
-def _validated(model: type[Model], values: dict[str, Any]) -> Model:
-    try:
-        return model.model_validate(values)
-    except ValidationError as error:
-        raise BadRequestFieldsError(*faults_of(error.errors())) from error
-
-
-def _options(
-    given: QueryOptions, container: Container, collection: CollectionNumber, *, exclude_self: bool
-) -> Options:
-    shapes = given.filtered(collection)
-    return Options(
-        top_k=given.top_k,
-        rank_by=given.rank_by,
-        exhaustive=given.exhaustive,
-        filter=replace(shapes, tags=(*given.tag, *given.filter), excluded=tuple(given.exclude)),
-        exclude_self=exclude_self if given.exclude_self is None else given.exclude_self,
-        min_cc=-1.0 if given.min_cc is None else given.min_cc,
-        sizes=SAME_SIZE if given.scale == "respect" else None,
-        correspondences=given.correspondences,
-        embedding=given.embedding,
-        shortlist_from=container.settings.shortlist_from,
-        shortlist_length=container.settings.shortlist_length,
-        reranked=container.settings.reranked,
-        finalists=container.settings.finalists,
-    )

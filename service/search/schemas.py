@@ -106,16 +106,6 @@ class QueryOptions(Filters):
     )
 
 
-class StoredQuery(QueryOptions):
-    """A query with a stored shape."""
-
-    model_config = ConfigDict(
-        extra="forbid", json_schema_extra={"example": {"shape_id": SHAPE["id"], "top_k": 3}}
-    )
-
-    shape_id: str = Field(description="The id of the shape to search with.", max_length=64)
-
-
 class Point(BaseModel):
     """One end of a correspondence."""
 

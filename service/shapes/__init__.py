@@ -4,6 +4,7 @@ __all__ = [
     "documentation",
     "endpoints",
     "fields",
+    "file_endpoints",
     "files",
     "filters",
     "pages",
@@ -12,4 +13,5 @@ __all__ = [
     "repository",
     "schemas",
     "service",
+    "uploads",
 ]

@@ -8,8 +8,6 @@ from typing import Annotated, Any
 
 from pydantic import AfterValidator, BeforeValidator, Field, JsonValue
 
-from service.errors import BadRequestFieldsError, FieldFault
-
 NAME_CHARACTERS = 255
 TAG_CHARACTERS = 64
 TAGS = 32
@@ -128,23 +126,6 @@ Metadata = Annotated[
         examples=[{"source": "scan", "year": 2024}],
     ),
 ]
-
-
-def read_metadata(text: str) -> dict[str, Any]:
-    """The object that a form's field `metadata` holds as JSON.
-
-    Raises
-    ------
-    BadRequestFieldsError
-        It is not JSON, or not an object.
-    """
-    try:
-        value = json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise BadRequestFieldsError(FieldFault("metadata", f"not JSON: {error}")) from error
-    if not isinstance(value, dict):
-        raise BadRequestFieldsError(FieldFault("metadata", "must be a JSON object"))
-    return value
 
 
 def plain_values(metadata: dict[str, Any]) -> dict[str, str]:

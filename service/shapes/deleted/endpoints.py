@@ -8,6 +8,7 @@ from pydantic import ConfigDict, Field
 from service.collections.dependencies import InCollection, NamedInAddress
 from service.dependencies import Service
 from service.http.disconnects import while_connected
+from service.http.duplicate_parameters import once_each
 from service.http.problems import documented
 from service.pipelines.active import fingerprint
 from service.shapes.deleted import service
@@ -67,7 +68,12 @@ async def restore_shape(
         return Shape.of(await while_connected(request, work))
 
 
-@router.get("/deleted", summary="List deleted shapes", responses=documented(*READ_PROBLEMS))
+@router.get(
+    "/deleted",
+    summary="List deleted shapes",
+    responses=documented(*READ_PROBLEMS),
+    dependencies=[once_each(Listing)],
+)
 def list_deleted(
     listing: Annotated[Listing, Query()], container: Service, collection: InCollection
 ) -> DeletedShapePage:

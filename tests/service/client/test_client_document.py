@@ -61,6 +61,7 @@ CALLS: list[tuple[str, tuple[object, ...], dict[str, Any], str]] = [
     ("delete_job", ("id",), {}, "DELETE /jobs/{job_id}"),
     ("query_file", (FILE,), SEARCH, "POST /query"),
     ("query_shape", ("id",), SEARCH, "POST /query"),
+    ("similar", ("id",), SEARCH, "GET /shapes/{shape_id}/similar"),
     ("compare", ("id", "other"), {}, "POST /compare"),
     (
         "duplicates",

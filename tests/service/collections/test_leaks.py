@@ -106,6 +106,10 @@ SENT: dict[Operation, list[Send]] = {
     ("GET", "/shapes/{shape_id}/embedding"): [to("GET", "/shapes/{shape_id}/embedding")],
     ("GET", "/shapes/{shape_id}/thumbnail.png"): [to("GET", "/shapes/{shape_id}/thumbnail.png")],
     ("GET", "/shapes/{shape_id}/preview.glb"): [to("GET", "/shapes/{shape_id}/preview.glb")],
+    ("GET", "/shapes/{shape_id}/similar"): [
+        to("GET", "/shapes/{shape_id}/similar", params={"top_k": 100, "exclude_self": False}),
+        to("GET", "/shapes/{shape_id}/similar", params={"partial": True, "correspondences": True}),
+    ],
     ("GET", "/shapes/{shape_id}/view"): [to("GET", "/shapes/{shape_id}/view")],
     ("GET", "/deleted"): [to("GET", "/deleted")],
     ("GET", "/jobs"): [to("GET", "/jobs")],

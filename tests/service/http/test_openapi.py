@@ -42,7 +42,7 @@ def test_the_file_is_the_live_schema(shared: Running) -> None:
 
 def test_writing_it_gives_the_same_bytes_in_another_process(tmp_path: Path) -> None:
     write(tmp_path / "here.json")
-    script = "import sys, pathlib, service.http.openapi as o; o.write(pathlib.Path(sys.argv[1]))"
+    script = "import sys, pathlib, service.openapi_document as o; o.write(pathlib.Path(sys.argv[1]))"
     subprocess.run(
         [sys.executable, "-c", script, str(tmp_path / "there.json")],
         env={"PYTHONPATH": ":".join(sys.path), "PYTHONHASHSEED": "7", PREFIX + "PORT": "1"},

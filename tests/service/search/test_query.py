@@ -1,5 +1,7 @@
 """What a query answers."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -77,6 +79,25 @@ def test_a_query_by_id_is_the_query_by_its_file(stocked: Running) -> None:
     assert by_id["results"] == by_file["results"]
     assert by_id["results"][0]["shape"] == shape
     assert set(by_id["milliseconds"]) == {"read", "shortlist", "compare", "results", "total"}
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {},
+        {"top_k": 8, "exclude_self": False, "rank_by": "combined"},
+        {"filter": ["first", "snake"], "exclude_self": False},
+        {"partial": True, "top_k": 2, "correspondences": True, "embedding": True},
+        {"min_cc": 0.5, "scale": "respect", "exhaustive": True, "name": "first"},
+    ],
+)
+def test_similar_shapes_are_the_query_by_id(stocked: Running, options: dict[str, Any]) -> None:
+    shape = stocked.client.get("/shapes", params={"name": "snake-first"}).json()["shapes"][0]
+    by_body = stocked.client.post("/query", json={"shape_id": shape["id"], **options}).json()
+    by_address = stocked.client.get(f"/shapes/{shape['id']}/similar", params=options).json()
+    times = by_body.pop("milliseconds"), by_address.pop("milliseconds")
+    assert set(times[0]) == set(times[1])
+    assert by_address == by_body
 
 
 @pytest.mark.parametrize(

@@ -62,6 +62,20 @@ def test_a_bad_option_is_refused_by_its_name(service: Running, fields: dict[str,
     assert problem["errors"][0]["field"] == field
     in_address = service.client.post("/query", params=fields, files={"file": ("bird.off", data)})
     assert assert_problem(in_address, 422, "bad-request-fields")["errors"][0]["field"] == field
+    similar = service.client.get("/shapes/none/similar", params=fields)
+    assert assert_problem(similar, 422, "bad-request-fields")["errors"][0]["field"] == field
+
+
+@pytest.mark.parametrize("path", ["/query", "/shapes/none/similar"])
+@pytest.mark.parametrize("metadata", ["year", "=2024"])
+def test_a_bad_filter_is_refused_before_the_file_is_read(service: Running, path: str, metadata: str) -> None:
+    send = (
+        {"method": "POST", "files": {"file": ("bird.off", b"no mesh")}}
+        if path == "/query"
+        else {"method": "GET"}
+    )
+    answer = service.client.request(url=path, params={"metadata": metadata}, **send)  # type: ignore[arg-type]
+    assert assert_problem(answer, 422, "bad-request-fields")["errors"][0]["field"] == "metadata"
 
 
 @pytest.mark.parametrize(

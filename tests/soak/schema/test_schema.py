@@ -47,6 +47,7 @@ BY_LINKS = {
     "GET /shapes/{shape_id}/embedding": 200,
     "DELETE /shapes/{shape_id}": 204,
     "POST /query": 200,
+    "GET /shapes/{shape_id}/similar": 200,
     "GET /jobs/{job_id}": 200,
     "GET /jobs/{job_id}/files": 200,
     "GET /jobs/{job_id}/events": 200,

@@ -1,0 +1,151 @@
+"""Request bodies as dependencies: a form with one file, or JSON, in; a pydantic model out."""
+
+import errno
+from collections.abc import AsyncIterator
+from typing import Any, Generic, Literal, TypeVar, get_origin
+
+from fastapi import Request
+from pydantic import BaseModel, ValidationError
+from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
+from pydantic_core import core_schema
+from starlette.datastructures import FormData
+
+from service.errors import (
+    BadRequestFieldsError,
+    FieldFault,
+    FileTooLargeError,
+    StorageFullError,
+    UnsupportedBodyError,
+)
+from service.http.problem_document import faults_of
+from service.settings import Settings
+
+FORM, JSON = "multipart/form-data", "application/json"
+FILE = "file"
+FIELD_BYTES = 64 * 1024
+
+Model = TypeVar("Model", bound=BaseModel)
+
+
+class RequestBody(Generic[Model]):
+    """A dependency that reads the body of a request into a model.
+
+    FastAPI's own form parameters do not fit here: FastAPI reads the whole body before it calls the first
+    dependency, which would store an upload that the service then refuses, and it takes one media type for an
+    operation.
+
+    Parameters
+    ----------
+    form : type of model
+        The form. Its field `file` is the one file; a field that is a list may be repeated.
+    json : type of model, optional
+        The JSON object that the operation takes as well.
+    limit : str
+        The setting that has the largest size of the file, in bytes.
+    """
+
+    def __init__(
+        self,
+        form: type[Model],
+        *,
+        json: type[Model] | None = None,
+        limit: Literal["max_upload_bytes", "max_archive_bytes"] = "max_upload_bytes",
+    ) -> None:
+        self._form = form
+        self._json = json
+        self._limit = limit
+
+    async def __call__(self, request: Request) -> AsyncIterator[Model]:
+        """The model. The form's file is on disk if it is large, and is closed when the endpoint has ended.
+
+        Raises
+        ------
+        UnsupportedBodyError
+            The body has another media type.
+        BadRequestFieldsError
+            The body is not what the model says.
+        FileTooLargeError
+            The file is larger than the setting allows.
+        StorageFullError
+            There is no room on disk for the file.
+        """
+        media_type = request.headers.get("content-type", "").partition(";")[0].strip().lower()
+        if media_type == FORM:
+            settings: Settings = request.app.state.settings
+            form = await _form_of(request, settings.max_form_fields)
+            try:
+                values = _values(form, self._form, getattr(settings, self._limit))
+                yield _validated(self._form, values)
+            finally:
+                await form.close()
+        elif media_type == JSON and self._json is not None:
+            yield _validated(self._json, await _object_of(request))
+        else:
+            others = "" if self._json is None else ", or JSON"
+            raise UnsupportedBodyError(f"the body must be {FORM} with the file in the field {FILE!r}{others}")
+
+    @property
+    def openapi(self) -> dict[str, Any]:
+        """The operation's part of the OpenAPI document, as `openapi_extra`."""
+        content = {FORM: {"schema": self._form.model_json_schema(schema_generator=_FormSchema)}}
+        if self._json is not None:
+            content[JSON] = {"schema": self._json.model_json_schema()}
+        return {"requestBody": {"required": True, "content": content}}
+
+
+class _FormSchema(GenerateJsonSchema):
+    """The JSON schema of a form, which has no null: a field is left out instead."""
+
+    def nullable_schema(self, schema: core_schema.NullableSchema) -> JsonSchemaValue:
+        """The schema of the values other than null."""
+        return self.generate_inner(schema["schema"])
+
+    def default_schema(self, schema: core_schema.WithDefaultSchema) -> JsonSchemaValue:
+        """The schema, without a default of null."""
+        described = super().default_schema(schema)
+        return {key: value for key, value in described.items() if (key, value) != ("default", None)}
+
+
+async def _form_of(request: Request, max_fields: int) -> FormData:
+    try:
+        return await request.form(max_files=1, max_fields=max_fields, max_part_size=FIELD_BYTES)
+    except OSError as error:
+        if error.errno in {errno.ENOSPC, errno.EDQUOT}:
+            raise StorageFullError("there is no room for the upload in the temporary folder") from error
+        raise
+
+
+def _values(form: FormData, model: type[BaseModel], max_bytes: int) -> dict[str, Any]:
+    """The values of a form's fields, of which lists alone may be repeated."""
+    for name, value in form.multi_items():
+        if isinstance(value, str):
+            continue
+        if name != FILE:
+            raise BadRequestFieldsError(FieldFault(name, f"a file is expected in the field {FILE!r} only"))
+        if (value.size or 0) > max_bytes:
+            raise FileTooLargeError(f"the file has {value.size} bytes; at most {max_bytes} bytes are taken")
+    if isinstance(form.get(FILE, ""), str):
+        raise BadRequestFieldsError(FieldFault(FILE, "a file, with its name, is required"))
+    lists = {name for name, field in model.model_fields.items() if get_origin(field.annotation) is list}
+    values = {name: form.getlist(name) for name in form}
+    repeated = [name for name in values if name not in lists and len(values[name]) > 1]
+    if repeated:
+        raise BadRequestFieldsError(*(FieldFault(name, "given more than once") for name in repeated))
+    return {name: given if name in lists else given[0] for name, given in values.items()}
+
+
+async def _object_of(request: Request) -> dict[str, Any]:
+    try:
+        value = await request.json()
+    except (ValueError, RecursionError) as error:
+        raise BadRequestFieldsError(FieldFault("body", f"not JSON: {error}")) from error
+    if not isinstance(value, dict):
+        raise BadRequestFieldsError(FieldFault("body", "must be a JSON object"))
+    return value
+
+
+def _validated(model: type[Model], values: dict[str, Any]) -> Model:
+    try:
+        return model.model_validate(values)
+    except ValidationError as error:
+        raise BadRequestFieldsError(*faults_of(error.errors())) from error

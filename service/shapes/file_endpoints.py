@@ -1,0 +1,155 @@
+"""The addresses of what a shape is stored as: its file and its embedding."""
+
+from typing import Annotated, Literal
+
+from fastapi import APIRouter, Depends, Query, Request, Response
+from starlette.concurrency import run_in_threadpool
+
+from core.io import READABLE, format_of
+from service.collections.dependencies import InCollection
+from service.dependencies import Service
+from service.http.disconnects import while_connected
+from service.http.duplicate_parameters import once
+from service.http.problems import documented
+from service.http.request_bodies import RequestBody
+from service.pipelines.active import fingerprint
+from service.shapes import exporting, files, replacing, service
+from service.shapes.documentation import EXPORT_PROBLEMS, FILE_PROBLEMS, READ_PROBLEMS, WRITE_PROBLEMS
+from service.shapes.endpoints import ShapeId
+from service.shapes.headers import ETAG_HEADER, IfMatch
+from service.shapes.records import NewFile, ShapeRecord
+from service.shapes.schemas import EmbeddingArrays, Shape
+from service.shapes.uploads import Replacement
+
+router = APIRouter(tags=["shapes"])
+
+REPLACEMENT = RequestBody(Replacement)
+
+
+@router.head("/shapes/{shape_id}/file", include_in_schema=False)
+@router.get(
+    "/shapes/{shape_id}/file",
+    response_class=Response,
+    summary="Get the file",
+    dependencies=[once("format")],
+    responses={
+        200: {
+            "description": "The bytes that were uploaded, with their SHA-256 as ETag; or the mesh in another "
+            "format.",
+            "content": {
+                media_type: {"schema": {"type": "string", "contentMediaType": media_type}}
+                for media_type in sorted({files.media_type(name) for name in READABLE})
+            },
+        },
+        304: {"description": "The client has the file already, by its If-None-Match."},
+        **documented("shape-not-found", *EXPORT_PROBLEMS, *READ_PROBLEMS),
+    },
+)
+async def read_file(
+    shape_id: ShapeId,
+    request: Request,
+    container: Service,
+    collection: InCollection,
+    format: Annotated[
+        Literal["stl", "obj", "ply", "off", "glb", "3mf"] | None,
+        Query(
+            description="Have the mesh written in this format, unless the file is of it. obj, off and 3mf "
+            "hold the very coordinates, the others 32 bits of each; nothing but vertices and triangles is "
+            "written. 3mf takes the coordinates for millimetres."
+        ),
+    ] = None,
+) -> Response:
+    """The very bytes that were uploaded, or their mesh in another format. HEAD gives the headers alone."""
+    known = request.headers.get("If-None-Match")
+
+    def read() -> tuple[ShapeRecord, str, str, bytes | None]:
+        with container.database.read() as session:
+            shape = service.get(session, fingerprint(session), collection.number, shape_id)
+            kind = shape.format if format is None else str(format)
+            tag = files.entity_tag(shape.sha256 if kind == shape.format else f"{shape.sha256}-{kind}")
+            wanted = request.method != "HEAD" and kind == shape.format and not files.is_known(known, tag)
+            if not wanted:
+                return shape, kind, tag, None
+            return shape, kind, tag, service.get_file(session, collection.number, shape_id)
+
+    shape, kind, tag, data = await run_in_threadpool(read)
+    if files.is_known(known, tag):
+        return Response(status_code=304, headers={"ETag": tag})
+    size = shape.size
+    if kind != shape.format:
+        with container.work.admitted():
+            data = await while_connected(
+                request, exporting.exported(container, collection.number, shape, kind)
+            )
+        size = len(data)
+    headers = {
+        "Content-Length": str(size),
+        "ETag": tag,
+        "Content-Disposition": files.disposition(shape.name, kind),
+        "X-Content-Type-Options": "nosniff",
+    }
+    body = b"" if request.method == "HEAD" else data
+    return Response(body, media_type=files.media_type(kind), headers=headers)
+
+
+@router.put(
+    "/shapes/{shape_id}/file",
+    summary="Replace the file",
+    response_model=Shape,
+    response_description="The shape is of the new file, and the next query sees it so.",
+    responses={
+        200: {"headers": ETAG_HEADER},
+        **documented(*FILE_PROBLEMS, "shape-not-found", "name-taken", "file-changed", *WRITE_PROBLEMS),
+    },
+    openapi_extra=REPLACEMENT.openapi,
+)
+async def replace_file(
+    shape_id: ShapeId,
+    request: Request,
+    response: Response,
+    container: Service,
+    collection: InCollection,
+    upload: Annotated[Replacement, Depends(REPLACEMENT, scope="function")],
+    if_match: IfMatch = None,
+) -> Shape:
+    """Read another file and embed its mesh; the shape's id, name, tags and metadata stay."""
+    mesh_format = format_of(upload.file.filename or "")
+    with container.work.admitted():
+        file = NewFile(await upload.file.read(), mesh_format)
+        work = replacing.replace_file(container, collection.number, shape_id, file, if_match)
+        record = await while_connected(request, work)
+    response.headers["ETag"] = files.entity_tag(record.sha256)
+    return Shape.of(record)
+
+
+@router.get(
+    "/shapes/{shape_id}/embedding",
+    summary="Get the embedding",
+    response_model=EmbeddingArrays,
+    dependencies=[once("format")],
+    responses={
+        200: {
+            "description": "The arrays, as JSON or as a NumPy archive.",
+            "content": {
+                "application/zip": {"schema": {"type": "string", "contentMediaType": "application/zip"}}
+            },
+        },
+        **documented("shape-not-found", "not-embedded", *READ_PROBLEMS),
+    },
+)
+def read_embedding(
+    shape_id: ShapeId,
+    container: Service,
+    collection: InCollection,
+    format: Annotated[
+        Literal["json", "npz"],
+        Query(description="npz is for `numpy.load`; a spectrum's arrays begin with its name."),
+    ] = "json",
+) -> EmbeddingArrays | Response:
+    """What the pipeline in use made of the shape: samples, graph, tree, signature and spectra."""
+    with container.database.read() as session:
+        embedding = service.get_embedding(session, fingerprint(session), collection.number, shape_id)
+    if format == "json":
+        return EmbeddingArrays.of(embedding)
+    headers = {"Content-Disposition": f'attachment; filename="{embedding.fingerprint}.npz"'}
+    return Response(service.as_npz(embedding), media_type="application/zip", headers=headers)

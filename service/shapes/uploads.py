@@ -1,0 +1,96 @@
+"""The forms of uploads: files and text fields in, checked values out."""
+
+from typing import Annotated
+
+from fastapi import UploadFile
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    Json,
+    ValidationInfo,
+    WithJsonSchema,
+)
+
+from core.io import READABLE
+from service.shapes.fields import (
+    METADATA_BYTES,
+    METADATA_DEPTH,
+    METADATA_KEYS,
+    TAGS,
+    ListedTags,
+    Metadata,
+    base_name,
+    clean_name,
+)
+
+MeshFile = Annotated[
+    UploadFile,
+    Field(
+        description="The mesh. The ending of the file's name is its format: "
+        f"{', '.join(sorted(READABLE))}; step and stp where the service has the extra for them. 3MF and STEP "
+        "are read in millimetres."
+    ),
+]
+
+
+def _named_after_file(name: object, info: ValidationInfo) -> object:
+    return name or base_name(info.data["file"].filename or "")
+
+
+def _empty_object(text: object) -> object:
+    return text or "{}"
+
+
+FormName = Annotated[
+    str,
+    BeforeValidator(_named_after_file),
+    AfterValidator(clean_name),
+    Field(
+        default_factory=str,
+        validate_default=True,
+        description="The name of the shape: 1 to 255 characters. Unless given, the file's own name, without "
+        "its folders.",
+    ),
+]
+FormTags = Annotated[
+    ListedTags,
+    Field(
+        description=f"Up to {TAGS} tags: the field repeated, one field with commas, or both.",
+        default_factory=list,
+        json_schema_extra={"maxItems": TAGS},
+    ),
+]
+FormMetadata = Annotated[
+    Json[Metadata],
+    BeforeValidator(_empty_object),
+    WithJsonSchema({"type": "string", "contentMediaType": "application/json"}),
+    Field(
+        default_factory=dict,
+        description=f"A JSON object, as text: up to {METADATA_KEYS} keys, {METADATA_DEPTH} levels and "
+        f"{METADATA_BYTES} bytes.",
+        examples=['{"source": "scan", "year": 2024}'],
+    ),
+]
+
+
+class MeshUpload(BaseModel):
+    """A mesh."""
+
+    file: MeshFile
+
+
+class Replacement(MeshUpload):
+    """A mesh, and nothing else."""
+
+    model_config = ConfigDict(extra="forbid")
+
+
+class ShapeUpload(Replacement):
+    """A mesh to store, and the text that people write about it."""
+
+    name: FormName
+    tags: FormTags
+    metadata: FormMetadata
