@@ -9,3 +9,5 @@ Float32s = NDArray[np.float32]
 Int32s = NDArray[np.int32]
 Int16s = NDArray[np.int16]
 Bytes = NDArray[np.uint8]
+Reals = NDArray[np.floating]
+"""Of single or of double precision."""

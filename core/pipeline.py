@@ -8,19 +8,19 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
-from core.arrays import Bytes, Float32s, Floats, Ints
+from core.arrays import Bytes, Floats, Ints
 from core.descriptors.boundary_ratio import boundary_ratio
 from core.descriptors.completeness import INCOMPLETE
 from core.descriptors.descriptor_distance import DescriptorDistance, describe, descriptor_distance
 from core.descriptors.global_descriptors import GLOBAL_WEIGHT, global_descriptors, signed_volume
 from core.embedding import NO_SPIN_IMAGES, Embedding, Facts, Match, Scores
-from core.errors import DegenerateMeshError, IncompatibleEmbeddingsError, ParameterError
+from core.errors import DegenerateMeshError, IncompatibleEmbeddingsError
 from core.graph.edge_graph import edge_graph
 from core.graph.geodesics import geodesics
 from core.graph.minimum_spanning_tree import tree_distances
 from core.graph.sparse_graph import SparseGraph, graph_distances, sparse_graph
-from core.matching.match_records import match_rows
-from core.matching.matcher import Prepared, embedding_key, match_prepared, prepare
+from core.matching.matcher import Prepared, embedding_key
+from core.matching.matchers import matcher_of
 from core.mesh.cleaning import Cleaned, clean, face_areas, vertex_areas
 from core.mesh.denoising import roughness, taubin_smoothing
 from core.mesh.hole_filling import fill_holes
@@ -36,7 +36,7 @@ from core.sampling.sampling import keyed_uniform, random_draw, sort_and_cut, wei
 from core.spectral.spectral_embedding import SampledSurface, spectra_of
 
 PREPARED_BYTES = 128 * 1024 * 1024
-"""How much a pipeline keeps of factored splines, unless it is told otherwise."""
+"""The most bytes of prepared shapes that a pipeline caches, unless another number is given."""
 
 
 def measure(mesh: Mesh, cleaned: Cleaned, frame: Frame) -> Facts:
@@ -70,13 +70,14 @@ class Pipeline:
     parameters : Parameters, optional
         Frozen; `DEFAULT` unless given. `fingerprint` is a hash of them and of the method version.
     memory : int
-        How many bytes are kept of factored splines for shapes it has met; the last one's always are.
+        The most bytes of prepared shapes that are cached; the last one always is.
     """
 
     def __init__(self, parameters: Parameters = DEFAULT, *, memory: int = PREPARED_BYTES) -> None:
         self._memory = memory
         self.parameters = parameters
         self.fingerprint = parameters.fingerprint
+        self.matcher = matcher_of(parameters)
         self._prepared: OrderedDict[bytes, Prepared] = OrderedDict()
         self._prepared_bytes = 0
 
@@ -241,13 +242,13 @@ class Pipeline:
         )
 
     def prepared(self, embedding: Embedding) -> Prepared:
-        """The embedding with its splines factored, from memory when it was met before."""
+        """The embedding as the matcher reads it, its splines factored; cached."""
         key = embedding_key(embedding)
         known = self._prepared.get(key)
         if known is not None:
             self._prepared.move_to_end(key)
             return known
-        ready = prepare(embedding, key, self.parameters)
+        ready: Prepared = self.matcher.prepare(embedding, key)
         self._prepared[key] = ready
         self._prepared_bytes += ready.nbytes
         while self._prepared_bytes > self._memory and len(self._prepared) > 1:
@@ -255,18 +256,13 @@ class Pipeline:
             self._prepared_bytes -= dropped.nbytes
         return ready
 
-    def _ready(self, embedding: Embedding) -> Prepared:
+    def _checked(self, embedding: Embedding) -> Prepared:
+        """The embedding as the matcher reads it, if this pipeline made it."""
         if embedding.fingerprint != self.fingerprint:
             raise IncompatibleEmbeddingsError(
                 f"embedding {embedding.fingerprint} under pipeline {self.fingerprint}"
             )
         return self.prepared(embedding)
-
-    def _row(self, embedding: Embedding) -> Float32s:
-        shape = self._ready(embedding).shape
-        if not isinstance(shape, np.ndarray):
-            raise ParameterError('rows are of pipelines with pairs "both-ways"')
-        return shape
 
     def score(self, query: Embedding, candidates: Sequence[Embedding]) -> Scores:
         """CC, SSD and sim of one shape with each of several: the means over their spectra.
@@ -277,19 +273,8 @@ class Pipeline:
             An embedding was made with other parameters.
         """
         with one_thread():
-            if self.parameters.matching.pairs == "both-ways":
-                rows = [self._row(candidate) for candidate in candidates]
-                return match_rows(self._row(query), rows, self.parameters)
-            first = self._ready(query)
-            found = [
-                match_prepared(first, self._ready(candidate), self.parameters, pairs=False)
-                for candidate in candidates
-            ]
-        return Scores(
-            cc=np.array([one.cc for one in found], dtype=np.float64),
-            ssd=np.array([one.ssd for one in found], dtype=np.float64),
-            sim=np.array([one.sim for one in found], dtype=np.float64),
-        )
+            prepared = self._checked(query)
+            return self.matcher.score(prepared, (self._checked(candidate) for candidate in candidates))
 
     def match(self, first: Embedding, second: Embedding) -> Match:
         """Two shapes compared: the scores of `score`, and the correspondence.
@@ -300,7 +285,7 @@ class Pipeline:
             An embedding was made with other parameters.
         """
         with one_thread():
-            found = match_prepared(self._ready(first), self._ready(second), self.parameters)
+            found = self.matcher.match(self._checked(first), self._checked(second))
         return Match(
             cc=found.cc,
             ssd=found.ssd,
@@ -313,7 +298,10 @@ class Pipeline:
     def features(
         self, cc: Floats, sim: Floats, query: NDArray[np.float32], signatures: NDArray[np.float32]
     ) -> Floats:
-        """What of the whole shapes `combined` reads, shape (c, 2): `core.ranking.class_probability.signature_features`."""
+        """The features of whole shapes that `combined` reads, shape (c, 2).
+
+        See `core.ranking.class_probability.signature_features`.
+        """
         return signature_features(cc, sim, query, signatures, form=self.parameters.ranking.global_descriptors)
 
     def combined(
@@ -324,9 +312,9 @@ class Pipeline:
         signatures: NDArray[np.float32],
         descriptor_distance: DescriptorDistance | None = None,
     ) -> Floats:
-        """The chance that one shape and each of c others are of one class, shape (c,), in [0, 1].
+        """The probability that one shape and each of c others are of one class, shape (c,), in [0, 1].
 
-        Calibrated for the default setting; under any other it is an order and no more.
+        Calibrated for the default setting; under other parameters only its order has a meaning.
 
         Parameters
         ----------
@@ -334,13 +322,13 @@ class Pipeline:
             As `score` gives them.
         query : float32, shape (s,)
         signatures : float32, shape (c, s)
-        apart : Apart, optional
-            Of their patches. Without, the chance is a rougher one.
+        descriptor_distance : DescriptorDistance, optional
+            Between their spin images. Without it the probability is less exact.
         """
         return class_probability(self.features(cc, sim, query, signatures), descriptor_distance)
 
     def combined_with(self, query: Embedding, others: Sequence[Embedding], scores: Scores) -> Floats:
-        """`combined` of one embedding with c others, shape (c,), by the scores that `score` gives them."""
+        """`combined` of one embedding with c others, shape (c,), from their scores of `score`."""
         signatures = np.array([other.signature for other in others]).reshape(-1, len(query.signature))
         between = (
             descriptor_distance(query.spin_images, [other.spin_images for other in others])

@@ -1,137 +1,23 @@
 """The correspondence in the spectral domain: nearest neighbours under an iterated thin-plate spline (Eq. 17).
 
-Arrays of points are float32, one row a point. The compiled functions release the GIL; `progressive_reference`
-is the same search in plain NumPy.
+This plain NumPy search is the TPS matcher's. It is also the reference of the Procrustes matcher's compiled
+search, `core.matching.kernels.spline_search`.
 """
-
-import math
-from dataclasses import dataclass
 
 import numpy as np
 
-from core.arrays import Float32s, Floats, Ints
-from core.matching.thin_plate_spline import ThinPlateSpline, mean_pair_distance
-from core.numerics.compilation import compiled, compiled_fast
+from core.arrays import Floats, Ints, Reals
 
 
-@dataclass(frozen=True)
-class Search:
-    """How the correspondence is searched.
-
-    Attributes
-    ----------
-    first_dimensions : int
-        Dimensions in which the search begins; one more is added a step, up to the embedding's k.
-    sign_starts : bool
-        Whether all 2^first_dimensions signs of the first coordinates are tried.
-    kept_starts : int
-        How many of the starts, best correlation first, are carried through all steps.
-    start_iterations, step_iterations : int
-        Spline and nearest-neighbour rounds for each start, and after each added dimension.
-    """
-
-    first_dimensions: int
-    sign_starts: bool
-    kept_starts: int
-    start_iterations: int
-    step_iterations: int
-
-
-def smoothers(points: Floats, first_dimensions: int, stiffness: float) -> Float32s:
-    """The spline's linear operators on one cloud, for each number of dimensions in turn.
-
-    Parameters
-    ----------
-    points : float64, shape (m, k)
-    first_dimensions : int
-    stiffness : float
-        beta as a multiple of the mean distance between all pairs of points.
-
-    Returns
-    -------
-    float32, shape (k - first_dimensions + 1, m, m)
-    """
-    beta = stiffness * mean_pair_distance(points)
-    stages = range(first_dimensions, points.shape[1] + 1)
-    return np.stack([ThinPlateSpline(points[:, :k], beta).smoother() for k in stages]).astype(np.float32)
-
-
-@compiled_fast
-def _nearest(points: Float32s, targets: Float32s, k: int, matches: Ints, squares: Float32s) -> None:
-    """Write the nearest of targets[:, j] to points[:, i], in k coordinates, to matches[i]."""
-    n = targets.shape[1]
-    for i in range(points.shape[1]):
-        x = points[0, i]
-        for j in range(n):
-            step = x - targets[0, j]
-            squares[j] = step * step
-        for c in range(1, k):
-            x = points[c, i]
-            for j in range(n):
-                step = x - targets[c, j]
-                squares[j] += step * step
-        least = squares[0]
-        for j in range(1, n):
-            least = min(least, squares[j])
-        where = 0
-        while squares[where] > least:
-            where += 1
-        matches[i] = where
-
-
-@compiled
-def _warp(smoother: Float32s, targets: Float32s, matches: Ints, k: int, warped: Float32s) -> None:
-    """Write smoother @ targets[:, matches].T, its first k coordinates, to the rows of `warped`.
-
-    The smoother is symmetric: its rows are added where its columns are meant, so that each step is a vector.
-    """
-    m = smoother.shape[0]
-    warped[:k] = 0.0
-    for c in range(k):
-        for j in range(m):
-            matched = targets[c, matches[j]]
-            for i in range(m):
-                warped[c, i] += smoother[j, i] * matched
-
-
-@compiled
-def _signless_correlation(points: Float32s, targets: Float32s, matches: Ints, k: int) -> float:
-    """Correlation of the matched coordinates, each column with the sign that suits it."""
-    m = points.shape[0]
-    cross = 0.0
-    first = 0.0
-    second = 0.0
-    for c in range(k):
-        mean_x = 0.0
-        mean_y = 0.0
-        for i in range(m):
-            mean_x += points[i, c]
-            mean_y += targets[matches[i], c]
-        mean_x /= m
-        mean_y /= m
-        column = 0.0
-        for i in range(m):
-            x = points[i, c] - mean_x
-            y = targets[matches[i], c] - mean_y
-            column += x * y
-            first += x * x
-            second += y * y
-        cross += abs(column)
-    if first <= 0.0 or second <= 0.0:
-        return 0.0
-    return cross / math.sqrt(first * second)
-
-
-@compiled
-def progressive(
-    points: Float32s,
-    targets: Float32s,
-    operators: Float32s,
-    first: int,
+def spline_search(
+    points: Reals,
+    targets: Reals,
+    operators: Reals,
+    *,
     starts: int,
-    kept: int,
-    start_rounds: int,
-    step_rounds: int,
+    kept_starts: int,
+    start_iterations: int,
+    step_iterations: int,
 ) -> Ints:
     """The correspondence from one cloud to another, dimension by dimension.
 
@@ -142,76 +28,70 @@ def progressive(
 
     Parameters
     ----------
-    points : float32, shape (m, k)
-    targets : float32, shape (n, k)
-    operators : float32, shape (k - first + 1, m, m)
-        `smoothers` of `points`.
-    first, starts, kept, start_rounds, step_rounds : int
-        `Search`; starts is 2^first or 1.
+    points : float32 or float64, shape (m, k)
+    targets : of the same type, shape (n, k)
+    operators : of the same type, shape (stages, m, m)
+        `core.matching.spline_operators.spline_operators` of `points`. The search begins in k - stages + 1
+        dimensions; each stage adds one.
+    starts : int
+        Sign changes of the first coordinates: 2^(k - stages + 1) for all, 1 for none.
+    kept_starts : int
+        Number of starts, best correlation first, that are carried through all stages.
+    start_iterations, step_iterations : int
+        SearchRounds of spline and nearest neighbours for each start, and after each added dimension.
 
     Returns
     -------
-    matches : int64, shape (m,)
-        A row of `targets` for each row of `points` (Eq. 17).
+    int64, shape (m,)
+        A row of `targets` for each row of `points`.
     """
-    m, k_all = points.shape
-    columns = np.ascontiguousarray(targets.T)
-    warped = np.empty((k_all, m), dtype=np.float32)
-    squares = np.empty(targets.shape[0], dtype=np.float32)
-    tries = np.empty((starts, m), dtype=np.int64)
-    scores = np.empty(starts)
-    for s in range(starts):
-        for i in range(m):
-            for c in range(first):
-                warped[c, i] = -points[i, c] if (s >> c) & 1 else points[i, c]
-        _nearest(warped, columns, first, tries[s], squares)
-        for _ in range(start_rounds):
-            _warp(operators[0], columns, tries[s], first, warped)
-            _nearest(warped, columns, first, tries[s], squares)
-        scores[s] = _signless_correlation(points, targets, tries[s], first)
-    order = np.argsort(-scores, kind="mergesort")
-    best = -2.0
-    winner = order[0]
-    for place in range(min(kept, starts)):
-        s = order[place]
-        for k in range(first + 1, k_all + 1):
-            for _ in range(step_rounds):
-                _warp(operators[k - first], columns, tries[s], k, warped)
-                _nearest(warped, columns, k, tries[s], squares)
-        score = _signless_correlation(points, targets, tries[s], k_all)
-        if score > best:
-            best = score
-            winner = s
-    found_matches: Ints = tries[winner].copy()
-    return found_matches
+    k_all = points.shape[1]
+    first = k_all - len(operators) + 1
+    started: list[tuple[float, Ints]] = []
+    for start in range(starts):
+        signs = np.array([-1.0 if (start >> c) & 1 else 1.0 for c in range(first)], dtype=points.dtype)
+        matches = _nearest(points[:, :first] * signs, targets[:, :first])
+        for _ in range(start_iterations):
+            matches = _nearest(_warp(operators[0], targets[matches, :first]), targets[:, :first])
+        started.append((_signless_correlation(points[:, :first], targets[matches, :first]), matches))
+    started.sort(key=lambda scored: -scored[0])
+    finished: list[tuple[float, Ints]] = []
+    for _, start_matches in started[:kept_starts]:
+        matches = start_matches
+        for stage, k in enumerate(range(first + 1, k_all + 1), start=1):
+            for _ in range(step_iterations):
+                matches = _nearest(_warp(operators[stage], targets[matches, :k]), targets[:, :k])
+        finished.append((_signless_correlation(points, targets[matches]), matches))
+    return max(finished, key=lambda scored: scored[0])[1]
 
 
-def _nearest_reference(points: Floats, targets: Floats) -> Ints:
-    squares = ((points[:, None, :] - targets[None, :, :]) ** 2).sum(axis=2)
-    return np.asarray(np.argmin(squares, axis=1))
+def _nearest(points: Reals, targets: Reals) -> Ints:
+    """The row of targets (n, k) nearest to each of the points (m, k); of equals, the first."""
+    squares = np.zeros((len(points), len(targets)), dtype=points.dtype)
+    step = np.empty_like(squares)
+    for x, y in zip(points.T, np.ascontiguousarray(targets.T), strict=True):
+        np.subtract(x[:, None], y[None, :], out=step)
+        squares += np.square(step, out=step)
+    return np.asarray(squares.argmin(axis=1))
 
 
-def _correlation_reference(points: Floats, targets: Floats) -> float:
-    x, y = points - points.mean(axis=0), targets - targets.mean(axis=0)
-    return float(np.abs((x * y).sum(axis=0)).sum() / np.sqrt((x**2).sum() * (y**2).sum()))
+def _warp(operator: Reals, matched: Reals) -> Reals:
+    """Operator @ matched, shape (m, k), of a symmetric operator (m, m).
+
+    Summed row by row, in one order on every machine: the order of a matrix product hangs on the library, and
+    last bits decide between neighbours that are nearly equally near.
+    """
+    return np.stack([(operator * column[:, None]).sum(axis=0) for column in matched.T], axis=1)
 
 
-def progressive_reference(points: Floats, targets: Floats, operators: Floats, search: Search) -> Ints:
-    """What `progressive` finds, in plain NumPy."""
-    first, k_all = search.first_dimensions, points.shape[1]
-    found: list[tuple[float, Ints]] = []
-    for s in range(2**first if search.sign_starts else 1):
-        signs = np.array([-1.0 if (s >> c) & 1 else 1.0 for c in range(first)])
-        matches = _nearest_reference(points[:, :first] * signs, targets[:, :first])
-        for _ in range(search.start_iterations):
-            matches = _nearest_reference(operators[0] @ targets[matches, :first], targets[:, :first])
-        found.append((_correlation_reference(points[:, :first], targets[matches, :first]), matches))
-    found.sort(key=lambda start: -start[0])
-    ended: list[tuple[float, Ints]] = []
-    for _, start in found[: search.kept_starts]:
-        matches = start
-        for k in range(first + 1, k_all + 1):
-            for _ in range(search.step_iterations):
-                matches = _nearest_reference(operators[k - first] @ targets[matches, :k], targets[:, :k])
-        ended.append((_correlation_reference(points, targets[matches]), matches))
-    return np.asarray(max(ended, key=lambda end: end[0])[1])
+def _signless_correlation(points: Reals, targets: Reals) -> float:
+    """Correlation of matched points, both of shape (m, k), each column with the sign that suits it."""
+    x, y = points.astype(np.float64), targets.astype(np.float64)
+    x, y = x - x.mean(axis=0), y - y.mean(axis=0)
+    squares = _sum(x.T**2) * _sum(y.T**2)
+    return _sum(np.abs((x * y).sum(axis=0))) / float(np.sqrt(squares)) if squares > 0.0 else 0.0
+
+
+def _sum(values: Floats) -> float:
+    """The sum in the order of memory, for the reason told in `_warp`."""
+    return float(np.cumsum(values)[-1])

@@ -90,10 +90,10 @@ def extend(first: Basis, second: Basis, pairs: Ints) -> Ints:
     starts = [size for size in STARTS if size <= min(largest, len(pairs))] or [min(largest, STARTS[0])]
     few, others = _some(first), _some(second)
     begun = [_start(first, second, pairs, size) for size in starts]
-    turns = [_upsampled(few, others, turn, largest) for turn in begun]
-    turns += [_upsampled(others, few, turn.T, largest).T for turn in begun]
-    turn = min(turns, key=lambda one: _residual(few, others, one))
-    return _nearest(first.functions[:, :largest] @ turn, second.functions[:, :largest])[0]
+    rotations = [_upsampled(few, others, rotation, largest) for rotation in begun]
+    rotations += [_upsampled(others, few, rotation.T, largest).T for rotation in begun]
+    rotation = min(rotations, key=lambda one: _residual(few, others, one))
+    return _nearest(first.functions[:, :largest] @ rotation, second.functions[:, :largest])[0]
 
 
 def _some(side: Basis) -> Basis:
@@ -114,21 +114,21 @@ def _orthogonal(cross: Floats) -> Floats:
     return np.asarray(left @ right)
 
 
-def _upsampled(first: Basis, second: Basis, turn: Floats, largest: int) -> Floats:
+def _upsampled(first: Basis, second: Basis, rotation: Floats, largest: int) -> Floats:
     """The map grown from its first size to the largest."""
-    while len(turn) < largest:
-        size = len(turn)
-        found, _ = _nearest(first.functions[:, :size] @ turn, second.functions[:, :size])
+    while len(rotation) < largest:
+        size = len(rotation)
+        found, _ = _nearest(first.functions[:, :size] @ rotation, second.functions[:, :size])
         size = min(size + STEP, largest)
         weighted = first.areas[:, None] * first.functions[:, :size]
-        turn = _orthogonal(weighted.T @ second.functions[found, :size])
-    return turn
+        rotation = _orthogonal(weighted.T @ second.functions[found, :size])
+    return rotation
 
 
-def _residual(first: Basis, second: Basis, turn: Floats) -> float:
+def _residual(first: Basis, second: Basis, rotation: Floats) -> float:
     """Mean squared distance that a map leaves between the two surfaces' functions, both ways."""
-    size = len(turn)
-    one, two = first.functions[:, :size] @ turn, second.functions[:, :size]
+    size = len(rotation)
+    one, two = first.functions[:, :size] @ rotation, second.functions[:, :size]
     return float(first.areas @ _nearest(one, two)[1] + second.areas @ _nearest(two, one)[1])
 
 

@@ -1,6 +1,9 @@
-"""The default matching: nearest neighbours both ways under orthogonal maps, compiled (`core.matching.kernels`)."""
+"""The Procrustes matcher, the default: nearest neighbours both ways under orthogonal maps.
 
-from collections.abc import Sequence
+The loops are compiled: `core.matching.kernels`.
+"""
+
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,17 +11,19 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
-from core.arrays import Floats, Int16s, Ints
-from core.embedding import Embedding
-from core.matching.kernels.match_record import ONE, Packed, opened
-from core.matching.kernels.pair_matching import Rounds, match_pair
+from core.arrays import Float32s, Floats, Int16s, Ints
+from core.embedding import Embedding, Scores
+from core.matching.kernels.match_record import ONE, MatchRecord, decoded, dequantised, encoded
+from core.matching.kernels.one_to_many import match_many, precedes
+from core.matching.kernels.pair_matching import SearchRounds, match_pair
+from core.matching.matcher import PairMatch
 from core.matching.similarity import EFFECTIVE
-from core.matching.spline_operators import smoothing
+from core.matching.spline_operators import compiled_spline_operators
 from core.parameters import Parameters
 
 
 @dataclass(frozen=True, eq=False)
-class Matched:
+class ProcrustesMatch:
     """Two shapes matched, of m and n samples.
 
     Attributes
@@ -33,10 +38,10 @@ class Matched:
     rotation: NDArray[np.float32]
 
 
-def pack(embedding: Embedding, key: bytes, parameters: Parameters) -> Packed:
-    """What the compiled matching reads of one shape, in arrays that are contiguous and its own.
+def make_match_record(embedding: Embedding, key: bytes, parameters: Parameters) -> MatchRecord:
+    """The match record of one shape, in contiguous arrays that share no memory with the embedding.
 
-    Arrays of another layout would compile the kernels anew, to slower loops.
+    For arrays of another layout numba would compile the kernels again, to slower loops.
 
     Parameters
     ----------
@@ -53,31 +58,38 @@ def pack(embedding: Embedding, key: bytes, parameters: Parameters) -> Packed:
     samples = [points[:m] for points in clouds]
     searched = [points[:rows, :columns] for points in samples]
     centred = [points - points.mean(axis=0) for points in samples]
-    return Packed(
+    return MatchRecord(
         points=np.ascontiguousarray(np.concatenate(clouds, axis=1), dtype=np.float32),
         searched=np.ascontiguousarray(np.stack([points.T for points in searched]), dtype=np.float32),
-        operators=_whole(
+        operators=_quantised(
             [
-                smoothing(one, parameters.matching.first_dimensions, parameters.matching.stiffness)
+                compiled_spline_operators(
+                    one, parameters.matching.first_dimensions, parameters.matching.stiffness
+                )
                 for one in searched
             ]
         ),
         offsets=np.searchsorted(np.sort(regions), np.arange(m + 1)).astype(np.int32),
         members=np.argsort(regions, kind="stable").astype(np.int32),
-        warp=_whole([smoothing(one, one.shape[1], parameters.matching.warp_stiffness)[0] for one in samples]),
+        warp=_quantised(
+            [
+                compiled_spline_operators(one, one.shape[1], parameters.matching.warp_stiffness)[0]
+                for one in samples
+            ]
+        ),
         radius=np.array([np.linalg.norm(points, axis=1).mean() for points in centred], dtype=np.float32),
         key=np.frombuffer(key, dtype=">u4").astype(np.uint32).view(np.int32),
     )
 
 
-def _whole(matrices: Sequence[Floats]) -> Int16s:
+def _quantised(matrices: Sequence[Floats]) -> Int16s:
     """Matrices of entries in [-1, 1], stacked, in whole numbers over `ONE`."""
     return np.rint(np.clip(np.stack(matrices), -1.0, 1.0) * ONE).astype(np.int16)
 
 
-def rounds_of(parameters: Parameters) -> Rounds:
-    """How long the parameters have the compiled matching search."""
-    return Rounds(
+def search_rounds(parameters: Parameters) -> SearchRounds:
+    """The numbers of rounds that the parameters ask for."""
+    return SearchRounds(
         parameters.matching.first_dimensions,
         2**parameters.matching.first_dimensions if parameters.matching.sign_starts else 1,
         parameters.matching.start_iterations,
@@ -92,31 +104,33 @@ def rounds_of(parameters: Parameters) -> Rounds:
     )
 
 
-def matched(first: Packed, second: Packed, parameters: Parameters, *, same: bool) -> Matched:
-    """Two shapes matched; `same` says that both are one, which is then not searched for its symmetries."""
+def procrustes_match(
+    first: MatchRecord, second: MatchRecord, parameters: Parameters, *, same: bool
+) -> ProcrustesMatch:
+    """Two shapes matched. `same`: both are one shape, which is then not searched for its symmetries."""
     scores = np.empty(3)
     rotation = np.empty((first.points.shape[1],) * 2, dtype=np.float32)
     match_pair(
         first,
         second,
-        rounds_of(parameters),
+        search_rounds(parameters),
         same,
         np.empty(len(first.offsets) - 1, dtype=np.int32),
         np.empty(len(second.offsets) - 1, dtype=np.int32),
         rotation,
         scores,
     )
-    return Matched(scores, rotation)
+    return ProcrustesMatch(scores, rotation)
 
 
-def shown_pairs(
-    first: Packed, second: Packed, rotation: NDArray[np.float32], *, same: bool
+def one_to_one_pairs(
+    first: MatchRecord, second: MatchRecord, rotation: NDArray[np.float32], *, same: bool
 ) -> tuple[Ints, Floats, NDArray[np.bool_]]:
-    """One-to-one pairs of samples for people to look at: those of least total squared distance under the map.
+    """One-to-one pairs of samples, of least total squared distance under the map, to be shown to people.
 
     Parameters
     ----------
-    first, second : Packed
+    first, second : MatchRecord
         Of m <= n samples.
     rotation : float32, shape (b k, b k)
     same : bool
@@ -140,10 +154,61 @@ def shown_pairs(
     if not same:
         matches = linear_sum_assignment(cdist(ends, targets, "sqeuclidean"))[1]
     x, y = ends[:, :k], targets[matches, :k]
-    distances = np.linalg.norm(opened(first.warp[0]) @ y - y, axis=1)
+    distances = np.linalg.norm(dequantised(first.warp[0]) @ y - y, axis=1)
     if m == n:
         inverse = np.argsort(matches)
-        back = np.linalg.norm(opened(second.warp[0]) @ x[inverse] - x[inverse], axis=1)
+        back = np.linalg.norm(dequantised(second.warp[0]) @ x[inverse] - x[inverse], axis=1)
         distances = 0.5 * (distances + back[matches])
     gamma = EFFECTIVE * 0.5 * float(first.radius[0] + second.radius[0])
     return matches.astype(np.int64), distances, distances <= gamma
+
+
+class ProcrustesMatcher:
+    """The default matcher: one orthogonal map for all domains, and nearest neighbours both ways under it.
+
+    CC, SSD and sim read each sample's nearest partner, from either shape; the pairs that are shown are
+    one-to-one. A prepared shape is an encoded match record, float32, shape (l,).
+    """
+
+    uses_match_records = True
+
+    def __init__(self, parameters: Parameters) -> None:
+        self._parameters = parameters
+
+    def prepare(self, embedding: Embedding, key: bytes) -> Float32s:
+        """The match record of an embedding, whose `core.matching.matcher.embedding_key` is `key`."""
+        return encoded(make_match_record(embedding, key, self._parameters))
+
+    def score(self, query: Float32s, candidates: Iterable[Float32s]) -> Scores:
+        """CC, SSD and sim of one shape with each of c others: arrays of shape (c,)."""
+        records = list(candidates)
+        addresses, lengths = _places(records)
+        scores = np.empty((len(records), 3))
+        match_many(_own(query), addresses, lengths, search_rounds(self._parameters), scores)
+        return Scores(cc=scores[:, 0].copy(), ssd=scores[:, 1].copy(), sim=scores[:, 2].copy())
+
+    def match(self, first: Float32s, second: Float32s) -> PairMatch:
+        """The scores of two shapes, and one-to-one pairs of their samples."""
+        x, y = decoded(first), decoded(second)
+        order = precedes(x, y)
+        if order < 0:
+            x, y = y, x
+        found = procrustes_match(x, y, self._parameters, same=order == 0)
+        matches, distances, effective = one_to_one_pairs(x, y, found.rotation, same=order == 0)
+        cc, ssd, sim = found.scores.tolist()
+        pairs = np.stack([np.arange(len(matches)), matches], axis=1)
+        match = PairMatch(cc, ssd, sim, pairs, distances, effective)
+        return match.swapped() if order < 0 else match
+
+
+def _places(records: Sequence[Float32s]) -> tuple[Ints, Ints]:
+    """The addresses of match records in memory, and their lengths."""
+    if not all(record.flags.c_contiguous and record.dtype == np.float32 for record in records):
+        raise ValueError("a match record is not of contiguous float32")
+    addresses = [record.__array_interface__["data"][0] for record in records]
+    return np.array(addresses, dtype=np.int64), np.array([len(record) for record in records], dtype=np.int64)
+
+
+def _own(query: Float32s) -> Float32s:
+    """The match record in memory that may be written to: numba would compile the kernels again for others."""
+    return np.require(query, requirements=["C", "W"])

@@ -1,26 +1,24 @@
-"""The compiled matching in plain NumPy, float64 throughout, to test it against (`tests/core/kernels`).
+"""The compiled matching in plain NumPy, float64 throughout: the tests compare the kernels with it.
 
-Where rounding decides between two neighbours, or a map is not determined, the two may part.
+The two may differ if rounding decides between two neighbours, or if a map is not determined.
 """
 
 import numpy as np
 from numpy.typing import NDArray
 
-from core.arrays import Float32s, Floats, Ints
-from core.matching.kernels.match_record import ONE, Packed
-from core.matching.kernels.nearest_neighbours import nearest_both_reference
-from core.matching.kernels.orthogonal_procrustes import EXACT, ROUGH, turn_reference
-from core.matching.kernels.pair_matching import Rounds
-from core.matching.kernels.spline_search import spline_search_reference
+from core.arrays import Float32s, Floats, Ints, Reals
+from core.matching.correspondence import spline_search
+from core.matching.kernels.match_record import ONE, MatchRecord
+from core.matching.kernels.nearest_neighbours import nearest_both_ways_reference
+from core.matching.kernels.orthogonal_procrustes import EXACT, ROUGH, fit_rotation_reference
+from core.matching.kernels.pair_matching import SearchRounds
 from core.matching.similarity import correlation, squared_difference
-
-Reals = NDArray[np.floating]
 
 
 def nearest_columns_reference(points: Reals, targets: Reals, k: int) -> Ints:
-    """Of targets of shape (>= k, n) the nearest to each of the points, shape (>= k, p), in k rows."""
-    descriptor_distance = points[:k, :, None].astype(np.float64) - targets[:k, None, :]
-    return np.asarray((descriptor_distance**2).sum(axis=0).argmin(axis=1))
+    """The nearest of targets, shape (>= k, n), to each of the points, shape (>= k, p), in k rows."""
+    step = points[:k, :, None].astype(np.float64) - targets[:k, None, :]
+    return np.asarray((step**2).sum(axis=0).argmin(axis=1))
 
 
 def signless_correlation_reference(points: Reals, targets: Reals, matches: Ints, k: int) -> float:
@@ -32,15 +30,15 @@ def signless_correlation_reference(points: Reals, targets: Reals, matches: Ints,
 
 
 def closest_reference(points: Reals, members: NDArray[np.integer], start: int, stop: int, x: Reals) -> int:
-    """Of the rows members[start:stop] of points, shape (d, k), that which is closest to x, shape (k,)."""
+    """The one of the rows members[start:stop] of points, shape (d, k), that is closest to x, shape (k,)."""
     rows = members[start:stop]
     return int(rows[((points[rows].astype(np.float64) - x) ** 2).sum(axis=1).argmin()])
 
 
-def paired_reference(
+def cross_covariance_reference(
     points: Reals, partners: Reals, sources: Reals, targets: Reals, blocks: int
 ) -> tuple[Floats, Floats, Floats]:
-    """Centred cross-products (b k, b k) and square sums (b,) of pairs (m, b k) and pairs (n, b k)."""
+    """Cross-covariance (b k, b k) and centred square sums (b,) of pairs (m, b k) and pairs (n, b k)."""
     x = np.concatenate([points, sources], dtype=np.float64)
     y = np.concatenate([partners, targets], dtype=np.float64)
     x, y = x - x.mean(axis=0), y - y.mean(axis=0)
@@ -48,24 +46,26 @@ def paired_reference(
     return x.T @ y, first, second
 
 
-def search_maps_reference(x: Packed, y: Packed, rounds: Rounds) -> tuple[Floats, Floats]:
+def search_maps_reference(x: MatchRecord, y: MatchRecord, rounds: SearchRounds) -> tuple[Floats, Floats]:
     """Scores (sides b,) and maps (sides b, b k, b k): of a search in each domain, there and back."""
     blocks = len(x.searched)
     found = []
     for domain in range(blocks):
         for one, other in ((x, y), (y, x))[: rounds.sides]:
-            matches = spline_search_reference(
+            matches = spline_search(
                 one.searched[domain].T.astype(np.float64),
                 other.searched[domain].T.astype(np.float64),
                 one.operators[domain] / ONE,
-                rounds.first_dimensions,
-                rounds.starts,
-                rounds.start_iterations,
-                rounds.step_iterations,
+                starts=rounds.starts,
+                kept_starts=1,
+                start_iterations=rounds.start_iterations,
+                step_iterations=rounds.step_iterations,
             )
             mine = one.points[: len(matches)].astype(np.float64)
             theirs = other.points[matches].astype(np.float64)
-            found.append(turn_reference(*((mine, theirs) if one is x else (theirs, mine)), blocks, ROUGH))
+            found.append(
+                fit_rotation_reference(*((mine, theirs) if one is x else (theirs, mine)), blocks, ROUGH)
+            )
     return np.array([score for score, _ in found]), np.stack([rotation for _, rotation in found])
 
 
@@ -77,14 +77,14 @@ def refine_map_reference(
     Clouds are of shapes (m, b k) and (n, b k).
     """
     for _ in range(count):
-        there, back = nearest_both_reference(x @ rotation, y)
-        score, rotation = turn_reference(
+        there, back = nearest_both_ways_reference(x @ rotation, y)
+        score, rotation = fit_rotation_reference(
             np.concatenate([x, x[back]]), np.concatenate([y[there], y]), blocks, steps
         )
     return score, rotation, there, back
 
 
-def best_map_reference(x: Packed, y: Packed, rounds: Rounds) -> tuple[float, Floats]:
+def best_map_reference(x: MatchRecord, y: MatchRecord, rounds: SearchRounds) -> tuple[float, Floats]:
     """The best correlation, and its map (b k, b k), of maps searched for and refined on the first samples."""
     blocks = len(x.searched)
     some, others = (
@@ -101,8 +101,8 @@ def best_map_reference(x: Packed, y: Packed, rounds: Rounds) -> tuple[float, Flo
 
 
 def score_pairs_reference(
-    x: Packed,
-    y: Packed,
+    x: MatchRecord,
+    y: MatchRecord,
     there: Ints,
     back: Ints,
     partners: Floats,
@@ -128,7 +128,7 @@ def score_pairs_reference(
 
 
 def fit_map_reference(
-    x: Packed, y: Packed, rounds: Rounds
+    x: MatchRecord, y: MatchRecord, rounds: SearchRounds
 ) -> tuple[float, Ints, Ints, Floats, Floats, Floats]:
     """CC, partners' samples there (m,) and back (n,), partners, sources and map: what `fit_map` writes."""
     blocks = len(x.searched)
@@ -143,14 +143,14 @@ def fit_map_reference(
         ends, starts = mine @ rotation, yours @ rotation.T
         partners = others[_slid(others, y, there, ends)]
         sources = points[_slid(points, x, back, starts)]
-        score, rotation = turn_reference(
+        score, rotation = fit_rotation_reference(
             np.concatenate([mine, sources]), np.concatenate([partners, yours]), blocks
         )
     return score, there, back, partners, sources, rotation
 
 
 def match_pair_reference(
-    x: Packed, y: Packed, rounds: Rounds, same: bool
+    x: MatchRecord, y: MatchRecord, rounds: SearchRounds, same: bool
 ) -> tuple[Ints, Ints, Floats, Floats]:
     """Partners there (m,) and back (n,), map (b k, b k) and scores (3,): what `match_pair` writes."""
     if same:
@@ -164,7 +164,7 @@ def match_pair_reference(
     return there, back, rotation, scores
 
 
-def _slid(points: Floats, shape: Packed, regions: Ints, ends: Floats) -> list[int]:
+def _slid(points: Floats, shape: MatchRecord, regions: Ints, ends: Floats) -> list[int]:
     """The row of points, shape (d, b k), nearest to each end in its own region."""
     offsets = shape.offsets
     return [

@@ -1,22 +1,44 @@
-"""What a thin-plate spline makes of targets at its own points, a matrix for each number of dimensions."""
+"""The linear operators of a thin-plate spline at its own points, one for each number of dimensions."""
 
 import math
 
 import numpy as np
 
-from core.arrays import Floats
-from core.matching.correspondence import smoothers
+from core.arrays import Float32s, Floats
+from core.matching.thin_plate_spline import ThinPlateSpline, mean_pair_distance
 from core.numerics.compilation import compiled
 
 FLAT = 1e-12
 """The least eigenvalue over the greatest, of the cross-products of points beside ones, that are flat."""
 
 
-def smoothing(points: Floats, first_dimensions: int, stiffness: float) -> Floats:
-    """The matrices of `core.matching.correspondence.smoothers`, each from one bordered matrix inverted (Eq. 16).
+def spline_operators(points: Floats, first_dimensions: int, stiffness: float) -> Float32s:
+    """The operators S of the splines on one cloud: S targets are the values of the spline at the points.
 
-    Compiled, and without the GIL. Points that leave the affine part open, as those in a plane do, are left to
-    that function.
+    The TPS matcher reads these; they are the reference of `compiled_spline_operators`.
+
+    Parameters
+    ----------
+    points : float64, shape (m, k)
+    first_dimensions : int
+        Dimensions of the first operator; each of the others has one dimension more.
+    stiffness : float
+        beta as a multiple of the mean distance between all pairs of points.
+
+    Returns
+    -------
+    float32, shape (k - first_dimensions + 1, m, m)
+    """
+    beta = stiffness * mean_pair_distance(points)
+    stages = range(first_dimensions, points.shape[1] + 1)
+    return np.stack([ThinPlateSpline(points[:, :k], beta).smoother() for k in stages]).astype(np.float32)
+
+
+def compiled_spline_operators(points: Floats, first_dimensions: int, stiffness: float) -> Floats:
+    """The matrices of `spline_operators`, each from one bordered matrix inverted (Eq. 16).
+
+    Compiled, and without the GIL, for the Procrustes matcher. Points that do not determine the affine part,
+    as those in a plane, are left to `spline_operators`.
 
     Parameters
     ----------
@@ -33,7 +55,7 @@ def smoothing(points: Floats, first_dimensions: int, stiffness: float) -> Floats
     m, k = points.shape
     found = np.empty((k - first_dimensions + 1, m, m))
     if not _solved(np.array(points), first_dimensions, stiffness, found):
-        return smoothers(points, first_dimensions, stiffness).astype(np.float64)
+        return spline_operators(points, first_dimensions, stiffness).astype(np.float64)
     return found
 
 
@@ -55,10 +77,10 @@ def _solved(points: Floats, first: int, stiffness: float, found: Floats) -> bool
     total = 0.0
     for i in range(m):
         for j in range(m):
-            descriptor_distance = 0.0
+            square = 0.0
             for c in range(k):
-                descriptor_distance += (points[i, c] - points[j, c]) ** 2
-            total += math.sqrt(descriptor_distance)
+                square += (points[i, c] - points[j, c]) ** 2
+            total += math.sqrt(square)
     beta = stiffness * total / (m * (m - 1))
     for c in range(k):
         for i in range(m):

@@ -1,4 +1,4 @@
-"""The first samples of an embedding in a few hundred bytes, for a rough match that reads no more."""
+"""Coarse ranking: an approximate CC from the first samples of each shape, in a few hundred bytes."""
 
 from functools import partial
 
@@ -7,15 +7,15 @@ import numpy as np
 from core.arrays import Bytes, Float32s
 from core.embedding import Embedding
 from core.matching.kernels.one_to_many import COARSE_SAMPLES, coarse_rank_many
-from core.matching.procrustes import rounds_of
+from core.matching.procrustes import search_rounds
 from core.parameters import Parameters
 
 
 def coarse_samples(embedding: Embedding) -> Bytes:
     """The first `COARSE_SAMPLES` samples, in b spectral domains of k dimensions, uint8, shape (4 + 36 b k,).
 
-    First how many they are; then, as float32, a scale for each column; then the coordinates over it, as int8.
-    Of no samples all is zero.
+    The number of samples, int32; a scale for each column, float32; the coordinates over it, int8. All bytes
+    are zero if there are no samples.
     """
     samples = int(embedding.regions.max()) + 1
     count = min(samples, COARSE_SAMPLES)
@@ -29,25 +29,25 @@ def coarse_samples(embedding: Embedding) -> Bytes:
 
 
 def coarse_ranking(query: Float32s, coarse_samples: Bytes, parameters: Parameters) -> Float32s:
-    """Roughly the CC of one shape with each of c others, float32, shape (c,): to choose whom to match.
+    """The approximate CC of one shape with each of c others, to choose the ones that are matched.
 
     One search in each spectral domain, from the query alone, refined once.
 
     Parameters
     ----------
     query : float32, shape (l,)
-        A row of `core.matching.match_records`.
-    sketches : uint8, shape (c, 4 + 36 b k)
+        A match record: see `core.matching.match_records`.
+    coarse_samples : uint8, shape (c, 4 + 36 b k)
     parameters : Parameters
-        With pairs "both-ways", those that all were made with.
+        Those that all were made with.
 
     Returns
     -------
     float32, shape (c,)
-        -1 for a sketch of no samples.
+        -1 for coarse samples without a sample.
     """
     scores = np.empty(len(coarse_samples), dtype=np.float32)
-    rounds = rounds_of(parameters)._replace(
+    rounds = search_rounds(parameters)._replace(
         sides=1, kept_maps=1, align_rounds=0, align_samples=COARSE_SAMPLES
     )
     own = partial(np.require, requirements=["C", "W"])

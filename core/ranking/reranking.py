@@ -1,4 +1,4 @@
-"""About the CC of one shape with each of many, of which no more than the embedded points is known."""
+"""Re-ranking: an approximate CC from the embedded points of each shape, without its splines."""
 
 from collections.abc import Sequence
 
@@ -7,28 +7,29 @@ import numpy as np
 from core.arrays import Float32s
 from core.embedding import EmbeddedPoints
 from core.matching.kernels.reranking import rerank_many
-from core.matching.procrustes import rounds_of
+from core.matching.procrustes import search_rounds
 from core.parameters import Parameters
 
 
 def rerank(query: Float32s, clouds: Sequence[EmbeddedPoints], parameters: Parameters) -> Float32s:
-    """About the CC of one shape with each of c others: the match but for the others' splines, which are flat.
+    """The approximate CC of one shape with each of c others: the match with flat splines for the others.
 
-    Splines that do not bend are made in a hundredth of the time, and mostly lead to the same map.
+    Splines that do not bend take a hundredth of the time to make, and mostly lead to the same map.
 
     Parameters
     ----------
     query : float32, shape (l,)
-        Of `core.matching.match_records.row_of`.
-    clouds : sequence of Points
-        Of the same parameters; those of another number of coordinates are not for these.
+        A match record: see `core.matching.match_records`.
+    clouds : sequence of EmbeddedPoints
+        Made with the same parameters.
     parameters : Parameters
-        With pairs "both-ways".
+        Those that all were made with.
 
     Returns
     -------
     float32, shape (c,)
-        In [-1, 1]; NaN where a number is not finite, a region not a sample's, or the points not for these.
+        In [-1, 1]; NaN if a coordinate is not finite, a region is not that of a sample, or the number of
+        coordinates is not that of the parameters.
     """
     scores = np.full(len(clouds), np.nan, dtype=np.float32)
     shape = (len(parameters.spectral.operators), parameters.spectral.dimensions)
@@ -51,7 +52,7 @@ def rerank(query: Float32s, clouds: Sequence[EmbeddedPoints], parameters: Parame
                 parameters.matching.first_dimensions,
             ]
         ),
-        rounds_of(parameters),
+        search_rounds(parameters),
         found,
     )
     scores[fit] = np.where(found < -1.5, np.nan, found)

@@ -1,4 +1,4 @@
-"""What the workers do: bytes in, bytes out. Called by reference in another process."""
+"""The tasks of the workers: bytes in, bytes out. Called by reference in another process."""
 
 import time
 from collections.abc import Sequence
@@ -15,7 +15,8 @@ from core.descriptors.partial_matching import describe_part
 from core.embedding import Embedding, Match, Scores
 from core.errors import BadRecordError, DegenerateMeshError
 from core.io import Limits, read_mesh
-from core.matching.match_records import match_rows, row_of
+from core.matching.match_records import match_record, score_match_records
+from core.matching.matchers import matcher_of
 from core.mesh.mesh import Mesh
 from core.parameters import Parameters
 from core.pipeline import Pipeline
@@ -36,9 +37,9 @@ class Embedded:
     signature : float32, shape (s,)
         Of the embedding.
     sketch : bytes
-        Of `core.ranking.coarse_ranking`.
+        The coarse samples: see `core.ranking.coarse_ranking`.
     facts : dict
-        What was measured on the mesh, by name.
+        Measurements of the mesh, by name.
     milliseconds : dict
         Wall time of the stages "read" and "embed".
     """
@@ -88,8 +89,8 @@ def embed_mesh(mesh: Mesh, parameters: Parameters, read: float) -> Embedded:
     )
 
 
-def score_records(query: bytes, records: Sequence[bytes], parameters: Parameters) -> Scores:
-    """How alike the query is to each of c records; NaN for one that cannot be read.
+def score_embeddings(query: bytes, records: Sequence[bytes], parameters: Parameters) -> Scores:
+    """The scores of a query with each of c embedding records; NaN for one that cannot be read.
 
     Returns
     -------
@@ -113,47 +114,49 @@ def score_records(query: bytes, records: Sequence[bytes], parameters: Parameters
     return scores
 
 
-def match_records(first: bytes, second: bytes, parameters: Parameters) -> Match:
-    """Compare two records."""
+def match_embeddings(first: bytes, second: bytes, parameters: Parameters) -> Match:
+    """Match two embedding records."""
     return _pipeline(parameters).match(embedding_from_bytes(first), embedding_from_bytes(second))
 
 
 def part_of_mesh(mesh: Mesh, parameters: Parameters) -> Bytes:
-    """A mesh taken for a part, whether it looks incomplete or not: see `core.descriptors.partial_matching.describe_part`."""
+    """The spin images of a mesh taken as a part: see `core.descriptors.partial_matching.describe_part`."""
     return describe_part(_pipeline(parameters).open_surface(mesh))
 
 
 def spin_images_of_mesh(mesh: Mesh, parameters: Parameters) -> Bytes:
-    """What lies about points of a mesh: see `core.pipeline.Pipeline.spin_images_of`."""
+    """The spin images of a mesh: see `core.pipeline.Pipeline.spin_images_of`."""
     return _pipeline(parameters).spin_images_of(mesh)
 
 
 def warm(parameters: Parameters) -> None:
-    """Go once along each path, so that what is imported or compiled on first use is there already.
+    """Run each task once, so that all imports and compiled functions are loaded before the first request.
 
     Thread limits in the environment come too late for a library that the main module had loaded.
     """
     records = example_records(parameters)
-    score_records(records[0], records, parameters)
+    score_embeddings(records[0], records, parameters)
     warm_comparing(records, parameters)
-    match_records(records[0], records[1], parameters)
+    match_embeddings(records[0], records[1], parameters)
     draw(_bumpy_sheet(), "ply", SIZES[0])
     threadpool_limits(1)
 
 
 def example_records(parameters: Parameters) -> list[bytes]:
-    """Two records to try things on: of surfaces with and without a rim, which go different ways."""
+    """Two embedding records, of a surface with a boundary and of one without: they take different paths."""
     return [embed_mesh(mesh, parameters, 0.0).record for mesh in (_bumpy_sheet(), _ring())]
 
 
 def warm_comparing(records: Sequence[bytes], parameters: Parameters) -> None:
-    """Go once along the paths of a search, in the process that does it."""
+    """Run each kernel of a search once, in the process that searches."""
     embeddings = [embedding_from_bytes(record) for record in records]
     signature_distances(embeddings[0].signature, np.stack([one.signature for one in embeddings]))
-    if parameters.matching.pairs == "both-ways":
-        rows = [row_of(embedding, parameters) for embedding in embeddings]
-        match_rows(rows[0], rows, parameters)
-        coarse_ranking(rows[0], np.stack([coarse_samples(embedding) for embedding in embeddings]), parameters)
+    if matcher_of(parameters).uses_match_records:
+        match_records = [match_record(embedding, parameters) for embedding in embeddings]
+        score_match_records(match_records[0], match_records, parameters)
+        coarse_ranking(
+            match_records[0], np.stack([coarse_samples(embedding) for embedding in embeddings]), parameters
+        )
 
 
 @lru_cache(maxsize=4)

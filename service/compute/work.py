@@ -12,7 +12,7 @@ from core.io import Limits
 from core.mesh.mesh import Mesh
 from core.pipeline import Pipeline
 from service.compute.sandbox import Readable, read_file
-from service.compute.tasks import Embedded, embed_mesh, match_records, score_records
+from service.compute.tasks import Embedded, embed_mesh, match_embeddings, score_embeddings
 from service.errors import (
     BusyError,
     FileTimeLimitError,
@@ -98,14 +98,14 @@ class Work:
         """How alike the query is to each of c records: arrays of shape (c,), NaN where one cannot be read."""
         with short_of_memory():
             return await asyncio.wrap_future(
-                self._executor.submit(score_records, query, records, pipeline.parameters)
+                self._executor.submit(score_embeddings, query, records, pipeline.parameters)
             )
 
     async def match(self, first: bytes, second: bytes, pipeline: Pipeline) -> Match:
         """Compare two records."""
         with short_of_memory():
             return await asyncio.wrap_future(
-                self._executor.submit(match_records, first, second, pipeline.parameters)
+                self._executor.submit(match_embeddings, first, second, pipeline.parameters)
             )
 
     async def read(self, data: bytes, format: str) -> Mesh:

@@ -1,4 +1,4 @@
-"""What is made of embeddings to compare them by, in memory."""
+"""The LRU cache of arrays that are made of embeddings: match records, or spin images."""
 
 import threading
 from collections import OrderedDict
@@ -10,83 +10,81 @@ from numpy.typing import NDArray
 
 from core.arrays import Ints
 
-Row = TypeVar("Row", bound=NDArray[Any])
+Value = TypeVar("Value", bound=NDArray[Any])
 
 ABOUT = 100_000
-"""Bytes of a row, before one is known."""
+"""Bytes of an array, before one is known."""
 
 
-class EmbeddingCache(Generic[Row]):
-    """What is made of embeddings, by the embedding's number, which is never reused.
+class EmbeddingCache(Generic[Value]):
+    """Arrays by the number of their embedding, which is never reused; for several threads.
 
-    That is the rows of `core.matching.match_records` of one pipeline's, or the patches of `core.descriptors.descriptor_distance` of any.
-
-    A row that is taken off for want of room stays as long as someone reads it.
+    An array that is evicted stays alive while a thread reads it.
 
     Parameters
     ----------
     room : int
-        How many bytes it may hold. Those not asked for longest go first.
+        The most bytes of arrays. The least recently used ones are evicted.
     """
 
     def __init__(self, room: int) -> None:
         self._room = room
         self._lock = threading.Lock()
-        self._rows: OrderedDict[int, Row] = OrderedDict()
+        self._values: OrderedDict[int, Value] = OrderedDict()
         self._bytes = 0
 
     def __len__(self) -> int:
-        """How many rows it holds."""
-        return len(self._rows)
+        """Number of arrays."""
+        return len(self._values)
 
     @property
     def nbytes(self) -> int:
-        """How many bytes."""
+        """Bytes of all arrays."""
         return self._bytes
 
     def free_places(self) -> int:
-        """About how many more rows it may hold, going by those that it does."""
-        each = self._bytes // len(self._rows) if self._rows else ABOUT
+        """The approximate number of further arrays that there is room for, of the mean size."""
+        each = self._bytes // len(self._values) if self._values else ABOUT
         return (self._room - self._bytes) // each
 
-    def rows(self, numbers: Iterable[int]) -> dict[int, Row]:
-        """Those of the rows that are there."""
+    def get(self, numbers: Iterable[int]) -> dict[int, Value]:
+        """The cached ones of the arrays, by number."""
         found = {}
         with self._lock:
             for number in numbers:
-                row = self._rows.get(number)
-                if row is not None:
-                    self._rows.move_to_end(number)
-                    found[number] = row
+                value = self._values.get(number)
+                if value is not None:
+                    self._values.move_to_end(number)
+                    found[number] = value
         return found
 
     def missing(self, numbers: Iterable[int]) -> list[int]:
-        """Those of the numbers whose rows are not there."""
+        """The numbers whose arrays are not cached."""
         with self._lock:
-            return [number for number in numbers if number not in self._rows]
+            return [number for number in numbers if number not in self._values]
 
-    def put(self, number: int, row: Row) -> None:
-        """Have a row there, if it is not longer than all the room."""
+    def put(self, number: int, value: Value) -> None:
+        """Cache an array, unless it is larger than the whole room."""
         with self._lock:
-            known = self._rows.pop(number, None)
-            self._bytes += row.nbytes - (0 if known is None else known.nbytes)
-            self._rows[number] = row
+            known = self._values.pop(number, None)
+            self._bytes += value.nbytes - (0 if known is None else known.nbytes)
+            self._values[number] = value
             self._shrink()
 
     def keep(self, numbers: Ints) -> None:
-        """Take off the rows of all embeddings but these, shape (n,): nobody asks for what is deleted."""
+        """Evict all arrays but those of these embeddings, shape (n,): no query asks for a deleted one."""
         with self._lock:
-            held = np.fromiter(self._rows, dtype=np.int64, count=len(self._rows))
+            held = np.fromiter(self._values, dtype=np.int64, count=len(self._values))
             for number in held[~np.isin(held, numbers)].tolist():
-                self._bytes -= self._rows.pop(number).nbytes
+                self._bytes -= self._values.pop(number).nbytes
 
     def resize(self, room: int) -> None:
-        """Have another number of bytes as the most that it may hold."""
+        """Change the room."""
         with self._lock:
             self._room = max(room, 0)
             self._shrink()
 
     def _shrink(self) -> None:
         while self._bytes > self._room:
-            _, dropped = self._rows.popitem(last=False)
+            _, dropped = self._values.popitem(last=False)
             self._bytes -= dropped.nbytes

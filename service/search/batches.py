@@ -1,4 +1,4 @@
-"""Scores of many stored shapes, a few pieces of them at a time."""
+"""Scores of many stored shapes, computed in batches."""
 
 import asyncio
 from collections.abc import Awaitable, Callable
@@ -7,32 +7,32 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from core.arrays import Floats
 from service.compute.work import short_of_memory
 from service.container import Container
-from service.search.match_records import Scores
 from service.search.shortlist import Candidates
 
 
-async def each_once(
+async def by_embedding(
     container: Container,
     candidates: Candidates,
-    at_once: int,
+    length: int,
     kinds: int,
-    score: Callable[[NDArray[Any]], Awaitable[Scores]],
-) -> Scores:
-    """The scores of the candidates, shape (kinds, c), of which several may have one embedding."""
+    score: Callable[[NDArray[Any]], Awaitable[Floats]],
+) -> Floats:
+    """The scores of the candidates, shape (kinds, c); an embedding that several share is scored once."""
     embeddings, places = np.unique(candidates.embeddings, return_inverse=True)
-    return (await in_batches(embeddings, at_once, container.settings.workers, kinds, score))[:, places]
+    return (await in_batches(embeddings, length, container.settings.workers, kinds, score))[:, places]
 
 
 def by_threads(
-    container: Container, score: Callable[[NDArray[Any]], Scores]
-) -> Callable[[NDArray[Any]], Awaitable[Scores]]:
-    """The function, run by the threads that compare."""
+    container: Container, score: Callable[[NDArray[Any]], Floats]
+) -> Callable[[NDArray[Any]], Awaitable[Floats]]:
+    """The function, run by the threads that score."""
 
-    async def scores(piece: NDArray[Any]) -> Scores:
+    async def scores(batch: NDArray[Any]) -> Floats:
         with short_of_memory():
-            return await asyncio.wrap_future(container.threads.submit(score, piece))
+            return await asyncio.wrap_future(container.threads.submit(score, batch))
 
     return scores
 
@@ -42,21 +42,21 @@ async def in_batches(
     length: int,
     workers: int,
     kinds: int,
-    score: Callable[[NDArray[Any]], Awaitable[Scores]],
-) -> Scores:
-    """The scores of an array of c rows, shape (kinds, c), of which a few pieces are at work at a time."""
+    score: Callable[[NDArray[Any]], Awaitable[Floats]],
+) -> Floats:
+    """The scores of an array of c rows, shape (kinds, c), computed in batches, two a worker at a time."""
     length = max(1, min(length, -(-len(whole) // workers)))
-    turns = asyncio.Semaphore(2 * workers)
+    free = asyncio.Semaphore(2 * workers)
     scores = np.full((kinds, len(whole)), np.nan)
 
-    async def piece(start: int) -> None:
-        async with turns:
+    async def score_batch(start: int) -> None:
+        async with free:
             scores[:, start : start + length] = await score(whole[start : start + length])
 
     try:
-        async with asyncio.TaskGroup() as pieces:
+        async with asyncio.TaskGroup() as batches:
             for start in range(0, len(whole), length):
-                pieces.create_task(piece(start))
+                batches.create_task(score_batch(start))
     except ExceptionGroup as group:
         raise group.exceptions[0] from None
     return scores

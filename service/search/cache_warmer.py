@@ -1,4 +1,4 @@
-"""Embeddings made ready to be compared before a query asks for them: at the start, and as shapes come."""
+"""The cache warmer: match records made before a query asks for them, at the start and as shapes arrive."""
 
 import asyncio
 from collections.abc import Awaitable
@@ -15,7 +15,7 @@ from service.errors import ServiceError
 from service.index.cache import ABOUT
 from service.observability.logging import get_logger
 from service.pipelines.active import ActivePipeline
-from service.search.match_records import cached_bytes
+from service.search.match_records import cached_match_records
 from service.search.pgvector_repository import latest
 
 log = get_logger("search")
@@ -23,23 +23,22 @@ log = get_logger("search")
 Done = TypeVar("Done")
 
 SECONDS, WARM_SECONDS = 0.5, 0.05
-"""How often is looked for what has come, and for a worker that is warm."""
+"""Seconds between looks for new shapes, and for a warm worker."""
 
 FIRST_SECONDS = 5.0
-"""How long the service counts as not ready while it makes ready what is stored at its start."""
+"""The longest time that the service is not ready while it caches the stored embeddings at its start."""
 
 LEAST_SHARE = 4
-"""Of the memory for searching, the part that rows have at least, however much signatures, sketches and
-patches take."""
+"""The match records have at least this part (one in four) of the memory for searching."""
 
 AT_ONCE = 16
 
 
 class CacheWarmer:
-    """Fills the room of the shelf in use, the newest embeddings first, one thread at a time.
+    """Fills the cache of the active pipeline, the newest embeddings first, one thread at a time.
 
-    What has no room waits for a query that needs it, and this for queries that are at work. Where workers
-    keep embeddings of their own, nothing is made ready here.
+    Embeddings beyond the room of the cache wait for a query that needs them, and the cache warmer waits for
+    running queries. If workers of a cluster cache match records, nothing is cached here.
     """
 
     def __init__(self, container: Container) -> None:
@@ -51,10 +50,10 @@ class CacheWarmer:
 
     def start(self) -> None:
         """Begin, in the running loop."""
-        self._task = asyncio.create_task(self._run(), name="stocking")
+        self._task = asyncio.create_task(self._run(), name="cache-warmer")
 
     async def stop(self) -> None:
-        """End after what is being made."""
+        """End after the batch at work."""
         if self._task is not None:
             self._task.cancel()
             with suppress(asyncio.CancelledError):
@@ -64,7 +63,7 @@ class CacheWarmer:
         await self._warm()
         ready, latest = self._container.comparing_is_ready, monotonic() + FIRST_SECONDS
         while True:
-            # Whatever else goes wrong, queries are answered without what would be ready.
+            # After any other error, queries are answered without a warm cache.
             try:
                 active_pipeline, missing = await _whole(run_in_threadpool(self._missing))
                 for start in range(0, len(missing), AT_ONCE):
@@ -83,11 +82,11 @@ class CacheWarmer:
             await asyncio.sleep(SECONDS)
 
     async def _warm(self) -> None:
-        """Load what a search runs once a worker has compiled it, so that no query waits for that."""
+        """Load the kernels of a search once a worker has compiled them, so that no query waits for them."""
         warm = False
         while not warm:
             if self._container.pool.pids():
-                # A lost worker, and storage that is away, are told of to those who ask.
+                # Requests report a lost worker and unreachable storage.
                 with suppress(ServiceError):
                     parameters = (await _whole(run_in_threadpool(self._active))).pipeline.parameters
                     records = await self._container.work.do(example_records, parameters)
@@ -100,12 +99,11 @@ class CacheWarmer:
             return self._container.pipelines.current(session)
 
     def _missing(self) -> tuple[ActivePipeline, list[int]]:
-        """The numbers of embeddings that are not on the shelf and for which there is room."""
+        """The numbers of embeddings that are not cached and for which there is room."""
         with self._container.database.read() as session:
             active_pipeline = self._container.pipelines.current(session)
-            if active_pipeline.pipeline.parameters.matching.pairs != "both-ways" or isinstance(
-                self._container.pool, RemoteWorkers
-            ):
+            cached_here = active_pipeline.pipeline.matcher.uses_match_records
+            if not cached_here or isinstance(self._container.pool, RemoteWorkers):
                 return active_pipeline, []
             most = self._container.settings.search_bytes
             if self._container.settings.signatures == "database":
@@ -128,14 +126,14 @@ class CacheWarmer:
         return active_pipeline, [number for number in wanted if number not in self._unusable][:places]
 
     def _put(self, active_pipeline: ActivePipeline, numbers: list[int]) -> None:
-        rows = cached_bytes(
+        cached = cached_match_records(
             self._container.database, active_pipeline.cache, active_pipeline.pipeline.parameters, numbers
         )
-        self._unusable.update(number for number in numbers if number not in rows)
+        self._unusable.update(number for number in numbers if number not in cached)
 
 
 async def _whole(work: Awaitable[Done]) -> Done:
-    """What a thread does, waited for even when this is cancelled: it may be reading the database."""
+    """The result of a thread, waited for even after a cancellation: it may be reading the database."""
     begun = asyncio.ensure_future(work)
     try:
         return await asyncio.shield(begun)

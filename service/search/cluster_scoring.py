@@ -1,27 +1,24 @@
-"""Comparing a query with many stored embeddings where a cluster's workers keep them."""
+"""Scoring spread over the workers of a cluster, each of which caches its share of the embeddings."""
 
 import asyncio
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 from starlette.concurrency import run_in_threadpool
 
-from core.arrays import Float32s
+from core.arrays import Float32s, Floats, Ints
 from service.compute.work import short_of_memory
 from service.compute.workers import RemoteWorkers
 from service.container import Container
 from service.pipelines.active import ActivePipeline
 from service.search import repository
-from service.search.worker_scoring import match_kept
+from service.search.worker_scoring import score_on_worker
 
-Scores = NDArray[np.float64]
-
-SENT = 1_024
-"""How many embeddings are asked for at a time."""
+CLUSTER_BATCH = 1_024
+"""Embeddings scored at a time."""
 
 TOGETHER = 64
-"""Embeddings of so many numbers in turn are kept by one worker."""
+"""Consecutive numbers of embeddings that one worker caches."""
 
 
 async def cluster_scores(
@@ -29,16 +26,22 @@ async def cluster_scores(
     pool: RemoteWorkers,
     active_pipeline: ActivePipeline,
     query: Float32s,
-    embeddings: NDArray[np.int64],
-) -> Scores:
-    """CC, SSD and sim of c embeddings by number: shape (3, c), NaN for those that are gone.
+    embeddings: Ints,
+) -> Floats:
+    """CC, SSD and sim of c embeddings by number: shape (3, c), NaN for the deleted ones.
 
-    Each worker matches those that fall to it, and is sent the records of those that it does not keep yet.
+    Each worker scores its share, and is sent the records of embeddings that it does not cache yet.
+
+    Parameters
+    ----------
+    query : float32, shape (l,)
+        A match record.
+    embeddings : int64, shape (c,)
 
     Raises
     ------
     ClusterUnavailableError
-        The scheduler is away, or has no workers.
+        The scheduler cannot be reached, or has no workers.
     """
     owners = pool.owners(embeddings // TOGETHER)
     scores = np.full((3, len(embeddings)), np.nan)
@@ -70,14 +73,14 @@ async def _asked(
     active_pipeline: ActivePipeline,
     owner: str,
     query: Float32s,
-    numbers: NDArray[np.int64],
+    numbers: Ints,
     records: dict[int, bytes],
-) -> tuple[Scores, NDArray[np.int64]]:
-    """The scores of what a worker keeps, and the numbers of what it does not."""
-    call = partial(pool.submit_to, owner, match_kept, query, numbers, records)
+) -> tuple[Floats, Ints]:
+    """The scores of the embeddings that a worker caches, and the numbers of those that it lacks."""
+    call = partial(pool.submit_to, owner, score_on_worker, query, numbers, records)
     with short_of_memory():
         task = call(active_pipeline.pipeline.parameters, pool.user, container.settings.search_bytes)
-        found: tuple[Scores, NDArray[np.int64]] = await asyncio.wrap_future(task)
+        found: tuple[Floats, Ints] = await asyncio.wrap_future(task)
         return found
 
 

@@ -1,14 +1,13 @@
-"""What a query and the stored embeddings are compared by."""
+"""A query scored against stored embeddings by their match records and coarse samples."""
 
 from collections.abc import Sequence
 from contextlib import suppress
 
 import numpy as np
-from numpy.typing import NDArray
 
-from core.arrays import Bytes, Float32s
+from core.arrays import Bytes, Float32s, Floats, Ints
 from core.errors import CoreError
-from core.matching.match_records import match_rows, row_of
+from core.matching.match_records import match_record, score_match_records
 from core.parameters import Parameters
 from core.ranking.coarse_ranking import coarse_ranking
 from core.ranking.reranking import rerank
@@ -18,41 +17,48 @@ from service.search import repository
 from service.search.records import Query
 from service.storage.database import Database
 
-Scores = NDArray[np.float64]
 
+class QueryScorer:
+    """Scores a query against stored embeddings.
 
-class Rows:
-    """A query's row, and those of the stored embeddings: from the shelf, and else of their records.
+    The match records of the stored embeddings are cached; missing ones are made from the database. Several
+    threads may score at once.
 
-    Several threads may ask at once. `query` is the query's row.
+    Attributes
+    ----------
+    match_record : float32, shape (l,)
+        Of the query.
 
     Parameters
     ----------
     database : Database
     query : Query
-        Of a pipeline with pairs "both-ways".
+        Of a pipeline whose matcher uses match records.
     """
 
     def __init__(self, database: Database, query: Query) -> None:
         self._database = database
         self._cache = query.active_pipeline.cache
         self._parameters = query.active_pipeline.pipeline.parameters
-        self.query = row_of(embedding_from_bytes(query.record), self._parameters)
+        self.match_record = match_record(query.embedding, self._parameters)
 
-    def matched(self, embeddings: NDArray[np.int64]) -> Scores:
-        """CC, SSD and sim of c embeddings by number: shape (3, c), NaN for those that are gone."""
+    def score(self, embeddings: Ints) -> Floats:
+        """CC, SSD and sim of c embeddings by number: shape (3, c), NaN for the deleted ones."""
         numbers = embeddings.tolist()
-        rows = cached_bytes(self._database, self._cache, self._parameters, numbers)
-        present = [place for place, number in enumerate(numbers) if number in rows]
-        found = match_rows(self.query, [rows[numbers[place]] for place in present], self._parameters)
+        records = cached_match_records(self._database, self._cache, self._parameters, numbers)
+        present = [place for place, number in enumerate(numbers) if number in records]
+        found = score_match_records(
+            self.match_record, [records[numbers[place]] for place in present], self._parameters
+        )
         scores = np.full((3, len(numbers)), np.nan)
         scores[:, present] = found.cc, found.ssd, found.sim
         return scores
 
-    def screened(self, embeddings: NDArray[np.int64]) -> Scores:
-        """About the CC of c embeddings by number: shape (1, c), NaN for those that are gone.
+    def rerank(self, embeddings: Ints) -> Floats:
+        """The approximate CC of c embeddings by number: shape (1, c), NaN for the deleted ones.
 
-        Of their records, whether they are on the shelf or not, so that what is there never decides an answer.
+        Read from the stored embeddings even if their match records are cached: an answer never depends on the
+        cache.
         """
         numbers = embeddings.tolist()
         with self._database.read() as session:
@@ -62,32 +68,32 @@ class Rows:
             with suppress(CoreError):
                 clouds[number] = points_from_bytes(record)
         present = [place for place, number in enumerate(numbers) if number in clouds]
-        found = rerank(self.query, [clouds[numbers[place]] for place in present], self._parameters)
+        found = rerank(self.match_record, [clouds[numbers[place]] for place in present], self._parameters)
         scores = np.full((1, len(numbers)), np.nan)
         scores[0, present] = found
         return scores
 
-    def sifted(self, coarse_samples: Bytes) -> Scores:
-        """Roughly the CC of c embeddings by their sketches, (c, l): shape (1, c)."""
-        return coarse_ranking(self.query, coarse_samples, self._parameters)[None].astype(np.float64)
+    def rank_coarsely(self, coarse_samples: Bytes) -> Floats:
+        """The approximate CC of c embeddings by their coarse samples, (c, l): shape (1, c)."""
+        return coarse_ranking(self.match_record, coarse_samples, self._parameters)[None].astype(np.float64)
 
 
-def cached_bytes(
+def cached_match_records(
     database: Database, cache: EmbeddingCache[Float32s], parameters: Parameters, numbers: Sequence[int]
 ) -> dict[int, Float32s]:
-    """The rows of embeddings by number; those that are not on the shelf are made and put there.
+    """The match records of embeddings by number; missing ones are made and cached.
 
-    Without those that are gone, or cannot be read.
+    Deleted and unreadable embeddings are left out.
     """
-    rows = cache.rows(numbers)
-    missing = [number for number in numbers if number not in rows]
+    found = cache.get(numbers)
+    missing = [number for number in numbers if number not in found]
     if missing:
         with database.read() as session:
             records = repository.embedding_records(session, missing)
         for number, record in records.items():
             try:
-                rows[number] = row_of(embedding_from_bytes(record), parameters)
+                found[number] = match_record(embedding_from_bytes(record), parameters)
             except CoreError:
                 continue
-            cache.put(number, rows[number])
-    return rows
+            cache.put(number, found[number])
+    return found

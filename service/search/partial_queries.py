@@ -16,7 +16,6 @@ from core.errors import MeshError
 from core.mesh.mesh import Mesh
 from core.parameters import Parameters
 from core.ranking.shortlist import least
-from core.serialization import embedding_from_bytes
 from service.collection import CollectionNumber
 from service.compute.tasks import part_of_mesh, spin_images_of_mesh
 from service.container import Container
@@ -24,12 +23,12 @@ from service.errors import FileTimeLimitError
 from service.observability.logging import get_logger
 from service.observability.timings import Timings
 from service.search import repository
-from service.search.batches import by_threads, each_once
+from service.search.batches import by_embedding, by_threads
 from service.search.records import Answer, Options, Query
 from service.search.scoring import compare_with
 from service.search.service import results
 from service.search.shortlist import Candidates, candidates
-from service.search.spin_images import COMPARED, stored_spin_images
+from service.search.spin_images import SPIN_IMAGE_BATCH, stored_spin_images
 from service.shapes import service as shapes_service
 from service.shapes.records import ShapeRecord
 
@@ -93,7 +92,7 @@ async def search(
         best = np.flatnonzero(compared.cc >= options.min_cc)
         found = await results(container, query, compared, scored, best, options)
     distance_of = dict(zip(chosen.shapes.tolist(), distances.tolist(), strict=True))
-    embedding = embedding_from_bytes(query.record)
+    embedding = query.embedding
     return Answer(
         pipeline=pipeline,
         found=[replace(one, part_distance=distance_of[one.shape.number]) for one in found],
@@ -124,7 +123,7 @@ async def _distances(
         return measured
 
     distances: NDArray[np.float64] = (
-        await each_once(container, candidates, COMPARED, 1, by_threads(container, by_records))
+        await by_embedding(container, candidates, SPIN_IMAGE_BATCH, 1, by_threads(container, by_records))
     )[0]
     slots = asyncio.Semaphore(2 * container.settings.workers)
 

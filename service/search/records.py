@@ -1,4 +1,4 @@
-"""What is searched for, how, and what is found."""
+"""A query, its options and its answer."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -6,7 +6,7 @@ from functools import cached_property
 from core.arrays import Bytes
 from core.embedding import Embedding, Match
 from core.pipeline import Pipeline
-from core.serialization import spin_images_from_bytes
+from core.serialization import embedding_from_bytes
 from service.pipelines.active import ActivePipeline
 from service.search.rank_by import RankBy
 from service.shapes.records import ShapeFilter, ShapeRecord
@@ -16,10 +16,9 @@ from service.shapes.records import ShapeFilter, ShapeRecord
 class Options:
     """How to search.
 
-    `shortlist_from` candidates or more are cut to the `shortlist_length` nearest by signature; of these the
-    `reranked` that a rough look finds most alike are looked at more closely, and of these as many as are
-    wanted and `finalists` more are compared in full. `sizes` is the factor by which the roots of two areas
-    may differ at most.
+    `shortlist_from` candidates or more are cut to the `shortlist_length` nearest by signature. The `reranked`
+    first of the coarse ranking are re-ranked, and the `top_k + finalists` first of these are scored in full.
+    `sizes` is the largest factor between the roots of two areas.
     """
 
     top_k: int
@@ -39,21 +38,36 @@ class Options:
 
 @dataclass(frozen=True)
 class Query:
-    """What is searched for: an embedding, what made it, and the numbers of the stored shapes that it is."""
+    """The embedding that is searched for.
+
+    Attributes
+    ----------
+    active_pipeline : ActivePipeline
+        The pipeline that made it.
+    record : bytes
+        The embedding as it is stored, and sent to workers.
+    itself : frozenset of int
+        The numbers of the stored shapes that are the query itself.
+    """
 
     active_pipeline: ActivePipeline
     record: bytes
     itself: frozenset[int]
 
     @cached_property
+    def embedding(self) -> Embedding:
+        """The record, decoded once."""
+        return embedding_from_bytes(self.record)
+
+    @property
     def spin_images(self) -> Bytes:
-        """Of its surface; see `core.embedding`."""
-        return spin_images_from_bytes(self.record)
+        """The spin images of its surface; see `core.embedding`."""
+        return self.embedding.spin_images
 
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """Two embeddings, their match, and the chance that they are of one class."""
+    """Two embeddings, their match, and the probability that they are of one class."""
 
     pipeline: Pipeline
     first: Embedding
@@ -63,8 +77,8 @@ class Comparison:
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
-    """One shape of an answer; `part_distance` is of a query with a part."""
+class SearchResult:
+    """One shape of an answer; `part_distance` is set if the query is a part."""
 
     shape: ShapeRecord
     cc: float
@@ -77,14 +91,14 @@ class Found:
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """What a search found.
+    """The answer to a search.
 
-    `best_cc` is the highest of all that were compared, if any were; `boundary_ratio` is of the query's surface, and
-    `embedding` its own, if asked for.
+    `best_cc` is the highest CC of all compared shapes, if there are any; `boundary_ratio` is of the query's
+    surface; `embedding` is the query's, if asked for.
     """
 
     pipeline: Pipeline
-    found: list[Found]
+    found: list[SearchResult]
     best_cc: float | None
     compared: int
     stored: int

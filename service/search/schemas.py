@@ -10,7 +10,7 @@ from service.shapes.filters import Filters
 from service.shapes.schemas import SHAPE, EmbeddingArrays, Shape, warnings_of
 
 if TYPE_CHECKING:
-    from service.search.records import Answer, Comparison, Found
+    from service.search.records import Answer, Comparison, SearchResult
 
 PIPELINE = "3f1c9a7be2d40586"
 MILLISECONDS: dict[str, Any] = {
@@ -273,7 +273,7 @@ def pairs(comparison: "Comparison") -> list[Pair]:
     ]
 
 
-def _result(rank: int, found: "Found") -> Result:
+def _result(rank: int, found: "SearchResult") -> Result:
     return Result(
         rank=rank,
         cc=found.cc,

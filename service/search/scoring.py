@@ -1,43 +1,42 @@
-"""Comparing a query with many stored embeddings."""
+"""The scores of a query with its candidates."""
 
 from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 from starlette.concurrency import run_in_threadpool
 
+from core.arrays import Floats, Ints
 from core.descriptors.descriptor_distance import is_part
 from core.ranking.shortlist import least
 from service.compute.workers import RemoteWorkers
 from service.container import Container
 from service.observability.logging import get_logger
 from service.search import repository
-from service.search.batches import by_threads, each_once, in_batches
-from service.search.cluster_scoring import SENT as SPREAD
-from service.search.cluster_scoring import cluster_scores
-from service.search.match_records import Rows, Scores
+from service.search.batches import by_embedding, by_threads, in_batches
+from service.search.cluster_scoring import CLUSTER_BATCH, cluster_scores
+from service.search.match_records import QueryScorer
 from service.search.rank_by import RankBy
 from service.search.ranking import Compared
 from service.search.records import Query
 from service.search.shortlist import Candidates
-from service.search.spin_images import chances
+from service.search.spin_images import class_probabilities
 from service.storage.database import Database
 
 log = get_logger("search")
 
-MATCHED, SIFTED, SENT = 32, 256, 256
-"""How many embeddings a thread matches, or sifts, or a worker process is sent, at a time."""
+THREAD_BATCH, COARSE_BATCH, PROCESS_BATCH = 32, 256, 256
+"""Embeddings that a thread scores in full, or ranks coarsely, or that a worker process scores, at a time."""
 
 
 async def compare_with(
     container: Container, query: Query, candidates: Candidates, rank_by: RankBy
 ) -> tuple[Compared, Candidates]:
-    """Score the candidates, each embedding once, or those of them that sifting and screening put first.
+    """Score the candidates, each embedding once.
 
-    Where no shortlist is made and the workers are a cluster's, these match them.
-    A candidate that was deleted meanwhile, or whose record cannot be read, is left out. The second that is
-    returned are those that were scored, in the same order.
+    Of a shortlist, only the first after the coarse ranking and the re-ranking are scored. Without a
+    shortlist, the workers of a cluster score the candidates. Deleted and unreadable candidates are left out.
+    The second result is the candidates that were scored, in the same order.
     """
     with container.searches.one():
         return await _compared(container, query, candidates, rank_by)
@@ -46,62 +45,63 @@ async def compare_with(
 async def _compared(
     container: Container, query: Query, candidates: Candidates, rank_by: RankBy
 ) -> tuple[Compared, Candidates]:
-    pipeline = query.active_pipeline.pipeline
-    if pipeline.parameters.matching.pairs == "both-ways":
-        rows = await run_in_threadpool(Rows, container.database, query)
-        candidates = await _finalists(container, query, rows, candidates, rank_by)
-        score, at_once = by_threads(container, rows.matched), MATCHED
+    if query.active_pipeline.pipeline.matcher.uses_match_records:
+        scorer = await run_in_threadpool(QueryScorer, container.database, query)
+        candidates = await _finalists(container, query, scorer, candidates, rank_by)
+        score, batch = by_threads(container, scorer.score), THREAD_BATCH
         if candidates.finalists is None and isinstance(container.pool, RemoteWorkers):
-            score, at_once = (
-                partial(cluster_scores, container, container.pool, query.active_pipeline, rows.query),
-                SPREAD,
-            )
+            pool, active_pipeline = container.pool, query.active_pipeline
+            score = partial(cluster_scores, container, pool, active_pipeline, scorer.match_record)
+            batch = CLUSTER_BATCH
     else:
-        score, at_once = partial(_by_worker, container, query), SENT
-    scores = await each_once(container, candidates, at_once, 3, score)
+        score, batch = partial(_by_worker, container, query), PROCESS_BATCH
+    scores = await by_embedding(container, candidates, batch, 3, score)
     known = np.isfinite(scores).all(axis=0)
     if not known.all():
         log.warning("%d candidates were deleted meanwhile, or cannot be read", np.count_nonzero(~known))
     candidates, (cc, ssd, sim) = candidates.only(np.flatnonzero(known)), scores[:, known]
-    combined = await chances(container, query, candidates, cc, sim) if rank_by == "combined" else None
+    combined = (
+        await class_probabilities(container, query, candidates, cc, sim) if rank_by == "combined" else None
+    )
     return Compared(candidates.shapes, cc, ssd, sim, combined), candidates
 
 
 async def _finalists(
-    container: Container, query: Query, rows: Rows, candidates: Candidates, rank_by: RankBy
+    container: Container, query: Query, scorer: QueryScorer, candidates: Candidates, rank_by: RankBy
 ) -> Candidates:
-    """Those that are matched in full: first the sketches are sifted, then what is left is screened.
+    """The candidates that are scored in full: the first after the coarse ranking and the re-ranking.
 
-    Each step leaves those of greatest CC as far as it tells, or of greatest chance where that is asked. An
-    incomplete query's chance hangs on patches most of all, which sifting does not look at: all are screened.
+    Each step keeps the candidates of greatest approximate CC, or of greatest class probability if the answer
+    is ranked by it. The class probability of an incomplete query depends mostly on spin images, which the
+    coarse ranking does not read: all of its candidates are re-ranked.
     """
-    by_chance = rank_by == "combined"
-    sifting = not (by_chance and is_part(query.spin_images))
-    if sifting and candidates.reranked is not None and candidates.reranked < len(candidates.shapes):
-        sifted = by_threads(container, rows.sifted)
-        rough = (await in_batches(candidates.coarse_samples, SIFTED, container.settings.workers, 1, sifted))[
-            0
-        ]
-        if by_chance:
+    by_probability = rank_by == "combined"
+    coarsely = not (by_probability and is_part(query.spin_images))
+    if coarsely and candidates.reranked is not None and candidates.reranked < len(candidates.shapes):
+        score = by_threads(container, scorer.rank_coarsely)
+        workers = container.settings.workers
+        rough = (await in_batches(candidates.coarse_samples, COARSE_BATCH, workers, 1, score))[0]
+        if by_probability:
             rough = query.active_pipeline.pipeline.combined(
                 rough, np.zeros(len(rough)), candidates.signature, candidates.signatures
             )
-        candidates = _likeliest(candidates, rough, candidates.reranked)
+        candidates = _greatest(candidates, rough, candidates.reranked)
     if candidates.finalists is not None and candidates.finalists < len(candidates.shapes):
-        rough = (await each_once(container, candidates, MATCHED, 1, by_threads(container, rows.screened)))[0]
-        if by_chance:
-            rough = await chances(container, query, candidates, rough, np.zeros(len(rough)))
-        candidates = _likeliest(candidates, rough, candidates.finalists)
+        score = by_threads(container, scorer.rerank)
+        rough = (await by_embedding(container, candidates, THREAD_BATCH, 1, score))[0]
+        if by_probability:
+            rough = await class_probabilities(container, query, candidates, rough, np.zeros(len(rough)))
+        candidates = _greatest(candidates, rough, candidates.finalists)
     return candidates
 
 
-def _likeliest(candidates: Candidates, likeness: NDArray[np.float64], count: int) -> Candidates:
-    """The candidates of greatest likeness; those gone are last."""
-    return candidates.only(least(np.nan_to_num(-likeness, nan=np.inf), candidates.shapes, count))
+def _greatest(candidates: Candidates, scores: Floats, count: int) -> Candidates:
+    """The candidates of greatest score; deleted ones come last."""
+    return candidates.only(least(np.nan_to_num(-scores, nan=np.inf), candidates.shapes, count))
 
 
-async def _by_worker(container: Container, query: Query, embeddings: NDArray[np.int64]) -> Scores:
-    """CC, SSD and sim, by a worker process: shape (3, c), NaN for those that are gone."""
+async def _by_worker(container: Container, query: Query, embeddings: Ints) -> Floats:
+    """CC, SSD and sim, by a worker process: shape (3, c), NaN for the deleted ones."""
     numbers = embeddings.tolist()
     records = await run_in_threadpool(_read, container.database, numbers)
     present = [place for place, number in enumerate(numbers) if number in records]

@@ -1,4 +1,4 @@
-"""Finding the stored shapes most like one, and comparing two."""
+"""The search for the most similar stored shapes, and the comparison of two."""
 
 from collections.abc import Awaitable, Callable
 from typing import TypeVar
@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 from starlette.concurrency import run_in_threadpool
 
 from core.embedding import Scores
-from core.pipeline import Pipeline
 from core.serialization import embedding_from_bytes
 from service.collection import CollectionNumber
 from service.compute.work import Work
@@ -18,10 +17,10 @@ from service.observability.timings import Timings
 from service.pipelines.active import ActivePipeline
 from service.search import repository
 from service.search.ranking import Compared, ranked
-from service.search.records import Answer, Comparison, Found, Options, Query
+from service.search.records import Answer, Comparison, Options, Query, SearchResult
 from service.search.scoring import compare_with
 from service.search.shortlist import Candidates, candidates
-from service.search.spin_images import chances
+from service.search.spin_images import class_probabilities
 from service.shapes import repository as shapes_repository
 from service.shapes import service as shapes_service
 from service.shapes.records import ShapeRecord, sha256
@@ -30,9 +29,9 @@ Done = TypeVar("Done")
 
 
 async def in_one_pipeline(container: Container, work: Callable[[ActivePipeline], Awaitable[Done]]) -> Done:
-    """What work with the pipeline in use gives, done again where the archive went over to another meanwhile.
+    """The result of work with the active pipeline, done again if the archive changed its pipeline meanwhile.
 
-    The embeddings that it began with may have been deleted under it.
+    The embeddings that the work began with may have been deleted.
     """
 
     def current() -> ActivePipeline:
@@ -61,7 +60,7 @@ async def by_file(
     active_pipeline: ActivePipeline,
     timings: Timings,
 ) -> Query:
-    """The query that a file makes; the shapes of the collection with the same bytes are itself."""
+    """The query by a file; the shapes of the collection with the same bytes are the query itself."""
     embedded = await container.work.embed(data, format, active_pipeline.pipeline)
     timings.milliseconds |= embedded.milliseconds
 
@@ -79,7 +78,7 @@ async def by_id(
     active_pipeline: ActivePipeline,
     timings: Timings,
 ) -> Query:
-    """The query that a collection's shape makes."""
+    """The query by a stored shape of a collection."""
     fingerprint = active_pipeline.fingerprint
 
     def read() -> Query:
@@ -103,15 +102,14 @@ async def search(container: Container, query: Query, options: Options, timings: 
         best = ranked(compared, options.rank_by)
         best = best[compared.cc[best] >= options.min_cc][: options.top_k]
         found = await results(container, query, compared, scored, best, options)
-    embedding = embedding_from_bytes(query.record)
     return Answer(
         pipeline=query.active_pipeline.pipeline,
         found=found,
         best_cc=float(compared.cc.max()) if len(compared.cc) else None,
         compared=len(compared.shapes),
         stored=chosen.stored,
-        boundary_ratio=embedding.facts.openness,
-        embedding=embedding if options.embedding else None,
+        boundary_ratio=query.embedding.facts.openness,
+        embedding=query.embedding if options.embedding else None,
     )
 
 
@@ -136,7 +134,7 @@ async def compare(
     with timings.stage("read"):
         first, second = await run_in_threadpool(read)
     with timings.stage("compare"):
-        return await _match(container.work, first, second, active_pipeline.pipeline)
+        return await _compared(container.work, Query(active_pipeline, first, frozenset()), second)
 
 
 async def results(
@@ -146,10 +144,10 @@ async def results(
     scored: Candidates,
     best: NDArray[np.intp],
     options: Options,
-) -> list[Found]:
-    """The best as they are shown; one that was deleted a moment ago is left out.
+) -> list[SearchResult]:
+    """The best shapes as they are shown, without one that was deleted a moment ago.
 
-    `scored` are the shapes of `compared`, `best` places in both.
+    `scored` are the shapes of `compared`; `best` are places in both.
     """
     pipeline = query.active_pipeline.pipeline
     fingerprint, collection = pipeline.fingerprint, options.filter.collection
@@ -165,30 +163,32 @@ async def results(
                 for shape in shapes
             ]
 
-    combined = await chances(container, query, scored.only(best), compared.cc[best], compared.sim[best])
-    chance_of = dict(zip(best.tolist(), combined.tolist(), strict=True))
+    combined = await class_probabilities(
+        container, query, scored.only(best), compared.cc[best], compared.sim[best]
+    )
+    probability_of = dict(zip(best.tolist(), combined.tolist(), strict=True))
     places = {int(compared.shapes[place]): int(place) for place in best}
     found = []
     for shape, record in await run_in_threadpool(read):
         place = places[shape.number]
         found.append(
-            Found(
+            SearchResult(
                 shape=shape,
                 cc=float(compared.cc[place]),
                 ssd=float(compared.ssd[place]),
                 sim=float(compared.sim[place]),
-                combined=chance_of[place],
-                comparison=None
-                if record is None
-                else await _match(container.work, query.record, record, pipeline),
+                combined=probability_of[place],
+                comparison=None if record is None else await _compared(container.work, query, record),
             )
         )
     return found
 
 
-async def _match(work: Work, first: bytes, second: bytes, pipeline: Pipeline) -> Comparison:
-    match = await work.match(first, second, pipeline)
-    one, other = embedding_from_bytes(first), embedding_from_bytes(second)
+async def _compared(work: Work, query: Query, record: bytes) -> Comparison:
+    """The query and the embedding of a record, matched."""
+    pipeline = query.active_pipeline.pipeline
+    match = await work.match(query.record, record, pipeline)
+    embedding = embedding_from_bytes(record)
     scores = Scores(*(np.array([score]) for score in (match.cc, match.ssd, match.sim)))
-    combined = pipeline.combined_with(one, [other], scores)
-    return Comparison(pipeline, one, other, match, combined=float(combined[0]))
+    combined = pipeline.combined_with(query.embedding, [embedding], scores)
+    return Comparison(pipeline, query.embedding, embedding, match, combined=float(combined[0]))

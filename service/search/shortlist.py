@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.ranking.shortlist import least, signature_distances
-from core.serialization import embedding_from_bytes
 from service.container import Container
 from service.index.repository import IndexEntries
 from service.observability.logging import get_logger
@@ -63,7 +62,7 @@ class Candidates:
 
 def candidates(container: Container, query: Query, options: Options) -> Candidates:
     """The shapes that match the filter, without the query itself, or a shortlist of them."""
-    embedding = embedding_from_bytes(query.record)
+    embedding = query.embedding
     wanted = options.filter
     if options.sizes is not None:
         area, most = embedding.facts.area, options.sizes**2

@@ -1,75 +1,72 @@
-"""What a worker of a cluster does of a search: it keeps rows of embeddings, and matches queries with them."""
+"""The scoring of a query by a worker of a cluster, which caches match records of its own."""
 
 from collections.abc import Mapping
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from core.arrays import Float32s
+from core.arrays import Float32s, Floats, Ints
 from core.errors import CoreError
-from core.matching.match_records import match_rows, row_of
+from core.matching.match_records import match_record, score_match_records
 from core.parameters import Parameters
 from core.serialization import embedding_from_bytes
 from service.index.cache import EmbeddingCache
 
-Scores = NDArray[np.float64]
 
-
-def match_kept(
+def score_on_worker(
     query: Float32s,
-    numbers: NDArray[np.int64],
+    numbers: Ints,
     records: Mapping[int, bytes],
     parameters: Parameters,
     user: int,
     room: int,
-) -> tuple[Scores, NDArray[np.int64]]:
-    """Match a query with embeddings whose rows are kept here, or whose records come along.
+) -> tuple[Floats, Ints]:
+    """Score a query against embeddings that this worker caches, or whose records come with the task.
 
     Parameters
     ----------
     query : float32, shape (l,)
-        Of `core.matching.match_records.row_of`.
+        A match record: see `core.matching.match_records`.
     numbers : int64, shape (c,)
         Of the embeddings.
     records : mapping of int to bytes
-        By number, those that this worker told it had not; their rows are kept from now on.
+        By number, the embedding records that this worker lacked; their match records are cached from now on.
     parameters : Parameters
-        With pairs "both-ways", those that all were made with.
+        Those that all were made with.
     user : int
-        Whose numbers they are: no service uses a number again while it runs.
+        The service that the numbers belong to: it uses no number again while it runs.
     room : int
-        How many bytes of rows may be kept, for all services. Those not asked for longest go first.
+        The most bytes of match records that are cached, for all services; the least recently used go first.
 
     Returns
     -------
     float64, shape (3, c)
-        CC, SSD and sim; NaN for those that are not here, or cannot be read.
+        CC, SSD and sim; NaN for embeddings that are missing here or unreadable.
     int64, shape (m,)
-        The numbers of those that are not here.
+        The numbers of the embeddings that are missing here.
     """
     cache = _cache()
     cache.resize(room)
-    wanted = [(user << 64) + number for number in numbers.tolist()]
-    rows = cache.rows(wanted)
+    keys = [(user << 64) + number for number in numbers.tolist()]
+    found = cache.get(keys)
     for number, record in records.items():
         key = (user << 64) + number
-        if key not in rows:
+        if key not in found:
             try:
-                rows[key] = row_of(embedding_from_bytes(record), parameters)
+                found[key] = match_record(embedding_from_bytes(record), parameters)
             except CoreError:
                 continue
-            cache.put(key, rows[key])
-    here = np.array([key in rows for key in wanted], dtype=bool)
-    found = match_rows(query, [rows[key] for key in wanted if key in rows], parameters)
-    scores = np.full((3, len(wanted)), np.nan)
-    scores[:, here] = found.cc, found.ssd, found.sim
+            cache.put(key, found[key])
+    here = np.array([key in found for key in keys], dtype=bool)
+    scored = score_match_records(query, [found[key] for key in keys if key in found], parameters)
+    scores = np.full((3, len(keys)), np.nan)
+    scores[:, here] = scored.cc, scored.ssd, scored.sim
     return scores, numbers[~here]
 
 
 @cache
 def _cache() -> EmbeddingCache[Float32s]:
-    """The one of this process, whose linear algebra runs on one thread from now on: see `row_of`."""
+    """The cache of this process, whose linear algebra runs on one thread from now on: see `match_record`."""
     threadpool_limits(1)
     return EmbeddingCache(0)

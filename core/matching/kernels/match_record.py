@@ -1,4 +1,4 @@
-"""What the kernels read of one shape, and the one row of bytes that it is kept in."""
+"""The match record of one shape: the arrays that the kernels read, encoded in one array."""
 
 from typing import Any, NamedTuple
 
@@ -11,21 +11,21 @@ from core.matching.kernels.simd import floats_at
 from core.numerics.compilation import kernel
 
 ONE = 32767
-"""What 1 is in a spline's matrix, which is kept in whole numbers: its entries lie in [-1, 1]."""
+"""The integer that stands for 1 in a spline's matrix, whose entries lie in [-1, 1]."""
 
 HEAD = 12
-"""Numbers before a row's arrays, int32: m, d, s, b, k, j, how many splines a domain has, and the key."""
+"""Numbers before the arrays, int32: m, d, s, b, k, j, the number of splines of a domain, and the key."""
 
 
-class Packed(NamedTuple):
-    """What the kernels read of one shape with m samples and d embedded points, in b domains of k dimensions.
+class MatchRecord(NamedTuple):
+    """One shape with m samples and d embedded points, in b domains of k dimensions.
 
     Attributes
     ----------
     points : float32, shape (d, b k)
         Spectral coordinates side by side, the samples first.
     searched : float32, shape (b, j, s)
-        By columns: the first samples and dimensions, where the search goes.
+        The first samples and dimensions, by columns: the search reads these alone.
     operators : int16, shape (b, stages, s, s)
         Their splines, over `ONE`.
     offsets : int32, shape (m + 1,)
@@ -49,14 +49,22 @@ class Packed(NamedTuple):
     key: Int32s
 
 
-def packed_row(shape: Packed) -> Float32s:
-    """The shape as one row, float32, shape (l,), of which `unpacked` makes it again."""
+def encoded(record: MatchRecord) -> Float32s:
+    """The match record as one array, float32, shape (l,); `decoded` reads it."""
     head = np.zeros(HEAD, dtype=np.int32)
-    b, j, s = shape.searched.shape
-    d, columns = shape.points.shape
-    head[:7] = shape.warp.shape[1], d, s, b, columns // b, j, shape.operators.shape[1]
-    head[7:11] = shape.key
-    arrays = (head, shape.radius, shape.points, shape.offsets, shape.members, shape.operators, shape.warp)
+    b, j, s = record.searched.shape
+    d, columns = record.points.shape
+    head[:7] = record.warp.shape[1], d, s, b, columns // b, j, record.operators.shape[1]
+    head[7:11] = record.key
+    arrays = (
+        head,
+        record.radius,
+        record.points,
+        record.offsets,
+        record.members,
+        record.operators,
+        record.warp,
+    )
     return np.concatenate([_floats(array) for array in arrays])
 
 
@@ -67,36 +75,36 @@ def _floats(array: NDArray[Any]) -> Float32s:
 
 
 @kernel
-def unpacked(row: Float32s) -> Packed:
-    """The shape in a row: views of it, but for `searched`."""
-    head = row[:HEAD].view(np.int32)
+def decoded(record: Float32s) -> MatchRecord:
+    """The arrays of an encoded match record: views of it, except `searched`, which is a copy."""
+    head = record[:HEAD].view(np.int32)
     sizes = head.astype(np.int64)
     m, d, s, b, k, j, stages = sizes[0], sizes[1], sizes[2], sizes[3], sizes[4], sizes[5], sizes[6]
     at = np.int64(HEAD)
-    radius = row[at : at + b]
+    radius = record[at : at + b]
     at += b
-    points = row[at : at + d * b * k].reshape((d, b * k))
+    points = record[at : at + d * b * k].reshape((d, b * k))
     at += d * b * k
-    offsets = row[at : at + m + 1].view(np.int32)
+    offsets = record[at : at + m + 1].view(np.int32)
     at += m + 1
-    members = row[at : at + d].view(np.int32)
+    members = record[at : at + d].view(np.int32)
     at += d
     length = (b * stages * s * s + 1) // 2
-    operators = row[at : at + length].view(np.int16)[: b * stages * s * s].reshape((b, stages, s, s))
+    operators = record[at : at + length].view(np.int16)[: b * stages * s * s].reshape((b, stages, s, s))
     at += length
     length = (b * m * m + 1) // 2
-    warp = row[at : at + length].view(np.int16)[: b * m * m].reshape((b, m, m))
+    warp = record[at : at + length].view(np.int16)[: b * m * m].reshape((b, m, m))
     searched = np.empty((b, j, s), dtype=np.float32)
     for block in range(b):
         for c in range(j):
             for i in range(s):
                 searched[block, c, i] = points[i, block * k + c]
-    return Packed(points, searched, operators, offsets, members, warp, radius, head[7:11])
+    return MatchRecord(points, searched, operators, offsets, members, warp, radius, head[7:11])
 
 
 @kernel
-def opened(matrix: Int16s) -> Float32s:
-    """A spline's matrix, shape (m, m), as it was, float32."""
+def dequantised(matrix: Int16s) -> Float32s:
+    """A spline's matrix of integers over `ONE`, shape (m, m), in float32."""
     m = len(matrix)
     found = np.empty((m, m), dtype=np.float32)
     for i in range(m):
@@ -106,6 +114,6 @@ def opened(matrix: Int16s) -> Float32s:
 
 
 @kernel
-def row_at(address: int, length: int) -> Float32s:
-    """The row of float32 at an address of memory, which must stay while the row is read."""
+def record_at(address: int, length: int) -> Float32s:
+    """The float32 numbers at an address of memory, which must stay allocated while they are read."""
     return carray(floats_at(address), (length,))

@@ -1,4 +1,4 @@
-"""Nearest neighbours both ways between two clouds, and the cross-products of the pairs that they make."""
+"""Nearest neighbours both ways between two clouds, and the covariance-covariance of their pairs."""
 
 import numpy as np
 
@@ -6,17 +6,17 @@ from core.arrays import Float32s, Floats, Int32s, Ints
 from core.matching.kernels.spline_search import FAR
 from core.numerics.compilation import kernel
 
-APART = np.float32(1e-3)
-"""Added to squared distances, which rounding could make negative: their bits are compared as integers."""
+OFFSET = np.float32(1e-3)
+"""Added to squared distances: rounding could make them negative, and their bits are compared as integers."""
 
 
 @kernel
-def nearest_both(turned: Float32s, targets: Float32s, low: int, there: Int32s, back: Int32s) -> None:
-    """Write the nearest target to each turned point, and the nearest turned point to each target.
+def nearest_both_ways(rotated: Float32s, targets: Float32s, low: int, there: Int32s, back: Int32s) -> None:
+    """Write the nearest target to each rotated point, and the nearest rotated point to each target.
 
     Parameters
     ----------
-    turned : float32, shape (m, k)
+    rotated : float32, shape (m, k)
     targets : float32, shape (k, n)
         By columns: row c holds coordinate c of all.
     low : int
@@ -24,9 +24,9 @@ def nearest_both(turned: Float32s, targets: Float32s, low: int, there: Int32s, b
     there : int32, shape (m,)
     back : int32, shape (n,)
     """
-    m, k = turned.shape
+    m, k = rotated.shape
     n = targets.shape[1]
-    products = np.dot(turned, targets)
+    products = np.dot(rotated, targets)
     lengths = np.zeros(n, dtype=np.float32)
     for c in range(k):
         for j in range(n):
@@ -39,7 +39,7 @@ def nearest_both(turned: Float32s, targets: Float32s, low: int, there: Int32s, b
     for j in range(n):
         back[j] = FAR
     for i in range(m):
-        own = APART + square(turned, i)
+        own = OFFSET + square(rotated, i)
         for j in range(n):
             squares[j] = max(own + lengths[j] - np.float32(2.0) * products[i, j], nought)
         least = FAR
@@ -87,32 +87,32 @@ def squared_distance(points: Float32s, row: int, others: Float32s, other: int) -
 
 @kernel
 def closest(points: Float32s, members: Int32s, start: int, stop: int, ends: Float32s, end: int) -> int:
-    """Of the rows members[start:stop] of points, that which is closest to row `end` of ends."""
+    """The one of the rows members[start:stop] of points that is closest to row `end` of ends."""
     least = np.float32(3e38)
     found = members[start]
     for place in range(start, stop):
         row = members[place]
-        descriptor_distance = squared_distance(points, row, ends, end)
-        if descriptor_distance < least:
-            least = descriptor_distance
+        distance = squared_distance(points, row, ends, end)
+        if distance < least:
+            least = distance
             found = row
     return int(found)
 
 
 @kernel
-def paired_both(
+def cross_covariance_both_ways(
     x: Float32s,
     y: Float32s,
     there: Int32s,
     back: Int32s,
     blocks: int,
-    cross: Float32s,
+    covariance: Float32s,
     first: Float32s,
     second: Float32s,
 ) -> None:
-    """As `paired` of x with y[there] and of x[back] with y.
+    """`cross_covariance` of x with y[there] and of x[back] with y.
 
-    The points of x that one of y is paired with are added up, so that one product serves both ways.
+    The points of x that are paired with one point of y are added up, so that one product serves both ways.
 
     Parameters
     ----------
@@ -163,21 +163,23 @@ def paired_both(
     for c in range(columns):
         mean = sums[0, c] * share
         for d in range(columns):
-            cross[c, d] = products[c, d] - mean * sums[1, d]
+            covariance[c, d] = products[c, d] - mean * sums[1, d]
 
 
 @kernel
-def paired(
+def cross_covariance(
     points: Float32s,
     partners: Float32s,
     sources: Float32s,
     targets: Float32s,
     blocks: int,
-    cross: Float32s,
+    covariance: Float32s,
     first: Float32s,
     second: Float32s,
 ) -> None:
-    """Write the centred cross-products and square sums of pairs: points with partners, sources with targets.
+    """Write the covariance-covariance and the centred square sums of two sets of pairs.
+
+    Points are paired with partners, sources with targets. The sums are not divided by the number of pairs.
 
     Parameters
     ----------
@@ -185,7 +187,7 @@ def paired(
     sources, targets : float32, shape (n, b k)
     blocks : int
         b.
-    cross : float32, shape (b k, b k)
+    covariance : float32, shape (b k, b k)
         Written.
     first, second : float32, shape (b,)
         Written: square sums over each block of columns of one side and of the other.
@@ -220,10 +222,10 @@ def paired(
     for c in range(columns):
         mean = sums[0, c] * share
         for d in range(columns):
-            cross[c, d] = there[c, d] + back[c, d] - mean * sums[1, d]
+            covariance[c, d] = there[c, d] + back[c, d] - mean * sums[1, d]
 
 
-def nearest_both_reference(turned: Floats, targets: Floats) -> tuple[Ints, Ints]:
-    """What `nearest_both` finds, in plain NumPy, of which the squared distances are exact."""
-    squares = ((turned[:, None, :] - targets[None, :, :]) ** 2).sum(axis=2)
+def nearest_both_ways_reference(rotated: Floats, targets: Floats) -> tuple[Ints, Ints]:
+    """The plain form of `nearest_both_ways`, with exact squared distances."""
+    squares = ((rotated[:, None, :] - targets[None, :, :]) ** 2).sum(axis=2)
     return np.asarray(squares.argmin(axis=1)), np.asarray(squares.argmin(axis=0))

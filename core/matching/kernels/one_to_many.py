@@ -1,20 +1,20 @@
-"""One shape against many: in full, of which the rows may lie anywhere in memory, and roughly, by sketches."""
+"""One shape against many: in full by match records, and roughly by coarse samples."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 from core.arrays import Float32s, Floats, Ints
-from core.matching.kernels.match_record import Packed, row_at, unpacked
-from core.matching.kernels.pair_matching import Rounds, best_map, match_pair
+from core.matching.kernels.match_record import MatchRecord, decoded, record_at
+from core.matching.kernels.pair_matching import SearchRounds, best_map, match_pair
 from core.numerics.compilation import kernel
 
 COARSE_SAMPLES = 32
-"""Samples of a sketch."""
+"""Samples of each shape that a coarse ranking reads."""
 
 
 @kernel
-def precedes(x: Packed, y: Packed) -> int:
-    """1 where x comes first of the two: the smaller, then by key; 0 where both are one shape; else -1."""
+def precedes(x: MatchRecord, y: MatchRecord) -> int:
+    """1 if x comes first of the two (the smaller, then by key), 0 if both are one shape, else -1."""
     m = len(x.offsets)
     n = len(y.offsets)
     if m != n:
@@ -28,23 +28,23 @@ def precedes(x: Packed, y: Packed) -> int:
 
 
 @kernel
-def match_many(query: Float32s, addresses: Ints, lengths: Ints, rounds: Rounds, scores: Floats) -> None:
+def match_many(query: Float32s, addresses: Ints, lengths: Ints, rounds: SearchRounds, scores: Floats) -> None:
     """Write CC, SSD and sim of one shape and each of c others, the same whichever of two is the query.
 
     Parameters
     ----------
     query : float32, shape (l,)
-        A row: see `core.matching.kernels.match_record`.
+        A match record: see `core.matching.kernels.match_record`.
     addresses, lengths : int64, shape (c,)
-        Of the others' rows in memory, the length in numbers.
-    rounds : Rounds
+        Of the others' match records in memory, the length in numbers.
+    rounds : SearchRounds
     scores : float64, shape (c, 3)
         Written.
     """
-    x = unpacked(query)
+    x = decoded(query)
     rotation = np.empty((x.points.shape[1], x.points.shape[1]), dtype=np.float32)
     for i in range(len(addresses)):
-        y = unpacked(row_at(addresses[i], lengths[i]))
+        y = decoded(record_at(addresses[i], lengths[i]))
         order = precedes(x, y)
         there = np.empty(len(x.offsets) - 1, dtype=np.int32)
         back = np.empty(len(y.offsets) - 1, dtype=np.int32)
@@ -56,21 +56,21 @@ def match_many(query: Float32s, addresses: Ints, lengths: Ints, rounds: Rounds, 
 
 @kernel
 def coarse_rank_many(
-    query: Float32s, coarse_samples: NDArray[np.uint8], rounds: Rounds, scores: Float32s
+    query: Float32s, coarse_samples: NDArray[np.uint8], rounds: SearchRounds, scores: Float32s
 ) -> None:
-    """Write roughly the CC of one shape and each of c others: see `core.ranking.coarse_ranking.coarse_ranking`.
+    """Write the approximate CC of one shape and each of c others: see `core.ranking.coarse_ranking`.
 
     Parameters
     ----------
     query : float32, shape (l,)
-        A row.
-    sketches : uint8, shape (c, 4 + 36 b k)
-    rounds : Rounds
+        A match record.
+    coarse_samples : uint8, shape (c, 4 + 36 b k)
+    rounds : SearchRounds
         Of one side.
     scores : float32, shape (c,)
         Written.
     """
-    x = unpacked(query)
+    x = decoded(query)
     columns = x.points.shape[1]
     blocks, dimensions, _ = x.searched.shape
     k = columns // blocks
@@ -92,6 +92,6 @@ def coarse_rank_many(
                 for j in range(count):
                     searched[block, c, j] = points[j, block * k + c]
         places = np.arange(count + 1).astype(np.int32)
-        # From one side, splines of the other are not read, nor is what only scores read.
-        y = Packed(points, searched, x.operators, places, places, x.warp, x.radius, x.key)
+        # A search from one side reads no splines of the other, and no warp or radius.
+        y = MatchRecord(points, searched, x.operators, places, places, x.warp, x.radius, x.key)
         scores[i] = best_map(x, y, rounds, rotation)

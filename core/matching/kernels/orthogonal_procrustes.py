@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from core.arrays import Float32s, Floats
-from core.matching.kernels.simd import LANES, product_row
+from core.matching.kernels.simd import SIMD_WIDTH, product_row
 from core.numerics.compilation import kernel
 
 ROUGH = np.array(
@@ -20,10 +20,10 @@ ROUGH = np.array(
     ],
     dtype=np.float32,
 )
-"""Polynomials a x + b x^3 + c x^5, rows (a, b, c), that in turn take [3e-4, 1] to within 3e-4 of 1.
+"""Polynomials a x + b x^3 + c x^5, rows (a, b, c), that one after another take [3e-4, 1] to within 3e-4 of 1.
 
-Each is the best there is on the interval that the ones before leave, made wider by half a percent for
-rounding (Amsel et al. 2025, The Polar Express). For maps of which the pairs still change.
+Each is the best one on the interval that the ones before leave, made wider by half a percent for rounding
+(Amsel et al. 2025, The Polar Express). For maps whose pairs still change.
 """
 
 EXACT = np.array(
@@ -40,26 +40,26 @@ EXACT = np.array(
     ],
     dtype=np.float32,
 )
-"""As `ROUGH`, of [1e-4, 1] to within rounding of 1, for maps that are scored."""
+"""As `ROUGH`, from [1e-4, 1] to within rounding of 1, for maps that are scored."""
 
 
 @kernel
-def nearest_rotation(matrix: Float32s, steps: Float32s, rotation: Float32s, rooms: Float32s) -> float:
+def nearest_rotation(matrix: Float32s, steps: Float32s, rotation: Float32s, workspace: Float32s) -> float:
     """Write the polar factor U V^T of a matrix U S V^T; return its trace with the matrix, the sum of S.
 
     By odd polynomials of the matrix over its Frobenius norm: X <- a X + X (b G + c G^2), G = X^T X, each of
-    which brings the singular values nearer to 1. Those under the least that the steps are made for come out
-    between 0 and 1, without a jump: what the matrix does not determine, rounding does not settle either.
+    which brings the singular values nearer to 1. Smaller singular values than the steps are made for come out
+    between 0 and 1, continuously: rounding does not settle a direction that the matrix does not determine.
 
     Parameters
     ----------
     matrix : float32, shape (k, w)
-        Padded with zeros to a multiple w of LANES columns.
+        Padded with zeros to a multiple w of SIMD_WIDTH columns.
     steps : float32, shape (n, 3)
         `ROUGH` or `EXACT`.
     rotation : float32, shape (k, w)
         Written.
-    rooms : float32, shape (3, k, w)
+    workspace : float32, shape (3, k, w)
         Written.
     """
     k, width = matrix.shape
@@ -72,22 +72,22 @@ def nearest_rotation(matrix: Float32s, steps: Float32s, rotation: Float32s, room
         size += squares[j]
     scale = np.float32(1.0 / math.sqrt(size)) if size > 0.0 else np.float32(0.0)
     found = rotation
-    following = rooms[0]
-    gram = rooms[1]
-    factor = rooms[2]
+    following = workspace[0]
+    gram = workspace[1]
+    factor = workspace[2]
     for i in range(k):
         for j in range(width):
             found[i, j] = matrix[i, j] * scale
     for step in range(len(steps)):
         a, b, c = steps[step]
         for i in range(k):
-            for at in range(i * width, i * width + width, LANES):
+            for at in range(i * width, i * width + width, SIMD_WIDTH):
                 product_row(gram, at, 0.0, found, 1.0, found, i, width, k, found, at - i * width, width)
         for i in range(k):
-            for at in range(i * width, i * width + width, LANES):
+            for at in range(i * width, i * width + width, SIMD_WIDTH):
                 product_row(factor, at, b, gram, c, gram, i * width, 1, k, gram, at - i * width, width)
         for i in range(k):
-            for at in range(i * width, i * width + width, LANES):
+            for at in range(i * width, i * width + width, SIMD_WIDTH):
                 product_row(
                     following, at, a, found, 1.0, found, i * width, 1, k, factor, at - i * width, width
                 )
@@ -106,13 +106,15 @@ def nearest_rotation(matrix: Float32s, steps: Float32s, rotation: Float32s, room
 
 
 @kernel
-def turn(cross: Float32s, first: Float32s, second: Float32s, steps: Float32s, rotation: Float32s) -> float:
+def fit_rotation(
+    covariance: Float32s, first: Float32s, second: Float32s, steps: Float32s, rotation: Float32s
+) -> float:
     """Write the orthogonal map, one for each block of columns, and return the correlation after it.
 
     Parameters
     ----------
-    cross : float32, shape (b k, b k)
-        Centred cross-products of paired points, in b spectral domains of k dimensions side by side.
+    covariance : float32, shape (b k, b k)
+        Cross-covariance of paired points, in b spectral domains of k dimensions side by side.
     first, second : float32, shape (b,)
         Their centred square sums, over each domain.
     steps : float32, shape (n, 3)
@@ -127,18 +129,18 @@ def turn(cross: Float32s, first: Float32s, second: Float32s, steps: Float32s, ro
         either is one point counts 0.
     """
     blocks = len(first)
-    k = cross.shape[0] // blocks
-    width = (k + LANES - 1) // LANES * LANES
+    k = covariance.shape[0] // blocks
+    width = (k + SIMD_WIDTH - 1) // SIMD_WIDTH * SIMD_WIDTH
     matrix = np.zeros((k, width), dtype=np.float32)
     found = np.empty((k, width), dtype=np.float32)
-    rooms = np.zeros((3, k, width), dtype=np.float32)
+    workspace = np.zeros((3, k, width), dtype=np.float32)
     score = 0.0
     for block in range(blocks):
         low = block * k
         for i in range(k):
             for j in range(k):
-                matrix[i, j] = cross[low + i, low + j]
-        trace = nearest_rotation(matrix, steps, found, rooms)
+                matrix[i, j] = covariance[low + i, low + j]
+        trace = nearest_rotation(matrix, steps, found, workspace)
         for i in range(k):
             for j in range(k):
                 rotation[low + i, low + j] = found[i, j]
@@ -149,7 +151,7 @@ def turn(cross: Float32s, first: Float32s, second: Float32s, steps: Float32s, ro
 
 
 def nearest_rotation_reference(matrix: Floats, steps: Float32s) -> tuple[float, Floats]:
-    """The trace and the factor that `nearest_rotation` finds of a matrix (k, k), by its singular values."""
+    """The plain form of `nearest_rotation`, for a matrix (k, k), by its singular values."""
     left, sigma, right = np.linalg.svd(matrix)
     size = np.linalg.norm(sigma)
     ends = sigma / size if size > 0.0 else sigma
@@ -158,10 +160,10 @@ def nearest_rotation_reference(matrix: Floats, steps: Float32s) -> tuple[float, 
     return float(sigma @ ends), left * ends @ right
 
 
-def turn_reference(
+def fit_rotation_reference(
     points: Floats, targets: Floats, blocks: int, steps: Float32s = EXACT
 ) -> tuple[float, Floats]:
-    """The correlation and the map that `turn` finds for paired points.
+    """The plain form of `fit_rotation`, for paired points: the correlation and the map.
 
     Parameters
     ----------

@@ -6,20 +6,25 @@ from typing import NamedTuple
 import numpy as np
 
 from core.arrays import Float32s, Floats, Int16s, Int32s
-from core.matching.kernels.match_record import ONE, Packed
-from core.matching.kernels.nearest_neighbours import closest, nearest_both, paired, paired_both
-from core.matching.kernels.orthogonal_procrustes import EXACT, ROUGH, turn
+from core.matching.kernels.match_record import ONE, MatchRecord
+from core.matching.kernels.nearest_neighbours import (
+    closest,
+    cross_covariance,
+    cross_covariance_both_ways,
+    nearest_both_ways,
+)
+from core.matching.kernels.orthogonal_procrustes import EXACT, ROUGH, fit_rotation
 from core.matching.kernels.spline_search import spline_search
 from core.numerics.compilation import kernel
 
 FINEST = 8191
-"""The most that the largest coordinate is in whole numbers, where a spline's entries are up to `ONE`."""
+"""The largest coordinate in integers, where the entries of a spline's matrix are at most `ONE`."""
 
 
-class Rounds(NamedTuple):
-    """How long is searched: see `core.parameters.Parameters`.
+class SearchRounds(NamedTuple):
+    """Numbers of rounds: see `core.parameters.Parameters`.
 
-    Searches begin from both `sides`, or from the first alone.
+    Searches begin from both shapes (`sides` is 2), or from the first alone.
     """
 
     first_dimensions: int
@@ -45,22 +50,24 @@ def _low(n: int) -> int:
 
 
 @kernel
-def search_maps(x: Packed, y: Packed, rounds: Rounds, rotations: Float32s, scores: Float32s) -> None:
-    """Write orthogonal maps to begin from: of a search in each domain, from each side that is meant.
+def search_maps(
+    x: MatchRecord, y: MatchRecord, rounds: SearchRounds, rotations: Float32s, scores: Float32s
+) -> None:
+    """Write orthogonal maps to begin from: one for each search, in each domain and from each side.
 
     The pairs found in one domain determine the map in all.
 
     Parameters
     ----------
-    x, y : Packed
-    rounds : Rounds
+    x, y : MatchRecord
+    rounds : SearchRounds
     rotations : float32, shape (sides b, b k, b k)
     scores : float32, shape (sides b,)
         Their correlations.
     """
     blocks = x.searched.shape[0]
     columns = x.points.shape[1]
-    cross = np.empty((columns, columns), dtype=np.float32)
+    covariance = np.empty((columns, columns), dtype=np.float32)
     first = np.empty(blocks, dtype=np.float32)
     second = np.empty(blocks, dtype=np.float32)
     none = np.empty((0, columns), dtype=np.float32)
@@ -87,10 +94,10 @@ def search_maps(x: Packed, y: Packed, rounds: Rounds, rotations: Float32s, score
             for c in range(columns):
                 found[i, c] = other.points[matches[i], c]
         if forth:
-            paired(x.points[:s], found, none, none, blocks, cross, first, second)
+            cross_covariance(x.points[:s], found, none, none, blocks, covariance, first, second)
         else:
-            paired(found, y.points[:s], none, none, blocks, cross, first, second)
-        scores[which] = turn(cross, first, second, ROUGH, rotations[which])
+            cross_covariance(found, y.points[:s], none, none, blocks, covariance, first, second)
+        scores[which] = fit_rotation(covariance, first, second, ROUGH, rotations[which])
 
 
 @kernel
@@ -105,7 +112,7 @@ def refine_map(
     there: Int32s,
     back: Int32s,
 ) -> float:
-    """Nearest neighbours both ways under a map, and the map fitted to them anew, `count` times.
+    """Nearest neighbours both ways under a map, and the map fitted to them again, `count` times.
 
     Parameters
     ----------
@@ -130,19 +137,19 @@ def refine_map(
     m, columns = x.shape
     n = y.shape[0]
     low = _low(max(m, n))
-    cross = np.empty((columns, columns), dtype=np.float32)
+    covariance = np.empty((columns, columns), dtype=np.float32)
     first = np.empty(blocks, dtype=np.float32)
     second = np.empty(blocks, dtype=np.float32)
     score = 0.0
     for _ in range(count):
-        nearest_both(np.dot(x, rotation), targets, low, there, back)
-        paired_both(x, y, there, back, blocks, cross, first, second)
-        score = turn(cross, first, second, steps, rotation)
+        nearest_both_ways(np.dot(x, rotation), targets, low, there, back)
+        cross_covariance_both_ways(x, y, there, back, blocks, covariance, first, second)
+        score = fit_rotation(covariance, first, second, steps, rotation)
     return score
 
 
 @kernel
-def best_map(x: Packed, y: Packed, rounds: Rounds, rotation: Float32s) -> float:
+def best_map(x: MatchRecord, y: MatchRecord, rounds: SearchRounds, rotation: Float32s) -> float:
     """Write the best of several maps, each searched for and then refined on the first samples.
 
     Returns
@@ -182,9 +189,9 @@ def _effective_share(
 ) -> float:
     """Distinct matches that the softer spline brings a point within gamma of, over min(m, count).
 
-    In whole numbers, whose sums of products may be taken in any order, and so by vectors; a point is left as
-    soon as it is too far away in some of its coordinates. A spline makes no vector longer, so that what comes
-    out is at most the root of m times the largest that goes in: it stays under 2^31.
+    In integers: their sums may be taken in any order, and so by SIMD. A point is left as soon as some of its
+    coordinates are too far away. A spline makes no vector longer, so the largest coordinate after it is at
+    most the root of m times the largest before, and products stay under 2^31.
     """
     m = len(matches)
     most = np.float32(0.0)
@@ -203,16 +210,16 @@ def _effective_share(
     for i in range(m):
         if taken[matches[i]]:
             continue
-        descriptor_distance = np.float32(0.0)
+        square = np.float32(0.0)
         for c in range(k):
             total = np.int32(0)
             for j in range(m):
                 total = np.int32(total + np.int32(np.int32(warp[i, j]) * np.int32(block[c, j])))
             step = np.float32(total) * np.float32(1.0 / ONE) - np.float32(block[c, i])
-            descriptor_distance += step * step
-            if descriptor_distance > limit:
+            square += step * step
+            if square > limit:
                 break
-        if descriptor_distance <= limit:
+        if square <= limit:
             taken[matches[i]] = True
             share += 1.0
     return share / min(m, count)
@@ -220,8 +227,8 @@ def _effective_share(
 
 @kernel
 def score_pairs(
-    x: Packed,
-    y: Packed,
+    x: MatchRecord,
+    y: MatchRecord,
     there: Int32s,
     back: Int32s,
     partners: Float32s,
@@ -234,7 +241,7 @@ def score_pairs(
 
     Parameters
     ----------
-    x, y : Packed
+    x, y : MatchRecord
         Of m and n samples.
     there, back : int32, shapes (m,) and (n,)
         The sample whose region each one's partner lies in.
@@ -252,7 +259,7 @@ def score_pairs(
     columns = x.points.shape[1]
     k = columns // blocks
     ends = np.dot(x.points[:m], rotation)
-    turned = np.dot(sources, rotation)
+    rotated = np.dot(sources, rotation)
     scores[:] = 0.0
     yours = y.points[:n]
     sums = np.zeros((2, columns), dtype=np.float32)
@@ -268,28 +275,28 @@ def score_pairs(
             steps[c] += (ends[i, c] - partners[i, c]) ** 2
     for j in range(n):
         for c in range(columns):
-            sums[0, c] += turned[j, c]
+            sums[0, c] += rotated[j, c]
             sums[1, c] += yours[j, c]
-            products[0, c] += turned[j, c] * turned[j, c]
+            products[0, c] += rotated[j, c] * rotated[j, c]
             products[1, c] += yours[j, c] * yours[j, c]
-            products[2, c] += turned[j, c] * yours[j, c]
-            steps[c] += (turned[j, c] - yours[j, c]) ** 2
+            products[2, c] += rotated[j, c] * yours[j, c]
+            steps[c] += (rotated[j, c] - yours[j, c]) ** 2
     share = np.float32(1.0) / np.float32(m + n)
     for block in range(blocks):
         low = block * k
         one = np.float32(0.0)
         other = np.float32(0.0)
         both = np.float32(0.0)
-        descriptor_distance = np.float32(0.0)
+        square = np.float32(0.0)
         for c in range(low, low + k):
             one += products[0, c] - sums[0, c] * sums[0, c] * share
             other += products[1, c] - sums[1, c] * sums[1, c] * share
             both += products[2, c] - sums[0, c] * sums[1, c] * share
-            descriptor_distance += steps[c]
+            square += steps[c]
         size = math.sqrt(max(0.0, float(one * other)))
         if size > 0.0:
             scores[0] += max(-1.0, min(1.0, float(both) / size)) / blocks
-        scores[1] += math.sqrt(descriptor_distance) / (m + n) / blocks
+        scores[1] += math.sqrt(square) / (m + n) / blocks
         gamma = effective * 0.5 * (x.radius[block] + y.radius[block])
         scores[2] += 0.5 * _effective_share(x.warp[block], partners, there, low, k, gamma, n) / blocks
         scores[2] += 0.5 * _effective_share(y.warp[block], sources, back, low, k, gamma, m) / blocks
@@ -297,27 +304,27 @@ def score_pairs(
 
 @kernel
 def fit_map(
-    x: Packed,
-    y: Packed,
-    rounds: Rounds,
+    x: MatchRecord,
+    y: MatchRecord,
+    rounds: SearchRounds,
     there: Int32s,
     back: Int32s,
     partners: Float32s,
     sources: Float32s,
     rotation: Float32s,
 ) -> float:
-    """Write the map between two shapes, and what it pairs.
+    """Write the map between two shapes, and the pairs under it.
 
-    The maps that a search begins from are refined by nearest neighbours both ways, first on few samples and
-    for a few maps, then on all samples for the best. Last each sample's partner moves to the nearest of the
+    The maps that the searches find are refined by nearest neighbours both ways, first on few samples and for
+    a few maps, then on all samples for the best. Last each sample's partner moves to the nearest of the
     embedded points in its partner's region: two meshes of one shape have their samples at different places,
     so even the best pairs of samples lie half a sample's spacing apart.
 
     Parameters
     ----------
-    x, y : Packed
-        Of m and n samples. What only scores read is not read.
-    rounds : Rounds
+    x, y : MatchRecord
+        Of m and n samples. `warp`, `radius` and `key` are not read.
+    rounds : SearchRounds
     there : int32, shape (m,)
         Written: the sample of y that each of x is paired with.
     back : int32, shape (n,)
@@ -341,7 +348,7 @@ def fit_map(
     best_map(x, y, rounds, rotation)
     targets = np.ascontiguousarray(yours.T)
     score = refine_map(mine, yours, targets, blocks, rounds.final_rounds, EXACT, rotation, there, back)
-    cross = np.empty((columns, columns), dtype=np.float32)
+    covariance = np.empty((columns, columns), dtype=np.float32)
     first = np.empty(blocks, dtype=np.float32)
     second = np.empty(blocks, dtype=np.float32)
     for i in range(m):
@@ -359,16 +366,16 @@ def fit_map(
             region = back[j]
             row = closest(x.points, x.members, x.offsets[region], x.offsets[region + 1], starts, j)
             sources[j] = x.points[row]
-        paired(mine, partners, sources, yours, blocks, cross, first, second)
-        score = turn(cross, first, second, EXACT, rotation)
+        cross_covariance(mine, partners, sources, yours, blocks, covariance, first, second)
+        score = fit_rotation(covariance, first, second, EXACT, rotation)
     return score
 
 
 @kernel
 def match_pair(
-    x: Packed,
-    y: Packed,
-    rounds: Rounds,
+    x: MatchRecord,
+    y: MatchRecord,
+    rounds: SearchRounds,
     same: bool,
     there: Int32s,
     back: Int32s,
@@ -379,9 +386,9 @@ def match_pair(
 
     Parameters
     ----------
-    x, y : Packed
+    x, y : MatchRecord
         Of m and n samples.
-    rounds : Rounds
+    rounds : SearchRounds
     same : bool
         Whether both are one shape: then each sample's partner is itself, and the scores are 1, 0 and 1 (CC
         counts 0 in a domain that is one point). A search might find one of the shape's symmetries.

@@ -1,26 +1,26 @@
-"""Embedded points matched as they lie in memory, with flat splines in place of those of a `Packed` shape."""
+"""The match of embedded points alone, with flat splines in place of those of a match record."""
 
 import math
 
 import numpy as np
 
 from core.arrays import Float32s, Int16s, Int32s, Ints
-from core.matching.kernels.match_record import ONE, Packed, row_at, unpacked
-from core.matching.kernels.pair_matching import Rounds, fit_map
+from core.matching.kernels.match_record import ONE, MatchRecord, decoded, record_at
+from core.matching.kernels.pair_matching import SearchRounds, fit_map
 from core.numerics.compilation import kernel
 
 FLAT = 1e-6
-"""The least length of what is new in a coordinate, over its own, that is more than rounding."""
+"""The least norm of a new direction, over the norm of its coordinate, that is more than rounding."""
 
 NOT_FINITE = np.int32(0x7F800000)
-"""The bits of a float32 that are all set where it is NaN or infinite."""
+"""The bits of a float32 that are all set if it is NaN or infinite."""
 
 
 @kernel
 def flat_splines(searched: Float32s, first: int, operators: Int16s) -> None:
-    """Write what splines of no bending make of targets: the least-squares affine map of each dimension.
+    """Write the operators of splines that do not bend: projections that fit affine maps by least squares.
 
-    Stiff splines are nearly that, and these take a hundredth of their time.
+    Stiff splines are nearly these, and take a hundred times as long to make.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ def flat_splines(searched: Float32s, first: int, operators: Int16s) -> None:
             axis = axes[known]
             axis[:] = searched[block, c]
             size = math.sqrt(np.dot(axis, axis))
-            # Twice, so that rounding leaves nothing of the others.
+            # Twice, so that rounding leaves nothing of the other axes.
             for _ in range(2):
                 for other in range(known):
                     axis -= np.dot(axes[other], axis) * axes[other]
@@ -78,7 +78,7 @@ def side_by_side(blocks: Ints, points: Float32s) -> bool:
     k = columns // len(blocks)
     wrong = 0
     for block in range(len(blocks)):
-        row = row_at(blocks[block], d * k)
+        row = record_at(blocks[block], d * k)
         bits = row.view(np.int32)
         for i in range(d * k):
             wrong += int((bits[i] & NOT_FINITE) == NOT_FINITE)
@@ -123,14 +123,20 @@ def sorted_regions(regions: Int32s, offsets: Int32s, members: Int32s) -> bool:
 
 @kernel
 def rerank_many(
-    query: Float32s, blocks: Ints, regions: Ints, counts: Ints, search: Ints, rounds: Rounds, scores: Float32s
+    query: Float32s,
+    blocks: Ints,
+    regions: Ints,
+    counts: Ints,
+    search: Ints,
+    rounds: SearchRounds,
+    scores: Float32s,
 ) -> None:
     """Write CC of one shape and each of c others, whose splines are flat.
 
     Parameters
     ----------
     query : float32, shape (l,)
-        A row of `core.matching.kernels.match_record`.
+        A match record: see `core.matching.kernels.match_record`.
     blocks : int64, shape (c, b)
         Where in memory the coordinates of each lie, float32, shape (d, k).
     regions : int64, shape (c,)
@@ -139,11 +145,11 @@ def rerank_many(
         d of each.
     search : int64, shape (2,)
         With how many samples is searched at most, and the dimensions of the first stage.
-    rounds : Rounds
+    rounds : SearchRounds
     scores : float32, shape (c,)
         Written. -2 where a number is not finite or a region is none.
     """
-    x = unpacked(query)
+    x = decoded(query)
     columns = x.points.shape[1]
     m = len(x.offsets) - 1
     domains, dimensions, _ = x.searched.shape
@@ -155,7 +161,7 @@ def rerank_many(
     for i in range(len(regions)):
         scores[i] = -2.0
         d = counts[i]
-        nearest = row_at(regions[i], d).view(np.int32)
+        nearest = record_at(regions[i], d).view(np.int32)
         low, high = nearest.min(), nearest.max()
         if d == 0 or low < 0 or high >= d:
             continue
@@ -176,6 +182,6 @@ def rerank_many(
         back = np.empty(n, dtype=np.int32)
         sources = np.empty((n, columns), dtype=np.float32)
         rotation[:] = 0.0
-        # What only scores read is the query's.
-        y = Packed(points, searched, operators, offsets, members, x.warp, x.radius, x.key)
+        # fit_map reads no warp, radius or key: the query's stand in.
+        y = MatchRecord(points, searched, operators, offsets, members, x.warp, x.radius, x.key)
         scores[i] = fit_map(x, y, rounds, there, back, partners, sources, rotation)

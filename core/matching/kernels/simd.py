@@ -1,7 +1,7 @@
 """What the compiler has to be told: rows of small matrix products as vectors, and arrays by their address.
 
 The compiler does not see that rows of one array, or of two, lie apart, and guards every short loop over them.
-Here the product is written out, for the short rows that `core.matching.kernels.orthogonal_procrustes` works on.
+Here the product is written out, for the short rows that `orthogonal_procrustes` works on.
 """
 
 from collections.abc import Callable
@@ -13,7 +13,7 @@ from numba.extending import intrinsic
 
 from core.arrays import Float32s
 
-LANES = 16
+SIMD_WIDTH = 16
 """Numbers in a vector; rows are padded with zeros to a multiple."""
 
 
@@ -34,10 +34,10 @@ def _product_row(
     width: Any,
 ) -> Any:
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-        vector = ir.VectorType(ir.FloatType(), LANES)
+        vector = ir.VectorType(ir.FloatType(), SIMD_WIDTH)
         number = ir.IntType(64)
         kind = ir.FunctionType(vector, [vector] * 3)
-        fused = builder.module.declare_intrinsic(f"llvm.fma.v{LANES}f32", (), kind)
+        fused = builder.module.declare_intrinsic(f"llvm.fma.v{SIMD_WIDTH}f32", (), kind)
         at, own, share, first, step, count, begin, width = (values[i] for i in (1, 2, 4, 6, 7, 8, 10, 11))
 
         def data(which: int) -> Any:
@@ -49,7 +49,7 @@ def _product_row(
         def spread(scalar: Any) -> Any:
             index = ir.IntType(32)
             one = builder.insert_element(ir.Constant(vector, ir.Undefined), scalar, index(0))
-            lanes = ir.Constant(ir.VectorType(index, LANES), [0] * LANES)
+            lanes = ir.Constant(ir.VectorType(index, SIMD_WIDTH), [0] * SIMD_WIDTH)
             return builder.shuffle_vector(one, ir.Constant(vector, ir.Undefined), lanes)
 
         target, source, factors, rows = data(0), data(3), data(5), data(9)
@@ -64,7 +64,7 @@ def _product_row(
         following = builder.add(turn, number(1))
         turn.add_incoming(number(0), before)
         turn.add_incoming(following, loop)
-        total.add_incoming(ir.Constant(vector, [0.0] * LANES), before)
+        total.add_incoming(ir.Constant(vector, [0.0] * SIMD_WIDTH), before)
         total.add_incoming(sum_so_far, loop)
         builder.cbranch(builder.icmp_signed("<", following, count), loop, after)
         builder.position_at_end(after)
@@ -83,8 +83,8 @@ product_row = cast(
 )
 """`product_row(target, at, own, source, share, factors, first, step, count, rows, begin, width)`, float32.
 
-LANES numbers of `target`, from the `at`-th of all on, become own * source[at:] plus share times the sum over
-c < count of factors[first + c step] * rows[begin + c width:]; count >= 1."""
+SIMD_WIDTH numbers of `target`, from the `at`-th of all on, become own * source[at:] plus share times the sum
+over c < count of factors[first + c step] * rows[begin + c width:]; count >= 1."""
 
 
 @intrinsic

@@ -1,16 +1,16 @@
-"""Where the alignment begins: nearest neighbours under an iterated thin-plate spline, dimension by dimension.
+"""The compiled spline search of the Procrustes matcher, on few points (Eq. 17).
 
-The search of `core.matching.correspondence.progressive` on few points, laid out so that every inner loop is a vector
-loop: all first signs go through one product, and the nearest neighbour is a running least over the targets,
-in integers that carry the target's number in their lowest bits.
+The search is that of `core.matching.correspondence.spline_search`, its reference, with one start kept. Every
+inner loop is a SIMD loop: all first signs go through one product, and the nearest neighbour is a running
+minimum over the targets, in integers that carry the target's number in their lowest bits.
 """
 
 import math
 
 import numpy as np
 
-from core.arrays import Float32s, Floats, Int16s, Int32s, Ints
-from core.matching.kernels.match_record import opened
+from core.arrays import Float32s, Int16s, Int32s
+from core.matching.kernels.match_record import dequantised
 from core.numerics.compilation import kernel
 
 FAR = np.int32(2**31 - 1)
@@ -20,7 +20,7 @@ FAR = np.int32(2**31 - 1)
 def nearest_columns(points: Float32s, targets: Float32s, k: int, low: int, nearest: Int32s) -> None:
     """Write the nearest of n targets to each of p points, both held by columns, in their first k dimensions.
 
-    Squared distances are compared in their leading bits; of equals, the first target is taken.
+    Squared distances are compared in their leading bits; among equals the first target wins.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ def spline_search(
     low: int,
     matches: Int32s,
 ) -> None:
-    """Write the target for each point that the best start ends in (Eq. 17).
+    """Write the target of each point, as the best start finds it (Eq. 17).
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ def spline_search(
         By columns: row c holds coordinate c of all points.
     targets : float32, shape (k, n)
     operators : int16, shape (k - first + 1, s, s)
-        Symmetric: `core.matching.correspondence.smoothers` of the points, over `core.matching.kernels.match_record.ONE`.
+        Symmetric: `core.matching.spline_operators` of the points, over `match_record.ONE`.
     first : int
         Dimensions of the first stage.
     starts : int
@@ -127,7 +127,7 @@ def spline_search(
             for start in range(starts):
                 for i in range(s):
                     matched[c * starts + start, i] = targets[c, found[start * s + i]]
-        warped = np.dot(matched[: first * starts], opened(operators[0]))
+        warped = np.dot(matched[: first * starts], dequantised(operators[0]))
         nearest_columns(warped.reshape(first, several), targets, first, low, found)
     best = 0
     score = -2.0
@@ -139,41 +139,9 @@ def spline_search(
     for i in range(s):
         matches[i] = found[best * s + i]
     for k in range(first + 1, k_all + 1):
-        operator = opened(operators[k - first])
+        operator = dequantised(operators[k - first])
         for _ in range(step_rounds):
             for c in range(k):
                 for i in range(s):
                     matched[c, i] = targets[c, matches[i]]
             nearest_columns(np.dot(matched[:k], operator), targets, k, low, matches)
-
-
-def spline_search_reference(
-    points: Floats,
-    targets: Floats,
-    operators: Floats,
-    first: int,
-    starts: int,
-    start_rounds: int,
-    step_rounds: int,
-) -> Ints:
-    """What `spline_search` finds, in plain NumPy; clouds by rows, (s, k) and (n, k)."""
-
-    def nearest(ends: Floats, k: int) -> Ints:
-        squares = ((ends[:, None, :] - targets[None, :, :k]) ** 2).sum(axis=2)
-        return np.asarray(squares.argmin(axis=1))
-
-    tries: list[tuple[float, Ints]] = []
-    for start in range(starts):
-        signs = np.array([-1.0 if (start >> c) & 1 else 1.0 for c in range(first)])
-        matches = nearest(points[:, :first] * signs, first)
-        for _ in range(start_rounds):
-            matches = nearest(operators[0] @ targets[matches, :first], first)
-        x, y = points[:, :first], targets[matches, :first]
-        x, y = x - x.mean(axis=0), y - y.mean(axis=0)
-        size = np.sqrt((x**2).sum() * (y**2).sum())
-        tries.append((float(np.abs((x * y).sum(axis=0)).sum() / size) if size > 0.0 else 0.0, matches))
-    matches = max(tries, key=lambda one: one[0])[1]
-    for k in range(first + 1, points.shape[1] + 1):
-        for _ in range(step_rounds):
-            matches = nearest(operators[k - first] @ targets[matches, :k], k)
-    return matches

@@ -11,10 +11,10 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from core.embedding import Embedding
-from core.matching.kernels.match_record import Packed
-from core.matching.match_records import match_rows, row_of
+from core.matching.kernels.match_record import MatchRecord
+from core.matching.match_records import match_record, score_match_records
 from core.matching.matcher import embedding_key
-from core.matching.procrustes import Matched, matched, pack
+from core.matching.procrustes import ProcrustesMatch, make_match_record, procrustes_match
 from core.mesh.mesh import Mesh
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
@@ -112,8 +112,8 @@ class _Pair:
         self._embeddings = [method.embed(mesh) for mesh in self._meshes]
         query, candidate = self._embeddings
         copies = [candidate, *(shaken(candidate, number) for number in range(1, MANY))]
-        self._row = row_of(query, DEFAULT)
-        self._rows = [row_of(copy, DEFAULT) for copy in copies]
+        self._match_record = match_record(query, DEFAULT)
+        self._match_records = [match_record(copy, DEFAULT) for copy in copies]
         self._points = [points_from_bytes(embedding_to_bytes(copy)) for copy in copies]
         self._coarse_samples = np.stack([coarse_samples(copy) for copy in copies])
         self._records = [embedding_to_bytes(embedding) for embedding in self._embeddings]
@@ -121,12 +121,12 @@ class _Pair:
     def ours(self) -> dict[str, float]:
         """Seconds of one match among many, by `score`, and by part from records."""
         query, candidate = self._embeddings
-        _, many = _seconds(lambda: match_rows(self._row, self._rows, DEFAULT))
-        _, screened = _seconds(lambda: rerank(self._row, self._points, DEFAULT))
-        _, sifted = _seconds(lambda: coarse_ranking(self._row, self._coarse_samples, DEFAULT))
+        _, many = _seconds(lambda: score_match_records(self._match_record, self._match_records, DEFAULT))
+        _, screened = _seconds(lambda: rerank(self._match_record, self._points, DEFAULT))
+        _, sifted = _seconds(lambda: coarse_ranking(self._match_record, self._coarse_samples, DEFAULT))
         _, score = _seconds(lambda: self._method.score(query, [candidate]))
         embeddings, decode = _seconds(lambda: [embedding_from_bytes(record) for record in self._records])
-        shapes, packing = _seconds(lambda: [_packed(embedding) for embedding in embeddings])
+        shapes, packing = _seconds(lambda: [_record(embedding) for embedding in embeddings])
         _, match = _seconds(lambda: _match(shapes))
         return {
             "many": many / MANY,
@@ -167,13 +167,13 @@ class _Pair:
         )
 
 
-def _packed(embedding: Embedding) -> Packed:
-    return pack(embedding, embedding_key(embedding), DEFAULT)
+def _record(embedding: Embedding) -> MatchRecord:
+    return make_match_record(embedding, embedding_key(embedding), DEFAULT)
 
 
-def _match(shapes: Sequence[Packed]) -> Matched:
+def _match(shapes: Sequence[MatchRecord]) -> ProcrustesMatch:
     first, second = shapes
-    return matched(first, second, DEFAULT, same=False)
+    return procrustes_match(first, second, DEFAULT, same=False)
 
 
 def _seconds(work: Callable[[], T]) -> tuple[T, float]:

@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 from core.arrays import Floats, Ints
 from core.embedding import Embedding
 from core.matching.dense_correspondence import basis, extend
-from core.matching.kernels.orthogonal_procrustes import turn_reference
+from core.matching.kernels.orthogonal_procrustes import fit_rotation_reference
 from core.mesh.cleaning import clean
 from core.mesh.mesh import Mesh
 from core.mesh.normal_frame import normal_frame
@@ -74,8 +74,8 @@ def match_figure(first: Mesh, second: Mesh) -> bytes:
         ],
         [Panel(first, "all vertices", painted=colours), Panel(second, "", painted=colours[partners])],
     ]
-    turn = turn_reference(clouds[0][one], clouds[1][two], 1)[1]
-    views = [("spectral domain", clouds[0]), ("after the orthogonal map", clouds[0] @ turn)]
+    rotation = fit_rotation_reference(clouds[0][one], clouds[1][two], 1)[1]
+    views = [("spectral domain", clouds[0]), ("after the orthogonal map", clouds[0] @ rotation)]
     for row, (pair, (caption, cloud)) in enumerate(zip(panels, views, strict=True)):
         for column, panel in enumerate(pair):
             draw_panel(figure.add_subplot(2, 3, 3 * row + column + 1, projection="3d"), panel)

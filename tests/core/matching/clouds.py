@@ -5,7 +5,7 @@ from scipy.spatial.distance import cdist
 
 from core.embedding import Embedding, Facts, Spectrum
 from core.matching.matcher import embedding_key
-from core.matching.procrustes import pack
+from core.matching.procrustes import make_match_record
 from core.parameters import DEFAULT
 
 
@@ -45,11 +45,11 @@ def parameters_for(k):
     )
 
 
-def packed(seed, m, d, k, blocks):
+def random_record(seed, m, d, k, blocks):
     """What matching reads of random clouds of d points in `blocks` domains of k dimensions, m the samples."""
     rng = np.random.default_rng(seed)
-    return packed_embedding(embedded([cloud(rng, d, k) for _ in range(blocks)], m), parameters_for(k))
+    return record_of(embedded([cloud(rng, d, k) for _ in range(blocks)], m), parameters_for(k))
 
 
-def packed_embedding(embedding, parameters=DEFAULT):
-    return pack(embedding, embedding_key(embedding), parameters)
+def record_of(embedding, parameters=DEFAULT):
+    return make_match_record(embedding, embedding_key(embedding), parameters)

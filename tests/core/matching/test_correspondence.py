@@ -1,9 +1,11 @@
-"""The search in the spectral domain: against plain NumPy, on planted answers, and its linear operators."""
+"""The search in the spectral domain: against its definition, on planted answers, and its linear operators."""
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
-from core.matching.correspondence import Search, progressive, progressive_reference, smoothers
+from core.matching.correspondence import spline_search
+from core.matching.spline_operators import spline_operators
 from core.matching.thin_plate_spline import mean_pair_distance, tps_kernel
 
 
@@ -14,17 +16,41 @@ def cloud(seed, count, k):
     return (points / np.sqrt((points**2).sum(axis=1).mean())).astype(np.float32)
 
 
-def search(points, targets, operators, how):
-    return progressive(
+def search(points, targets, operators, starts, kept, start_rounds, step_rounds):
+    return spline_search(
         points,
         targets,
         operators,
-        how.first_dimensions,
-        2**how.first_dimensions if how.sign_starts else 1,
-        how.kept_starts,
-        how.start_iterations,
-        how.step_iterations,
+        starts=starts,
+        kept_starts=kept,
+        start_iterations=start_rounds,
+        step_iterations=step_rounds,
     )
+
+
+def correlation(points, targets):
+    x, y = points - points.mean(axis=0), targets - targets.mean(axis=0)
+    return np.abs((x * y).sum(axis=0)).sum() / np.sqrt((x**2).sum() * (y**2).sum())
+
+
+def defined(points, targets, operators, starts, kept, start_rounds, step_rounds):
+    """The search by its definition: a tree's nearest neighbours, matrix products, NumPy's correlation."""
+    first, k_all = 3, points.shape[1]
+    begun = []
+    for start in range(starts):
+        signs = [-1.0 if (start >> c) & 1 else 1.0 for c in range(first)]
+        matches = cKDTree(targets[:, :first]).query(points[:, :first] * signs)[1]
+        for _ in range(start_rounds):
+            matches = cKDTree(targets[:, :first]).query(operators[0] @ targets[matches, :first])[1]
+        begun.append((correlation(points[:, :first], targets[matches, :first]), start, matches))
+    ended = []
+    for _, _, kept_matches in sorted(begun, key=lambda one: (-one[0], one[1]))[:kept]:
+        matches = kept_matches
+        for k in range(first + 1, k_all + 1):
+            for _ in range(step_rounds):
+                matches = cKDTree(targets[:, :k]).query(operators[k - first] @ targets[matches, :k])[1]
+        ended.append((correlation(points, targets[matches]), matches))
+    return max(ended, key=lambda one: one[0])[1]
 
 
 def solved_spline(source, targets, beta):
@@ -40,15 +66,13 @@ def solved_spline(source, targets, beta):
 @pytest.mark.parametrize("sign_starts", [True, False])
 @pytest.mark.parametrize(("m", "n"), [(40, 40), (30, 45), (45, 30)])
 @pytest.mark.parametrize("k", [3, 4, 5, 6])
-def test_the_compiled_search_is_the_plain_one(k, m, n, sign_starts):
-    how = Search(3, sign_starts, 3, 4, 2)
+def test_the_search_is_its_definition(k, m, n, sign_starts):
+    how = (8 if sign_starts else 1, 3, 4, 2)
     for seed in range(3):
         points, targets = cloud(seed, m, k), cloud(100 + seed, n, k)
-        operators = smoothers(points.astype(np.float64), 3, 100.0)
-        expected = progressive_reference(
-            points.astype(np.float64), targets.astype(np.float64), operators.astype(np.float64), how
-        )
-        found = search(points, targets, operators, how)
+        operators = spline_operators(points.astype(np.float64), 3, 100.0)
+        expected = defined(*(one.astype(np.float64) for one in (points, targets, operators)), *how)
+        found = search(points, targets, operators, *how)
         assert found.shape == (m,)
         assert (found == expected).all()
 
@@ -58,8 +82,8 @@ def test_a_permutation_with_flipped_signs_is_found(signs):
     points = cloud(7, 50, 5)
     order = np.random.default_rng(8).permutation(50)
     targets = np.ascontiguousarray((points * np.float32(signs))[order])
-    operators = smoothers(points.astype(np.float64), 3, 100.0)
-    found = search(points, targets, operators, Search(3, True, 3, 5, 3))
+    operators = spline_operators(points.astype(np.float64), 3, 100.0)
+    found = search(points, targets, operators, 8, 3, 5, 3)
     assert (order[found] == np.arange(50)).all()
 
 
@@ -67,8 +91,8 @@ def test_without_sign_starts_a_permutation_is_found_where_no_first_sign_differs(
     points = cloud(9, 50, 5)
     order = np.random.default_rng(10).permutation(50)
     targets = np.ascontiguousarray((points * np.float32([1, 1, 1, -1, -1]))[order])
-    operators = smoothers(points.astype(np.float64), 3, 100.0)
-    found = search(points, targets, operators, Search(3, False, 1, 5, 3))
+    operators = spline_operators(points.astype(np.float64), 3, 100.0)
+    found = search(points, targets, operators, 1, 1, 5, 3)
     assert (order[found] == np.arange(50)).all()
 
 
@@ -76,14 +100,14 @@ def test_three_points_beside_each_target_are_all_matched_to_it():
     targets = cloud(11, 20, 4)
     beside = 1e-4 * np.random.default_rng(12).normal(size=(60, 4))
     points = (np.tile(targets, (3, 1)) + beside).astype(np.float32)
-    operators = smoothers(points.astype(np.float64), 3, 100.0)
-    found = search(points, targets, operators, Search(3, True, 8, 5, 3))
+    operators = spline_operators(points.astype(np.float64), 3, 100.0)
+    found = search(points, targets, operators, 8, 8, 5, 3)
     assert (found == np.arange(60) % 20).all()
 
 
 @pytest.mark.parametrize(("first", "k"), [(2, 2), (3, 3), (2, 5), (3, 6)])
-def test_there_is_one_smoother_a_stage(first, k):
-    operators = smoothers(cloud(1, 20, k).astype(np.float64), first, 1.0)
+def test_there_is_one_operator_a_stage(first, k):
+    operators = spline_operators(cloud(1, 20, k).astype(np.float64), first, 1.0)
     assert operators.shape == (k - first + 1, 20, 20)
     assert operators.dtype == np.float32
 
@@ -93,7 +117,7 @@ def test_each_stage_is_the_spline_in_its_own_dimensions(stiffness):
     points = cloud(2, 30, 5).astype(np.float64)
     targets = np.random.default_rng(3).normal(size=(30, 4))
     beta = stiffness * mean_pair_distance(points)
-    for stage, operator in enumerate(smoothers(points, 3, stiffness)):
+    for stage, operator in enumerate(spline_operators(points, 3, stiffness)):
         expected = solved_spline(points[:, : 3 + stage], targets, beta)
         assert operator @ targets == pytest.approx(expected, abs=2e-5)
 
@@ -101,7 +125,7 @@ def test_each_stage_is_the_spline_in_its_own_dimensions(stiffness):
 def test_an_affine_map_passes_every_stage_that_has_its_dimensions():
     rng = np.random.default_rng(4)
     points = cloud(5, 30, 4).astype(np.float64)
-    for stage, operator in enumerate(smoothers(points, 2, 1.0)):
+    for stage, operator in enumerate(spline_operators(points, 2, 1.0)):
         k = 2 + stage
         mapped = points[:, :k] @ rng.normal(size=(k, 3)) + rng.normal(size=3)
         assert operator @ mapped == pytest.approx(mapped, abs=1e-5)
@@ -112,4 +136,4 @@ def test_a_very_stiff_spline_is_the_affine_least_squares_fit():
     targets = np.random.default_rng(7).normal(size=(30, 2))
     affine = np.concatenate([np.ones((30, 1)), points], axis=1)
     fitted = affine @ np.linalg.lstsq(affine, targets, rcond=None)[0]
-    assert smoothers(points, 3, 1e9)[0] @ targets == pytest.approx(fitted, abs=1e-5)
+    assert spline_operators(points, 3, 1e9)[0] @ targets == pytest.approx(fitted, abs=1e-5)

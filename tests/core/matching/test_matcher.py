@@ -7,8 +7,9 @@ import pytest
 
 from core.embedding import Embedding, Facts, Spectrum
 from core.gallery import make_shape
-from core.matching.kernels.match_record import unpacked
-from core.matching.matcher import embedding_key, match_prepared, prepare
+from core.matching.kernels.match_record import decoded
+from core.matching.matcher import embedding_key
+from core.matching.matchers import matcher_of
 from core.parameters import DEFAULT, PAPER
 from core.pipeline import Pipeline
 
@@ -51,7 +52,18 @@ def embedding(spectra):
 
 def ready(spectra, parameters):
     made = embedding(spectra)
-    return prepare(made, embedding_key(made), parameters)
+    return matcher_of(parameters).prepare(made, embedding_key(made))
+
+
+def match(first, second, parameters):
+    return matcher_of(parameters).match(first, second)
+
+
+def samples(prepared, parameters):
+    """How many samples a prepared shape has."""
+    return (
+        len(decoded(prepared).offsets) - 1 if parameters.matching.pairs == "both-ways" else prepared.samples
+    )
 
 
 def changed(spectra, change):
@@ -81,8 +93,8 @@ def test_both_ways_round_are_equal_to_the_bit(prepared):
     parameters, clouds = prepared
     for i, first in enumerate(clouds):
         for second in clouds[:i]:
-            there = match_prepared(first, second, parameters)
-            back = match_prepared(second, first, parameters)
+            there = match(first, second, parameters)
+            back = match(second, first, parameters)
             assert (there.cc, there.ssd, there.sim) == (back.cc, back.ssd, back.sim)
             order = np.lexsort((back.pairs[:, 0], back.pairs[:, 1]))
             other = np.lexsort((there.pairs[:, 1], there.pairs[:, 0]))
@@ -95,33 +107,33 @@ def test_scores_are_in_their_ranges_and_pairs_are_samples(prepared):
     parameters, clouds = prepared
     for first in clouds:
         for second in clouds:
-            found = match_prepared(first, second, parameters)
+            found = match(first, second, parameters)
             assert -1.0 <= found.cc <= 1.0
             assert found.ssd >= 0.0
             assert 0.0 <= found.sim <= 1.0
             assert len(found.pairs) == len(found.distances) == len(found.effective)
-            assert len(found.pairs) == min(first.samples, second.samples)
+            assert len(found.pairs) == min(samples(first, parameters), samples(second, parameters))
             assert found.pairs.min() >= 0
-            assert (found.pairs.max(axis=0) < [first.samples, second.samples]).all()
+            assert (found.pairs.max(axis=0) < [samples(one, parameters) for one in (first, second)]).all()
             assert (found.distances >= 0.0).all()
 
 
 def test_the_same_match_twice_is_the_same(prepared):
     parameters, clouds = prepared
-    again = match_prepared(clouds[0], clouds[2], parameters)
-    assert identical(match_prepared(clouds[0], clouds[2], parameters), again)
+    again = match(clouds[0], clouds[2], parameters)
+    assert identical(match(clouds[0], clouds[2], parameters), again)
 
 
 def test_swapping_twice_changes_nothing(prepared):
     parameters, clouds = prepared
-    found = match_prepared(clouds[0], clouds[1], parameters).swapped()
+    found = match(clouds[0], clouds[1], parameters).swapped()
     assert identical(found.swapped().swapped(), found)
 
 
 def test_a_shape_matches_itself_perfectly(prepared):
     parameters, clouds = prepared
     for cloud in clouds:
-        found = match_prepared(cloud, cloud, parameters)
+        found = match(cloud, cloud, parameters)
         assert found.cc == pytest.approx(1.0, abs=1e-6)
         assert found.ssd == pytest.approx(0.0, abs=1e-6)
         assert found.sim == pytest.approx(1.0, abs=1e-6)
@@ -133,8 +145,8 @@ def test_pairs_of_the_default_are_one_to_one():
     clouds = [ready(by_hand(DEFAULT, count, count), DEFAULT) for count in (30, 50, 50, 80)]
     for first in clouds:
         for second in clouds:
-            pairs = match_prepared(first, second, DEFAULT).pairs
-            assert len(pairs) == min(first.samples, second.samples)
+            pairs = match(first, second, DEFAULT).pairs
+            assert len(pairs) == min(samples(first, DEFAULT), samples(second, DEFAULT))
             assert len(np.unique(pairs[:, 0])) == len(np.unique(pairs[:, 1])) == len(pairs)
 
 
@@ -142,7 +154,7 @@ def test_effective_pairs_are_one_to_one(prepared):
     parameters, clouds = prepared
     for first in clouds:
         for second in clouds:
-            found = match_prepared(first, second, parameters)
+            found = match(first, second, parameters)
             kept = found.pairs[found.effective]
             assert len(np.unique(kept[:, 0])) == len(np.unique(kept[:, 1])) == len(kept)
 
@@ -157,7 +169,7 @@ def test_a_cloud_turned_over_and_in_another_order_is_found(seed):
         Spectrum(one.name, one.eigenvalues, (one.coordinates * flip)[order])
         for one, flip in zip(spectra, signs, strict=True)
     )
-    found = match_prepared(ready(spectra, DEFAULT), ready(other, DEFAULT), DEFAULT)
+    found = match(ready(spectra, DEFAULT), ready(other, DEFAULT), DEFAULT)
     assert found.cc == pytest.approx(1.0, abs=1e-6)
     assert found.ssd == pytest.approx(0.0, abs=1e-6)
     assert found.sim == 1.0
@@ -169,7 +181,7 @@ def test_part_of_a_cloud_is_found_in_the_whole():
     kept = np.sort(np.random.default_rng(32).permutation(90)[:80])
     part = changed(whole, lambda points: np.ascontiguousarray(points[kept]))
     for first, second, inner, outer in ((part, whole, 0, 1), (whole, part, 1, 0)):
-        found = match_prepared(ready(first, DEFAULT), ready(second, DEFAULT), DEFAULT)
+        found = match(ready(first, DEFAULT), ready(second, DEFAULT), DEFAULT)
         assert found.cc > 0.97
         assert (kept[found.pairs[:, inner]] == found.pairs[:, outer]).mean() > 0.95
 
@@ -179,36 +191,50 @@ def test_one_correspondence_has_to_suit_every_domain():
     spectra = by_hand(DEFAULT, 60, 5)
     order = np.random.default_rng(6).permutation(60)
     torn = (spectra[0], Spectrum(spectra[1].name, spectra[1].eigenvalues, spectra[1].coordinates[order]))
-    assert match_prepared(ready(spectra, DEFAULT), ready(torn, DEFAULT), DEFAULT).cc < 0.9
+    assert match(ready(spectra, DEFAULT), ready(torn, DEFAULT), DEFAULT).cc < 0.9
     for one, other in zip(spectra, torn, strict=True):
         alone = [ready((spectrum,), DEFAULT) for spectrum in (one, other)]
-        assert match_prepared(*alone, DEFAULT).cc == pytest.approx(1.0, abs=1e-6)
+        assert match(*alone, DEFAULT).cc == pytest.approx(1.0, abs=1e-6)
 
 
 def test_what_is_prepared_is_the_spectra_and_their_splines(prepared):
     parameters, clouds = prepared
     for cloud in clouds:
-        m = cloud.samples
+        m = samples(cloud, parameters)
         if parameters.matching.pairs == "nearest":
-            assert len(cloud.shape) == len(parameters.spectral.operators)
-            for domain in cloud.shape:
+            assert len(cloud.domains) == len(parameters.spectral.operators)
+            assert cloud.nbytes == sum(one.points.nbytes + one.operators.nbytes for one in cloud.domains)
+            for domain in cloud.domains:
                 assert domain.points.shape == (m, parameters.spectral.dimensions)
                 assert domain.operators.shape[1:] == (m, m)
             continue
-        packed = unpacked(cloud.shape)
+        record = decoded(cloud)
         rows = min(m, parameters.matching.search_samples)
         b, k = len(parameters.spectral.operators), parameters.spectral.dimensions
         for place in range(b):
-            own = packed.points[:rows, place * k : place * k + parameters.matching.search_dimensions]
-            assert np.array_equal(packed.searched[place], own.T)
+            own = record.points[:rows, place * k : place * k + parameters.matching.search_dimensions]
+            assert np.array_equal(record.searched[place], own.T)
         stages = parameters.matching.search_dimensions - parameters.matching.first_dimensions + 1
-        assert packed.operators.shape == (b, stages, rows, rows)
-        assert packed.warp.shape == (b, m, m)
-        assert sorted(packed.members) == list(range(len(packed.points)))
-        assert packed.offsets[0] == 0
-        assert packed.offsets[-1] == len(packed.points)
-        assert packed.key.tobytes() == np.frombuffer(cloud.key, ">u4").astype(np.uint32).tobytes()
-        assert cloud.nbytes == cloud.shape.nbytes
+        assert record.operators.shape == (b, stages, rows, rows)
+        assert record.warp.shape == (b, m, m)
+        assert sorted(record.members) == list(range(len(record.points)))
+        assert record.offsets[0] == 0
+        assert record.offsets[-1] == len(record.points)
+
+
+def test_a_match_record_has_the_key_of_its_embedding():
+    made = embedding(by_hand(DEFAULT, 30, 3))
+    key = embedding_key(made)
+    record = decoded(matcher_of(DEFAULT).prepare(made, key))
+    assert record.key.tobytes() == np.frombuffer(key, ">u4").astype(np.uint32).tobytes()
+
+
+def test_scores_of_many_are_those_of_each_match(prepared):
+    parameters, clouds = prepared
+    found = matcher_of(parameters).score(clouds[0], iter(clouds))
+    for place, cloud in enumerate(clouds):
+        one = match(clouds[0], cloud, parameters)
+        assert (found.cc[place], found.ssd[place], found.sim[place]) == (one.cc, one.ssd, one.sim)
 
 
 def test_the_key_is_of_the_coordinates_and_the_regions():

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from core.embedding import Spectrum
-from core.matching.correspondence import smoothers
 from core.matching.kernels.match_record import ONE
-from core.matching.procrustes import matched, shown_pairs
+from core.matching.procrustes import one_to_one_pairs, procrustes_match
 from core.matching.similarity import EFFECTIVE
+from core.matching.spline_operators import spline_operators
 from core.parameters import DEFAULT
-from tests.core.matching.clouds import cloud, embedded, packed, packed_embedding, parameters_for
+from tests.core.matching.clouds import cloud, embedded, parameters_for, random_record, record_of
 
 K = DEFAULT.spectral.dimensions
 TYPES = {
@@ -48,7 +48,7 @@ def read_only(array):
 def test_arrays_are_of_one_type_and_layout_whatever_the_embedding_s(blocks, layout):
     """Others would compile the kernels anew, to slower loops."""
     given = relaid(made(blocks=blocks), layout)
-    for name, array in packed_embedding(given)._asdict().items():
+    for name, array in record_of(given)._asdict().items():
         assert array.dtype == TYPES[name]
         assert array.flags.c_contiguous
         assert array.flags.writeable
@@ -62,7 +62,7 @@ def test_arrays_are_of_one_type_and_layout_whatever_the_embedding_s(blocks, layo
 def test_what_is_packed_is_the_points_their_regions_and_their_splines(m, d, blocks):
     """Of 12 and 20 samples the search asks for more than there are."""
     embedding = made(1, m, d, blocks)
-    found = packed_embedding(embedding)
+    found = record_of(embedding)
     rows, columns = min(m, DEFAULT.matching.search_samples), DEFAULT.matching.search_dimensions
     stages = columns - DEFAULT.matching.first_dimensions + 1
     assert found.points.shape == (d, blocks * K)
@@ -74,11 +74,11 @@ def test_what_is_packed_is_the_points_their_regions_and_their_splines(m, d, bloc
         assert np.array_equal(found.points[:, place * K : place * K + K], points)
         assert np.array_equal(found.searched[place], points[:rows, :columns].T)
         of_samples = points.astype(np.float64)
-        searched = smoothers(
+        searched = spline_operators(
             of_samples[:rows, :columns], DEFAULT.matching.first_dimensions, DEFAULT.matching.stiffness
         )
         assert found.operators[place] / ONE == pytest.approx(searched, abs=0.51 / ONE)
-        softer = smoothers(of_samples[:m], K, DEFAULT.matching.warp_stiffness)[0]
+        softer = spline_operators(of_samples[:m], K, DEFAULT.matching.warp_stiffness)[0]
         assert found.warp[place] / ONE == pytest.approx(softer, abs=0.51 / ONE)
         centred = of_samples[:m] - of_samples[:m].mean(axis=0)
         assert found.radius[place] == pytest.approx(np.linalg.norm(centred, axis=1).mean(), rel=1e-6)
@@ -91,17 +91,17 @@ def test_what_is_packed_is_the_points_their_regions_and_their_splines(m, d, bloc
 
 def test_splines_are_symmetric():
     """The search multiplies from the other side."""
-    found = packed_embedding(made(2))
+    found = record_of(made(2))
     for operators in (found.operators, found.warp):
         assert np.array_equal(operators, np.swapaxes(operators, -1, -2))
 
 
 def test_search_samples_of_nothing_are_all():
     everything = DEFAULT.with_values(search_samples=0, search_dimensions=0)
-    assert packed_embedding(made(3, 40, 60), everything).searched.shape == (2, K, 40)
+    assert record_of(made(3, 40, 60), everything).searched.shape == (2, K, 40)
 
 
-def turned_over(k, seed):
+def rotated(k, seed):
     return np.linalg.qr(np.random.default_rng(seed).normal(size=(k, k)))[0].astype(np.float32)
 
 
@@ -109,11 +109,11 @@ def turned_over(k, seed):
 @pytest.mark.parametrize(("m", "n"), [(5, 5), (4, 7), (6, 6), (5, 7)])
 def test_pairs_shown_are_the_best_of_all_one_to_one_pairs(m, n, seed):
     k = 2
-    first, second = packed(seed, m, m + 3, k, 2), packed(50 + seed, n, n + 2, k, 2)
-    rotation = np.kron(np.eye(2, dtype=np.float32), turned_over(k, seed))
+    first, second = random_record(seed, m, m + 3, k, 2), random_record(50 + seed, n, n + 2, k, 2)
+    rotation = np.kron(np.eye(2, dtype=np.float32), rotated(k, seed))
     squares = ((first.points[:m, None] @ rotation - second.points[None, :n]) ** 2).sum(axis=2)
     best = min(permutations(range(n), m), key=lambda to: squares[np.arange(m), list(to)].sum())
-    matches, _, _ = shown_pairs(first, second, rotation, same=False)
+    matches, _, _ = one_to_one_pairs(first, second, rotation, same=False)
     assert matches.dtype == np.int64
     assert matches.tolist() == list(best)
 
@@ -126,9 +126,9 @@ def left(warp, block):
 @pytest.mark.parametrize(("m", "n"), [(30, 30), (25, 40)])
 def test_distances_shown_are_those_that_the_softer_spline_leaves(m, n):
     parameters = parameters_for(4)
-    first, second = packed(1, m, m + 20, 4, 2), packed(2, n, n, 4, 2)
-    rotation = matched(first, second, parameters, same=False).rotation
-    matches, distances, effective = shown_pairs(first, second, rotation, same=False)
+    first, second = random_record(1, m, m + 20, 4, 2), random_record(2, n, n, 4, 2)
+    rotation = procrustes_match(first, second, parameters, same=False).rotation
+    matches, distances, effective = one_to_one_pairs(first, second, rotation, same=False)
     assert len(np.unique(matches)) == m
     expected = left(first.warp[0], second.points[matches, :4])
     if m == n:
@@ -147,8 +147,8 @@ def test_a_shape_s_own_samples_are_shown_beside_themselves():
     rng = np.random.default_rng(4)
     points = cloud(rng, 30, K)
     points[20:] = points[10:20]
-    shape = packed_embedding(embedded([points], 30))
-    matches, distances, effective = shown_pairs(shape, shape, np.eye(K, dtype=np.float32), same=True)
+    shape = record_of(embedded([points], 30))
+    matches, distances, effective = one_to_one_pairs(shape, shape, np.eye(K, dtype=np.float32), same=True)
     assert np.array_equal(matches, np.arange(30))
     assert distances.shape == effective.shape == (30,)
 
@@ -159,9 +159,9 @@ def test_a_turned_copy_is_found_sample_by_sample():
     order = np.concatenate([rng.permutation(60), 60 + rng.permutation(60)])
     signs = [rng.choice(np.float32([-1, 1]), size=K) for _ in clouds]
     copies = [(points * flip)[order] for points, flip in zip(clouds, signs, strict=True)]
-    first, second = (packed_embedding(embedded(made, 60)) for made in (clouds, copies))
-    found = matched(first, second, DEFAULT, same=False)
+    first, second = (record_of(embedded(made, 60)) for made in (clouds, copies))
+    found = procrustes_match(first, second, DEFAULT, same=False)
     assert found.scores == pytest.approx([1.0, 0.0, 1.0], abs=1e-5)
     assert np.diag(found.rotation) == pytest.approx(np.concatenate(signs), abs=1e-4)
-    matches, _, _ = shown_pairs(first, second, found.rotation, same=False)
+    matches, _, _ = one_to_one_pairs(first, second, found.rotation, same=False)
     assert np.array_equal(order[matches], np.arange(60))

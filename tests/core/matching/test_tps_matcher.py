@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from core.matching.correspondence import Search, progressive_reference
-from core.matching.tps_matcher import domains, warped
+from core.matching.correspondence import spline_search
+from core.matching.matcher import embedding_key
+from core.matching.tps_matcher import TpsMatcher
 from core.parameters import PAPER
 from tests.core.matching.clouds import cloud, embedded
 
@@ -14,9 +15,13 @@ SETTINGS = {
 }
 
 
+def prepared(embedding, parameters):
+    return TpsMatcher(parameters).prepare(embedding, embedding_key(embedding))
+
+
 def domain(seed, m, parameters):
     points = cloud(np.random.default_rng(seed), m, parameters.spectral.dimensions)
-    return domains(embedded([points], m), parameters)[0]
+    return prepared(embedded([points], m), parameters).domains[0]
 
 
 @pytest.mark.parametrize("name", SETTINGS)
@@ -24,15 +29,16 @@ def domain(seed, m, parameters):
 def test_the_comparison_is_the_plain_one(name, m, n):
     parameters = SETTINGS[name]
     first, second = domain(m, m, parameters), domain(100 + n, n, parameters)
-    search = Search(
-        parameters.matching.first_dimensions,
-        parameters.matching.sign_starts,
-        parameters.matching.kept_starts,
-        parameters.matching.start_iterations,
-        parameters.matching.step_iterations,
+    matches = spline_search(
+        first.points,
+        second.points,
+        first.operators.astype(np.float64),
+        starts=8 if parameters.matching.sign_starts else 1,
+        kept_starts=parameters.matching.kept_starts,
+        start_iterations=parameters.matching.start_iterations,
+        step_iterations=parameters.matching.step_iterations,
     )
-    matches = progressive_reference(first.points, second.points, first.operators.astype(np.float64), search)
-    found = warped(first, second, parameters)
+    found = TpsMatcher(parameters).match_one_way(first, second)
     assert np.array_equal(found.matches, matches)
     y = second.points[matches]
     x = first.operators[-1].astype(np.float64) @ y
@@ -53,7 +59,9 @@ def test_the_comparison_is_the_plain_one(name, m, n):
 
 def test_a_domain_is_the_samples_alone():
     points = cloud(np.random.default_rng(1), 60, 3)
-    (found,) = domains(embedded([points], 40), PAPER)
+    shape = prepared(embedded([points], 40), PAPER)
+    assert shape.samples == 40
+    (found,) = shape.domains
     assert np.array_equal(found.points, points[:40])
     assert found.operators.shape == (1, 40, 40)
-    assert found.nbytes == found.points.nbytes + found.operators.nbytes
+    assert shape.nbytes == found.points.nbytes + found.operators.nbytes

@@ -11,7 +11,7 @@ import pytest
 
 import core
 from core.gallery import make_shape
-from core.matching.kernels.orthogonal_procrustes import turn
+from core.matching.kernels.orthogonal_procrustes import fit_rotation
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
 from core.serialization import embedding_to_bytes
@@ -67,7 +67,7 @@ def test_a_change_of_any_source_of_the_package_changes_the_name(copied):
     found = names(copied, [(copied / "matching" / "kernels" / source, "# Changed.\n") for source in SOURCES])
     assert len(set(found)) == len(found) == len(SOURCES) + 1
     # Another interpreter, another folder: the same sources give the same name.
-    assert found[0] == turn.py_func.__qualname__.replace("turn", "probe")
+    assert found[0] == fit_rotation.py_func.__qualname__.replace("fit_rotation", "probe")
 
 
 def test_a_source_that_is_added_changes_it_and_another_file_does_not(copied):

@@ -7,10 +7,10 @@ import pytest
 
 from core.errors import BadRecordError
 from core.gallery import make_shape
-from core.matching.kernels.match_record import ONE, unpacked
+from core.matching.kernels.match_record import ONE, decoded
 from core.matching.kernels.reranking import flat_splines
-from core.matching.match_records import match_rows, row_of
-from core.matching.procrustes import rounds_of
+from core.matching.match_records import match_record, score_match_records
+from core.matching.procrustes import search_rounds
 from core.matching.reference import fit_map_reference
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
@@ -36,8 +36,8 @@ def embeddings():
 
 
 @pytest.fixture(scope="module")
-def rows(embeddings):
-    return [row_of(embedding, DEFAULT) for embedding in embeddings]
+def records(embeddings):
+    return [match_record(embedding, DEFAULT) for embedding in embeddings]
 
 
 @pytest.fixture(scope="module")
@@ -70,33 +70,36 @@ def test_coordinates_that_say_nothing_new_add_nothing():
     assert not np.array_equal(three, four)
 
 
-def test_it_is_the_plain_match_with_flat_splines(rows, clouds):
+def test_it_is_the_plain_match_with_flat_splines(records, clouds):
     """Where rounding decides between two neighbours the two may part."""
     descriptor_distance = []
-    for first, second in product(range(len(rows)), repeat=2):
-        other = unpacked(rows[second])
+    for first, second in product(range(len(records)), repeat=2):
+        other = decoded(records[second])
         splines = np.stack([flat(searched) for searched in other.searched])
         other = other._replace(operators=np.rint(splines * ONE).astype(np.int16), warp=None, radius=None)
-        expected = fit_map_reference(unpacked(rows[first]), other, rounds_of(DEFAULT))[0]
-        (found,) = rerank(rows[first], [clouds[second]], DEFAULT)
+        expected = fit_map_reference(decoded(records[first]), other, search_rounds(DEFAULT))[0]
+        (found,) = rerank(records[first], [clouds[second]], DEFAULT)
         descriptor_distance.append(abs(float(found) - expected))
     assert np.median(descriptor_distance) < 1e-5
     assert np.mean(np.array(descriptor_distance) < 1e-4) > 0.9
 
 
-def test_it_is_mostly_near_the_full_match(rows, clouds):
+def test_it_is_mostly_near_the_full_match(records, clouds):
     descriptor_distance = []
-    for row in rows[:4]:
-        rough, exact = rerank(row, clouds[:4], DEFAULT), match_rows(row, rows[:4], DEFAULT).cc
+    for record in records[:4]:
+        rough, exact = (
+            rerank(record, clouds[:4], DEFAULT),
+            score_match_records(record, records[:4], DEFAULT).cc,
+        )
         descriptor_distance += list(np.abs(rough - exact))
     assert np.mean(np.array(descriptor_distance) < 0.01) >= 0.75
 
 
-def test_many_are_screened_as_one_by_one(rows, clouds):
-    found = rerank(rows[0], clouds, DEFAULT)
+def test_many_are_reranked_as_one_by_one(records, clouds):
+    found = rerank(records[0], clouds, DEFAULT)
     assert found.dtype == np.float32
-    assert found.tolist() == [float(rerank(rows[0], [one], DEFAULT)[0]) for one in clouds]
-    assert rerank(rows[0], [], DEFAULT).shape == (0,)
+    assert found.tolist() == [float(rerank(records[0], [one], DEFAULT)[0]) for one in clouds]
+    assert rerank(records[0], [], DEFAULT).shape == (0,)
 
 
 def test_the_points_of_a_record_are_those_of_the_embedding(embeddings, clouds):
@@ -139,24 +142,24 @@ def test_what_is_no_record_has_no_points(embeddings):
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
-def test_numbers_that_are_not_finite_have_no_score(rows, clouds, value):
+def test_numbers_that_are_not_finite_have_no_score(records, clouds, value):
     (first, second), regions = clouds[0]
     broken = second.copy()
     broken[3, 1] = value
-    found = rerank(rows[1], [((first, broken), regions), clouds[0]], DEFAULT)
+    found = rerank(records[1], [((first, broken), regions), clouds[0]], DEFAULT)
     assert np.isnan(found).tolist() == [True, False]
 
 
 @pytest.mark.parametrize("region", [-1, -7, 500, 5_000, 101])
-def test_regions_of_no_sample_have_no_score(rows, clouds, region):
+def test_regions_of_no_sample_have_no_score(records, clouds, region):
     coordinates, regions = clouds[0]
     broken = regions.copy()
     broken[-1] = region
-    found = rerank(rows[1], [(coordinates, broken), clouds[0]], DEFAULT)
+    found = rerank(records[1], [(coordinates, broken), clouds[0]], DEFAULT)
     assert np.isnan(found).tolist() == [True, False]
 
 
-def test_other_numbers_of_coordinates_have_no_score(rows, clouds):
+def test_other_numbers_of_coordinates_have_no_score(records, clouds):
     (first, second), regions = clouds[0]
     others = [((first,), regions), ((first[:, :9].copy(), second[:, :9].copy()), regions), clouds[0]]
-    assert np.isnan(rerank(rows[1], others, DEFAULT)).tolist() == [True, True, False]
+    assert np.isnan(rerank(records[1], others, DEFAULT)).tolist() == [True, True, False]

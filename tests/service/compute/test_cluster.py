@@ -12,7 +12,7 @@ import httpx
 import numpy as np
 import pytest
 
-from core.matching.match_records import match_rows, row_of
+from core.matching.match_records import match_record, score_match_records
 from core.parameters import DEFAULT
 from core.serialization import embedding_from_bytes
 from service.compute.cluster import ClusterPool
@@ -156,8 +156,8 @@ def test_rows_are_kept_by_workers_and_made_again_where_one_is_lost(
         entries = active_pipeline.index.current(session)
         records = embedding_records(session, entries.embeddings.tolist())
     numbers = np.array(sorted(records))
-    rows = [row_of(embedding_from_bytes(records[number]), DEFAULT) for number in numbers.tolist()]
-    truth = match_rows(rows[0], rows, DEFAULT)
+    rows = [match_record(embedding_from_bytes(records[number]), DEFAULT) for number in numbers.tolist()]
+    truth = score_match_records(rows[0], rows, DEFAULT)
 
     def assert_found(order: list[int]) -> None:
         found = asyncio.run(cluster_scores(parts, pool, active_pipeline, rows[0], numbers[order]))

@@ -12,7 +12,7 @@ from core.embedding import Scores
 from core.gallery import make_shape
 from core.gallery.one_body import make_person
 from core.io import write_mesh
-from core.matching.match_records import match_rows
+from core.matching.match_records import score_match_records
 from core.parameters import Parameters
 from core.registration.similarity_icp import RESIDUAL
 from core.studies.perturbation import subdivide
@@ -20,7 +20,7 @@ from service.client import Client
 from service.duplicates import tasks
 from service.duplicates.groups import Groups, Link
 from service.duplicates.schemas import COLUMNS
-from service.search import match_records as rows_module
+from service.search import match_records
 from tests.service.http.test_disconnects import at_work, send
 from tests.service.support import Running, assert_problem, serving, settings_in, wait_until
 from tests.service.tasks import nap_instead
@@ -113,10 +113,10 @@ def test_the_work_of_a_client_that_goes_away_is_stopped(
     def slowly(query: Float32s, rows: Sequence[Float32s], parameters: Parameters) -> Scores:
         compared.append(len(rows))
         time.sleep(0.1)
-        return match_rows(query, rows, parameters)
+        return score_match_records(query, rows, parameters)
 
     with monkeypatch.context() as patch:
-        patch.setattr(rows_module, "match_rows", slowly)
+        patch.setattr(match_records, "score_match_records", slowly)
         with send(planted, "/duplicates", method="GET"):
             wait_until(lambda: compared, seconds=60)
         wait_until(lambda: not work.inside, seconds=5)

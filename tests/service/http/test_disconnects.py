@@ -15,11 +15,11 @@ import pytest
 
 from core.arrays import Float32s
 from core.embedding import Scores
-from core.matching.match_records import match_rows
+from core.matching.match_records import score_match_records
 from core.parameters import Parameters
 from service.compute import work as work_module
 from service.compute.pool import LocalPool
-from service.search import match_records as rows_module
+from service.search import match_records
 from service.search import scoring as comparing
 from service.shapes import service as shapes_service
 from tests.service.storage.test_processes import server
@@ -77,7 +77,7 @@ def names(running: Running) -> list[str]:
     [
         ("embed_mesh", "/shapes"),
         ("embed_mesh", "/query"),
-        ("match_records", "/compare"),
+        ("match_embeddings", "/compare"),
     ],
 )
 def test_the_work_of_a_client_that_goes_away_is_stopped(
@@ -87,7 +87,7 @@ def test_the_work_of_a_client_that_goes_away_is_stopped(
     (first,) = single.client.get("/shapes", params={"name": "first"}).json()["shapes"]
     body = {
         "embed_mesh": file_form(small_file(1), "gone.off"),
-        "match_records": {"json": {"first": first["id"], "second": first["id"]}},
+        "match_embeddings": {"json": {"first": first["id"], "second": first["id"]}},
     }[task]
     wait_until(pool.pids, seconds=60)
     before = pool.pids()
@@ -118,11 +118,11 @@ def test_a_client_that_goes_away_is_compared_no_further(
     def slowly(query: Float32s, rows: Sequence[Float32s], parameters: Parameters) -> Scores:
         compared.append(len(rows))
         time.sleep(0.3)
-        return match_rows(query, rows, parameters)
+        return score_match_records(query, rows, parameters)
 
     with monkeypatch.context() as patch:
-        patch.setattr(comparing, "MATCHED", 1)
-        patch.setattr(rows_module, "match_rows", slowly)
+        patch.setattr(comparing, "THREAD_BATCH", 1)
+        patch.setattr(match_records, "score_match_records", slowly)
         with send(single, "/query", json={"shape_id": first["id"]}):
             wait_until(lambda: compared, seconds=60)
         wait_until(lambda: not single.container.work._inside, seconds=5)

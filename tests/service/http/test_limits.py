@@ -111,7 +111,7 @@ def test_a_comparison_that_takes_too_long_may_be_tried_again(
 ) -> None:
     shape = strict.store(small_file(1))
     with monkeypatch.context() as patch:
-        patch.setattr(work_module, "match_records", nap_instead)
+        patch.setattr(work_module, "match_embeddings", nap_instead)
         pair = {"first": shape["id"], "second": shape["id"]}
         assert_problem(strict.client.post("/compare", json=pair), 503, "time-limit")
     wait_until(strict.container.pool.pids, seconds=60)

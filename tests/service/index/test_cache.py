@@ -14,14 +14,13 @@ from numpy.typing import NDArray
 
 from core.descriptors.descriptor_distance import descriptor_distance
 from core.descriptors.spin_images import KEYPOINTS
-from core.matching.match_records import match_rows, row_of
+from core.matching.match_records import match_record, score_match_records
 from core.parameters import DEFAULT
 from core.ranking.coarse_ranking import coarse_ranking, coarse_samples
 from core.ranking.reranking import rerank
 from core.serialization import embedding_from_bytes, points_from_bytes
 from service.index.cache import ABOUT, EmbeddingCache
-from service.search import cache_warmer
-from service.search import match_records as rows_module
+from service.search import cache_warmer, match_records
 from tests.service.support import (
     Running,
     pipeline_in_use,
@@ -39,33 +38,33 @@ NARROW = [{"search_bytes": 0}, {"search_bytes": 300_000}]
 SHORT = {"shortlist_from": 5, "shortlist_length": 9, "reranked": 6, "finalists": 2}
 
 
-def row(value: float, length: int = 100) -> np.ndarray:
+def array(value: float, length: int = 100) -> np.ndarray:
     return np.full(length, value, dtype=np.float32)
 
 
 def test_what_was_not_asked_for_longest_goes_first() -> None:
     cache = EmbeddingCache(1200)
     for number in (1, 2, 3):
-        cache.put(number, row(number))
-    assert list(cache.rows([1, 9])) == [1]
-    cache.put(4, row(4))
+        cache.put(number, array(number))
+    assert list(cache.get([1, 9])) == [1]
+    cache.put(4, array(4))
     assert cache.missing([1, 2, 3, 4]) == [2]
     assert (len(cache), cache.nbytes) == (3, 1200)
-    assert [found[0] for found in cache.rows([4, 3, 1]).values()] == [4, 3, 1]
+    assert [found[0] for found in cache.get([4, 3, 1]).values()] == [4, 3, 1]
 
 
-def test_a_row_put_again_takes_its_room_once() -> None:
+def test_an_array_put_again_takes_its_room_once() -> None:
     cache = EmbeddingCache(1200)
     for _ in range(3):
-        cache.put(1, row(1))
-    cache.put(1, row(2, 50))
+        cache.put(1, array(1))
+    cache.put(1, array(2, 50))
     assert (len(cache), cache.nbytes) == (1, 200)
-    assert cache.rows([1])[1][0] == 2
+    assert cache.get([1])[1][0] == 2
 
 
-def test_a_row_longer_than_all_the_room_is_not_kept() -> None:
+def test_an_array_longer_than_all_the_room_is_not_kept() -> None:
     cache = EmbeddingCache(300)
-    cache.put(1, row(1))
+    cache.put(1, array(1))
     assert (len(cache), cache.nbytes) == (0, 0)
     assert EmbeddingCache(0).free_places() == 0
 
@@ -73,20 +72,20 @@ def test_a_row_longer_than_all_the_room_is_not_kept() -> None:
 def test_with_less_room_the_oldest_go() -> None:
     cache = EmbeddingCache(1200)
     for number in (1, 2, 3):
-        cache.put(number, row(number))
+        cache.put(number, array(number))
     cache.resize(800)
     assert cache.missing([1, 2, 3]) == [1]
     cache.resize(-5)
     assert (len(cache), cache.nbytes) == (0, 0)
     cache.resize(400)
-    cache.put(4, row(4))
+    cache.put(4, array(4))
     assert cache.missing([4]) == []
 
 
 def test_only_what_is_named_is_kept() -> None:
     cache = EmbeddingCache(1200)
     for number in (1, 2, 3):
-        cache.put(number, row(number))
+        cache.put(number, array(number))
     cache.keep(np.array([3, 1, 7]))
     assert cache.missing([1, 2, 3]) == [2]
     assert (len(cache), cache.nbytes) == (2, 800)
@@ -94,10 +93,10 @@ def test_only_what_is_named_is_kept() -> None:
     assert (len(cache), cache.nbytes) == (0, 0)
 
 
-def test_free_places_go_by_the_rows_that_are_there() -> None:
+def test_free_places_go_by_the_arrays_that_are_there() -> None:
     cache = EmbeddingCache(10 * ABOUT)
     assert cache.free_places() == 10
-    cache.put(1, row(1, ABOUT // 8))
+    cache.put(1, array(1, ABOUT // 8))
     assert cache.free_places() == 19
 
 
@@ -107,8 +106,8 @@ def test_many_threads_at_once() -> None:
     def work(seed: int) -> None:
         rng = np.random.default_rng(seed)
         for number in rng.integers(30, size=500).tolist():
-            cache.put(number, row(number))
-            for found, values in cache.rows(range(30)).items():
+            cache.put(number, array(number))
+            for found, values in cache.get(range(30)).items():
                 assert values[0] == found
 
     threads = [Thread(target=work, args=(seed,)) for seed in range(4)]
@@ -121,12 +120,12 @@ def test_many_threads_at_once() -> None:
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, dict[str, float]]]:
-    """The folder of an archive of 12 shapes, and an answer with every row on the shelf."""
-    folder = tmp_path_factory.mktemp("shelf")
+    """The folder of an archive of 12 shapes, and an answer with every match record cached."""
+    folder = tmp_path_factory.mktemp("cache")
     with serving(settings_in(folder)) as running:
         for number in range(STORED):
             running.store(small_file(number), f"{number}.off")
-        wait_until(lambda: len(shelf_of(running)) == STORED, seconds=30)
+        wait_until(lambda: len(cache_of(running)) == STORED, seconds=30)
         return folder, answer(running)
 
 
@@ -147,7 +146,7 @@ def running(folder: Path, request: pytest.FixtureRequest) -> Iterator[Running]:
         yield running
 
 
-def shelf_of(running: Running) -> EmbeddingCache:
+def cache_of(running: Running) -> EmbeddingCache:
     with running.container.database.read() as session:
         return running.container.pipelines.current(session).cache
 
@@ -162,17 +161,17 @@ def answer(running: Running, number: int = 20, **options: object) -> dict[str, d
 
 
 @pytest.mark.parametrize("running", [PLAIN], indirect=True)
-def test_rows_are_ready_soon_after_the_start_and_after_an_upload(
+def test_match_records_are_ready_soon_after_the_start_and_after_an_upload(
     running: Running, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    cache = shelf_of(running)
+    cache = cache_of(running)
     wait_until(lambda: len(cache) == STORED, seconds=30)
     record = running.store(small_file(30), "late.off")
     wait_until(lambda: len(cache) == STORED + 1, seconds=30)
     (shown,) = re.findall(r"^isoshape_rows_bytes (\S+)$", running.client.get("/metrics").text, re.MULTILINE)
     assert float(shown) == cache.nbytes
     with monkeypatch.context() as patch:
-        patch.setattr(rows_module, "repository", None)
+        patch.setattr(match_records, "repository", None)
         assert len(answer(running)) == STORED + 1
     running.client.delete(f"/shapes/{record['id']}")
     assert len(answer(running)) == STORED
@@ -182,7 +181,7 @@ def test_rows_are_ready_soon_after_the_start_and_after_an_upload(
 @pytest.mark.parametrize("running", [PLAIN], indirect=True)
 def test_what_comes_is_made_ready_whatever_was_deleted_before(running: Running) -> None:
     """Rows of what is gone would fill the room, and be counted for those that lack."""
-    cache = shelf_of(running)
+    cache = cache_of(running)
     wait_until(lambda: len(cache) == STORED, seconds=30)
     gone = [running.store(small_file(number), f"{number}.off")["id"] for number in (31, 32)]
     wait_until(lambda: len(cache) == STORED + 2, seconds=30)
@@ -203,7 +202,7 @@ def test_a_record_that_cannot_be_read_is_left_out_and_stops_nothing(folder: Path
     with closing(sqlite3.connect(tmp_path / "archive.sqlite3")) as connection, connection:
         connection.execute("UPDATE embeddings SET record = x'00' WHERE number = 3")
     with serving(settings_in(tmp_path)) as other:
-        wait_until(lambda: len(shelf_of(other)) == STORED - 1, seconds=30)
+        wait_until(lambda: len(cache_of(other)) == STORED - 1, seconds=30)
         assert set(answer(other)) == {f"{number}.off" for number in range(STORED) if number != 2}
 
 
@@ -211,7 +210,7 @@ def test_what_no_one_foresaw_does_not_keep_the_service_from_answering(
     folder: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     with monkeypatch.context() as patch:
-        patch.setattr(cache_warmer, "cached_bytes", None)
+        patch.setattr(cache_warmer, "cached_match_records", None)
         with serving(settings_in(folder)) as other:
             assert len(answer(other)) == STORED
     assert "embeddings could not be made ready" in caplog.messages
@@ -220,24 +219,26 @@ def test_what_no_one_foresaw_does_not_keep_the_service_from_answering(
 @pytest.mark.parametrize("running", NARROW, indirect=True)
 def test_without_room_answers_are_the_same(running: Running, roomy: dict[str, dict[str, float]]) -> None:
     assert answer(running) == roomy
-    assert len(shelf_of(running)) <= 3
+    assert len(cache_of(running)) <= 3
 
 
 @pytest.mark.parametrize("rank_by", ["cc", "combined"])
 @pytest.mark.parametrize("running", [SHORT], indirect=True)
-def test_finalists_are_those_that_sifting_and_screening_put_first(running: Running, rank_by: str) -> None:
+def test_finalists_are_those_that_coarse_ranking_and_reranking_put_first(
+    running: Running, rank_by: str
+) -> None:
     client = running.client
     shapes = client.get("/shapes").json()["shapes"]
     pipeline = pipeline_in_use(running)
     with running.container.database.read() as session:
         entries = running.container.pipelines.current(session).index.current(session)
-        records = rows_module.repository.embedding_records(session, entries.embeddings.tolist())
+        records = match_records.repository.embedding_records(session, entries.embeddings.tolist())
     embeddings = {
         shape["name"]: embedding_from_bytes(records[int(number)])
         for shape, number in zip(shapes, entries.embeddings, strict=True)
     }
     wanted = embeddings.pop("3.off")
-    own = row_of(wanted, DEFAULT)
+    own = match_record(wanted, DEFAULT)
 
     def likeliest(
         names: list[str], rough: NDArray[np.float32], count: int, *, spin_images: bool
@@ -258,7 +259,7 @@ def test_finalists_are_those_that_sifting_and_screening_put_first(running: Runni
         embeddings, key=lambda name: np.linalg.norm(embeddings[name].signature - wanted.signature)
     )[:9]
     samples = np.stack([coarse_samples(embeddings[name]) for name in names])
-    # By chance, the spin images of a sheet, which looks incomplete, are compared with those of all.
+    # By class probability, a sheet, which looks incomplete, is compared with all by its spin images.
     if rank_by == "cc" or len(wanted.spin_images) == KEYPOINTS:
         names = likeliest(names, coarse_ranking(own, samples, DEFAULT), 6, spin_images=False)
     numbers = {shape["name"]: int(number) for shape, number in zip(shapes, entries.embeddings, strict=True)}
@@ -272,7 +273,7 @@ def test_finalists_are_those_that_sifting_and_screening_put_first(running: Runni
     found = client.post("/query", json=body).json()
     assert found["compared"] == 3
     (result,) = found["results"]
-    exact = match_rows(own, [row_of(embeddings[name], DEFAULT) for name in names], DEFAULT)
+    exact = score_match_records(own, [match_record(embeddings[name], DEFAULT) for name in names], DEFAULT)
     place = names.index(result["shape"]["name"])
     assert (result["cc"], result["ssd"], result["sim"]) == (
         exact.cc[place],

@@ -106,7 +106,7 @@ def test_a_worker_that_is_lost_meanwhile_is_said(before: Running, monkeypatch: p
             raise WorkerLostError("a worker process was lost")
         return await read(self, data, format)
 
-    monkeypatch.setattr(before.container.spin_images, "rows", lambda numbers: {})
+    monkeypatch.setattr(before.container.spin_images, "get", lambda numbers: {})
     monkeypatch.setattr(Work, "read", losing)
     assert_problem(query(before.client, part_of("bird"), partial="true"), 503, "worker-lost")
     assert lost

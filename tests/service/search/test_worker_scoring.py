@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from core.matching.match_records import row_of
+from core.matching.match_records import match_record
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
 from core.serialization import embedding_from_bytes
-from service.search.worker_scoring import match_kept
+from service.search.worker_scoring import score_on_worker
 from tests.service.archives import embedded
 
 ROOM = 10**8
@@ -20,8 +20,8 @@ def records() -> dict[int, bytes]:
 
 
 def asked(numbers, records, user, room=ROOM):
-    query = row_of(embedding_from_bytes(embedded(9).record), DEFAULT)
-    return match_kept(query, np.array(numbers), records, DEFAULT, user, room)
+    query = match_record(embedding_from_bytes(embedded(9).record), DEFAULT)
+    return score_on_worker(query, np.array(numbers), records, DEFAULT, user, room)
 
 
 def truth(records):
@@ -54,7 +54,7 @@ def test_the_numbers_of_several_services_are_their_own(records):
 
 
 def test_what_has_no_room_is_matched_and_not_kept(records):
-    length = row_of(embedding_from_bytes(records[1]), DEFAULT).nbytes
+    length = match_record(embedding_from_bytes(records[1]), DEFAULT).nbytes
     scores, missing = asked(NUMBERS, records, user=4, room=2 * length + length // 2)
     np.testing.assert_array_equal(scores, truth(records))
     assert len(missing) == 0

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 import pytest
 
 from service.compute import work as work_module
-from service.search import match_records as rows_module
+from service.search import match_records
 from tests.service.calls import assert_recovered, reads, the_kept
 from tests.service.support import (
     Running,
@@ -46,7 +46,7 @@ def kept(frail: Running) -> str:
     [
         ("embed_mesh", "upload"),
         ("embed_mesh", "query"),
-        ("match_records", "compare"),
+        ("match_embeddings", "compare"),
     ],
 )
 def test_a_worker_that_is_killed(
@@ -84,7 +84,7 @@ def test_a_file_over_which_its_reader_breaks_down(frail: Running, kept: str) -> 
     ("task", "name", "status", "kind"),
     [
         ("embed_mesh", "upload", 422, "mesh-too-complex"),
-        ("match_records", "compare", 503, "worker-lost"),
+        ("match_embeddings", "compare", 503, "worker-lost"),
     ],
 )
 def test_a_worker_without_memory(
@@ -108,7 +108,7 @@ def test_a_worker_without_memory(
 
 def test_comparing_without_memory(frail: Running, kept: str, monkeypatch: pytest.MonkeyPatch) -> None:
     with monkeypatch.context() as patch:
-        patch.setattr(rows_module, "match_rows", run_out_of_memory)
+        patch.setattr(match_records, "score_match_records", run_out_of_memory)
         problem = assert_problem(reads(frail, kept)["query"](), 503, "worker-lost")
         assert "memory" in problem["detail"]
     assert_recovered(frail, kept)

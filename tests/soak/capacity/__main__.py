@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from core.arrays import Float32s, Floats
 from core.gallery import make_shape
 from core.io import write_mesh
-from core.matching.match_records import row_of
+from core.matching.match_records import match_record
 from core.parameters import DEFAULT
 from core.ranking.coarse_ranking import coarse_samples
 from core.ranking.shortlist import least, signature_distances
@@ -57,7 +57,7 @@ def of_a_shape(folder: Path) -> None:
         ("record", np.mean([len(embedding_to_bytes(one.embedding)) for one in found])),
         ("signature", found[0].embedding.signature.nbytes),
         ("sketch", len(coarse_samples(found[0].embedding))),
-        ("ready to be matched", np.mean([row_of(one.embedding, DEFAULT).nbytes for one in found])),
+        ("ready to be matched", np.mean([match_record(one.embedding, DEFAULT).nbytes for one in found])),
     ):
         print(f"| {name} | {size:,.0f} |")
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from core.io import Limits
-from core.matching.match_records import match_rows, row_of
+from core.matching.match_records import match_record, score_match_records
 from core.parameters import DEFAULT
 from core.serialization import embedding_from_bytes
 from service.compute.pool import LocalPool
@@ -51,9 +51,9 @@ def embeds(files: Sequence[bytes], seconds: float) -> float:
 
 def matches(records: Sequence[bytes], seconds: float) -> float:
     """Shapes matched with one in a second."""
-    rows = [row_of(embedding_from_bytes(record), DEFAULT) for record in records]
+    rows = [match_record(embedding_from_bytes(record), DEFAULT) for record in records]
     began, count = time.perf_counter(), 0
     while time.perf_counter() < began + seconds:
-        match_rows(rows[0], rows, DEFAULT)
+        score_match_records(rows[0], rows, DEFAULT)
         count += len(rows)
     return count / (time.perf_counter() - began)

@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
-from core.matching.correspondence import smoothers
+from core.matching.correspondence import spline_search as plain_search
 from core.matching.kernels.match_record import ONE
 from core.matching.kernels.spline_search import (
     nearest_columns,
     signless_correlation,
     spline_search,
-    spline_search_reference,
 )
 from core.matching.reference import nearest_columns_reference, signless_correlation_reference
+from core.matching.spline_operators import spline_operators
 from tests.core.matching.clouds import cloud
 
 SCALES = [1e-12, 1e-3, 1.0, 1e5, 1e12]
@@ -28,8 +28,8 @@ def nearest(points, targets, k, low):
 
 
 def distances(points, targets, k):
-    descriptor_distance = points[:k, :, None].astype(np.float64) - targets[:k, None, :]
-    return (descriptor_distance**2).sum(axis=0)
+    step = points[:k, :, None].astype(np.float64) - targets[:k, None, :]
+    return (step**2).sum(axis=0)
 
 
 @pytest.mark.parametrize("scale", SCALES)
@@ -93,7 +93,7 @@ def test_points_all_matched_to_one_do_not_correlate():
 
 def whole(points, first):
     """Splines of points by columns, in whole numbers."""
-    splines = smoothers(np.ascontiguousarray(points.T).astype(np.float64), first, 100.0)
+    splines = spline_operators(np.ascontiguousarray(points.T).astype(np.float64), first, 100.0)
     return np.rint(splines * ONE).astype(np.int16)
 
 
@@ -105,14 +105,14 @@ def test_the_search_is_the_plain_one(m, n, starts, first):
         operators = whole(points, first)
         found = np.empty(m, dtype=np.int32)
         spline_search(points, targets, operators, first, starts, 2, 2, 128, found)
-        expected = spline_search_reference(
+        expected = plain_search(
             points.T.astype(np.float64),
             targets.T.astype(np.float64),
             operators / ONE,
-            first,
-            starts,
-            2,
-            2,
+            starts=starts,
+            kept_starts=1,
+            start_iterations=2,
+            step_iterations=2,
         )
         assert np.array_equal(found, expected)
 

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from core.matching.kernels.pair_matching import EXACT, best_map, refine_map, score_pairs, search_maps
-from core.matching.procrustes import rounds_of
+from core.matching.procrustes import search_rounds
 from core.matching.reference import (
     best_map_reference,
     refine_map_reference,
     score_pairs_reference,
     search_maps_reference,
 )
-from tests.core.matching.clouds import packed, parameters_for
+from tests.core.matching.clouds import parameters_for, random_record
 
 K = 10
 
@@ -37,8 +37,8 @@ def searched(x, y, rounds):
 @pytest.mark.parametrize("k", [2, 3, 5, 10])
 @pytest.mark.parametrize("sides", [1, 2])
 def test_maps_searched_for_are_the_plain_ones(k, m, n, blocks, sides):
-    x, y = packed(k, m, m + 20, k, blocks), packed(30 + k, n, n, k, blocks)
-    rounds = rounds_of(parameters_for(k))._replace(sides=sides)
+    x, y = random_record(k, m, m + 20, k, blocks), random_record(30 + k, n, n, k, blocks)
+    rounds = search_rounds(parameters_for(k))._replace(sides=sides)
     scores, rotations = searched(x, y, rounds)
     plain_scores, plain = search_maps_reference(x, y, rounds)
     assert scores == pytest.approx(plain_scores, abs=1e-5)
@@ -53,7 +53,7 @@ def test_maps_searched_for_are_the_plain_ones(k, m, n, blocks, sides):
 @pytest.mark.parametrize(("m", "n"), [(64, 64), (30, 100), (100, 40), (12, 12)])
 @pytest.mark.parametrize("k", [2, 6, 10])
 def test_a_map_is_refined_as_the_plain_one_is(k, m, n, blocks, count):
-    x, y = (packed(seed, rows, rows, k, blocks).points for seed, rows in ((k, m), (60 + k, n)))
+    x, y = (random_record(seed, rows, rows, k, blocks).points for seed, rows in ((k, m), (60 + k, n)))
     rotation = rotation_of(k, k, blocks)
     score, plain, plain_there, plain_back = refine_map_reference(
         x.astype(np.float64), y.astype(np.float64), blocks, count, EXACT, rotation.astype(np.float64)
@@ -70,9 +70,9 @@ def test_a_map_is_refined_as_the_plain_one_is(k, m, n, blocks, count):
 @pytest.mark.parametrize("seed", range(6))
 @pytest.mark.parametrize(("m", "n"), [(60, 60), (50, 80), (110, 90)])
 def test_the_best_map_is_the_plain_one(m, n, seed):
-    x, y = packed(seed, m, m, K, 2), packed(70 + seed, n, n + 30, K, 2)
+    x, y = random_record(seed, m, m, K, 2), random_record(70 + seed, n, n + 30, K, 2)
     for changes in ({}, {"sides": 1, "kept_maps": 1, "align_rounds": 0}):
-        rounds = rounds_of(parameters_for(K))._replace(**changes)
+        rounds = search_rounds(parameters_for(K))._replace(**changes)
         found = np.zeros((2 * K, 2 * K), dtype=np.float32)
         score = best_map(x, y, rounds, found)
         expected, plain = best_map_reference(x, y, rounds)
@@ -84,7 +84,7 @@ def test_the_best_map_is_the_plain_one(m, n, seed):
 @pytest.mark.parametrize(("m", "n"), [(50, 50), (30, 90), (90, 30), (12, 12)])
 @pytest.mark.parametrize("k", [2, 5, 10])
 def test_scores_are_those_of_the_definitions(k, m, n, blocks):
-    x, y = packed(k, m, m, k, blocks), packed(80 + k, n, n, k, blocks)
+    x, y = random_record(k, m, m, k, blocks), random_record(80 + k, n, n, k, blocks)
     rng = np.random.default_rng(m + n)
     there, back = rng.integers(n, size=m), rng.integers(m, size=n)
     partners, sources = y.points[there], x.points[back]
@@ -107,7 +107,7 @@ def test_scores_are_those_of_the_definitions(k, m, n, blocks):
 
 
 def test_pairs_all_with_one_point_have_no_correlation_and_one_effective_partner():
-    x, y = packed(1, 40, 40, 4, 1), packed(2, 30, 30, 4, 1)
+    x, y = random_record(1, 40, 40, 4, 1), random_record(2, 30, 30, 4, 1)
     there, back = np.zeros(40, dtype=np.int32), np.zeros(30, dtype=np.int32)
     partners, sources = y.points[there], x.points[back]
     scores = np.empty(3)

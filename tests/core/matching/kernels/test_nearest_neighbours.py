@@ -5,13 +5,13 @@ import pytest
 
 from core.matching.kernels.nearest_neighbours import (
     closest,
-    nearest_both,
-    nearest_both_reference,
-    paired,
-    paired_both,
+    cross_covariance,
+    cross_covariance_both_ways,
+    nearest_both_ways,
+    nearest_both_ways_reference,
     square,
 )
-from core.matching.reference import closest_reference, paired_reference
+from core.matching.reference import closest_reference, cross_covariance_reference
 from tests.core.matching.clouds import cloud
 
 
@@ -22,7 +22,7 @@ def random_cloud(seed, count, k):
 def both(points, targets, low):
     there = np.empty(len(points), dtype=np.int32)
     back = np.empty(len(targets), dtype=np.int32)
-    nearest_both(points, np.ascontiguousarray(targets.T), low, there, back)
+    nearest_both_ways(points, np.ascontiguousarray(targets.T), low, there, back)
     return there, back
 
 
@@ -42,14 +42,14 @@ def test_what_is_nearest_both_ways_is_the_plain_one_but_for_the_bits_that_are_le
     points, targets = random_cloud(k, m, k), random_cloud(50 + k, n, k)
     squares = squared(points, targets)
     relative, absolute = precision(low)
-    found, plain = both(points, targets, low), nearest_both_reference(points.astype(np.float64), targets)
+    found, plain = both(points, targets, low), nearest_both_ways_reference(points.astype(np.float64), targets)
     for matches, expected, table in zip(found, plain, (squares, squares.T), strict=True):
         places = np.arange(len(table))
         least = table[places, expected]
         assert (table[places, matches] <= least * (1 + relative) + absolute).all()
-        descriptor_distance = np.sort(table, axis=1)[:, 1] > least * (1 + relative) + 2 * absolute
-        assert np.array_equal(matches[descriptor_distance], expected[descriptor_distance])
-        assert descriptor_distance.mean() > 0.3
+        step = np.sort(table, axis=1)[:, 1] > least * (1 + relative) + 2 * absolute
+        assert np.array_equal(matches[step], expected[step])
+        assert step.mean() > 0.3
 
 
 def test_a_number_for_each_of_so_many_that_fourteen_bits_hold():
@@ -117,7 +117,7 @@ def cross_products(points, partners, sources, targets, blocks):
     columns = points.shape[1]
     cross = np.full((columns, columns), np.nan, dtype=np.float32)
     first, second = np.full((2, blocks), np.nan, dtype=np.float32)
-    paired(points, partners, sources, targets, blocks, cross, first, second)
+    cross_covariance(points, partners, sources, targets, blocks, cross, first, second)
     return cross, first, second
 
 
@@ -132,7 +132,7 @@ def test_cross_products_and_square_sums_are_the_plain_ones(k, m, n, blocks, scal
         for rows, shift in ((m, 0.5), (m, -0.5), (n, 0.5), (n, 1.0))
     ]
     before = [array.copy() for array in given]
-    found, expected = cross_products(*given, blocks), paired_reference(*given, blocks)
+    found, expected = cross_products(*given, blocks), cross_covariance_reference(*given, blocks)
     size = scale**2 * (m + n) * k
     for one, other in zip(found, expected, strict=True):
         assert one == pytest.approx(other, abs=3e-6 * size)
@@ -153,8 +153,8 @@ def test_cross_products_of_pairs_both_ways_are_the_plain_ones(k, m, n, blocks, s
     there, back = rng.integers(n, size=m).astype(np.int32), rng.integers(m, size=n).astype(np.int32)
     cross = np.full((blocks * k, blocks * k), np.nan, dtype=np.float32)
     first, second = np.full((2, blocks), np.nan, dtype=np.float32)
-    paired_both(x, y, there, back, blocks, cross, first, second)
-    expected = paired_reference(x, y[there], x[back], y, blocks)
+    cross_covariance_both_ways(x, y, there, back, blocks, cross, first, second)
+    expected = cross_covariance_reference(x, y[there], x[back], y, blocks)
     size = scale**2 * (m + n) * k
     for one, other in zip((cross, first, second), expected, strict=True):
         assert one == pytest.approx(other, abs=5e-6 * size)

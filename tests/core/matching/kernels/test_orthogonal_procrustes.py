@@ -8,20 +8,20 @@ from scipy.optimize import linprog
 from core.matching.kernels.orthogonal_procrustes import (
     EXACT,
     ROUGH,
+    fit_rotation,
+    fit_rotation_reference,
     nearest_rotation,
     nearest_rotation_reference,
-    turn,
-    turn_reference,
 )
-from core.matching.kernels.simd import LANES
-from core.matching.reference import paired_reference
+from core.matching.kernels.simd import SIMD_WIDTH
+from core.matching.reference import cross_covariance_reference
 from tests.core.matching.clouds import cloud
 
 
 def factor(matrix, steps=EXACT):
     """Trace and polar factor, float64, of a matrix rounded to float32."""
     k = len(matrix)
-    width = -(-k // LANES) * LANES
+    width = -(-k // SIMD_WIDTH) * SIMD_WIDTH
     padded = np.zeros((k, width), dtype=np.float32)
     padded[:, :k] = matrix
     before = padded.copy()
@@ -45,10 +45,8 @@ def best_step(least, most):
     powers = np.stack([x, x**3, x**5], axis=1)
     error = np.ones((len(x), 1))
     rows, bounds = np.block([[powers, -error], [-powers, -error]]), np.concatenate([x**0, -(x**0)])
-    *found, descriptor_distance = linprog(
-        [0, 0, 0, 1], rows, bounds, bounds=[(None, None)] * 3 + [(0, None)]
-    ).x
-    return found, descriptor_distance
+    *found, deviation = linprog([0, 0, 0, 1], rows, bounds, bounds=[(None, None)] * 3 + [(0, None)]).x
+    return found, deviation
 
 
 def applied(steps, x):
@@ -61,9 +59,9 @@ def applied(steps, x):
 def test_each_step_is_the_best_polynomial_for_what_the_ones_before_leave(steps, least, count):
     low, high = least, 1.0
     for step in steps[: count - 1]:
-        expected, descriptor_distance = best_step(low, high * 1.005)
+        expected, deviation = best_step(low, high * 1.005)
         assert step == pytest.approx(expected, rel=1e-3)
-        low, high = 1.0 - descriptor_distance, 1.0 + descriptor_distance
+        low, high = 1.0 - deviation, 1.0 + deviation
 
 
 @pytest.mark.parametrize(("steps", "least", "error"), [(ROUGH, 3e-4, 3e-4), (EXACT, 1e-4, 1e-6)])
@@ -160,14 +158,15 @@ def test_the_error_that_the_steps_leave(steps, error):
         assert np.abs(factor(matrix, steps)[1] - polar(matrix)[0]).max() < error
 
 
-def turned(points, targets, blocks):
-    """`turn` of the pairs' cross-products."""
+def rotated(points, targets, blocks):
+    """`fit_rotation` of the pairs' cross-products."""
     nothing = np.empty((0, points.shape[1]))
     cross, first, second = (
-        array.astype(np.float32) for array in paired_reference(points, targets, nothing, nothing, blocks)
+        array.astype(np.float32)
+        for array in cross_covariance_reference(points, targets, nothing, nothing, blocks)
     )
     rotation = np.zeros(cross.shape, dtype=np.float32)
-    return turn(cross, first, second, EXACT, rotation), rotation
+    return fit_rotation(cross, first, second, EXACT, rotation), rotation
 
 
 @pytest.mark.parametrize("blocks", [1, 2, 3])
@@ -180,8 +179,8 @@ def test_the_map_of_paired_clouds_is_the_plain_one(k, blocks):
             for _ in range(2)
         )
         targets = targets + points
-        score, rotation = turned(points, targets, blocks)
-        expected, plain = turn_reference(points, targets, blocks)
+        score, rotation = rotated(points, targets, blocks)
+        expected, plain = fit_rotation_reference(points, targets, blocks)
         assert score == pytest.approx(expected, abs=1e-6)
         assert rotation == pytest.approx(plain, abs=2e-5)
 
@@ -191,7 +190,7 @@ def test_a_cloud_that_was_turned_and_moved_and_grew_is_turned_back(scale):
     rng = np.random.default_rng(1)
     points = cloud(rng, 50, 10).astype(np.float64)
     truth = np.linalg.qr(rng.normal(size=(10, 10)))[0]
-    score, rotation = turned(points * scale, 2.0 * scale * points @ truth + scale * rng.normal(size=10), 1)
+    score, rotation = rotated(points * scale, 2.0 * scale * points @ truth + scale * rng.normal(size=10), 1)
     assert score == pytest.approx(1.0, abs=1e-6)
     assert rotation == pytest.approx(truth, abs=1e-5)
 
@@ -200,11 +199,11 @@ def test_a_domain_that_is_one_point_counts_nothing():
     rng = np.random.default_rng(2)
     points = np.concatenate([cloud(rng, 30, 4), np.zeros((30, 4))], axis=1).astype(np.float64)
     for given in ((points, points), (points, points[:, [4, 5, 6, 7, 0, 1, 2, 3]])):
-        score, rotation = turned(*given, 2)
-        expected, plain = turn_reference(*given, 2)
+        score, rotation = rotated(*given, 2)
+        expected, plain = fit_rotation_reference(*given, 2)
         assert score == pytest.approx(expected, abs=1e-6)
         assert rotation == pytest.approx(plain, abs=1e-5)
-    assert turned(points, points, 2)[0] == pytest.approx(0.5, abs=1e-6)
+    assert rotated(points, points, 2)[0] == pytest.approx(0.5, abs=1e-6)
 
 
 @pytest.mark.parametrize("distinct", [1, 2, 4])
@@ -213,6 +212,6 @@ def test_clouds_of_few_places_have_the_plain_correlation(distinct):
     rng = np.random.default_rng(3)
     points = cloud(rng, 40, 8).astype(np.float64)
     targets = cloud(rng, 5, 8).astype(np.float64)[rng.integers(distinct, size=40)]
-    score, rotation = turned(points, targets, 1)
-    assert score == pytest.approx(turn_reference(points, targets, 1)[0], abs=1e-6)
+    score, rotation = rotated(points, targets, 1)
+    assert score == pytest.approx(fit_rotation_reference(points, targets, 1)[0], abs=1e-6)
     assert svdvals(rotation).max() < 1.0 + 1e-5

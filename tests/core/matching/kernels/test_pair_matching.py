@@ -7,14 +7,14 @@ import pytest
 
 from core.gallery import make_shape
 from core.matching.kernels.pair_matching import match_pair
-from core.matching.procrustes import rounds_of
+from core.matching.procrustes import search_rounds
 from core.matching.reference import match_pair_reference
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
-from tests.core.matching.clouds import cloud, embedded, packed, packed_embedding, parameters_for
+from tests.core.matching.clouds import cloud, embedded, parameters_for, random_record, record_of
 
 K = DEFAULT.spectral.dimensions
-ROUNDS = rounds_of(DEFAULT)
+ROUNDS = search_rounds(DEFAULT)
 
 
 @pytest.fixture(scope="module")
@@ -22,9 +22,9 @@ def shapes():
     """Of the gallery; then clouds with points between the samples, without, and with few samples."""
     pipeline = Pipeline(DEFAULT)
     names = [("spider", 0), ("spider", 1), ("person", 0), ("hand", 0)]
-    made = [packed_embedding(pipeline.embed(make_shape(*name))) for name in names]
+    made = [record_of(pipeline.embed(make_shape(*name))) for name in names]
     return made + [
-        packed(i, m, d, K, 2) for i, (m, d) in enumerate([(100, 500), (60, 60), (45, 90), (32, 40)])
+        random_record(i, m, d, K, 2) for i, (m, d) in enumerate([(100, 500), (60, 60), (45, 90), (32, 40)])
     ]
 
 
@@ -53,8 +53,10 @@ def test_the_match_is_the_plain_one(shapes):
 @pytest.mark.parametrize("blocks", [1, 2, 3])
 @pytest.mark.parametrize("k", [2, 3, 6, 12])
 def test_any_number_of_domains_and_dimensions(k, blocks):
-    rounds = rounds_of(parameters_for(k))
-    clouds = [packed(10 * k + i, m, d, k, blocks) for i, (m, d) in enumerate([(50, 80), (70, 70), (14, 30)])]
+    rounds = search_rounds(parameters_for(k))
+    clouds = [
+        random_record(10 * k + i, m, d, k, blocks) for i, (m, d) in enumerate([(50, 80), (70, 70), (14, 30)])
+    ]
     same = [
         alike(match(x, y, rounds), match_pair_reference(x, y, rounds, False))
         for x, y in permutations(clouds, 2)
@@ -64,7 +66,7 @@ def test_any_number_of_domains_and_dimensions(k, blocks):
 
 @pytest.mark.parametrize("changes", [{"slides": 0}, {"slides": 2, "final_rounds": 3}, {"kept_maps": 100}])
 def test_any_number_of_rounds(changes):
-    x, y = packed(1, 70, 120, K, 2), packed(3, 80, 100, K, 2)
+    x, y = random_record(1, 70, 120, K, 2), random_record(3, 80, 100, K, 2)
     rounds = ROUNDS._replace(**changes)
     assert alike(match(x, y, rounds), match_pair_reference(x, y, rounds, False))
 
@@ -94,8 +96,8 @@ def degenerate():
 
 @pytest.mark.parametrize("name", degenerate())
 def test_a_cloud_without_volume_has_scores_in_range_and_a_map_that_does_not_stretch(name):
-    odd = packed_embedding(embedded([degenerate()[name]] * 2, 60))
-    other = packed(2, 50, 80, K, 2)
+    odd = record_of(embedded([degenerate()[name]] * 2, 60))
+    other = random_record(2, 50, 80, K, 2)
     for x, y in ((odd, other), (other, odd), (odd, odd)):
         there, back, rotation, scores = match(x, y)
         assert 0 <= there.min() <= there.max() < len(y.offsets) - 1
@@ -107,7 +109,7 @@ def test_a_cloud_without_volume_has_scores_in_range_and_a_map_that_does_not_stre
 
 
 def test_as_few_samples_as_the_splines_need():
-    x, y = packed(4, K + 2, K + 2, K, 2), packed(5, K + 2, 200, K, 2)
+    x, y = random_record(4, K + 2, K + 2, K, 2), random_record(5, K + 2, 200, K, 2)
     for first, second in ((x, y), (y, x)):
         there, back, rotation, scores = match(first, second)
         expected = match_pair_reference(first, second, ROUNDS, False)
