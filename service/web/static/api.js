@@ -1,37 +1,37 @@
-// Asking the service. Addresses are relative to its root, wherever a proxy puts that.
+// Requests to the service. Addresses are relative to its root, which a proxy may move.
 
 /** @import { Session } from "./types.js" */
 
 const ROOT = new URL("../", import.meta.url);
 
-/** The collection that the page works in, if it is told one: by its address, or by the service. */
+/** The collection of the page, from its address or from the service; may be empty. */
 export const collection = new URLSearchParams(location.search).get("collection")
   || document.getElementById("main")?.dataset.collection || "";
 
-/** The service's answer that something went wrong, in its own words. */
+/** An error response of the service, with its message. */
 export class ProblemError extends Error {
   /**
    * @param {number} status
-   * @param {string} text The body: a problem document, or whatever a proxy writes.
+   * @param {string} text The body: a problem document, or text of a proxy.
    */
   constructor(status, text) {
-    let message = `The service answered ${status}.`;
+    let message = `The service responded with status ${status}.`;
     try {
       const { title, detail } = JSON.parse(text);
       if (title) message = detail && detail !== title ? `${title}: ${detail}` : title;
     } catch {
-      // Not the service's own words.
+      // The body is not a problem document.
     }
     super(message);
     this.status = status;
   }
 }
 
-/** Told when the service wants a key. */
+/** Receives an event when the service requires a key. */
 export const signedOut = new EventTarget();
 
 /**
- * The address of something at the service, in the page's collection.
+ * The address of a resource, in the page's collection.
  * @param {string} path
  * @param {Record<string, string | string[]>} [parameters]
  */
@@ -53,7 +53,7 @@ export async function ask(url, init) {
     response = await fetch(url, { credentials: "same-origin", ...init });
   } catch (error) {
     if (init?.signal?.aborted) throw error;
-    throw new Error("The service does not answer.");
+    throw new Error("The service does not respond.");
   }
   if (!response.ok) {
     const problem = new ProblemError(response.status, await response.text());
@@ -74,10 +74,10 @@ export async function askWith(url, value, signal) {
 }
 
 /**
- * Send a form, telling how much of it has gone; `fetch` cannot tell that.
+ * Send a form and report the progress of the upload, which `fetch` cannot.
  * @param {string} url
  * @param {FormData} form
- * @param {(share: number) => void} progress Told a number from 0 to 1.
+ * @param {(share: number) => void} progress Called with a number from 0 to 1.
  * @param {AbortSignal} [signal]
  * @returns {Promise<{ status: number, body: any }>}
  */
@@ -95,7 +95,7 @@ export function send(url, form, progress, signal) {
         reject(new ProblemError(request.status, request.responseText));
       }
     });
-    request.addEventListener("error", () => reject(new Error("The service does not answer.")));
+    request.addEventListener("error", () => reject(new Error("The service does not respond.")));
     request.addEventListener("abort", () => reject(new DOMException("stopped", "AbortError")));
     signal?.addEventListener("abort", () => request.abort());
     request.open("POST", url);
@@ -109,13 +109,13 @@ export async function session() {
 }
 
 /**
- * Trade a key for a cookie.
+ * Exchange a key for a session cookie.
  * @param {string} key
  * @returns {Promise<Session>}
  */
 export async function signIn(key) {
-  // A header takes no other characters, and no key has them.
-  if (!/^[\x21-\x7e]+$/.test(key)) throw new Error("That is no key of this service.");
+  // Headers and keys have only these characters.
+  if (!/^[\x21-\x7e]+$/.test(key)) throw new Error("This is not a valid key.");
   return (await ask(address("session"), { method: "POST", headers: { "X-API-Key": key } })).json();
 }
 

@@ -1,4 +1,4 @@
-// A shape in 3D with its name and scores.
+// A card: a shape in 3D with its name and scores.
 
 import { make } from "./dom.js";
 
@@ -13,7 +13,7 @@ import { make } from "./dom.js";
 export function card(title, lines, scores, ...more) {
   const canvas = make("canvas", { tabIndex: 0 });
   canvas.setAttribute("role", "img");
-  canvas.setAttribute("aria-label", `${title} in 3D. The arrow keys turn it, plus and minus change the distance.`);
+  canvas.setAttribute("aria-label", `${title} in 3D. The arrow keys rotate it, plus and minus zoom.`);
   const parts = [canvas, make("h3", {}, title), ...lines.map((line) => make("p", {}, line)), ...more];
   if (scores) {
     const list = make("dl", { className: "scores" });

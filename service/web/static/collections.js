@@ -1,4 +1,4 @@
-// The collection that the page works in, chosen where there are several, and kept in its address.
+// The choice of the collection, which the address of the page keeps.
 
 import { address, ask, collection } from "./api.js";
 import { byId, make } from "./dom.js";
@@ -9,19 +9,19 @@ const form = byId("collections", HTMLFormElement);
 const choice = byId("collection", HTMLSelectElement);
 
 /** @param {string} name */
-const at = (name) => {
+const addressOf = (name) => {
   const url = new URL(location.href);
   url.searchParams.set("collection", name);
   return url.href;
 };
 
-/** Offer the collections; true where the page leaves for the first of them, since it must name one. */
+/** Show the collections; true if the page reloads for the first of them, because there is no default one. */
 export async function openCollections() {
   /** @type {Collections} */
   const { collections } = await (await ask(address("collections"))).json();
   const names = collections.map(({ name }) => name);
   if (!collection && names.length > 1 && !names.includes("default")) {
-    location.replace(at(names[0]));
+    location.replace(addressOf(names[0]));
     return true;
   }
   choice.replaceChildren(...collections.map(({ name, shapes }) => make(
@@ -31,5 +31,5 @@ export async function openCollections() {
   return false;
 }
 
-choice.addEventListener("change", () => location.assign(at(choice.value)));
+choice.addEventListener("change", () => location.assign(addressOf(choice.value)));
 form.addEventListener("submit", (event) => event.preventDefault());

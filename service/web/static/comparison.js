@@ -1,9 +1,9 @@
-// A query and its results in 3D, with what corresponds.
+// A query and its results in 3D, with their correspondences.
 
 import { address, ask } from "./api.js";
 import { readGlb } from "./glb.js";
 import { placesOf, queryEnds, resultEnds } from "./matching.js";
-import { PLAIN, eigenfunction, heat, sameSign, spread } from "./paint.js";
+import { PLAIN, eigenfunction, heat, sameSign, spreadColours } from "./paint.js";
 import { Stage } from "./stage.js";
 
 /** @import { Model } from "./glb.js" */
@@ -18,7 +18,7 @@ import { Stage } from "./stage.js";
  * @property {HTMLCanvasElement} canvas
  * @property {() => Promise<ArrayBuffer>} glb
  * @property {() => Promise<Embedding | null>} embedding
- * @property {Pair[]} pairs From the query; of the query itself, none.
+ * @property {Pair[]} pairs Correspondences with the query; empty for the query itself.
  */
 
 /** @typedef {{ shown: Shown, view: View, ends: Ends }} Side */
@@ -32,17 +32,17 @@ export const storedEmbedding = async (id) => (await ask(address(`shapes/${id}/em
 /** @type {Stage | undefined} */
 let stage;
 
-/** The one stage of a page. Throws where the browser draws nothing in 3D. */
+/** The stage of the page. Throws if the browser has no WebGL. */
 export function theStage() {
   try {
     stage ??= new Stage();
   } catch {
-    throw new Error("This browser does not draw in 3D (WebGL); the numbers below hold all the same.");
+    throw new Error("This browser cannot draw in 3D (it has no WebGL). The scores below are not affected.");
   }
   return stage;
 }
 
-/** The query, first, and its results, beside each other. */
+/** The query and its results, side by side. */
 export class Comparison {
   /**
    * @param {Side[]} sides
@@ -64,9 +64,9 @@ export class Comparison {
   }
 
   /**
-   * Mark a point and its partners on the other shapes.
-   * @param {number} number Of the shape, 0 for the query.
-   * @param {number} row Of its embedding.
+   * Mark a point and its corresponding points on the other shapes.
+   * @param {number} number Index of the shape, 0 for the query.
+   * @param {number} row Row of its embedding.
    */
   point(number, row) {
     const [query, ...results] = this.sides;
@@ -74,7 +74,7 @@ export class Comparison {
     const rows = number === 0 ? [row] : pairs.filter((pair) => pair.second.sample === row).map((pair) => pair.first.sample);
     this.row = rows[0] ?? this.row;
     query.view.mark(placesOf(query.ends, rows));
-    const told = [`${query.shown.name}: vertex ${placesOf(query.ends, rows).map((place) => query.ends.vertices[place]).join(", ")}`];
+    const lines = [`${query.shown.name}: vertex ${placesOf(query.ends, rows).map((place) => query.ends.vertices[place]).join(", ")}`];
     for (const [i, { view, ends, shown }] of results.entries()) {
       const met = shown.pairs.filter((pair) => rows.includes(pair.first.sample));
       const partners = i + 1 === number ? [row] : [...new Set(met.map((pair) => pair.second.sample))];
@@ -82,12 +82,12 @@ export class Comparison {
       view.mark(places);
       const vertices = places.map((place) => ends.vertices[place]).join(", ");
       const far = met.length === 0 ? "" : ` (distance ${Math.min(...met.map((pair) => pair.distance)).toFixed(3)})`;
-      told.push(`${shown.name}: vertex ${vertices || "none"}${far}`);
+      lines.push(`${shown.name}: vertex ${vertices || "none"}${far}`);
     }
-    this.tell(told.join(" ↔ "));
+    this.tell(lines.join(" ↔ "));
   }
 
-  /** Go on to the query's next point. @param {number} step */
+  /** Mark another point of the query. @param {number} step 1 for the next, -1 for the previous one. */
   step(step) {
     const { samples } = this.sides[0].ends;
     const place = this.row < 0 ? (step > 0 ? -1 : 0) : samples.indexOf(this.row);
@@ -104,7 +104,7 @@ export class Comparison {
     if (how === "plain") {
       for (const { view } of this.sides) view.paint(PLAIN);
     } else if (how === "correspondence") {
-      for (const { view, ends } of this.sides) view.paint(spread(view.model, ends.points, ends.colours));
+      for (const { view, ends } of this.sides) view.paint(spreadColours(view.model, ends.points, ends.colours));
     } else {
       await this.paintEigenmap(Number(how));
     }
@@ -118,10 +118,10 @@ export class Comparison {
       const embedding = embeddings[i];
       if (!embedding) continue;
       const values = eigenfunction(embedding, number);
-      const turned = i === 0 || !query || sameSign(query, values, shown.pairs) ? 1 : -1;
+      const sign = i === 0 || !query || sameSign(query, values, shown.pairs) ? 1 : -1;
       const { middle, half } = view.model;
       const points = embedding.positions.map((point) => point.map((value, axis) => (value - middle[axis]) / half));
-      view.paint(spread(view.model, points, values.map((value) => heat(turned * value))));
+      view.paint(spreadColours(view.model, points, values.map((value) => heat(sign * value))));
     }
   }
 }
@@ -145,10 +145,10 @@ export async function compare(shapes, tell) {
 }
 
 /**
- * One shape alone.
+ * Show a single shape.
  * @param {HTMLCanvasElement} canvas
  * @param {Model} model
  */
-export function showAlone(canvas, model) {
+export function showSingle(canvas, model) {
   theStage().add(canvas, model).paint(PLAIN);
 }

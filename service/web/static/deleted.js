@@ -1,7 +1,7 @@
-// What was deleted and can be restored: the last one by a button, the others from a list.
+// Deleted shapes: a button restores the last one, a list restores the others.
 
 import { address, ask } from "./api.js";
-import { button, byId, make, showTrouble } from "./dom.js";
+import { button, byId, make, showError } from "./dom.js";
 
 /** @import { DeletedPage, DeletedShape } from "./types.js" */
 
@@ -12,35 +12,35 @@ const box = byId("deleted", HTMLDetailsElement);
 const count = byId("deleted-count", HTMLElement);
 const list = byId("deleted-list", HTMLUListElement);
 const more = byId("deleted-more", HTMLButtonElement);
-const trouble = byId("gallery-trouble", HTMLElement);
+const errorBox = byId("gallery-error", HTMLElement);
 
-/** How many days a deleted shape can be restored. */
+/** Number of days in which a deleted shape can be restored. */
 let days = 0;
-/** Told when a shape was restored. */
+/** Called after a shape is restored. */
 let restored = () => {};
-/** @type {DeletedShape[]} The latest first. */
+/** @type {DeletedShape[]} The latest deletion comes first. */
 let all = [];
 
-/** @param {() => void} told Told when a shape was restored. */
-export async function openDeleted(told) {
-  restored = told;
+/** @param {() => void} onRestored Called after a shape is restored. */
+export async function openDeleted(onRestored) {
+  restored = onRestored;
   await recount();
 }
 
-/** What becomes of a shape that is deleted. */
-export const fate = () => days > 0
-  ? `It can be restored for ${days === 1 ? "a day" : `${days} days`}.`
-  : "It is gone for good.";
+/** The sentence that says how long a deleted shape can be restored. */
+export const restorePeriod = () => days > 0
+  ? `You can restore it within ${days === 1 ? "one day" : `${days} days`}.`
+  : "You cannot restore it.";
 
 /**
- * Offer to undo a deletion; whether it can be.
+ * Offer to undo a deletion; false if the service keeps no deleted shapes.
  * @param {{ id: string, name: string }} shape
  */
 export function deleted(shape) {
   if (days === 0) return false;
   const undo = button("Undo", () => restore(shape), `Undo: restore ${shape.name}`);
-  offer.replaceChildren(`${shape.name} is deleted. `, undo);
-  // It stays in sight, wherever the page is scrolled to.
+  offer.replaceChildren(`${shape.name} was deleted. `, undo);
+  // The button is always visible, so the page need not scroll.
   undo.focus({ preventScroll: true });
   recount();
   return true;
@@ -50,17 +50,17 @@ export function deleted(shape) {
 async function restore(shape) {
   try {
     await ask(address(`shapes/${shape.id}/restore`), { method: "POST" });
-    showTrouble(trouble);
-    offer.replaceChildren(`${shape.name} is stored again, and stands last.`);
+    showError(errorBox);
+    offer.replaceChildren(`${shape.name} was restored, at the end of the list.`);
     offer.focus({ preventScroll: true });
     restored();
   } catch (error) {
-    showTrouble(trouble, error);
+    showError(errorBox, error);
   }
   await recount();
 }
 
-/** Show how many there are, and them where they are looked at. */
+/** Update the number of deleted shapes, and their list if it is open. */
 async function recount() {
   try {
     const { total, undo_days } = await page({ limit: "1" });
@@ -69,7 +69,7 @@ async function recount() {
     count.textContent = String(total);
     if (box.open) await show();
   } catch (error) {
-    showTrouble(trouble, error);
+    showError(errorBox, error);
   }
 }
 
@@ -103,7 +103,7 @@ function append() {
 const line = (shape) => make(
   "li", {},
   make("span", { className: "name" }, shape.name),
-  make("span", {}, "deleted ", moment(shape.deleted_at), ", gone for good ", moment(shape.gone_at)),
+  make("span", {}, "Deleted ", moment(shape.deleted_at), ", can be restored until ", moment(shape.gone_at)),
   button("Restore", () => restore(shape), `Restore ${shape.name}`),
 );
 

@@ -1,7 +1,7 @@
-// Finding and making elements.
+// Helpers for elements of the document.
 
 /**
- * The element with an id, which is of a kind.
+ * The element with an id; throws if it is not of the given class.
  * @template {HTMLElement} T
  * @param {string} id
  * @param {{ new (): T, name: string }} kind
@@ -9,12 +9,12 @@
  */
 export function byId(id, kind) {
   const found = document.getElementById(id);
-  if (!(found instanceof kind)) throw new Error(`#${id} is no ${kind.name}`);
+  if (!(found instanceof kind)) throw new Error(`#${id} is not a ${kind.name}`);
   return found;
 }
 
 /**
- * An element with properties and children.
+ * Create an element with properties and children.
  * @template {keyof HTMLElementTagNameMap} K
  * @param {K} tag
  * @param {Partial<HTMLElementTagNameMap[K]>} properties
@@ -28,10 +28,10 @@ export function make(tag, properties, ...children) {
 }
 
 /**
- * A button that does something.
+ * Create a button.
  * @param {string} text
  * @param {() => void} action
- * @param {string} [label] What a screen reader says, if more than the text.
+ * @param {string} [label] Label for screen readers, if it differs from the text.
  */
 export function button(text, action, label) {
   const made = make("button", { type: "button" }, text);
@@ -41,17 +41,17 @@ export function button(text, action, label) {
 }
 
 /**
- * Show an error in a place for it, or hide the place.
+ * Show an error message in an element, or hide the element.
  * @param {HTMLElement} place
  * @param {unknown} [error]
  */
-export function showTrouble(place, error) {
+export function showError(place, error) {
   place.hidden = error === undefined;
   place.textContent = error === undefined ? "" : error instanceof Error ? error.message : String(error);
 }
 
 /**
- * Take files that are dropped on an element.
+ * Call a function with files that are dropped on an element.
  * @param {HTMLElement} place
  * @param {(files: File[]) => void} take
  */
@@ -70,7 +70,7 @@ export function onDrop(place, take) {
 }
 
 /**
- * What is written with commas between, in parts.
+ * The parts of a text that is separated by commas.
  * @param {string} text
  */
-export const listed = (text) => text.split(",").map((part) => part.trim()).filter(Boolean);
+export const splitList = (text) => text.split(",").map((part) => part.trim()).filter(Boolean);

@@ -1,8 +1,8 @@
-// Asking which stored shapes are alike: with a file, or with a stored shape.
+// Search for similar shapes, by a file or by a stored shape.
 
 import { address, ask, askWith, send } from "./api.js";
 import { storedGlb } from "./comparison.js";
-import { byId, listed, onDrop, showTrouble } from "./dom.js";
+import { byId, onDrop, showError, splitList } from "./dom.js";
 import { showResults } from "./results.js";
 
 /** @import { Answer } from "./types.js" */
@@ -11,7 +11,7 @@ const chosen = byId("find-file", HTMLInputElement);
 const progress = byId("find-progress", HTMLElement);
 const stage = byId("find-stage", HTMLElement);
 const bar = byId("find-bar", HTMLProgressElement);
-const trouble = byId("find-trouble", HTMLElement);
+const errorBox = byId("find-error", HTMLElement);
 
 /** @type {AbortController | null} */
 let running = null;
@@ -20,19 +20,19 @@ function options() {
   return {
     top_k: byId("find-count", HTMLSelectElement).value,
     rank_by: byId("find-rank", HTMLSelectElement).value,
-    filter: listed(byId("find-tags", HTMLInputElement).value),
+    filter: splitList(byId("find-tags", HTMLInputElement).value),
     correspondences: "true",
     embedding: "true",
   };
 }
 
-/** @param {number} share Of the file that has gone; 1 for all. */
-function went(share) {
+/** @param {number} share Uploaded share of the file, 0 to 1. */
+function showProgress(share) {
   if (share < 1) {
     stage.textContent = "Uploading";
     bar.value = share;
   } else {
-    stage.textContent = "Embedding and comparing";
+    stage.textContent = "Computing and comparing";
     bar.removeAttribute("value");
   }
 }
@@ -45,14 +45,14 @@ function went(share) {
 async function run(name, glb, query) {
   running?.abort();
   const own = (running = new AbortController());
-  showTrouble(trouble);
+  showError(errorBox);
   progress.hidden = false;
   try {
     const answer = await query(own.signal);
     progress.hidden = true;
     await showResults({ name, glb }, answer, findStored);
   } catch (error) {
-    if (!own.signal.aborted) showTrouble(trouble, error);
+    if (!own.signal.aborted) showError(errorBox, error);
   } finally {
     if (running === own) progress.hidden = true;
   }
@@ -66,8 +66,8 @@ export function findFile(file) {
     file.name,
     async () => (await ask(address("preview"), { method: "POST", body: form })).arrayBuffer(),
     async (signal) => {
-      went(0);
-      return (await send(address("query", options()), form, went, signal)).body;
+      showProgress(0);
+      return (await send(address("query", options()), form, showProgress, signal)).body;
     },
   );
 }
@@ -75,7 +75,7 @@ export function findFile(file) {
 /** @param {string} id @param {string} name */
 export function findStored(id, name) {
   return run(name, () => storedGlb(id), (signal) => {
-    went(1);
+    showProgress(1);
     return askWith(address("query", options()), { shape_id: id }, signal);
   });
 }
@@ -83,7 +83,7 @@ export function findStored(id, name) {
 chosen.addEventListener("change", () => {
   const file = chosen.files?.[0];
   if (file) findFile(file);
-  // So that the same file may be chosen again.
+  // Allows the user to choose the same file again.
   chosen.value = "";
 });
 onDrop(byId("find-drop", HTMLElement), (files) => findFile(files[0]));

@@ -1,8 +1,8 @@
-// The stored shapes: searched by name and tag, more as one scrolls, and deleted.
+// The list of stored shapes: filtered by name and tag, extended by scrolling.
 
 import { address, ask } from "./api.js";
-import { deleted, fate } from "./deleted.js";
-import { button, byId, listed, make, showTrouble } from "./dom.js";
+import { deleted, restorePeriod } from "./deleted.js";
+import { button, byId, make, showError, splitList } from "./dom.js";
 import { findStored } from "./find.js";
 
 /** @import { Shape, ShapePage } from "./types.js" */
@@ -10,8 +10,8 @@ import { findStored } from "./find.js";
 const PAGE = "60";
 
 const list = byId("gallery", HTMLUListElement);
-const told = byId("gallery-told", HTMLElement);
-const trouble = byId("gallery-trouble", HTMLElement);
+const status = byId("gallery-status", HTMLElement);
+const errorBox = byId("gallery-error", HTMLElement);
 const more = byId("gallery-more", HTMLButtonElement);
 const named = byId("gallery-name", HTMLInputElement);
 const tagged = byId("gallery-tags", HTMLInputElement);
@@ -22,8 +22,8 @@ let changes = false;
 let total = 0;
 /** @type {string | null} */
 let cursor = null;
-/** Counted up when another list is asked for, so that an answer for the old one is dropped. */
-let turn = 0;
+/** Number of the current list; a response for an earlier list is discarded. */
+let generation = 0;
 let loading = false;
 
 /** @param {boolean} mayChange Whether shapes may be deleted. */
@@ -32,9 +32,9 @@ export function openGallery(mayChange) {
   return reload();
 }
 
-/** Show the list anew. */
+/** Reload the list. */
 export function reload() {
-  turn++;
+  generation++;
   cursor = null;
   loading = false;
   list.replaceChildren();
@@ -44,33 +44,33 @@ export function reload() {
 async function load() {
   if (loading) return;
   loading = true;
-  const own = turn;
-  const wanted = { limit: PAGE, name: named.value.trim(), tag: listed(tagged.value), cursor: cursor ?? "" };
+  const own = generation;
+  const wanted = { limit: PAGE, name: named.value.trim(), tag: splitList(tagged.value), cursor: cursor ?? "" };
   try {
     /** @type {ShapePage} */
     const page = await (await ask(address("shapes", wanted))).json();
-    if (own !== turn) return;
-    showTrouble(trouble);
+    if (own !== generation) return;
+    showError(errorBox);
     cursor = page.next_cursor;
     total = page.total;
     list.append(...page.shapes.map(item));
-    for (const shape of page.shapes) shape.tags.forEach(knowTag);
+    for (const shape of page.shapes) shape.tags.forEach(addTag);
   } catch (error) {
-    if (own !== turn) return;
+    if (own !== generation) return;
     cursor = null;
-    showTrouble(trouble, error);
+    showError(errorBox, error);
   }
   loading = false;
-  tell();
-  // Where the new ones do not fill the window, the end is still in sight and nothing would tell of it.
+  showCount();
+  // The observer reports changes only: observe again in case the end of the list is still visible.
   watcher.unobserve(more);
   if (cursor) watcher.observe(more);
 }
 
-function tell() {
+function showCount() {
   more.hidden = cursor === null;
-  const empty = named.value || tagged.value ? "No stored shape is meant." : "Nothing is stored yet.";
-  told.textContent = total === 0 ? empty : `${list.children.length} of ${total} shown`;
+  const empty = named.value || tagged.value ? "No stored shape matches." : "No shapes are stored yet.";
+  status.textContent = total === 0 ? empty : `${list.children.length} of ${total} shown`;
 }
 
 /** @param {Shape} shape */
@@ -78,37 +78,37 @@ function item(shape) {
   const picture = make("img", {
     src: address(`shapes/${shape.id}/thumbnail.png`), alt: "", loading: "lazy", decoding: "async", width: 256, height: 256,
   });
-  // A service that is busy answers again in a while.
+  // A busy service may refuse; try again once after three seconds.
   picture.addEventListener("error", () => setTimeout(() => (picture.src = picture.src), 3000), { once: true });
   const tags = shape.tags.map((tag) => button(tag, () => {
     tagged.value = tag;
     reload();
-  }, `Only shapes tagged ${tag}`));
+  }, `Show only shapes with the tag ${tag}`));
   const made = make(
     "li", {},
     picture,
     make("a", { className: "name", href: address(`shapes/${shape.id}/view`) }, shape.name),
     make("div", { className: "tags" }, ...tags),
     make("div", { className: "buttons" },
-      button("Find alike", () => findStored(shape.id, shape.name), `Find shapes like ${shape.name}`),
+      button("Find similar", () => findStored(shape.id, shape.name), `Find similar to ${shape.name}`),
       ...(changes ? [button("Delete", () => remove(shape, made), `Delete ${shape.name}`)] : [])),
   );
   return made;
 }
 
 /** @param {string} tag */
-function knowTag(tag) {
+function addTag(tag) {
   if (![...known.options].some((option) => option.value === tag)) known.append(make("option", { value: tag }));
 }
 
 /**
- * Ask, and then delete.
+ * Ask for confirmation, then delete.
  * @param {Shape} shape
  * @param {HTMLLIElement} own
  */
 async function remove(shape, own) {
-  byId("deletion-text", HTMLElement).textContent = `${shape.name} will be gone from every answer. ${fate()}`;
-  dialog.returnValue = "keep";
+  byId("deletion-text", HTMLElement).textContent = `${shape.name} will no longer be found. ${restorePeriod()}`;
+  dialog.returnValue = "cancel";
   dialog.showModal();
   await new Promise((closed) => dialog.addEventListener("close", closed, { once: true }));
   if (dialog.returnValue !== "delete") return;
@@ -117,12 +117,12 @@ async function remove(shape, own) {
     const next = own.nextElementSibling ?? own.previousElementSibling;
     own.remove();
     total--;
-    tell();
-    showTrouble(trouble);
+    showCount();
+    showError(errorBox);
     if (deleted(shape)) return;
     /** @type {HTMLElement | null | undefined} */ (next?.querySelector(".buttons button:last-child"))?.focus();
   } catch (error) {
-    showTrouble(trouble, error);
+    showError(errorBox, error);
   }
 }
 

@@ -1,16 +1,16 @@
-// The meshes that the service sends to be shown: one part, positions between -1 and 1.
+// Preview meshes of the service: one primitive, positions in -1 to 1.
 
 /**
  * @typedef {object} Model
  * @property {Float32Array} positions
  * @property {Uint32Array} indices
- * @property {number[]} matrix Columns of the 4 by 4 matrix that places it, y up.
+ * @property {number[]} matrix Columns of the 4 by 4 matrix to the scene, whose y axis points up.
  * @property {number[]} middle A point p of the file is stored as (p - middle) / half.
  * @property {number} half
  */
 
 /**
- * Read the first part of a GLB that the service made.
+ * Read the first primitive of a preview.
  * @param {ArrayBuffer} data
  * @returns {Model}
  */
@@ -22,7 +22,7 @@ export function readGlb(data) {
   const start = 28 + length;
   const node = tree.nodes[0];
   const primitive = tree.meshes[node.mesh].primitives[0];
-  /** @param {number} number @returns {[number, number]} Where an accessor's bytes begin, and their length. */
+  /** @param {number} number @returns {[number, number]} First byte and length of an accessor. */
   const bytes = (number) => {
     const { byteOffset, byteLength } = tree.bufferViews[tree.accessors[number].bufferView];
     return [start + byteOffset, byteLength];
@@ -39,7 +39,7 @@ export function readGlb(data) {
 }
 
 /**
- * A point of the file where the model has it.
+ * Transform a point of the file to the coordinates of the model.
  * @param {Model} model
  * @param {number[]} point
  */

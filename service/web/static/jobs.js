@@ -1,4 +1,4 @@
-// Archives, which the service unpacks and stores by itself: how far it is, and what it refused.
+// Archives, which the service unpacks and stores in the background: progress and refused files.
 
 import { address, ask, send } from "./api.js";
 import { button, byId, make } from "./dom.js";
@@ -19,7 +19,7 @@ const shown = new Set();
  */
 export const isArchive = (file) => ENDINGS.test(file.name);
 
-/** Show the jobs that have not ended, of whoever sent them. */
+/** Show all unfinished jobs. */
 export async function openJobs() {
   /** @type {JobPage} */
   const page = await (await ask(address("jobs", { limit: "20" }))).json();
@@ -27,7 +27,7 @@ export async function openJobs() {
 }
 
 /**
- * Send an archive, and show what becomes of it.
+ * Send an archive and show its progress.
  * @param {File} file
  * @param {string} tags
  */
@@ -48,12 +48,12 @@ export async function sendArchive(file, tags) {
 }
 
 /**
- * A line for an archive.
+ * Create the line of an archive.
  * @param {string} name
  */
 function row(name) {
   const bar = make("progress", { max: 1, value: 0, ariaLabel: `Progress of ${name}` });
-  const outcome = make("span", {}, "waits");
+  const outcome = make("span", {}, "waiting");
   const line = make("li", {}, make("span", { className: "name" }, name), bar, outcome);
   list.append(line);
   return { name, bar, outcome, line };
@@ -72,7 +72,7 @@ function fail(own, text) {
 }
 
 /**
- * Show how far a job is until it has ended.
+ * Show the progress of a job until it ends.
  * @param {Job} job
  * @param {Row} own
  */
@@ -96,10 +96,10 @@ function follow(job, own) {
     finish(JSON.parse(event.data), own);
   });
   source.addEventListener("error", () => {
-    // While it is CONNECTING, the browser comes back by itself.
+    // While it is CONNECTING, the browser reconnects by itself.
     if (source.readyState !== EventSource.CLOSED) return;
     stop.remove();
-    fail(own, "The service tells no more of it.");
+    fail(own, "The service no longer reports progress.");
   });
 }
 
@@ -111,12 +111,12 @@ function tell(job, own) {
   const { files, waiting, stored, present, refused } = job.counts;
   if (files === 0) {
     own.bar.removeAttribute("value");
-    own.outcome.textContent = job.state === "waiting" ? "waits for its turn" : "being listed";
+    own.outcome.textContent = job.state === "waiting" ? "waiting" : "listing files";
     return;
   }
   own.bar.value = (files - waiting) / files;
   const left = job.remaining_seconds === null ? "" : `, about ${Math.ceil(job.remaining_seconds)} s left`;
-  own.outcome.textContent = `${stored} of ${files} stored, ${present} stored already, ${refused} not stored${left}`;
+  own.outcome.textContent = `${stored} of ${files} stored, ${present} already stored, ${refused} not stored${left}`;
 }
 
 /**
@@ -126,12 +126,12 @@ function tell(job, own) {
 async function finish(job, own) {
   tell(job, own);
   if (job.problem) fail(own, `${job.problem.title}: ${job.problem.detail}`);
-  if (job.state === "cancelled") own.outcome.textContent = `cancelled: ${job.counts.stored} stored`;
+  if (job.state === "cancelled") own.outcome.textContent = `cancelled, ${job.counts.stored} stored`;
   reload();
   if (job.counts.refused === 0) return;
   /** @type {JobFilePage} */
   const page = await (await ask(address(`jobs/${job.id}/files`, { outcome: "refused", limit: REFUSED }))).json();
   const causes = page.files.map((file) => make("li", {}, `${file.path}: ${file.problem?.detail ?? ""}`));
-  if (page.next_cursor) causes.push(make("li", {}, "and more"));
+  if (page.next_cursor) causes.push(make("li", {}, "More files were refused."));
   own.line.append(make("ul", { className: "bad" }, ...causes));
 }

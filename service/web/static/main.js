@@ -1,34 +1,34 @@
-// The page: signing in, and then everything else.
+// The main page: signs in, then opens all sections.
 
 import { session, signIn, signOut, signedOut } from "./api.js";
 import { openCollections } from "./collections.js";
-import { byId, showTrouble } from "./dom.js";
+import { byId, showError } from "./dom.js";
 import { openDeleted } from "./deleted.js";
 import { openGallery, reload } from "./gallery.js";
 import { openJobs } from "./jobs.js";
-import "./store.js";
+import "./upload.js";
 
 /** @import { Session } from "./types.js" */
 
 const form = byId("sign-in", HTMLElement);
-const inside = byId("inside", HTMLElement);
+const content = byId("signed-in", HTMLElement);
 const key = byId("key", HTMLInputElement);
-const leave = byId("sign-out", HTMLButtonElement);
-const trouble = byId("trouble", HTMLElement);
+const signOutButton = byId("sign-out", HTMLButtonElement);
+const errorBox = byId("error", HTMLElement);
 
 /** @param {Session} own */
 async function enter(own) {
   const may = own.access !== "none";
   form.hidden = may;
-  inside.hidden = !may;
-  leave.hidden = !own.signed_in;
+  content.hidden = !may;
+  signOutButton.hidden = !own.signed_in;
   for (const part of document.querySelectorAll("[data-needs=full]")) {
     /** @type {HTMLElement} */ (part).hidden = own.access !== "full";
   }
   if (!may) return key.focus();
   if (await openCollections()) return;
   const full = own.access === "full";
-  // Before anything can be deleted: the question whether to says what becomes of a shape.
+  // First, because the deletion dialog says how long a shape can be restored.
   if (full) await openDeleted(reload);
   await openGallery(full);
   if (full) await openJobs();
@@ -37,33 +37,33 @@ async function enter(own) {
 async function begin() {
   try {
     await enter(await session());
-    showTrouble(trouble);
+    showError(errorBox);
   } catch (error) {
-    showTrouble(trouble, error);
+    showError(errorBox, error);
   }
 }
 
 byId("sign-in-form", HTMLFormElement).addEventListener("submit", async (event) => {
   event.preventDefault();
-  const place = byId("sign-in-trouble", HTMLElement);
+  const place = byId("sign-in-error", HTMLElement);
   try {
     const own = await signIn(key.value.trim());
     key.value = "";
-    showTrouble(place);
+    showError(place);
     await enter(own);
     byId("main", HTMLElement).focus();
   } catch (error) {
-    showTrouble(place, error);
+    showError(place, error);
   }
 });
-leave.addEventListener("click", async () => {
+signOutButton.addEventListener("click", async () => {
   await signOut();
-  // Nothing of what was shown stays in the page.
+  // Removes all data from the page.
   location.reload();
 });
 signedOut.addEventListener("signed-out", () => {
   form.hidden = false;
-  inside.hidden = true;
-  leave.hidden = true;
+  content.hidden = true;
+  signOutButton.hidden = true;
 });
 begin();

@@ -1,4 +1,4 @@
-// Which points of a query and of one result correspond, and their colours.
+// Corresponding points of a query and of its results, and their colours.
 
 import { placed } from "./glb.js";
 import { coloursOfPoints } from "./paint.js";
@@ -8,13 +8,13 @@ import { coloursOfPoints } from "./paint.js";
 /** @import { Pair } from "./types.js" */
 
 /**
- * Points of one shape that have partners.
+ * Points of one shape that have a corresponding point.
  * @typedef {object} Ends
- * @property {number[]} samples Rows of the shape's embedding, rising.
- * @property {number[]} vertices The file's vertex at each.
- * @property {number[][]} points As the model has them.
+ * @property {number[]} samples Rows of the shape's embedding, ascending.
+ * @property {number[]} vertices The file's vertex at each point.
+ * @property {number[][]} points In the coordinates of the model.
  * @property {Colour[]} colours
- * @property {boolean[]} effective Whether any of its pairs counts for sim.
+ * @property {boolean[]} effective Whether one of its pairs is effective (counted by sim).
  */
 
 /**
@@ -41,7 +41,7 @@ function endsOf(pairs, side, model) {
 }
 
 /**
- * The query's points that have a partner in any result, coloured by where they lie.
+ * The query's points with a corresponding point on any result, coloured by position.
  * @param {Pair[]} pairs Of all results.
  * @param {Model} model
  */
@@ -52,7 +52,7 @@ export function queryEnds(pairs, model) {
 }
 
 /**
- * A result's points, each in the colour of its partner.
+ * A result's points, each in the colour of its corresponding point.
  * @param {Pair[]} pairs
  * @param {Model} model
  * @param {Ends} query
@@ -69,7 +69,7 @@ export function resultEnds(pairs, model, query) {
 }
 
 /**
- * The places in `samples` of some rows of the embedding.
+ * The positions in `samples` of rows of the embedding.
  * @param {Ends} ends
  * @param {number[]} rows
  */

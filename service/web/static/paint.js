@@ -1,4 +1,4 @@
-// Colours: of points by where they lie, of surfaces by the points on them.
+// Colours of points by position, and of surfaces by the colours of points.
 
 /** @import { Model } from "./glb.js" */
 /** @import { Embedding, Pair } from "./types.js" */
@@ -11,9 +11,9 @@ export const PLAIN = [0.5, 0.62, 0.79];
 const NEIGHBOURS = 3;
 
 /**
- * A colour for each point, red, green and blue along the model's x, y and z once it is upright.
+ * A colour for each point: red, green and blue along the x, y and z axes of the upright model.
  * @param {Model} model
- * @param {number[][]} points As the model has them.
+ * @param {number[][]} points In the coordinates of the model.
  * @returns {Colour[]}
  */
 export function coloursOfPoints(model, points) {
@@ -28,12 +28,12 @@ export function coloursOfPoints(model, points) {
 }
 
 /**
- * A colour a vertex: the mean of the nearest points' colours, the nearer the more.
+ * A colour for each vertex: the mean colour of the nearest points, weighted by inverse squared distance.
  * @param {Model} model
  * @param {number[][]} points
  * @param {Colour[]} colours
  */
-export function spread(model, points, colours) {
+export function spreadColours(model, points, colours) {
   const { positions } = model;
   const painted = new Float32Array(positions.length);
   const near = new Array(NEIGHBOURS).fill(0);
@@ -77,7 +77,7 @@ export function eigenfunction(embedding, number) {
 }
 
 /**
- * Whether an eigenfunction, whose sign is arbitrary, has the sign of the other shape's where points correspond.
+ * Whether two eigenfunctions, whose signs are arbitrary, agree in sign at corresponding points.
  * @param {number[]} first
  * @param {number[]} second
  * @param {Pair[]} pairs

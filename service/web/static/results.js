@@ -1,15 +1,15 @@
-// What a query found.
+// Results of a query.
 
 import { address } from "./api.js";
 import { card } from "./card.js";
 import { compare, storedEmbedding, storedGlb, theStage } from "./comparison.js";
-import { button, byId, make, showTrouble } from "./dom.js";
+import { button, byId, make, showError } from "./dom.js";
 
 /** @import { Comparison } from "./comparison.js" */
 /** @import { Answer, Embedding } from "./types.js" */
 
 /**
- * What was asked with.
+ * The query.
  * @typedef {object} Asked
  * @property {string} name
  * @property {() => Promise<ArrayBuffer>} glb
@@ -17,10 +17,10 @@ import { button, byId, make, showTrouble } from "./dom.js";
 
 const section = byId("results", HTMLElement);
 const cards = byId("cards", HTMLUListElement);
-const told = byId("point-told", HTMLElement);
+const status = byId("point-status", HTMLElement);
 const paint = byId("paint", HTMLSelectElement);
 const points = byId("points", HTMLInputElement);
-const trouble = byId("find-trouble", HTMLElement);
+const errorBox = byId("find-error", HTMLElement);
 
 /** @type {Comparison | null} */
 let shown = null;
@@ -28,20 +28,20 @@ let shown = null;
 /**
  * @param {Asked} asked
  * @param {Answer} answer
- * @param {(id: string, name: string) => void} findAlike
+ * @param {(id: string, name: string) => void} findSimilar
  */
-export async function showResults(asked, answer, findAlike) {
+export async function showResults(asked, answer, findSimilar) {
   const { results } = answer;
   shown = null;
   delete cards.dataset.painted;
   section.hidden = false;
   byId("results-summary", HTMLElement).textContent = summary(asked.name, answer);
-  const query = card(asked.name, ["the query"], null);
+  const query = card(asked.name, ["Query"], null);
   const found = results.map((result) => {
     const { shape } = result;
-    const look = make("a", { href: address(`shapes/${shape.id}/view`) }, `Look at ${shape.name} alone`);
-    const alike = button("Find alike", () => findAlike(shape.id, shape.name), `Find shapes like ${shape.name}`);
-    const line = make("div", { className: "buttons" }, alike, look);
+    const details = make("a", { href: address(`shapes/${shape.id}/view`), ariaLabel: `Details of ${shape.name}` }, "Details");
+    const similar = button("Find similar", () => findSimilar(shape.id, shape.name), `Find similar to ${shape.name}`);
+    const line = make("div", { className: "buttons" }, similar, details);
     return card(`${result.rank}. ${shape.name}`, [shape.tags.join(", ")].filter(Boolean), result, line);
   });
   cards.replaceChildren(query.item, ...found.map(({ item }) => item));
@@ -54,20 +54,20 @@ export async function showResults(asked, answer, findAlike) {
           name: result.shape.name,
           canvas: found[i].canvas,
           glb: () => storedGlb(result.shape.id),
-          embedding: kept(() => storedEmbedding(result.shape.id)),
+          embedding: cached(() => storedEmbedding(result.shape.id)),
           pairs: result.correspondence,
         })),
       ],
-      (text) => (told.textContent = text),
+      (text) => (status.textContent = text),
     );
     shown.showPoints(points.checked);
     await repaint();
   } catch (error) {
-    showTrouble(trouble, error);
+    showError(errorBox, error);
   }
 }
 
-/** Colour the shapes as chosen, and tell when that is done. */
+/** Colour the shapes as selected; `data-painted` names the colouring when it is done. */
 async function repaint() {
   const how = paint.value;
   await shown?.paint(how);
@@ -76,28 +76,28 @@ async function repaint() {
 
 /** @param {string} name @param {Answer} answer */
 function summary(name, answer) {
-  if (answer.compared === 0) return `There is nothing to compare ${name} with: no stored shape is meant.`;
+  if (answer.compared === 0) return `There are no stored shapes to compare ${name} with.`;
   const seconds = (answer.milliseconds.total / 1000).toFixed(2);
-  const matched = answer.matched ? "" : " Nothing that is stored is like it: these come nearest.";
+  const matched = answer.matched ? "" : " No stored shape is similar to it; these are the closest.";
   return `${name} was compared with ${answer.compared} of ${answer.stored} stored shapes in ${seconds} s.${matched}`;
 }
 
 /**
- * What a function gave the first time.
+ * Cache the result of a function.
  * @param {() => Promise<Embedding>} load
  */
-function kept(load) {
+function cached(load) {
   /** @type {Promise<Embedding> | undefined} */
   let loaded;
   return () => (loaded ??= load());
 }
 
-paint.addEventListener("change", () => repaint().catch((error) => showTrouble(trouble, error)));
+paint.addEventListener("change", () => repaint().catch((error) => showError(errorBox, error)));
 points.addEventListener("change", () => shown?.showPoints(points.checked));
 byId("previous-point", HTMLButtonElement).addEventListener("click", () => shown?.step(-1));
 byId("next-point", HTMLButtonElement).addEventListener("click", () => shown?.step(1));
-byId("nearer", HTMLButtonElement).addEventListener("click", () => theStage().approach(1.2));
-byId("farther", HTMLButtonElement).addEventListener("click", () => theStage().approach(1 / 1.2));
-byId("upright", HTMLButtonElement).addEventListener("click", () => theStage().reset());
-const turning = byId("turning", HTMLInputElement);
-turning.addEventListener("change", () => theStage().keepTurning(turning.checked));
+byId("zoom-in", HTMLButtonElement).addEventListener("click", () => theStage().zoomBy(1.2));
+byId("zoom-out", HTMLButtonElement).addEventListener("click", () => theStage().zoomBy(1 / 1.2));
+byId("reset-view", HTMLButtonElement).addEventListener("click", () => theStage().reset());
+const rotate = byId("auto-rotate", HTMLInputElement);
+rotate.addEventListener("change", () => theStage().setAutoRotate(rotate.checked));

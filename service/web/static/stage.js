@@ -1,4 +1,4 @@
-// Several shapes drawn side by side, turned together: one camera, one WebGL context, a canvas a shape.
+// Shapes side by side that rotate together: one camera, one WebGL context, one canvas for each shape.
 
 import {
   AmbientLight, BufferAttribute, BufferGeometry, Color, DirectionalLight, DoubleSide, Group, InstancedMesh, Matrix4,
@@ -8,12 +8,12 @@ import {
 /** @import { Model } from "./glb.js" */
 /** @import { Colour } from "./paint.js" */
 
-// As service/rendering/viewpoint.py has them.
+// The same values as in service/rendering/viewpoint.py.
 const ELEVATION = 18, AZIMUTH = 28;
 const RADIANS = Math.PI / 180;
-const FIELD = 30;
-const DOT = 0.028;
-const REACH = 14;
+const FIELD_OF_VIEW = 30;
+const DOT_RADIUS = 0.028;
+const PICK_DISTANCE = 14;
 
 /** One shape on its canvas. */
 export class View {
@@ -52,7 +52,7 @@ export class View {
   }
 
   /**
-   * @param {Float32Array | Colour} colours One a vertex, or one for all.
+   * @param {Float32Array | Colour} colours One colour for each vertex, or one for all.
    */
   paint(colours) {
     const each = colours instanceof Float32Array ? colours : new Float32Array(this.model.positions.length);
@@ -65,16 +65,16 @@ export class View {
   }
 
   /**
-   * @param {number[][]} points As the model has them.
+   * @param {number[][]} points In the coordinates of the model.
    * @param {Colour[]} colours
-   * @param {boolean[]} large Whether each is drawn in full size.
+   * @param {boolean[]} large Whether each dot is drawn in full size.
    */
   setPoints(points, colours, large) {
     this.points = points.map(([x, y, z]) => new Vector3(x, y, z));
     const dots = new InstancedMesh(new SphereGeometry(1, 10, 8), new MeshBasicMaterial(), points.length);
     const colour = new Color();
     for (const [i, point] of this.points.entries()) {
-      const size = DOT * this.radius * (large[i] ? 1 : 0.55);
+      const size = DOT_RADIUS * this.radius * (large[i] ? 1 : 0.55);
       dots.setMatrixAt(i, new Matrix4().makeScale(size, size, size).setPosition(point));
       dots.setColorAt(i, colour.setRGB(...colours[i], "srgb"));
     }
@@ -96,9 +96,9 @@ export class View {
     this.marked = numbers;
     this.marks.clear();
     for (const number of numbers) {
-      const size = 2.6 * DOT * this.radius;
+      const size = 2.6 * DOT_RADIUS * this.radius;
       for (const [scale, colour] of [[1, 0x000000], [0.8, 0xffd400]]) {
-        // Seen through the surface, the yellow one in front.
+        // Visible through the surface, the yellow ball in front.
         const material = new MeshBasicMaterial({ color: colour, depthTest: false, transparent: true });
         const ball = new Mesh(new SphereGeometry(size * scale, 14, 10), material);
         ball.renderOrder = scale < 1 ? 2 : 1;
@@ -110,9 +110,9 @@ export class View {
   }
 
   /**
-   * The point that is seen at a place on the canvas; -1 where there is none near.
+   * The visible point nearest to a position on the canvas; -1 if there is none.
    * @param {number} x
-   * @param {number} y In CSS pixels from the corner.
+   * @param {number} y In CSS pixels from the top left corner.
    */
   pointAt(x, y) {
     const { width, height } = this.canvas.getBoundingClientRect();
@@ -122,22 +122,22 @@ export class View {
     for (const [i, point] of this.points.entries()) {
       at.copy(point).applyMatrix4(this.group.matrix).project(this.stage.camera);
       const distance = Math.hypot(((at.x + 1) / 2) * width - x, ((1 - at.y) / 2) * height - y);
-      // Of those that are about as near, the one in front.
-      const worth = distance / REACH + 40 * at.z;
-      if (distance <= REACH && worth < nearest) [best, nearest] = [i, worth];
+      // Prefers the point in front among points at about the same distance.
+      const cost = distance / PICK_DISTANCE + 40 * at.z;
+      if (distance <= PICK_DISTANCE && cost < nearest) [best, nearest] = [i, cost];
     }
     return best;
   }
 }
 
-/** All views, and how they are looked at. */
+/** All views and their camera. */
 export class Stage {
   constructor() {
     this.renderer = new WebGLRenderer({ antialias: true, alpha: true });
-    this.camera = new PerspectiveCamera(FIELD, 1, 0.01, 100);
+    this.camera = new PerspectiveCamera(FIELD_OF_VIEW, 1, 0.01, 100);
     /** @type {View[]} */
     this.views = [];
-    this.turning = false;
+    this.autoRotate = false;
     this.waiting = false;
     this.azimuth = AZIMUTH * RADIANS;
     this.elevation = ELEVATION * RADIANS;
@@ -146,7 +146,7 @@ export class Stage {
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.changed());
   }
 
-  /** The first view again. */
+  /** Reset the camera. */
   reset() {
     this.azimuth = AZIMUTH * RADIANS;
     this.elevation = ELEVATION * RADIANS;
@@ -154,7 +154,7 @@ export class Stage {
     this.changed();
   }
 
-  /** Drop all views. */
+  /** Remove all views. */
   clear() {
     this.sizes.disconnect();
     for (const view of this.views) view.geometry.dispose();
@@ -174,39 +174,39 @@ export class Stage {
   }
 
   /** @param {number} across @param {number} up In radians. */
-  turn(across, up) {
+  rotate(across, up) {
     this.azimuth += across;
     this.elevation = Math.max(-1.5, Math.min(1.5, this.elevation + up));
     this.changed();
   }
 
   /** @param {number} factor */
-  approach(factor) {
+  zoomBy(factor) {
     this.zoom = Math.max(0.3, Math.min(8, this.zoom * factor));
     this.changed();
   }
 
-  /** @param {boolean} turning */
-  keepTurning(turning) {
-    this.turning = turning;
+  /** @param {boolean} on Whether the shapes rotate slowly. */
+  setAutoRotate(on) {
+    this.autoRotate = on;
     this.changed();
   }
 
-  /** Draw soon, once. */
+  /** Schedule one redraw. */
   changed() {
     if (this.waiting) return;
     this.waiting = true;
     requestAnimationFrame(() => {
       this.waiting = false;
       this.draw();
-      if (this.turning && this.views.length > 0) this.turn(0.006, 0);
+      if (this.autoRotate && this.views.length > 0) this.rotate(0.006, 0);
     });
   }
 
-  /** Look at a view's shape. @param {View} view */
+  /** Point the camera at a shape. @param {View} view */
   aim(view) {
     const { camera } = this;
-    const distance = (1.05 * view.radius) / Math.sin((FIELD / 2) * RADIANS) / this.zoom;
+    const distance = (1.05 * view.radius) / Math.sin((FIELD_OF_VIEW / 2) * RADIANS) / this.zoom;
     const level = Math.cos(this.elevation);
     camera.position
       .set(level * Math.sin(this.azimuth), Math.sin(this.elevation), level * Math.cos(this.azimuth))
@@ -218,7 +218,7 @@ export class Stage {
     camera.lookAt(view.middle);
     camera.updateProjectionMatrix();
     camera.updateMatrixWorld();
-    // From the upper left of the eye.
+    // The light comes from the upper left of the camera.
     view.light.position.set(-0.5, 0.9, 1).applyQuaternion(camera.quaternion);
   }
 
@@ -239,7 +239,7 @@ export class Stage {
     }
   }
 
-  /** Turn and zoom by pointer and keys. @param {View} view */
+  /** Rotate and zoom by pointer and keys. @param {View} view */
   listen({ canvas }) {
     /** @type {Map<number, { x: number, y: number }>} */
     const held = new Map();
@@ -253,23 +253,23 @@ export class Stage {
     canvas.addEventListener("pointermove", (event) => {
       const from = held.get(event.pointerId);
       if (!from || held.size !== 1) return;
-      this.turn((from.x - event.clientX) * 0.01, (event.clientY - from.y) * 0.01);
+      this.rotate((from.x - event.clientX) * 0.01, (event.clientY - from.y) * 0.01);
       held.set(event.pointerId, { x: event.clientX, y: event.clientY });
     });
     canvas.addEventListener("wheel", (event) => {
-      // Without the key the page scrolls.
+      // Without the Ctrl key the wheel scrolls the page.
       if (!event.ctrlKey) return;
       event.preventDefault();
-      this.approach(Math.exp(-event.deltaY * 0.004));
+      this.zoomBy(Math.exp(-event.deltaY * 0.004));
     }, { passive: false });
     /** @type {Record<string, () => void>} */
     const keys = {
-      ArrowLeft: () => this.turn(-0.12, 0),
-      ArrowRight: () => this.turn(0.12, 0),
-      ArrowUp: () => this.turn(0, 0.12),
-      ArrowDown: () => this.turn(0, -0.12),
-      "+": () => this.approach(1.15),
-      "-": () => this.approach(1 / 1.15),
+      ArrowLeft: () => this.rotate(-0.12, 0),
+      ArrowRight: () => this.rotate(0.12, 0),
+      ArrowUp: () => this.rotate(0, 0.12),
+      ArrowDown: () => this.rotate(0, -0.12),
+      "+": () => this.zoomBy(1.15),
+      "-": () => this.zoomBy(1 / 1.15),
       0: () => this.reset(),
     };
     canvas.addEventListener("keydown", (event) => {

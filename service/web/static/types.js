@@ -1,4 +1,4 @@
-// What the service answers with, for the type checker; openapi/openapi.json says more.
+// Types of the service's responses; openapi/openapi.json describes them.
 
 /**
  * @typedef {{ vertices: number, faces: number }} Facts

@@ -1,9 +1,9 @@
-// One stored shape in 3D, or two beside each other with what corresponds.
+// One stored shape in 3D, or two side by side with their correspondence.
 
 import { address, ask, askWith } from "./api.js";
 import { card } from "./card.js";
-import { compare, showAlone, storedEmbedding, storedGlb } from "./comparison.js";
-import { byId, showTrouble } from "./dom.js";
+import { compare, showSingle, storedEmbedding, storedGlb } from "./comparison.js";
+import { byId, showError } from "./dom.js";
 import { readGlb } from "./glb.js";
 
 /** @import { Comparison, Shape } from "./types.js" */
@@ -17,18 +17,18 @@ byId("all", HTMLAnchorElement).href = address("");
 const read = async (id) => (await ask(address(`shapes/${id}`))).json();
 
 /** @param {string} id */
-async function alone(id) {
+async function showOne(id) {
   const shape = await read(id);
   title.textContent = document.title = shape.name;
   const { vertices, faces } = shape.facts;
   const lines = [`${vertices} vertices, ${faces} faces`, shape.tags.join(", ")].filter(Boolean);
   const { canvas, item } = card(shape.name, lines, null);
   cards.append(item);
-  showAlone(canvas, readGlb(await storedGlb(id)));
+  showSingle(canvas, readGlb(await storedGlb(id)));
 }
 
 /** @param {string} one @param {string} other */
-async function both(one, other) {
+async function showTwo(one, other) {
   /** @type {[Shape, Shape, Comparison]} */
   const [a, b, scores] = await Promise.all([
     read(one), read(other), askWith(address("compare"), { first: one, second: other }),
@@ -44,10 +44,10 @@ async function both(one, other) {
         pairs: scores.correspondence,
       },
     ],
-    (text) => (byId("told", HTMLElement).textContent = text),
+    (text) => (byId("point-status", HTMLElement).textContent = text),
   );
   await shown.paint("correspondence");
 }
 
 const id = location.pathname.split("/").at(-2) ?? "";
-(first && second ? both(first, second) : alone(id)).catch((error) => showTrouble(byId("trouble", HTMLElement), error));
+(first && second ? showTwo(first, second) : showOne(id)).catch((error) => showError(byId("error", HTMLElement), error));

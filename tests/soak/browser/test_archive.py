@@ -28,7 +28,7 @@ def test_the_gallery_goes_on_as_one_scrolls(visit: Visit, service: Running) -> N
         page.wait_for_timeout(50)
     names = page.locator("#gallery .name").all_text_contents()
     assert len(names) == len(set(names)) == MANY + 6
-    expect(page.locator("#gallery-told")).to_have_text(f"{MANY + 6} of {MANY + 6} shown")
+    expect(page.locator("#gallery-status")).to_have_text(f"{MANY + 6} of {MANY + 6} shown")
     # The last one's picture is there.
     page.locator("#gallery li").last.scroll_into_view_if_needed()
     expect(page.locator("#gallery li").last.locator("img")).to_have_js_property("naturalWidth", 256)
@@ -39,7 +39,7 @@ def test_the_gallery_goes_on_as_one_scrolls(visit: Visit, service: Running) -> N
     expect(page.locator("#gallery li")).to_have_count(3)
     page.fill("#gallery-tags", "no such tag")
     expect(page.locator("#gallery li")).to_have_count(0)
-    expect(page.locator("#gallery-told")).to_have_text("No stored shape is meant.")
+    expect(page.locator("#gallery-status")).to_have_text("No stored shape matches.")
 
 
 def test_many_files_are_stored_and_a_bad_one_is_told_of(
@@ -53,10 +53,10 @@ def test_many_files_are_stored_and_a_bad_one_is_told_of(
     bad.write_text("not a mesh")
     visit.expected = ["422"]
     page = visit.open()
-    page.fill("#store-tags", "new, bulk")
-    page.set_input_files("#store-files", [files[0], bad, *files[1:]])
-    outcome = "4 stored, 0 stored already, 1 not stored, 0 waiting"
-    expect(page.locator("#store-told")).to_have_text(outcome)
+    page.fill("#upload-tags", "new, bulk")
+    page.set_input_files("#upload-files", [files[0], bad, *files[1:]])
+    outcome = "4 stored, 0 already stored, 1 not stored, 0 waiting"
+    expect(page.locator("#upload-status")).to_have_text(outcome)
     rows = page.locator("#uploads li")
     assert rows.count() == 5
     assert rows.nth(0).locator("progress").get_attribute("value") == "1"
@@ -77,11 +77,11 @@ def test_an_archive_is_stored_with_progress_and_its_bad_file_told_of(
             packed.writestr(f"new/{number}.off", small_file(number))
         packed.writestr("new/bad.off", "not a mesh")
     page = visit.open()
-    page.fill("#store-tags", "packed")
-    page.set_input_files("#store-files", archive)
+    page.fill("#upload-tags", "packed")
+    page.set_input_files("#upload-files", archive)
     row = page.locator("#jobs > li")
     expect(row).to_have_count(1)
-    expect(row.locator("span").nth(1)).to_have_text("3 of 4 stored, 0 stored already, 1 not stored")
+    expect(row.locator("span").nth(1)).to_have_text("3 of 4 stored, 0 already stored, 1 not stored")
     expect(row.locator("progress")).to_have_js_property("value", 1)
     (job,) = service.client.get("/jobs").json()["jobs"]
     (bad,) = service.client.get(f"/jobs/{job['id']}/files", params={"outcome": "refused"}).json()["files"]
@@ -89,8 +89,8 @@ def test_an_archive_is_stored_with_progress_and_its_bad_file_told_of(
     expect(row.get_by_role("button")).to_have_count(0)
     expect(page.locator("#gallery li")).to_have_count(9)
     assert service.client.get("/shapes", params={"tag": "packed"}).json()["total"] == 3
-    page.set_input_files("#store-files", archive)
-    expect(row.nth(1).locator("span").nth(1)).to_have_text("0 of 4 stored, 3 stored already, 1 not stored")
+    page.set_input_files("#upload-files", archive)
+    expect(row.nth(1).locator("span").nth(1)).to_have_text("0 of 4 stored, 3 already stored, 1 not stored")
 
 
 def test_a_file_that_is_no_archive_is_told_of(visit: Visit, tmp_path: Path) -> None:
@@ -98,7 +98,7 @@ def test_a_file_that_is_no_archive_is_told_of(visit: Visit, tmp_path: Path) -> N
     broken.write_bytes(b"PK no archive")
     visit.expected = ["4"]
     page = visit.open()
-    page.set_input_files("#store-files", broken)
+    page.set_input_files("#upload-files", broken)
     expect(page.locator("#jobs .bad")).to_contain_text("archive")
 
 
@@ -107,14 +107,14 @@ def test_a_shape_is_deleted_only_when_that_is_confirmed(visit: Visit, service: R
     button = page.get_by_role("button", name="Delete glasses-1.ply")
     button.click()
     assert "glasses-1.ply" in page.inner_text("#deletion-text")
-    page.get_by_role("button", name="Keep").click()
+    page.get_by_role("button", name="Cancel").click()
     button.click()
     page.keyboard.press("Escape")
     assert service.client.get("/shapes").json()["total"] == 6
     button.click()
     page.locator("#deletion").get_by_role("button", name="Delete").click()
     button.wait_for(state="detached")
-    assert page.inner_text("#gallery-told") == "5 of 5 shown"
+    assert page.inner_text("#gallery-status") == "5 of 5 shown"
     names = [shape["name"] for shape in service.client.get("/shapes").json()["shapes"]]
     assert "glasses-1.ply" not in names
     assert len(names) == 5
@@ -125,11 +125,11 @@ def test_what_was_deleted_is_restored(visit: Visit, service: Running) -> None:
     page = visit.open()
     for name in ("fish-1.ply", "glasses-2.ply", "fish-2.ply"):
         page.get_by_role("button", name=f"Delete {name}").click()
-        assert "It can be restored for 7 days." in page.inner_text("#deletion-text")
+        assert "You can restore it within 7 days." in page.inner_text("#deletion-text")
         page.locator("#deletion").get_by_role("button", name="Delete").click()
-        expect(page.locator("#undo")).to_contain_text(f"{name} is deleted.")
+        expect(page.locator("#undo")).to_contain_text(f"{name} was deleted.")
     page.get_by_role("button", name="Undo: restore fish-2.ply").click()
-    expect(page.locator("#undo")).to_have_text("fish-2.ply is stored again, and stands last.")
+    expect(page.locator("#undo")).to_have_text("fish-2.ply was restored, at the end of the list.")
     expect(page.locator("#gallery li")).to_have_count(4)
     expect(page.locator("#gallery .name").last).to_have_text("fish-2.ply")
     # Others may have been deleted before; the latest comes first.
@@ -160,7 +160,7 @@ def test_what_cannot_be_restored_is_told_of(visit: Visit, service: Running) -> N
     undo.wait_for()
     service.store(made("fish", 1), "fish-1.ply")
     undo.click()
-    expect(page.locator("#gallery-trouble")).to_contain_text("name")
+    expect(page.locator("#gallery-error")).to_contain_text("name")
     expect(undo).to_be_visible()
 
 
@@ -219,22 +219,22 @@ def test_signing_in_with_a_key(
     visit = Visit(page, str(locked.client.base_url))
     visit.open()
     assert page.locator("#gallery li").count() == 0
-    assert page.is_hidden("#inside")
+    assert page.is_hidden("#signed-in")
     page.fill("#key", "isoshape_wrong")
     page.keyboard.press("Enter")
-    page.wait_for_selector("#sign-in-trouble:not([hidden])")
-    assert "none of this service's" in page.inner_text("#sign-in-trouble")
+    page.wait_for_selector("#sign-in-error:not([hidden])")
+    assert "none of this service's" in page.inner_text("#sign-in-error")
     page.fill("#key", key)
     page.keyboard.press("Enter")
     page.wait_for_selector("#gallery li")
-    assert page.is_visible("#store") == may_store
+    assert page.is_visible("#upload") == may_store
     delete = page.get_by_role("button", name="Delete fish-0.ply")
     assert (delete.count() == 1) == may_store
-    # This service keeps nothing of what is deleted.
+    # This service keeps nothing of what was deleted.
     assert page.is_hidden("#deleted")
     if may_store:
         delete.click()
-        assert "It is gone for good." in page.inner_text("#deletion-text")
+        assert "You cannot restore it." in page.inner_text("#deletion-text")
         page.keyboard.press("Escape")
     page.set_input_files("#find-file", file_in(tmp_path))
     expect(page.locator("#cards canvas[data-drawn]")).to_have_count(4)
@@ -250,6 +250,6 @@ def test_the_same_files_again_are_told_to_be_there(visit: Visit, tmp_path: Path)
     path = tmp_path / "fish-0.ply"
     path.write_bytes(made("fish", 0))
     page = visit.open()
-    page.set_input_files("#store-files", [path])
-    outcome = "0 stored, 1 stored already, 0 not stored, 0 waiting"
-    expect(page.locator("#store-told")).to_have_text(outcome)
+    page.set_input_files("#upload-files", [path])
+    outcome = "0 stored, 1 already stored, 0 not stored, 0 waiting"
+    expect(page.locator("#upload-status")).to_have_text(outcome)

@@ -43,7 +43,7 @@ def test_the_page_works_in_the_collection_that_is_chosen(visit: Visit, other: Ru
     expect(names).to_have_text(["cast-4.ply", "cast-5.ply"])
     expect(page.locator("#gallery li img").last).to_have_js_property("naturalWidth", 256)
     # A query finds the one other shape of the collection, and what it shows is loaded from there.
-    page.get_by_role("button", name="Find shapes like cast-4.ply").click()
+    page.get_by_role("button", name="Find similar to cast-4.ply").click()
     drawn(page, 2)
     page.reload()
     expect(page.get_by_label("Collection")).to_have_value("castings")

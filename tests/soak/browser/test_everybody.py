@@ -55,17 +55,17 @@ def test_everything_by_keyboard(visit: Visit) -> None:
     assert page.evaluate("document.activeElement.id") == "main"
     tab_to(page, "#find-tags")
     page.keyboard.type("fish")
-    tab_to(page, "[aria-label='Find shapes like fish-0.ply']")
+    tab_to(page, "[aria-label='Find similar to fish-0.ply']")
     page.keyboard.press("Enter")
     drawn(page, 3)
     # The focus goes to what was found.
     assert page.evaluate("document.activeElement.id") == "results"
     tab_to(page, "#next-point")
     page.keyboard.press("Space")
-    first = page.inner_text("#point-told")
+    first = page.inner_text("#point-status")
     page.keyboard.press("Space")
     assert "↔" in first
-    assert page.inner_text("#point-told") != first
+    assert page.inner_text("#point-status") != first
     tab_to(page, "#cards canvas")
     before = page.evaluate("document.activeElement.toDataURL()")
     page.keyboard.press("ArrowRight")
@@ -74,7 +74,7 @@ def test_everything_by_keyboard(visit: Visit) -> None:
     tab_to(page, "[aria-label='Delete fish-0.ply']")
     page.keyboard.press("Enter")
     # Enter alone must not delete.
-    assert page.evaluate("document.activeElement.value") == "keep"
+    assert page.evaluate("document.activeElement.value") == "cancel"
     page.keyboard.press("Tab")
     page.keyboard.press("Enter")
     expect(page.locator("#gallery li")).to_have_count(5)

@@ -51,9 +51,9 @@ def test_pointing_at_a_point_shows_its_partners(visit: Visit, tmp_path: Path) ->
     # The middle of the picture is on the shape, and points are all over it.
     for step in range(30):
         page.mouse.move(box["x"] + box["width"] / 2 + step, box["y"] + box["height"] / 2)
-        if "↔" in page.inner_text("#point-told"):
+        if "↔" in page.inner_text("#point-status"):
             break
-    told = page.inner_text("#point-told")
+    told = page.inner_text("#point-status")
     assert told.count("↔") == 3
     assert told.startswith("fish-3.ply: vertex ")
     settled(page)
@@ -80,7 +80,7 @@ def test_all_shapes_turn_together(visit: Visit, tmp_path: Path) -> None:
     settled(page)
     for i in range(4):
         assert np.abs(picture(canvases.nth(i), tmp_path) - before[i]).mean() > 2, i
-    page.click("#upright")
+    page.click("#reset-view")
     page.mouse.move(0, 0)
     page.evaluate("document.activeElement.blur()")
     settled(page)
@@ -108,7 +108,7 @@ def test_a_stored_shape_finds_others_of_a_tag(visit: Visit) -> None:
     page = visit.open()
     page.fill("#find-tags", "fish")
     page.select_option("#find-rank", "combined")
-    page.get_by_role("button", name="Find shapes like fish-0.ply").click()
+    page.get_by_role("button", name="Find similar to fish-0.ply").click()
     drawn(page, 3)
     titles = page.locator("#cards h3").all_inner_texts()
     assert titles[0] == "fish-0.ply"
@@ -140,17 +140,17 @@ def test_an_error_is_shown_in_the_services_words(visit: Visit, tmp_path: Path) -
     visit.expected = ["422", "400", "415"]
     page = visit.open()
     page.set_input_files("#find-file", bad)
-    page.wait_for_selector("#find-trouble:not([hidden])")
+    page.wait_for_selector("#find-error:not([hidden])")
     told = page.request.post(
         f"{visit.here}/query",
         multipart={"file": {"name": "bad.off", "mimeType": "x/y", "buffer": bad.read_bytes()}},
     ).json()
-    assert told["detail"] in page.inner_text("#find-trouble")
+    assert told["detail"] in page.inner_text("#find-error")
     assert page.is_hidden("#results")
     # A good file afterwards takes it away.
     page.set_input_files("#find-file", file_in(tmp_path))
     drawn(page, 4)
-    assert page.is_hidden("#find-trouble")
+    assert page.is_hidden("#find-error")
 
 
 @pytest.mark.parametrize("visit", [{"color_scheme": "dark"}, {"color_scheme": "light"}], indirect=True)

@@ -1,4 +1,4 @@
-// Storing many files, each with its own progress and outcome.
+// Uploads of many files, each with its own progress and outcome.
 
 import { address, send } from "./api.js";
 import { byId, make, onDrop } from "./dom.js";
@@ -7,9 +7,9 @@ import { isArchive, sendArchive } from "./jobs.js";
 
 const AT_ONCE = 2;
 
-const chosen = byId("store-files", HTMLInputElement);
+const chosen = byId("upload-files", HTMLInputElement);
 const list = byId("uploads", HTMLUListElement);
-const told = byId("store-told", HTMLElement);
+const status = byId("upload-status", HTMLElement);
 
 /** @type {(() => Promise<void>)[]} */
 const waiting = [];
@@ -18,7 +18,7 @@ const outcomes = { stored: 0, there: 0, failed: 0 };
 
 /** @param {File[]} files */
 function store(files) {
-  const tags = byId("store-tags", HTMLInputElement).value.trim();
+  const tags = byId("upload-tags", HTMLInputElement).value.trim();
   for (const file of files) {
     if (isArchive(file)) sendArchive(file, tags);
     else waiting.push(job(file, tags));
@@ -27,27 +27,27 @@ function store(files) {
 }
 
 /**
- * Show a file in the list; what is returned sends it.
+ * Add a file to the list; the returned function sends it.
  * @param {File} file
  * @param {string} tags
  */
 function job(file, tags) {
   const bar = make("progress", { max: 1, value: 0, ariaLabel: `Progress of ${file.name}` });
-  const outcome = make("span", {}, "waits");
+  const outcome = make("span", {}, "waiting");
   list.append(make("li", {}, make("span", { className: "name" }, file.name), bar, outcome));
   return async () => {
     const form = new FormData();
     form.append("file", file);
     if (tags) form.append("tags", tags);
     try {
-      const { status } = await send(address("shapes"), form, (share) => {
+      const { status: code } = await send(address("shapes"), form, (share) => {
         bar.value = share;
-        outcome.textContent = share < 1 ? "uploading" : "embedding";
+        outcome.textContent = share < 1 ? "uploading" : "computing";
         if (share === 1) bar.removeAttribute("value");
       });
       bar.value = 1;
-      outcome.textContent = status === 201 ? "stored" : "was stored already";
-      outcomes[status === 201 ? "stored" : "there"]++;
+      outcome.textContent = code === 201 ? "stored" : "already stored";
+      outcomes[code === 201 ? "stored" : "there"]++;
     } catch (error) {
       bar.hidden = true;
       outcome.className = "bad";
@@ -63,7 +63,7 @@ async function work() {
   for (let next = waiting.shift(); next; next = waiting.shift()) {
     await next();
     const { stored, there, failed } = outcomes;
-    told.textContent = `${stored} stored, ${there} stored already, ${failed} not stored, ${waiting.length} waiting`;
+    status.textContent = `${stored} stored, ${there} already stored, ${failed} not stored, ${waiting.length} waiting`;
   }
   active--;
   if (active === 0) reload();
@@ -73,5 +73,5 @@ chosen.addEventListener("change", () => {
   store([...(chosen.files ?? [])]);
   chosen.value = "";
 });
-onDrop(byId("store-drop", HTMLElement), store);
-byId("store-form", HTMLFormElement).addEventListener("submit", (event) => event.preventDefault());
+onDrop(byId("upload-drop", HTMLElement), store);
+byId("upload-form", HTMLFormElement).addEventListener("submit", (event) => event.preventDefault());
