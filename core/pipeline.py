@@ -40,7 +40,7 @@ PREPARED_BYTES = 128 * 1024 * 1024
 
 
 def measure(mesh: Mesh, cleaned: Cleaned, frame: Frame) -> Facts:
-    """Facts of a mesh as it was read, its cleaned form and its frame."""
+    """Measurements of a mesh, from the mesh as read, the cleaned mesh and its normal frame."""
     faces = cleaned.mesh.faces
     volume = signed_volume(frame.apply(cleaned.mesh.vertices), faces)
     face_counts = cleaned.sides.face_counts
@@ -63,7 +63,7 @@ def measure(mesh: Mesh, cleaned: Cleaned, frame: Frame) -> Facts:
 class Pipeline:
     """The method under one set of parameters.
 
-    Embedding the same mesh gives the same bytes, in any process; linear algebra runs on one thread for that.
+    The same mesh gives the same bytes in every process; linear algebra runs on one thread for this reason.
 
     Parameters
     ----------
@@ -82,9 +82,15 @@ class Pipeline:
         self._prepared_bytes = 0
 
     def normalise(self, mesh: Mesh) -> tuple[Mesh, Cleaned, Frame]:
-        """The mesh that is sampled, and how it came.
+        """The mesh that is sampled, the cleaned mesh and the normal frame.
 
-        It is clean, without holes, in its normal frame, simplified, smoothed and refined.
+        The sampled mesh is clean, has its holes filled, is in its normal frame, and is simplified, smoothed
+        and refined as the parameters ask.
+
+        Raises
+        ------
+        DegenerateMeshError
+            The mesh has no area.
         """
         wanted = self.parameters.mesh
         cleaned = clean(mesh)
@@ -96,7 +102,7 @@ class Pipeline:
         return self._refined(normal), cleaned, frame
 
     def _simplified_and_smoothed(self, normal: Mesh) -> Mesh:
-        """A mesh in its normal frame, simplified if it is large, and smoothed if it is rough."""
+        """Simplify a large mesh and smooth a rough one; the mesh is in its normal frame."""
         wanted = self.parameters.mesh
         if wanted.decimate_above and len(normal.vertices) > wanted.decimate_above:
             normal = simplify(normal, wanted.decimate_to)
@@ -109,17 +115,17 @@ class Pipeline:
         return not self.parameters.mesh.smooth_refined or roughness(self._refined(normal)) > most
 
     def _refined(self, normal: Mesh) -> Mesh:
-        """A mesh whose long edges are split, if it has fewer vertices than wanted."""
+        """Split long edges of a mesh with too few vertices."""
         needed = max(self.parameters.mesh.refine_vertices, self._least_vertices())
         return refine(normal, needed) if len(normal.vertices) < needed else normal
 
     def open_surface(self, mesh: Mesh) -> Mesh:
-        """A mesh in its normal frame, clean and even, whose rims are open.
+        """The mesh, clean, simplified and smoothed, in its normal frame, with its boundary loops open.
 
         Raises
         ------
         DegenerateMeshError
-            It has no area.
+            The mesh has no area.
         """
         with one_thread():
             return self._open_surface(clean(mesh))
@@ -129,27 +135,33 @@ class Pipeline:
         return self._simplified_and_smoothed(Mesh(frame.apply(cleaned.mesh.vertices), cleaned.mesh.faces))
 
     def spin_images_of(self, mesh: Mesh) -> Bytes:
-        """What lies about points of a mesh, whether the parameters ask that its embedding has it or not.
+        """The spin images of a mesh, also if the parameters leave them out of embeddings.
+
+        Returns
+        -------
+        uint8, shape (r, ROW_LENGTH)
+            From `core.descriptors.descriptor_distance.describe`.
 
         Raises
         ------
         DegenerateMeshError
-            It has no area.
+            The mesh has no area.
         """
         with one_thread():
             surface, cleaned, frame = self.normalise(mesh)
             return self._spin_images(surface, cleaned, measure(mesh, cleaned, frame))
 
     def _spin_images(self, surface: Mesh, cleaned: Cleaned, facts: Facts) -> Bytes:
-        """Of an incomplete surface, it is looked at with its rims open."""
+        """Spin images; incomplete surfaces are described without filling their holes."""
         if facts.openness > INCOMPLETE:
             surface = self._open_surface(cleaned)
         return describe(surface, boundary_ratio=facts.openness)
 
     def _least_vertices(self) -> int:
-        """Vertices under which there would be too few samples, or too few eigenvalues for the signature.
+        """Least number of vertices for the samples, and for the eigenvalues of the signature.
 
-        `refine` makes edges of up to one and a half even sides, so it may make 2.25 times fewer than asked.
+        `refine` leaves edges up to 1.5 times the even side, so it may make 2.25 times fewer vertices than
+        asked.
         """
         wanted, spectral = self.parameters.sampling, self.parameters.spectral
         samples = max(spectral.dimensions + 2, spectral.affinity_values)
@@ -157,9 +169,19 @@ class Pipeline:
         return int(np.ceil(2.5 * max(asked, samples, spectral.laplacian_values + 2)))
 
     def sample(self, mesh: Mesh, graph: csr_array) -> tuple[Ints, int]:
-        """The vertices that are embedded, shape (d,), and how many of them, the first, are the samples.
+        """The vertices that are embedded, int64, shape (d,), and the number m of samples, which come first.
 
-        The mesh is in its normal frame.
+        Parameters
+        ----------
+        mesh : Mesh
+            In its normal frame, with n vertices.
+        graph : csr_array, shape (n, n)
+            Its edge graph.
+
+        Raises
+        ------
+        DegenerateMeshError
+            The mesh has too few vertices for the dimensions.
         """
         wanted, spectral = self.parameters.sampling, self.parameters.spectral
         count = wanted.samples or round(wanted.tau * len(mesh.vertices))
@@ -183,9 +205,20 @@ class Pipeline:
         return weighted_farthest_points(graph, mesh.vertices, weights, points, wanted.coverage_power), count
 
     def distances(self, graph: csr_array, points: Ints, samples: Ints, sparse: SparseGraph) -> Floats:
-        """Distances from the points, the samples first, to the samples as the parameters say, shape (d, m).
+        """Distances from the d points to the m samples, shape (d, m), by the parameter `distances`.
 
-        Along the tree and the sparse graph, between the samples alone.
+        Distances along the minimum spanning tree or the sparse graph exist between samples only (d = m).
+
+        Parameters
+        ----------
+        graph : csr_array, shape (n, n)
+            The edge graph.
+        points : int64, shape (d,)
+            Vertices; the samples come first.
+        samples : int64, shape (m,)
+            Vertices.
+        sparse : SparseGraph
+            The sparse graph of the samples.
         """
         if self.parameters.spectral.distances == "geodesic":
             between = geodesics(graph, samples, points)
@@ -196,12 +229,12 @@ class Pipeline:
         return along(sparse, len(samples))
 
     def embed(self, mesh: Mesh) -> Embedding:
-        """The whole of section 3: a mesh to its sparse spectral embedding.
+        """The sparse spectral embedding of a mesh (section 3 of the paper).
 
         Raises
         ------
         DegenerateMeshError
-            The mesh has no area, or too few points for the dimensions asked.
+            The mesh has no area, or too few vertices for the dimensions.
         """
         with one_thread():
             surface, cleaned, frame = self.normalise(mesh)

@@ -1,3 +1,3 @@
-"""How good a ranking is: scores and class labels in, retrieval measures, classes and calibrations out."""
+"""Evaluation of rankings: scores and class labels in; retrieval measures, classes and calibrations out."""
 
 __all__ = ["calibration", "classification", "retrieval_measures"]

@@ -1,8 +1,8 @@
-"""Fitting the chance that two shapes are of one class to labelled collections, and judging it.
+"""Calibration of the class probability on labelled collections, and its reliability.
 
-A logistic regression over all pairs (Platt 1999 calls it the calibration of a classifier's score). Every
-collection has the same weight, whatever its size. Judged is what was not fitted: for each class, the pairs of
-its shapes with all others, by a fit to the pairs without any shape of that class.
+The model is a logistic regression over all pairs (Platt 1999). Every collection has the same weight, for any
+size. The evaluation leaves one class out: a model that is fitted to the pairs without any shape of that class
+judges the pairs of its shapes with all others.
 """
 
 from collections.abc import Sequence
@@ -17,8 +17,8 @@ from core.errors import ParameterError
 from core.ranking.class_probability import Calibration
 
 PENALTY = 1e-5
-"""Of the slopes' squares, evidence standardised, beside the mean loss: a fit exists where classes part
-perfectly, and nothing changes elsewhere."""
+"""Weight of the squared slopes of standardised features beside the mean loss: a fit exists also for separable
+classes, and other fits hardly change."""
 
 STEPS = 100
 CONVERGED = 1e-9
@@ -33,11 +33,12 @@ class Collection:
     Attributes
     ----------
     labels : tuple of str
-        The class of each shape. Equal names in two collections, whatever their case, are one class.
-    evidence : float64, shape (n, n, p)
-        Symmetric in the first two, unless `asked` is given; the diagonal is never read.
+        The class of each shape. Equal names in two collections are one class; case does not matter.
+    features : float64, shape (n, n, p)
+        Features of each pair, symmetric in the first two axes unless `asked` is given; the diagonal is not
+        read.
     asked : bool, shape (n, n), optional
-        The pairs that there are: i, not as it is but as a query, with j as it is. Without, all.
+        The pairs (i, j) that exist, where i is a perturbed query and j a stored shape; all pairs if absent.
     """
 
     labels: tuple[str, ...]
@@ -46,33 +47,33 @@ class Collection:
 
     @property
     def codes(self) -> NDArray[np.str_]:
-        """The class names without regard to case, shape (n,)."""
+        """The class names, case-folded, shape (n,)."""
         return np.array([label.casefold() for label in self.labels])
 
     @property
     def both_ways(self) -> NDArray[np.bool_]:
-        """The pairs, each both ways where evidence is symmetric, shape (n, n)."""
+        """Mask of the pairs, in both directions if the features are symmetric, shape (n, n)."""
         others = ~np.eye(len(self.labels), dtype=bool)
         return others if self.asked is None else others & self.asked
 
     @property
     def once(self) -> NDArray[np.bool_]:
-        """The pairs, each once, shape (n, n)."""
+        """Mask of the pairs, each once, shape (n, n)."""
         return np.triu(self.both_ways) if self.asked is None else self.both_ways
 
 
 @dataclass(frozen=True, eq=False)
 class Reliability:
-    """Judged pairs by what was said of them: arrays of shape (`BINS`,), one a tenth of [0, 1].
+    """Reliability diagram: pairs in `BINS` equal bins of predicted probability.
 
     Attributes
     ----------
-    share : float64
-        Of the pairs; they sum to 1.
-    said, found : float64
-        The mean chance given, and the share that are of one class; 0 where there is no pair.
+    share : float64, shape (BINS,)
+        Share of the pairs in each bin, of sum 1.
+    said, found : float64, shape (BINS,)
+        Mean predicted probability, and share of pairs of one class; 0 in an empty bin.
     base_rate : float
-        The share of all pairs that are of one class.
+        Share of all pairs that are of one class.
     """
 
     share: Floats
@@ -86,26 +87,28 @@ class Reliability:
         return self.error_above(0)
 
     def error_above(self, first: int) -> float:
-        """The same over the pairs in the bins from `first` on; 0 if there are none."""
+        """The calibration error over the pairs in the bins from `first` on; 0 if these are empty."""
         shares = self.share[first:]
         gaps = np.abs(self.said - self.found)[first:]
         return float(shares @ gaps / shares.sum()) if shares.sum() > 0.0 else 0.0
 
 
 def fit_logistic(features: Floats, same: NDArray[np.bool_], weights: Floats) -> Calibration:
-    """The likeliest logistic model, by Newton's method (iteratively reweighted least squares).
+    """The logistic model of maximum likelihood, by Newton's method (iteratively reweighted least squares).
 
     Parameters
     ----------
-    evidence : float64, shape (m, p)
+    features : float64, shape (m, p)
+        Features of m pairs.
     same : bool, shape (m,)
+        Whether each pair is of one class.
     weights : float64, shape (m,)
         Positive; only their ratios matter.
 
     Raises
     ------
     ParameterError
-        All pairs are of one kind.
+        All pairs are of one class, or none is.
     """
     if same.all() or not same.any():
         raise ParameterError("a calibration needs pairs of one class and pairs of two")
@@ -138,12 +141,12 @@ def fit_logistic(features: Floats, same: NDArray[np.bool_], weights: Floats) -> 
 
 
 def fit(collections: Sequence[Collection], *, without: str | None = None) -> Calibration:
-    """The model of all pairs of all collections, or of those without one class.
+    """The model fitted to all pairs of all collections, or to the pairs without one class.
 
     Raises
     ------
     ParameterError
-        All pairs are of one kind.
+        All pairs are of one class, or none is.
     """
     features, same, weights = [], [], []
     for collection in collections:
@@ -160,12 +163,14 @@ def fit(collections: Sequence[Collection], *, without: str | None = None) -> Cal
 
 
 def leave_class_out(collections: Sequence[Collection]) -> list[Floats]:
-    """Chances of all pairs, shape (n, n) a collection: row i by the model fitted without the class of i.
+    """Class probabilities of all pairs, an array of shape (n, n) for each collection.
+
+    The model of row i is fitted without the class of shape i.
 
     Raises
     ------
     ParameterError
-        Without some class, all pairs are of one kind.
+        Without some class, all pairs are of one class, or none is.
     """
     probabilities = [np.zeros(collection.features.shape[:2]) for collection in collections]
     for label in sorted({str(code) for collection in collections for code in collection.codes}):
@@ -177,9 +182,9 @@ def leave_class_out(collections: Sequence[Collection]) -> list[Floats]:
 
 
 def reliability(collections: Sequence[Collection], probabilities: Sequence[Floats]) -> Reliability:
-    """How chances, shape (n, n) a collection, agree with the classes.
+    """The reliability of class probabilities, arrays of shape (n, n), one for each collection.
 
-    Every collection weighs the same; one without pairs says nothing.
+    Every collection has the same weight; a collection without pairs is ignored.
     """
     share, said, found = np.zeros(BINS), np.zeros(BINS), np.zeros(BINS)
     base_rate = 0.0

@@ -1,10 +1,9 @@
 """Algorithm 3: each shape takes the class of its first neighbour, or stays unmatched (Fig. 10).
 
-The threshold comes from the collection itself. Each shape is asked for twice, with its class there and with
-its class left out, and the threshold on the first neighbour's score is the one that tells the two cases
-best: its balanced accuracy, the mean of the share matched of the first and the share unmatched of the
-second, is largest. Whether a shape is matched is judged by the threshold of the other classes' shapes
-alone.
+The threshold follows from the collection. Each shape is a query twice, with its class present and with its
+class left out. The threshold on the first neighbour's score maximises the balanced accuracy: the mean of the
+share of matched queries in the first case and of unmatched queries in the second. Each shape is judged by the
+threshold that is fitted to the shapes of all other classes.
 """
 
 from collections.abc import Sequence
@@ -19,23 +18,23 @@ from core.errors import ParameterError
 
 @dataclass(frozen=True, eq=False)
 class Classification:
-    """A collection of n shapes classified, leave one out.
+    """Leave-one-out classification of a collection of n shapes.
 
     Attributes
     ----------
     neighbour : int64, shape (n,)
         Each shape's first neighbour.
     score : float64, shape (n,)
-        Its score, in the sense of the scores given.
+        Score of the first neighbour, in the units of the given scores.
     matched : bool, shape (n,)
         Whether the score reaches the threshold fitted to the shapes of all other classes.
     right : bool, shape (n,)
         Whether the neighbour is of the shape's class.
     threshold : float
-        Fitted to all shapes.
+        The threshold that is fitted to all shapes.
     balanced_accuracy : float
-        In [0, 1], of the thresholds that were fitted without the class judged: how often a shape is matched
-        when its class is there, and unmatched when it is not.
+        In [0, 1]: mean of the share of shapes matched with their class present, and of shapes unmatched
+        without it, by thresholds that are fitted without the class of the shape.
     """
 
     neighbour: Ints
@@ -49,8 +48,8 @@ class Classification:
 def best_threshold(present: ArrayLike, absent: ArrayLike) -> float:
     """The threshold t that maximises the share of present >= t plus the share of absent < t.
 
-    The middle between two neighbouring values; of equally good ones the lowest. Where nothing above the least
-    value is better, that is the least value, which matches everything.
+    Candidates are midpoints between neighbouring values; the lowest of equally good ones is taken. If no
+    midpoint is better than the least value, the threshold is the least value, which matches everything.
 
     Parameters
     ----------
@@ -81,8 +80,8 @@ def classify(scores: ArrayLike, labels: Sequence[str], *, larger_is_closer: bool
     Raises
     ------
     ParameterError
-        Wrong shapes, a score that is not finite, or fewer than three classes: a threshold for one is
-        fitted to the others, each of which needs another that is left when it is left out.
+        The arrays have wrong shapes, a score is not finite, or there are fewer than three classes: a
+        threshold is fitted to the other classes, each of which needs one more class when it is left out.
     """
     closeness = np.array(scores, dtype=np.float64)
     if closeness.shape != (len(labels), len(labels)):

@@ -1,18 +1,18 @@
-"""How well a ranking finds shapes of the query's class: the measures of the Princeton Shape Benchmark.
+"""Retrieval measures of the Princeton Shape Benchmark, from the scores of all pairs.
 
 P. Shilane, P. Min, M. Kazhdan, T. Funkhouser, "The Princeton Shape Benchmark", Shape Modeling
 International 2004, section 5.
 
-Each shape in turn is the query; all others are ranked from the closest to the farthest, the query itself
-left out. Below, n is the number of shapes, C the class of the query, |C| its size, so that
-R = |C| - 1 shapes are relevant, and rel(k) is 1 when the shape at rank k = 1, 2, ..., n - 1 is one of them.
+Each shape in turn is the query; all other shapes are ranked from the closest to the farthest. Below, n is the
+number of shapes, C the class of the query and |C| its size; R = |C| - 1 shapes are relevant, and rel(k) is 1
+if the shape at rank k = 1, 2, ..., n - 1 is relevant, else 0.
 
-Ties are broken against the ranking: among shapes at equal distance those of other classes come first, in
-the order of their class names, then of their rows. So a measure never depends on the order of the shapes,
-and scores that are all equal earn nothing.
+Ties are broken against the ranking: at equal distance, shapes of other classes come first, in the order of
+their class names, then of their rows. So a measure never depends on the order of the shapes, and constant
+scores give no credit.
 
-A class of one shape has nothing to find. Its shape is ranked for the others, but is no query of its own,
-and the class is in no mean and not in `per_class`.
+A class of one shape has no relevant shapes. Its shape is ranked for the other queries but is not a query, and
+the class is left out of the means and of `per_class`.
 """
 
 from collections.abc import Sequence
@@ -93,7 +93,7 @@ def evaluate(scores: ArrayLike, labels: Sequence[str], *, larger_is_closer: bool
     Raises
     ------
     ParameterError
-        Wrong shapes, a score that is not finite, or no class with two shapes.
+        The arrays have wrong shapes, a score is not finite, or no class has two shapes.
     """
     distances = _distances(scores, larger_is_closer)
     if len(labels) != len(distances):
@@ -133,9 +133,9 @@ def evaluate(scores: ArrayLike, labels: Sequence[str], *, larger_is_closer: bool
 def class_distances(
     scores: ArrayLike, labels: Sequence[str], *, larger_is_closer: bool
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """How far each shape is from its own class, and from the nearest shape of any other.
+    """Mean distance of each shape to its own class, and least distance to any other class.
 
-    Parameters are those of `evaluate`; similarities are negated into distances.
+    The parameters are those of `evaluate`; similarities are negated to distances.
 
     Returns
     -------
@@ -168,7 +168,7 @@ def _distances(scores: ArrayLike, larger_is_closer: bool) -> NDArray[np.float64]
 
 
 def _rankings(distances: NDArray[np.float64], codes: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Row i: all shapes but i, the closest first, ties as the module says. Shape (n, n - 1)."""
+    """Row i: all shapes but i, the closest first, ties as the module describes; shape (n, n - 1)."""
     keyed = distances.copy()
     np.fill_diagonal(keyed, -np.inf)
     same = codes[:, None] == codes[None, :]

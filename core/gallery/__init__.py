@@ -1,4 +1,4 @@
-"""Articulated shapes made from code: the demo's and the tests' own collection."""
+"""Synthetic articulated shapes, for the demo and the tests: a class, a pose and a seed in, a mesh out."""
 
 from core.gallery.collection import CLASSES, GalleryShape, make_gallery, make_shape
 

@@ -95,8 +95,8 @@ def bird(rng: Generator) -> list[Part]:
     )
     fan = u(0.16, 0.26)
     tail = body.move(-0.34 * size).turn("y", u(-15, 20))
-    surface_samples = [(0.08, 0.05), (-0.42, fan), (-0.46, 0.0), (-0.42, -fan), (0.08, -0.05)]
-    parts.append(plate(tail, surface_samples, 0.055, blend=0.04))
+    outline = [(0.08, 0.05), (-0.42, fan), (-0.46, 0.0), (-0.42, -fan), (0.08, -0.05)]
+    parts.append(plate(tail, outline, 0.055, blend=0.04))
     span, chord, sweep = u(0.75, 1.15), u(0.26, 0.36), u(-0.05, 0.25)
     flap, fold = u(-25, 45), u(-45, 30)
     for left in (-1, 1):
@@ -159,7 +159,7 @@ def fish(rng: Generator) -> list[Part]:
     parts.append(tube(np.array([joints[0] + [0.12, 0, -0.02], joints[0]]), [0.05, 0.09], blend=0.08))
     fork, reach = u(0.16, 0.3), u(0.24, 0.36)
     fan = tail.turn("z", u(-25, 25)).turn("x", 90)
-    surface_samples = [
+    outline = [
         (-0.1, 0.05),
         (0.08, 0.06),
         (reach, fork),
@@ -168,7 +168,7 @@ def fish(rng: Generator) -> list[Part]:
         (0.08, -0.06),
         (-0.1, -0.05),
     ]
-    parts.append(plate(fan, surface_samples, 0.05, blend=0.04))
+    parts.append(plate(fan, outline, 0.05, blend=0.04))
     for up, start, height in ((1, 0.2, u(0.12, 0.24)), (-1, -0.05, u(0.08, 0.16))):
         base = Frame(joints[3]).move(z=up * 0.8 * tall).turn("x", 90)
         fin = [

@@ -1,8 +1,8 @@
 """One body in several poses: every pose has the same vertices in the same order.
 
-`make_shape` gives another individual each time, and `one_body.make_person` meshes each pose anew. Here the
-body is meshed once, at rest, and the mesh follows the solids that it was made of, so that vertex i of one
-pose is known to be vertex i of another.
+`make_shape` makes another individual each time, and `one_body.make_person` meshes every pose. Here the body
+is meshed once, at rest, and skinning moves the mesh with its solids, so vertex i of one pose corresponds to
+vertex i of another.
 """
 
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from core.errors import MeshError, ParameterError
 from core.gallery.collection import CLASSES, kind_of, placed
 from core.gallery.draws import DRAWS, BodyDraws
 from core.gallery.fields import Field
-from core.gallery.skinning import skinned, weights
+from core.gallery.skinning import skinned, skinning_weights
 from core.gallery.surface import surface
 from core.gallery.symmetry import symmetric_partners
 from core.gallery.topology import components, handles, is_closed_manifold
@@ -27,19 +27,19 @@ _ATTEMPTS = 25
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """An individual of a class, and what its poses are made from.
+    """An individual of a class, with the data for its poses.
 
     Attributes
     ----------
     label : str
     rest : Mesh
-        Limbs apart, in the builder's own frame: watertight, in one piece, about 2,500 vertices.
+        The mesh at rest, limbs apart, in the builder's frame: watertight, connected, about 2,500 vertices.
     solids : tuple of Field
-        At rest.
+        The solids at rest.
     hold : float64, shape (n, number of solids)
-        How much each moves each vertex.
+        Skinning weights of the vertices; rows sum to 1.
     seeds : tuple of int
-        Of the body's own draws.
+        Seeds of the body's random numbers.
     """
 
     label: str
@@ -49,22 +49,22 @@ class Body:
     seeds: tuple[int, ...]
 
     def partners(self, other: "Body") -> Ints:
-        """The true partners of its vertices on a mesh of the same body, shape (g, n): a row a symmetry.
+        """True correspondences of the vertices on a mesh of the same body, shape (g, n).
 
-        Two poses correspond by any row as well as by the first, to within half an edge. On the same mesh the
-        first row is 0 .. n - 1.
+        Each row belongs to a symmetry and is a correspondence of two poses, to within half an edge. On the
+        same mesh the first row is 0 .. n - 1.
         """
         return symmetric_partners(self.label, self.rest.vertices, other.rest.vertices)
 
     def posed(self, pose: int) -> Mesh:
-        """The body in one of its poses, turned, scaled and placed at random too; the faces are those at rest.
+        """The body in a pose, with random rotation, scale and position; the faces are those at rest.
 
-        Limbs may pass through each other: what is near in space alone changes no distance along the surface.
+        Limbs may intersect, which changes no distance on the surface.
 
         Raises
         ------
         ParameterError
-            A negative pose.
+            The pose is negative.
         """
         if pose < 0:
             raise ParameterError(f"the pose must be at least 0, not {pose}")
@@ -74,7 +74,7 @@ class Body:
 
 
 def make_body(label: str, body: int = 0, *, vertices: int = VERTICES) -> Body:
-    """An individual of a class, with proportions drawn from the two arguments alone.
+    """An individual of a class; its proportions depend on the label and the number only.
 
     Parameters
     ----------
@@ -83,12 +83,12 @@ def make_body(label: str, body: int = 0, *, vertices: int = VERTICES) -> Body:
     body : int
         >= 0.
     vertices : int
-        About how many the mesh has, some hundreds at least; another number is another mesh of the same body.
+        Approximate number of vertices, at least some hundreds; another number gives another mesh of the body.
 
     Raises
     ------
     ParameterError
-        An unknown class, or a negative body.
+        The class is unknown or the body is negative.
     """
     if label not in CLASSES:
         raise ParameterError(f"unknown class {label!r}; the classes are {', '.join(CLASSES)}")
@@ -105,7 +105,7 @@ def make_body(label: str, body: int = 0, *, vertices: int = VERTICES) -> Body:
                 label=label,
                 rest=Mesh(points, faces),
                 solids=solids,
-                hold=weights(points, faces, solids),
+                hold=skinning_weights(points, faces, solids),
                 seeds=seeds,
             )
     raise MeshError(f"no sound body of class {label} in {_ATTEMPTS} draws")

@@ -14,14 +14,14 @@ from numpy.random import PCG64, Generator, SeedSequence
 
 @dataclass(frozen=True)
 class Draws:
-    """A class's draws.
+    """The random numbers of a class.
 
     Attributes
     ----------
     kinds : str
-        As the module says.
+        One letter for each number, as the module describes.
     rest : mapping of int to float
-        Values in the rest pose where the rule of `at_rest` would not part the limbs.
+        Values in the rest pose, by index, where the rule of `at_rest` would not separate the limbs.
     """
 
     kinds: str
@@ -47,12 +47,12 @@ DRAWS: Mapping[str, Draws] = {
 
 
 def at_rest(low: float, high: float) -> float:
-    """A pose's number at rest: 0 where the range has it inside, else the middle."""
+    """A pose's number at rest: 0 if the range contains it, else the middle of the range."""
     return 0.0 if low < 0.0 < high else 0.5 * (low + high)
 
 
 class BodyDraws(Generator):
-    """Uniform numbers of one stream for the body; for the pose of another, or those at rest.
+    """Random numbers of a builder: one stream for the body, and another one, or rest values, for the pose.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ class BodyDraws(Generator):
         self._place = 0
 
     def uniform(self, low: float = 0.0, high: float = 1.0) -> float:  # type: ignore[override]
-        """One number."""
+        """The next number, uniform in [low, high)."""
         place, self._place = self._place, self._place + 1
         kind = self._draws.kinds[place] if place < len(self._draws.kinds) else "p"
         if kind == "b":

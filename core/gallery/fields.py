@@ -1,7 +1,7 @@
 """Signed distance fields of simple solids: negative inside, positive outside.
 
-They are exact for boxes, plates and turned profiles and first-order accurate near the surface for the others,
-which is what an isosurface at zero needs.
+They are exact for boxes, plates and solids of revolution. The others are accurate to first order near the
+surface, which suffices for an isosurface at zero.
 """
 
 from collections.abc import Callable
@@ -13,7 +13,7 @@ from core.arrays import Floats
 from core.gallery.frames import Frame
 
 _TINY = 1e-12
-"""Stands in for a length of zero where one is divided by."""
+"""Replaces a length of zero in a denominator."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,13 +25,13 @@ class Field:
     low, high : float64, shape (3,)
         Corners of a box around the solid.
     thickness : float
-        Thinnest extent, which a grid has to resolve.
+        Least extent, which a grid must resolve.
     distance : callable
         Signed distances, shape (n,), of points of shape (n, 3).
     frame : Frame
-        Fixed to the solid: moves as it does from pose to pose. A bone's is at its start, x along it.
+        The solid's own frame, which moves with it. A bone's frame is at its start, with x along the bone.
     round : bool
-        Whether the frame's turn about x says nothing, the solid being round about it.
+        Whether the solid is rotationally symmetric about the frame's x axis.
     """
 
     low: Floats
@@ -94,15 +94,15 @@ def box(frame: Frame, half: Floats, rounding: float) -> Field:
     return Field(frame.origin - reach, frame.origin + reach, 2.0 * float(half.min()), distance, frame)
 
 
-def plate(frame: Frame, surface_samples: Floats, half: float) -> Field:
+def plate(frame: Frame, outline: Floats, half: float) -> Field:
     """A simple polygon, shape (m, 2), in the x, y plane of a frame, grown by `half` all round: a fin."""
 
     def distance(points: Floats) -> Floats:
         local = frame.local(points)
-        sideways = np.maximum(polygon_distance(local[:, :2], surface_samples), 0.0)
+        sideways = np.maximum(polygon_distance(local[:, :2], outline), 0.0)
         return np.hypot(sideways, local[:, 2]) - half
 
-    corners = frame.origin + surface_samples @ frame.axes[:, :2].T
+    corners = frame.origin + outline @ frame.axes[:, :2].T
     return Field(corners.min(axis=0) - half, corners.max(axis=0) + half, 2.0 * half, distance, frame)
 
 
@@ -123,11 +123,11 @@ def turned(frame: Frame, profile: Floats, rounding: float) -> Field:
     return Field(ends.min(axis=0) - sideways, ends.max(axis=0) + sideways, 2.0 * rounding, distance, frame)
 
 
-def polygon_distance(points: Floats, surface_samples: Floats) -> Floats:
+def polygon_distance(points: Floats, outline: Floats) -> Floats:
     """Signed distance, shape (n,), of plane points, shape (n, 2), to a simple polygon, shape (m, 2)."""
     squared = np.full(len(points), np.inf)
     inside = np.zeros(len(points), dtype=bool)
-    for a, b in zip(np.roll(surface_samples, 1, axis=0), surface_samples, strict=True):
+    for a, b in zip(np.roll(outline, 1, axis=0), outline, strict=True):
         edge, offset = b - a, points - a
         along = np.clip(offset @ edge / max(float(edge @ edge), _TINY), 0.0, 1.0)
         gap = offset - along[:, None] * edge

@@ -1,4 +1,4 @@
-"""The distances of blended parts on a grid of cubic cells, and their isosurface at zero."""
+"""The distance field of blended parts on a cubic grid, and its isosurface at zero."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,19 +13,20 @@ from core.gallery.fields import Field
 from core.gallery.parts import Part
 
 _FAR = 1e3
-"""Beyond every shape; finite, so that differences stay defined."""
+"""A distance larger than any shape; finite, so that differences are defined."""
 
 _MOST_CELLS = 1_200_000
 """Bounds time and memory; the shapes here need 20 thousand to a million cells."""
 
 _CELLS_ACROSS = 3.0
-"""Cells across the thinnest field: below two the isosurface breaks there."""
+"""Number of cells across the thinnest field; below two the isosurface has gaps."""
 
 _SNAP = 0.08
-"""Least distance of a grid value from zero, in cells: it keeps vertices off the grid's own corners."""
+"""Least magnitude of a grid value, in cells; it keeps vertices away from the corners of the grid."""
 
 _LEAST_SLOPE = 0.5
-"""A distance has slope one; less is found where surfaces meet, and would make a Newton step too long."""
+"""Least slope for a Newton step. A distance has slope 1, and less where surfaces meet, where the step would
+be too long."""
 
 
 def smooth_minimum(first: Floats, second: Floats, blend: float) -> Floats:

@@ -16,15 +16,15 @@ def chair(rng: Generator) -> list[Part]:
     parts = [box(seat, (depth, width, thick), rounding=0.022, blend=0.0)]
     rest = seat.move(-0.5 * depth + 0.03).turn("y", -tilt)
     narrow = u(0.65, 1.05)
-    surface_samples = [
+    outline = [
         (0.0, -0.45 * width),
         (back, -0.45 * narrow * width),
         (back, 0.45 * narrow * width),
         (0.0, 0.45 * width),
     ]
     if u() < 0.4:
-        surface_samples[2:2] = [(back + 0.1, -0.2 * width), (back + 0.1, 0.2 * width)]
-    parts.append(plate(rest.turn("y", -90), surface_samples, thick * 0.9, blend=0.03))
+        outline[2:2] = [(back + 0.1, -0.2 * width), (back + 0.1, 0.2 * width)]
+    parts.append(plate(rest.turn("y", -90), outline, thick * 0.9, blend=0.03))
     stout, splay = u(0.026, 0.04), u(0.0, 0.14)
     for x in (-1, 1):
         for y in (-1, 1):

@@ -1,4 +1,4 @@
-"""One person in several poses, where each pose of `make_shape` is another individual."""
+"""One person in several poses; `make_shape` makes another individual for each pose."""
 
 from numpy.random import PCG64, Generator, SeedSequence, default_rng
 
@@ -9,14 +9,14 @@ from core.gallery.topology import components, handles, is_closed_manifold
 from core.mesh.mesh import Mesh
 
 _PROPORTIONS = 5
-"""How many numbers `person` draws before the first that is of the pose: build, limbs, hips, shoulders."""
+"""Number of random numbers that `person` draws before those of the pose: build, limbs, hips, shoulders."""
 
 _VERTICES = 2500
 _ATTEMPTS = 25
 
 
 class _BodyThenPose(Generator):
-    """Uniform numbers of one stream for the proportions, of another for all that follows."""
+    """Random numbers: one stream for the proportions, and another one for the pose."""
 
     def __init__(self, body: SeedSequence, pose: SeedSequence) -> None:
         super().__init__(PCG64(pose))
@@ -24,7 +24,7 @@ class _BodyThenPose(Generator):
         self._left = _PROPORTIONS
 
     def uniform(self, low: float = 0.0, high: float = 1.0) -> float:  # type: ignore[override]
-        """One number."""
+        """The next number, uniform in [low, high)."""
         if self._left == 0:
             return super().uniform(low, high)
         self._left -= 1
@@ -39,19 +39,19 @@ def make_person(body: int, pose: int) -> Mesh:
     body : int
         >= 0; the individual, with its own proportions.
     pose : int
-        >= 0; the same limbs otherwise turned. The surface is meshed anew for each.
+        >= 0; the pose of the limbs. Every pose has its own mesh.
 
     Raises
     ------
     ParameterError
-        A negative body or pose.
+        The body or the pose is negative.
     """
     if body < 0 or pose < 0:
         raise ParameterError(f"body and pose must be at least 0, not {body} and {pose}")
     for attempt in range(_ATTEMPTS):
         draws = _BodyThenPose(SeedSequence([body]), SeedSequence([body, pose, attempt]))
         vertices, faces = surface(person(draws), _VERTICES)
-        # Limbs that touch are a short cut for geodesics; they show as one more handle.
+        # Touching limbs shorten geodesics; they show as an additional handle.
         if is_closed_manifold(faces) and components(faces) == 1 and handles(faces) == 0:
             return Mesh(vertices, faces)
     raise MeshError(f"no sound shape of body {body} in {_ATTEMPTS} draws of pose {pose}")

@@ -45,16 +45,14 @@ def box(frame: Frame, size: tuple[float, float, float], *, rounding: float, blen
     return Part((fields.box(frame, np.array(size) / 2.0, rounding),), blend)
 
 
-def plate(
-    frame: Frame, surface_samples: Sequence[tuple[float, float]], thickness: float, *, blend: float
-) -> Part:
+def plate(frame: Frame, outline: Sequence[tuple[float, float]], thickness: float, *, blend: float) -> Part:
     """One plate in the x, y plane of a frame; its edges lie half a thickness outside the outline."""
-    return Part((fields.plate(frame, np.array(surface_samples), thickness / 2.0),), blend)
+    return Part((fields.plate(frame, np.array(outline), thickness / 2.0),), blend)
 
 
-def mirrored(surface_samples: Sequence[tuple[float, float]], left: int) -> list[tuple[float, float]]:
+def mirrored(outline: Sequence[tuple[float, float]], left: int) -> list[tuple[float, float]]:
     """An outline drawn for the left side, or its mirror image when `left` is -1."""
-    return [(x, left * y) for x, y in surface_samples]
+    return [(x, left * y) for x, y in outline]
 
 
 def turned(

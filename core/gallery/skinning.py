@@ -1,4 +1,4 @@
-"""A surface that follows the solids it was made of from one pose to another: linear blend skinning."""
+"""Linear blend skinning: a surface moves with its solids from one pose to another."""
 
 from collections.abc import Sequence
 
@@ -9,14 +9,14 @@ from core.arrays import Floats, Ints
 from core.gallery.fields import Field
 
 _REACH = 0.15
-"""How far beyond a solid its hold on the surface goes, as a part of the nearest solid's thickness."""
+"""Distance beyond a solid in which it moves the surface, over the thickness of the nearest solid."""
 
 _ROUNDS = 6
-"""Rounds of averaging over neighbours that the weights get: joints bend over a few edges, not over one."""
+"""Rounds of averaging of the weights over neighbours: joints bend over a few edges and not over one."""
 
 
-def weights(vertices: Floats, faces: Ints, solids: Sequence[Field]) -> Floats:
-    """How much each solid moves each vertex, shape (n, s): rows sum to 1."""
+def skinning_weights(vertices: Floats, faces: Ints, solids: Sequence[Field]) -> Floats:
+    """Skinning weights of n vertices and s solids, shape (n, s); rows sum to 1."""
     gaps = np.maximum(np.stack([solid.distance(vertices) for solid in solids], axis=1), 0.0)
     nearest = gaps.argmin(axis=1)
     reach = _REACH * np.array([solid.thickness for solid in solids])[nearest]
@@ -31,11 +31,11 @@ def weights(vertices: Floats, faces: Ints, solids: Sequence[Field]) -> Floats:
     return np.asarray(hold)
 
 
-def turns(rest: Sequence[Field], posed: Sequence[Field]) -> Floats:
-    """The rotation of each solid from one pose to the other, shape (s, 3, 3).
+def rotations(rest: Sequence[Field], posed: Sequence[Field]) -> Floats:
+    """The rotation of each solid from the rest pose to another pose, shape (s, 3, 3).
 
-    A round bone may be turned about itself as one likes: it turns as the solid that holds its first joint
-    does, and then by the least angle that brings it into line.
+    The rotation of a round bone about its axis is arbitrary: it follows the solid at its first joint, and
+    then rotates by the least angle that aligns its axis.
     """
     starts = np.array([solid.frame.origin for solid in rest])
     depth = np.stack([solid.distance(starts) for solid in rest])
@@ -45,20 +45,22 @@ def turns(rest: Sequence[Field], posed: Sequence[Field]) -> Floats:
             found[i] = after.frame.axes @ before.frame.axes.T
         else:
             held = found[int(depth[:i, i].argmin())] if i else np.eye(3)
-            found[i] = _least_turn(held @ before.frame.axes[:, 0], after.frame.axes[:, 0]) @ held
+            found[i] = _least_rotation(held @ before.frame.axes[:, 0], after.frame.axes[:, 0]) @ held
     return found
 
 
 def skinned(vertices: Floats, hold: Floats, rest: Sequence[Field], posed: Sequence[Field]) -> Floats:
-    """The vertices of the rest pose, shape (n, 3), in another; the solids are the same in the same order."""
-    rotations = turns(rest, posed)
+    """Vertices of the rest pose, moved to another pose, shape (n, 3); solids have the same order in both."""
+    solid_rotations = rotations(rest, posed)
     moved = np.zeros_like(vertices)
     for i, (before, after) in enumerate(zip(rest, posed, strict=True)):
-        moved += hold[:, i, None] * ((vertices - before.frame.origin) @ rotations[i].T + after.frame.origin)
+        moved += hold[:, i, None] * (
+            (vertices - before.frame.origin) @ solid_rotations[i].T + after.frame.origin
+        )
     return moved
 
 
-def _least_turn(first: Floats, second: Floats) -> Floats:
+def _least_rotation(first: Floats, second: Floats) -> Floats:
     """The rotation by the least angle that takes one unit vector to another (Rodrigues)."""
     axis = np.cross(first, second)
     cosine = float(first @ second)

@@ -1,4 +1,4 @@
-"""Parts to a triangle mesh: an isosurface, even triangles, then as many as were asked."""
+"""From parts to a triangle mesh: isosurface, relaxation to even triangles, decimation."""
 
 from collections.abc import Sequence
 
@@ -12,10 +12,10 @@ from core.gallery.parts import Part
 from core.mesh.face_normals import face_normals
 
 _SURPLUS = 2.0
-"""Vertices of the isosurface for each one asked, so that the decimation has a choice."""
+"""Vertices of the isosurface over the wanted number; decimation removes the surplus."""
 
 _LEAST_COSINE = 0.3
-"""A face that a step of relaxation would turn further than this is left as it was: no folds."""
+"""Least cosine between a face's normals before and after a relaxation step; it prevents folds."""
 
 
 def surface(parts: Sequence[Part], vertices: int) -> tuple[Floats, Ints]:
@@ -26,7 +26,7 @@ def surface(parts: Sequence[Part], vertices: int) -> tuple[Floats, Ints]:
     parts : sequence of Part
         Joined in this order.
     vertices : int
-        How many are wanted; the result has about as many.
+        Wanted number; the result has about as many.
 
     Returns
     -------
@@ -48,7 +48,7 @@ def surface(parts: Sequence[Part], vertices: int) -> tuple[Floats, Ints]:
 
 
 def _relaxed(grid: Grid, points: Floats, faces: Ints, rounds: int) -> Floats:
-    """Vertices moved towards the mean of their neighbours and back to the surface: slivers open up."""
+    """Move vertices to the mean of their neighbours and project them to the surface; this removes slivers."""
     tails, heads = faces.ravel(), faces[:, [1, 2, 0]].ravel()
     graph = coo_array((np.ones(len(tails)), (tails, heads)), shape=(len(points),) * 2).tocsr()
     degree = graph.sum(axis=1)[:, None]

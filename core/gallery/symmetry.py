@@ -1,8 +1,8 @@
-"""The symmetries that a body of each class has at rest.
+"""Symmetries of the bodies of each class at rest.
 
 At rest a creature looks along x, y is its left and z is up. A hand and pliers stand upright, so that x is
-across the palm and the flat of the jaws. What a class has beyond the symmetries stated (the eyes of an
-octopus, the place of a thumb) is smaller than the limbs are thick.
+across the palm and the flat of the jaws. Deviations from the listed symmetries (the eyes of an octopus, the
+position of a thumb) are smaller than the thickness of the limbs.
 """
 
 from itertools import product
@@ -47,13 +47,13 @@ def symmetric_partners(label: str, vertices: Floats, rest: Floats) -> Ints:
     ----------
     label : str
     vertices : float64, shape (n, 3)
-        On the same body at rest: its own vertices, or those of another mesh of it.
+        Vertices of a mesh of the same body at rest, this one or another.
     rest : float64, shape (m, 3)
 
     Returns
     -------
     int64, shape (g, n)
-        The first row is of the identity.
+        One row for each symmetry; the first row belongs to the identity.
     """
     tree = cKDTree(rest)
     return np.array([tree.query(vertices @ turn.T)[1] for turn in symmetries(label)], dtype=np.int64)

@@ -1,4 +1,4 @@
-"""What kind of surface a set of triangles is: closed, in one piece, how many handles."""
+"""Topology of a triangulated surface: closedness, connected components, genus."""
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -31,7 +31,7 @@ def is_closed_manifold(faces: Ints) -> bool:
 
 
 def components(faces: Ints) -> int:
-    """Number of pieces that share no vertex."""
+    """Number of connected components, linked by shared vertices."""
     count = int(faces.max()) + 1
     tails, heads = faces.ravel(), faces[:, [1, 2, 0]].ravel()
     graph = coo_array((np.ones(len(tails)), (tails, heads)), shape=(count, count))
@@ -40,6 +40,6 @@ def components(faces: Ints) -> int:
 
 
 def handles(faces: Ints) -> int:
-    """Genus of a closed surface in one piece: (2 - (V - E + F)) / 2, where E = 3 F / 2."""
+    """Genus of a closed, connected surface: (2 - (V - E + F)) / 2, where E = 3 F / 2."""
     characteristic = len(np.unique(faces)) - len(faces) // 2
     return (2 - characteristic) // 2

@@ -1,11 +1,11 @@
-"""Meshes from files and files from meshes: STL, OBJ, PLY, OFF and GLB; from files alone: 3MF and STEP.
+"""Mesh files: bytes in, a mesh out, and back; STL, OBJ, PLY, OFF, GLB and 3MF, and STEP for reading only.
 
-Each of the first has a check, in plain code, that compares what a file declares with what it holds and
-writes it anew in the plainest form of its format: positions and triangles. trimesh reads only that, and must
-find as many of both. 3MF is read by code of its own over zipfile and expat. STEP is made a GLB by cascadio,
-and checked as one.
+STL, OBJ, PLY, OFF and GLB files are checked before trimesh sees them. The check of a format compares the
+declared counts with the content and rewrites the file in the simplest form of its format, positions and
+triangles; trimesh must find the same numbers of both. 3MF is read with zipfile and expat. cascadio converts
+STEP to GLB, which is then checked as GLB.
 
-The names below are imported when they are first used: the names of the formats need no reader.
+The names below are imported on first use: the names of the formats need no reader.
 """
 
 from importlib import import_module

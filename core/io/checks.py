@@ -1,4 +1,4 @@
-"""What the checks of every format share: the limits, and what they pass on to be read."""
+"""Limits of a mesh file, and the result of a format's check."""
 
 from dataclasses import dataclass
 
@@ -12,13 +12,13 @@ class Limits:
     Attributes
     ----------
     vertices : int
-        Vertices that the file holds, instances counted each. The corners of an STL are not counted: the
-        format repeats a vertex for every face around it.
+        Vertices of the file, counted for each instance. The corners of an STL do not count: the format
+        repeats a vertex for every face at it.
     faces : int
-        Triangles, after polygons are cut into triangles, instances counted each.
+        Triangles after polygons are triangulated, counted for each instance.
     parts : int
-        Solids of an STL, objects and groups of an OBJ; primitives of a GLB, objects of a 3MF and parts of a
-        STEP in every place they are shown. Loose components are not parts.
+        Solids of an STL, objects and groups of an OBJ; instances of primitives of a GLB, of objects of a 3MF
+        and of parts of a STEP. Connected components are not parts.
     """
 
     vertices: int = 2_000_000
@@ -31,14 +31,16 @@ DEFAULT_LIMITS = Limits()
 
 @dataclass(frozen=True)
 class Plain:
-    """A checked file in the plainest form of its format, and what a reader must find in it.
+    """A checked file in the simplest form of its format, and the counts that a reader must find.
 
     Attributes
     ----------
     data : bytes
+        The rewritten file.
     format : str
+        Name of the format.
     vertices, faces : int
-        Vertices and triangles.
+        Numbers of vertices and triangles.
     """
 
     data: bytes
@@ -48,23 +50,25 @@ class Plain:
 
 
 def declared(count: int, size: int, limit: int, things: str) -> None:
-    """Check a number of rows that a file declares before anything is made for them.
+    """Check a declared number of rows before memory is allocated for them.
 
     Parameters
     ----------
     count : int
-        Of `things`, in the plural.
+        Declared number of rows.
     size : int
         Bytes of the file. A row takes at least one.
     limit : int
-        The largest number that is read.
+        Largest number that is read.
+    things : str
+        Name of the rows in the plural.
 
     Raises
     ------
     MalformedMeshError
-        The file cannot hold so many.
+        The file is too small for the declared number.
     MeshTooComplexError
-        It could, but they are more than the limit.
+        The number exceeds the limit.
     """
     if count > size:
         raise MalformedMeshError(f"the file declares {count} {things}, more than its {size} bytes can hold")

@@ -1,10 +1,10 @@
-"""The formats that are read, by name."""
+"""The supported formats, by name and by file extension."""
 
 from core.errors import UnknownFormatError
 from core.io import step
 
 FORMATS: tuple[str, ...] = ("stl", "obj", "ply", "off", "glb")
-"""The formats of one mesh or scene a file, which are read and written."""
+"""The formats that trimesh reads and writes, after a check."""
 
 WRITABLE: tuple[str, ...] = (*FORMATS, "3mf")
 """The formats that are written."""
@@ -13,16 +13,16 @@ READABLE: tuple[str, ...] = (*WRITABLE, "step")
 """The formats that are read: STEP with the package cascadio."""
 
 ENDINGS: dict[str, str] = {**{name: name for name in READABLE}, "stp": "step"}
-"""What the name of a file ends in, and its format."""
+"""Formats by file extension."""
 
 
 def known(format: str) -> str:
-    """Return the name of a format in small letters.
+    """Return the canonical name of a readable format, in lower case.
 
     Raises
     ------
     UnknownFormatError
-        It is not one of `READABLE`, or what reads it is not installed.
+        The format is not one of `READABLE`, or its reader is not installed.
     """
     name = ENDINGS.get(format.lower())
     if name is None:
@@ -35,12 +35,12 @@ def known(format: str) -> str:
 
 
 def written(format: str) -> str:
-    """Return the name of a format in small letters.
+    """Return the canonical name of a writable format, in lower case.
 
     Raises
     ------
     UnknownFormatError
-        It is not one of `WRITABLE`.
+        The format is not one of `WRITABLE`.
     """
     name = format.lower()
     if name not in WRITABLE:
@@ -51,7 +51,7 @@ def written(format: str) -> str:
 
 
 def _shown(format: str) -> str:
-    """Return what a stranger called a format as it can be shown."""
+    """Return the name of a format from a request, shortened and reduced to letters and digits."""
     return (
         "".join(letter for letter in format.lower()[:16] if letter.isalnum())
         or "of a file without an extension"
@@ -59,12 +59,12 @@ def _shown(format: str) -> str:
 
 
 def format_of(filename: str) -> str:
-    """Return the format that a file's extension names, in any case of letters.
+    """Return the format of a file extension, which is not case-sensitive.
 
     Parameters
     ----------
     filename : str
-        Only what follows the last dot is looked at.
+        The text after the last dot is the extension.
 
     Returns
     -------
@@ -74,6 +74,6 @@ def format_of(filename: str) -> str:
     Raises
     ------
     UnknownFormatError
-        There is no extension, it is not that of a format in `READABLE`, or what reads it is not installed.
+        There is no extension, its format is not one of `READABLE`, or the reader is not installed.
     """
     return known(filename.rpartition(".")[2] if "." in filename else "")

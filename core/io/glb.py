@@ -1,4 +1,4 @@
-"""GLB: the binary form of glTF 2.0."""
+"""The check of GLB, the binary form of glTF 2.0."""
 
 from collections import Counter
 
@@ -14,14 +14,14 @@ from core.io.gltf_write import plain_glb
 
 
 def check(data: bytes, limits: Limits) -> Plain:
-    """Return the meshes of the scene and where they are placed, with plain arrays and nothing else.
+    """Check a GLB and return a GLB with only the meshes of its scene and their transforms.
 
     Skins, morph targets, cameras, materials and images are left out; no image is decoded.
 
     Raises
     ------
     MeshError
-        What is wrong.
+        The file is malformed or exceeds the limits; the subclass tells the kind of fault.
     """
     document = read_document(data)
     placed = place(document, limits)
@@ -39,14 +39,14 @@ def check(data: bytes, limits: Limits) -> Plain:
 
 
 def _parts(document: Document, instances: Counter[int]) -> int:
-    """Return how many primitives the scene shows."""
+    """Return the number of instances of primitives in the scene."""
     return sum(
         sum(1 for _ in primitives(document.entry("meshes", n))) * times for n, times in instances.items()
     )
 
 
 def _declared(document: Document, number: int) -> int:
-    """Return how many triangles a mesh declares."""
+    """Return the number of triangles that a mesh declares."""
     mesh = document.entry("meshes", number)
     return sum(count_triangles(document, primitive, mode) for primitive, mode in primitives(mesh))
 

@@ -1,4 +1,4 @@
-"""Accessors: how glTF lays arrays out in its buffers (glTF 2.0, section 3.6)."""
+"""Accessors: arrays in the buffers of a glTF file (glTF 2.0, section 3.6)."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,16 +14,16 @@ _POSITION_TYPES = {5120, 5121, 5122, 5123, 5126}
 
 
 def read_positions(document: Document, number: object, used: Ints) -> Floats:
-    """Return the positions that are used, quantised ones as KHR_mesh_quantization says.
+    """Return the used positions of an accessor, decoded by KHR_mesh_quantization if they are quantised.
 
-    A normalised integer c of b bits stands for c / (2^b - 1) or, signed, for max(c / (2^(b-1) - 1), -1).
+    A normalised integer c of b bits is c / (2^b - 1), or max(c / (2^(b-1) - 1), -1) if it is signed.
 
     Parameters
     ----------
     document : Document
         The file.
     number : object
-        The accessor, as the JSON refers to it.
+        Index of the accessor in the JSON.
     used : int64, shape (n,)
         Rows, each within the accessor's count.
 
@@ -50,7 +50,7 @@ def read_indices(document: Document, number: object) -> Ints:
 
 
 def count_elements(document: Document, number: object) -> int:
-    """Return how many elements an accessor has, of which its buffer has been seen to hold as many."""
+    """Return the number of elements of an accessor, after a check that its buffer holds them."""
     return len(_read(document, document.entry("accessors", number)))
 
 
@@ -61,7 +61,7 @@ def _read(document: Document, accessor: Entry) -> NDArray[np.generic]:
     if "sparse" in accessor:
         raise MalformedMeshError("the GLB has sparse accessors, which are not read; export without them")
     if "bufferView" not in accessor:
-        # It would stand for `count` zeros: a few bytes that take any amount of memory.
+        # Such an accessor means `count` zeros: a few bytes of file could allocate any amount of memory.
         raise MalformedMeshError("an accessor of the GLB has no data")
     view = document.entry("bufferViews", accessor["bufferView"])
     number = whole(view, "buffer")

@@ -1,4 +1,4 @@
-"""A GLB's two chunks, and every look-up in them checked."""
+"""The two chunks of a GLB, with checked access to the entries of the JSON."""
 
 import base64
 import binascii
@@ -8,14 +8,14 @@ from typing import Any
 
 from core.errors import ExternalReferenceError, MalformedMeshError
 
-# glTF's own word for an object of JSON.
+# A JSON object of the glTF.
 Entry = dict[str, Any]
 
 _HEADER_BYTES = 12
 _CHUNK_HEADER_BYTES = 8
 _SECTIONS = ("scenes", "nodes", "meshes", "accessors", "bufferViews", "buffers", "images")
 _JSON, _BINARY = b"JSON", b"BIN\0"
-# What a file may require without changing where its triangles are.
+# Extensions that do not change positions or triangles.
 _HARMLESS = (
     "KHR_mesh_quantization",
     "KHR_materials_",
@@ -28,16 +28,16 @@ _HARMLESS = (
 
 @dataclass(frozen=True)
 class Document:
-    """What a GLB holds.
+    """The content of a GLB.
 
     Attributes
     ----------
     sections : dict of str to list of dict
-        The parts of its JSON that are looked at, by name.
+        The sections of the JSON that are used, by name.
     scene : object
-        The number of the scene that is shown, as the JSON gives it.
+        Index of the displayed scene in the JSON.
     buffers : tuple of bytes
-        Each as long as the JSON says.
+        The buffers, each with the length in the JSON.
     """
 
     sections: dict[str, list[Entry]]
@@ -45,12 +45,12 @@ class Document:
     buffers: tuple[bytes, ...]
 
     def entry(self, section: str, number: object) -> Entry:
-        """Return the entry of a section that a reference names.
+        """Return the entry of a section with the given index.
 
         Raises
         ------
         MalformedMeshError
-            There is no such entry.
+            The section has no such entry.
         """
         found = self.sections[section]
         if type(number) is not int or not 0 <= number < len(found):
@@ -59,7 +59,7 @@ class Document:
 
 
 def entries(parent: Entry, name: str) -> list[Entry]:
-    """Return a list of objects; empty if it is not there."""
+    """Return a list of objects; an empty list if it is absent."""
     found = parent.get(name, [])
     if not isinstance(found, list) or not all(isinstance(entry, dict) for entry in found):
         raise MalformedMeshError(f"the {name} in the JSON of the GLB are not a list of objects")
@@ -67,7 +67,7 @@ def entries(parent: Entry, name: str) -> list[Entry]:
 
 
 def whole(entry: Entry, name: str, default: int | None = None) -> int:
-    """Return a whole number >= 0; without a default it must be there."""
+    """Return an integer >= 0; without a default the entry must have it."""
     found = entry.get(name, default)
     if type(found) is not int or found < 0:
         raise MalformedMeshError(f"a {name} in the JSON of the GLB is not a whole number from 0 up")
@@ -75,14 +75,14 @@ def whole(entry: Entry, name: str, default: int | None = None) -> int:
 
 
 def read_document(data: bytes) -> Document:
-    """Take a GLB apart.
+    """Parse a GLB.
 
     Raises
     ------
     MalformedMeshError
-        It is not a GLB 2.0, is cut short, or needs an extension that is not read.
+        The file is not GLB 2.0, is truncated, or requires an unsupported extension.
     ExternalReferenceError
-        A buffer or an image is kept elsewhere.
+        A buffer or an image is in another file.
     """
     if data[:4] != b"glTF" or len(data) < _HEADER_BYTES:
         raise MalformedMeshError("the file does not begin as a GLB does")
@@ -113,7 +113,7 @@ def read_document(data: bytes) -> Document:
 
 
 def _chunk(data: bytes, start: int, kind: bytes) -> tuple[bytes, int]:
-    """Return the chunk that begins at `start`, and where it ends."""
+    """Return the body of the chunk at `start`, and the offset of its end."""
     body = start + _CHUNK_HEADER_BYTES
     end = body + int.from_bytes(data[start : start + 4], "little")
     if data[start + 4 : body] != kind or end > len(data):
@@ -122,7 +122,7 @@ def _chunk(data: bytes, start: int, kind: bytes) -> tuple[bytes, int]:
 
 
 def _refuse_extensions(tree: Entry) -> None:
-    """Raise if the file cannot be read without an extension that is not known here."""
+    """Raise if the file requires an unsupported extension."""
     required = tree.get("extensionsRequired", [])
     if not isinstance(required, list):
         raise MalformedMeshError("the extensions that the GLB requires are not a list")
@@ -135,7 +135,7 @@ def _refuse_extensions(tree: Entry) -> None:
 
 
 def _buffer(entry: Entry, binary: bytes) -> bytes:
-    """Return a buffer: the binary chunk, or what a data URI holds."""
+    """Return a buffer: the binary chunk, or the content of a data URI."""
     uri = entry.get("uri")
     if uri is not None:
         head, _, body = str(uri).partition(",")

@@ -13,7 +13,7 @@ _TRIANGLES, _STRIP, _FAN = 4, 5, 6
 
 
 def primitives(mesh: Entry) -> Iterator[tuple[Entry, int]]:
-    """Yield the primitives that are made of triangles, with their mode; points and lines are left out."""
+    """Yield the primitives of triangles with their mode; points and lines are left out."""
     for primitive in entries(mesh, "primitives"):
         mode = whole(primitive, "mode", _TRIANGLES)
         if mode in {_TRIANGLES, _STRIP, _FAN}:
@@ -21,7 +21,7 @@ def primitives(mesh: Entry) -> Iterator[tuple[Entry, int]]:
 
 
 def _source(primitive: Entry) -> tuple[object, object]:
-    """Return the references to the indices, None if there are none, and to the positions."""
+    """Return the accessor indices of the indices (None if absent) and of the positions."""
     attributes = primitive.get("attributes")
     if not isinstance(attributes, dict) or "POSITION" not in attributes:
         raise MalformedMeshError("a primitive of the GLB has no positions")
@@ -29,7 +29,7 @@ def _source(primitive: Entry) -> tuple[object, object]:
 
 
 def count_triangles(document: Document, primitive: Entry, mode: int) -> int:
-    """Return how many triangles a primitive has, before any of them is made."""
+    """Return the number of triangles of a primitive without reading them."""
     indices, positions = _source(primitive)
     count = count_elements(document, positions if indices is None else indices)
     if mode == _TRIANGLES and count % 3:
@@ -40,12 +40,12 @@ def count_triangles(document: Document, primitive: Entry, mode: int) -> int:
 
 
 def read_triangles(document: Document, primitive: Entry, mode: int) -> tuple[Floats, Ints]:
-    """Read a primitive, whose number of triangles has been checked.
+    """Read a primitive; the number of its triangles is already checked.
 
     Returns
     -------
     positions : float64, shape (n, 3)
-        Those that a triangle uses: primitives often share an array of which each uses a part.
+        The positions that triangles use; primitives often share an array and use a part of it each.
     faces : int64, shape (f, 3)
     """
     indices, positions = _source(primitive)
@@ -62,7 +62,7 @@ def read_triangles(document: Document, primitive: Entry, mode: int) -> tuple[Flo
         faces = np.column_stack([np.broadcast_to(corners[:1], len(corners[2:])), corners[1:-1], corners[2:]])
     else:
         faces = np.column_stack([corners[:-2], corners[1:-1], corners[2:]])
-        # Every other triangle of a strip is wound the other way.
+        # Every second triangle of a strip has the opposite orientation.
         faces[1::2] = faces[1::2, ::-1]
     used, faces = np.unique(faces, return_inverse=True)
     return read_positions(document, positions, used), faces.reshape(-1, 3)

@@ -1,4 +1,4 @@
-"""Where the nodes of a glTF scene place its meshes."""
+"""The instances of meshes in a glTF scene, with their transforms."""
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -12,20 +12,20 @@ _NODES_PER_PART = 16
 
 
 def place(document: Document, limits: Limits) -> list[tuple[int, Floats]]:
-    """Return the instances of the scene, each a mesh and where it is placed.
+    """Return the instances of meshes in the scene.
 
-    The mesh of a skinned node is placed at the origin: the node's own transform does not apply to it
-    (glTF 2.0, section 3.7.3.3), and its joints are left at rest.
+    The mesh of a skinned node is at the origin: the transform of the node does not apply to it (glTF 2.0,
+    section 3.7.3.3), and its joints are at rest.
 
     Returns
     -------
     instances : list of (int, matrix)
-        A mesh by its number, and a float64 matrix of shape (4, 4): it maps columns (x, y, z, 1) to the scene.
+        Index of the mesh, and the float64 matrix, shape (4, 4), that maps columns (x, y, z, 1) to the scene.
 
     Raises
     ------
     MalformedMeshError
-        The nodes are not trees.
+        The nodes do not form trees.
     MeshTooComplexError
         There are more than 16 nodes for each part of the limit.
     """
@@ -48,7 +48,7 @@ def place(document: Document, limits: Limits) -> list[tuple[int, Floats]]:
 
 
 def _roots(document: Document) -> list[int]:
-    """Return the roots of the scene; of all nodes, if there is no scene."""
+    """Return the root nodes of the scene, or of all nodes if there is no scene."""
     if document.sections["scenes"]:
         return _references(document.entry("scenes", document.scene), "nodes")
     nodes = document.sections["nodes"]
@@ -57,7 +57,7 @@ def _roots(document: Document) -> list[int]:
 
 
 def _references(entry: Entry, name: str) -> list[int]:
-    """Return a list of numbers of nodes; empty if it is not there."""
+    """Return a list of node indices; an empty list if it is absent."""
     found = entry.get(name, [])
     if not isinstance(found, list) or not all(type(number) is int for number in found):
         raise MalformedMeshError(f"the {name} in the JSON of the GLB are not a list of numbers")
@@ -65,7 +65,7 @@ def _references(entry: Entry, name: str) -> list[int]:
 
 
 def _local(node: Entry) -> Floats:
-    """Return the transform of a node to its parent: its matrix, or translation * rotation * scale."""
+    """Return the transform from a node to its parent: its matrix, or translation * rotation * scale."""
     if "matrix" in node:
         return _numbers(node["matrix"], 16).reshape(4, 4).T
     matrix = np.eye(4)

@@ -1,4 +1,4 @@
-"""A GLB of instances and triangles, and nothing else."""
+"""Writing a GLB of instances and triangles only."""
 
 import json
 
@@ -17,10 +17,10 @@ def plain_glb(instances: list[tuple[int, Floats]], meshes: dict[int, tuple[Float
     Parameters
     ----------
     instances : list of (int, matrix)
-        A mesh by its number, and a float64 matrix of shape (4, 4) that places it. One that is not in `meshes`
-        is left out.
+        Index of a mesh, and the float64 matrix, shape (4, 4), that places it. An instance of a mesh that is
+        not in `meshes` is left out.
     meshes : dict of int to (vertices, faces)
-        float64, shape (n, 3), written in 32 bits; int64, shape (f, 3).
+        Vertices float64, shape (n, 3), written in 32 bits; faces int64, shape (f, 3).
     """
     arrays = [array for mesh in meshes.values() for array in mesh]
     places = {number: place for place, number in enumerate(meshes)}

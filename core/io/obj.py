@@ -1,4 +1,4 @@
-"""OBJ: of all that it may hold, the positions (v) and the faces (f)."""
+"""The check of OBJ: positions (v) and faces (f)."""
 
 import re
 from itertools import islice
@@ -22,15 +22,15 @@ _BLOCK = 65_536
 
 
 def check(data: bytes, limits: Limits) -> Plain:
-    """Return the positions as they stand, and the faces as triangles with absolute indices.
+    """Check an OBJ and return its positions, unchanged, and its faces as triangles with absolute indices.
 
-    Objects, groups and materials are joined; texture coordinates, normals, colours, points and lines are left
-    out, and no file that is named is opened.
+    Objects, groups and materials are joined. Texture coordinates, normals, colours, points and lines are left
+    out, and no referenced file is opened.
 
     Raises
     ------
     MeshError
-        What is wrong.
+        The file is malformed or exceeds the limits; the subclass tells the kind of fault.
     """
     text = b"\n" + plain_text(data)
     if b"\\\n" in text:
@@ -50,7 +50,7 @@ def check(data: bytes, limits: Limits) -> Plain:
 
 
 def _positions_only(lines: list[bytes]) -> list[bytes]:
-    """Return faces without what follows each vertex behind a slash."""
+    """Return face lines without the texture and normal indices after slashes."""
     joined = b"\n".join(lines)
     if b"/" not in joined:
         return lines
@@ -60,7 +60,7 @@ def _positions_only(lines: list[bytes]) -> list[bytes]:
 
 
 def _lines(pattern: re.Pattern[bytes], text: bytes, limit: int, things: str) -> list[bytes]:
-    """Return what the lines of one kind hold, if there are not too many."""
+    """Return the content of the lines of one kind; raise if there are more than the limit."""
     found = [match[1] for match in islice(pattern.finditer(text), limit + 1)]
     if len(found) > limit:
         raise MeshTooComplexError(f"the file has more than {limit} {things}, which is the limit")

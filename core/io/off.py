@@ -1,4 +1,4 @@
-"""OFF: counts, then vertices, then polygons, in that order."""
+"""The check of OFF: counts, then vertices, then polygons."""
 
 import re
 
@@ -13,12 +13,12 @@ _HEADER = re.compile(rb"[ \t]*(?:(?:ST)?C?N?OFF|off)(?![ \t]+BINARY)", re.ASCII)
 
 
 def check(data: bytes, limits: Limits) -> Plain:
-    """Return the positions as they stand, and the faces as triangles.
+    """Check an OFF and return its positions, unchanged, and its faces as triangles.
 
     Raises
     ------
     MeshError
-        What is wrong.
+        The file is malformed or exceeds the limits; the subclass tells the kind of fault.
     """
     lines = rows(plain_text(data), comment=b"#")
     first = next(lines, b"")

@@ -1,4 +1,4 @@
-"""PLY, text and binary: what the header declares against what follows."""
+"""The check of PLY, text and binary: the declarations of the header against the content."""
 
 from collections import deque
 from itertools import islice
@@ -15,12 +15,12 @@ from core.io.text import counted_polygons, face_lines, plain_text, rows, take
 
 
 def check(data: bytes, limits: Limits) -> Plain:
-    """Return the vertices as they stand and the faces as triangles, under a header for nothing else.
+    """Check a PLY and return its vertices, unchanged, and its faces as triangles, with a minimal header.
 
     Raises
     ------
     MeshError
-        What is wrong.
+        The file is malformed or exceeds the limits; the subclass tells the kind of fault.
     """
     header = read_header(data)
     vertex, face = header.element("vertex"), header.element("face")
@@ -89,7 +89,7 @@ def _read_binary(
 def _plain(header: Header, vertex: Element, positions: bytes, faces: Ints) -> bytes:
     """Write a PLY of vertices and triangles.
 
-    Only the coordinates keep their names: from others a reader would make colours, or split vertices.
+    Only the coordinates keep their names: a reader would take other properties for colours or split vertices.
     """
     names = [p.name if p.name in {"x", "y", "z"} else f"unused{i}" for i, p in enumerate(vertex.properties)]
     lines = [

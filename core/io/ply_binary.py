@@ -13,12 +13,12 @@ _LETTERS = {"i1": "b", "u1": "B", "i2": "h", "u2": "H", "i4": "i", "u4": "I", "i
 
 
 def end_of_rows(data: bytes, start: int, element: Element) -> int:
-    """Return where an element without lists ends.
+    """Return the offset of the end of an element without lists.
 
     Raises
     ------
     MalformedMeshError
-        It goes on past the end of the data.
+        The element extends beyond the end of the data.
     """
     end = start + element.count * sum(_size(p) for p in element.properties)
     if end > len(data):
@@ -29,20 +29,20 @@ def end_of_rows(data: bytes, start: int, element: Element) -> int:
 def read_lists(
     data: bytes, start: int, element: Element, order: str, wanted: Property | None
 ) -> tuple[Ints, Ints, int]:
-    """Read one list property of an element with lists, and find where the element ends.
+    """Read one list property of an element with lists, and find the end of the element.
 
     Parameters
     ----------
     data : bytes
         The file.
     start : int
-        Where the element begins.
+        Offset of the element.
     element : Element
-        One with lists.
+        An element with lists.
     order : str
-        NumPy's sign for the byte order.
+        NumPy's character for the byte order.
     wanted : Property or None
-        A list of whole numbers; None to skip the element.
+        A list of integers; None to skip the element.
 
     Returns
     -------
@@ -53,7 +53,7 @@ def read_lists(
     Raises
     ------
     MalformedMeshError
-        The element goes on past the end of the data, or a list has a negative length.
+        The element extends beyond the end of the data, or a list has a negative length.
     """
     lists = [p for p in element.properties if p.length]
     if wanted is not None and element.count and lists == [wanted]:
@@ -68,7 +68,7 @@ def read_lists(
 def _rows_of_equal_length(
     data: bytes, start: int, element: Element, order: str, only_list: Property
 ) -> np.ndarray[tuple[int], np.dtype[np.void]] | None:
-    """Return the rows as one table if their list is as long in each as in the first, and None otherwise."""
+    """Return the rows as one table if their lists all have the same length, else None."""
     before = element.properties[: element.properties.index(only_list)]
     at = start + sum(_size(p) for p in before)
     if at + np.dtype(only_list.length).itemsize > len(data):

@@ -1,4 +1,4 @@
-"""The header of a PLY: which elements follow, how many, and what each is made of."""
+"""The header of a PLY: elements, their numbers of rows and their properties."""
 
 import re
 from dataclasses import dataclass
@@ -23,11 +23,11 @@ class Property:
     ----------
     name : str
     declared : str
-        The type of the value, in the header's own word.
+        Type of the value, in the words of the header.
     value : str
-        The same in NumPy's letters, without byte order.
+        Type of the value as NumPy's code, without byte order.
     length : str
-        The type of the number in front of a list, in NumPy's letters; empty for one value.
+        Type of the length of a list as NumPy's code; empty for a single value.
     """
 
     name: str
@@ -51,16 +51,16 @@ class Element:
 
 @dataclass(frozen=True)
 class Header:
-    """What the header declares.
+    """The declarations of a header.
 
     Attributes
     ----------
     encoding : str
         "ascii", "binary_little_endian" or "binary_big_endian".
     elements : tuple of Element
-        In the order in which they follow.
+        Elements in the order of the file.
     end : int
-        Where they begin, in bytes.
+        Offset of the first element, in bytes.
     """
 
     encoding: str
@@ -69,7 +69,7 @@ class Header:
 
     @property
     def byte_order(self) -> str:
-        """NumPy's sign for the byte order; empty for text."""
+        """NumPy's character for the byte order; empty for text."""
         return _BYTE_ORDERS[self.encoding]
 
     def element(self, name: str) -> Element | None:
@@ -78,12 +78,12 @@ class Header:
 
 
 def read_header(data: bytes) -> Header:
-    """Read the header.
+    """Read the header of a PLY.
 
     Raises
     ------
     MalformedMeshError
-        It is not one.
+        The data have no valid header.
     """
     start = _START.match(data)
     if start is None:
@@ -118,7 +118,7 @@ def read_header(data: bytes) -> Header:
 
 
 def _property(words: list[str]) -> Property:
-    """Read what follows the word property."""
+    """Parse the words after the keyword `property`."""
     match words:
         case ["list", length, value, name] if (
             length in _TYPES and value in _TYPES and _TYPES[length][0] != "f"

@@ -1,4 +1,4 @@
-"""Polygons cut into triangles, with every index checked."""
+"""Triangulation of polygons, with checked indices."""
 
 import numpy as np
 
@@ -8,20 +8,20 @@ from core.io.checks import Limits, within
 
 
 def triangles(corners: Ints, sizes: Ints, vertices: int, limits: Limits) -> Ints:
-    """Cut polygons into fans of triangles around their first corner.
+    """Cut polygons into fans of triangles around their first corners.
 
-    A fan covers a convex polygon, and any polygon that its first corner sees whole.
+    A fan covers a convex polygon, and any polygon that is star-shaped about its first corner.
 
     Parameters
     ----------
     corners : int64, shape (sum(sizes),)
         The polygons' vertices, counted from 0, one polygon after another.
     sizes : int64, shape (n,)
-        Corners of each polygon, >= 0. Those of fewer than three have no area and are left out.
+        Number of corners of each polygon, >= 0. Polygons of fewer than three corners are left out.
     vertices : int
-        Number of vertices there are.
+        Number of vertices of the mesh.
     limits : Limits
-        Only its number of faces matters.
+        Only its number of faces is used.
 
     Returns
     -------
@@ -30,9 +30,9 @@ def triangles(corners: Ints, sizes: Ints, vertices: int, limits: Limits) -> Ints
     Raises
     ------
     MalformedMeshError
-        An index outside 0 .. vertices - 1.
+        An index is outside 0 .. vertices - 1.
     MeshTooComplexError
-        More triangles than the limit.
+        There are more triangles than the limit.
     """
     if len(corners) and (corners.min() < 0 or corners.max() >= vertices):
         wrong = int(corners.min() if corners.min() < 0 else corners.max())

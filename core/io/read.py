@@ -1,4 +1,4 @@
-"""Bytes to a mesh."""
+"""Reading a mesh from the bytes of a file."""
 
 import numpy as np
 
@@ -32,9 +32,9 @@ _BLOCK = 65_536
 def read_mesh(data: bytes, format: str, *, limits: Limits = DEFAULT_LIMITS) -> Mesh:
     """Read a mesh from the bytes of a file.
 
-    Polygons are cut into triangles, and all objects, groups, solids and instances are joined, each where its
-    file places it. Vertices are neither merged nor moved. 3MF and STEP say what their unit is: they are read
-    in millimetres.
+    Polygons are triangulated. All objects, groups, solids and instances are joined, with the transforms of
+    the file. Vertices are neither merged nor moved. 3MF and STEP files state their unit and are read in
+    millimetres.
 
     Parameters
     ----------
@@ -52,21 +52,21 @@ def read_mesh(data: bytes, format: str, *, limits: Limits = DEFAULT_LIMITS) -> M
     Raises
     ------
     UnknownFormatError
-        The format is not one of `READABLE`, or what reads it is not installed.
+        The format is not one of `READABLE`, or its reader is not installed.
     EmptyFileError
-        There are no bytes.
+        The file has no bytes.
     MalformedMeshError
-        The file is not what the format promises: another format, cut short, an index out of range.
+        The file violates its format: it has another format, is truncated, or has an index out of range.
     NonFiniteCoordinatesError
         A coordinate is NaN or infinite.
     NoTrianglesError
-        There is no face.
+        The mesh has no faces.
     DegenerateMeshError
         Every face has zero area.
     MeshTooComplexError
-        More vertices, faces or parts than `limits` allow.
+        The mesh has more vertices, faces or parts than the limits.
     ExternalReferenceError
-        The file keeps a part of itself elsewhere.
+        The file refers to another file.
     """
     name = known(format)
     if not data:
@@ -92,7 +92,7 @@ def read_mesh(data: bytes, format: str, *, limits: Limits = DEFAULT_LIMITS) -> M
 
 
 def _read(data: bytes, name: str, limits: Limits) -> Mesh:
-    """Check, read, and compare what was declared with what was read."""
+    """Check and read a file, and compare the counts of the check with those of the reader."""
     if name == "3mf":
         return threemf.read(data, limits)
     if name == "step":
@@ -110,7 +110,7 @@ def _read(data: bytes, name: str, limits: Limits) -> Mesh:
 
 
 def _read_step(data: bytes, limits: Limits) -> Mesh:
-    """Read what a STEP was made into."""
+    """Convert a STEP file to GLB and read that, in millimetres."""
     try:
         mesh = _read(step.to_glb(data), "glb", limits)
     except NoTrianglesError:
@@ -119,7 +119,7 @@ def _read_step(data: bytes, limits: Limits) -> Mesh:
 
 
 def _degenerate(mesh: Mesh) -> bool:
-    """Say whether no face has more area than the rounding of its coordinates makes."""
+    """Whether no face has a larger area than the rounding of its coordinates causes."""
     largest = float(np.abs(mesh.vertices).max())
     if largest == 0:
         return True

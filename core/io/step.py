@@ -1,4 +1,4 @@
-"""STEP (ISO 10303-21), by cascadio, which is OpenCASCADE: solids and surfaces made into triangles."""
+"""Triangulation of STEP files (ISO 10303-21) by cascadio, a binding of OpenCASCADE."""
 
 import re
 from importlib.util import find_spec
@@ -6,7 +6,7 @@ from importlib.util import find_spec
 from core.errors import ExternalReferenceError, MalformedMeshError
 
 MILLIMETRES = 1_000.0
-"""cascadio writes metres, whatever the unit of the file."""
+"""Millimetres in a metre; cascadio writes metres for any unit of the file."""
 
 # The farthest that a triangle may lie from the surface, over the length of the edge beside it, and the widest
 # angle between normals of neighbours, in radians: a sphere of any size has about a thousand triangles.
@@ -16,21 +16,21 @@ _ELSEWHERE = re.compile(rb"\b(?:DOCUMENT_FILE|DCMFL)\b", re.IGNORECASE)
 
 
 def is_read() -> bool:
-    """Say whether there is what reads STEP."""
+    """Whether cascadio is installed."""
     return find_spec("cascadio") is not None
 
 
 def to_glb(data: bytes) -> bytes:
     """Return a STEP file as a GLB, in metres.
 
-    What a hostile file makes OpenCASCADE take, of time and of memory, is bounded by the process alone.
+    Only the limits of the process bound the time and memory of OpenCASCADE on a hostile file.
 
     Raises
     ------
     MalformedMeshError
-        It is no STEP, or nothing in it can be made into triangles.
+        The file is not STEP, or has nothing that can be triangulated.
     ExternalReferenceError
-        A part of it is kept in another file.
+        The file refers to another file.
     """
     if not data.lstrip().startswith(b"ISO-10303-21;"):
         raise MalformedMeshError("the file does not begin as a STEP does")

@@ -1,4 +1,4 @@
-"""STL, binary and ASCII: triangles with no indices."""
+"""The check of STL, binary and ASCII: triangles without indices."""
 
 import re
 from collections.abc import Iterator
@@ -19,15 +19,15 @@ _BLOCK_BYTES = 1 << 20
 
 
 def check(data: bytes, limits: Limits) -> Plain:
-    """Return a binary file as it is, or the facets of an ASCII file as one solid.
+    """Check an STL; return a binary file unchanged, or the facets of an ASCII file as one solid.
 
-    A file is binary if its length is what its count says; the first word does not tell, for the header of a
-    binary file may begin with "solid".
+    A file is binary if its length agrees with its count. The first word cannot decide: the header of a binary
+    file may begin with "solid".
 
     Raises
     ------
     MeshError
-        What is wrong.
+        The file is malformed or exceeds the limits; the subclass tells the kind of fault.
     """
     facets = int.from_bytes(data[_HEADER_BYTES - 4 : _HEADER_BYTES], "little")
     if len(data) == _HEADER_BYTES + _FACET_BYTES * facets:
@@ -44,7 +44,7 @@ def check(data: bytes, limits: Limits) -> Plain:
 
 
 def _ascii(text: bytes, limits: Limits) -> Plain:
-    """Check an ASCII file in small letters."""
+    """Check an ASCII file in lower case."""
     within(text.count(b"endsolid"), limits.parts, "solids")
     pieces = [b"solid\n"]
     count = 0
@@ -63,7 +63,7 @@ def _ascii(text: bytes, limits: Limits) -> Plain:
 
 
 def _blocks(text: bytes) -> Iterator[bytes]:
-    """Yield what the solids hold, cut behind a facet about every megabyte."""
+    """Yield the facets of the solids in blocks of about a megabyte."""
     start, opened = 0, False
     for match in _SOLID.finditer(text):
         closes = text[max(match.start() - 3, 0) : match.start()] == b"end"
@@ -80,7 +80,7 @@ def _blocks(text: bytes) -> Iterator[bytes]:
 
 
 def _cut(text: bytes, start: int, stop: int) -> Iterator[bytes]:
-    """Cut one solid."""
+    """Yield the facets of one solid in blocks."""
     while start < stop:
         cut = text.find(b"endfacet", start + _BLOCK_BYTES, stop)
         end = stop if cut < 0 else cut + len(b"endfacet")
@@ -89,6 +89,6 @@ def _cut(text: bytes, start: int, stop: int) -> Iterator[bytes]:
 
 
 def _refuse(outside: bytes) -> None:
-    """Raise if there is anything outside the solids."""
+    """Raise if there is text outside the solids."""
     if outside.strip():
         raise MalformedMeshError("the STL goes on outside its solids")

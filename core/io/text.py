@@ -1,4 +1,4 @@
-"""What the text formats share: clean text, its rows, and rows of indices."""
+"""Text formats: normalised text, its lines, and lines of indices."""
 
 import io
 from collections.abc import Iterator, Sequence
@@ -34,7 +34,7 @@ def plain_text(data: bytes) -> bytes:
 
 
 def rows(text: bytes, comment: bytes = b"") -> Iterator[bytes]:
-    """Return the lines that are not blank, one at a time, without what follows the sign of a comment."""
+    """Yield the lines that are not blank, without comments."""
     lines = io.BytesIO(text)
     if comment and comment in text:
         return (row for line in lines if not (row := line.partition(comment)[0] + b"\n").isspace())
@@ -47,7 +47,7 @@ def take(lines: Iterator[bytes], count: int, things: str) -> list[bytes]:
     Raises
     ------
     MalformedMeshError
-        There are fewer.
+        There are fewer lines.
     """
     taken = list(islice(lines, count))
     if len(taken) < count:
@@ -56,12 +56,12 @@ def take(lines: Iterator[bytes], count: int, things: str) -> list[bytes]:
 
 
 def integers(tokens: Sequence[bytes]) -> Ints:
-    """Return whole numbers from their decimal forms.
+    """Parse decimal integers.
 
     Raises
     ------
     MalformedMeshError
-        A token is not a whole number.
+        A token is not a decimal integer.
     """
     try:
         # Python's own int would take 1_000 for a thousand.
@@ -73,7 +73,7 @@ def integers(tokens: Sequence[bytes]) -> Ints:
 
 
 def _table(lines: list[bytes]) -> Ints | None:
-    """Return lines of integers as a table, shape (n, columns); None if they are not one."""
+    """Return lines of integers as a table, shape (n, columns); None if the lines differ in length."""
     try:
         return np.loadtxt(lines, dtype=np.int64, comments=None, ndmin=2)
     except ValueError:
@@ -81,7 +81,7 @@ def _table(lines: list[bytes]) -> Ints | None:
 
 
 def polygons(lines: list[bytes]) -> tuple[Ints, Ints]:
-    """Read lines that hold the corners of one polygon each, and nothing else.
+    """Read lines of the corners of one polygon each.
 
     Returns
     -------
@@ -95,14 +95,14 @@ def polygons(lines: list[bytes]) -> tuple[Ints, Ints]:
 
 
 def counted_polygons(lines: list[bytes], before: Sequence[bool] = ()) -> tuple[Ints, Ints]:
-    """Read lines that hold a number of corners, the corners, and perhaps more.
+    """Read lines of a number of corners, the corners, and possibly more values.
 
     Parameters
     ----------
     lines : list of bytes
         One polygon each.
     before : sequence of bool
-        What stands in a line before that number: True for a list with its own number, False for one value.
+        Properties before the number of corners: True for a list with its length, False for a single value.
 
     Returns
     -------
@@ -112,7 +112,7 @@ def counted_polygons(lines: list[bytes], before: Sequence[bool] = ()) -> tuple[I
     Raises
     ------
     MalformedMeshError
-        A line is shorter than it says, or has something else than whole numbers.
+        A line has fewer values than it declares, or a value is not an integer.
     """
     table = _table(lines) if lines and not any(before) else None
     if table is not None and len(before) < table.shape[1]:
@@ -123,7 +123,7 @@ def counted_polygons(lines: list[bytes], before: Sequence[bool] = ()) -> tuple[I
 
 
 def _flatten(rows: Iterator[list[bytes]]) -> tuple[Ints, Ints]:
-    """Return the numbers of rows, one row after another, and how many each row has."""
+    """Return the numbers of all rows in sequence, and the number of values in each row."""
     numbers: list[Ints] = [np.zeros(0, dtype=np.int64)]
     sizes: list[int] = []
     while block := list(islice(rows, _BLOCK)):
@@ -133,7 +133,7 @@ def _flatten(rows: Iterator[list[bytes]]) -> tuple[Ints, Ints]:
 
 
 def _corners(row: list[bytes], before: Sequence[bool]) -> list[bytes]:
-    """Return the corners in a row that says how many there are."""
+    """Return the corners in a row, after their number."""
     position = 0
     for is_list in before:
         position += 1 + (_number(row, position) if is_list else 0)
@@ -144,21 +144,21 @@ def _corners(row: list[bytes], before: Sequence[bool]) -> list[bytes]:
 
 
 def _number(row: list[bytes], position: int) -> int:
-    """Return the length of a list, which stands at `position` of a row."""
+    """Return the length of a list, from `position` in a row."""
     if position >= len(row) or not row[position].isdigit():
         raise MalformedMeshError("a face does not say how many corners it has")
     return int(row[position])
 
 
 def face_lines(faces: Ints, form: str) -> bytes:
-    """Write one line a face; `form` has a %d for each corner and ends with a newline."""
+    """Write one line for each face; `form` has a %d for each corner and ends with a newline."""
     blocks = (faces[start : start + _BLOCK] for start in range(0, len(faces), _BLOCK))
     return b"".join((form * len(block) % tuple(block.ravel().tolist())).encode() for block in blocks)
 
 
 def vertex_lines(vertices: Floats, form: str) -> bytes:
-    """Write one line a vertex; `form` has a %r for each coordinate and ends with a newline.
+    """Write one line for each vertex; `form` has a %r for each coordinate and ends with a newline.
 
-    trimesh's fixed number of decimals would not do for small units.
+    trimesh writes a fixed number of decimals, which is too few for small units.
     """
     return (form * len(vertices) % tuple(vertices.ravel().tolist())).encode()

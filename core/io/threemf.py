@@ -1,4 +1,4 @@
-"""3MF: a ZIP of XML, whose build places objects that are meshes, or are made of other objects."""
+"""Reading 3MF: a ZIP of XML models, whose build items place objects (meshes or assemblies of objects)."""
 
 from graphlib import CycleError, TopologicalSorter
 
@@ -18,15 +18,15 @@ _SHOWN = {"model", "surface"}
 
 
 def read(data: bytes, limits: Limits) -> Mesh:
-    """Return all that the build places, joined, in millimetres whatever the unit of the file.
+    """Return all build items, joined, in millimetres for any unit of the file.
 
-    Support material and helpers, as the types of the objects say, are left out, and so are materials, slices
-    and pictures. A mirrored object keeps its inside.
+    Objects of the types for support and helpers are left out, as are materials, slices and pictures. The
+    faces of a mirrored object are reversed, so they stay oriented outwards.
 
     Raises
     ------
     MeshError
-        What is wrong.
+        The file is malformed or exceeds the limits; the subclass tells the kind of fault.
     """
     package = Package(data, limits)
     solids, items, unit = _models(package, limits)
@@ -49,7 +49,7 @@ def read(data: bytes, limits: Limits) -> Mesh:
 
 
 def _models(package: Package, limits: Limits) -> tuple[dict[Key, Solid], list[Placed], float]:
-    """Return the objects of all models that are referred to, what the first one builds, and its unit."""
+    """Return the objects of all referenced models, and the build items and the unit of the first model."""
     first = canonical(package.model())
     root = Model(package, first, limits)
     solids = dict(root.solids)
@@ -77,7 +77,7 @@ def _models(package: Package, limits: Limits) -> tuple[dict[Key, Solid], list[Pl
 
 
 def _refuse_circles(solids: dict[Key, Solid]) -> None:
-    """Raise if an object is a part of itself, or is not there."""
+    """Raise if an object contains itself or refers to a missing object."""
     graph = {key: {one.key for one in solid.components} for key, solid in solids.items()}
     if not set().union(*graph.values()) <= set(solids):
         raise MalformedMeshError("a component of the 3MF refers to an object that is not there")
@@ -88,7 +88,7 @@ def _refuse_circles(solids: dict[Key, Solid]) -> None:
 
 
 def _expand(solids: dict[Key, Solid], items: list[Placed], limits: Limits) -> list[Placed]:
-    """Return every mesh in every place that it is shown in."""
+    """Return every instance of every mesh."""
     placed: list[Placed] = []
     visits = 0
     waiting = list(reversed(items))

@@ -1,4 +1,4 @@
-"""One model of a 3MF: its objects, and where its build places them (3MF Core Specification 1.3)."""
+"""One model of a 3MF: its objects and build items (3MF Core Specification 1.3)."""
 
 from dataclasses import dataclass, field
 
@@ -11,7 +11,7 @@ from core.io.threemf_package import Package
 
 _CORE = "http://schemas.microsoft.com/3dmanufacturing/core/2015/02"
 _PRODUCTION = "http://schemas.microsoft.com/3dmanufacturing/production/2015/06"
-# What a file may require without changing where its triangles are.
+# Extensions that do not change positions or triangles.
 _HARMLESS = {
     _CORE,
     _PRODUCTION,
@@ -47,12 +47,12 @@ _DEPTH = 64
 _BLOCK = 65_536
 
 Key = tuple[str, str]
-"""An object: the part that it stands in, in small letters, and its id."""
+"""Key of an object: the name of its part in lower case, and its id."""
 
 
 @dataclass(frozen=True)
 class Placed:
-    """An object in a place.
+    """An instance of an object.
 
     Attributes
     ----------
@@ -67,12 +67,12 @@ class Placed:
 
 @dataclass
 class Solid:
-    """An object: a mesh, or other objects in their places.
+    """An object: a mesh, or instances of other objects.
 
     Attributes
     ----------
     kind : str
-        "model", "surface", or what is no part of the shape: "support", "solidsupport", "other".
+        "model" or "surface"; or "support", "solidsupport" or "other", which do not belong to the shape.
     vertices : float64, shape (n, 3)
     faces : int64, shape (f, 3)
         Rows of `vertices`, checked.
@@ -86,15 +86,15 @@ class Solid:
 
 
 class Model:
-    """What one part holds.
+    """The content of one model part.
 
     Attributes
     ----------
     unit : float
-        Millimetres.
+        Length of the unit in millimetres.
     solids : dict of Key to Solid
     items : list of Placed
-        What the build places.
+        The build items.
     """
 
     def __init__(self, package: Package, part: str, limits: Limits) -> None:
@@ -133,7 +133,7 @@ class Model:
             self._begin(name, above, given)
 
     def _begin(self, name: str, above: str, given: dict[str, str]) -> None:
-        """Take what is neither a vertex nor a triangle."""
+        """Handle the start of an element other than a vertex or a triangle."""
         within(len(self._path), _DEPTH, "elements of XML inside each other")
         if name == _OBJECT:
             self._solid = Solid(given.get("type", "model"))
@@ -194,7 +194,7 @@ class Model:
         return Placed((part, given["objectid"]), _matrix(given.get("transform")))
 
     def _describe(self, given: dict[str, str]) -> None:
-        """Take the unit, and refuse a model that needs what is not read."""
+        """Read the unit; raise if the model requires an unsupported extension."""
         unit = given.get("unit", "millimeter")
         if unit not in _MILLIMETRES:
             raise MalformedMeshError("the 3MF has a unit that the format does not know")
@@ -206,12 +206,12 @@ class Model:
 
 
 def canonical(part: str) -> str:
-    """Return the name of a part as all that refer to it have it alike."""
+    """Return the canonical name of a part."""
     return part.lower().removeprefix("/")
 
 
 def numbers(texts: list[str]) -> Floats:
-    """Return numbers from their decimal forms.
+    """Parse decimal numbers.
 
     Raises
     ------
@@ -234,7 +234,7 @@ def numbers(texts: list[str]) -> Floats:
 
 
 def _matrix(text: str | None) -> Floats:
-    """Return a transform: twelve numbers, the columns of a matrix but its last, row by row."""
+    """Return the matrix, shape (4, 4), of twelve numbers: its rows without the last column."""
     matrix = np.eye(4)
     if text is not None:
         values = numbers(text.split())

@@ -1,4 +1,4 @@
-"""The package of a 3MF: a ZIP of parts (ISO/IEC 29500-2), of which little is unpacked, and none to a file."""
+"""The package of a 3MF: a ZIP of parts (ISO/IEC 29500-2), unpacked in memory and within limits."""
 
 import zipfile
 from collections.abc import Callable, Iterator
@@ -9,7 +9,7 @@ from core.errors import ExternalReferenceError, MalformedMeshError, MeshTooCompl
 from core.io.checks import Limits, within
 
 Start = Callable[[str, dict[str, str]], object]
-"""Told of an element: its name behind its namespace and a space, and its attributes likewise."""
+"""Handler of an element: its name, preceded by its namespace and a space, and its attributes likewise."""
 
 _MEMBERS = 65_536
 _PIECE = 1 << 20
@@ -33,14 +33,14 @@ class Package:
     data : bytes
         The ZIP.
     limits : Limits
-        All parts that are read have at most 128 bytes for each vertex and face of the limits, and 16 MiB.
+        The parts that are read have at most 128 bytes for each vertex and face of the limits, plus 16 MiB.
 
     Raises
     ------
     MalformedMeshError
-        It is no ZIP, or has one name twice.
+        The data are not a ZIP, or a name occurs twice.
     MeshTooComplexError
-        It has more than 65,536 members.
+        The ZIP has more than 65,536 members.
     """
 
     def __init__(self, data: bytes, limits: Limits) -> None:
@@ -56,14 +56,14 @@ class Package:
         self._left = _ROW_BYTES * (limits.vertices + limits.faces) + _OTHER_BYTES
 
     def model(self) -> str:
-        """Return the name of the part that the package starts from.
+        """Return the name of the package's start part.
 
         Raises
         ------
         MalformedMeshError
-            It names none.
+            The package names no start part.
         ExternalReferenceError
-            It lies elsewhere.
+            The start part is outside the package.
         """
         found: list[dict[str, str]] = []
 
@@ -85,23 +85,23 @@ class Package:
         end: Callable[[str], object] = lambda name: None,
         namespace: Callable[[str | None, str], object] = lambda prefix, address: None,
     ) -> None:
-        """Read a part as XML; a document type, and with it any entity, is refused.
+        """Parse a part as XML; a document type declaration, and with it any entity, is an error.
 
         Parameters
         ----------
         name : str
-            As relationships name it: in any case of letters, with or without a slash in front.
+            Name in a relationship: case-insensitive, with or without a leading slash.
         start, end : callable
-            Told when an element begins and ends.
+            Called at the start and at the end of an element.
         namespace : callable
-            Told of prefixes and their namespaces.
+            Called with prefixes and their namespaces.
 
         Raises
         ------
         MalformedMeshError
-            There is no such part, or it is not plain XML.
+            The part is missing or is not well-formed XML without a document type.
         MeshTooComplexError
-            It has too many bytes.
+            The part has too many bytes.
         """
         parser = expat.ParserCreate(namespace_separator=" ")
 
@@ -123,7 +123,7 @@ class Package:
             raise MalformedMeshError("a part of the 3MF is not sound XML, or is cut short") from None
 
     def _pieces(self, name: str) -> Iterator[bytes]:
-        """Yield the bytes of a part: never more than the directory says, which is checked first."""
+        """Yield the bytes of a part, at most the number in the directory, which is checked first."""
         member = self._parts.get(name.lower().removeprefix("/"))
         if member is None:
             raise MalformedMeshError("the 3MF refers to a part that is not there")

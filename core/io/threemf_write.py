@@ -1,4 +1,4 @@
-"""A mesh to a 3MF: one object, placed once (3MF Core Specification 1.3)."""
+"""Writing a mesh as a 3MF of one object and one build item (3MF Core Specification 1.3)."""
 
 import zipfile
 from io import BytesIO
@@ -32,15 +32,15 @@ _UNIX = 3
 
 
 def write(mesh: Mesh) -> bytes:
-    """Write a mesh; its coordinates are taken for millimetres.
+    """Write a mesh, with its coordinates in millimetres.
 
-    A face that names one vertex twice, which the format forbids, is left out; nothing else is changed, and a
-    surface that is open stays so.
+    The format forbids faces that name a vertex twice; they are left out. Nothing else changes: an open
+    surface stays open.
 
     Raises
     ------
     NoTrianglesError
-        Every face is such a one.
+        Every face names a vertex twice.
     """
     a, b, c = mesh.faces.T
     faces = mesh.faces[(a != b) & (b != c) & (c != a)]

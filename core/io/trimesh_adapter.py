@@ -1,7 +1,7 @@
-"""Reading and writing through trimesh: nothing else in the core imports it.
+"""Reading and writing by trimesh; no other module of the core imports it.
 
-It is imported when it is first needed: that takes a quarter of a second, and of a service's processes only
-those that read uploads need it at once.
+trimesh is imported on first use: the import takes a quarter of a second, and only the processes that read
+uploads need it.
 """
 
 import io
@@ -16,13 +16,13 @@ from core.mesh.mesh import Mesh
 def load(plain: Plain) -> tuple[Floats, Ints]:
     """Read a checked file.
 
-    Nothing is merged, dropped or reordered, no material is read, and with neither a path nor a resolver no
-    other file can be opened.
+    Nothing is merged, dropped or reordered, and no material is read. Without a path and a resolver trimesh
+    cannot open another file.
 
     Parameters
     ----------
     plain : Plain
-        Of "glb", the instances are placed and joined.
+        The instances of a "glb" are transformed and joined.
 
     Returns
     -------

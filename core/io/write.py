@@ -1,4 +1,4 @@
-"""A mesh to bytes."""
+"""Writing a mesh to the bytes of a file."""
 
 import numpy as np
 
@@ -13,14 +13,14 @@ from core.mesh.mesh import Mesh
 def write_mesh(mesh: Mesh, format: str) -> bytes:
     """Write a mesh; the same mesh gives the same bytes.
 
-    OBJ, OFF and 3MF hold the very coordinates, in the fewest digits that give them back; a 3MF takes them for
-    millimetres. STL and PLY are written in binary; they and GLB round to 32 bits. STL shares no vertices:
-    each face has its own three.
+    OBJ, OFF and 3MF keep the exact coordinates, in the fewest digits that restore them; the unit of a 3MF is
+    the millimetre. STL and PLY are binary; they and GLB round to 32 bits. In an STL each face has its own
+    three vertices.
 
     Parameters
     ----------
     mesh : Mesh
-        What to write.
+        The mesh.
     format : str
         One of `WRITABLE`.
 
@@ -35,7 +35,7 @@ def write_mesh(mesh: Mesh, format: str) -> bytes:
     NonFiniteCoordinatesError
         A coordinate is too large for the 32 bits of the format.
     NoTrianglesError
-        The format is 3MF, and each face names a vertex twice.
+        The format is 3MF and every face names a vertex twice.
     """
     name = written(format)
     if name == "obj":

@@ -1,4 +1,4 @@
-"""The settings between `paper` and `default`, which show the value of each step."""
+"""Ablation: parameter sets between `paper` and `default`, which show the effect of each step."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -54,13 +54,13 @@ NAMED = (
         ("operators", "affinity_values", "laplacian_values", "form"),
     ),
 )
-"""In the order in which they are added up."""
+"""The steps, in the order in which they are added up."""
 
 LAST = (
     Change("ranked by combined, which reads the signature", (), "combined"),
     Change("spin images", ("patches",), "combined"),
 )
-"""The steps that only the ranking by `combined` shows; the first of them changes no parameter."""
+"""Steps that affect the ranking by `combined` only; the first one changes no parameter."""
 
 
 @dataclass(frozen=True)
@@ -89,12 +89,12 @@ def rows(*, without: bool = False) -> tuple[Row, ...]:
     Parameters
     ----------
     without : bool
-        Whether a third block follows: `default` with each change taken back.
+        Whether to add a third block: `default` with each change undone.
 
     Raises
     ------
     ParameterError
-        A change alone gives no valid parameters.
+        A single change gives invalid parameters.
     """
     steps = changes()
     found = [Row("alone", "paper", PAPER, "cc")]

@@ -1,4 +1,4 @@
-"""How right correspondences are: poses of one body, whose vertices are known to correspond."""
+"""Accuracy of correspondences: poses of one body, whose true correspondence is known."""
 
 from dataclasses import dataclass
 from itertools import permutations
@@ -16,24 +16,24 @@ from core.parameters import Parameters
 from core.pipeline import Pipeline
 
 MOST_ERROR = 0.06
-"""What the mean geodesic error of a class may be, over the square root of the area."""
+"""Largest accepted mean geodesic error of a class, over the square root of the area."""
 
 
 @dataclass(frozen=True)
 class PairErrors:
-    """One pose matched with another.
+    """Errors of the match of two poses.
 
     Attributes
     ----------
     first, second : int
-        The poses; each vertex of the first is given one of the second.
+        The poses; each vertex of the first is mapped to a vertex of the second.
     cc : float
-        Of the two.
+        CC of the two poses.
     samples, vertices : float
-        Mean geodesic error of the matched samples, and of the correspondence extended to all vertices, over
-        the square root of the area; each the least over the body's symmetries.
+        Mean geodesic error of the matched samples, and of the dense correspondence of all vertices, over the
+        square root of the area; each is the least over the body's symmetries.
     symmetry : int
-        Which symmetry the extended correspondence follows: a row of `Body.partners`.
+        The symmetry of the least error of the dense correspondence: a row of `Body.partners`.
     """
 
     first: int
@@ -46,7 +46,7 @@ class PairErrors:
 
 @dataclass(frozen=True)
 class BodyErrors:
-    """All ordered pairs of a body's poses."""
+    """Errors of all ordered pairs of a body's poses."""
 
     label: str
     body: int
@@ -64,13 +64,13 @@ class BodyErrors:
 
 
 REMESHED = 2100
-"""Vertices of the second mesh; any number but `core.gallery.bodies.VERTICES`."""
+"""Number of vertices of the second mesh; it differs from `core.gallery.bodies.VERTICES`."""
 
 
 def surface_distances(body: Body) -> Floats:
-    """Geodesic distances between all vertices of a body at rest, over the square root of its area, (n, n).
+    """Geodesic distances between all vertices of a body at rest, over the root of its area, shape (n, n).
 
-    Poses bend joints and stretch little: the distances at rest are those of every pose to a few per cent.
+    Poses bend joints and stretch little, so the distances of every pose differ by a few per cent.
     """
     area = float(face_areas(body.rest.vertices, body.rest.faces).sum())
     found = np.asarray(dijkstra(edge_graph(body.rest)))
@@ -78,16 +78,16 @@ def surface_distances(body: Body) -> Floats:
 
 
 def symmetric_error(distances: Floats, partners: Ints, vertices: Ints, found: Ints) -> tuple[float, int]:
-    """Mean distance of found vertices from the true ones, and the symmetry under which it is least.
+    """Mean distance of the mapped vertices from the true ones, and the symmetry that minimises it.
 
     Parameters
     ----------
     distances : float64, shape (m, m)
-        Between the vertices of the other mesh.
+        Geodesic distances between the vertices of the other mesh.
     partners : int64, shape (g, n)
-        As `Body.partners`.
+        True correspondences, one row for each symmetry, from `Body.partners`.
     vertices, found : int64, shape (p,)
-        Vertices of one pose, and what was found for each in another.
+        Vertices of one pose, and the vertices of the other pose to which they are mapped.
     """
     errors = distances[found, partners[:, vertices]].mean(axis=1)
     return float(errors.min()), int(errors.argmin())
@@ -96,21 +96,21 @@ def symmetric_error(distances: Floats, partners: Ints, vertices: Ints, found: In
 def study_body(
     label: str, number: int, poses: int, parameters: Parameters, *, remeshed: bool = False
 ) -> BodyErrors:
-    """Match every two poses of a body, and compare with the truth both ways round.
+    """Match all ordered pairs of poses of a body, and compare the results with the true correspondence.
 
     Parameters
     ----------
     label : str
         A class of the gallery.
     number : int
-        Which individual, >= 0.
+        The individual, >= 0.
     poses : int
         Poses 0 .. `poses` - 1, at least 2.
     parameters : Parameters
-        Of the pipeline that matches.
+        Parameters of the pipeline.
     remeshed : bool
-        Whether the second of each pair has another mesh, so that the same triangles are no help. The truth is
-        then known to within half an edge.
+        Whether the second pose has another mesh, so that identical triangles do not help. The true
+        correspondence is then known to within half an edge.
     """
     body = make_body(label, number)
     other = make_body(label, number, vertices=REMESHED) if remeshed else body
@@ -134,7 +134,7 @@ def study_body(
 
 @dataclass(frozen=True, eq=False)
 class _Side:
-    """All poses of one mesh of a body, ready to be matched."""
+    """All poses of one mesh of a body, with their embeddings."""
 
     embeddings: list[Embedding]
     bases: list[Basis]

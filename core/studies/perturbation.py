@@ -1,8 +1,8 @@
-"""What befalls a surface on its way into a file: noise, missing parts, other meshing, pieces.
+"""Perturbations of a mesh: noise, missing parts, other tessellations, separate pieces.
 
 Each function takes a mesh, an amount and a seed; the same three give the same mesh to the last bit. An amount
-out of its range is a ParameterError. Vertices that coincide count as different here: `core.mesh.cleaning.clean` a
-mesh first whose faces should hold together.
+out of range raises a ParameterError. Coincident vertices count as different: clean the mesh first
+(`core.mesh.cleaning.clean`) if its faces should stay connected.
 """
 
 import numpy as np
@@ -19,10 +19,10 @@ DISCS = 5
 PARTS = 8
 
 LARGE_FACE = 0.01
-"""A mesh with a face of more than this part of the area is split before a share of the area is removed."""
+"""A mesh with a face above this share of the area is subdivided before a share of the area is removed."""
 
 SPLIT_TO = 2000
-"""It is then split as for so many even vertices."""
+"""Number of vertices for this subdivision."""
 
 
 def add_noise(mesh: Mesh, amount: float, seed: int) -> Mesh:
@@ -43,10 +43,10 @@ def add_noise(mesh: Mesh, amount: float, seed: int) -> Mesh:
 
 
 def remove_discs(mesh: Mesh, amount: float, seed: int) -> Mesh:
-    """Holes: `DISCS` geodesic discs of one radius are gone, which may overlap.
+    """Holes: remove `DISCS` geodesic discs of one radius, which may overlap.
 
-    The centres are drawn by area; the faces nearest to them along the surface go, until the area wanted is
-    gone to within half the largest face (see `LARGE_FACE`).
+    The centres are drawn by area. The faces geodesically nearest to them are removed, until the removed area
+    is within half of the largest face of the wanted area (see `LARGE_FACE`).
 
     Parameters
     ----------
@@ -61,13 +61,13 @@ def remove_discs(mesh: Mesh, amount: float, seed: int) -> Mesh:
 
 
 def cut_part(mesh: Mesh, amount: float, seed: int) -> Mesh:
-    """One part cut away: all faces whose centroid lies beyond a plane, of a direction drawn evenly.
+    """Cut one part away: remove all faces with a centroid beyond a plane of uniformly random direction.
 
     Parameters
     ----------
     mesh : Mesh
     amount : float
-        Share of the area beyond the plane, in [0, 1); met to within half the largest face.
+        Share of the area beyond the plane, in [0, 1), exact to within half of the largest face.
     seed : int
     """
     mesh = _with_small_faces(mesh)
@@ -76,13 +76,13 @@ def cut_part(mesh: Mesh, amount: float, seed: int) -> Mesh:
 
 
 def subdivide(mesh: Mesh, amount: float, seed: int) -> Mesh:
-    """The same surface with a midpoint on some edges; their faces are cut into two, three or four.
+    """Split random edges at their midpoints; the surface stays, its faces are cut into two, three or four.
 
     Parameters
     ----------
     mesh : Mesh
     amount : float
-        Share of the edges, drawn evenly, in [0, 1]; 1 cuts every face into four.
+        Share of the edges that are split, in [0, 1]; 1 cuts every face into four.
     seed : int
     """
     check_amount(amount, 0.0, 1.0)
@@ -95,14 +95,14 @@ def subdivide(mesh: Mesh, amount: float, seed: int) -> Mesh:
 
 
 def make_soup(mesh: Mesh, amount: float, seed: int) -> Mesh:
-    """Triangle soup: every face has three corners of its own, drawn in towards its centroid.
+    """Triangle soup: every face gets its own three vertices and shrinks towards its centroid.
 
     Parameters
     ----------
     mesh : Mesh
     amount : float
-        The mean share of its size that a face loses, in [0, 0.5]; each face's own lies evenly between half
-        and one and a half of it. At 0 the corners still coincide, and cleaning can join them again.
+        Mean relative shrinkage of a face, in [0, 0.5]; the shrinkage of each face is uniform between half and
+        one and a half times the mean. At 0 vertices still coincide, and cleaning merges them again.
     seed : int
     """
     check_amount(amount, 0.0, 0.5)
@@ -113,15 +113,15 @@ def make_soup(mesh: Mesh, amount: float, seed: int) -> Mesh:
 
 
 def separate_parts(mesh: Mesh, amount: float, seed: int) -> Mesh:
-    """The surface in `PARTS` loose parts, each moved on its own.
+    """Separate the surface into `PARTS` pieces that move independently.
 
-    A face belongs to the part whose centre, drawn by area, is nearest along the surface.
+    Centres are drawn by area; a face belongs to the piece of the geodesically nearest centre.
 
     Parameters
     ----------
     mesh : Mesh
     amount : float
-        How far each part moves, in a direction drawn evenly, over the diagonal of the bounding box; >= 0.
+        Distance that each piece moves, in a random direction, over the diagonal of the bounding box; >= 0.
     seed : int
     """
     check_amount(amount, 0.0, np.inf)
@@ -147,12 +147,12 @@ def _centres(mesh: Mesh, count: int, seed: int) -> Ints:
 
 
 def _distances_to(mesh: Mesh, centres: Ints) -> Floats:
-    """Along the surface, and across its gaps, from each centre to each vertex: shape (c, n)."""
+    """Path lengths on the edge graph, with bridges, from each centre to each vertex, shape (c, n)."""
     return np.asarray(dijkstra(edge_graph(mesh), indices=centres))
 
 
 def _without(mesh: Mesh, order: Floats, share: float) -> Mesh:
-    """The mesh without the faces of lowest `order`, shape (f,), which have that share of the area."""
+    """Remove the faces of lowest `order`, shape (f,), that have the given share of the area."""
     check_amount(share, 0.0, np.nextafter(1.0, 0.0))
     first = np.argsort(order, kind="stable")
     gone = np.cumsum(np.concatenate([[0.0], face_areas(mesh.vertices, mesh.faces[first])]))

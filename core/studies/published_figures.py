@@ -1,4 +1,4 @@
-"""What the paper reports: Table 2, and the mean over all its categories (section 5)."""
+"""Figures that the paper reports: Tables 1 and 2, and the mean over all categories (section 5)."""
 
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -7,7 +7,7 @@ METHODS = ("ours", "MDS", "ICP", "Parts", "TPS-RPM")
 """The columns of Table 2."""
 
 ALL_CATEGORIES = 88.5
-"""The average recognition accuracy of all models, in 16 categories, in per cent."""
+"""Average recognition accuracy of all models, in 16 categories, in per cent."""
 
 
 @dataclass(frozen=True)

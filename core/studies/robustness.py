@@ -1,6 +1,6 @@
-"""Retrieval with a perturbed query against a clean gallery (the paper's Fig. 9): what is tried, how measured.
+"""Robustness of retrieval: perturbed queries against a clean collection (Fig. 9), kinds and measures.
 
-Every shape in turn is perturbed and is the query; its own clean self is left out of the ranking.
+Each shape in turn is perturbed and is the query; the unperturbed shape is left out of the ranking.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -20,35 +20,36 @@ TAU = "tau"
 TAUS = (0.1, 0.2, 0.3, 0.4, 0.6, 0.8)
 
 TAU_VERTICES = 600
-"""Under a sparse ratio, meshes are simplified to about so many vertices, and those of fewer than `TAU_LEAST`
-refined, so that tau = 0.8 is feasible: twice the samples take five times as long to match."""
+"""With a sparse ratio, meshes are simplified to about this number of vertices, and meshes below `TAU_LEAST`
+are refined. This makes tau = 0.8 feasible: twice the samples take five times as long to match."""
 
 TAU_LEAST = 500
-"""So far below `TAU_VERTICES` that what was simplified is not refined again."""
+"""Far enough below `TAU_VERTICES` that a simplified mesh is not refined again."""
 
 TAU_CAP = 480
-"""No more samples than these, which is tau = 0.8 of `TAU_VERTICES`; a few meshes stay finer."""
+"""Largest number of samples, 0.8 of `TAU_VERTICES`; a few meshes have more vertices than that."""
 
 
 @dataclass(frozen=True)
 class Kind:
-    """One way to perturb a shape, by how much it is done.
+    """One kind of perturbation, with its amounts.
 
     Attributes
     ----------
     name : str
     title : str
-        What is done.
+        Description of the perturbation.
     unit : str
-        What the amounts are, in per cent.
+        Description of the amounts, which are in per cent.
     perturb : callable
-        From a mesh, an amount and a seed to a mesh.
+        Function of a mesh, an amount and a seed that returns a mesh.
     amounts : tuple of float
-        In the order of the curve, the mildest first.
+        Ascending, the mildest first.
     certain : tuple of float
-        Those of the amounts that leave nothing to chance: one seed tells all.
+        The amounts at which the perturbation is deterministic, so one seed suffices.
     part : bool
-        What is left is a part of the shape: it is also looked for by `core.descriptors.partial_matching`.
+        Whether the result is a part of the shape, which is also searched by partial matching
+        (`core.descriptors.partial_matching`).
     """
 
     name: str
@@ -73,14 +74,14 @@ KINDS = (
 
 @dataclass(frozen=True)
 class Retrieval:
-    """Share of the queries whose first answer is of their class.
+    """Nearest-neighbour accuracy: share of queries with a first result of their class, in [0, 1].
 
     Attributes
     ----------
     cc, combined : float
-        By CC, and by the combined score.
+        Ranked by CC, and by the combined score.
     part : float or None
-        By the distance of `core.descriptors.partial_matching.part_distances`; None where nothing is missing.
+        Ranked by `core.descriptors.partial_matching.part_distances`; None if no part is missing.
     """
 
     cc: float
@@ -90,19 +91,19 @@ class Retrieval:
 
 @dataclass(frozen=True)
 class Level:
-    """What one amount of one kind does to retrieval.
+    """Retrieval at one amount of one kind of perturbation.
 
     Attributes
     ----------
     kind : str
-        The name of a `Kind`, or `TAU`.
+        Name of a `Kind`, or `TAU`.
     amount : float
     runs : tuple of Retrieval
-        One a seed.
+        Accuracy for each seed.
     own_cc : tuple of float
-        One a seed: the mean CC of the perturbed shapes with their own clean selves; empty for `TAU`.
+        Mean CC of the perturbed shapes with the unperturbed ones, for each seed; empty for `TAU`.
     unusable : tuple of int
-        One a seed: how many perturbed shapes could not be embedded. They count as answered wrongly.
+        Number of perturbed shapes that cannot be embedded, for each seed; they count as errors.
     """
 
     kind: str
@@ -112,23 +113,25 @@ class Level:
     unusable: tuple[int, ...]
 
     def ends(self, rank_by: str) -> tuple[float, float, float]:
-        """Mean, smallest and largest over the seeds; `rank_by` is "cc", "combined" or "part"."""
+        """Mean, minimum and maximum over the seeds; `rank_by` is "cc", "combined" or "part"."""
         found = [float(getattr(run, rank_by)) for run in self.runs]
         return float(np.mean(found)), min(found), max(found)
 
 
 @dataclass(frozen=True)
 class Study:
-    """All that was measured on a collection.
+    """All measurements of a collection.
 
     Attributes
     ----------
     collection : str
+        Its name.
     shapes, classes, seeds : int
+        Numbers of shapes, classes and seeds.
     clean : Retrieval
-        Without any perturbation.
+        Without perturbation.
     levels : tuple of Level
-        Those of one kind follow each other, the mildest first.
+        Grouped by kind, the mildest first.
     """
 
     collection: str
@@ -140,9 +143,9 @@ class Study:
 
 
 def tau_parameters(tau: float) -> Parameters:
-    """The default setting with the paper's sparse ratio in place of a fixed number of samples.
+    """The default parameters with the paper's sparse ratio tau instead of a fixed number of samples.
 
-    The vertices that tau is a share of are `TAU_VERTICES`, for the gallery and the queries alike.
+    tau is relative to `TAU_VERTICES` vertices, for stored shapes and for queries.
     """
     return DEFAULT.with_values(
         name=f"tau {tau}",
@@ -158,17 +161,18 @@ def tau_parameters(tau: float) -> Parameters:
 def nearest_neighbour(
     likeness: Mapping[str, Floats], scored: NDArray[np.bool_], labels: Sequence[str]
 ) -> Retrieval:
-    """NN of `core.evaluation.retrieval_measures`, row i of each array being query i and column j stored shape j.
+    """Nearest-neighbour accuracy of n perturbed queries (rows) against n stored shapes (columns).
 
     Parameters
     ----------
     likeness : mapping of str to float64, shape (n, n)
-        By the names of `Retrieval`; greater for what is more alike. Not symmetric, since only the query is
-        perturbed. The diagonal is not read.
+        Similarities, by the names of the fields of `Retrieval`. They are not symmetric, since the query only
+        is perturbed. The diagonal is not read.
     scored : bool, shape (n, n)
-        Where they hold scores. A shape that was not scored is the last answer; a query without any finds
-        nothing.
+        Whether each pair has a score. A shape without a score is ranked last; a query without any score
+        counts as an error.
     labels : sequence of n str
+        The class of each shape.
     """
     pairs = scored & ~np.eye(len(labels), dtype=bool)
     shares = {}

@@ -1,4 +1,4 @@
-"""Numbers that tell how good a sampling of a surface is (section 3.2, Figs. 2 and 3)."""
+"""Quality measures of the samples of a surface (section 3.2, Figs. 2 and 3)."""
 
 from dataclasses import dataclass
 
@@ -10,21 +10,21 @@ from core.arrays import Floats, Ints
 from core.sampling.lewis_weights import orthonormal_basis, polynomial_basis
 
 BINS = 5
-"""Ranges of the histogram of normalised geodesic distances (Fig. 3)."""
+"""Number of bins of the histogram of normalised geodesic distances (Fig. 3)."""
 
 
 def distance_histogram(distances: Floats) -> Floats:
-    """The paper's r: shares of all pairs by their distance over the largest, in five ranges of equal width.
+    """The paper's r: histogram of the pairwise distances over the largest one, in `BINS` equal bins.
 
     Parameters
     ----------
     distances : float64, shape (m, m)
-        Between m >= 2 samples, symmetric, not all zero.
+        Distances between m >= 2 samples, symmetric, not all zero.
 
     Returns
     -------
-    float64, shape (5,)
-        Summing to 1; a range holds its lower end, the last one both.
+    float64, shape (BINS,)
+        Shares of the pairs, of sum 1. A bin includes its lower end, the last bin both ends.
     """
     pairs = distances[np.triu_indices(len(distances), 1)]
     counts, _ = np.histogram(pairs / pairs.max(), bins=BINS, range=(0.0, 1.0))
@@ -32,19 +32,24 @@ def distance_histogram(distances: Floats) -> Floats:
 
 
 def total_variation(first: Floats, second: Floats) -> float:
-    """Half the sum of absolute differences of two distributions: 0 when equal, 1 when they share nothing."""
+    """Total variation distance: half the sum of absolute differences of two distributions, in [0, 1]."""
     return 0.5 * float(np.abs(first - second).sum())
 
 
 def largest_variation(histograms: list[Floats]) -> float:
-    """The largest total variation distance between any two of them; 0 for a single one."""
+    """The largest total variation distance between two of the histograms; 0 for a single histogram."""
     return max((total_variation(a, b) for i, a in enumerate(histograms) for b in histograms[:i]), default=0.0)
 
 
 def fit_residuals(points: Floats, degree: int) -> Floats:
-    """Residuals z - f(x, y) of the best fit of a degree to points of the normal frame (Eqs. 6-9).
+    """Residuals z - f(x, y) of the least-squares polynomial (Eqs. 6-9), shape (n,).
 
-    Shape (n,), in units of the shape's scale, its root mean square radius.
+    Parameters
+    ----------
+    points : float64, shape (n, 3)
+        In the normal frame, in units of the root mean square radius.
+    degree : int
+        Degree of f, 1 to 12.
     """
     basis = orthonormal_basis(polynomial_basis(points[:, 0], points[:, 1], degree))
     return np.asarray(points[:, 2] - basis @ (basis.T @ points[:, 2]))
@@ -67,8 +72,8 @@ def sampled_fit_residuals(
     samples : int64, shape (m,)
     degree : int
     probability : float64, shape (n,), optional
-        With which each point was drawn, positive for the samples: rows then weigh 1 / p, as the matrix S of
-        Algorithm 1 has them, and the fit is that of all points in expectation.
+        Probability p with which each point was drawn, positive for the samples. Rows are then weighted by
+        1 / p, as by the matrix S of Algorithm 1, and the expected fit is that of all points.
     """
     basis = orthonormal_basis(polynomial_basis(points[:, 0], points[:, 1], degree))
     rows, heights = basis[samples], points[samples, 2]
@@ -80,16 +85,16 @@ def sampled_fit_residuals(
 
 @dataclass(frozen=True)
 class Spread:
-    """How samples lie on a surface, in units of its scale.
+    """Coverage and spacing of samples, in units of the surface's scale.
 
     Attributes
     ----------
     largest_gap, mean_gap : float
-        Distance from a vertex to its nearest sample: over all vertices the largest, and the mean by area.
+        Largest and area-weighted mean distance from a vertex to its nearest sample.
     mean_spacing : float
-        Mean distance from a sample to the next sample.
+        Mean distance from a sample to its nearest sample.
     evenness : float
-        The smallest distance between two samples over `mean_spacing`, in [0, 1].
+        Smallest distance between two samples over `mean_spacing`, in [0, 1].
     """
 
     largest_gap: float
@@ -104,9 +109,9 @@ def spread(distances: Floats, areas: Floats, samples: Ints) -> Spread:
     Parameters
     ----------
     distances : float64, shape (n, n)
-        Between all vertices.
+        Geodesic distances between all vertices.
     areas : float64, shape (n,)
-        Of the vertices.
+        Areas of the vertices.
     samples : int64, shape (m,)
     """
     gaps = distances[samples].min(axis=0)
@@ -122,10 +127,10 @@ def spread(distances: Floats, areas: Floats, samples: Ints) -> Spread:
 
 
 def rebuilt(stiffness: csc_array, points: Floats, samples: Ints) -> Floats:
-    """The surface stretched over its samples like a soap film: samples stay, the other vertices are harmonic.
+    """The harmonic surface through the samples: samples are fixed, other vertices minimise Dirichlet energy.
 
-    Flat parts come back exactly, and what lies between samples on a curved part is cut off, as when a mesh is
-    simplified to the samples.
+    Planar parts are reproduced exactly; curved parts between samples are cut off, as by simplification of the
+    mesh to the samples.
 
     Parameters
     ----------
@@ -148,7 +153,7 @@ def rebuilt(stiffness: csc_array, points: Floats, samples: Ints) -> Floats:
 
 
 def rebuilt_error(stiffness: csc_array, areas: Floats, points: Floats, samples: Ints) -> float:
-    """Root mean square distance by area between the vertices and where `rebuilt` puts them."""
+    """Area-weighted root mean square distance between the vertices and their positions by `rebuilt`."""
     squares = ((rebuilt(stiffness, points, samples) - points) ** 2).sum(axis=1)
     return float(np.sqrt(areas @ squares / areas.sum()))
 

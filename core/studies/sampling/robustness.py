@@ -1,4 +1,4 @@
-"""Samples of a surface under noise, and of one body in several poses (Fig. 3c)."""
+"""Robustness of samples: a surface under noise, and one body in several poses (Fig. 3c)."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -18,15 +18,15 @@ from core.studies.sampling.surface import METHODS, Method, Surface
 DELTAS = (0.0015, 0.005, 0.01)
 ROBUST_TAU = 0.3
 REGIONS = 50
-"""The surface is cut into so many about equal regions, to see where the samples are."""
+"""Number of regions of about equal size in which samples are counted."""
 
 _LEAST = 1e-12
-"""Uniform numbers are kept so far from 0 and 1, where the normal quantile is infinite."""
+"""Least distance of uniform numbers from 0 and 1, where the normal quantile is infinite."""
 
 
 @dataclass(frozen=True)
-class Unrest:
-    """What noise does to one method's samples.
+class NoiseSensitivity:
+    """Sensitivity of one method's samples to noise.
 
     Attributes
     ----------
@@ -36,11 +36,11 @@ class Unrest:
     histogram_change : float
         Total variation distance between the histograms of clean and noisy samples.
     overlap : float
-        Share of the samples that lie in the same regions with and without noise: 1 less the total variation
-        distance between their shares in `REGIONS` regions.
+        Share of the samples in the same regions with and without noise: 1 minus the total variation distance
+        between the distributions of samples over `REGIONS` regions.
     even_overlap : float
-        The same between the clean samples and an even spread by area: what a selection that had lost all its
-        preference would still reach.
+        The overlap of the clean samples with samples spread evenly by area: the value of a selection without
+        any preference.
     """
 
     method: str
@@ -51,15 +51,16 @@ class Unrest:
 
 
 def size_of(surface: Surface) -> float:
-    """The shape's size, in file units: the diagonal of its bounding box along its normal frame's axes."""
+    """Diagonal of the bounding box along the axes of the normal frame, in file units."""
     corners = np.ptp(surface.frame.apply(surface.cleaned.vertices), axis=0)
     return float(np.linalg.norm(corners)) * surface.frame.scale
 
 
 def noisy(surface: Surface, delta: float, seed: int = 0) -> Surface:
-    """The cleaned mesh with Gaussian noise of `delta` times its size on each coordinate, made ready anew.
+    """The surface of the cleaned mesh with Gaussian noise of `delta` times its size on each coordinate.
 
-    The noise is keyed to where a vertex is, like `core.sampling.sampling.keyed_uniform`, and larger with delta alone.
+    The noise depends on the position of a vertex, as in `core.sampling.sampling.keyed_uniform`, and scales
+    with delta.
     """
     vertices = surface.cleaned.vertices
     places = surface.frame.apply(vertices)
@@ -77,8 +78,8 @@ def regions_of(surface: Surface, count: int = REGIONS) -> Ints:
 
 def unrest(
     surface: Surface, samples: Mapping[Method, Ints], disturbed: Surface, delta: float
-) -> list[Unrest]:
-    """What noise does to each method, as many samples being taken again from the noisy surface."""
+) -> list[NoiseSensitivity]:
+    """Noise sensitivity of each method, with as many samples of the noisy surface."""
     regions = regions_of(surface)
     even = np.bincount(regions, weights=surface.areas, minlength=REGIONS) / surface.areas.sum()
     home = cKDTree(surface.mesh.vertices)
@@ -93,7 +94,7 @@ def unrest(
             distance_histogram(surface.between(clean)), distance_histogram(disturbed.between(again))
         )
         found.append(
-            Unrest(
+            NoiseSensitivity(
                 method=method.name,
                 delta=delta,
                 histogram_change=change,
@@ -105,7 +106,7 @@ def unrest(
 
 
 def robust_histograms(surface: Surface) -> dict[str, Floats]:
-    """Each method's histogram at `ROBUST_TAU`, shape (5,)."""
+    """Histogram of each method at `ROBUST_TAU`, shape (BINS,)."""
     count = surface.count(ROBUST_TAU)
     return {
         method.name: distance_histogram(surface.between(surface.select(method, count))) for method in METHODS

@@ -1,4 +1,4 @@
-"""All trials of sampling on one shape, and on several."""
+"""The sampling study: all trials on one shape, and on several."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from core.studies.sampling.measures import distance_histogram
 from core.studies.sampling.robustness import (
     DELTAS,
     ROBUST_TAU,
-    Unrest,
+    NoiseSensitivity,
     noisy,
     pair_variations,
     robust_histograms,
@@ -22,7 +22,7 @@ from core.studies.sampling.trials import (
     CURVE_TAUS,
     TAUS,
     Quality,
-    Steadiness,
+    Stability,
     fit_errors,
     plain,
     quality,
@@ -39,30 +39,30 @@ class ShapeMeasures:
     ----------
     name : str
     vertices : int
-        Of the surface that was sampled.
+        Number of vertices of the sampled surface.
     fit_errors : tuple of float
-        One for each of `core.studies.sampling.trials.DEGREES`.
+        Fit error for each of `core.studies.sampling.trials.DEGREES`.
     surface_histogram : tuple of float
-        Of the distances between all vertices.
-    steadiness, quality, noise
-        One for each of `METHODS` (noise: and each of `DELTAS`).
+        Histogram of the distances between all vertices.
+    steadiness, quality, noise : tuple
+        Results for each of `METHODS`; `noise` also for each of `DELTAS`.
     robust_histograms : dict
-        By method, at `ROBUST_TAU`.
+        Histograms by method, at `ROBUST_TAU`.
     """
 
     name: str
     vertices: int
     fit_errors: tuple[float, ...]
     surface_histogram: tuple[float, ...]
-    steadiness: tuple[Steadiness, ...]
+    steadiness: tuple[Stability, ...]
     quality: tuple[Quality, ...]
-    noise: tuple[Unrest, ...]
+    noise: tuple[NoiseSensitivity, ...]
     robust_histograms: dict[str, tuple[float, ...]]
 
 
 @dataclass(frozen=True)
 class PoseMeasures:
-    """Of one body in one pose: its histograms by method, at `ROBUST_TAU`."""
+    """Histograms of one body in one pose, by method, at `ROBUST_TAU`."""
 
     name: str
     robust_histograms: dict[str, tuple[float, ...]]
@@ -77,7 +77,7 @@ class Study:
 
 
 def study_shape(name: str, surface: Surface) -> ShapeMeasures:
-    """Every trial on one surface. It takes some seconds: distances of all pairs, clean and under noise."""
+    """All trials on one surface; they take some seconds for the distances of all pairs, clean and noisy."""
     chosen = select_all(surface, sorted({COMPARED_TAU, ROBUST_TAU, *TAUS, *CURVE_TAUS}))
     robust = {method: samples[ROBUST_TAU] for method, samples in chosen.items()}
     return ShapeMeasures(
@@ -96,7 +96,7 @@ def study_shape(name: str, surface: Surface) -> ShapeMeasures:
 
 
 def study_pose(name: str, surface: Surface) -> PoseMeasures:
-    """The trial of poses on one of them."""
+    """The histograms of one pose."""
     found = robust_histograms(surface)
     return PoseMeasures(name, {method: plain(histogram) for method, histogram in found.items()})
 

@@ -1,4 +1,4 @@
-"""A surface made ready for evidence on sampling, and every way that it is sampled."""
+"""A surface with the data for the sampling study, and the sampling methods."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -26,27 +26,29 @@ from core.sampling.sampling import (
 )
 from core.spectral.laplace_beltrami import laplacian
 
-MEASURED: Parameters = DEFAULT.with_values(name="sampling evidence", decimate_above=4000, decimate_to=3000)
-"""The default's way to a surface; larger meshes are simplified, since distances of all pairs are wanted."""
+STUDY_PARAMETERS: Parameters = DEFAULT.with_values(
+    name="sampling evidence", decimate_above=4000, decimate_to=3000
+)
+"""The default parameters, but large meshes are simplified, since all pairwise distances are used."""
 
 Way = Literal["cut", "draw", "covering", "poisson-disk", "farthest-point"]
 
 
 @dataclass(frozen=True)
 class Method:
-    """A way to sample, and for those by Lewis weights whether r1 and r2 are as printed or normalised."""
+    """A sampling method; with Lewis weights, whether r1 and r2 are as printed or normalised."""
 
     way: Way
     printed: bool = False
 
     @property
     def weighted(self) -> bool:
-        """Whether it reads Lewis weights."""
+        """Whether the method uses Lewis weights."""
         return self.way in {"cut", "draw", "covering"}
 
     @property
     def name(self) -> str:
-        """One word, as in JSON."""
+        """The name in JSON, one word."""
         return f"{self.way}-printed" if self.printed else self.way
 
 
@@ -57,16 +59,16 @@ METHODS = OURS + OTHERS
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """A mesh in its normal frame, with what sampling needs.
+    """A mesh in its normal frame, with the data for sampling.
 
     Attributes
     ----------
     mesh : Mesh
-        n vertices in units of the shape's root mean square radius.
+        The mesh of n vertices, in units of the shape's root mean square radius.
     cleaned : Mesh
-        As it was cleaned, in the file's frame and units, before it was refined or simplified.
+        The cleaned mesh before refinement or simplification, in the file's frame and units.
     frame : Frame
-        From the one to the other.
+        The transform from the file's frame to the normal frame.
     """
 
     mesh: Mesh
@@ -82,12 +84,12 @@ class Surface:
         DegenerateMeshError
             The mesh has no area.
         """
-        normal, cleaned, frame = Pipeline(MEASURED).normalise(mesh)
+        normal, cleaned, frame = Pipeline(STUDY_PARAMETERS).normalise(mesh)
         return cls(normal, cleaned.mesh, frame)
 
     @cached_property
     def graph(self) -> csr_array:
-        """Edges and diagonals with their lengths, shape (n, n)."""
+        """The edge graph with diagonals, shape (n, n)."""
         return edge_graph(self.mesh)
 
     @cached_property
@@ -112,12 +114,12 @@ class Surface:
 
     @cached_property
     def _weights(self) -> dict[bool, Floats]:
-        points, key = self.mesh.vertices, MEASURED.sampling.seed + 1
+        points, key = self.mesh.vertices, STUDY_PARAMETERS.sampling.seed + 1
         return {
             printed: lewis_weights(
                 points,
-                degree=MEASURED.sampling.degree,
-                epsilon=MEASURED.sampling.epsilon,
+                degree=STUDY_PARAMETERS.sampling.degree,
+                epsilon=STUDY_PARAMETERS.sampling.epsilon,
                 normalise=not printed,
                 random=keyed_uniform(points, key),
             ).weights
@@ -126,10 +128,10 @@ class Surface:
 
     @cached_property
     def _uniform(self) -> Floats:
-        return keyed_uniform(self.mesh.vertices, MEASURED.sampling.seed)
+        return keyed_uniform(self.mesh.vertices, STUDY_PARAMETERS.sampling.seed)
 
     def select(self, method: Method, count: int) -> Ints:
-        """The vertices that a method takes, shape (count,); a random one draws the same again each time."""
+        """The samples of a method, shape (count,); random methods are seeded and repeatable."""
         points = self.mesh.vertices
         match method.way:
             case "cut":
@@ -139,7 +141,7 @@ class Surface:
             case "covering":
                 weights = self._weights[method.printed]
                 return weighted_farthest_points(
-                    self.graph, points, weights, count, MEASURED.sampling.coverage_power
+                    self.graph, points, weights, count, STUDY_PARAMETERS.sampling.coverage_power
                 )
             case "poisson-disk":
                 return poisson_disk_of(self.distances, count, np.argsort(self._uniform))[0]
@@ -147,14 +149,14 @@ class Surface:
                 return farthest_points(self.graph, count, int(np.argmax((points**2).sum(axis=1))))
 
     def probability(self, method: Method, count: int) -> Floats | None:
-        """With which each vertex is drawn, shape (n,); None where nothing is drawn by chance."""
+        """Inclusion probability of each vertex, shape (n,); None for a deterministic method."""
         if method.way != "draw":
             return None
         weights = self._weights[method.printed]
         return np.asarray(np.minimum(1.0, draw_scale(weights, count) * weights))
 
     def count(self, tau: float) -> int:
-        """How many samples a sparse ratio asks for."""
+        """Number of samples at a sparse ratio."""
         return round(tau * len(self.mesh.vertices))
 
     def between(self, samples: Ints) -> Floats:

@@ -1,4 +1,4 @@
-"""The paper's trials of samples: degree of the fit (Fig. 2), sparse ratio (Fig. 3a), methods (Fig. 3b)."""
+"""Trials of the paper: degree of the fit (Fig. 2), sparse ratio (Fig. 3a), sampling methods (Fig. 3b)."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -16,29 +16,29 @@ from core.studies.sampling.measures import (
     spread,
     total_variation,
 )
-from core.studies.sampling.surface import MEASURED, METHODS, Method, Surface
+from core.studies.sampling.surface import METHODS, STUDY_PARAMETERS, Method, Surface
 
 DEGREES = (4, 5, 6)
 TAUS = (0.1, 0.2, 0.5)
 COMPARED_TAU = 0.1
-"""Where methods are compared: dense enough for every fit, sparse enough to tell them apart."""
+"""Sparse ratio for the comparison of methods: dense enough for every fit, sparse enough for differences."""
 
 CURVE_TAUS = (0.05, 0.1, 0.2, 0.3, 0.5)
 Samples = Mapping[Method, Mapping[float, Ints]]
 
 
 @dataclass(frozen=True)
-class Steadiness:
-    """Of one method over the sparse ratio (Fig. 3a).
+class Stability:
+    """Stability of one method over the sparse ratio (Fig. 3a).
 
     Attributes
     ----------
     histograms : tuple of tuples
-        Of normalised geodesic distances, five shares each, one for each of `TAUS`.
+        Histogram of normalised geodesic distances for each of `TAUS`.
     between_taus : float
-        The largest total variation distance between two of them.
+        Largest total variation distance between two of the histograms.
     from_surface : float
-        Their mean total variation distance from the histogram of all vertices.
+        Mean total variation distance of the histograms from the histogram of all vertices.
     """
 
     method: str
@@ -49,18 +49,18 @@ class Steadiness:
 
 @dataclass(frozen=True)
 class Quality:
-    """Of one method's samples at `COMPARED_TAU` (Fig. 3b); lengths are in units of the shape's scale.
+    """Quality of one method's samples at `COMPARED_TAU` (Fig. 3b); lengths are in units of the shape's scale.
 
     Attributes
     ----------
-    largest_gap, mean_gap, mean_spacing, evenness
-        As in `core.studies.sampling.evidence.Spread`.
-    histogram : tuple
-        Of normalised geodesic distances.
+    largest_gap, mean_gap, mean_spacing, evenness : float
+        As in `core.studies.sampling.measures.Spread`.
+    histogram : tuple of float
+        Histogram of normalised geodesic distances.
     fit_error : float
-        Root mean square residual at all vertices of the polynomial fitted to the samples alone.
-    rebuilt_errors : tuple
-        Of the surface rebuilt from the samples, one for each of `CURVE_TAUS`.
+        Root mean square residual at all vertices of the polynomial that is fitted to the samples.
+    rebuilt_errors : tuple of float
+        Error of the surface rebuilt from the samples, for each of `CURVE_TAUS`.
     """
 
     method: str
@@ -75,7 +75,7 @@ class Quality:
 
 
 def select_all(surface: Surface, taus: Sequence[float]) -> Samples:
-    """Every method's samples at each sparse ratio."""
+    """Samples of every method at each sparse ratio."""
     return {method: {tau: surface.select(method, surface.count(tau)) for tau in taus} for method in METHODS}
 
 
@@ -84,11 +84,11 @@ def fit_errors(surface: Surface) -> tuple[float, ...]:
     return tuple(root_mean_square(fit_residuals(surface.mesh.vertices, degree)) for degree in DEGREES)
 
 
-def steadiness(surface: Surface, method: Method, samples: Mapping[float, Ints]) -> Steadiness:
+def steadiness(surface: Surface, method: Method, samples: Mapping[float, Ints]) -> Stability:
     """Fig. 3a for one method, from its samples at each of `TAUS`."""
     whole = distance_histogram(surface.distances)
     found = [distance_histogram(surface.between(samples[tau])) for tau in TAUS]
-    return Steadiness(
+    return Stability(
         method=method.name,
         histograms=tuple(map(plain, found)),
         between_taus=largest_variation(found),
@@ -110,7 +110,7 @@ def quality(surface: Surface, method: Method, samples: Mapping[float, Ints]) -> 
         evenness=laid.evenness,
         histogram=plain(distance_histogram(surface.between(chosen))),
         fit_error=root_mean_square(
-            sampled_fit_residuals(points, chosen, MEASURED.sampling.degree, probability)
+            sampled_fit_residuals(points, chosen, STUDY_PARAMETERS.sampling.degree, probability)
         ),
         rebuilt_errors=tuple(
             rebuilt_error(surface.stiffness, areas, points, samples[tau]) for tau in CURVE_TAUS
@@ -119,5 +119,5 @@ def quality(surface: Surface, method: Method, samples: Mapping[float, Ints]) -> 
 
 
 def plain(values: Floats) -> tuple[float, ...]:
-    """An array of shape (n,) as plain numbers."""
+    """An array of shape (n,) as a tuple of Python floats."""
     return tuple(values.tolist())

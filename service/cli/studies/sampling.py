@@ -20,7 +20,7 @@ from core.io import READABLE, format_of, read_mesh
 from core.mesh.mesh import Mesh
 from core.studies.sampling.robustness import DELTAS, ROBUST_TAU
 from core.studies.sampling.study import PoseMeasures, ShapeMeasures, Study, study_pose, study_shape
-from core.studies.sampling.surface import MEASURED, Surface
+from core.studies.sampling.surface import STUDY_PARAMETERS, Surface
 from core.studies.sampling.trials import COMPARED_TAU, CURVE_TAUS, DEGREES, TAUS
 from service.console import fail, output, progress, say
 from service.datasets import find_meshes
@@ -136,7 +136,8 @@ def _object(study: Study) -> dict[str, object]:
         "robust_tau": ROBUST_TAU,
         "deltas": DELTAS,
         "parameters": {
-            name: getattr(MEASURED.sampling, name) for name in ("degree", "epsilon", "coverage_power", "seed")
+            name: getattr(STUDY_PARAMETERS.sampling, name)
+            for name in ("degree", "epsilon", "coverage_power", "seed")
         },
         **asdict(study),
     }

@@ -4,21 +4,21 @@ from collections.abc import Sequence
 from textwrap import fill
 
 from core.studies.sampling.robustness import DELTAS, REGIONS, ROBUST_TAU
-from core.studies.sampling.surface import MEASURED
+from core.studies.sampling.surface import STUDY_PARAMETERS
 from core.studies.sampling.trials import COMPARED_TAU
 from service.studies.sampling.tables import TextTable
 
 _TERMS = (
     "Every mesh is processed as in the default setting: cleaned, put in its normal frame, and its long "
-    f"edges split as for {MEASURED.mesh.refine_vertices:,} even vertices. A mesh of more than "
-    f"{MEASURED.mesh.decimate_above:,} vertices is simplified to {MEASURED.mesh.decimate_to:,}, since the "
-    "study computes the distances between all pairs.",
+    f"edges split as for {STUDY_PARAMETERS.mesh.refine_vertices:,} even vertices. A mesh of more than "
+    f"{STUDY_PARAMETERS.mesh.decimate_above:,} vertices is simplified to "
+    f"{STUDY_PARAMETERS.mesh.decimate_to:,}, since the study computes the distances between all pairs.",
     "Lengths are in units of the shape's **scale**, its root mean square radius. **Geodesic** distances "
     "run along edges and across pairs of neighbouring faces.",
     "**cut**: the paper's selection, the tau n vertices of largest weight q. **draw**: a seeded draw of "
     "as many vertices, with probabilities min(1, c q). **weighted farthest point**: farthest-point sampling "
-    f"with distances multiplied by (q / mean q)^{MEASURED.sampling.coverage_power}, as in the default "
-    "setting.",
+    "with distances multiplied by "
+    f"(q / mean q)^{STUDY_PARAMETERS.sampling.coverage_power}, as in the default setting.",
     "**printed**: r1 and r2 of Eqs. 11 and 12 as in the paper, with which q follows the residual alone. "
     "**normalised**: each of the two terms is divided by its sum, so that leverage and residual both count.",
     "**Poisson disk**: dart throwing on the vertices, with the radius that gives the same number "

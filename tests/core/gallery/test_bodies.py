@@ -9,7 +9,7 @@ from core.gallery import CLASSES, bodies, fields
 from core.gallery.bodies import make_body
 from core.gallery.draws import DRAWS, BodyDraws, Draws, at_rest
 from core.gallery.frames import rotation
-from core.gallery.skinning import skinned, turns, weights
+from core.gallery.skinning import skinned, rotations, skinning_weights
 from core.gallery.symmetry import symmetries
 from core.gallery.topology import components, is_closed_manifold
 from core.mesh.cleaning import face_areas
@@ -130,10 +130,10 @@ def test_a_bone_takes_its_surface_along():
     posed = [rest[0], fields.capsule(elbow, bent, (0.1, 0.1), up, 1.0)]
     points = np.array([[0.2, 0.1, 0.0], [1.8, 0.1, 0.0], [1.8, 0.0, 0.1]])
     faces = np.array([[0, 1, 2]])
-    hold = weights(points, faces, rest)
+    hold = skinning_weights(points, faces, rest)
     np.testing.assert_allclose(hold.sum(axis=1), 1.0)
     np.testing.assert_allclose(skinned(points, hold, rest, rest), points, atol=1e-12)
-    np.testing.assert_allclose(turns(rest, posed)[1], rotation("z", 90.0), atol=1e-12)
+    np.testing.assert_allclose(rotations(rest, posed)[1], rotation("z", 90.0), atol=1e-12)
     moved = skinned(points, np.array([[1.0, 0], [0, 1.0], [0, 1.0]]), rest, posed)
     np.testing.assert_allclose(moved, [[0.2, 0.1, 0], [0.9, 0.8, 0], [1.0, 0.8, 0.1]], atol=1e-12)
 
@@ -142,7 +142,7 @@ def test_a_bone_that_is_turned_right_round():
     up = np.array([0.0, 0.0, 1.0])
     rest = [fields.capsule(np.zeros(3), np.array([1.0, 0, 0]), (0.1, 0.1), up, 1.0)]
     posed = [fields.capsule(np.zeros(3), np.array([-1.0, 0, 0]), (0.1, 0.1), up, 1.0)]
-    turn = turns(rest, posed)[0]
+    turn = rotations(rest, posed)[0]
     np.testing.assert_allclose(turn @ [1.0, 0, 0], [-1.0, 0, 0], atol=1e-12)
     assert np.linalg.det(turn) == pytest.approx(1.0)
 

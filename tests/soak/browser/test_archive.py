@@ -223,7 +223,7 @@ def test_signing_in_with_a_key(
     page.fill("#key", "isoshape_wrong")
     page.keyboard.press("Enter")
     page.wait_for_selector("#sign-in-error:not([hidden])")
-    assert "none of this service's" in page.inner_text("#sign-in-error")
+    assert "does not know this key" in page.inner_text("#sign-in-error")
     page.fill("#key", key)
     page.keyboard.press("Enter")
     page.wait_for_selector("#gallery li")

@@ -130,7 +130,7 @@ def test_progress_is_shown_while_a_file_goes_and_is_worked_on(visit: Visit, tmp_
     drawn(page, 4)
     seen = page.evaluate("window.seen")
     assert "Uploading" in seen
-    assert seen[-1] == "Embedding and comparing"
+    assert seen[-1] == "Computing and comparing"
     assert page.is_hidden("#find-progress")
 
 
