@@ -9,7 +9,7 @@ from core.gallery import CLASSES, bodies, fields
 from core.gallery.bodies import make_body
 from core.gallery.draws import DRAWS, BodyDraws, Draws, at_rest
 from core.gallery.frames import rotation
-from core.gallery.skinning import skinned, rotations, skinning_weights
+from core.gallery.skinning import rotations, skinned, skinning_weights
 from core.gallery.symmetry import symmetries
 from core.gallery.topology import components, is_closed_manifold
 from core.mesh.cleaning import face_areas

@@ -13,7 +13,7 @@ from service.web import assets
 from tests.service.support import Running, assert_problem, serving, settings_in
 
 ROOT = Path(__file__).parents[3]
-STATIC = ROOT / "service" / "page" / "static"
+STATIC = ROOT / "service" / "web" / "static"
 PAGES = ("index.html", "view.html", "docs.html")
 OWN_SCRIPTS = sorted(name for name in assets.names() if name.endswith(".js") and "/" not in name)
 
