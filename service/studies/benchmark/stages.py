@@ -1,4 +1,4 @@
-"""Where the time of an embedding goes, without a line of it in the pipeline."""
+"""The time of each stage of an embedding, measured without a line of code in the pipeline."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -22,27 +22,30 @@ STAGES: dict[str, tuple[ModuleType, str]] = {
     "refine": (pipeline, "refine"),
     "edge graph": (pipeline, "edge_graph"),
     "Lewis weights": (pipeline, "lewis_weights"),
-    "covering": (pipeline, "weighted_farthest_points"),
+    "samples": (pipeline, "weighted_farthest_points"),
     "sparse graph, MST": (pipeline, "sparse_graph"),
     "geodesics": (pipeline, "geodesics"),
     "affinity": (spectra, "_affinity_pairs"),
     "Laplace-Beltrami": (spectra, "laplace_beltrami"),
-    "form": (pipeline, "global_descriptors"),
-    "facts": (pipeline, "measure"),
-    "patches": (pipeline, "describe"),
+    "global descriptors": (pipeline, "global_descriptors"),
+    "mesh facts": (pipeline, "measure"),
+    "spin images": (pipeline, "describe"),
 }
-"""The function that each stage is, by the module that calls it."""
+"""The function of each stage, and the module that calls it."""
 
-SAMPLING = tuple(list(STAGES)[: list(STAGES).index("covering") + 1])
-"""What comes before the samples are known."""
+SAMPLING = tuple(list(STAGES)[: list(STAGES).index("samples") + 1])
+"""The stages up to the samples."""
 
 EMBEDDING = tuple(stage for stage in (*STAGES, REST) if stage not in SAMPLING)
-"""What follows."""
+"""The stages after the samples."""
 
 
 @contextmanager
 def watched() -> Iterator[dict[str, float]]:
-    """Seconds by stage of what is embedded inside; what a stage spends in another is the other's."""
+    """Measure the stages of embeddings within the block, in seconds.
+
+    The time of a stage that runs inside another counts for the inner stage alone.
+    """
     seconds = dict.fromkeys(STAGES, 0.0)
     inside: list[float] = []
 

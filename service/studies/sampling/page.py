@@ -68,7 +68,7 @@ def page(tables: Sequence[TextTable], *, source: str, drawn: str, poses: Sequenc
     parts = [
         "# Samples by Lewis weights: Figs. 2 and 3 of the paper, measured again",
         source,
-        f"The pictures show {_plain(drawn)}, seen along z; samples on the far side are not drawn.",
+        f"The shape in the pictures is {_plain(drawn)}, seen along z; samples on the far side are not drawn.",
         "## Terms",
         "\n".join(fill(term, 110, initial_indent="- ", subsequent_indent="  ") for term in _TERMS),
     ]
@@ -81,7 +81,7 @@ def page(tables: Sequence[TextTable], *, source: str, drawn: str, poses: Sequenc
         parts += [f"{title[0].upper()}{title[1:]}.", _markdown(table), table.shows]
     if poses:
         names = ", ".join(map(_plain, poses))
-        parts += [f"The first poses of {names}:", "![Fig. 3c, poses](sampling-poses.png)"]
+        parts += [f"Samples on the first of the poses ({names}):", "![Fig. 3c, poses](sampling-poses.png)"]
     return "\n\n".join(parts) + "\n"
 
 
