@@ -77,7 +77,7 @@ def worker_pool(parameters: Parameters, workers: int) -> Iterator[Executor]:
 
 
 def embed_files(pool: Executor, paths: Sequence[Path], done: Callable[[int], None]) -> list[Embedding | str]:
-    """The embedding of each file, or why there is none; `done` is told how many more are finished."""
+    """The embedding of each file, or the reason why there is none; `done` receives the number finished."""
     results: list[Embedding | str] = [""] * len(paths)
     for i, result in _each(pool, _embed, dict(enumerate(paths))):
         results[i] = result
@@ -123,7 +123,7 @@ def score_pairs(
 
 
 def default_workers() -> int:
-    """As many as this process may use processors."""
+    """The number of processors that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 

@@ -1,4 +1,4 @@
-"""All pairs of a labelled collection scored, with progress on the terminal, and what the scores are worth."""
+"""All pairs of a labelled collection scored, with progress on the terminal, and retrieval measures."""
 
 from collections.abc import Sequence
 from enum import StrEnum
@@ -20,7 +20,7 @@ Result = TypeVar("Result")
 
 
 class Ranking(StrEnum):
-    """What the others are ranked by."""
+    """The score that shapes are ranked by."""
 
     CC = "cc"
     SSD = "ssd"
@@ -42,10 +42,10 @@ def score_collection(
     return labels, scores
 
 
-def score_rival(
+def score_baseline(
     files: Sequence[tuple[Path, str]], method: Method, workers: int
 ) -> tuple[list[str], NDArray[np.float64]]:
-    """Labels of the files that another method can use, and its distances between them, shape (n, n)."""
+    """Labels of the files that a baseline can use, and its distances between them, shape (n, n)."""
     ready(method)
     with worker_pool(DEFAULT, workers) as pool, progress() as bar:
         task = bar.add_task(f"{method}: describing", total=len(files))

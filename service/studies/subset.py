@@ -5,7 +5,7 @@ from pathlib import Path
 
 
 def spread(files: list[tuple[Path, str]], count: int) -> list[tuple[Path, str]]:
-    """That many of the files, over as many classes as can have two each, in the collection's order.
+    """A subset of the files, over as many classes as can have two files each, in the collection's order.
 
     The classes are evenly spaced among those with two files or more, by name; each gives its files in
     turn, the first of every class before the second of any. The other classes are drawn on when these have

@@ -19,7 +19,7 @@ from service.console import fail, output
 from service.datasets import read_collection
 from service.studies.baselines.methods import Method
 from service.studies.pairwise_scores import default_workers
-from service.studies.retrieval import Ranking, evaluate_ranking, score_collection, score_rival
+from service.studies.retrieval import Ranking, evaluate_ranking, score_baseline, score_collection
 from service.studies.subset import spread
 
 MEASURES = ("nn", "ft", "st", "e", "dcg", "map")
@@ -110,7 +110,7 @@ def command(
             for ranking in _rankings(rank_by or [RankBy.CC])
         ]
     else:
-        labels, distances = score_rival(files, Method(method), workers or default_workers())
+        labels, distances = score_baseline(files, Method(method), workers or default_workers())
         reports = [Report(name, method, "distance", evaluate(distances, labels, larger_is_closer=False))]
     if as_json:
         objects = [report.as_json() for report in reports]

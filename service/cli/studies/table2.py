@@ -17,7 +17,7 @@ from service.console import fail, say
 from service.datasets import read_collection
 from service.studies.baselines.methods import Method
 from service.studies.pairwise_scores import default_workers
-from service.studies.retrieval import Ranking, evaluate_ranking, ready, score_collection, score_rival
+from service.studies.retrieval import Ranking, evaluate_ranking, ready, score_baseline, score_collection
 from service.studies.subset import spread
 
 TITLES = {"cc": "cc", "combined": "combined", "shapedna": "ShapeDNA", "icp": "ICP", "mds": "MDS"}
@@ -86,7 +86,7 @@ def command(
         ranking.value: evaluate_ranking(scores, labels, ranking) for ranking in (Ranking.CC, Ranking.COMBINED)
     }
     for method in methods:
-        labels, distances = score_rival(files, method, workers or default_workers())
+        labels, distances = score_baseline(files, method, workers or default_workers())
         short += len(files) - len(labels)
         found[method.value] = evaluate(distances, labels, larger_is_closer=False)
     lines = compared(found)

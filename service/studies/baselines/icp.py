@@ -1,4 +1,4 @@
-"""Iterative closest points, by trimesh: the distance of two point clouds after the best rigid motion.
+"""Iterative closest points, by trimesh: the distance between two point clouds after the best rigid motion.
 
 P. J. Besl, N. D. McKay, "A method for registration of 3-D shapes", IEEE PAMI 14(2), 1992.
 """
@@ -32,12 +32,12 @@ def describe(mesh: Mesh) -> Floats:
 
 
 def compare(description: Floats, others: Sequence[Floats]) -> Floats:
-    """Distances of `closest_motion` from the one to each of the others, without mirroring: shape (c,)."""
+    """Residuals of `closest_motion` from one cloud to each of c others, without mirroring: shape (c,)."""
     return np.array([closest_motion(description, other) for other in others])
 
 
 def closest_motion(points: Floats, target: Floats, *, mirrored: bool = False) -> float:
-    """How near a cloud comes to another by a rigid motion: the root mean square of distances both ways.
+    """The residual of the best rigid motion: the root mean square of distances both ways.
 
     Parameters
     ----------

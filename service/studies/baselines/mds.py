@@ -39,7 +39,7 @@ def describe(mesh: Mesh) -> Floats:
 
 
 def canonical_form(distances: Floats) -> Floats:
-    """Points of space whose distances are as near as can be to those given.
+    """Points in space whose distances approximate the given distances best.
 
     Parameters
     ----------
@@ -59,5 +59,5 @@ def canonical_form(distances: Floats) -> Floats:
 
 
 def compare(description: Floats, others: Sequence[Floats]) -> Floats:
-    """Distances after the best rigid motion or reflection, which a form is known up to: shape (c,)."""
+    """Distances after the best rigid motion or reflection: shape (c,). MDS leaves both undetermined."""
     return np.array([closest_motion(description, other, mirrored=True) for other in others])

@@ -1,4 +1,4 @@
-"""The other methods by name, loaded when asked for: two of them need libraries that nothing else does."""
+"""The baselines by name. Each is loaded on demand: two of them need libraries of their own."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ Floats = NDArray[np.float64]
 
 
 class Method(StrEnum):
-    """A method that is not this project's own."""
+    """The name of a baseline."""
 
     SHAPEDNA = "shapedna"
     ICP = "icp"
@@ -21,7 +21,7 @@ class Method(StrEnum):
 
 
 @dataclass(frozen=True)
-class Rival:
+class Baseline:
     """A method in two steps.
 
     Attributes
@@ -37,10 +37,10 @@ class Rival:
 
 
 class MissingPeerError(Exception):
-    """A library that only a comparison needs is not installed; the message says which, and how to get it."""
+    """The library of a baseline is not installed; the message names it and the command that installs it."""
 
 
-def load(method: Method) -> Rival:
+def load(method: Method) -> Baseline:
     """The method, ready to be used.
 
     Raises
@@ -53,15 +53,15 @@ def load(method: Method) -> Rival:
             case Method.SHAPEDNA:
                 from service.studies.baselines import shapedna  # noqa: PLC0415  optional
 
-                return Rival(shapedna.describe, shapedna.compare)
+                return Baseline(shapedna.describe, shapedna.compare)
             case Method.ICP:
                 from service.studies.baselines import icp  # noqa: PLC0415  beside the others
 
-                return Rival(icp.describe, icp.compare)
+                return Baseline(icp.describe, icp.compare)
             case Method.MDS:
                 from service.studies.baselines import mds  # noqa: PLC0415  optional
 
-                return Rival(mds.describe, mds.compare)
+                return Baseline(mds.describe, mds.compare)
     except ImportError as error:
         raise MissingPeerError(
             f"{method} needs {error.name}, which is not installed: pip install isoshape[peers]"

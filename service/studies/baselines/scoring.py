@@ -1,4 +1,4 @@
-"""All pairs of a collection by another method, in a pool of processes."""
+"""All pairs of a collection scored by a baseline, in a pool of processes."""
 
 import pickle
 from collections.abc import Callable, Sequence
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from core.errors import CoreError
 from core.io import format_of, read_mesh
-from service.studies.baselines.methods import Method, Rival, load
+from service.studies.baselines.methods import Baseline, Method, load
 
 Floats = NDArray[np.float64]
 
@@ -20,7 +20,7 @@ Floats = NDArray[np.float64]
 def describe_files(
     pool: Executor, method: Method, paths: Sequence[Path], done: Callable[[int], None]
 ) -> list[Floats | str]:
-    """What is kept of each file, or why there is nothing; `done` is told how many more are finished."""
+    """The description of each file, or the reason why there is none; `done` receives the number finished."""
     results: list[Floats | str] = []
     for result in pool.map(partial(_describe, method), paths):
         results.append(result)
@@ -45,7 +45,7 @@ def distance_matrix(
 
 def _describe(method: Method, path: Path) -> Floats | str:
     try:
-        return _rival(method).describe(read_mesh(path.read_bytes(), format_of(path.name)))
+        return _baseline(method).describe(read_mesh(path.read_bytes(), format_of(path.name)))
     except CoreError as error:
         return f"{error.kind}: {error}"
     except OSError as error:
@@ -57,11 +57,11 @@ def _describe(method: Method, path: Path) -> Floats | str:
 
 def _compare(method: Method, path: Path, i: int) -> Floats:
     descriptions = _load(path)
-    return _rival(method).compare(descriptions[i], descriptions[i + 1 :])
+    return _baseline(method).compare(descriptions[i], descriptions[i + 1 :])
 
 
 @cache
-def _rival(method: Method) -> Rival:
+def _baseline(method: Method) -> Baseline:
     return load(method)
 
 

@@ -1,4 +1,4 @@
-"""What the method costs: meshes and archives in, times, memory and ratios out; a file a subject."""
+"""The cost of the method: meshes and archives in, times, memory and ratios out; a file a subject."""
 
 __all__ = [
     "archive",

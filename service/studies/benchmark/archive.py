@@ -1,4 +1,4 @@
-"""An archive of any size, of embeddings that were made of real ones."""
+"""An archive of any size, filled with noisy copies of real embeddings."""
 
 import hashlib
 import uuid
@@ -49,7 +49,7 @@ def originals(source: Source) -> list[Original]:
 
 
 def shaken(embedding: Embedding, number: int) -> Embedding:
-    """The embedding with noise of a strength that the number draws, and the same for the same number."""
+    """The embedding with noise; the number seeds the noise and its strength."""
     rng = np.random.default_rng(number)
     strength = NOISE * rng.random()
     spectra = tuple(
@@ -124,7 +124,7 @@ def _rows(source: Sequence[Original], numbers: range) -> Iterator[tuple[dict[str
 
 
 def label_of(name: str) -> str:
-    """The class that a shape's name in such an archive tells."""
+    """The class in the name of a shape of such an archive."""
     return name.split("|", maxsplit=1)[0]
 
 

@@ -30,7 +30,7 @@ class Peer:
 def functional_maps() -> Peer:
     """Pyfmaps: a map fitted to wave kernel signatures, and refined by ZoomOut.
 
-    All is as the library does it unless it is told otherwise, which is quicker than what its README shows (30
+    The options are the library's defaults, which are faster than the example of its README (30
     eigenvalues and a term of orientation, then 110), but for its robust Laplacian: the plain one fails where
     a face has no area. The points that a map pairs are not read off.
 

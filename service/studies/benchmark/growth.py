@@ -46,7 +46,7 @@ class Row:
 
 
 def peak_memory() -> int:
-    """The most memory that this process has held, in bytes.
+    """The peak memory of this process, in bytes.
 
     Not from getrusage, which counts what the parent held when it forked.
     """
@@ -55,7 +55,7 @@ def peak_memory() -> int:
 
 
 def measure_file(path: str, repeats: int) -> tuple[list[dict[str, float]], int]:
-    """Embed a file so often, in this process: seconds by stage each time, and the peak of memory."""
+    """Embed a file several times in this process: seconds by stage for each run, and the peak memory."""
     data = Path(path).read_bytes()
     method = Pipeline(DEFAULT)
     return [embed_bytes(method, data, format_of(path))[1] for _ in range(repeats)], peak_memory()

@@ -1,4 +1,4 @@
-"""A folder stored over HTTP: shapes a second on every processor there is, and on one."""
+"""A folder stored over HTTP: shapes a second on all processors, and on one."""
 
 import os
 from collections.abc import Iterator, Sequence

@@ -1,4 +1,4 @@
-"""Many clients at once: what the service can do, and how long queries take at half of that."""
+"""Many clients at once: the capacity of the service, and the time of queries at half of it."""
 
 import threading
 from collections.abc import Callable, Iterator, Sequence
@@ -66,7 +66,7 @@ class _Clients:
         self._asks = asks
 
     def run(self, seconds: float, intervals: Sequence[float]) -> list[list[tuple[float, bool]]]:
-        """For each client, how long each of its requests took from when it was due, and whether it failed.
+        """The time of each client's requests, counted from their due time, and whether they failed.
 
         Parameters
         ----------
@@ -112,7 +112,7 @@ def load_row(
     alone: int = ALONE,
     seconds: float = SECONDS,
 ) -> Row:
-    """Measure one client alone, then what all can have answered, then half of that."""
+    """Measure one client alone, then the capacity with all clients, then the times at half of it."""
     url = f"sqlite:///{scratch / 'load.sqlite3'}"
     fill(url, originals, shapes, lambda written: None)
     numbers, files = count(), _files(source)

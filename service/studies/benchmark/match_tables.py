@@ -1,4 +1,4 @@
-"""What `service.studies.benchmark.matching` measured, as tables: a line a pair."""
+"""The measurements of `service.studies.benchmark.matching` as tables: a line for each pair."""
 
 from collections.abc import Sequence
 

@@ -103,7 +103,7 @@ class _Turn:
 
 
 class _Pair:
-    """Two meshes, and what a match of them starts from."""
+    """Two meshes, their embeddings and their match records."""
 
     def __init__(self, first: tuple[str, Mesh], second: tuple[str, Mesh], method: Pipeline) -> None:
         self._names = first[0], second[0]
@@ -139,7 +139,7 @@ class _Pair:
         }
 
     def turn(self, ours: list[dict[str, float]], peer: Peer | None) -> _Turn:
-        """What was measured of ours, with one measurement of the peer's after it."""
+        """Several measurements of our match, then one of the peer's."""
         if peer is None:
             return _Turn(ours)
         spectra, spent = _seconds(lambda: [peer.spectrum(mesh) for mesh in self._meshes])

@@ -1,4 +1,4 @@
-"""The meshes that are measured: of a collection, or made, at the sizes that are asked for."""
+"""The meshes of the measurements: from a collection or generated, at the sizes wanted."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

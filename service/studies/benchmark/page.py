@@ -28,7 +28,7 @@ Table = list[list[str]]
 
 @dataclass(frozen=True)
 class Found:
-    """The rows of every subject that was measured; those of the others are empty."""
+    """The rows of every measured subject; the lists of other subjects are empty."""
 
     embedding: list[EmbeddingRow] = field(default_factory=list)
     growth: list[GrowthRow] = field(default_factory=list)
@@ -159,7 +159,7 @@ def page(found: Found, command: str, *, picture: bool) -> str:
 
 
 def embedding_table(rows: Sequence[EmbeddingRow]) -> Table:
-    """A line a mesh."""
+    """A line for each mesh."""
     table = [["mesh", "vertices", "embedding, ms", "LaPy, ms", "ratio"]]
     for row in rows:
         peer = row.peer.milliseconds() if row.peer else ""
@@ -203,7 +203,7 @@ def growth_stage_table(rows: Sequence[GrowthRow]) -> Table:
 
 
 def times_table(rows: Sequence[Table1Row]) -> Table:
-    """A line a category of the paper's."""
+    """A line for each category of the paper."""
     table = [
         ["models (points)", "ours: vertices", "samples (points)", "sampling", "MST, embedding", "matching"]
     ]

@@ -1,4 +1,4 @@
-"""Queries over HTTP against archives of several sizes: how long they take, and what the cascade misses."""
+"""Queries over HTTP against archives of several sizes: time, and results that the stages miss."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -70,7 +70,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Kept:
-    """Cascade against exhaustive search of one archive.
+    """The stages of a search against exhaustive search of one archive.
 
     Attributes
     ----------
@@ -107,7 +107,7 @@ def searching_rows(
 ) -> tuple[list[Row], list[Kept]]:
     """Fill an archive of each size and query it by the ids of shapes spread over it.
 
-    The cascade is held against exhaustive search on the largest archive that is searched so.
+    The stages are compared with exhaustive search on the largest archive searched exhaustively.
     """
     rows: list[Row] = []
     kept: list[Kept] = []
@@ -170,7 +170,7 @@ def kept_rows(
     queries: int = CHECKED,
     lengths: Sequence[tuple[int, int, int]] = LENGTHS,
 ) -> list[Kept]:
-    """Each length of the cascade against the exhaustive search, which is the last row."""
+    """Each choice of stage lengths against exhaustive search, which is the last row."""
     asked = [number * STEP % len(source) for number in range(min(queries, len(source)))]
     found: dict[tuple[int, int, int] | None, tuple[list[list[str]], float]] = {}
     for length in (*lengths, None):

@@ -8,7 +8,7 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Spread:
-    """What several measurements of one thing gave.
+    """Median and quartiles of repeated measurements.
 
     Attributes
     ----------

@@ -11,7 +11,7 @@ _COLOUR = "#0072b2"
 
 
 def reliability_figure(study: Study) -> bytes:
-    """A PNG: for all collections together and for each, the share found of one class by the chance given."""
+    """A PNG: for all collections together and for each, the share of one class by the probability given."""
     panels = [("all together", study.together)]
     panels += [(one.name, one.reliability) for one in study.collections]
     figure = Figure(figsize=(3.1 * len(panels), 4.2), layout="constrained")

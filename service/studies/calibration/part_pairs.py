@@ -1,4 +1,4 @@
-"""What is known of parts of shapes and whole ones, to fit the chance that they are of one class."""
+"""Features of pairs of an incomplete and a whole shape, to fit their class probability."""
 
 from concurrent.futures import Executor
 from functools import partial

@@ -1,4 +1,4 @@
-"""What a calibration on labelled collections found."""
+"""The results of a calibration on labelled collections."""
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
@@ -36,7 +36,7 @@ class Judged:
 
 @dataclass(frozen=True, eq=False)
 class Incomplete:
-    """Pairs of an incomplete shape and a whole one, likewise.
+    """Pairs of an incomplete shape and a whole shape, judged likewise.
 
     Attributes
     ----------
@@ -57,7 +57,7 @@ class Incomplete:
 
 @dataclass(frozen=True, eq=False)
 class Study:
-    """The model of all pairs, and how models without each class do on it.
+    """The model of all pairs, and the errors of the models fitted without each class.
 
     Attributes
     ----------
@@ -104,7 +104,7 @@ class Study:
 def study(
     names: Sequence[str], collections: Sequence[Collection], incomplete: Sequence[Sequence[Collection]]
 ) -> Study:
-    """Fit to all, and judge each class by the fit without it.
+    """Fit the model to all pairs, and judge each class by the model fitted without it.
 
     Parameters
     ----------

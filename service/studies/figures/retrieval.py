@@ -20,7 +20,7 @@ _FOUND = 3
 def top_figure(
     meshes: Sequence[Mesh], labels: Sequence[str], closeness: NDArray[np.float64], score: str
 ) -> bytes:
-    """Table 3: the first shape of each class as a query, and the three others most like it.
+    """Table 3: the first shape of each class as a query, and the three most similar other shapes.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ def top_figure(
 
 
 def confusion_figure(figures: Evaluation, score: str) -> bytes:
-    """How many queries of each class (row) have a first neighbour of each class (column)."""
+    """The number of queries of each class (row) whose first neighbour has each class (column)."""
     counts, names = figures.confusion, figures.classes
     side = 1.6 + 0.32 * len(names)
     figure = Figure(figsize=(side, side), layout="constrained")

@@ -1,4 +1,4 @@
-"""The curves of the paper's Fig. 9, and what the perturbations look like."""
+"""The curves of the paper's Fig. 9, and pictures of the perturbations."""
 
 from io import BytesIO
 from itertools import groupby
@@ -48,7 +48,7 @@ def curves_figure(study: Study) -> bytes:
 
 
 def shapes_figure() -> bytes:
-    """A PNG with one made shape under the strongest amount of every kind."""
+    """A PNG with one generated shape under the strongest amount of every kind."""
     mesh = make_shape(SHOWN, 0)
     panels = [Panel(mesh, "clean")]
     panels += [

@@ -112,7 +112,7 @@ def perturbed_level(
 
 
 def tau_level(gallery: Gallery, tau: float, workers: int, tell: Told, done: Done) -> Level:
-    """Gallery and queries embedded anew under a sparse ratio; `done` is told of each shape twice."""
+    """Gallery and queries embedded under a sparse ratio; `done` is called twice for each shape."""
     parameters = tau_parameters(tau)
     count = len(gallery.files)
     likeness = {name: np.zeros((count, count)) for name in ("cc", "combined")}
@@ -132,13 +132,13 @@ def tau_level(gallery: Gallery, tau: float, workers: int, tell: Told, done: Done
 
 
 def seed_of(path: Path, seed: int) -> int:
-    """The seed of one shape in one run: each has its own, which hangs on nothing but its file's name."""
+    """The seed of one shape in one run, which depends on the name of its file alone."""
     return int(np.random.SeedSequence([seed, crc32(path.name.encode())]).generate_state(1)[0])
 
 
 @dataclass(frozen=True, eq=False)
 class Asked:
-    """A perturbed shape, and how alike the clean ones are to it.
+    """A perturbed shape, and its similarity to each clean shape.
 
     Attributes
     ----------
@@ -158,7 +158,7 @@ class Asked:
 
 
 def perturbed_query(stored: Path, kind: Kind, amount: float, seed: int, path: Path) -> Asked | str:
-    """A perturbed file asked for in the gallery, or why it cannot be."""
+    """A perturbed file as a query to the gallery, or the reason why it cannot be."""
     pipeline, gallery = _pipeline(), _load(stored)
     try:
         mesh = kind.perturb(_clean(path), amount, seed_of(path, seed))
@@ -172,7 +172,7 @@ def perturbed_query(stored: Path, kind: Kind, amount: float, seed: int, path: Pa
 
 
 def _query(stored: Path, kind: Kind, amount: float, seed: int, path: Path) -> dict[str, Floats] | str:
-    """How alike a perturbed file is to each of the gallery, (n,) by a name, or why that is not known."""
+    """The similarity of a perturbed file to each clean shape, (n,) by score; or why there is none."""
     asked = perturbed_query(stored, kind, amount, seed, path)
     if isinstance(asked, str):
         return asked

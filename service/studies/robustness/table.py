@@ -10,7 +10,7 @@ UNITS = {TAU: f"of about {TAU_VERTICES} vertices", **{kind.name: kind.unit for k
 
 
 def amount_of(level: Level) -> str:
-    """The amount as it is read: tau as it is, all others in per cent."""
+    """The amount as text: tau as a number, all other amounts in per cent."""
     return f"{level.amount:g}" if level.kind == TAU else f"{100 * level.amount:g}"
 
 

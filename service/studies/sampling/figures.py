@@ -1,4 +1,4 @@
-"""The paper's Figs. 2 and 3, drawn anew from what was measured."""
+"""The paper's Figs. 2 and 3, drawn from our measurements."""
 
 from collections.abc import Sequence
 from io import BytesIO

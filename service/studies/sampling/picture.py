@@ -20,7 +20,7 @@ _GREYS = 6
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """What one view of a mesh needs, made once and drawn often.
+    """One view of a mesh, prepared once and drawn often.
 
     Attributes
     ----------

@@ -25,12 +25,12 @@ def test_evaluate_by_another_method(collection: Path, method: Method, run: Run) 
     report = json.loads(done.stdout)
     assert list(report) == KEYS
     assert [report[key] for key in ("setting", "rank_by", "shapes", "classes")] == [method, "distance", 9, 3]
-    files, rival = read_collection(collection), load(method)
-    found = [rival.describe(read_mesh(path.read_bytes(), format_of(path.name))) for path, _ in files]
+    files, baseline = read_collection(collection), load(method)
+    found = [baseline.describe(read_mesh(path.read_bytes(), format_of(path.name))) for path, _ in files]
     distances = np.zeros((9, 9))
     for i in range(9):
         for j in range(i):
-            distances[i, j] = distances[j, i] = rival.compare(found[j], [found[i]])[0]
+            distances[i, j] = distances[j, i] = baseline.compare(found[j], [found[i]])[0]
     expected = evaluate(distances, [label for _, label in files], larger_is_closer=False)
     for name in ("nn", "ft", "st", "e", "dcg", "map"):
         assert report[name] == pytest.approx(getattr(expected, name), abs=1e-9)
