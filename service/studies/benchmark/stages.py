@@ -9,29 +9,30 @@ from typing import Any
 from core import pipeline
 from core.embedding import Embedding
 from core.io import read_mesh
+from core.mesh import simplification
 from core.pipeline import Pipeline
 from core.spectral import spectral_embedding as spectra
 
 READING, REST = "read", "rest"
 
-STAGES: dict[str, tuple[ModuleType, str]] = {
-    "clean": (pipeline, "clean"),
-    "close holes": (pipeline, "fill_holes"),
-    "normal frame": (pipeline, "normal_frame"),
-    "simplify": (pipeline, "simplify"),
-    "refine": (pipeline, "refine"),
-    "edge graph": (pipeline, "edge_graph"),
-    "Lewis weights": (pipeline, "lewis_weights"),
-    "samples": (pipeline, "weighted_farthest_points"),
-    "sparse graph, MST": (pipeline, "sparse_graph"),
-    "geodesics": (pipeline, "geodesics"),
-    "affinity": (spectra, "_affinity_pairs"),
-    "Laplace-Beltrami": (spectra, "laplace_beltrami"),
-    "global descriptors": (pipeline, "global_descriptors"),
-    "mesh facts": (pipeline, "measure"),
-    "spin images": (pipeline, "describe"),
+STAGES: dict[str, tuple[tuple[ModuleType, str], ...]] = {
+    "clean": ((pipeline, "clean"), (simplification, "clean")),
+    "close holes": ((pipeline, "fill_holes"),),
+    "normal frame": ((pipeline, "normal_frame"),),
+    "simplify": ((pipeline, "simplify"),),
+    "refine": ((pipeline, "refine"),),
+    "edge graph": ((pipeline, "edge_graph"),),
+    "Lewis weights": ((pipeline, "lewis_weights"),),
+    "samples": ((pipeline, "weighted_farthest_points"),),
+    "sparse graph, MST": ((pipeline, "sparse_graph"),),
+    "geodesics": ((pipeline, "geodesics"),),
+    "affinity": ((spectra, "_affinity_pairs"),),
+    "Laplace-Beltrami": ((spectra, "laplace_beltrami"),),
+    "global descriptors": ((pipeline, "global_descriptors"),),
+    "mesh facts": ((pipeline, "measure"),),
+    "spin images": ((pipeline, "describe"),),
 }
-"""The function of each stage, and the module that calls it."""
+"""The function of each stage, and each module that calls it."""
 
 SAMPLING = tuple(list(STAGES)[: list(STAGES).index("samples") + 1])
 """The stages up to the samples."""
@@ -63,14 +64,18 @@ def watched() -> Iterator[dict[str, float]]:
 
         return call
 
-    plain = {name: getattr(module, function) for name, (module, function) in STAGES.items()}
+    plain = [
+        (module, function, name, getattr(module, function))
+        for name, places in STAGES.items()
+        for module, function in places
+    ]
     try:
-        for name, (module, function) in STAGES.items():
-            setattr(module, function, timed(name, plain[name]))
+        for module, function, name, original in plain:
+            setattr(module, function, timed(name, original))
         yield seconds
     finally:
-        for name, (module, function) in STAGES.items():
-            setattr(module, function, plain[name])
+        for module, function, _, original in plain:
+            setattr(module, function, original)
 
 
 def embed_bytes(method: Pipeline, data: bytes, format: str) -> tuple[Embedding, dict[str, float]]:
