@@ -1,4 +1,4 @@
-"""How much is at work that users wait for."""
+"""A gate that background work waits at while requests of users run."""
 
 import asyncio
 from collections.abc import Iterator
@@ -6,7 +6,7 @@ from contextlib import contextmanager
 
 
 class ActivityGate:
-    """Counts what is at work, so that what no user waits for can give way to it. Of one event loop."""
+    """Counts running requests, so that background work can wait until there are none; for one event loop."""
 
     def __init__(self) -> None:
         self._count = 0
@@ -15,7 +15,7 @@ class ActivityGate:
 
     @contextmanager
     def one(self) -> Iterator[None]:
-        """Count one as at work meanwhile."""
+        """Count one request for the duration of the block."""
         self._count += 1
         self._nothing.clear()
         try:
@@ -26,5 +26,5 @@ class ActivityGate:
                 self._nothing.set()
 
     async def nothing(self) -> None:
-        """Wait until nothing is."""
+        """Wait until no request runs."""
         await self._nothing.wait()

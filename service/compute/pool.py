@@ -1,8 +1,9 @@
-"""An executor of worker processes that outlives any of them.
+"""An executor that survives the death of its worker processes.
 
-The standard process pool breaks for good when one of its workers dies, fails every task in flight with it,
-and cannot stop a task that takes too long. Here each worker process has a thread that hands it one task at a
-time, so that a process which dies, or is killed at the time limit, costs one task and is replaced.
+The standard process pool breaks for good when a worker dies, fails every task in flight, and cannot stop a
+slow task. Here each worker process has a thread that hands it one task at a time through a pipe of its own. A
+process that dies, or is killed at the time limit, costs one task, and a new process replaces it.
+`docs/architecture.md` says what other pools lack.
 """
 
 import os
@@ -25,16 +26,17 @@ class LocalPool(Workers):
     Parameters
     ----------
     workers : int
-        How many.
+        The number of processes.
     seconds : float
-        The longest a task may run. Its process is then killed and its future raises `TaskTimeLimitError`.
+        The time limit of a task. The pool then kills the process, and the future raises
+        `TaskTimeLimitError`.
     warm : callable
-        Called in each new process before it takes a task; what it returns is dropped.
+        Called in each new process before its first task; the result is dropped.
     replaced : callable
-        Told, in a thread of the pool, whenever a process is replaced because of its task, and why: "died",
-        "time-limit" or "given-up".
+        Called in a thread of the pool whenever a task causes the replacement of its process, with the cause:
+        "died", "time-limit" or "given-up".
     tasks_each : int or None
-        A process is replaced, while none waits for it, after so many tasks; None is never.
+        The number of tasks after which a new process, already warm, replaces an old one; None for no limit.
     """
 
     def __init__(
@@ -50,17 +52,17 @@ class LocalPool(Workers):
         self._closing = threading.Event()
         self._abandoned = threading.Event()
         self._submitting = threading.Lock()
-        self._seats = [
+        self._slots = [
             WorkerSlot(self._tasks, self._closing, self._abandoned, seconds, warm, replaced, tasks_each)
             for _ in range(workers)
         ]
-        for slot in self._seats:
+        for slot in self._slots:
             slot.start()
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:  # noqa: ANN401
-        """Have `fn(*args)` called in a worker. Function, arguments and result must pickle; no keywords.
+        """Call `fn(*args)` in a worker. Function, arguments and result must pickle; no keywords.
 
-        The future may be cancelled while the call is made: its process is replaced unless it ends shortly.
+        A running call can be cancelled too: the pool replaces its process unless the call ends shortly.
         """
         if kwargs:
             raise TypeError("tasks take positional arguments only")
@@ -72,55 +74,55 @@ class LocalPool(Workers):
         return task
 
     def ready(self) -> bool:
-        """Whether a worker can be had: an idle one answers, or one is alive and at work."""
-        if any(slot.pid is not None and not slot.busy for slot in self._seats):
+        """Whether a worker is available: an idle worker answers, or a living worker is busy."""
+        if any(slot.pid is not None and not slot.busy for slot in self._slots):
             ping = self.submit(os.getpid)
             try:
                 return ping.result(PING_SECONDS) is not None
             except (TimeoutError, WorkerLostError, CancelledError):
                 ping.cancel()
-        return any(slot.busy and slot.pid is not None for slot in self._seats)
+        return any(slot.busy and slot.pid is not None for slot in self._slots)
 
     def pids(self) -> list[int]:
-        """The process ids of the workers that are warm."""
-        return [slot.pid for slot in self._seats if slot.pid is not None]
+        """The process ids of the warm workers."""
+        return [slot.pid for slot in self._slots if slot.pid is not None]
 
     def idle(self) -> int:
-        """How many workers have no task."""
-        return sum(slot.pid is not None and not slot.busy for slot in self._seats)
+        """The number of warm workers without a task."""
+        return sum(slot.pid is not None and not slot.busy for slot in self._slots)
 
     def busy(self) -> int:
-        """How many workers have one."""
-        return sum(slot.pid is not None and slot.busy for slot in self._seats)
+        """The number of workers with a task."""
+        return sum(slot.pid is not None and slot.busy for slot in self._slots)
 
     def starting(self) -> int:
-        """How many are not warm yet."""
-        return sum(slot.pid is None for slot in self._seats)
+        """The number of workers that are not warm yet."""
+        return sum(slot.pid is None for slot in self._slots)
 
     def waiting(self) -> int:
-        """How many tasks no worker has taken yet."""
+        """The number of tasks in the queue."""
         return self._tasks.qsize()
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Take no more tasks; finish those given, or, to cancel them, only those begun; end the processes."""
+        """Accept no more tasks, finish the accepted tasks (with `cancel_futures`, the running ones), end."""
         with self._submitting:
             self._closing.set()
         if cancel_futures:
             self._abandoned.set()
             self._cancel_waiting()
-            for slot in self._seats:
+            for slot in self._slots:
                 slot.stop_starting()
-        for _ in self._seats:
+        for _ in self._slots:
             self._tasks.put(None)
         if wait:
-            for slot in self._seats:
+            for slot in self._slots:
                 slot.join()
             self._cancel_waiting()
 
     def kill(self) -> None:
-        """Shut down at once: what was begun raises `WorkerLostError`, what was not is cancelled."""
+        """Shut down at once: running tasks raise `WorkerLostError`, queued tasks are cancelled."""
         self.shutdown(wait=False, cancel_futures=True)
-        for slot in self._seats:
+        for slot in self._slots:
             slot.stop_working()
         self.shutdown(wait=True, cancel_futures=True)
 

@@ -13,17 +13,17 @@ from service.compute.worker import serve
 from service.errors import TaskGivenUpError, TaskTimeLimitError, WorkerCrashedError, WorkerLostError
 
 ASK_SECONDS = 0.25
-# A process that has let go of its end is about to be over, though not at once on a busy machine.
+# A process that has closed its end of the pipe ends soon, but on a busy machine not at once.
 END_SECONDS = 10.0
-# What ends a process that has gone wrong in itself; whoever stops one sends another signal.
+# Signals of a process that crashes by itself; a process that is stopped gets another signal.
 CRASHES = {signal.SIGSEGV, signal.SIGABRT, signal.SIGBUS, signal.SIGFPE, signal.SIGILL}
 
-# Spawned, not forked: a fork of a process with threads may hold a lock that no one will ever release.
+# Spawned, not forked: the fork of a process with threads may inherit a lock that is never released.
 _spawn = multiprocessing.get_context("spawn")
 
 
 class WorkerProcess:
-    """A process that answers calls, one at a time; started when made. One thread calls, any may kill."""
+    """A process that answers one call at a time. One thread calls; any thread may kill the process."""
 
     def __init__(self) -> None:
         self._connection: Connection[Any, Any]
@@ -34,12 +34,12 @@ class WorkerProcess:
 
     @property
     def pid(self) -> int:
-        """Its process id."""
+        """The process id."""
         assert self._process.pid is not None
         return self._process.pid
 
     def held(self) -> int:
-        """Bytes that it holds in memory; 0 where the system does not tell."""
+        """Resident memory of the process in bytes; 0 on systems without /proc."""
         try:
             return int(Path(f"/proc/{self.pid}/statm").read_text().split()[1]) * resource.getpagesize()
         except OSError:
@@ -50,12 +50,12 @@ class WorkerProcess:
         return self._process.is_alive()
 
     def send(self, function: Callable[..., Any], arguments: tuple[Any, ...]) -> None:
-        """Ask for `function(*arguments)`.
+        """Start the call `function(*arguments)`.
 
         Raises
         ------
         WorkerLostError
-            The process had died, and has begun nothing.
+            The process was dead, and the call has not begun.
         """
         try:
             self._connection.send((function, arguments))
@@ -63,14 +63,14 @@ class WorkerProcess:
             raise WorkerLostError("the worker process had died") from error
 
     def receive(self, seconds: float, given_up: Callable[[], bool] = lambda: False) -> Any:  # noqa: ANN401
-        """What the function returned there, or raised; `given_up` is asked now and then.
+        """Return the result of the call, or raise its error; `given_up` is polled meanwhile.
 
         Raises
         ------
         TaskTimeLimitError
-            It took longer than `seconds`, and may still go on; or it used up its processor time, and is over.
+            The call took longer than `seconds` and may still run; or it used up its processor time and ended.
         TaskGivenUpError
-            No one waits for it any more; it may still go on.
+            The caller has cancelled the call, which may still run.
         WorkerLostError
             The process died.
         """
@@ -94,11 +94,11 @@ class WorkerProcess:
         return answer
 
     def kill(self) -> None:
-        """Stop it at once, so that the thread that waits for it hears of its death."""
+        """Kill the process; the thread that waits for an answer sees its death."""
         self._process.kill()
 
     def end(self) -> None:
-        """Stop it at once, and let go of it: it holds nothing that is worth keeping."""
+        """Kill the process and release its resources."""
         self._process.kill()
         self._process.join()
         self._connection.close()

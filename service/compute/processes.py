@@ -1,4 +1,4 @@
-"""The processes that a service, or a command that does the same work, starts."""
+"""Start the worker processes and the file readers of a service or of a command."""
 
 from collections.abc import Callable
 from functools import partial
@@ -14,13 +14,13 @@ from service.settings import Settings
 def start(
     settings: Settings, parameters: Parameters, replaced: Callable[[str], object] = lambda cause: None
 ) -> tuple[Workers, LocalPool]:
-    """Workers, warmed up for these parameters, and readers of uploads; `replaced` is as in `LocalPool`.
+    """Start workers, warmed up for these parameters, and readers of uploads; `replaced` as in `LocalPool`.
 
-    The workers may be a cluster's. The readers are always this machine's, which confines them.
+    Workers may be those of a cluster. Readers are always confined processes on this machine.
     """
     workers: Workers
     if settings.scheduler:
-        # Here, so that a service without a cluster needs no Dask.
+        # Imported here: a service without a cluster needs no Dask.
         from service.compute.cluster import ClusterPool  # noqa: PLC0415
 
         workers = ClusterPool(

@@ -1,4 +1,4 @@
-"""The loop of a worker process. It imports nothing heavy, so that the threads are set before anything is."""
+"""The loop of a worker process. It imports no numerics: it sets numbers of threads before libraries load."""
 
 import multiprocessing
 import os
@@ -13,14 +13,14 @@ THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_
 
 
 def serve(connection: "Connection[Any, Any]") -> None:
-    """Answer calls, one after another, until the other end closes.
+    """Answer calls, one after another, until the other end of the pipe closes.
 
-    A call is (function, arguments); its answer is (True, what it returned) or (False, what it raised). One
-    thread a worker: the pool has a process for each processor already.
+    A call is (function, arguments); the answer is (True, result) or (False, error). Libraries get one thread:
+    the pool already has a process for each processor.
     """
     for name in THREADS:
         os.environ[name] = "1"
-    # An interrupt from the terminal reaches every process of the group; the parent decides what it means.
+    # An interrupt from the terminal reaches every process of the group; the parent alone handles it.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     end_with_parent()
     while True:
@@ -36,7 +36,7 @@ def serve(connection: "Connection[Any, Any]") -> None:
 
 
 def end_with_parent() -> None:
-    """Do not go on with a task whose parent was killed: no one is left to stop it, or to wait for it."""
+    """End this process when its parent ends: nothing else would stop its task."""
     threading.Thread(target=_end_after_parent, daemon=True).start()
 
 
@@ -48,7 +48,7 @@ def _end_after_parent() -> None:
 
 
 def _failure(error: Exception) -> bytes:
-    """The answer that raises an error at the other end, or what can be said of it if it does not pickle."""
+    """The answer that raises this error at the other end; its `repr` if the error does not pickle."""
     note = f"in a worker:\n{traceback.format_exc()}"
     error.add_note(note)
     try:

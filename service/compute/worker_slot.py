@@ -1,4 +1,4 @@
-"""One place of a pool: a thread, and the worker process that it hands tasks to."""
+"""A worker slot of a pool: a thread, and the worker process that it hands tasks to."""
 
 import threading
 import time
@@ -15,11 +15,11 @@ from service.observability.logging import get_logger
 log = get_logger("compute")
 
 RESTART_SECONDS = 1.0
-# Three times what a warm process needs. Memory that is free, but in pieces, is not given back by itself.
+# Three times the memory of a warm process. Fragmented free memory does not return to the system by itself.
 HELD_BYTES = 768 * 1024**2
-# About what a new process takes to start.
+# About the time that a new process takes to start.
 GIVEN_UP_SECONDS = 2.0
-# The next process is started when the one at work has so large a share of its tasks left.
+# The next process starts when the current process has this share of its tasks left.
 AHEAD = 0.1
 CAUSES = {
     WorkerLostError: "died",
@@ -30,10 +30,11 @@ CAUSES = {
 
 
 class Task(Future[Any]):
-    """A call, and the future of its answer.
+    """A call, and the future of its result.
 
-    It lets go of its arguments, which may be large, when a process has them, or when it is cancelled before.
-    Cancelled later it may go on for a while, since ending the process costs more than a short call.
+    A task drops its arguments, which may be large, once a process has them or the task is cancelled. A
+    running call that is cancelled may go on for `GIVEN_UP_SECONDS`: a new process costs more than a short
+    call.
     """
 
     def __init__(self, function: Callable[..., Any], arguments: tuple[Any, ...]) -> None:
@@ -43,7 +44,7 @@ class Task(Future[Any]):
         self._given_up_at: float | None = None
 
     def cancel(self) -> bool:
-        """Whether the call will not be made; one that is being made is given up."""
+        """Cancel a queued call and return True; mark a running call as given up and return False."""
         if super().cancel():
             self.arguments = ()
             return True
@@ -52,14 +53,14 @@ class Task(Future[Any]):
         return False
 
     def given_up(self) -> bool:
-        """Whether it has had its time since it was cancelled."""
+        """Whether the call was cancelled more than `GIVEN_UP_SECONDS` ago."""
         return self._given_up_at is not None and time.monotonic() >= self._given_up_at + GIVEN_UP_SECONDS
 
 
 class WorkerSlot(threading.Thread):
-    """A place for one worker process at a time, and the thread that hands it tasks.
+    """A slot for one worker process at a time, and the thread that hands it tasks.
 
-    `pid` is that of the process once it is warm; `busy` is whether it has a task.
+    `pid` is the process id of a warm process, else None; `busy` says whether the process has a task.
     """
 
     def __init__(
@@ -88,7 +89,7 @@ class WorkerSlot(threading.Thread):
         self._next: Starting | None = None
 
     def run(self) -> None:
-        """Do tasks until the end of the queue."""
+        """Run tasks until the end of the queue."""
         while True:
             if self._process is None and not self._fill():
                 if self._closing.is_set():
@@ -106,13 +107,13 @@ class WorkerSlot(threading.Thread):
                 self._do(task)
                 self.busy = False
                 self._renew()
-            # Not kept until the next one comes: its arguments may be large.
+            # Dropped before the next task comes: its result may be large.
             del task
 
     def _renew(self) -> None:
-        """End a process that has done its share, or holds on to what a large task needed.
+        """End a process that has run its number of tasks, or holds more memory than `HELD_BYTES`.
 
-        The one that follows it is started before its share is done, so that the seat is hardly ever empty.
+        The next process starts before the current process has run all its tasks, so the slot is rarely empty.
         """
         process = self._process
         if process is None:
@@ -123,19 +124,19 @@ class WorkerSlot(threading.Thread):
             self._next = Starting(self._warm, self._abandoned)
 
     def stop_starting(self) -> None:
-        """Do not wait for a process that is still warming up."""
+        """Kill a process that is still warming up."""
         starting = self._next
         if starting is not None:
             starting.kill()
 
     def stop_working(self) -> None:
-        """Do not wait for the task that is being done."""
+        """Kill the process with its running task."""
         process = self._process
         if process is not None:
             process.kill()
 
     def _do(self, task: Task) -> None:
-        """Have the task done and its future settled."""
+        """Run the task and settle its future."""
         try:
             process = self._hand_over(task)
             answer = process.receive(self._seconds, task.given_up)
@@ -152,7 +153,7 @@ class WorkerSlot(threading.Thread):
             task.set_result(answer)
 
     def _hand_over(self, task: Task) -> WorkerProcess:
-        """The process that has the task. One that died while idle had begun nothing, so another gets it."""
+        """Send the task to the process, or to a new process if the process died idle; return the process."""
         process = self._process
         if process is not None and process.alive():
             try:
@@ -170,7 +171,7 @@ class WorkerSlot(threading.Thread):
         return self._process
 
     def _fill(self) -> bool:
-        """Put a warm process there; whether that succeeded."""
+        """Fill the slot with a warm process; False if none started."""
         if self._next is None:
             self._next = Starting(self._warm, self._abandoned)
         self._process = self._next.take()
@@ -195,7 +196,7 @@ class WorkerSlot(threading.Thread):
             self._process = None
 
     def _refuse_one(self) -> None:
-        """No process starts: let waiting requests have an answer rather than wait for ever."""
+        """Fail one queued task, since no process starts: requests must not wait for ever."""
         try:
             task = self._tasks.get_nowait()
         except Empty:

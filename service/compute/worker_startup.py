@@ -1,4 +1,4 @@
-"""A worker process on its way: started, and warmed before anyone gives it a task."""
+"""The start of a worker process: the process is warm before its first task."""
 
 import threading
 from collections.abc import Callable
@@ -12,14 +12,14 @@ START_SECONDS = 180.0
 
 
 class Starting(threading.Thread):
-    """The thread that starts a process and warms it.
+    """A thread that starts and warms one process.
 
     Parameters
     ----------
     warm : callable
-        Called in the new process; what it returns is dropped.
+        Called in the new process; the result is dropped.
     abandoned : threading.Event
-        Set when no process is wanted any more.
+        Set when the pool wants no process any more.
     """
 
     def __init__(self, warm: Callable[[], object], abandoned: threading.Event) -> None:
@@ -32,12 +32,12 @@ class Starting(threading.Thread):
         self.start()
 
     def run(self) -> None:
-        """Start the process and wait until it is warm."""
+        """Start the process and wait until `warm` has returned."""
         if self._unwanted():
             return
         try:
             self._process = WorkerProcess()
-            # Whoever wants it no more now sees the process and kills it; whoever did before, did not.
+            # A call of `kill` from now on sees the process; an earlier call did not.
             if self._unwanted():
                 self._process.kill()
             self._process.send(self._warm, ())
@@ -49,7 +49,7 @@ class Starting(threading.Thread):
             self._warmed = True
 
     def take(self) -> WorkerProcess | None:
-        """Wait for the process, which is the caller's then; None if it could not be started."""
+        """Wait for the process and hand it to the caller; None if it did not start."""
         self.join()
         if self._warmed:
             return self._process
@@ -58,7 +58,7 @@ class Starting(threading.Thread):
         return None
 
     def kill(self) -> None:
-        """Do not wait for a process that is still warming up."""
+        """Kill the process, or do not start it."""
         self._killed = True
         if self._process is not None:
             self._process.kill()

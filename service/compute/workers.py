@@ -1,4 +1,4 @@
-"""What a service asks of its workers, wherever they are."""
+"""The interface of workers: processes on this machine, or a cluster."""
 
 from abc import abstractmethod
 from collections.abc import Callable
@@ -10,49 +10,49 @@ from numpy.typing import NDArray
 
 
 class Workers(Executor):
-    """An executor that can be asked how it is, and stopped at once."""
+    """An executor that reports its state and can be stopped at once."""
 
     @abstractmethod
     def ready(self) -> bool:
-        """Whether a worker can be had."""
+        """Whether a worker is available."""
 
     @abstractmethod
     def pids(self) -> list[int]:
-        """The process ids of the workers that are warm, each on its machine."""
+        """The process ids of the warm workers, each on its machine."""
 
     @abstractmethod
     def idle(self) -> int:
-        """How many tasks more could be begun at once."""
+        """The number of tasks that could start at once."""
 
     @abstractmethod
     def busy(self) -> int:
-        """How many tasks are at work."""
+        """The number of running tasks."""
 
     @abstractmethod
     def starting(self) -> int:
-        """How many workers are not warm yet."""
+        """The number of workers that are not warm yet."""
 
     @abstractmethod
     def waiting(self) -> int:
-        """How many tasks no worker has taken yet."""
+        """The number of tasks that no worker has taken yet."""
 
     @abstractmethod
     def kill(self) -> None:
-        """Shut down at once; nothing that was begun is waited for."""
+        """Shut down at once, without waiting for running tasks."""
 
 
 class RemoteWorkers(Workers):
-    """Workers of which each keeps something: a call is sent to where that is.
+    """Workers that keep data between calls: a call goes to the worker that owns its data.
 
-    Workers may serve others too: `user` is a number that tells what this service has them keep from that.
+    Workers may serve several services; the number `user` marks the data of this service.
     """
 
     user: int
 
     @abstractmethod
     def owners(self, keys: NDArray[np.int64]) -> NDArray[np.str_]:
-        """Which worker each key falls to, shape (n,): one that comes or goes moves no others' keys."""
+        """The worker that owns each key, shape (n,). A worker that comes or goes moves only its own keys."""
 
     @abstractmethod
     def submit_to(self, owner: str, fn: Callable[..., Any], /, *args: Any) -> Future[Any]:  # noqa: ANN401
-        """Have `fn(*args)` called in a worker's own process, or in another's if it has gone."""
+        """Call `fn(*args)` in the process of this worker, or of another worker if this one has left."""
