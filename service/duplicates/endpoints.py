@@ -50,9 +50,9 @@ async def duplicates(
     container: Service,
     collection: InCollection,
 ) -> DuplicatesAnswer | Response:
-    """Groups of shapes that are one rigid form: turned, moved, scaled, mirrored or meshed anew.
+    """Groups of shapes with one rigid form: rotated, moved, scaled, mirrored or remeshed copies.
 
-    Two poses of one body are none. Among thousands of shapes it takes minutes: give filters.
+    Two poses of one body are not duplicates. Thousands of shapes take minutes; filters shorten the search.
     """
     timings = Timings()
     wanted = options.wanted(collection.number)

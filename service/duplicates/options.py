@@ -12,23 +12,23 @@ from service.shapes.filters import Filters
 
 
 class DuplicatesOptions(NamedInAddress, Filters):
-    """Among which shapes to look for near-identical ones, and what these are."""
+    """The shapes to search for near-identical ones, and the limits of near identity."""
 
     min_cc: float = Field(
         default=0.98,
         ge=-1.0,
         le=1.0,
-        description="Only pairs of at least this cc are laid onto each other. Poses of one body pass it too.",
+        description="Register only pairs with at least this cc. Poses of one body pass this limit too.",
     )
     max_residual: float = Field(
         default=RESIDUAL,
         gt=0.0,
         le=0.1,
-        description="How far apart two surfaces may lie at most after the best rotation, reflection and "
-        "scaling: the root mean square distance both ways, over the root of the area.",
+        description="The largest distance of two surfaces after the best rotation, reflection and scaling: "
+        "the root mean square distance over both directions, over the square root of the area.",
     )
-    format: Literal["json", "csv"] = Field(default="json", description="csv has a row a shape.")
+    format: Literal["json", "csv"] = Field(default="json", description="csv: one row for each shape.")
 
     def wanted(self, collection: CollectionNumber) -> Wanted:
-        """What to look for in a collection."""
+        """The search in a collection."""
         return Wanted(self.filtered(collection), self.min_cc, self.max_residual)

@@ -20,16 +20,16 @@ FORMULA = ("=", "+", "-", "@", "\t", "\r")
 
 
 class Duplicate(BaseModel):
-    """A shape of a group. The first is the oldest, and the others are told by what they are to it."""
+    """A shape of a group. The first shape is the oldest; the fields describe a shape relative to it."""
 
     shape: Shape
     kinship: Literal["same", "scaled", "mirrored"] = Field(
-        description="same: turned, moved or meshed anew; scaled: of another size; mirrored: in any size. A "
-        "mirror image that a rotation gives as well, as of a symmetric shape, is same or scaled."
+        description="same: rotated, moved or remeshed; scaled: of another size; mirrored: a mirror image of "
+        "any size. A mirror image that is also a rotation, as of a symmetric shape, is same or scaled."
     )
-    scale: float = Field(description="Its lengths over those of the first.")
-    cc: float = Field(description="Of the pair that it was found by; 1 for the first.")
-    residual: float = Field(description="Of the same pair; 0 for the first.")
+    scale: float = Field(description="The size of the shape over that of the first.")
+    cc: float = Field(description="cc of the pair by which the shape was found; 1 for the first.")
+    residual: float = Field(description="Residual of the same pair after registration; 0 for the first.")
 
     @classmethod
     def of(cls, member: "Member", record: ShapeRecord) -> "Duplicate":
@@ -47,14 +47,14 @@ class DuplicatesAnswer(BaseModel):
     """The groups of near-identical shapes, each of two or more, the oldest first."""
 
     groups: list[list[Duplicate]]
-    shapes: int = Field(description="How many shapes were looked at.")
-    compared: int = Field(description="How many pairs were near enough by signature to be compared.")
-    aligned: int = Field(description="How many of these were laid onto each other.")
-    milliseconds: dict[str, float] = Field(description="Wall time by stage.")
+    shapes: int = Field(description="The number of shapes searched.")
+    compared: int = Field(description="The number of compared pairs, whose signatures are near enough.")
+    aligned: int = Field(description="The number of registered pairs.")
+    milliseconds: dict[str, float] = Field(description="The time of each stage.")
 
     @classmethod
     def of(cls, found: "Duplicates", *, milliseconds: dict[str, float]) -> "DuplicatesAnswer":
-        """The JSON of what was found."""
+        """The JSON of the groups."""
         return cls(
             groups=[[Duplicate.of(member, record) for member, record in group] for group in found.groups],
             shapes=found.shapes,
@@ -64,9 +64,9 @@ class DuplicatesAnswer(BaseModel):
         )
 
     def csv(self) -> str:
-        """A row for each shape of a group, groups numbered from 1, under a row of names (RFC 4180).
+        """A header, and a row for each shape of a group, with groups numbered from 1 (RFC 4180).
 
-        A name that a spreadsheet would take for a formula has an apostrophe before it.
+        An apostrophe precedes a name that a spreadsheet would take for a formula.
         """
         text = io.StringIO()
         rows = csv.writer(text)

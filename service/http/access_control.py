@@ -1,4 +1,4 @@
-"""Lets a request in, or answers why not, before anything of its body is read."""
+"""Access control: admits a request or refuses it with a problem document, before its body is read."""
 
 from starlette.datastructures import Headers
 from starlette.types import ASGIApp, Receive, Scope, Send
@@ -7,15 +7,15 @@ from service.auth.gate import Gate
 from service.errors import ServiceError
 from service.http.problems import problem_of
 
-# Where the digest of the request's key is kept, for the log, and what the request may do.
+# Keys of the request's scope: the digest of its API key, for the log, and its grant.
 KEY_IN_SCOPE = "isoshape.key"
 GRANT_IN_SCOPE = "isoshape.grant"
-# And the name of the collection that it works in, once that is known.
+# The name of the collection that the request works in, once it is known.
 COLLECTION_IN_SCOPE = "isoshape.collection"
 
 
 class AccessControl:
-    """Has the gate look at each request."""
+    """Middleware that asks the gate about each request."""
 
     def __init__(self, app: ASGIApp, gate: Gate) -> None:
         self._app = app
@@ -32,7 +32,7 @@ class AccessControl:
         except ServiceError as error:
             response = problem_of(error)
             if "transfer-encoding" in headers:
-                # Otherwise the server reads, and drops, the rest of a body that may have no end.
+                # Without this header the server reads the rest of the body, which may have no end.
                 response.headers["Connection"] = "close"
             await response(scope, receive, send)
             return

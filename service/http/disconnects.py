@@ -1,4 +1,4 @@
-"""Work for a client, for as long as there is one."""
+"""Work that ends when its client disconnects."""
 
 import asyncio
 from collections.abc import Coroutine
@@ -10,15 +10,15 @@ Answer = TypeVar("Answer")
 
 
 async def while_connected(request: Request, work: Coroutine[Any, Any, Answer]) -> Answer:
-    """What the work gives. The body of the request must have been read.
+    """The result of the work. The body of the request must have been read.
 
-    Work whose client goes away, or which the server gives up at its own end, is cancelled. What is a
-    transaction then goes on in its thread, and is committed whole or not at all.
+    The work is cancelled when the client disconnects, and when the server stops. A transaction goes on in its
+    thread, and is committed whole or not at all.
 
     Raises
     ------
     ClientDisconnect
-        The client went away.
+        The client disconnected.
     """
     doing = asyncio.ensure_future(work)
     leaving = asyncio.ensure_future(_left(request))
@@ -30,11 +30,11 @@ async def while_connected(request: Request, work: Coroutine[Any, Any, Answer]) -
     finally:
         doing.cancel()
         leaving.cancel()
-        # What they raise now is nobody's business.
+        # Nobody waits for either, so errors of the cancelled tasks are dropped.
         await asyncio.gather(doing, leaving, return_exceptions=True)
 
 
 async def _left(request: Request) -> None:
-    """Return when the client has gone away."""
+    """Return when the client has disconnected."""
     while (await request.receive())["type"] != "http.disconnect":
         pass

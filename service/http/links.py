@@ -1,8 +1,8 @@
-"""Links in the OpenAPI document: what can be done next with the shapes and jobs that an answer names."""
+"""Links in the OpenAPI document: from an answer that names a shape or a job to the operations on it."""
 
 from typing import Any
 
-# The answers that name a shape or a job: the parameter that its id is, and where it stands.
+# Answers that name a shape or a job: the path parameter of its id, and the place of the id in the answer.
 _NAMED = {
     ("post", "/shapes", "201"): ("shape_id", "$response.body#/id"),
     ("post", "/shapes", "200"): ("shape_id", "$response.body#/id"),
@@ -15,19 +15,19 @@ _NAMED = {
     ("get", "/jobs", "200"): ("job_id", "$response.body#/jobs/0/id"),
     ("get", "/jobs/{job_id}", "200"): ("job_id", "$response.body#/id"),
 }
-# The answers that name a shape that was deleted.
+# Answers that name a deleted shape.
 _DELETED = {
     ("delete", "/shapes/{shape_id}", "204"): ("shape_id", "$request.path.shape_id"),
     ("get", "/deleted", "200"): ("shape_id", "$response.body#/shapes/0/id"),
 }
-# What can be done with such a shape, and with no other.
+# Operations on deleted shapes only.
 _FOR_DELETED = {"/shapes/{shape_id}/restore", "/deleted/{shape_id}"}
-# The addresses whose body names shapes, and the fields that do.
+# Operations whose body names shapes, and the fields that hold the ids.
 _BY_BODY = {("post", "/query"): ("shape_id",), ("post", "/compare"): ("first", "second")}
 
 
 def link(paths: dict[str, Any]) -> None:
-    """Write links into a document's operations, by path and method: one to each thing that can be done."""
+    """Add links to the operations of a document, given by path and method."""
     for answers, others, bodies in (
         (_NAMED, set(paths) - _FOR_DELETED, _BY_BODY),
         (_DELETED, _FOR_DELETED, {}),

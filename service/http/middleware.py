@@ -1,4 +1,4 @@
-"""What every request passes through: an id and a line in the log, and a limit on its body."""
+"""Middleware of every request: an id and a line in the log, and a limit on the body."""
 
 import asyncio
 import logging
@@ -20,10 +20,10 @@ from service.observability.metrics import METHODS, OTHER, Metrics
 
 HEADER = "X-Request-ID"
 
-# Asked every few seconds, and of no interest while they answer.
+# Probes come every few seconds; the log has them at the level debug.
 PROBES = frozenset({"/healthz", "/readyz"})
 
-# No answer: the client had gone. The number is the one that proxies use.
+# No answer: the client disconnected. Proxies use the same number.
 CLIENT_GONE = 499
 
 FORM_OVERHEAD = 1024 * 1024
@@ -35,7 +35,7 @@ _ACCEPTABLE_ID = re.compile(r"[A-Za-z0-9._-]{1,64}")
 
 
 class RequestContext:
-    """Gives a request its id, logs and counts its end, and answers 500 or 503 where nothing else has."""
+    """Gives a request its id, logs and counts its answer, and answers 500 or 503 to an unhandled error."""
 
     def __init__(self, app: ASGIApp, metrics: Metrics) -> None:
         self._app = app
@@ -66,11 +66,11 @@ class RequestContext:
             log.info("the client went away")
             status = status or CLIENT_GONE
         except asyncio.CancelledError:
-            # The server was asked to stop, and waits no longer.
+            # The server stops, and waits no longer.
             if status:
                 raise
             error = ShuttingDownError(
-                "the work was not finished in time; whether it changed anything is open"
+                "the service stopped before the work ended; the work may have changed something"
             )
             await problem_of(error)(scope, receive, send_with_id)
         except Exception as error:
@@ -92,14 +92,14 @@ class RequestContext:
             if COLLECTION_IN_SCOPE in scope:
                 fields["collection"] = scope[COLLECTION_IN_SCOPE]
             if KEY_IN_SCOPE in scope:
-                # Enough of the digest to tell keys apart; the key cannot be had from it.
+                # Enough of the digest to tell keys apart; nobody can compute the key from it.
                 fields["key"] = scope[KEY_IN_SCOPE][:8]
             level = logging.DEBUG if scope["path"] in PROBES else logging.INFO
             log.log(level, "request", extra={"fields": fields})
             request_id.reset(token)
 
     def _count(self, scope: Scope, status: int, seconds: float) -> None:
-        """Count a request by its route: the addresses themselves are without end."""
+        """Count a request by its route, since addresses with ids have no limit in number."""
         metrics = self._metrics
         method = scope["method"] if scope["method"] in METHODS else OTHER
         route = getattr(scope.get("route"), "path", OTHER)
@@ -111,10 +111,10 @@ class RequestContext:
 
 
 class BodyLimit:
-    """Refuses a body that is too large: by what it says of itself, or else by counting.
+    """Refuses a body that is too large, by its Content-Length, or else by counting its bytes.
 
-    A form may be as large as a file may be, and its other fields beside; any other body is small. `larger`
-    has the addresses that take larger files, and how large.
+    A form may have the size of the largest file and `FORM_OVERHEAD`; any other body has a limit of
+    `SMALL_BODY_BYTES`. `larger` has the paths with another size of the largest file, in bytes.
     """
 
     def __init__(self, app: ASGIApp, file_bytes: int, larger: Mapping[str, int]) -> None:
@@ -143,7 +143,7 @@ class BodyLimit:
             message = await receive()
             received += len(message.get("body", b""))
             if received > limit:
-                # An exception that the framework passes on while it reads a body; any other becomes a 400.
+                # FastAPI passes an HTTPException on while it reads a body; any other error becomes a 400.
                 raise HTTPException(413, too_large)
             return message
 

@@ -15,53 +15,59 @@ from service.http.problem_document import MEDIA_TYPE, Problem
 from service.http.problems import documented
 
 DESCRIPTION = """\
-Upload meshes, then ask for the stored ones most like another. Two poses of one body are alike: what is
-compared is the shape as one would measure it along its surface.
+Upload meshes, then search for the stored shapes most similar to another mesh. The service compares distances
+along surfaces, so two poses of one body are similar.
 
 * **POST /shapes** stores a mesh file with a name, tags and metadata.
-* **POST /query** finds the stored shapes most like a file, or like a stored shape.
+* **POST /query** finds the stored shapes most similar to a file.
+* **GET /shapes/{shape_id}/similar** finds the stored shapes most similar to a stored one.
 * **POST /compare** compares two stored shapes point by point.
-* **GET /duplicates** finds stored shapes that are one form: turned, scaled, mirrored or meshed anew.
+* **GET /duplicates** finds stored shapes of the same form: rotated, scaled, mirrored or remeshed copies.
 * **POST /jobs** stores every mesh of an archive.
-* **GET /collections** lists the named sets of shapes. Every call works in one: that which its header
-  `Isoshape-Collection`, or the parameter `collection`, names, or else `default`.
+* **GET /collections** lists the named sets of shapes. Every request works in one collection: the header
+  `Isoshape-Collection` or the parameter `collection` names it; without either it is `default`.
 
-A service may ask for a key, in `Authorization: Bearer` or `X-API-Key`. There are two kinds: one may do
-everything, the other may read, query and compare. Either may be limited to some collections.
+A service may require a key, in `Authorization: Bearer` or `X-API-Key`. A full key may do everything; a read
+key may read, query and compare. Either kind may be limited to some collections.
 
 Every error is a problem document (`application/problem+json`, RFC 9457), whose `type` never changes. Every
-answer has an `X-Request-ID`: your own, if you send one, and the one to look for in the logs.
+answer has an `X-Request-ID`: the client's own, if the request has one. The service's log has the same id.
 """
 
 TAGS = [
-    {"name": "search", "description": "Which shapes are alike."},
-    {"name": "shapes", "description": "What is stored."},
-    {"name": "jobs", "description": "Archives of many meshes."},
+    {"name": "search", "description": "Similar shapes, comparisons and duplicates."},
+    {"name": "shapes", "description": "Stored shapes, their files and pictures."},
+    {"name": "jobs", "description": "Bulk jobs: archives of many meshes."},
     {"name": "collections", "description": "Named sets of shapes."},
-    {"name": "session", "description": "Signing in, for the page."},
+    {"name": "session", "description": "Signing in and out, for the page."},
     {"name": "service", "description": "The service itself."},
 ]
 
 SCHEMES = {
-    "bearer": {"type": "http", "scheme": "bearer", "description": "A key, where the service asks for one."},
-    "header": {"type": "apiKey", "in": "header", "name": "X-API-Key", "description": "The same."},
+    "bearer": {"type": "http", "scheme": "bearer", "description": "A key, if the service requires one."},
+    "header": {
+        "type": "apiKey",
+        "in": "header",
+        "name": "X-API-Key",
+        "description": "The same key, in a header of its own.",
+    },
     "session": {
         "type": "apiKey",
         "in": "cookie",
         "name": COOKIE,
-        "description": "What POST /session sets in a browser.",
+        "description": "The cookie that POST /session sets in a browser.",
     },
 }
 
 
 def describe(app: FastAPI, refusals: Mapping[str, Sequence[str]]) -> None:
-    """Have the app's document hold what the framework does not see: the form of problems, and who may ask.
+    """Add to the OpenAPI document of an app: problem documents, access and links.
 
     Parameters
     ----------
     app : FastAPI
     refusals : mapping of str to sequence of str
-        For parameters by name: the kinds of problem that an operation with the parameter may answer.
+        Parameters by name: the kinds of problem that an operation with the parameter may answer.
     """
 
     def openapi() -> dict[str, Any]:
@@ -92,7 +98,7 @@ def describe(app: FastAPI, refusals: Mapping[str, Sequence[str]]) -> None:
 
 
 def _say_who_may_ask(method: str, path: str, operation: dict[str, Any]) -> None:
-    """Write into an operation which keys it takes, and how it refuses others."""
+    """Document the keys that an operation accepts, and the problems that refuse a request without one."""
     level = needed(method, path)
     operation["security"] = [] if level is None else [{name: []} for name in SCHEMES]
     kinds = [] if method in SAFE_METHODS else ["cross-site"]
@@ -104,7 +110,7 @@ def _say_who_may_ask(method: str, path: str, operation: dict[str, Any]) -> None:
 
 
 def _add_problems(operation: dict[str, Any], kinds: Sequence[str]) -> None:
-    """Have an operation answer these kinds of problem too."""
+    """Add kinds of problem to the responses of an operation."""
     responses = operation["responses"]
     there = {
         kind

@@ -13,31 +13,31 @@ INSTANCE_PREFIX = "urn:isoshape:request:"
 
 
 class Fault(BaseModel):
-    """What is wrong with one field."""
+    """A fault of one field of a request."""
 
     field: str = Field(examples=["metadata"])
     message: str = Field(examples=["not JSON: Expecting value at character 0"])
 
 
 class Problem(BaseModel):
-    """The answer whenever something went wrong (RFC 9457)."""
+    """The answer to every request that fails (RFC 9457)."""
 
     type: str = Field(
-        description="What kind of problem it is. It never changes, so a program may branch on it.",
+        description="The kind of problem. It never changes, so a program may branch on it.",
         json_schema_extra={"enum": [TYPE_PREFIX + kind for kind in PROBLEMS]},
     )
-    title: str = Field(description="The same in words.")
+    title: str = Field(description="The kind of problem in words.")
     status: int = Field(description="The HTTP status.")
-    detail: str = Field(description="What happened this time, for a person.")
-    instance: str = Field(description="This one occurrence.")
+    detail: str = Field(description="What happened in this request, for people.")
+    instance: str = Field(description="The occurrence: a URN with the id of the request.")
     request_id: str = Field(
         description="The id of the request, as in the X-Request-ID header and in the logs."
     )
-    errors: list[Fault] | None = Field(default=None, description="Field by field, where fields are at fault.")
+    errors: list[Fault] | None = Field(default=None, description="The fields at fault, each with a message.")
 
 
 def faults_of(errors: Sequence[Any]) -> list[FieldFault]:
-    """The faults in what pydantic reports, each named by its field as the client wrote it."""
+    """Pydantic's errors as faults, each with the name of the field as the client wrote it."""
     faults = []
     for error in errors:
         location = [str(part) for part in error["loc"]]

@@ -22,7 +22,7 @@ log = get_logger("problems")
 
 
 class ProblemResponse(JSONResponse):
-    """A problem document, whose kind is left in the scope of its request: for the log and the metrics."""
+    """A problem document. It leaves its kind in the scope of the request, for the log and the metrics."""
 
     media_type = MEDIA_TYPE
 
@@ -60,7 +60,7 @@ def problem_response(
     if retry_after is not None:
         headers["Retry-After"] = str(retry_after)
     if row.status in {413, 507}:
-        # Otherwise the server reads, and drops, the rest of a body that may have no end.
+        # Without this header the server reads the rest of the body, which may have no end.
         headers["Connection"] = "close"
     return ProblemResponse(problem, kind, headers)
 
@@ -74,7 +74,7 @@ def problem_of(error: ServiceError) -> JSONResponse:
 
 
 def handle_problems(app: FastAPI) -> None:
-    """Have every error that the service or the framework raises answered with a problem document."""
+    """Answer every error of the service, the core and the framework with a problem document."""
     app.add_exception_handler(ServiceError, _service_error)
     app.add_exception_handler(CoreError, _core_error)
     app.add_exception_handler(RequestValidationError, _validation_error)
@@ -82,7 +82,7 @@ def handle_problems(app: FastAPI) -> None:
 
 
 def documented(*kinds: str) -> dict[int | str, dict[str, Any]]:
-    """The OpenAPI `responses` of an endpoint that may answer with these kinds of problem."""
+    """The OpenAPI `responses` of an endpoint that may answer these kinds of problem."""
     responses: dict[int | str, dict[str, Any]] = {}
     for kind in sorted(kinds, key=lambda kind: (PROBLEMS[kind].status, kind)):
         row = PROBLEMS[kind]
@@ -154,7 +154,7 @@ async def _http_error(request: Request, error: Exception) -> JSONResponse:
 
 
 def _answered(request: Request) -> list[str]:
-    """The methods that an address answers. The framework names those of one of its routes alone."""
+    """The methods that a path answers, over all routes; the framework names the methods of one route only."""
     return [
         method
         for method in sorted(METHODS)

@@ -30,8 +30,8 @@ ARCHIVE_CHARACTERS = 255
 router = APIRouter(tags=["jobs"])
 
 JobId = Annotated[str, Path(description="The id of a job.", max_length=64)]
-Cursor = Annotated[str | None, Query(max_length=256, description="The `next_cursor` of the page before.")]
-Limit = Annotated[int, Query(ge=1, le=500, description="How many at most.")]
+Cursor = Annotated[str | None, Query(max_length=256, description="The `next_cursor` of the previous page.")]
+Limit = Annotated[int, Query(ge=1, le=500, description="The largest number of items of the page.")]
 
 
 def _runner(request: Request) -> Runner:
@@ -69,7 +69,8 @@ ARCHIVE = RequestBody(ArchiveUpload, limit="max_archive_bytes")
     status_code=202,
     summary="Store an archive of meshes",
     response_model=Job,
-    response_description="The archive is durable, and the job has its turn; Location names it.",
+    response_description="The archive is stored durably, and the job waits for its turn; Location is its "
+    "address.",
     responses=documented(
         "bad-request",
         "bad-request-fields",
@@ -91,10 +92,10 @@ async def create_job(
     collection: InCollection,
     upload: Annotated[ArchiveUpload, Depends(ARCHIVE, scope="function")],
 ) -> Job:
-    """Have every mesh in a zip or tar stored as by an upload of its own, with these tags and this metadata.
+    """Store every mesh of a zip or tar file as a single upload would, with these tags and this metadata.
 
-    A shape has the name of its file, without the folders. A file that cannot be stored is refused with its
-    cause, and does not hold up the others. The job outlives a restart of the service.
+    A shape has the name of its file, without the folders. A file that cannot be stored is refused with a
+    cause, and the job goes on with the others. The job survives a restart of the service.
     """
     settings, file = container.settings, upload.file
     format = await run_in_threadpool(service.format_of_archive, file.file, settings)
@@ -121,7 +122,7 @@ async def create_job(
 def list_jobs(
     container: Service, collection: InCollection, cursor: Cursor = None, limit: Limit = 50
 ) -> JobPage:
-    """The jobs that have not ended, or ended in the last days, the latest first."""
+    """Jobs that have not ended, and jobs that ended in the last days, the latest first."""
     before = read_cursor(cursor)
     with container.database.read() as session:
         return JobPage.of(service.list_page(session, collection.number, before=before, limit=limit))
@@ -129,7 +130,7 @@ def list_jobs(
 
 @router.get("/jobs/{job_id}", summary="Read a job", responses=documented("job-not-found", *READ_PROBLEMS))
 def read_job(job_id: JobId, container: Service, collection: InCollection) -> Job:
-    """How far a job is, and when it will have ended."""
+    """The progress of a job, and the time that it still needs."""
     return events.read(container.database, collection.number, job_id)
 
 
@@ -143,11 +144,11 @@ def list_job_files(
     job_id: JobId,
     container: Service,
     collection: InCollection,
-    outcome: Annotated[Outcome | None, Query(description="Only files of which this became.")] = None,
+    outcome: Annotated[Outcome | None, Query(description="Only files with this outcome.")] = None,
     cursor: Cursor = None,
     limit: Limit = 50,
 ) -> JobFilePage:
-    """What became of each file of the archive, in its order; none before the job has begun."""
+    """The outcome of each file of the archive, in the order of the archive; empty until the job begins."""
     after = read_cursor(cursor)
     with container.database.read() as session:
         found = service.list_files(session, collection.number, job_id, outcome, after=after, limit=limit)
@@ -160,18 +161,21 @@ def list_job_files(
     response_class=StreamingResponse,
     responses={
         200: {
-            "description": "Server-sent events: `progress` whenever the job has come further, and `end` when "
-            "it has ended, each with the job as JSON.",
+            "description": "Server-sent events: `progress` at each step of the job, and `end` at its end, "
+            "each with the job as JSON.",
             "content": {events.MEDIA_TYPE: {"itemSchema": events.EVENT}},
         },
-        204: {"description": "The client has had the end, by its Last-Event-ID, and need not come back."},
+        204: {
+            "description": "The client has the event `end` already, by its Last-Event-ID, and need not ask "
+            "again."
+        },
         **documented("job-not-found", "busy", *READ_PROBLEMS),
     },
 )
 async def follow_job(
     job_id: JobId, request: Request, container: Service, jobs: Jobs, collection: InCollection
 ) -> Response:
-    """The progress of a job as an `EventSource` in a page reads it; the stream ends with the job."""
+    """The progress of a job as a stream for `EventSource`; the stream ends with the job."""
     job = await run_in_threadpool(events.read, container.database, collection.number, job_id)
     last = request.headers.get("Last-Event-ID")
     if job.has_ended and last == events.name_of(job):
@@ -192,7 +196,7 @@ async def follow_job(
     responses=documented("job-not-found", *WRITE_PROBLEMS),
 )
 async def cancel_job(job_id: JobId, container: Service, jobs: Jobs, collection: InCollection) -> Job:
-    """Store nothing more of the archive. What is stored stays; a job that has ended is left as it is."""
+    """Stop the job. Stored shapes stay; a job that has ended does not change."""
     await run_in_threadpool(service.cancel, container.database, collection.number, job_id)
     jobs.look()
     return await run_in_threadpool(events.read, container.database, collection.number, job_id)
@@ -205,6 +209,6 @@ async def cancel_job(job_id: JobId, container: Service, jobs: Jobs, collection: 
     responses=documented("job-not-found", *WRITE_PROBLEMS),
 )
 async def delete_job(job_id: JobId, container: Service, jobs: Jobs, collection: InCollection) -> None:
-    """Cancel the job, unless it has ended, and delete its record. What it has stored stays."""
+    """Cancel the job, unless it has ended, and delete its record. Stored shapes stay."""
     await run_in_threadpool(service.remove, container.database, collection.number, job_id)
     jobs.look()

@@ -37,7 +37,7 @@ WORK_PROBLEMS = (
 )
 GLB = {MEDIA_TYPE: {"schema": {"type": "string", "contentMediaType": MEDIA_TYPE}}}
 KNOWN: dict[int | str, dict[str, Any]] = {
-    304: {"description": "The client has it already, by its If-None-Match."}
+    304: {"description": "The client has it already: its If-None-Match has the ETag."}
 }
 
 
@@ -48,7 +48,7 @@ KNOWN: dict[int | str, dict[str, Any]] = {
     dependencies=[once("size")],
     responses={
         200: {
-            "description": "A picture on a transparent ground.",
+            "description": "A picture on a transparent background.",
             "content": {"image/png": {"schema": {"type": "string", "contentMediaType": "image/png"}}},
         },
         **KNOWN,
@@ -60,9 +60,11 @@ async def read_thumbnail(
     request: Request,
     container: Service,
     collection: InCollection,
-    size: Annotated[Literal["64", "128", "256", "512"], Query(description="Pixels a side.")] = "256",
+    size: Annotated[
+        Literal["64", "128", "256", "512"], Query(description="Width and height in pixels.")
+    ] = "256",
 ) -> Response:
-    """The shape drawn once for each size, and kept. z is up, but in OBJ and GLB y."""
+    """A picture of the shape; the service draws each size once. z points up, in OBJ and GLB files y."""
     shape = await service.record(container, collection.number, shape_id)
     headers = _headers(f"{shape.sha256[:32]}-{shape.format}-{size}-{DRAWING}")
     if files.is_known(request.headers.get("If-None-Match"), headers["ETag"]):
@@ -73,10 +75,10 @@ async def read_thumbnail(
 
 @router.get(
     "/shapes/{shape_id}/preview.glb",
-    summary="Get the mesh to show",
+    summary="Get a preview of a shape",
     response_class=Response,
     responses={
-        200: {"description": f"A GLB of about {FACES} faces at most.", "content": GLB},
+        200: {"description": f"A GLB of at most about {FACES} faces.", "content": GLB},
         **KNOWN,
         **documented(*WORK_PROBLEMS),
     },
@@ -84,10 +86,10 @@ async def read_thumbnail(
 async def read_preview(
     shape_id: ShapeId, request: Request, container: Service, collection: InCollection
 ) -> Response:
-    """The mesh as a viewer shows it: whatever the file's format, simplified if it is large, and y up.
+    """The mesh for a viewer: a GLB for every format of file, simplified if the mesh is large, with y up.
 
-    Positions are stored between -1 and 1. The node's `extras` tell the way back: a point p of the file is
-    stored as (p - middle) / half.
+    Positions are between -1 and 1: a point p of the file becomes (p - middle) / half, and the `extras` of the
+    node have `middle` and `half`.
     """
     shape = await service.record(container, collection.number, shape_id)
     headers = _headers(f"{shape.sha256[:32]}-{shape.format}-{FACES}-preview-1")
@@ -101,10 +103,10 @@ async def read_preview(
 
 @router.post(
     "/preview",
-    summary="Get a mesh to show, without storing it",
+    summary="Get a preview of a file, without storing it",
     response_class=Response,
     responses={
-        200: {"description": f"A GLB of about {FACES} faces at most.", "content": GLB},
+        200: {"description": f"A GLB of at most about {FACES} faces.", "content": GLB},
         **documented(*FILE_PROBLEMS, "storage-full"),
     },
     openapi_extra=MESH.openapi,
@@ -122,7 +124,7 @@ async def make_preview(
 
 @router.get(
     "/shapes/{shape_id}/view",
-    summary="Look at a shape",
+    summary="View a shape",
     response_class=Response,
     responses={
         200: {"description": "A page.", "content": {"text/html": {"schema": {"type": "string"}}}},
@@ -132,7 +134,7 @@ async def make_preview(
 async def view_shape(
     shape_id: ShapeId, request: Request, container: Service, collection: InCollection
 ) -> Response:
-    """A page with the one shape in 3D."""
+    """A page that shows the shape in 3D."""
     await service.record(container, collection.number, shape_id)
     if collection == DEFAULT_COLLECTION:
         return page(request, "view.html")
@@ -140,5 +142,5 @@ async def view_shape(
 
 
 def _headers(tag: str) -> dict[str, str]:
-    """Kept by the browser of one person, and asked for again each time."""
+    """Headers of a cached answer: the browser of one person keeps it, and validates it each time."""
     return {"ETag": f'"{tag}"', "Cache-Control": "private, no-cache", "X-Content-Type-Options": "nosniff"}

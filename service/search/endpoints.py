@@ -110,7 +110,8 @@ async def similar(
     dependencies=[once("format")],
     responses={
         200: {
-            "description": "The scores and the points; or a GLB with both meshes; or a page that shows them.",
+            "description": "The scores and the corresponding points; or a GLB with both meshes; or a page "
+            "with them.",
             "content": {
                 MEDIA_TYPE: {"schema": {"type": "string", "contentMediaType": MEDIA_TYPE}},
                 "text/html": {"schema": {"type": "string"}},
@@ -141,12 +142,12 @@ async def compare(
     format: Annotated[
         Literal["json", "glb", "html"],
         Query(
-            description="glb is both meshes side by side, points that correspond coloured alike; html a page "
-            "that shows them in a browser that may ask this service for the two shapes."
+            description="glb: both meshes side by side, with corresponding points in equal colours. html: a "
+            "page with the two shapes, for a browser that may read them from this service."
         ),
     ] = "json",
 ) -> CompareAnswer | Response:
-    """How alike two stored shapes are, and which of their points correspond."""
+    """The scores of two stored shapes, and their corresponding points."""
     timings, own = Timings(), collection.number
 
     async def compared(active_pipeline: ActivePipeline) -> tuple[Comparison, bytes]:

@@ -30,10 +30,10 @@ RESULT: dict[str, Any] = {
     "shape": SHAPE,
 }
 COMBINED = (
-    "The chance that the two shapes are of one class, in [0, 1], from cc, the Laplace-Beltrami spectra, "
-    "terms of form, and what lies about points of the surfaces, of which one may be a part of the other; "
-    "higher is more alike, and it means the same in every answer. Calibrated for the default "
-    "pipeline, on collections where about one pair in 25 is of one class; where fewer are, it is too high."
+    "The probability that the two shapes belong to one class, in [0, 1], from cc, the Laplace-Beltrami "
+    "spectra, global descriptors, and spin images, by which one surface may be a part of the other. Higher "
+    "is more similar, and values of different answers are comparable. Calibrated for the default pipeline, "
+    "on collections with about one pair in 25 of one class; with fewer such pairs the value is too high."
 )
 PAIR: dict[str, Any] = {
     "first": {"sample": 0, "vertex": 17, "position": [0.1, 0.2, 0.3]},
@@ -47,7 +47,7 @@ SAME_SIZE = 1.1
 
 
 def _split(value: object) -> object:
-    """Ids written as one text, or as a list whose parts may hold commas."""
+    """A list of ids, from one text or a list of texts, each with commas between ids."""
     parts = [value] if isinstance(value, str) else value
     if isinstance(parts, list) and all(isinstance(part, str) for part in parts):
         return split_tags(parts)
@@ -60,97 +60,104 @@ Excluded = Annotated[
 
 
 class QueryOptions(Filters):
-    """How to search. Each may be given in the address or in the body; in the body it counts."""
+    """Options of a search. An option in the body overrides the same option in the address."""
 
-    top_k: int = Field(default=3, ge=1, le=100, description="How many results at most.")
+    top_k: int = Field(default=3, ge=1, le=100, description="The largest number of results.")
     rank_by: RankBy = Field(
         default="cc",
-        description="What to sort by: cc, sim and combined from the highest, ssd from the lowest. "
-        "Of equals, the one of the least ssd comes first, then the one stored first.",
+        description="The score that sorts the results: cc, sim and combined from the highest, ssd from the "
+        "lowest. Of results with equal scores, the one with the lower ssd comes first, then the older shape.",
     )
     partial: bool = Field(
         default=False,
-        description="The query is a part, cut or scanned: sort by part_distance, from the lowest. "
-        "rank_by=combined heeds the same of what looks incomplete, and how well the whole shapes match.",
+        description="The query is a part of a surface, cut or scanned: the results are sorted by "
+        "part_distance, from the lowest. rank_by=combined uses the same distance for a surface that looks "
+        "incomplete, together with the match of the whole shapes.",
     )
     exhaustive: bool = Field(
-        default=False, description="Compare with every stored shape, however many there are."
+        default=False, description="Compare the query with every stored shape, and skip the shortlist."
     )
     filter: ListedTags = Field(
         default=[],
-        description="The older name of `tag`; where both are given, all tags of both are asked for.",
+        description="Deprecated: the older name of `tag`. A shape must have all tags of both.",
         examples=[["animal"]],
     )
     exclude: Excluded = Field(
         default=[],
-        description=f"Leave out the shapes with these ids, {EXCLUDED} at most: repeated, or with commas.",
+        description=f"Leave out the shapes with these ids, at most {EXCLUDED}: repeated, or separated "
+        "by commas.",
     )
-    min_cc: float | None = Field(
-        default=None, ge=-1, le=1, description="Give only results whose cc is at least this."
-    )
+    min_cc: float | None = Field(default=None, ge=-1, le=1, description="Leave out results with a lower cc.")
     scale: Literal["ignore", "respect"] = Field(
         default="ignore",
-        description="The scores know no size. respect: compare only with shapes of about the query's, if all "
-        f"files have one unit: the roots of their areas differ by {100 * (SAME_SIZE - 1):.0f} % at most.",
+        description="The scores do not depend on size. respect: compare only with shapes of about the "
+        "query's size, for files that share one unit: the square roots of the areas differ by at most "
+        f"{100 * (SAME_SIZE - 1):.0f} %.",
     )
     exclude_self: bool | None = Field(
         default=None,
-        description="Leave out the query itself: the stored shape, or every shape with the file's very "
-        "bytes. Unless given: true for a stored shape, false for a file.",
+        description="Leave out the query itself: the stored shape, or every shape with exactly the bytes of "
+        "the file. The default is true for a stored shape and false for a file.",
     )
     correspondences: bool = Field(
-        default=False, description="Give with each result the points of the two shapes that correspond."
+        default=False, description="Add to each result the corresponding points of the two shapes."
     )
     embedding: bool = Field(
-        default=False, description="Give the query's own embedding, as of a stored shape /embedding does."
+        default=False,
+        description="Add the embedding of the query, as GET /shapes/{shape_id}/embedding gives it.",
     )
 
 
 class Point(BaseModel):
-    """One end of a correspondence."""
+    """A point of one of two corresponding shapes."""
 
-    sample: int = Field(description="Its row in the embedding.")
-    vertex: int = Field(description="The file's vertex at, or nearest to, it.")
-    position: list[float] = Field(description="In the file's own frame and units.")
+    sample: int = Field(description="The row of the point in the embedding.")
+    vertex: int = Field(description="The vertex of the file at the point, or nearest to it.")
+    position: list[float] = Field(description="Coordinates in the frame and units of the file.")
 
 
 class Pair(BaseModel):
-    """Two points that correspond."""
+    """Two corresponding points."""
 
     first: Point
     second: Point
     distance: float = Field(
-        description="Between them in the spectral domain after the thin-plate spline that sim is read with: "
-        "with the default pipeline a soft one, and the mean of both ways if the shapes have as many samples."
+        description="The distance of the two points in the spectral domain after the thin-plate spline of "
+        "sim. In the default pipeline the spline is regularised, and the distance is the mean over both "
+        "directions if the shapes have equally many samples."
     )
     effective: bool = Field(
-        description="Whether that distance is small enough for sim, which counts nearest partners both ways."
+        description="Whether the distance is small enough to count for sim, which counts nearest neighbours "
+        "in both directions."
     )
 
 
 class Result(BaseModel):
-    """One of the shapes most like the query."""
+    """One of the shapes most similar to the query."""
 
     model_config = ConfigDict(json_schema_extra={"example": RESULT})
 
-    rank: int = Field(description="1 for the most alike.")
-    cc: float = Field(description="Correlation of matched spectral coordinates, in [-1, 1].")
-    ssd: float = Field(description="Sum of squared differences of them, 0 or more; less is more alike.")
-    sim: float = Field(description="Share of points with an effective partner, in [0, 1].")
+    rank: int = Field(description="1 for the most similar shape.")
+    cc: float = Field(description="Correlation coefficient of the matched spectral coordinates, in [-1, 1].")
+    ssd: float = Field(
+        description="Sum of squared differences of the same coordinates, 0 or more; lower is more similar."
+    )
+    sim: float = Field(description="Share of the points with an effective correspondence, in [0, 1].")
     combined: float = Field(description=COMBINED)
     part_distance: float | None = Field(
         default=None,
-        description="With partial: how unlike the surface about the query's points is to that about the "
-        "nearest points of the shape, 0 or more; it tells by its order among shapes.",
+        description="With partial: the distance of the query's spin images from the nearest spin images of "
+        "the shape, 0 or more. Only its order among shapes has a meaning.",
     )
     shape: Shape
     correspondence: list[Pair] | None = Field(
-        default=None, description="From the query (first) to the shape (second), if asked for."
+        default=None,
+        description="From the query (first) to the shape (second), with the option correspondences.",
     )
 
 
 class QueryAnswer(BaseModel):
-    """The stored shapes most like the query."""
+    """The stored shapes most similar to the query."""
 
     model_config = ConfigDict(
         json_schema_extra={
@@ -167,14 +174,17 @@ class QueryAnswer(BaseModel):
 
     results: list[Result]
     matched: bool = Field(
-        description="Whether the highest cc reaches the pipeline's threshold; results are given either way."
+        description="Whether the highest cc reaches the threshold of the pipeline; the results do not "
+        "depend on it."
     )
-    compared: int = Field(description="How many stored shapes were compared with the query.")
-    stored: int = Field(description="How many shapes are stored.")
+    compared: int = Field(description="The number of shapes that the query was compared with.")
+    stored: int = Field(description="The number of shapes of the collection.")
     pipeline: str = Field(description="Fingerprint of the pipeline that made and compared the embeddings.")
-    milliseconds: dict[str, float] = Field(description="How long each stage took, and all of it.")
-    warnings: list[str] = Field(default=[], description="What to know of the query's surface.")
-    embedding: EmbeddingArrays | None = Field(default=None, description="Of the query, if asked for.")
+    milliseconds: dict[str, float] = Field(description="The time of each stage, and the total.")
+    warnings: list[str] = Field(default=[], description="Warnings about the surface of the query.")
+    embedding: EmbeddingArrays | None = Field(
+        default=None, description="The embedding of the query, with the option embedding."
+    )
 
     @classmethod
     def of(cls, answer: "Answer", *, milliseconds: dict[str, float]) -> "QueryAnswer":
@@ -203,11 +213,11 @@ class CompareRequest(BaseModel):
     )
 
     first: str = Field(description="The id of a shape.", max_length=64)
-    second: str = Field(description="The id of another, or of the same.", max_length=64)
+    second: str = Field(description="The id of another shape, or of the same one.", max_length=64)
 
 
 class CompareAnswer(BaseModel):
-    """How alike two shapes are, and which of their points correspond."""
+    """The scores of two shapes, and their corresponding points."""
 
     model_config = ConfigDict(
         json_schema_extra={
@@ -223,13 +233,13 @@ class CompareAnswer(BaseModel):
         }
     )
 
-    cc: float = Field(description="Correlation of matched spectral coordinates, in [-1, 1].")
-    ssd: float = Field(description="Sum of squared differences of them, 0 or more.")
-    sim: float = Field(description="Share of points with an effective partner, in [0, 1].")
+    cc: float = Field(description="Correlation coefficient of the matched spectral coordinates, in [-1, 1].")
+    ssd: float = Field(description="Sum of squared differences of the same coordinates, 0 or more.")
+    sim: float = Field(description="Share of the points with an effective correspondence, in [0, 1].")
     combined: float = Field(description=COMBINED)
     correspondence: list[Pair]
     pipeline: str = Field(description="Fingerprint of the pipeline that made and compared the embeddings.")
-    milliseconds: dict[str, float] = Field(description="How long each stage took, and all of it.")
+    milliseconds: dict[str, float] = Field(description="The time of each stage, and the total.")
 
     @classmethod
     def of(cls, comparison: "Comparison", *, milliseconds: dict[str, float]) -> "CompareAnswer":
@@ -247,7 +257,7 @@ class CompareAnswer(BaseModel):
 
 
 def pairs(comparison: "Comparison") -> list[Pair]:
-    """The correspondence, each point with where it is on its mesh."""
+    """The correspondence, each point with its position on its mesh."""
     match = comparison.match
     first, second = match.correspondence[:, 0], match.correspondence[:, 1]
     columns: list[list[Any]] = [

@@ -40,12 +40,12 @@ ShapeId = Annotated[str, Path(description="The id of a stored shape.", max_lengt
 
 
 class Listing(NamedInAddress, Filters):
-    """Which shapes to list."""
+    """A page of shapes, and their filter."""
 
     cursor: str | None = Field(
-        default=None, max_length=256, description="The `next_cursor` of the page before."
+        default=None, max_length=256, description="The `next_cursor` of the previous page."
     )
-    limit: int = Field(default=50, ge=1, le=500, description="How many shapes at most.")
+    limit: int = Field(default=50, ge=1, le=500, description="The largest number of shapes of the page.")
 
 
 @router.post(
@@ -53,11 +53,11 @@ class Listing(NamedInAddress, Filters):
     status_code=201,
     summary="Store a mesh",
     response_model=Shape,
-    response_description="Stored. It is durable, and the next query sees it.",
+    response_description="Stored durably. The next query finds the shape.",
     responses={
         200: {
             "model": Shape,
-            "description": "The same bytes are stored under this name already; this is that shape.",
+            "description": "The same bytes are already stored under this name; the answer is that shape.",
             "headers": REPLAYED_HEADER,
         },
         201: {"headers": REPLAYED_HEADER},
@@ -74,9 +74,9 @@ async def create_shape(
 ) -> Response:
     """Read the file, embed its mesh, and store both with a name, tags and metadata.
 
-    The same bytes may be stored under several names: they, and their embedding, are kept once. The same bytes
-    under the same name are one shape of the collection, so that an upload may be repeated safely; tags and
-    metadata of such a repetition are not looked at.
+    The same bytes may be stored under several names; the service keeps one copy of the bytes and of their
+    embedding. The same bytes under the same name are one shape of the collection, so clients may repeat an
+    upload safely; the service ignores the tags and metadata of the repetition.
     """
     mesh_format = format_of(upload.file.filename or "")
     with container.work.admitted():
@@ -107,9 +107,9 @@ async def create_shape(
 def list_shapes(
     listing: Annotated[Listing, Query()], container: Service, collection: InCollection
 ) -> ShapePage:
-    """The stored shapes, oldest first, a page at a time.
+    """The stored shapes, the oldest first, a page at a time.
 
-    A shape that is stored while you page comes on the last page; none is shown twice or left out.
+    A shape that is stored between two pages comes on the last page; no shape is repeated or left out.
     """
     after = read_cursor(listing.cursor)
     wanted = listing.filtered(collection.number)
@@ -122,7 +122,7 @@ def list_shapes(
     "/shapes/{shape_id}", summary="Read a shape", responses=documented("shape-not-found", *READ_PROBLEMS)
 )
 def read_shape(shape_id: ShapeId, container: Service, collection: InCollection) -> Shape:
-    """The record of a shape: what it is called, and what was measured on its mesh."""
+    """The record of a shape: its name, tags and metadata, and the measures of its mesh."""
     with container.database.read() as session:
         return Shape.of(service.get(session, fingerprint(session), collection.number, shape_id))
 
@@ -135,7 +135,7 @@ def read_shape(shape_id: ShapeId, container: Service, collection: InCollection) 
 def change_shape(
     shape_id: ShapeId, changes: ShapeChanges, container: Service, collection: InCollection
 ) -> Shape:
-    """Change name, tags or metadata. Each that is given replaces the old one whole."""
+    """Change name, tags or metadata. A given field replaces the old value whole."""
     with container.database.write() as session:
         own = fingerprint(session), collection.number, shape_id
         return Shape.of(service.change(session, *own, changes.changes()))

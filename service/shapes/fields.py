@@ -1,4 +1,4 @@
-"""What people may write about a shape: its name, tags and metadata."""
+"""The text that people write about a shape: name, tags and metadata."""
 
 import json
 import math
@@ -18,7 +18,7 @@ METADATA_DEPTH = 8
 
 
 def clean_text(text: str) -> str:
-    """The text in Unicode's composed form, without space around it.
+    """The text in Unicode normal form NFC, without surrounding white space.
 
     Raises
     ------
@@ -85,12 +85,12 @@ def clean_metadata(metadata: dict[str, Any]) -> dict[str, Any]:
 
 
 def split_tags(values: Iterable[str]) -> list[str]:
-    """Tags written as repeated fields, as one field with commas, or both."""
+    """A list of tags, from texts with commas between tags."""
     return [tag for value in values for tag in (part.strip() for part in value.split(",")) if tag]
 
 
 def _listed(value: object) -> object:
-    """Tags written as one text, or as a list whose parts may hold commas."""
+    """A list of tags, from one text or a list of texts, each with commas between tags."""
     if isinstance(value, str):
         return split_tags([value])
     if isinstance(value, list) and all(isinstance(part, str) for part in value):
@@ -102,7 +102,7 @@ Name = Annotated[
     str,
     AfterValidator(clean_name),
     Field(
-        description=f"What people call it: 1 to {NAME_CHARACTERS} characters.",
+        description=f"The name of the shape: 1 to {NAME_CHARACTERS} characters.",
         examples=["horse-gallop.off"],
         json_schema_extra={"minLength": 1, "maxLength": NAME_CHARACTERS},
     ),
@@ -112,7 +112,7 @@ Tags = Annotated[
     AfterValidator(clean_tags),
     Field(
         description=f"Up to {TAGS} tags of 1 to {TAG_CHARACTERS} characters, without commas. "
-        "One that is repeated counts once.",
+        "A repeated tag counts once.",
         examples=[["horse", "animal"]],
     ),
 ]
@@ -129,7 +129,7 @@ Metadata = Annotated[
 
 
 def plain_values(metadata: dict[str, Any]) -> dict[str, str]:
-    """The values of an object that one can filter by, as text: strings as they are, the rest as JSON."""
+    """The values that filters see, as text: strings unchanged, numbers, booleans and null as JSON."""
     return {
         key: value if isinstance(value, str) else json.dumps(value)
         for key, value in metadata.items()
@@ -138,12 +138,12 @@ def plain_values(metadata: dict[str, Any]) -> dict[str, str]:
 
 
 def base_name(filename: str) -> str:
-    """The last part of the path that a client gave as a file's name, on whichever system it wrote it."""
+    """The last part of a path, with the separators of any system."""
     return filename.replace("\\", "/").rsplit("/", 1)[-1]
 
 
 def _walk(value: object) -> Iterator[tuple[object, int]]:
-    """Every value and key inside a JSON value, with its depth, without recursion."""
+    """Every value and key of a JSON value, with its depth; an explicit stack replaces recursion."""
     waiting: list[tuple[object, int]] = [(value, 0)]
     while waiting:
         inner, depth = waiting.pop()

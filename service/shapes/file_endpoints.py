@@ -34,14 +34,14 @@ REPLACEMENT = RequestBody(Replacement)
     dependencies=[once("format")],
     responses={
         200: {
-            "description": "The bytes that were uploaded, with their SHA-256 as ETag; or the mesh in another "
-            "format.",
+            "description": "The bytes of the uploaded file, with their SHA-256 as ETag; or the mesh in "
+            "another format.",
             "content": {
                 media_type: {"schema": {"type": "string", "contentMediaType": media_type}}
                 for media_type in sorted({files.media_type(name) for name in READABLE})
             },
         },
-        304: {"description": "The client has the file already, by its If-None-Match."},
+        304: {"description": "The client has the file already: its If-None-Match has the ETag."},
         **documented("shape-not-found", *EXPORT_PROBLEMS, *READ_PROBLEMS),
     },
 )
@@ -53,13 +53,13 @@ async def read_file(
     format: Annotated[
         Literal["stl", "obj", "ply", "off", "glb", "3mf"] | None,
         Query(
-            description="Have the mesh written in this format, unless the file is of it. obj, off and 3mf "
-            "hold the very coordinates, the others 32 bits of each; nothing but vertices and triangles is "
-            "written. 3mf takes the coordinates for millimetres."
+            description="Write the mesh in this format, unless the file has it already. obj, off and 3mf "
+            "have the exact coordinates, the others 32 bits of each. The written file has vertices and "
+            "triangles only. In 3mf the unit is the millimetre."
         ),
     ] = None,
 ) -> Response:
-    """The very bytes that were uploaded, or their mesh in another format. HEAD gives the headers alone."""
+    """The exact bytes of the uploaded file, or its mesh in another format. HEAD gives the headers only."""
     known = request.headers.get("If-None-Match")
 
     def read() -> tuple[ShapeRecord, str, str, bytes | None]:
@@ -96,7 +96,7 @@ async def read_file(
     "/shapes/{shape_id}/file",
     summary="Replace the file",
     response_model=Shape,
-    response_description="The shape is of the new file, and the next query sees it so.",
+    response_description="The shape has the new file, and the next query uses it.",
     responses={
         200: {"headers": ETAG_HEADER},
         **documented(*FILE_PROBLEMS, "shape-not-found", "name-taken", "file-changed", *WRITE_PROBLEMS),
@@ -143,10 +143,13 @@ def read_embedding(
     collection: InCollection,
     format: Annotated[
         Literal["json", "npz"],
-        Query(description="npz is for `numpy.load`; a spectrum's arrays begin with its name."),
+        Query(
+            description="npz is for `numpy.load`; the names of a spectrum's arrays begin with the name of "
+            "the spectrum."
+        ),
     ] = "json",
 ) -> EmbeddingArrays | Response:
-    """What the pipeline in use made of the shape: samples, graph, tree, signature and spectra."""
+    """The embedding of the shape by the active pipeline: samples, graph, tree, signature and spectra."""
     with container.database.read() as session:
         embedding = service.get_embedding(session, fingerprint(session), collection.number, shape_id)
     if format == "json":

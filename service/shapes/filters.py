@@ -1,4 +1,4 @@
-"""Which shapes are meant, as clients write it: alike where shapes are listed and where they are searched."""
+"""Filters of shapes as clients write them: the same for lists, searches and duplicates."""
 
 from typing import Annotated
 
@@ -13,28 +13,36 @@ METADATA_FILTERS = 32
 
 
 class Filters(BaseModel):
-    """Only shapes for which all of it holds."""
+    """Conditions on shapes; a shape must satisfy all of them."""
 
     model_config = ConfigDict(extra="forbid")
 
     tag: ListedTags = Field(
         default=[],
-        description="Only shapes that have this tag; all of them, if repeated or separated by commas.",
+        description="Only shapes with this tag; with all tags, if repeated or separated by commas.",
         examples=[["animal"]],
     )
     name: Annotated[str, AfterValidator(clean_text)] | None = Field(
-        default=None, max_length=255, description="Only shapes with this text in their name, in either case."
+        default=None,
+        max_length=255,
+        description="Only shapes whose name contains this text; upper and lower case are equal.",
     )
     metadata: list[Annotated[str, Field(json_schema_extra={"pattern": "^[^=]+="})]] = Field(
         default=[],
         max_length=METADATA_FILTERS,
-        description="Only shapes whose metadata holds this, as key=value; all of them, if repeated. "
-        "A value that is not text is written as in JSON.",
+        description="Only shapes with this entry in their metadata, as key=value; with all entries, if "
+        "repeated. Values other than text are written as JSON.",
         examples=[["source=scan"]],
     )
 
     def filtered(self, collection: CollectionNumber) -> ShapeFilter:
-        """What the parameters say of the shapes of a collection."""
+        """The filter of the shapes of a collection.
+
+        Raises
+        ------
+        BadRequestFieldsError
+            A condition on metadata is not written key=value.
+        """
         metadata = []
         for pair in self.metadata:
             key, equals, value = pair.partition("=")

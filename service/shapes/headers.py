@@ -19,8 +19,8 @@ NamedKey = Annotated[
         alias=HEADER,
         description="A name for the upload, so that a client may send it again: a string in double quotes, "
         "such as a UUID (draft-ietf-httpapi-idempotency-key-header). The same key with the same file and "
-        "fields gets the first answer again, for as long as the service keeps that answer; the same key with "
-        "another file or other fields is refused. The service keeps no answer of an upload that stored "
+        "fields gets the first answer again, for as long as the service keeps that answer; the same key "
+        "with another file or other fields is refused. The service keeps no answer of an upload that stored "
         "nothing, and tries such an upload again.",
         json_schema_extra={
             "pattern": r'^"([ !#-\[\]-~]|\\["\\]){1,255}"$',
@@ -39,10 +39,10 @@ IdempotencyKey = Annotated[str | None, Depends(_idempotency_key)]
 
 REPLAYED_HEADER: dict[str, Any] = {
     REPLAYED: {
-        "description": "`true` where this is the answer to an earlier request with the Idempotency-Key.",
+        "description": "`true` if this is the answer to an earlier request with the same Idempotency-Key.",
         "schema": {"type": "string", "const": "true"},
     }
 }
 ETAG_HEADER: dict[str, Any] = {
-    "ETag": {"description": "Of the file: its SHA-256, in double quotes.", "schema": {"type": "string"}}
+    "ETag": {"description": "The SHA-256 of the file, in double quotes.", "schema": {"type": "string"}}
 }

@@ -42,7 +42,7 @@ SHAPE: dict[str, Any] = {
 
 
 def warnings_of(openness: float) -> list[str]:
-    """What to know of a surface when it is compared."""
+    """Warnings for comparisons with a surface."""
     if openness <= INCOMPLETE:
         return []
     return [
@@ -53,22 +53,22 @@ def warnings_of(openness: float) -> list[str]:
 
 
 class MeshFacts(BaseModel):
-    """What was measured on the mesh, in the units of the file."""
+    """Measures of the mesh, in the units of the file."""
 
     vertices: int = Field(description="Vertices in the file.")
     faces: int = Field(description="Faces in the file.")
     area: float = Field(description="Surface area.")
-    volume: float = Field(description="Volume; of little meaning when the mesh is not closed.")
+    volume: float = Field(description="Volume; it has little meaning for an open mesh.")
     scale: float = Field(description="Root mean square distance of the surface from its centroid.")
-    components: int = Field(description="Connected parts.")
-    merged_vertices: int = Field(description="Vertices that coincided with another.")
-    dropped_faces: int = Field(description="Faces without area, or repeated.")
-    boundary_edges: int = Field(description="Edges with one face only.")
-    nonmanifold_edges: int = Field(description="Edges with more than two faces.")
+    components: int = Field(description="Number of connected components.")
+    merged_vertices: int = Field(description="Vertices merged with another at the same position.")
+    dropped_faces: int = Field(description="Removed faces: without area, or repeated.")
+    boundary_edges: int = Field(description="Edges of one face only.")
+    nonmanifold_edges: int = Field(description="Edges of more than two faces.")
     openness: float = Field(
         default=0.0,
-        description="Areas of the discs that the rims of holes would bound, over the surface area; 0 for a "
-        "closed surface, and for one that was embedded before this was measured.",
+        description="The boundary ratio: the areas of discs with the lengths of the boundary loops, over "
+        "the surface area; 0 for a closed surface, and for one embedded by a version without this measure.",
     )
 
 
@@ -81,13 +81,14 @@ class Shape(BaseModel):
     name: str
     tags: list[str]
     metadata: dict[str, JsonValue]
-    format: str = Field(description="The format the file was read in.")
+    format: str = Field(description="The format of the file.")
     bytes: int = Field(description="Size of the file.")
-    sha256: str = Field(description="Of the file.")
+    sha256: str = Field(description="SHA-256 of the file, in hexadecimal digits.")
     facts: MeshFacts
-    warnings: list[str] = Field(default=[], description="What to know when it is compared.")
+    warnings: list[str] = Field(default=[], description="Warnings for comparisons with the shape.")
     embedded: bool = Field(
-        description="Whether it has an embedding of the pipeline in use. Without one it is not searched."
+        description="Whether the shape has an embedding of the active pipeline. Queries skip shapes without "
+        "one."
     )
     created_at: datetime = Field(description="UTC.")
     updated_at: datetime = Field(description="UTC.")
@@ -112,15 +113,15 @@ class Shape(BaseModel):
 
 
 class ShapePage(BaseModel):
-    """Some of the shapes, oldest first."""
+    """A page of shapes, the oldest first."""
 
     model_config = ConfigDict(
         json_schema_extra={"example": {"shapes": [SHAPE], "total": 190, "next_cursor": "eyJhZnRlciI6IDUwfQ"}}
     )
 
     shapes: list[Shape]
-    total: int = Field(description="How many shapes the filter means in all.")
-    next_cursor: str | None = Field(description="Give it as `cursor` to go on; null on the last page.")
+    total: int = Field(description="The number of shapes that pass the filter, over all pages.")
+    next_cursor: str | None = Field(description="The `cursor` of the next page; null on the last page.")
 
     @classmethod
     def of(cls, page: RecordPage) -> "ShapePage":
@@ -133,7 +134,7 @@ class ShapePage(BaseModel):
 
 
 class ShapeFields(BaseModel):
-    """What an upload may say beside the file."""
+    """The text that people write about a shape."""
 
     model_config = ConfigDict(extra="forbid")
 
@@ -143,7 +144,7 @@ class ShapeFields(BaseModel):
 
 
 class ShapeChanges(BaseModel):
-    """What to change. A field that is missing or null stays; one that is given replaces the old one whole."""
+    """Changes to a shape. A given field replaces the whole value; a missing or null field changes nothing."""
 
     model_config = ConfigDict(
         extra="forbid",
@@ -157,17 +158,17 @@ class ShapeChanges(BaseModel):
     metadata: Metadata | None = None
 
     def changes(self) -> Changes:
-        """What was given."""
+        """The changes as a record."""
         return Changes(self.name, None if self.tags is None else tuple(self.tags), self.metadata)
 
 
 class SpectrumArrays(BaseModel):
-    """One spectral embedding of the points."""
+    """The points in one spectral domain."""
 
     name: str
     eigenvalues: list[float]
     coordinates: list[list[float]] = Field(
-        description="Row i is point i in the spectral domain; the first points are the samples."
+        description="Row i has the coordinates of point i; the samples are the first points."
     )
 
     @classmethod
@@ -181,16 +182,18 @@ class SpectrumArrays(BaseModel):
 
 
 class EmbeddingArrays(BaseModel):
-    """All that is kept of a shape for matching it."""
+    """The embedding of a shape: the arrays that the service matches it by."""
 
-    pipeline: str = Field(description="Fingerprint of the pipeline that made it.")
-    positions: list[list[float]] = Field(description="The samples, in the file's own frame and units.")
-    vertices: list[int] = Field(description="The file's vertex at, or nearest to, each sample.")
-    graph_edges: list[list[int]] = Field(description="Pairs of samples that the sparse graph joins.")
-    graph_lengths: list[float] = Field(description="Length of each edge, in units of the shape's scale.")
-    tree_edges: list[list[int]] = Field(description="The minimum spanning tree.")
-    regions: list[int] = Field(description="The sample nearest to each embedded point.")
-    signature: list[float] = Field(description="What shapes are shortlisted by.")
+    pipeline: str = Field(description="Fingerprint of the pipeline that computed the embedding.")
+    positions: list[list[float]] = Field(
+        description="Positions of the samples, in the frame and units of the file."
+    )
+    vertices: list[int] = Field(description="The vertex of the file at each sample, or nearest to it.")
+    graph_edges: list[list[int]] = Field(description="Edges of the sparse graph: pairs of samples.")
+    graph_lengths: list[float] = Field(description="Length of each edge, in units of the scale of the shape.")
+    tree_edges: list[list[int]] = Field(description="Edges of the minimum spanning tree: pairs of samples.")
+    regions: list[int] = Field(description="The nearest sample of each embedded point.")
+    signature: list[float] = Field(description="The signature, by which the service makes shortlists.")
     spectra: list[SpectrumArrays]
 
     @classmethod

@@ -22,14 +22,14 @@ router = APIRouter(tags=["shapes"])
 
 
 class Listing(NamedInAddress):
-    """Which deleted shapes to list."""
+    """A page of deleted shapes."""
 
     model_config = ConfigDict(extra="forbid")
 
     cursor: str | None = Field(
-        default=None, max_length=256, description="The `next_cursor` of the page before."
+        default=None, max_length=256, description="The `next_cursor` of the previous page."
     )
-    limit: int = Field(default=50, ge=1, le=500, description="How many shapes at most.")
+    limit: int = Field(default=50, ge=1, le=500, description="The largest number of shapes of the page.")
 
 
 @router.delete(
