@@ -1,4 +1,4 @@
-"""What every command prints with: results on standard output, everything else on standard error."""
+"""The output of commands: results on standard output, messages on standard error."""
 
 from typing import NoReturn
 
@@ -15,12 +15,12 @@ from rich.progress import (
 
 
 def output() -> Console:
-    """Standard output as it is now; names of files and classes are printed as they are, never as markup."""
+    """The present standard output. Names of files and classes are never read as markup."""
     return Console(markup=False, highlight=False)
 
 
 def messages() -> Console:
-    """Standard error, likewise."""
+    """The present standard error, without markup too."""
     return Console(stderr=True, markup=False, highlight=False)
 
 
@@ -30,13 +30,13 @@ def say(message: str) -> None:
 
 
 def fail(message: str, status: int = 1) -> NoReturn:
-    """Print one line on standard error and end with the status: 1 it did not work, 2 it was asked wrongly."""
+    """Print one line on standard error and exit: status 1 for a failure, 2 for a wrong call."""
     say(f"isoshape: {' '.join(message.split())}")
     raise typer.Exit(status)
 
 
 def progress() -> Progress:
-    """A progress bar on standard error, gone when done; nothing where that is no terminal."""
+    """A progress bar on standard error, removed at its end; invisible unless that is a terminal."""
     console = messages()
     return Progress(
         TextColumn("{task.description}", markup=False),

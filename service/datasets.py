@@ -1,8 +1,8 @@
 """Folders of meshes on disk, with the class of each where the folder says so.
 
-Two layouts carry classes: a folder with `labels.csv` (columns `file` and `class`; files relative to the
-folder; what is not listed does not belong to it), wherever it lies; and a folder of class folders, each with
-everything beneath it.
+Two layouts have classes. A folder with `labels.csv` (columns `file` and `class`, paths relative to the
+folder) holds the listed files only. Otherwise each folder directly below the given folder is a class, with all files
+beneath it.
 """
 
 import csv
@@ -16,8 +16,8 @@ from service.errors import ExpectedError
 LABELS_FILE = "labels.csv"
 
 
-class CollectionError(ExpectedError):
-    """A folder, or its labels, cannot be read as a collection; the message says what and where."""
+class DatasetError(ExpectedError):
+    """A folder or its labels cannot be read; the message gives the place and the reason."""
 
 
 @dataclass(frozen=True)
@@ -29,32 +29,31 @@ class MeshFile:
 
 
 @dataclass(frozen=True)
-class Found:
-    """What lies under some paths.
+class FoundMeshes:
+    """The meshes under some paths.
 
     Attributes
     ----------
     files : tuple of MeshFile
-        Sorted by folder, then as `labels.csv` lists them, or by name.
+        Sorted by folder, then in the order of `labels.csv` or by name.
     ignored : int
-        Files left out because their ending is not one of a format that is read.
+        The number of files whose ending names no format that is read.
     """
 
     files: tuple[MeshFile, ...]
     ignored: int
 
 
-def find_meshes(paths: Sequence[Path]) -> Found:
-    """All meshes that the paths name: files as they are, folders with everything beneath them.
+def find_meshes(paths: Sequence[Path]) -> FoundMeshes:
+    """All meshes under the paths: the given files, and all files beneath the given folders.
 
-    A file that is named, or listed in `labels.csv`, is taken whatever its ending and whether or not it
-    exists: reading it will say what is wrong. Of a folder given, the files directly in it have no class, and
-    those further down that of the folder directly in it, by its name; `labels.csv` goes before either. A file
-    given has the class that `labels.csv` beside it gives, or none.
+    A given or listed file is included with any ending, even if it does not exist: reading it gives the error.
+    Files directly in a given folder have no class; files further down have the class folder's name.
+    `labels.csv` takes precedence over both. A given file has the class of `labels.csv` beside it, or none.
 
     Raises
     ------
-    CollectionError
+    DatasetError
         A path does not exist, a folder cannot be listed, or a `labels.csv` cannot be used.
     """
     files: dict[Path, MeshFile] = {}
@@ -66,13 +65,13 @@ def find_meshes(paths: Sequence[Path]) -> Found:
         elif path.exists():
             if path.parent not in beside:
                 beside[path.parent] = _labels_in(path.parent)
-            found = Found((MeshFile(path, beside[path.parent].get(path.resolve())),), 0)
+            found = FoundMeshes((MeshFile(path, beside[path.parent].get(path.resolve())),), 0)
         else:
-            raise CollectionError(f"{path}: there is no such file or folder")
+            raise DatasetError(f"{path}: there is no such file or folder")
         ignored += found.ignored
         for file in found.files:
             files.setdefault(file.path.resolve(), file)
-    return Found(tuple(files.values()), ignored)
+    return FoundMeshes(tuple(files.values()), ignored)
 
 
 def read_collection(folder: Path) -> list[tuple[Path, str]]:
@@ -80,38 +79,38 @@ def read_collection(folder: Path) -> list[tuple[Path, str]]:
 
     Raises
     ------
-    CollectionError
-        It is not a folder, holds no mesh, or some mesh has no class.
+    DatasetError
+        The path is not a folder, holds no mesh, or holds a mesh without a class.
     """
     if not folder.is_dir():
-        raise CollectionError(f"{folder}: there is no such folder")
+        raise DatasetError(f"{folder}: there is no such folder")
     files = find_meshes([folder]).files
     if not files:
-        raise CollectionError(f"{folder}: no meshes; the formats read are {', '.join(sorted(READABLE))}")
+        raise DatasetError(f"{folder}: no meshes; the formats read are {', '.join(sorted(READABLE))}")
     labelled = [(file.path, file.label) for file in files if file.label is not None]
     if len(labelled) < len(files):
         stray = next(file.path for file in files if file.label is None)
-        raise CollectionError(
+        raise DatasetError(
             f"{stray} has no class; a collection is a folder with {LABELS_FILE} (file,class) "
             "or a folder of class folders"
         )
     return labelled
 
 
-def _scan(folder: Path, label: str | None, above: frozenset[Path]) -> Found:
+def _scan(folder: Path, label: str | None, above: frozenset[Path]) -> FoundMeshes:
     here = above | {folder.resolve()}
     labels = folder / LABELS_FILE
     if labels.is_file():
-        return Found(tuple(_read_labels(labels)), 0)
+        return FoundMeshes(tuple(_read_labels(labels)), 0)
     try:
         entries = sorted(entry for entry in folder.iterdir() if not entry.name.startswith("."))
     except OSError as error:
-        raise CollectionError(f"{folder}: {error.strerror}") from error
+        raise DatasetError(f"{folder}: {error.strerror}") from error
     files: list[MeshFile] = []
     ignored = 0
     for entry in entries:
         if entry.is_dir():
-            if entry.resolve() in here:  # a link to a folder above would never end
+            if entry.resolve() in here:  # a link to a folder above leads into a loop
                 continue
             found = _scan(entry, label or entry.name, here)
             files.extend(found.files)
@@ -120,7 +119,7 @@ def _scan(folder: Path, label: str | None, above: frozenset[Path]) -> Found:
             files.append(MeshFile(entry, label))
         else:
             ignored += 1
-    return Found(tuple(files), ignored)
+    return FoundMeshes(tuple(files), ignored)
 
 
 def _labels_in(folder: Path) -> dict[Path, str | None]:
@@ -132,18 +131,18 @@ def _labels_in(folder: Path) -> dict[Path, str | None]:
 
 def _read_labels(labels: Path) -> list[MeshFile]:
     try:
-        # Spreadsheets write a byte order mark, which would become part of the first column's name.
+        # Spreadsheets write a byte order mark, which would otherwise begin the name of the first column.
         with labels.open(encoding="utf-8-sig", newline="") as stream:
             reader = csv.DictReader(stream, skipinitialspace=True)
             if not {"file", "class"} <= set(reader.fieldnames or ()):
-                raise CollectionError(f"{labels}: the first line must name the columns file and class")
+                raise DatasetError(f"{labels}: the first line must name the columns file and class")
             files = [_read_row(labels, reader.line_num, row) for row in reader]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise CollectionError(f"{labels}: {error}") from error
+        raise DatasetError(f"{labels}: {error}") from error
     seen: set[Path] = set()
     for file in files:
         if file.path in seen:
-            raise CollectionError(f"{labels}: {file.path.name} is listed twice")
+            raise DatasetError(f"{labels}: {file.path.name} is listed twice")
         seen.add(file.path)
     return files
 
@@ -151,5 +150,5 @@ def _read_labels(labels: Path) -> list[MeshFile]:
 def _read_row(labels: Path, line: int, row: dict[str, str | None]) -> MeshFile:
     name, label = (row["file"] or "").strip(), (row["class"] or "").strip()
     if not name or not label:
-        raise CollectionError(f"{labels}, line {line}: a file and a class are needed")
+        raise DatasetError(f"{labels}, line {line}: a file and a class are needed")
     return MeshFile(labels.parent / name, label)

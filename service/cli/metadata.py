@@ -6,7 +6,7 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
-from service.datasets import CollectionError
+from service.datasets import DatasetError
 from service.http.problem_document import faults_of
 from service.shapes.fields import split_tags
 from service.shapes.schemas import ShapeFields
@@ -31,7 +31,7 @@ def read_metadata(path: Path) -> dict[str, About]:
 
     Raises
     ------
-    CollectionError
+    DatasetError
         The file cannot be read, has no column `name`, names a mesh twice, or holds a value that no shape may
         have.
     """
@@ -45,10 +45,10 @@ def read_metadata(path: Path) -> dict[str, About]:
                 name = (row[NAME] or "").strip().replace("\\", "/")
                 if not name or name in rows:
                     told = f"{name} is listed twice" if name else "no name"
-                    raise CollectionError(f"{path}, line {reader.line_num}: {told}")
+                    raise DatasetError(f"{path}, line {reader.line_num}: {told}")
                 rows[name] = _about(path, reader.line_num, row)
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise CollectionError(f"{path}: {error}") from error
+        raise DatasetError(f"{path}: {error}") from error
     return rows
 
 
@@ -61,14 +61,14 @@ def row_of(rows: dict[str, About], path: Path) -> str | None:
 
 def _check_columns(path: Path, columns: list[str]) -> None:
     if NAME not in columns:
-        raise CollectionError(f"{path}: the first line must name the columns, {NAME} among them")
+        raise DatasetError(f"{path}: the first line must name the columns, {NAME} among them")
     if not all(columns) or len(set(columns)) < len(columns):
-        raise CollectionError(f"{path}: a column has no name, or the name of another")
+        raise DatasetError(f"{path}: a column has no name, or the name of another")
 
 
 def _about(path: Path, line: int, row: dict[str, str | None]) -> About:
     if None in row or None in row.values():
-        raise CollectionError(f"{path}, line {line}: not as many cells as there are columns")
+        raise DatasetError(f"{path}, line {line}: not as many cells as there are columns")
     cells = {key: (cell or "").strip() for key, cell in row.items()}
     tags = split_tags([cells.pop(TAGS, "").replace(";", ",")])
     del cells[NAME]
@@ -77,5 +77,5 @@ def _about(path: Path, line: int, row: dict[str, str | None]) -> About:
         checked = ShapeFields.model_validate({"name": "any", "tags": tags, "metadata": metadata})
     except ValidationError as error:
         faults = "; ".join(f"{fault.field}: {fault.message}" for fault in faults_of(error.errors()))
-        raise CollectionError(f"{path}, line {line}: {faults}") from error
+        raise DatasetError(f"{path}, line {line}: {faults}") from error
     return About(tuple(checked.tags), metadata)

@@ -7,8 +7,7 @@
         for result in archive.query_file("another.off", top_k=5).results:
             print(result.rank, result.shape.name, result.cc)
 
-`AsyncClient` has the same methods, to be awaited. What both return are the models that the
-service answers with.
+`AsyncClient` has the same methods, to be awaited. Both return the models of the service's answers.
 """
 
 from service.client.asynchronous import AsyncClient

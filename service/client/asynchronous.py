@@ -1,4 +1,4 @@
-"""The client whose answers are awaited."""
+"""The asynchronous client."""
 
 import asyncio
 from collections.abc import AsyncIterator, Callable, Coroutine
@@ -10,8 +10,7 @@ from typing import Any, Concatenate, ParamSpec, Self, TypeVar
 
 import httpx
 
-from service.client import collection_calls as set_calls
-from service.client import job_calls, search_calls, shape_calls
+from service.client import collection_calls, job_calls, search_calls, shape_calls
 from service.client.calls import (
     NO_ANSWER,
     TIMEOUT,
@@ -29,7 +28,7 @@ T = TypeVar("T")
 
 
 def _method(make: Callable[P, Call[T]]) -> Callable[Concatenate["AsyncClient", P], Coroutine[Any, Any, T]]:
-    """The method that makes a call."""
+    """A method that sends one call."""
 
     @wraps(make)
     async def method(self: "AsyncClient", /, *given: P.args, **options: P.kwargs) -> T:
@@ -40,7 +39,7 @@ def _method(make: Callable[P, Call[T]]) -> Callable[Concatenate["AsyncClient", P
 
 
 def _series(make: Callable[P, Call[Step[T]]]) -> Callable[Concatenate["AsyncClient", P], AsyncIterator[T]]:
-    """The method that goes through a series."""
+    """A method that sends the calls of a series and iterates over all items."""
 
     @wraps(make)
     async def method(self: "AsyncClient", /, *given: P.args, **options: P.kwargs) -> AsyncIterator[T]:
@@ -58,25 +57,32 @@ def _series(make: Callable[P, Call[Step[T]]]) -> Callable[Concatenate["AsyncClie
 
 
 class AsyncClient:
-    """The service at an address, its answers awaited.
+    """An asynchronous client of the service at an address.
 
-    The methods are those of `Client`; what gives many items is gone through with `async for`.
+    The methods are those of `Client`. A method that gives many items is an asynchronous iterator.
 
     Parameters
     ----------
     url : str
         For example "http://127.0.0.1:8000".
     key : str, optional
-        Where the service asks for one.
+        An API key, where the service asks for one.
     collection : str, optional
-        The one that all calls work in; unless given, `default`, or the only one that the key may use.
+        The collection of all calls. Without it the service uses `default`, or the only collection of the key.
     transport : httpx.AsyncBaseTransport, optional
-        How to get there, instead of the network.
+        A transport in the place of the network.
     timeout : httpx.Timeout, optional
-        Ten minutes for an answer, unless given.
+        Ten minutes for an answer by default.
 
-    Making one raises `ClientError` where key or collection cannot be sent; every method `ProblemError`,
-    `UnreachableError` or `UnexpectedAnswerError`. Several tasks of one event loop may use it at a time.
+    Raises
+    ------
+    ClientError
+        A header cannot hold the key or the name of the collection.
+
+    Notes
+    -----
+    Every method raises `ProblemError`, `UnreachableError` or `UnexpectedAnswerError`. Several tasks of one
+    event loop may use a client at the same time.
     """
 
     def __init__(
@@ -113,14 +119,14 @@ class AsyncClient:
         await self._http.aclose()
 
     async def ready(self) -> bool:
-        """Whether the service can do its work; false too when there is no answer."""
+        """Whether the service is ready; false also when it does not answer."""
         try:
             return (await self._http.get("/readyz")).is_success
         except httpx.TransportError:
             return False
 
     async def send(self, call: Call[T]) -> T:
-        """What a call reads; a service that is busy for the moment is asked again."""
+        """Send a call and read its answer; while the service is busy, send it again."""
         with ExitStack() as stack:
             prepared = await asyncio.to_thread(call.prepared, stack)
             for attempt in count():
@@ -161,7 +167,7 @@ class AsyncClient:
     query_shape = _method(search_calls.query_shape)
     compare = _method(search_calls.compare)
     duplicates = _method(search_calls.duplicates)
-    collections = _method(set_calls.collections)
-    create_collection = _method(set_calls.create_collection)
-    delete_collection = _method(set_calls.delete_collection)
+    collections = _method(collection_calls.collections)
+    create_collection = _method(collection_calls.create_collection)
+    delete_collection = _method(collection_calls.delete_collection)
     version = _method(search_calls.version)

@@ -1,4 +1,4 @@
-"""What is sent and how its answer is read, whoever sends it: a client that waits, or one that awaits."""
+"""Requests and the reading of their answers, for the synchronous and the asynchronous client."""
 
 import inspect
 from collections.abc import Callable, Mapping, Sequence
@@ -15,7 +15,7 @@ from service.client.errors import ClientError, UnexpectedAnswerError, Unreachabl
 from service.collection import is_name
 
 File = str | Path | tuple[str, bytes]
-"""A mesh to send: its path, or its name (whose ending tells the format) and its bytes."""
+"""A mesh to send: its path, or its name (with the ending of its format) and its bytes."""
 
 T = TypeVar("T")
 U = TypeVar("U")
@@ -23,33 +23,33 @@ Model = TypeVar("Model", bound=BaseModel)
 APage = TypeVar("APage", bound="Page")
 
 COLLECTION = "Isoshape-Collection"
-"""The header that names the collection which a call works in."""
+"""The header that names the collection of a call."""
 
-# Items that the service gives at a time, at most.
+# The most items on one page.
 LONGEST_PAGE = 500
-# A large mesh may wait for a worker and then be worked on for minutes.
+# A large mesh may wait for a worker, and its embedding may take minutes.
 TIMEOUT = httpx.Timeout(600.0, connect=10.0)
-# What httpx raises where there is no answer.
+# The errors that httpx raises without an answer.
 NO_ANSWER = (httpx.TransportError, httpx.UnsupportedProtocol)
 
 
 @dataclass(frozen=True)
 class Call(Generic[T]):
-    """A request, and how its answer is read.
+    """A request and the function that reads its answer.
 
     Attributes
     ----------
     method, path : str
     read : callable
-        What is returned for an answer that is a success.
+        Takes a successful answer; its result is returned.
     params, data, headers : dict
-        Of the address, the form and the header.
+        The parameters of the address, the fields of the form and the headers.
     json : object
-        The body, if it is JSON.
+        The JSON body, if any.
     file : File, optional
-        The form's file.
+        The file of the form.
     streamed : bool
-        Send the file piece by piece, as what is too large to be read at once.
+        Whether the file is sent in pieces, because it may be too large for memory.
     """
 
     method: str
@@ -63,7 +63,7 @@ class Call(Generic[T]):
     streamed: bool = False
 
     def prepared(self, stack: ExitStack) -> dict[str, Any]:
-        """What httpx takes beside the method and the address; the stack closes what it opens.
+        """The arguments of an httpx request; the stack closes the files that this opens.
 
         Raises
         ------
@@ -83,13 +83,13 @@ class Call(Generic[T]):
         return given
 
     def then(self, change: Callable[[T], U]) -> "Call[U]":
-        """The same request, with something made of what is read."""
+        """The same request, with another function applied to its result."""
         return Call(**{**vars(self), "read": lambda answer: change(self.read(answer))})
 
 
 @dataclass(frozen=True)
 class Step(Generic[T]):
-    """Some of the items of a series, and what is asked for more, after so many seconds."""
+    """Some items of a series, and the call for more of them, to be sent after `seconds` seconds."""
 
     items: Sequence[T]
     more: "Call[Step[T]] | None"
@@ -97,7 +97,7 @@ class Step(Generic[T]):
 
 
 class Page(Protocol):
-    """Items, and what to name to get those that follow."""
+    """A page of items, and the cursor of the next page."""
 
     @property
     def next_cursor(self) -> str | None:
@@ -117,7 +117,7 @@ def pages(one: Callable[[str | None], Call[APage]], items: Callable[[APage], Seq
 
 
 def parsed(model: type[Model]) -> Callable[[httpx.Response], Model]:
-    """Reads answers that are one of these."""
+    """A function that reads answers of a model."""
 
     def read(answer: httpx.Response) -> Model:
         try:
@@ -129,60 +129,60 @@ def parsed(model: type[Model]) -> Callable[[httpx.Response], Model]:
 
 
 def content(answer: httpx.Response) -> bytes:
-    """The body as it is."""
+    """The bytes of the body."""
     return answer.content
 
 
 def nothing(_answer: httpx.Response) -> None:
-    """An answer that has no body."""
+    """None, for an answer without a body."""
 
 
 def segment(shape_id: str) -> str:
-    """An id as one segment of an address: whatever it holds, it names no other address."""
+    """An id as one segment of an address, with every reserved character quoted."""
     return quote(shape_id, safe="")
 
 
 def given(**values: object) -> dict[str, Any]:
-    """Those that are not None."""
+    """The values that are not None, by name."""
     return {name: value for name, value in values.items() if value is not None}
 
 
 def headers_with(key: str | None, collection: str | None) -> dict[str, str]:
-    """The headers that carry a key, and name a collection.
+    """The headers with a key and the name of a collection.
 
     Raises
     ------
     ClientError
-        One of them cannot be sent.
+        A header cannot hold the key, or no collection can have the name.
     """
     key = (key or "").strip()
     if not (key.isascii() and key.isprintable()):
         raise ClientError("the key holds characters that no key has")
     if collection is not None and not is_name(collection):
-        raise ClientError(f"no collection can be called {collection!r}")
+        raise ClientError(f"no collection can have the name {collection!r}")
     named = {} if collection is None else {COLLECTION: collection}
     return {"Authorization": f"Bearer {key}", **named} if key else named
 
 
 def no_address(url: str, error: Exception) -> UnreachableError:
-    """The error for an address that is none."""
+    """The error for an invalid address."""
     return UnreachableError(f"{url!r} is not an address: {error}")
 
 
 def no_answer(url: str, fault: Exception) -> UnreachableError:
-    """The error for an address at which nothing answers."""
+    """The error for an address without an answer."""
     return UnreachableError(f"no answer from {url}: {fault}")
 
 
 def signature_of(make: Callable[..., object], origin: Any = None) -> inspect.Signature:  # noqa: ANN401
-    """Of the method that makes a call: the arguments of what describes the call, and what is read.
+    """The signature of a client's method: the arguments of a function that makes a call, and the result.
 
     Parameters
     ----------
     make : callable
         Annotated to return a `Call`.
     origin : generic type, optional
-        For a series: what its items come as, as `Iterator`.
+        The type of a series of items, such as `Iterator`.
     """
     (read,) = get_args(get_type_hints(make)["return"])
     signature = inspect.signature(make)

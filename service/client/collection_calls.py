@@ -1,16 +1,16 @@
-"""What is sent about collections themselves."""
+"""The calls on collections."""
 
 from service.client.calls import Call, nothing, parsed, segment
 from service.collections.schemas import Collection, Collections
 
 
 def collections() -> Call[Collections]:
-    """The collections that the key may use, by name, each with the number of its shapes."""
+    """List the collections that the key may use, by name, each with the number of its shapes."""
     return Call("GET", "/collections", parsed(Collections))
 
 
 def create_collection(name: str) -> Call[Collection]:
-    """Have a collection of this name, whether it was there before or not."""
+    """Create a collection, unless it exists."""
     return Call("PUT", f"/collections/{segment(name)}", parsed(Collection))
 
 

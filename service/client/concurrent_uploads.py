@@ -1,4 +1,4 @@
-"""Many uploads, several under way at a time."""
+"""Many uploads, several at the same time."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, as_completed
@@ -7,13 +7,13 @@ from pathlib import Path
 
 from service.client import Client, ProblemError, Upload
 
-# Enough to keep the workers of a small machine at work while files are read and sent.
+# Enough to keep the workers of a small machine busy while files are read and sent.
 AT_ONCE = 4
 
 
 @dataclass(frozen=True)
 class Item:
-    """A mesh to store: where its bytes are, or the bytes themselves; its tags and metadata."""
+    """A mesh to store: the path of its file or its bytes, with its tags and metadata."""
 
     name: str
     data: bytes | Path
@@ -22,21 +22,21 @@ class Item:
 
     @property
     def origin(self) -> str:
-        """What to call it in a message."""
+        """The name of the mesh in messages."""
         return str(self.data) if isinstance(self.data, Path) else self.name
 
 
 def upload_all(
     client: Client, items: Sequence[Item], at_once: int = AT_ONCE
 ) -> Iterator[tuple[Item, Upload | str]]:
-    """Each item and what became of it, or why it was refused, in the order in which they finish.
+    """Each item with its upload, or with the cause of its refusal, in the order in which the uploads end.
 
-    A service that is gone ends it: what has not begun is not tried.
+    If the service is gone, no further upload begins.
 
     Raises
     ------
     ClientError
-        The service does not answer, or not as it should.
+        The service does not answer, or gives an unexpected answer.
     """
     pool = ThreadPoolExecutor(at_once)
     try:

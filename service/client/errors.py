@@ -1,4 +1,4 @@
-"""What a request ends with that did not succeed."""
+"""The errors of requests."""
 
 from contextlib import suppress
 
@@ -10,15 +10,15 @@ from service.http.problem_document import MEDIA_TYPE, TYPE_PREFIX, Problem
 
 
 class ClientError(ExpectedError):
-    """A request that did not succeed."""
+    """A request failed."""
 
 
 class UnreachableError(ClientError):
-    """There is no answer: nothing listens at the address, or the connection was lost."""
+    """No answer: no service listens at the address, or the connection was lost."""
 
 
 class UnexpectedAnswerError(ClientError):
-    """The answer is not one of this service."""
+    """The answer is not from an Isoshape service."""
 
 
 class ProblemError(ClientError):
@@ -29,7 +29,7 @@ class ProblemError(ClientError):
     problem : Problem
         The document.
     kind : str
-        The last part of its type, on which a program may branch: "shape-not-found", "no-triangles", ...
+        The last part of its type, such as "shape-not-found" or "no-triangles". Programs may branch on it.
     """
 
     def __init__(self, problem: Problem) -> None:
@@ -39,7 +39,7 @@ class ProblemError(ClientError):
 
 
 def error_of(answer: httpx.Response) -> ProblemError | UnexpectedAnswerError:
-    """What an answer that is no success says."""
+    """The error of an unsuccessful answer."""
     if answer.headers.get("content-type", "").startswith(MEDIA_TYPE):
         with suppress(ValidationError):
             return ProblemError(Problem.model_validate_json(answer.content))

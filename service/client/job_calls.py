@@ -1,4 +1,4 @@
-"""What is sent about bulk jobs."""
+"""The calls on bulk jobs."""
 
 from collections.abc import Mapping, Sequence
 from typing import Literal
@@ -16,18 +16,18 @@ def send_archive(
     tags: Sequence[str] = (),
     metadata: Mapping[str, JsonValue] | None = None,
 ) -> Call[Job]:
-    """Have every mesh in a zip or tar stored, with tags and metadata, by a job to be followed."""
+    """Start a job that stores every mesh of a zip or tar archive, with tags and metadata."""
     fields = fields_of(None, tags, metadata)
     return Call("POST", "/jobs", parsed(Job), data=fields, file=archive, streamed=True)
 
 
 def job(job_id: str) -> Call[Job]:
-    """How far a job is."""
+    """Get the progress of a job."""
     return Call("GET", f"/jobs/{segment(job_id)}", parsed(Job))
 
 
 def follow_job(job_id: str, *, seconds: float = 1.0) -> Call[Step[Job]]:
-    """How far a job is, asked every so many seconds until it has ended; that is the last."""
+    """Get the progress of a job every `seconds` seconds; the last item is the ended job."""
 
     def step(now: Job) -> Step[Job]:
         return Step([now], None if now.has_ended else follow_job(job_id, seconds=seconds), seconds)
@@ -36,7 +36,7 @@ def follow_job(job_id: str, *, seconds: float = 1.0) -> Call[Step[Job]]:
 
 
 def jobs() -> Call[Step[Job]]:
-    """The jobs that have not ended, or ended in the last days, the latest first."""
+    """List the jobs that run or ended in the last days, the latest first."""
 
     def one(cursor: str | None) -> Call[JobPage]:
         return Call("GET", "/jobs", parsed(JobPage), params=given(limit=LONGEST_PAGE, cursor=cursor))
@@ -47,7 +47,7 @@ def jobs() -> Call[Step[Job]]:
 def job_files(
     job_id: str, *, outcome: Literal["stored", "present", "refused"] | None = None
 ) -> Call[Step[JobFile]]:
-    """What became of each file of a job's archive, in its order; of those with one outcome, or of all."""
+    """List the files of a job's archive with their outcomes, in the order of the archive."""
 
     def one(cursor: str | None) -> Call[JobFilePage]:
         wanted = given(limit=LONGEST_PAGE, outcome=outcome, cursor=cursor)
@@ -57,10 +57,10 @@ def job_files(
 
 
 def cancel_job(job_id: str) -> Call[Job]:
-    """Store nothing more of a job's archive; what is stored stays."""
+    """Stop a job; the shapes that it has stored stay."""
     return Call("POST", f"/jobs/{segment(job_id)}/cancel", parsed(Job))
 
 
 def delete_job(job_id: str) -> Call[None]:
-    """Cancel a job, and delete its record; what is stored stays."""
+    """Cancel a job and delete its record; the shapes that it has stored stay."""
     return Call("DELETE", f"/jobs/{segment(job_id)}", nothing)

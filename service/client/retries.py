@@ -1,11 +1,11 @@
-"""When a service that is busy for the moment is asked again."""
+"""When a request to a busy service is sent again."""
 
 import httpx
 
 from service.client.errors import ProblemError, error_of
 
-# How often to try again when the service answers 429 or 503, by the kind of problem. A file that killed its
-# worker may do so again, so it has one more chance only.
+# The most retries after an answer 429 or 503, by the kind of problem. A file that killed its worker may kill
+# another, so it has one retry only.
 RETRIES = {
     "busy": 5,
     "rate-limit": 5,
@@ -15,25 +15,25 @@ RETRIES = {
     "worker-lost": 1,
     "cluster-unavailable": 3,
 }
-# A proxy in front says the same without a problem document.
+# The same for a proxy, which answers without a problem document.
 PROXY_RETRIES = 5
 BUSY = frozenset({httpx.codes.TOO_MANY_REQUESTS, httpx.codes.SERVICE_UNAVAILABLE})
 LONGEST_WAIT_SECONDS = 30.0
 
 
 def pause(answer: httpx.Response, attempt: int) -> float | None:
-    """Seconds to wait before asking again; None after a success.
+    """Seconds to wait before the next attempt; None after a success.
 
     Parameters
     ----------
     answer : httpx.Response
     attempt : int
-        How often it was asked before.
+        The number of attempts before this one.
 
     Raises
     ------
     ProblemError, UnexpectedAnswerError
-        Asking again is no use, or was tried often enough.
+        A retry is of no use, or the retries are used up.
     """
     if answer.is_success:
         return None
@@ -48,7 +48,7 @@ def pause(answer: httpx.Response, attempt: int) -> float | None:
 
 
 def _wait(answer: httpx.Response, attempt: int) -> float:
-    """As long as the service asks, and twice as long each time, so that many clients spread out."""
+    """The wait that the service asks for, doubled with each attempt, so that many clients spread out."""
     asked = answer.headers.get("retry-after", "")
     first = float(asked) if asked.isdecimal() else 1.0
     return min(first * 2.0**attempt, LONGEST_WAIT_SECONDS)

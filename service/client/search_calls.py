@@ -1,4 +1,4 @@
-"""What is sent to search and to compare."""
+"""The calls that search and compare."""
 
 from collections.abc import Sequence
 from typing import Any, Literal, TypedDict, Unpack
@@ -11,7 +11,7 @@ from service.system.schemas import Version
 
 
 class QueryArguments(TypedDict, total=False):
-    """How to search; what each is for and its default stand in `service.search.schemas.QueryOptions`."""
+    """The options of a query. `service.search.schemas.QueryOptions` describes each and has its default."""
 
     top_k: int
     rank_by: RankBy
@@ -30,12 +30,12 @@ class QueryArguments(TypedDict, total=False):
 
 
 def query_file(file: File, **options: Unpack[QueryArguments]) -> Call[QueryAnswer]:
-    """The stored shapes most like a file."""
+    """Find the stored shapes most similar to a file."""
     return Call("POST", "/query", parsed(QueryAnswer), data=_fields(options), file=file)
 
 
 def similar(shape_id: str, **options: Unpack[QueryArguments]) -> Call[QueryAnswer]:
-    """The stored shapes most like a stored one; the options are part of the address."""
+    """Find the stored shapes most similar to a stored shape; the options are part of the address."""
     return Call("GET", f"/shapes/{segment(shape_id)}/similar", parsed(QueryAnswer), params=_fields(options))
 
 
@@ -48,7 +48,7 @@ def query_shape(shape_id: str, **options: Unpack[QueryArguments]) -> Call[QueryA
 
 
 def compare(first: str, second: str) -> Call[CompareAnswer]:
-    """Two stored shapes point by point, by their ids."""
+    """Compare two stored shapes, given by their ids, point by point."""
     return Call("POST", "/compare", parsed(CompareAnswer), json={"first": first, "second": second})
 
 
@@ -60,7 +60,10 @@ def duplicates(
     name: str | None = None,
     metadata: Sequence[str] = (),
 ) -> Call[DuplicatesAnswer]:
-    """Groups of near-identical shapes, among those that are meant; `metadata` are written key=value."""
+    """Find groups of near-identical shapes among the shapes that pass the filters.
+
+    `metadata` holds conditions of the form key=value.
+    """
     wanted = given(
         min_cc=min_cc, max_residual=max_residual, tag=list(tag), name=name, metadata=list(metadata)
     )
@@ -68,7 +71,7 @@ def duplicates(
 
 
 def version() -> Call[Version]:
-    """Which service this is."""
+    """Get the version of the service and its pipeline."""
     return Call("GET", "/version", parsed(Version))
 
 

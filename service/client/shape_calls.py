@@ -1,4 +1,4 @@
-"""What is sent about stored shapes and their files."""
+"""The calls on stored shapes and their files."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -26,7 +26,7 @@ from service.shapes.schemas import EmbeddingArrays, Shape, ShapePage
 
 @dataclass(frozen=True)
 class Upload:
-    """A stored shape, and whether this upload created it or found it there."""
+    """A stored shape, and whether this upload created it."""
 
     shape: Shape
     created: bool
@@ -35,7 +35,7 @@ class Upload:
 def fields_of(
     name: str | None, tags: Sequence[str], metadata: Mapping[str, JsonValue] | None
 ) -> dict[str, str | list[str]]:
-    """The form's fields that describe what is stored."""
+    """The fields of a form that describe a shape."""
     return given(
         name=name,
         tags=",".join(tags) if tags else None,
@@ -50,7 +50,7 @@ def upload(
     tags: Sequence[str] = (),
     metadata: Mapping[str, JsonValue] | None = None,
 ) -> Call[Upload]:
-    """Store a mesh. The same bytes under the same name are stored once: then `created` is false."""
+    """Store a mesh. If its bytes are already stored under the same name, `created` is false."""
 
     def read(answer: httpx.Response) -> Upload:
         return Upload(parsed(Shape)(answer), created=answer.status_code == httpx.codes.CREATED)
@@ -66,7 +66,7 @@ def page(
     limit: int = 50,
     cursor: str | None = None,
 ) -> Call[ShapePage]:
-    """Some of the stored shapes, oldest first; `metadata` are conditions written key=value."""
+    """Get one page of the stored shapes, oldest first; `metadata` holds conditions of the form key=value."""
     wanted = given(tag=list(tags), metadata=list(metadata), limit=limit, name=name, cursor=cursor)
     return Call("GET", "/shapes", parsed(ShapePage), params=wanted)
 
@@ -74,7 +74,7 @@ def page(
 def shapes(
     *, tags: Sequence[str] = (), name: str | None = None, metadata: Sequence[str] = ()
 ) -> Call[Step[Shape]]:
-    """All of them, page by page."""
+    """Get all stored shapes that pass the filters, page by page."""
 
     def one(cursor: str | None) -> Call[ShapePage]:
         return page(tags=tags, name=name, metadata=metadata, limit=LONGEST_PAGE, cursor=cursor)
@@ -83,37 +83,37 @@ def shapes(
 
 
 def shape(shape_id: str) -> Call[Shape]:
-    """One record."""
+    """Get the record of a shape."""
     return Call("GET", f"/shapes/{segment(shape_id)}", parsed(Shape))
 
 
 def file(shape_id: str, *, format: str | None = None) -> Call[bytes]:
-    """The bytes that were uploaded, or the mesh in a format."""
+    """Get the uploaded file, or the mesh in another format."""
     return Call("GET", f"/shapes/{segment(shape_id)}/file", content, params=given(format=format))
 
 
 def embedding(shape_id: str) -> Call[EmbeddingArrays]:
-    """What is stored to compare a shape by."""
+    """Get the embedding of a shape."""
     return Call("GET", f"/shapes/{segment(shape_id)}/embedding", parsed(EmbeddingArrays))
 
 
 def thumbnail(shape_id: str, *, size: Literal[64, 128, 256, 512] = 256) -> Call[bytes]:
-    """A picture as PNG, of so many pixels a side, on a transparent ground."""
+    """Get a PNG of `size` by `size` pixels with a transparent background."""
     return Call("GET", f"/shapes/{segment(shape_id)}/thumbnail.png", content, params={"size": size})
 
 
 def preview(shape_id: str) -> Call[bytes]:
-    """The mesh as a viewer shows it: a GLB, simplified if it is large, between -1 and 1 and y up."""
+    """Get the mesh for a viewer: a GLB with y up and coordinates in [-1, 1]; a large mesh is simplified."""
     return Call("GET", f"/shapes/{segment(shape_id)}/preview.glb", content)
 
 
 def preview_file(file: File) -> Call[bytes]:
-    """The same of a file that is not stored."""
+    """Get the preview of a file that is not stored."""
     return Call("POST", "/preview", content, file=file)
 
 
 def replace_file(shape_id: str, file: File, *, if_sha256: str | None = None) -> Call[Shape]:
-    """Have a shape be of another file; where a SHA-256 is given, only if its file has that one now."""
+    """Replace the file of a shape; with `if_sha256`, only if the present file has that SHA-256."""
     headers = {} if if_sha256 is None else {"If-Match": f'"{if_sha256}"'}
     return Call("PUT", f"/shapes/{segment(shape_id)}/file", parsed(Shape), headers=headers, file=file)
 
@@ -125,7 +125,7 @@ def update(
     tags: Sequence[str] | None = None,
     metadata: Mapping[str, JsonValue] | None = None,
 ) -> Call[Shape]:
-    """Replace what is given; the rest stays."""
+    """Replace the given fields of a shape; the others stay."""
     changes: dict[str, Any] = given(
         name=name,
         tags=None if tags is None else list(tags),
@@ -135,12 +135,12 @@ def update(
 
 
 def delete(shape_id: str) -> Call[None]:
-    """Take it out of the archive."""
+    """Delete a shape."""
     return Call("DELETE", f"/shapes/{segment(shape_id)}", nothing)
 
 
 def deleted() -> Call[Step[DeletedShape]]:
-    """The shapes that can be restored, those deleted first before the others."""
+    """List the deleted shapes that can be restored, the first deleted first."""
 
     def one(cursor: str | None) -> Call[DeletedShapePage]:
         wanted = given(limit=LONGEST_PAGE, cursor=cursor)
@@ -150,10 +150,10 @@ def deleted() -> Call[Step[DeletedShape]]:
 
 
 def restore(shape_id: str) -> Call[Shape]:
-    """Undo a deletion."""
+    """Restore a deleted shape."""
     return Call("POST", f"/shapes/{segment(shape_id)}/restore", parsed(Shape))
 
 
 def purge(shape_id: str) -> Call[None]:
-    """Forget a deleted shape for good."""
+    """Delete a deleted shape permanently."""
     return Call("DELETE", f"/deleted/{segment(shape_id)}", nothing)

@@ -1,4 +1,4 @@
-"""The client that waits for each answer."""
+"""The synchronous client."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -10,8 +10,7 @@ from typing import Concatenate, ParamSpec, Self, TypeVar
 
 import httpx
 
-from service.client import collection_calls as set_calls
-from service.client import job_calls, search_calls, shape_calls
+from service.client import collection_calls, job_calls, search_calls, shape_calls
 from service.client.calls import (
     NO_ANSWER,
     TIMEOUT,
@@ -29,7 +28,7 @@ T = TypeVar("T")
 
 
 def _method(make: Callable[P, Call[T]]) -> Callable[Concatenate["Client", P], T]:
-    """The method that makes a call."""
+    """A method that sends one call."""
 
     @wraps(make)
     def method(self: "Client", /, *given: P.args, **options: P.kwargs) -> T:
@@ -40,7 +39,7 @@ def _method(make: Callable[P, Call[T]]) -> Callable[Concatenate["Client", P], T]
 
 
 def _series(make: Callable[P, Call[Step[T]]]) -> Callable[Concatenate["Client", P], Iterator[T]]:
-    """The method that goes through a series."""
+    """A method that sends the calls of a series and iterates over all items."""
 
     @wraps(make)
     def method(self: "Client", /, *given: P.args, **options: P.kwargs) -> Iterator[T]:
@@ -57,23 +56,30 @@ def _series(make: Callable[P, Call[Step[T]]]) -> Callable[Concatenate["Client", 
 
 
 class Client:
-    """The service at an address.
+    """A client of the service at an address.
 
     Parameters
     ----------
     url : str
         For example "http://127.0.0.1:8000".
     key : str, optional
-        Where the service asks for one.
+        An API key, where the service asks for one.
     collection : str, optional
-        The one that all calls work in; unless given, `default`, or the only one that the key may use.
+        The collection of all calls. Without it the service uses `default`, or the only collection of the key.
     transport : httpx.BaseTransport, optional
-        How to get there, instead of the network.
+        A transport in the place of the network.
     timeout : httpx.Timeout, optional
-        Ten minutes for an answer, unless given.
+        Ten minutes for an answer by default.
 
-    Making one raises `ClientError` where key or collection cannot be sent; every method `ProblemError`,
-    `UnreachableError` or `UnexpectedAnswerError`. It may be used from several threads at a time.
+    Raises
+    ------
+    ClientError
+        A header cannot hold the key or the name of the collection.
+
+    Notes
+    -----
+    Every method raises `ProblemError`, `UnreachableError` or `UnexpectedAnswerError`. Several threads may use
+    a client at the same time.
     """
 
     def __init__(
@@ -108,14 +114,14 @@ class Client:
         self._http.close()
 
     def ready(self) -> bool:
-        """Whether the service can do its work; false too when there is no answer."""
+        """Whether the service is ready; false also when it does not answer."""
         try:
             return self._http.get("/readyz").is_success
         except httpx.TransportError:
             return False
 
     def send(self, call: Call[T]) -> T:
-        """What a call reads; a service that is busy for the moment is asked again."""
+        """Send a call and read its answer; while the service is busy, send it again."""
         with ExitStack() as stack:
             prepared = call.prepared(stack)
             for attempt in count():
@@ -156,7 +162,7 @@ class Client:
     query_shape = _method(search_calls.query_shape)
     compare = _method(search_calls.compare)
     duplicates = _method(search_calls.duplicates)
-    collections = _method(set_calls.collections)
-    create_collection = _method(set_calls.create_collection)
-    delete_collection = _method(set_calls.delete_collection)
+    collections = _method(collection_calls.collections)
+    create_collection = _method(collection_calls.create_collection)
+    delete_collection = _method(collection_calls.delete_collection)
     version = _method(search_calls.version)

@@ -1,4 +1,4 @@
-"""The report as HTML: a query, what was found, how it was asked; no script, and nothing from elsewhere."""
+"""The report as HTML: a query, its results and its options, without scripts and external files."""
 
 import json
 from base64 import b64encode
@@ -13,21 +13,21 @@ from service.system.schemas import Version
 SCORES = {
     "CC": "The correlation of the matched points’ spectral coordinates: 1 for the same shape in any pose, "
     "near 0 for shapes that have nothing in common.",
-    "SSD": "How far those coordinates are apart: the root of their squared differences, over the number of "
-    "pairs: 0 for the same shape, and more the less alike two shapes are.",
+    "SSD": "The distance of those coordinates: the root of their squared differences, over the number of "
+    "pairs: 0 for the same shape, and larger for less similar shapes.",
     "sim": "The share of points, from 0 to 1, whose partner on the other shape a smooth map explains.",
-    "combined": "The chance, from 0 to 1, that both are of one class, by CC and sim, by their spectra and "
-    "form, and by what lies about points of their surfaces.",
+    "combined": "The probability, from 0 to 1, that both shapes are of one class, from CC and sim, their "
+    "spectra, their global descriptors and their spin images.",
 }
 PART_DISTANCE = (
-    "How unlike the surface about the query’s points is to that about the nearest points of the shape: 0 or "
-    "more, and it tells by its order."
+    "The distance between the spin images at points of the query and the nearest spin images of the shape: "
+    "0 or more; only its order among shapes has a meaning."
 )
 
 
 @dataclass(frozen=True)
-class Found:
-    """A result, and its pictures: of the query and of the shape, points that correspond in one colour."""
+class PicturedResult:
+    """A result with a picture of the query and one of the shape; corresponding points have one colour."""
 
     result: Result
     query: bytes
@@ -36,21 +36,21 @@ class Found:
 
 @dataclass(frozen=True)
 class Report:
-    """What stands in a report.
+    """The contents of a report.
 
     Attributes
     ----------
     name, sha256 : str
-        Of the file that was asked with.
+        The name and the SHA-256 of the query's file.
     picture : bytes
-        Of it, as PNG.
+        A PNG of the query.
     options : mapping
-        How it was searched, by the names of the interface.
+        The options of the query, by the names of the HTTP fields.
     answer : QueryAnswer
-    found : tuple of Found
-        Its results.
+    found : tuple of PicturedResult
+        The results with their pictures.
     version : Version
-        Of the service.
+        The version of the service.
     """
 
     name: str
@@ -58,13 +58,13 @@ class Report:
     picture: bytes
     options: Mapping[str, object]
     answer: QueryAnswer
-    found: tuple[Found, ...]
+    found: tuple[PicturedResult, ...]
     version: Version
 
 
 def page(report: Report) -> str:
     """The report as a page. The same report always gives the same text."""
-    title = f"Shapes most like {escape(report.name)}"
+    title = f"Most similar to {escape(report.name)}"
     return "\n".join(
         [
             "<!doctype html>",
@@ -97,13 +97,15 @@ def page(report: Report) -> str:
 def _summary(answer: QueryAnswer) -> list[str]:
     lines = [f"Compared with {answer.compared} of {answer.stored} stored shapes."]
     if not answer.results:
-        lines.append("None of them is among the results.")
+        lines.append("No shape is among the results.")
     elif not answer.matched:
-        lines.append("None of them is like the query, by the pipeline’s threshold of CC: these come nearest.")
+        lines.append(
+            "No shape is similar to the query, by the pipeline’s threshold of CC. The nearest shapes follow."
+        )
     return lines + answer.warnings
 
 
-def _section(found: Found, query: str) -> str:
+def _section(found: PicturedResult, query: str) -> str:
     result, shape = found.result, found.result.shape
     name = escape(shape.name)
     pictures = _picture(found.query, f"{query}, coloured") + _picture(found.shape, f"{shape.name}, coloured")
@@ -111,7 +113,7 @@ def _section(found: Found, query: str) -> str:
         "tags": ", ".join(shape.tags),
         "metadata": _written(shape.metadata) if shape.metadata else "",
         "vertices, faces": f"{shape.facts.vertices}, {shape.facts.faces}",
-        "to know": " ".join(shape.warnings),
+        "warnings": " ".join(shape.warnings),
         "id": shape.id,
     }
     return "\n".join(
@@ -119,7 +121,7 @@ def _section(found: Found, query: str) -> str:
             f'<section aria-label="Result {result.rank}">',
             f"<h2>{result.rank}. {name}</h2>",
             f'<figure class="pair">{pictures}',
-            f"<figcaption>{escape(query)} and {name}: points that correspond have one colour.</figcaption>",
+            f"<figcaption>{escape(query)} and {name}: corresponding points have one colour.</figcaption>",
             "</figure>",
             _table("Scores", _scores(result).items(), numbers=True),
             _table("The shape", ((key, value) for key, value in facts.items() if value)),
@@ -143,7 +145,7 @@ def _explained(answer: QueryAnswer) -> list[str]:
     partial = any(result.part_distance is not None for result in answer.results)
     scores = {**SCORES, "part distance": PART_DISTANCE} if partial else SCORES
     told = [f"<dt>{name}</dt><dd>{text}</dd>" for name, text in scores.items()]
-    return ["<h2>What the numbers say</h2>", "<dl>", *told, "</dl>"]
+    return ["<h2>The scores</h2>", "<dl>", *told, "</dl>"]
 
 
 def _asked(report: Report) -> list[str]:
@@ -155,7 +157,7 @@ def _asked(report: Report) -> list[str]:
         "pipeline": f"{version.pipeline}, {report.answer.pipeline}",
         "service": f"{version.service} {version.version}, method {version.method}",
     }
-    return ["<h2>How it was asked</h2>", _table("Parameters", [*given.items(), *made.items()])]
+    return ["<h2>The query</h2>", _table("Parameters", [*given.items(), *made.items()])]
 
 
 def _written(value: object) -> str:

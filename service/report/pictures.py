@@ -1,4 +1,4 @@
-"""The pictures of a report, drawn from previews: what a shape looks like, and which points correspond."""
+"""The pictures of a report, drawn from previews: shapes and corresponding points."""
 
 import json
 import struct
@@ -15,23 +15,23 @@ from service.rendering.viewpoint import upright
 from service.search.schemas import Pair
 
 SIZE = 256
-"""Pixels a side."""
+"""Pixels on each side of a picture."""
 
 _GLB = "glb"
-# The length of the JSON stands after the header of the file, and the JSON after its own.
+# The offsets of the length of the JSON, after the header of the file, and of the JSON itself.
 _LENGTH, _JSON = 12, 20
 
 
 @dataclass(frozen=True, eq=False)
 class Preview:
-    """A shape as the service shows it.
+    """The preview of a shape by the service.
 
     Attributes
     ----------
     mesh : Mesh
-        y up, between -1 and 1.
+        With y up and coordinates in [-1, 1].
     placing : float64, shape (3, 4)
-        Takes a point of the file (x, y, z, 1) to the mesh.
+        Maps a point (x, y, z, 1) of the file to the mesh.
     """
 
     mesh: Mesh
@@ -39,7 +39,7 @@ class Preview:
 
     @classmethod
     def of(cls, glb: bytes, format: str) -> "Preview":
-        """A preview of the service, of a file of this format."""
+        """Read a preview from its GLB and the format of the original file."""
         (length,) = struct.unpack_from("<I", glb, _LENGTH)
         (node,) = json.loads(glb[_JSON : _JSON + length])["nodes"]
         middle, half = np.array(node["extras"]["middle"]), float(node["extras"]["half"])
@@ -57,7 +57,7 @@ def alone(shape: Preview) -> bytes:
 
 
 def matched(first: Preview, second: Preview, pairs: list[Pair]) -> tuple[bytes, bytes]:
-    """A PNG of each of two shapes; points that correspond have one colour."""
+    """A PNG of each of two shapes; corresponding points have one colour."""
     ends = [
         shape.placed(np.array([point.position for point in points]))
         for shape, points in (

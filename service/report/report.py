@@ -1,10 +1,10 @@
-"""A report of an answer: its pictures are drawn from what the service shows of each shape."""
+"""The report of an answer, with pictures drawn from the previews of the service."""
 
 from collections.abc import Callable, Mapping
 from hashlib import sha256
 
 from service.client import Client
-from service.report.page import Found, Report, page
+from service.report.page import PicturedResult, Report, page
 from service.report.pictures import Preview, alone, matched
 from service.search.schemas import QueryAnswer, Result
 
@@ -21,34 +21,34 @@ def report(
     Parameters
     ----------
     client : Client
-        Of the service that answered.
+        The client of the service that answered.
     file : pair of str and bytes
-        What it was asked with: a name, and a mesh.
+        The name and the bytes of the query.
     options : mapping
-        How, by the names of the interface.
+        The options of the query, by the names of the HTTP fields.
     answer : QueryAnswer
         With correspondences.
     drawn : callable
-        Told whenever a result is drawn.
+        Called after each result is drawn.
 
     Raises
     ------
     ClientError
-        A shape is gone, or the service is.
+        A shape or the service is gone.
     ValueError
         The answer has no correspondences.
     """
     name, data = file
-    # The service has read it, whatever this process reads: the ending alone says what is up.
+    # The service has read the file; its ending tells which axis is up.
     query = Preview.of(client.preview_file(file), name.rpartition(".")[2].lower())
 
-    def found(result: Result) -> Found:
+    def found(result: Result) -> PicturedResult:
         if result.correspondence is None:
             raise ValueError("the answer has no correspondences")
         shape = Preview.of(client.preview(result.shape.id), result.shape.format)
         pictures = matched(query, shape, result.correspondence)
         drawn()
-        return Found(result, *pictures)
+        return PicturedResult(result, *pictures)
 
     made = Report(
         name=name,

@@ -1,4 +1,4 @@
-"""How a report looks: dark or light, as its reader's system has it."""
+"""The style of a report: dark or light, by the setting of the reader's system."""
 
 STYLE = """\
 :root {

@@ -1,3 +1,3 @@
-"""The service as a process: an application in, a running server and its address out."""
+"""The service as a process: an application in, a running server with an address out."""
 
 __all__ = ["address", "child_process", "uvicorn_server"]

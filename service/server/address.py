@@ -1,4 +1,4 @@
-"""Where a service listens: the default address, and the socket of an address."""
+"""The address of a service: its defaults and its socket."""
 
 import ipaddress
 import socket
@@ -10,18 +10,18 @@ DEFAULT_PORT = 8000
 
 
 class PortError(ExpectedError):
-    """The address cannot be listened on; the message says why."""
+    """The service cannot listen on the address; the message gives the reason."""
 
     status = 2
 
 
 def bind(host: str, port: int) -> socket.socket:
-    """A socket bound to the address, before anything is opened or migrated.
+    """A socket bound to the address, before a database is opened or migrated.
 
     Raises
     ------
     PortError
-        The port is taken, or the address is none of this machine's.
+        The port is in use, or the address is not one of this machine.
     """
     try:
         family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
@@ -29,7 +29,7 @@ def bind(host: str, port: int) -> socket.socket:
         try:
             bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             bound.bind(address)
-            # A second process may bind the same port until somebody listens on it.
+            # Until a process listens on the port, a second one can bind it.
             bound.listen(128)
         except BaseException:
             bound.close()
@@ -40,5 +40,5 @@ def bind(host: str, port: int) -> socket.socket:
 
 
 def is_loopback(address: str) -> bool:
-    """Whether a bound address is reached from this machine alone."""
+    """Whether only this machine can reach the address."""
     return ipaddress.ip_address(address).is_loopback

@@ -1,4 +1,4 @@
-"""The service in a process of its own, for as long as a command lasts."""
+"""The service in a child process, while a command lasts."""
 
 import os
 import signal
@@ -16,7 +16,7 @@ from service.server.uvicorn_server import SHUTDOWN_SECONDS
 
 @contextmanager
 def sigterm_exits() -> Iterator[None]:
-    """Have SIGTERM raise SystemExit, so that `with` blocks end what they started. For the main thread."""
+    """Let SIGTERM raise SystemExit, so that `with` blocks clean up. Only for the main thread."""
 
     def leave(number: int, _frame: FrameType | None) -> None:
         raise SystemExit(128 + number)
@@ -29,15 +29,21 @@ def sigterm_exits() -> Iterator[None]:
 
 
 class ChildService:
-    """`isoshape serve` on a loopback port, with some more variables in its environment.
+    """`isoshape serve` on a loopback port.
 
-    Quietly: what it prints is dropped.
+    The process starts with the object and ends with its `with` block.
 
-    It is started when made, and ended at the end of a `with` block.
+    Parameters
+    ----------
+    port : int
+    settings : mapping
+        Variables added to the environment.
+    quiet : bool
+        Whether the output of the process is dropped.
     """
 
     def __init__(self, port: int, settings: Mapping[str, str], *, quiet: bool = False) -> None:
-        # -P: whatever lies in the working folder is not part of the program.
+        # -P: files in the working folder are not part of the program.
         command = [
             sys.executable,
             "-P",
@@ -70,15 +76,15 @@ class ChildService:
             self._process.wait()
 
     def ended(self) -> bool:
-        """Whether it has ended."""
+        """Whether the process has ended."""
         return self._process.poll() is not None
 
     def memory(self) -> int:
-        """Bytes that it holds in memory now, its workers not counted; on Linux."""
+        """The resident memory of the process in bytes, without its workers; on Linux."""
         status = Path(f"/proc/{self._process.pid}/status").read_text(encoding="ascii")
         (line,) = (line for line in status.splitlines() if line.startswith("VmRSS:"))
         return 1024 * int(line.split()[1])
 
     def wait(self) -> int:
-        """Wait for its end, by a signal say; its exit status."""
+        """Wait for the end of the process; its exit status."""
         return self._process.wait()

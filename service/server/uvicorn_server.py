@@ -1,4 +1,4 @@
-"""The service as this process runs it: in the foreground, or in a thread for one command."""
+"""The server of this process: in the foreground, or in a thread for one command."""
 
 import gc
 import socket
@@ -16,21 +16,21 @@ from service.jobs.events import ENDING_IN_SCOPE
 from service.server.address import LOOPBACK, bind
 
 READY_SECONDS = 300.0
-# Of a service that one command uses, and which is asked for nothing any more.
+# For a service that one command uses; no request is left when it stops.
 SHUTDOWN_SECONDS = 10
-# Longer than proxies and clients keep a connection: a next request would meet one that is being closed.
+# Longer than proxies and clients keep a connection, so that no request meets a closing one.
 KEEP_ALIVE_SECONDS = 75
 
 
 class StartError(ExpectedError):
-    """The service did not start; the message says why."""
+    """The service did not start; the message gives the reason."""
 
 
 def run(app: ASGIApp, bound: socket.socket, *, shutdown_seconds: int) -> None:
-    """Serve the app on the socket until a signal ends it; requests at work then have some seconds more.
+    """Serve the app on the socket until a signal; running requests then have `shutdown_seconds` to end.
 
-    What there is by now, mostly modules, stays: the garbage collector need not look through it again and
-    again, which took half the time of reading the signatures of a large archive.
+    The garbage collector leaves out the objects that exist by now, mostly modules. It otherwise takes half of
+    the time of reading the signatures of a large archive.
 
     Raises
     ------
@@ -48,9 +48,9 @@ def run(app: ASGIApp, bound: socket.socket, *, shutdown_seconds: int) -> None:
 
 @contextmanager
 def in_thread(app: ASGIApp, key: str | None = None, collection: str | None = None) -> Iterator[Client]:
-    """Run the app, its lifespan and its workers on a free loopback port; yields a client once it is ready.
+    """Run the app with its lifespan and workers on a free loopback port; yield a client once it is ready.
 
-    The client sends the key, and names the collection, if they are given.
+    The client sends the key and names the collection, if they are given.
 
     Raises
     ------
@@ -77,12 +77,12 @@ def in_thread(app: ASGIApp, key: str | None = None, collection: str | None = Non
 
 
 def wait_until_ready(client: Client, ended: Callable[[], bool]) -> None:
-    """Return when the service can do its work: its workers compile on their very first start.
+    """Return when the service is ready. On the first start its workers compile.
 
     Raises
     ------
     StartError
-        It ended, or is not ready after five minutes.
+        The service ended, or is not ready after five minutes.
     """
     deadline = time.monotonic() + READY_SECONDS
     while not client.ready():
@@ -94,7 +94,7 @@ def wait_until_ready(client: Client, ended: Callable[[], bool]) -> None:
 
 
 def _serve(server: uvicorn.Server, bound: socket.socket) -> None:
-    with suppress(SystemExit):  # uvicorn's answer to a lifespan that failed
+    with suppress(SystemExit):  # uvicorn exits if the lifespan fails
         server.run(sockets=[bound])
 
 
@@ -112,9 +112,9 @@ def _config(app: ASGIApp, shutdown_seconds: int) -> uvicorn.Config:
 
 
 class _Watched:
-    """The app, remembering what ended its lifespan; uvicorn would print it as a traceback.
+    """The app with the error that ended its lifespan, which uvicorn would print as a traceback.
 
-    Requests can see whether the server was asked to stop: a stream without end would hold it up.
+    Requests can see whether the server is stopping: an endless stream would delay the stop.
     """
 
     def __init__(self, app: ASGIApp) -> None:

@@ -43,7 +43,7 @@ def read_source(folder: Path | None) -> Source:
 
     Raises
     ------
-    CollectionError, MeshError
+    DatasetError, MeshError
         The folder, or a file in it, cannot be used.
     """
     found: dict[str, list[tuple[str, Mesh]]] = {}

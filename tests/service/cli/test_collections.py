@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from service.datasets import CollectionError, find_meshes, read_collection
+from service.datasets import DatasetError, find_meshes, read_collection
 
 
 def write(folder: Path, **files: str) -> Path:
@@ -65,7 +65,7 @@ def test_a_named_file_has_the_class_that_labels_beside_it_give(tmp_path: Path) -
     paths = [tmp_path / "cup" / "2.off", tmp_path / "bird" / ".." / "cup" / "1.off", tmp_path / "bird/3.off"]
     assert [file.label for file in find_meshes(paths).files] == [None, "Mug", None]
     write(tmp_path, cup__labels_csv="nothing of use")
-    with pytest.raises(CollectionError, match="first line"):
+    with pytest.raises(DatasetError, match="first line"):
         find_meshes(paths)
 
 
@@ -88,26 +88,26 @@ def test_a_link_to_a_folder_above_ends(tmp_path: Path) -> None:
 )
 def test_bad_labels_are_named(tmp_path: Path, labels: str, part: str) -> None:
     write(tmp_path, labels_csv=labels)
-    with pytest.raises(CollectionError, match=part):
+    with pytest.raises(DatasetError, match=part):
         read_collection(tmp_path)
 
 
 def test_labels_that_are_no_text(tmp_path: Path) -> None:
     (tmp_path / "labels.csv").write_bytes(b"file,class\n\xff\xfe,x\n")
-    with pytest.raises(CollectionError, match=r"labels\.csv"):
+    with pytest.raises(DatasetError, match=r"labels\.csv"):
         read_collection(tmp_path)
 
 
 def test_a_collection_needs_a_class_for_every_mesh(tmp_path: Path) -> None:
     write(tmp_path, cup__a_off="", stray_off="")
-    with pytest.raises(CollectionError, match=r"stray\.off has no class"):
+    with pytest.raises(DatasetError, match=r"stray\.off has no class"):
         read_collection(tmp_path)
 
 
 def test_a_collection_needs_a_folder_and_meshes(tmp_path: Path) -> None:
-    with pytest.raises(CollectionError, match="no such folder"):
+    with pytest.raises(DatasetError, match="no such folder"):
         read_collection(tmp_path / "nowhere")
-    with pytest.raises(CollectionError, match="no meshes"):
+    with pytest.raises(DatasetError, match="no meshes"):
         read_collection(tmp_path)
-    with pytest.raises(CollectionError, match="no such file"):
+    with pytest.raises(DatasetError, match="no such file"):
         find_meshes([tmp_path / "nothing.off"])

@@ -12,7 +12,7 @@ from service.rendering.tasks import FACES
 from service.rendering.tasks import preview as make_preview
 from service.rendering.thumbnail import draw, draw_painted
 from service.rendering.viewpoint import camera, upright
-from service.report.page import SCORES, Found, Report, page
+from service.report.page import SCORES, PicturedResult, Report, page
 from service.report.pictures import SIZE, Preview, alone, matched
 from service.search.schemas import MILLISECONDS, RESULT, Pair, Point, QueryAnswer, Result
 from service.system.schemas import Version
@@ -109,7 +109,7 @@ def report(**changes: object) -> Report:
         picture=b"query",
         options={"top_k": 3, "scale": "respect", "name": "</table>", "tag": [], "min_cc": None},
         answer=QueryAnswer.model_validate(answer),
-        found=(Found(result, b"first", b"second"),) if "results" not in changes else (),
+        found=(PicturedResult(result, b"first", b"second"),) if "results" not in changes else (),
         version=Version.model_validate(Version.model_config["json_schema_extra"]["example"]),
     )
 
@@ -138,8 +138,8 @@ def test_the_times_that_the_stages_took_change_nothing() -> None:
 def test_a_page_says_what_there_is_to_know() -> None:
     nothing = Parsed(page(report(results=[], matched=False, warnings=["a <hole>"])))
     assert nothing.pictures == [b"query"]
-    assert {"None of them is among the results.", "a <hole>"} <= set(nothing.texts)
-    assert any("these come nearest" in text for text in Parsed(page(report(matched=False))).texts)
+    assert {"No shape is among the results.", "a <hole>"} <= set(nothing.texts)
+    assert any("The nearest shapes follow" in text for text in Parsed(page(report(matched=False))).texts)
     part = {**RESULT, "part_distance": 0.25}
     told = Parsed(page(report(results=[part])))
     assert "part distance" in told.texts
