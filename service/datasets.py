@@ -1,8 +1,8 @@
 """Folders of meshes on disk, with the class of each where the folder says so.
 
 Two layouts have classes. A folder with `labels.csv` (columns `file` and `class`, paths relative to the
-folder) holds the listed files only. Otherwise each folder directly below the given folder is a class, with all files
-beneath it.
+folder) holds the listed files only. Otherwise each folder directly below the given folder is a class, with
+all files beneath it.
 """
 
 import csv
