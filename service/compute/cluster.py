@@ -1,7 +1,7 @@
-"""An executor on a Dask cluster, which may go away and come back.
+"""An executor on a Dask cluster, which may become unreachable and return.
 
-Dask does a lost worker's tasks again on another. What it does not do is said here: a scheduler that is away,
-or has no workers, fails what waits for it, and is looked for again until it is there.
+Dask repeats the tasks of a lost worker on another worker. This module adds the rest: while the scheduler is
+unreachable or has no workers, waiting tasks fail, and the executor tries to connect until it succeeds.
 """
 
 import hashlib
@@ -29,15 +29,15 @@ from service.observability.logging import get_logger
 
 log = get_logger("compute")
 
-# What it says with tracebacks is said below in a line.
+# Dask logs tracebacks; this module logs the same events in one line each.
 logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
 
 LOOK_SECONDS = 0.5
 CONNECT_SECONDS = 5.0
-# So long a cluster may be without workers before what waits for one is told so.
+# Waiting tasks fail when the cluster has had no workers for this time.
 PATIENCE_SECONDS = 10.0
 
-# Meshes pass through the scheduler: then the loss of a worker loses none.
+# Meshes pass through the scheduler, so that the loss of a worker loses no mesh.
 dask.config.set({"distributed.admin.large-graph-warning-threshold": "4 GiB"})
 
 
@@ -47,13 +47,13 @@ class ClusterPool(RemoteWorkers):
     Parameters
     ----------
     address : str
-        Of the scheduler.
+        The address of the scheduler.
     parameters : Parameters
-        What workers are warmed up for.
+        The parameters that workers are warmed up for.
     seconds : float
-        The longest a task may run; its future then raises `TaskTimeLimitError`.
+        The time limit of a task; after it, the future raises `TaskTimeLimitError`.
     replaced : callable
-        Told whenever a task cost a process, and why: "died" or "time-limit".
+        Called whenever a task causes the replacement of a process, with the cause: "died" or "time-limit".
     """
 
     def __init__(
@@ -82,12 +82,12 @@ class ClusterPool(RemoteWorkers):
         self._watching.start()
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:  # noqa: ANN401
-        """Have `fn(*args)` called by a worker. Function, arguments and result must pickle; no keywords.
+        """Call `fn(*args)` in a worker. Function, arguments and result must pickle; no keywords.
 
         Raises
         ------
         ClusterUnavailableError
-            The scheduler is away, or has no workers.
+            The scheduler is unreachable, or has no workers.
         """
         if kwargs:
             raise TypeError("tasks take positional arguments only")
@@ -95,12 +95,12 @@ class ClusterPool(RemoteWorkers):
         return self._follow(executor.submit(run, pickle.dumps((fn, args)), self._parameters, self._seconds))
 
     def owners(self, keys: NDArray[np.int64]) -> NDArray[np.str_]:
-        """Which worker each key falls to, shape (n,): the one that it and the key hash highest with.
+        """The worker that owns each key, shape (n,): the worker whose hash with the key is highest.
 
         Raises
         ------
         ClusterUnavailableError
-            The scheduler is away, or no worker is warm.
+            The scheduler is unreachable, or no worker is warm.
         """
         self._there()
         workers = sorted(self._pids)
@@ -111,14 +111,14 @@ class ClusterPool(RemoteWorkers):
         return np.array(highest, dtype=np.str_)[places]
 
     def submit_to(self, owner: str, fn: Callable[..., Any], /, *args: Any) -> Future[Any]:  # noqa: ANN401
-        """Have `fn(*args)` called in a worker's own process, or in another's if it has gone.
+        """Call `fn(*args)` in the process of this worker, or of another worker if this one has left.
 
-        Nothing stops a call that has begun: it must be short, and may not end the process.
+        Nothing stops a running call: it must be short and must not end the process.
 
         Raises
         ------
         ClusterUnavailableError
-            The scheduler is away, or has no workers.
+            The scheduler is unreachable, or has no workers.
         """
         self._there()
         client = self._client
@@ -128,7 +128,7 @@ class ClusterPool(RemoteWorkers):
         return self._follow(executor.submit(run_here, pickle.dumps((fn, args))))
 
     def _there(self) -> Executor:
-        """The cluster, if it is there and has workers."""
+        """The executor of the cluster, if the scheduler is reachable and has workers."""
         if self._closing.is_set():
             raise RuntimeError("the pool is shut down")
         executor = self._executor
@@ -138,7 +138,7 @@ class ClusterPool(RemoteWorkers):
         return executor
 
     def _follow(self, given: Future[Any]) -> Future[Any]:
-        """The task that stands for what was given to the cluster."""
+        """The future that follows a future of the cluster."""
         task: Future[Any] = Future()
         with self._lock:
             self._open.add(task)
@@ -147,31 +147,31 @@ class ClusterPool(RemoteWorkers):
         return task
 
     def ready(self) -> bool:
-        """Whether the cluster has a worker that is warm."""
+        """Whether the cluster has a warm worker."""
         return bool(self._pids)
 
     def pids(self) -> list[int]:
-        """The process ids of the workers that are warm, each on its machine."""
+        """The process ids of the warm workers, each on its machine."""
         return list(self._pids.values())
 
     def idle(self) -> int:
-        """How many tasks more could be begun at once."""
+        """The number of tasks that could start at once."""
         return max(0, sum(self._threads.values()) - len(self._open))
 
     def busy(self) -> int:
-        """How many of this service's tasks have a worker, if no other service's do."""
+        """The number of running tasks of this service, if no other service uses the cluster."""
         return min(sum(self._threads.values()), len(self._open))
 
     def starting(self) -> int:
-        """How many workers are not warm yet."""
+        """The number of workers that are not warm yet."""
         return len(self._threads.keys() - self._pids.keys())
 
     def waiting(self) -> int:
-        """How many of this service's tasks wait for a worker, at least."""
+        """The least number of tasks of this service that wait for a worker."""
         return max(0, len(self._open) - sum(self._threads.values()))
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Take no more tasks; wait for those given, or cancel them; leave the cluster."""
+        """Accept no more tasks, wait for the accepted tasks or cancel them, and disconnect."""
         self._closing.set()
         with self._lock:
             tasks = list(self._open)
@@ -185,12 +185,12 @@ class ClusterPool(RemoteWorkers):
             self._watching.join()
 
     def kill(self) -> None:
-        """Leave the cluster at once: what was given and not done raises `WorkerLostError`."""
+        """Disconnect at once: unfinished tasks raise `WorkerLostError`."""
         self._fail(WorkerLostError("the work was stopped"))
         self.shutdown(cancel_futures=True)
 
     def _watch(self) -> None:
-        """Connect, and look now and then how things are, until the end."""
+        """Connect, and check the workers at intervals, until the shutdown."""
         while not self._closing.wait(LOOK_SECONDS):
             try:
                 if self._client is None:
@@ -218,7 +218,7 @@ class ClusterPool(RemoteWorkers):
         self._look(client)
 
     def _look(self, client: Client) -> None:
-        """Which workers there are; new ones are warmed up."""
+        """Update the list of workers, and warm up the new ones."""
         assert client.scheduler is not None
         self._threads = client.sync(client.scheduler.ncores, callback_timeout=CONNECT_SECONDS)
         if self._threads:
@@ -235,13 +235,13 @@ class ClusterPool(RemoteWorkers):
         self._pids = {address: self._pids.get(address) or each.result() for address, each in warmed.items()}
 
     def _lose(self) -> None:
-        """Have nobody wait for a scheduler that may never answer."""
+        """Fail all tasks: the scheduler may never answer."""
         self._executor = None
         self._fail(ClusterUnavailableError("the cluster's scheduler was lost; try again"))
         self._leave()
 
     def _leave(self) -> None:
-        """Let go of the connection."""
+        """Close the connection."""
         client, self._client, self._executor = self._client, None, None
         self._threads, self._warming, self._pids = {}, {}, {}
         if client is not None:
@@ -255,13 +255,13 @@ class ClusterPool(RemoteWorkers):
             _raise(task, error)
 
     def _ended(self, task: Future[Any], given: Future[Any]) -> None:
-        """Keep no task that has ended, and have none done that nobody waits for."""
+        """Forget a task that has ended, and cancel it on the cluster if its caller cancelled it."""
         with self._lock:
             self._open.discard(task)
         given.cancel()
 
     def _settle(self, task: Future[Any], given: Future[Any]) -> None:
-        """Give a task the answer that came, or the error that stands for none."""
+        """Set the result of a task, or an error of the service if the cluster has failed it."""
         if given.cancelled():
             _raise(task, ClusterUnavailableError("the cluster's scheduler was lost; try again"))
             return
@@ -289,5 +289,5 @@ def _raise(task: Future[Any], error: BaseException) -> None:
 
 
 def _hash(worker: str, key: int) -> bytes:
-    """Highest random weight (Thaler and Ravishankar 1998)."""
+    """The weight of a worker for a key in rendezvous hashing (Thaler and Ravishankar 1998)."""
     return hashlib.blake2b(f"{worker} {key}".encode(), digest_size=8).digest()

@@ -1,7 +1,7 @@
-"""What a worker of a Dask cluster does: it hands tasks to processes of its own.
+"""Functions that run on the workers of a Dask cluster: each worker hands tasks to processes of its own.
 
-So a task that takes too long, or ends its process, costs that task and not the worker; and the threads of the
-worker, of which a task has one, only wait.
+A task that takes too long, or ends its process, costs that task and not the worker. The threads of the
+worker, one for each task, only wait.
 """
 
 import os
@@ -28,16 +28,16 @@ def run(payload: bytes, parameters: Parameters, seconds: float) -> bytes:
     Parameters
     ----------
     payload : bytes
-        The pickled function and its arguments: they pass through the scheduler as they are.
+        The pickled function and its arguments; the scheduler does not unpickle them.
     parameters : Parameters
-        What new processes are warmed up for.
+        The parameters that new processes are warmed up for.
     seconds : float
-        The longest that the call may take.
+        The time limit of the call.
 
     Returns
     -------
     bytes
-        Pickled: whether it returned, and what it returned or raised.
+        Pickled: (True, result) or (False, error).
     """
     function, arguments = pickle.loads(payload)
     task = _pool(parameters, seconds).submit(function, *arguments)
@@ -51,7 +51,7 @@ def run(payload: bytes, parameters: Parameters, seconds: float) -> bytes:
 
 
 def run_here(payload: bytes) -> bytes:
-    """Call a function in this process, where it keeps something from call to call; otherwise as `run`."""
+    """Call a function in the process of the worker itself, which keeps data between calls; else as `run`."""
     function, arguments = pickle.loads(payload)
     try:
         return pickle.dumps((True, function(*arguments)))
@@ -60,7 +60,7 @@ def run_here(payload: bytes) -> bytes:
 
 
 def warm_up(parameters: Parameters, seconds: float) -> int:
-    """Start this worker's processes, and wait until one is warm; the worker's process id."""
+    """Start the processes of this worker, wait until one is warm, and return the worker's process id."""
     pool = _pool(parameters, seconds)
     while not pool.pids():
         time.sleep(LOOK_SECONDS)
@@ -68,17 +68,17 @@ def warm_up(parameters: Parameters, seconds: float) -> int:
 
 
 def _is_wanted() -> bool:
-    """Whether somebody waits for what this thread does. Dask itself stops nothing that was begun."""
+    """Whether the task of this thread is still wanted; Dask itself stops no running task."""
     worker = get_worker()
     task = worker.state.tasks.get(worker.get_current_task())
     return task is not None and task.state != "cancelled"
 
 
 def _pool(parameters: Parameters, seconds: float) -> LocalPool:
-    """As many processes as the worker has threads, made when they are first needed."""
+    """The pool of this worker, with a process for each of its threads; made at the first call."""
     with _making:
         if seconds not in _pools:
-            # The tasks' own code, which a scheduler has no need of.
+            # Imported here: a scheduler does not need the code of the tasks.
             from service.compute.tasks import warm  # noqa: PLC0415
 
             threads = get_worker().state.nthreads

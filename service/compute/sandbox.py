@@ -1,7 +1,8 @@
-"""The process that reads uploads: what it may use, and what it does.
+"""The confined process that reads uploads.
 
-Files come from strangers, and a reader may be brought to do what no one meant it to. So it has little memory
-and little time, opens and starts nothing, and is replaced often. A file that ends it costs one request.
+Uploads are untrusted, and a hostile file may take over the code that reads it. A reader therefore has little
+memory and time, opens no files and starts no processes, and is replaced often. A file that ends the reader
+costs one request.
 """
 
 import math
@@ -20,28 +21,28 @@ from core.io import FORMATS, Limits, read_mesh, write_mesh
 from core.mesh.mesh import Mesh
 
 FILES_EACH = 100
-"""A process is replaced after so many files."""
+"""Files that a reader reads before a new process replaces it."""
 
-# Beginnings of the names of Python's audit events.
+# Prefixes of Python's audit events.
 _FORBIDDEN = (
     *("socket.", "subprocess.", "os.exec", "os.fork", "os.posix_spawn", "os.spawn", "os.system", "shutil."),
     *("os.remove", "os.rename", "os.rmdir", "os.mkdir", "os.link", "os.symlink", "os.truncate", "os.chmod"),
 )
-# What cascadio may write: it passes what it made on through files in memory.
+# The largest file that cascadio may write: it returns its result through files in memory.
 _CONVERTED_BYTES = 256 * 1024**2
 _WRITES = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_TRUNC
 
 
 @dataclass(frozen=True)
 class Readable:
-    """A mesh that was read, and the wall time that took in milliseconds."""
+    """A mesh, and the wall time of reading it in milliseconds."""
 
     mesh: Mesh
     milliseconds: float
 
 
 def read_file(data: bytes, format: str, limits: Limits, seconds: float) -> Readable:
-    """Read a file within so many seconds of processor time; the process ends when they are over.
+    """Read a file within `seconds` of processor time; the system ends the process after that time.
 
     Raises
     ------
@@ -58,20 +59,20 @@ def read_file(data: bytes, format: str, limits: Limits, seconds: float) -> Reada
 
 
 def enter(memory: int) -> None:
-    """Confine this process for good, after everything that reading needs is loaded.
+    """Load everything that reading needs, then confine this process for good.
 
     Parameters
     ----------
     memory : int
-        Bytes of address space; what does not fit raises `MemoryError`. About 300 MB are taken at rest.
+        Bytes of address space; an idle reader takes about 300 MB. Larger allocations raise `MemoryError`.
     """
     for format in FORMATS:
         read_mesh(write_mesh(_triangle(), format), format)
-    # Where cascadio is not there, STEP is refused.
+    # Without cascadio, STEP is refused.
     with suppress(MeshError), _converting("step"):
         read_mesh(b"ISO-10303-21;", "step")
     if sys.platform == "linux":
-        # Elsewhere the limit is not kept, or is counted otherwise.
+        # Other systems do not enforce the limit, or count differently.
         resource.setrlimit(resource.RLIMIT_AS, (memory, memory))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     resource.setrlimit(resource.RLIMIT_FSIZE, (0, _CONVERTED_BYTES))
@@ -96,7 +97,7 @@ def enter(memory: int) -> None:
 
 @contextmanager
 def _converting(format: str) -> Iterator[None]:
-    """Let cascadio write what it must, and say nothing: what it says repeats what strangers wrote."""
+    """Let cascadio write files, and discard its messages, which repeat text of the untrusted file."""
     if format != "step":
         yield
         return

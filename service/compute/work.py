@@ -1,4 +1,4 @@
-"""The heavy work as the rest of the service sees it: awaited, bounded, and in the service's own errors."""
+"""Heavy work for requests: awaited, bounded in number, with errors of the service."""
 
 import asyncio
 from collections.abc import Callable, Iterator, Sequence
@@ -26,22 +26,22 @@ R = TypeVar("R")
 
 
 class Work:
-    """Embedding and comparing, each time with the pipeline that is asked for.
+    """Reading, embedding and comparing shapes in worker processes.
 
     Parameters
     ----------
     executor : Executor
-        Where it is done, but for the reading of files.
+        Runs everything but the reading of files.
     readers : Executor
-        Where files are read: processes that `sandbox.enter` has confined.
+        Reads files, in processes that `sandbox.enter` has confined.
     limits : Limits
-        What a file may hold.
+        The limits of a file.
     read_seconds : float
-        The processor time that reading a file may take.
+        The limit of processor time for reading a file.
     workers : int
-        How many tasks the executor does at a time.
+        The number of tasks that the executor runs at a time.
     waiting : int
-        How many more requests may wait for it.
+        The number of further requests that may wait.
     """
 
     def __init__(
@@ -63,22 +63,22 @@ class Work:
 
     @property
     def inside(self) -> int:
-        """How many requests are at work or wait."""
+        """The number of requests that run or wait."""
         return self._inside
 
     @property
     def room(self) -> int:
-        """How many may be."""
+        """The largest number of requests that may run or wait."""
         return self._room
 
     @contextmanager
     def admitted(self) -> Iterator[None]:
-        """Count a request in, and out at the end.
+        """Count a request for the duration of the block.
 
         Raises
         ------
         BusyError
-            As many as may be are at work or waiting.
+            `room` requests run or wait already.
         """
         if self._inside >= self._room:
             raise BusyError(f"{self._inside} requests are at work or waiting; try again later")
@@ -95,14 +95,14 @@ class Work:
             return await self._embedding(await self._reading(data, format), pipeline)
 
     async def score(self, query: bytes, records: Sequence[bytes], pipeline: Pipeline) -> Scores:
-        """How alike the query is to each of c records: arrays of shape (c,), NaN where one cannot be read."""
+        """Scores of the query with each of c records, arrays of shape (c,); NaN for unreadable records."""
         with short_of_memory():
             return await asyncio.wrap_future(
                 self._executor.submit(score_embeddings, query, records, pipeline.parameters)
             )
 
     async def match(self, first: bytes, second: bytes, pipeline: Pipeline) -> Match:
-        """Compare two records."""
+        """Match two records."""
         with short_of_memory():
             return await asyncio.wrap_future(
                 self._executor.submit(match_embeddings, first, second, pipeline.parameters)
@@ -114,7 +114,7 @@ class Work:
             return (await self._reading(data, format)).mesh
 
     async def do(self, function: Callable[P, R], *arguments: P.args, **named: P.kwargs) -> R:
-        """What a function, which the workers import by its name, makes of the arguments."""
+        """Call a function, which the workers import by its name, in a worker."""
         with _at_fault():
             return await asyncio.wrap_future(self._executor.submit(function, *arguments, **named))
 
@@ -124,7 +124,7 @@ class Work:
                 self._readers.submit(read_file, data, format, self._limits, self._read_seconds)
             )
         except WorkerCrashedError as error:
-            # It would again: to be told to try again would only end more of them.
+            # Another attempt would end another reader, so the client is not told to try again.
             raise MalformedMeshError("what reads such files broke down over this one") from error
 
     def _embedding(self, read: Readable, pipeline: Pipeline) -> asyncio.Future[Embedded]:
@@ -135,7 +135,7 @@ class Work:
 
 @contextmanager
 def _at_fault() -> Iterator[None]:
-    """What takes too much for one file, that file is refused for."""
+    """Refuse a file that takes too much time or memory."""
     try:
         yield
     except TaskTimeLimitError as error:
@@ -146,12 +146,12 @@ def _at_fault() -> Iterator[None]:
 
 @contextmanager
 def short_of_memory() -> Iterator[None]:
-    """What is stored could be compared once, and can be again: no fault of the request.
+    """Turn a lack of memory over stored shapes into an error of the service, not of the request.
 
     Raises
     ------
     WorkerLostError
-        In the place of `MemoryError`.
+        Raised instead of `MemoryError`.
     """
     try:
         yield

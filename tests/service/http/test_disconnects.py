@@ -65,7 +65,7 @@ def send(
 
 
 def at_work(pool: LocalPool) -> bool:
-    return any(slot.busy for slot in pool._seats)
+    return any(slot.busy for slot in pool._slots)
 
 
 def names(running: Running) -> list[str]:

@@ -157,5 +157,5 @@ def test_a_worker_that_is_killed_at_work_costs_one_request(
 def test_a_worker_that_dies_idle_costs_no_request(strict: Running) -> None:
     wait_until(strict.container.pool.pids, seconds=60)
     os.kill(strict.container.pool.pids()[0], signal.SIGKILL)
-    wait_until(lambda: not strict.container.pool._seats[0]._process.alive(), seconds=10)  # type: ignore[union-attr]
+    wait_until(lambda: not strict.container.pool._slots[0]._process.alive(), seconds=10)  # type: ignore[union-attr]
     assert upload(strict.client, small_file(5), "after.off").status_code == 201
