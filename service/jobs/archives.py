@@ -1,9 +1,9 @@
-"""The archives that are read: zip, and tar as it is or packed by gzip, bzip2 or xz."""
+"""The archive formats that are read: zip and tar, the latter also compressed by gzip, bzip2 or xz."""
 
 from collections.abc import Container, Iterator
 
 from service.jobs.errors import MalformedArchiveError, UnknownArchiveError
-from service.jobs.members import ArchiveLimits, Fault, Listing, Readable
+from service.jobs.members import ArchiveFile, ArchiveLimits, MemberFault, MemberList
 from service.jobs.tar_members import first_block, is_header, list_tar, read_tar
 from service.jobs.zip_members import list_zip, read_zip
 
@@ -19,13 +19,13 @@ _MAGIC = {
 }
 
 
-def archive_format(file: Readable, limits: ArchiveLimits) -> str:
-    """Which of `ARCHIVES` a file is, by its first bytes; its name does not matter.
+def archive_format(file: ArchiveFile, limits: ArchiveLimits) -> str:
+    """Detect the archive format of a file from its first bytes, regardless of its name.
 
     Raises
     ------
     UnknownArchiveError
-        It is none of them.
+        The format is none of `ARCHIVES`.
     """
     file.seek(0)
     beginning = file.read(max(map(len, _MAGIC)))
@@ -42,28 +42,29 @@ def archive_format(file: Readable, limits: ArchiveLimits) -> str:
     return format
 
 
-def list_members(file: Readable, format: str, limits: ArchiveLimits) -> Listing:
+def list_members(file: ArchiveFile, format: str, limits: ArchiveLimits) -> MemberList:
     """The members of an archive.
 
     Raises
     ------
     ArchiveTooLargeError
-        There are more, or more bytes, than the limits allow.
+        The archive exceeds the limit of members or of bytes.
     """
     file.seek(0)
     return list_zip(file, limits) if format == ZIP else list_tar(file, format, limits)
 
 
 def read_members(
-    file: Readable, format: str, limits: ArchiveLimits, wanted: Container[int]
-) -> Iterator[tuple[int, bytes | Fault]]:
-    """The bytes of the wanted members by their places, or why there are none, in their order.
+    file: ArchiveFile, format: str, limits: ArchiveLimits, wanted: Container[int]
+) -> Iterator[tuple[int, bytes | MemberFault]]:
+    """The bytes of the wanted members, each with its place, or the reasons of refusal, in archive order.
 
-    Where an archive cannot be read on, this ends: what was wanted beyond is left out.
+    The iteration ends where the archive is damaged: later members are missing.
 
     Raises
     ------
     ArchiveTooLargeError
+        The archive exceeds the limit of members or of bytes.
     """
     file.seek(0)
     return read_zip(file, limits, wanted) if format == ZIP else read_tar(file, format, limits, wanted)

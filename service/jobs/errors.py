@@ -1,10 +1,10 @@
-"""What is wrong with an archive, with one of its members, or with what is asked of a job."""
+"""Errors of archives, of their members and of requests about jobs."""
 
 from service.errors import ServiceError
 
 
 class JobNotFoundError(ServiceError):
-    """No job has this id, or its record is kept no longer."""
+    """No job has the id, or its record was deleted."""
 
     kind = "job-not-found"
 
@@ -13,64 +13,64 @@ class JobNotFoundError(ServiceError):
 
 
 class UnknownArchiveError(ServiceError):
-    """The file is of no archive format that is read."""
+    """The file is not an archive of a supported format."""
 
     kind = "unknown-archive"
 
 
 class MalformedArchiveError(ServiceError):
-    """The archive cannot be read, or not to its end."""
+    """The archive, or a part of it, cannot be read."""
 
     kind = "malformed-archive"
 
 
 class ArchiveTooLargeError(ServiceError):
-    """The archive holds more than the limits allow."""
+    """The archive exceeds the limits."""
 
     kind = "archive-too-large"
 
 
 class MemberError(ServiceError):
-    """A member of an archive cannot be used; the subclass says why."""
+    """A member of an archive is refused; the subclass gives the reason."""
 
     kind = "member-damaged"
 
 
 class MemberDamagedError(MemberError):
-    """Its bytes cannot be had whole."""
+    """The member cannot be unpacked completely."""
 
 
 class MemberNameError(MemberError):
-    """Its name leads out of the archive, or cannot be a shape's."""
+    """The name of the member leads out of the archive, or is not a valid name of a shape."""
 
     kind = "member-name"
 
 
 class MemberRepeatedError(MemberError):
-    """An earlier member has its name."""
+    """An earlier member has the same name."""
 
     kind = "member-repeated"
 
 
 class MemberKindError(MemberError):
-    """It is a link, a device, or a file with holes."""
+    """The member is a link, a device or a sparse file."""
 
     kind = "member-kind"
 
 
 class MemberEncryptedError(MemberError):
-    """It is encrypted."""
+    """The member is encrypted."""
 
     kind = "member-encrypted"
 
 
 class MemberTooLargeError(MemberError):
-    """It is larger than the limits allow, or so is what it unpacks to."""
+    """The member exceeds the limits of size or compression ratio."""
 
     kind = "member-too-large"
 
 
 class NestedArchiveError(MemberError):
-    """It is an archive itself."""
+    """The member is an archive."""
 
     kind = "nested-archive"

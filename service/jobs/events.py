@@ -14,7 +14,7 @@ from service.jobs.schemas import Job
 from service.storage.database import Database
 
 MEDIA_TYPE = "text/event-stream"
-# Of each event, in the OpenAPI document.
+# The schema of an event in the OpenAPI document.
 EVENT: dict[str, Any] = {
     "type": "object",
     "required": ["id", "event", "data"],
@@ -28,29 +28,30 @@ EVENT: dict[str, Any] = {
         },
     },
 }
-# Set by whoever runs the server: whether it was asked to stop.
+# The server sets this key of the ASGI scope to a function that tells whether the server is stopping.
 ENDING_IN_SCOPE = "isoshape.ending"
-# How many streams may be open. Each asks the database twice a second.
+# The most open streams. Each reads the database twice a second.
 FOLLOWERS = 100
 LOOK_SECONDS = 0.5
-# Proxies, and networks, cut what is silent for long.
+# Proxies and networks close idle connections.
 SILENCE_SECONDS = 15.0
 RECONNECT_MILLISECONDS = 2000
 
 
 def read(database: Database, collection: CollectionNumber, job_id: str) -> Job:
-    """A collection's job as it is now.
+    """The current state of a job.
 
     Raises
     ------
     JobNotFoundError
+        The collection has no such job.
     """
     with database.read() as session:
         return Job.of(service.progress(session, service.get(session, collection, job_id)))
 
 
 def name_of(job: Job) -> str:
-    """What an event is called, so that a client which comes back can say what it had last."""
+    """The id of an event, which a reconnecting client sends as Last-Event-ID."""
     return f"{job.state}-{job.counts.files - job.counts.waiting}"
 
 
@@ -62,10 +63,10 @@ async def events(
     ending: Callable[[], bool],
     last: str | None,
 ) -> AsyncIterator[str]:
-    """An event `progress` whenever the job has come further, and `end` when it has ended; then no more.
+    """Yield an event `progress` for each change of a job, and `end` when it has ended.
 
-    `last` is the event that the client had; `ending` says that the service ends, and with it the stream: a
-    browser then comes back by itself. While it lasts, the stream is among the followers.
+    `last` is the id of the last event that the client received. When `ending` returns true, the server is
+    stopping and the stream ends; browsers then reconnect. `followers` contains the stream while it is open.
     """
     stream = object()
     followers.add(stream)
@@ -96,5 +97,5 @@ async def _events(
         try:
             job = await run_in_threadpool(read, database, collection, job.id)
         except ServiceError:
-            # Deleted, or the database fails: whoever asks again hears it.
+            # The job was deleted, or the database fails; the next request of the client gets the error.
             return

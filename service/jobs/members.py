@@ -1,4 +1,4 @@
-"""What every archive has alike: its limits, its members, and which of them cannot be taken."""
+"""Members of archives of any format: their limits, and the reasons to refuse them."""
 
 import re
 from collections.abc import Set as AbstractSet
@@ -15,7 +15,7 @@ PIECE = 64 * 1024
 """Bytes that are unpacked at a time."""
 
 RATIO_FROM = 1024 * 1024
-"""What unpacks to less than this is small, whatever it was packed into."""
+"""Unpacked size in bytes below which the compression ratio is not limited."""
 
 PATH_CHARACTERS = 1024
 
@@ -25,37 +25,37 @@ _NESTED = frozenset({"zip", "tar", "gz", "tgz", "bz2", "tbz2", "xz", "txz", "zst
 _DRIVE = re.compile(r"[A-Za-z]:")
 _UNSHOWN = re.compile(r"[\x00-\x1f\x7f-\x9f\ud800-\udfff]")
 
-Fault = ServiceError | CoreError
-"""Why a member is not taken; each has its `kind`."""
+MemberFault = ServiceError | CoreError
+"""The reason to refuse a member; its `kind` is that of the problem."""
 
 
-class Readable(Protocol):
-    """An archive's bytes."""
+class ArchiveFile(Protocol):
+    """A seekable archive file."""
 
     def read(self, size: int, /) -> bytes:
-        """Up to so many of the next bytes; none at the end."""
+        """Read at most `size` bytes; none at the end."""
 
     def seek(self, position: int, whence: int = 0, /) -> int:
-        """Go to a place."""
+        """Go to a position and return it."""
 
     def tell(self) -> int:
-        """The place."""
+        """The current position."""
 
 
 @dataclass(frozen=True)
 class ArchiveLimits:
-    """What an archive may hold.
+    """The limits of an archive.
 
     Attributes
     ----------
     members : int
-        How many, folders included.
+        Number of members, folders included.
     member_bytes : int
-        Of one, unpacked.
+        Unpacked size of one member.
     total_bytes : int
-        Of all, unpacked.
+        Unpacked size of all members.
     ratio : float
-        How many times its packed size anything of more than `RATIO_FROM` may unpack to.
+        Unpacked size divided by packed size; applies above `RATIO_FROM` bytes.
     """
 
     members: int
@@ -64,70 +64,72 @@ class ArchiveLimits:
     ratio: float
 
     def check_ratio(self, unpacked: int, packed: int) -> None:
-        """Raise where bytes unpack to far more than they are.
+        """Raise if the compression ratio exceeds the limit.
 
         Raises
         ------
         MemberTooLargeError
+            The ratio is too large.
         """
         if unpacked > RATIO_FROM and unpacked > self.ratio * packed:
             raise MemberTooLargeError(f"it unpacks to more than {self.ratio:g} times its packed size")
 
     def check_member(self, size: int) -> None:
-        """Raise where a member has too many bytes, whether it says so or they were counted.
+        """Raise if a member, by its header or by its unpacked bytes, is too large.
 
         Raises
         ------
         MemberTooLargeError
+            The member has more than `member_bytes` bytes.
         """
         if size > self.member_bytes:
             raise MemberTooLargeError(f"at most {self.member_bytes} bytes of one file are taken")
 
 
 @dataclass(frozen=True)
-class Member:
+class ArchiveMember:
     """A member that is not a folder.
 
     Attributes
     ----------
     place : int
-        Among all members of the archive.
+        Index of the member in the archive.
     path : str
-        Its name in the archive, as it can be shown.
+        Name in the archive, with unprintable characters replaced.
     name : str
-        What the shape is called: the last part of the path.
-    fault : Fault or None
-        Why it is not taken, as far as its header tells.
+        Name of the shape: the last part of the path.
+    fault : MemberFault or None
+        The reason to refuse the member, as far as its header tells.
     """
 
     place: int
     path: str
     name: str
-    fault: Fault | None
+    fault: MemberFault | None
 
 
 @dataclass(frozen=True)
-class Listing:
-    """The members of an archive, and what ended the list before the archive's end."""
+class MemberList:
+    """The members of an archive, and the error that ended the list early, if any."""
 
-    members: list[Member]
+    members: list[ArchiveMember]
     problem: ServiceError | None
 
 
 def describe(
-    place: int, path: str, taken: AbstractSet[str], found: Fault | None
-) -> tuple[Member, str | None]:
-    """A member as it is listed, and its name as the next ones must not have it.
+    place: int, path: str, taken: AbstractSet[str], found: MemberFault | None
+) -> tuple[ArchiveMember, str | None]:
+    """A member as it is listed, and its normalised name, which later members must not have.
 
     Parameters
     ----------
     place : int
     path : str
-        As the archive has it.
+        The name in the archive.
     taken : set of str
-        The names of the members before.
-    found : Fault or None
-        What is wrong with its kind or size, which comes second to what is wrong with its name.
+        Normalised names of the earlier members.
+    found : MemberFault or None
+        The fault of the member's kind or size; a fault of its name takes precedence.
     """
     path_shown = shown(path)[:PATH_CHARACTERS]
     name = base_name(path_shown)
@@ -143,31 +145,31 @@ def describe(
             raise NestedArchiveError("an archive inside of an archive is not read: send it by itself")
         format_of(name)
     except MemberNameError as error:
-        return Member(place, path_shown, name, error), None
+        return ArchiveMember(place, path_shown, name, error), None
     except (ServiceError, CoreError) as error:
-        return Member(place, path_shown, name, error), plain
-    return Member(place, path_shown, name, None), plain
+        return ArchiveMember(place, path_shown, name, error), plain
+    return ArchiveMember(place, path_shown, name, None), plain
 
 
 def shown(text: str) -> str:
-    """Text from a stranger as it can be stored and shown: what is no character is replaced."""
+    """Replace unprintable characters of a text, so that it can be stored and displayed."""
     return _UNSHOWN.sub("\ufffd", text)
 
 
 def _plain(path: str) -> str:
-    """The path without parts that mean nothing.
+    """The normalised path, without empty parts and `.`.
 
-    Nothing is ever written under such a name; one that leads elsewhere was made to do harm all the same.
+    No file is ever written to the path; a path that leads out of the archive is refused as hostile.
     """
     slashed = path.replace("\\", "/")
-    container = [part for part in slashed.split("/") if part not in {"", "."}]
+    parts = [part for part in slashed.split("/") if part not in {"", "."}]
     if slashed.startswith("/") or _DRIVE.match(slashed):
         raise MemberNameError("its name is an absolute path")
-    if ".." in container:
+    if ".." in parts:
         raise MemberNameError("its name leads out of the archive")
     if len(path) > PATH_CHARACTERS:
         raise MemberNameError(f"its name has more than {PATH_CHARACTERS} characters")
-    return "/".join(container)
+    return "/".join(parts)
 
 
 def _shape_name(path: str) -> str:

@@ -1,4 +1,4 @@
-"""Jobs as they go between storage, service and endpoints."""
+"""Values that describe jobs between storage, service and endpoints."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -9,22 +9,22 @@ from service.collection import CollectionNumber
 from service.storage.job_states import State
 
 Outcome = Literal["stored", "present", "refused"]
-"""Of a member: a new shape, the shape that was there, or none."""
+"""The outcome of a member: a new shape, an existing shape, or no shape."""
 
 OUTCOMES: tuple[Outcome, ...] = get_args(Outcome)
 
 
-# How long a service that says nothing is taken to live: its jobs are then anybody's.
+# Without renewal for this long, a service counts as dead and others may run its jobs.
 LEASE = timedelta(seconds=10)
-# While an archive arrives.
+# The lease while an archive is received.
 ARRIVING_LEASE = 6 * LEASE
-# No lease ends so much later than now, be it that another process was held up since it asked for the time.
+# A lease that ends later was written before the clock was set back. Slow processes write late leases.
 LONGEST_LEASE = timedelta(minutes=10)
 
 
 @dataclass(frozen=True)
-class Cause:
-    """A kind of problem, and what happened this time."""
+class FailureCause:
+    """The kind of a problem and its description."""
 
     kind: str
     detail: str
@@ -32,7 +32,7 @@ class Cause:
 
 @dataclass(frozen=True)
 class NewJob:
-    """An archive to be received, for which collection, and what is written about every shape in it."""
+    """An archive to receive, its collection, and the tags and metadata of all its shapes."""
 
     collection: CollectionNumber
     archive: str
@@ -44,7 +44,7 @@ class NewJob:
 
 @dataclass(frozen=True)
 class JobRecord:
-    """A job. Its `number` orders jobs and stays inside the service; `cause` is why it failed."""
+    """A job. `number` orders jobs and is never sent to clients; `cause` tells why the job failed."""
 
     number: int
     id: str
@@ -55,7 +55,7 @@ class JobRecord:
     size: int
     tags: tuple[str, ...]
     metadata: Mapping[str, Any]
-    cause: Cause | None
+    cause: FailureCause | None
     created_at: datetime
     started_at: datetime | None
     ended_at: datetime | None
@@ -63,36 +63,36 @@ class JobRecord:
 
 @dataclass(frozen=True)
 class FileRecord:
-    """A member and its outcome, none yet or never; `cause` is why it was refused."""
+    """A member and its outcome, None until it is processed; `cause` tells why it was refused."""
 
     place: int
     path: str
     name: str
     outcome: Outcome | None
     shape_id: str | None
-    cause: Cause | None
+    cause: FailureCause | None
 
 
 @dataclass(frozen=True)
-class Settled:
-    """What became of a member."""
+class MemberOutcome:
+    """The outcome of a member, its shape, and the reason if it was refused."""
 
     outcome: Outcome
     shape_id: str | None = None
-    cause: Cause | None = None
+    cause: FailureCause | None = None
 
 
 @dataclass(frozen=True)
 class Progress:
-    """How far a job is.
+    """The progress of a job.
 
     Attributes
     ----------
     job : JobRecord
     counts : dict
-        Members by outcome; those that have none under None.
+        Number of members by outcome; unprocessed ones under None.
     rate : float or None
-        Members a second, of late.
+        Recent speed, in members per second.
     """
 
     job: JobRecord
@@ -101,13 +101,13 @@ class Progress:
 
     @property
     def remaining(self) -> float | None:
-        """Seconds until the end, at this rate."""
+        """Estimated time to the end, in seconds."""
         return self.counts.get(None, 0) / self.rate if self.rate and self.job.state == "running" else None
 
 
 @dataclass(frozen=True)
 class JobsPage:
-    """Some jobs, how many there are in all, and the number to go on after, if there are more."""
+    """A page of jobs, the number of all, and the number of its last job if more follow."""
 
     jobs: list[Progress]
     total: int
@@ -116,7 +116,7 @@ class JobsPage:
 
 @dataclass(frozen=True)
 class FilesPage:
-    """Some members of a job, how many there are in all, and the place to go on after, if there are more."""
+    """A page of members, the number of all, and the place of its last member if more follow."""
 
     job: JobRecord
     files: list[FileRecord]

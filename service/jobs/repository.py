@@ -7,7 +7,15 @@ from datetime import datetime
 from sqlalchemy import ColumnElement, Select, delete, func, insert, or_, select, update
 
 from service.collection import CollectionNumber
-from service.jobs.records import LONGEST_LEASE, Cause, FileRecord, JobRecord, NewJob, Outcome, Settled
+from service.jobs.records import (
+    LONGEST_LEASE,
+    FailureCause,
+    FileRecord,
+    JobRecord,
+    MemberOutcome,
+    NewJob,
+    Outcome,
+)
 from service.storage.database import ReadSession, WriteSession
 from service.storage.job_states import ACTIVE, ENDED, State
 from service.storage.job_tables import JobFileRow, JobPieceRow, JobRow
@@ -16,7 +24,7 @@ ARRIVING: State = "arriving"
 
 
 def add(session: WriteSession, new: NewJob, runner: str, until: datetime, now: datetime) -> int:
-    """A job whose archive is arriving; its number."""
+    """Add a job whose archive is being received; its number."""
     row = JobRow(
         id=str(uuid.uuid4()),
         collection_number=new.collection,
@@ -36,20 +44,20 @@ def add(session: WriteSession, new: NewJob, runner: str, until: datetime, now: d
 
 
 def add_piece(session: WriteSession, number: int, place: int, data: bytes, until: datetime) -> None:
-    """Keep the next piece of an archive that is arriving."""
+    """Store the next piece of an archive that is being received."""
     session.add(JobPieceRow(job_number=number, place=place, data=data))
     session.execute(update(JobRow).where(JobRow.number == number).values(leased_until=until))
 
 
 def acknowledge(session: WriteSession, number: int) -> None:
-    """The archive is whole: from now on the job is there."""
+    """Mark an archive as complete, which makes the job visible."""
     session.execute(
         update(JobRow).where(JobRow.number == number).values(state="waiting", runner=None, leased_until=None)
     )
 
 
 def piece(session: ReadSession, number: int, place: int) -> bytes | None:
-    """A piece of a job's archive; None where the job or its archive is gone."""
+    """A piece of a job's archive; None if the job or its archive was deleted."""
     return session.scalar(
         select(JobPieceRow.data).where(JobPieceRow.job_number == number, JobPieceRow.place == place)
     )
@@ -62,12 +70,12 @@ def by_id(session: ReadSession, collection: CollectionNumber, job_id: str) -> Jo
 
 
 def by_number(session: ReadSession, number: int) -> JobRecord:
-    """A job that is there."""
+    """The job with a number, which must exist."""
     return _record(session.scalars(select(JobRow).where(JobRow.number == number)).one())
 
 
 def page(session: ReadSession, collection: CollectionNumber, *, before: int, limit: int) -> list[JobRecord]:
-    """The next jobs of a collection, the latest first, before the one with a number; 0 is no bound."""
+    """The next jobs of a collection before the one with a number, the latest first; 0 is no bound."""
     query = _shown(collection).order_by(JobRow.number.desc()).limit(limit)
     if before:
         query = query.where(JobRow.number < before)
@@ -75,24 +83,24 @@ def page(session: ReadSession, collection: CollectionNumber, *, before: int, lim
 
 
 def count(session: ReadSession, collection: CollectionNumber) -> int:
-    """How many jobs a collection has."""
+    """The number of jobs of a collection."""
     return session.scalar(select(func.count()).select_from(_shown(collection).subquery())) or 0
 
 
 def count_open(session: ReadSession) -> int:
-    """How many have not ended, those that are arriving included."""
+    """The number of unfinished jobs, including those whose archives are being received."""
     return session.scalar(select(func.count()).where(JobRow.state.not_in(ENDED))) or 0
 
 
 def counts(session: ReadSession, number: int) -> dict[Outcome | None, int]:
-    """The members of a job, by outcome."""
+    """The numbers of a job's members by outcome."""
     query = select(JobFileRow.outcome, func.count()).where(JobFileRow.job_number == number)
     found = session.execute(query.group_by(JobFileRow.outcome)).all()
     return {outcome: many for outcome, many in found}  # type: ignore[misc]  # noqa: C416
 
 
 def latest_ends(session: ReadSession, number: int, after: datetime, limit: int) -> list[datetime]:
-    """When the members that ended last did, the last first."""
+    """The latest times at which members were processed, in descending order."""
     query = (
         select(JobFileRow.ended_at)
         .where(JobFileRow.job_number == number, JobFileRow.ended_at > after)
@@ -105,7 +113,7 @@ def latest_ends(session: ReadSession, number: int, after: datetime, limit: int) 
 def files(
     session: ReadSession, number: int, outcome: Outcome | None, *, after: int, limit: int
 ) -> list[FileRecord]:
-    """The next members of a job behind a place, of one outcome or of all."""
+    """The next members of a job after a place, with one outcome or with any."""
     query = select(JobFileRow).where(JobFileRow.job_number == number, JobFileRow.place > after)
     if outcome is not None:
         query = query.where(JobFileRow.outcome == outcome)
@@ -113,13 +121,13 @@ def files(
 
 
 def without_outcome(session: ReadSession, number: int) -> list[FileRecord]:
-    """The members of a job that nothing has become of yet."""
+    """The members of a job that have not been processed."""
     query = select(JobFileRow).where(JobFileRow.job_number == number, JobFileRow.outcome.is_(None))
     return [_file(row) for row in session.scalars(query.order_by(JobFileRow.place))]
 
 
 def claim(session: WriteSession, runner: str, until: datetime, now: datetime) -> JobRecord | None:
-    """The oldest job that no living service works on, for this one to."""
+    """Take over the oldest job that no living service runs; None if there is none."""
     free = or_(JobRow.leased_until.is_(None), _is_over(now), JobRow.runner == runner)
     query = select(JobRow).where(JobRow.state.in_(ACTIVE), free).order_by(JobRow.number).limit(1)
     row = session.scalars(query).one_or_none()
@@ -135,7 +143,7 @@ def claim(session: WriteSession, runner: str, until: datetime, now: datetime) ->
 
 
 def renew(session: WriteSession, number: int, runner: str, until: datetime) -> bool:
-    """Go on with a job; whether it is still this service's, and has not ended."""
+    """Renew the lease of a job; whether this service still runs it."""
     renewed = session.execute(
         update(JobRow)
         .where(JobRow.number == number, JobRow.runner == runner, JobRow.state.in_(ACTIVE))
@@ -146,7 +154,7 @@ def renew(session: WriteSession, number: int, runner: str, until: datetime) -> b
 
 
 def release(session: WriteSession, runner: str) -> None:
-    """Leave the jobs that this service works on to any other."""
+    """Release the jobs of this service to other services."""
     session.execute(
         update(JobRow)
         .where(JobRow.runner == runner, JobRow.state.in_(ACTIVE))
@@ -158,10 +166,10 @@ def begin(
     session: WriteSession,
     number: int,
     members: Iterable[FileRecord],
-    cause: Cause | None,
+    cause: FailureCause | None,
     now: datetime,
 ) -> None:
-    """Write down the members of a job, unless it waits no longer; from now on it runs."""
+    """Write the members of a waiting job and start it; nothing happens if it no longer waits."""
     begun = session.execute(
         update(JobRow)
         .where(JobRow.number == number, JobRow.state == "waiting")
@@ -186,8 +194,8 @@ def begin(
         session.execute(insert(JobFileRow), rows)
 
 
-def settle(session: WriteSession, number: int, place: int, settled: Settled, now: datetime) -> bool:
-    """Write down what became of a member; whether the job still runs, and nothing had become of it."""
+def settle(session: WriteSession, number: int, place: int, settled: MemberOutcome, now: datetime) -> bool:
+    """Write the outcome of a member; whether the job still runs and the member had none."""
     state = session.scalar(select(JobRow.state).where(JobRow.number == number))
     if state != "running":
         return False
@@ -202,8 +210,8 @@ def settle(session: WriteSession, number: int, place: int, settled: Settled, now
     return done.one_or_none() is not None
 
 
-def end(session: WriteSession, number: int, state: State, cause: Cause | None, now: datetime) -> bool:
-    """The job has ended so; whether it had not before."""
+def end(session: WriteSession, number: int, state: State, cause: FailureCause | None, now: datetime) -> bool:
+    """End a job; whether it had not ended."""
     ended = session.execute(
         update(JobRow)
         .where(JobRow.number == number, JobRow.state.in_(ACTIVE))
@@ -220,9 +228,9 @@ def end(session: WriteSession, number: int, state: State, cause: Cause | None, n
 
 
 def with_leftovers(session: ReadSession, now: datetime, forget_before: datetime) -> list[tuple[int, bool]]:
-    """The numbers of jobs of which something is to be deleted: their archive, or (true) all.
+    """The numbers of jobs with data to delete, each with whether the whole job is to be deleted.
 
-    That is the archive of what has ended, the record of what ended long ago, and what never arrived whole.
+    These are archives of ended jobs, records of jobs that ended long ago, and incompletely received archives.
     """
     gone = (JobRow.state == ARRIVING) & _is_over(now) | (JobRow.ended_at <= forget_before)
     archived = (
@@ -234,7 +242,7 @@ def with_leftovers(session: ReadSession, now: datetime, forget_before: datetime)
 
 
 def drop_pieces(session: WriteSession, number: int, limit: int) -> int:
-    """Delete some pieces of a job's archive; how many."""
+    """Delete at most `limit` pieces of a job's archive; how many."""
     query = select(JobPieceRow.place).where(JobPieceRow.job_number == number).limit(limit)
     places = session.scalars(query).all()
     session.execute(
@@ -244,12 +252,12 @@ def drop_pieces(session: WriteSession, number: int, limit: int) -> int:
 
 
 def remove(session: WriteSession, number: int) -> None:
-    """Delete a job's record, its list of members and whatever is left of its archive."""
+    """Delete a job with its members and its archive."""
     session.execute(delete(JobRow).where(JobRow.number == number))
 
 
 def _is_over(now: datetime) -> ColumnElement[bool]:
-    """Whether a lease is: one that ends later than any was given was given before the clock was set back."""
+    """Whether a lease has ended. A lease beyond the longest was written before the clock was set back."""
     return or_(JobRow.leased_until <= now, JobRow.leased_until > now + LONGEST_LEASE)
 
 
@@ -257,12 +265,12 @@ def _shown(collection: CollectionNumber) -> Select[JobRow]:
     return select(JobRow).where(JobRow.collection_number == collection, JobRow.state != ARRIVING)
 
 
-def _cause_values(cause: Cause | None) -> Mapping[str, str | None]:
+def _cause_values(cause: FailureCause | None) -> Mapping[str, str | None]:
     return {"kind": None, "detail": None} if cause is None else {"kind": cause.kind, "detail": cause.detail}
 
 
-def _cause(row: JobRow | JobFileRow) -> Cause | None:
-    return None if row.kind is None else Cause(row.kind, row.detail or "")
+def _cause(row: JobRow | JobFileRow) -> FailureCause | None:
+    return None if row.kind is None else FailureCause(row.kind, row.detail or "")
 
 
 def _record(row: JobRow) -> JobRecord:

@@ -1,7 +1,7 @@
-"""Works on jobs, one after another in the order they came, member by member.
+"""The runner of bulk jobs, which processes jobs in the order of their creation, member by member.
 
-A member takes the way of an upload, and its outcome is committed with its shape: a service that is killed in
-the middle has for each member both or neither, and the next one goes on with those that have no outcome.
+A member is stored like an upload, and its outcome is committed with its shape: if a service is killed, each
+member has both or neither, and the next service continues with the members without an outcome.
 """
 
 import asyncio
@@ -29,8 +29,8 @@ from service.errors import (
 from service.jobs import repository, service
 from service.jobs.archives import read_members
 from service.jobs.errors import ArchiveTooLargeError, JobNotFoundError, MemberDamagedError
-from service.jobs.members import Fault
-from service.jobs.records import LEASE, Cause, FileRecord, JobRecord, Outcome, Settled
+from service.jobs.members import MemberFault
+from service.jobs.records import LEASE, FailureCause, FileRecord, JobRecord, MemberOutcome, Outcome
 from service.jobs.stored_archive import StoredArchive
 from service.observability.logging import get_logger
 from service.shapes.records import StoredShape
@@ -39,36 +39,36 @@ from service.storage.database import WriteSession
 
 log = get_logger("jobs")
 
-# How often other services' jobs are looked at, which may have died, and what is kept too long.
+# How often the runner looks for jobs of dead services and for records to delete.
 LOOK_SECONDS = 2.0
 IDLE_SECONDS = 10.0
 BEAT_SECONDS = LEASE.total_seconds() / 4
-# After a fault of the service's own: the member is not to blame, and waits.
+# The wait after an internal error; the member is not refused.
 PAUSES = (1.0, 2.0, 5.0, 10.0, 30.0)
 ROOM_SECONDS = 0.02
-# Archives lie in the temporary folder until they are stored.
+# The most archives that are received at a time: they occupy the temporary folder until they are stored.
 ARRIVING = 2
-# Requests come first, but a job never stands still for longer.
+# Requests have priority, but a job waits no longer than this.
 PATIENCE_SECONDS = 5.0
-# A worker that is lost may have been stopped for want of memory, and not because of the file.
+# Lack of memory, rather than the file, may have killed a worker.
 TRIES = 2
 
-# None of these is the member's fault.
+# Errors that the member did not cause.
 OWN_FAULTS = (StorageFullError, StorageUnavailableError, PipelineUnavailableError, ClusterUnavailableError)
 
-# How often a job may fail in a way that no one foresaw before it is given up.
+# The number of unexpected failures after which a job is ended.
 FAULTS = 3
-UNFORESEEN = Cause(ServiceError.kind, PROBLEMS[ServiceError.kind].title)
+UNFORESEEN = FailureCause(ServiceError.kind, PROBLEMS[ServiceError.kind].title)
 
 
-class LostError(Exception):
-    """The job has ended, or another service works on it."""
+class JobLostError(Exception):
+    """The job has ended, or another service runs it."""
 
 
 class Runner:
-    """Works on the jobs of one archive, in the event loop of a service. `start` it, and `stop` it.
+    """The runner of an archive's jobs, in the event loop of a service. Call `start`, then `stop`.
 
-    `followers` are the event streams that are open.
+    `followers` contains the open event streams.
     """
 
     def __init__(self, container: Container) -> None:
@@ -85,29 +85,29 @@ class Runner:
         self._running: asyncio.Task[None] | None = None
 
     def start(self) -> None:
-        """Begin."""
+        """Start the runner."""
         self._running = asyncio.create_task(self._run())
 
     def look(self) -> None:
-        """See now what has changed: a job that came, or one that was cancelled."""
+        """Check now for a new or cancelled job."""
         self._look.set()
 
     @property
     def at_work(self) -> int:
-        """How many members are at work."""
+        """The number of members that are being processed."""
         return self._at_work
 
     @contextmanager
     def arriving(self) -> Iterator[None]:
-        """Count an archive that is being received, for as long as the block takes.
+        """Count an archive that is being received, until the end of the block.
 
         Raises
         ------
         BusyError
-            As many as may be are being received.
+            The largest number of archives is being received.
         """
         if self._arriving >= ARRIVING:
-            raise BusyError(f"{ARRIVING} archives are being received; send it when one has arrived")
+            raise BusyError(f"{ARRIVING} archives are being received; try again when one is complete")
         self._arriving += 1
         try:
             yield
@@ -115,7 +115,7 @@ class Runner:
             self._arriving -= 1
 
     async def stop(self) -> None:
-        """End at once: a member that is not stored by then is taken up again by the next start."""
+        """Stop at once: the next start continues with the members that are not stored."""
         assert self._running is not None
         self._running.cancel()
         with suppress(asyncio.CancelledError):
@@ -141,8 +141,8 @@ class Runner:
                 await asyncio.sleep(next(pauses, PAUSES[-1]))
 
     async def _work_on(self, job: JobRecord) -> None:
-        """Do what is left of a job; returns when it has ended, here or elsewhere."""
-        log.info("a job is taken up", extra={"fields": {"job": job.id}})
+        """Process the rest of a job; returns when it has ended, here or in another service."""
+        log.info("a job starts or continues", extra={"fields": {"job": job.id}})
         beating = asyncio.create_task(self._beat(job))
         doing = asyncio.create_task(self._do(job))
         try:
@@ -150,8 +150,8 @@ class Runner:
             (doing if doing.done() else beating).result()
             self._faults = 0
             log.info("a job has ended", extra={"fields": {"job": job.id}})
-        except (LostError, JobNotFoundError):
-            log.info("a job was ended, or is worked on elsewhere", extra={"fields": {"job": job.id}})
+        except (JobLostError, JobNotFoundError):
+            log.info("a job was ended or taken over by another service", extra={"fields": {"job": job.id}})
         except OWN_FAULTS:
             raise
         except ArchiveTooLargeError as error:
@@ -159,7 +159,7 @@ class Runner:
         except Exception:
             self._faults += 1
             if self._faults == FAULTS:
-                # The jobs behind it must not wait for ever.
+                # Later jobs must not wait forever.
                 self._faults = 0
                 await run_in_threadpool(service.fail, self._database, job, UNFORESEEN)
             raise
@@ -184,9 +184,9 @@ class Runner:
         await run_in_threadpool(service.delete_archive, self._database, job.number)
 
     async def _take(
-        self, job: JobRecord, members: Iterator[tuple[FileRecord, bytes | Fault]], turn: asyncio.Lock
+        self, job: JobRecord, members: Iterator[tuple[FileRecord, bytes | MemberFault]], turn: asyncio.Lock
     ) -> None:
-        """Take members, one after another, until none is left."""
+        """Process members, one after another, until none is left."""
         while True:
             async with turn:
                 taken = await run_in_threadpool(next, members, None)
@@ -204,18 +204,18 @@ class Runner:
                 self._at_work -= 1
 
     async def _store(self, job: JobRecord, file: FileRecord, data: bytes) -> None:
-        """Store a member as an upload would be, or write down why not."""
+        """Store a member like an upload, or write the reason of refusal."""
 
         def settle(session: WriteSession, stored: StoredShape) -> None:
             outcome: Outcome = "stored" if stored.created else "present"
-            if not service.settle(session, job, file, Settled(outcome, stored.shape.id)):
-                raise LostError
+            if not service.settle(session, job, file, MemberOutcome(outcome, stored.shape.id)):
+                raise JobLostError
 
         for tries_left in reversed(range(TRIES)):
             try:
                 await ingest(self._container, service.shape_of(job, file, data), also=settle)
                 return
-            except (LostError, *OWN_FAULTS):
+            except (JobLostError, *OWN_FAULTS):
                 raise
             except (CoreError, FileTimeLimitError) as error:
                 cause = service.cause_of(error)
@@ -229,27 +229,27 @@ class Runner:
                 await asyncio.sleep(PAUSES[0])
         await self._refuse(job, file, cause)
 
-    async def _refuse(self, job: JobRecord, file: FileRecord, cause: Cause) -> None:
+    async def _refuse(self, job: JobRecord, file: FileRecord, cause: FailureCause) -> None:
         def write() -> None:
             with self._database.write() as session:
-                if not service.settle(session, job, file, Settled("refused", cause=cause)):
-                    raise LostError
+                if not service.settle(session, job, file, MemberOutcome("refused", cause=cause)):
+                    raise JobLostError
 
         await run_in_threadpool(write)
 
     def _members(
         self, job: JobRecord, files: dict[int, FileRecord]
-    ) -> Iterator[tuple[FileRecord, bytes | Fault]]:
-        """The members that are left, each with its bytes, or with why there are none."""
+    ) -> Iterator[tuple[FileRecord, bytes | MemberFault]]:
+        """The unprocessed members, each with its bytes or the reason of refusal."""
         archive = StoredArchive(self._database, job)
         unread = dict(files)
         for place, data in read_members(archive, job.format, self._limits, files.keys()):
             yield unread.pop(place), data
         for file in unread.values():
-            yield file, MemberDamagedError("the archive cannot be read as far as that")
+            yield file, MemberDamagedError("the archive is damaged before this file")
 
     async def _room(self) -> None:
-        """Wait for a worker that no request wants."""
+        """Wait for a worker that no request needs."""
         since = time.monotonic()
         while self._container.work.inside + self._at_work >= self._container.settings.workers:
             if not self._at_work and time.monotonic() - since > PATIENCE_SECONDS:
@@ -257,14 +257,14 @@ class Runner:
             await asyncio.sleep(ROOM_SECONDS)
 
     async def _beat(self, job: JobRecord) -> None:
-        """Have others know that this service lives, and hear if the job has ended."""
+        """Renew the lease of a job until the job has ended or the lease is lost."""
         while True:
             await self._changed(BEAT_SECONDS)
             if not await run_in_threadpool(self._renew, job):
-                raise LostError
+                raise JobLostError
 
     async def _changed(self, seconds: float) -> None:
-        """Wait so long, or until something has changed."""
+        """Wait for a change, but no longer than some seconds."""
         with suppress(TimeoutError):
             await asyncio.wait_for(self._look.wait(), seconds)
         self._look.clear()

@@ -54,7 +54,7 @@ class Cause(BaseModel):
     detail: str = Field(description="What happened this time, for a person.")
 
     @classmethod
-    def of(cls, cause: records.Cause) -> "Cause":
+    def of(cls, cause: records.FailureCause) -> "Cause":
         """The JSON of a cause."""
         row = PROBLEMS[cause.kind]
         return cls(type=TYPE_PREFIX + cause.kind, title=row.title, status=row.status, detail=cause.detail)

@@ -1,4 +1,4 @@
-"""What can be done with jobs."""
+"""Operations on jobs: receive, list, process, cancel and delete."""
 
 import uuid
 from datetime import UTC, datetime, timedelta
@@ -10,18 +10,18 @@ from service.errors import BusyError
 from service.jobs import repository
 from service.jobs.archives import archive_format, list_members
 from service.jobs.errors import JobNotFoundError
-from service.jobs.members import ArchiveLimits, Fault, Member, Readable, shown
+from service.jobs.members import ArchiveFile, ArchiveLimits, ArchiveMember, MemberFault, shown
 from service.jobs.records import (
     ARRIVING_LEASE,
-    Cause,
+    FailureCause,
     FileRecord,
     FilesPage,
     JobRecord,
     JobsPage,
+    MemberOutcome,
     NewJob,
     Outcome,
     Progress,
-    Settled,
 )
 from service.jobs.stored_archive import PIECE_BYTES, StoredArchive
 from service.settings import Settings
@@ -34,7 +34,7 @@ DETAIL_CHARACTERS = 1000
 
 
 def limits_of(settings: Settings) -> ArchiveLimits:
-    """What an archive may hold; a member no more than an upload."""
+    """The limits of archives; a member is limited like an upload."""
     return ArchiveLimits(
         members=settings.max_archive_files,
         member_bytes=settings.max_upload_bytes,
@@ -43,22 +43,23 @@ def limits_of(settings: Settings) -> ArchiveLimits:
     )
 
 
-def receive(database: Database, file: Readable, new: NewJob, most: int) -> JobRecord:
-    """Store an archive and its job; once this returns, it is durable, and its turn comes.
+def receive(database: Database, file: ArchiveFile, new: NewJob, most: int) -> JobRecord:
+    """Store an archive and its job; when this returns, the job is durable and waits for its turn.
 
-    It is written piece by piece, so that others write in between; what does not arrive whole is deleted.
+    Each piece is written in its own transaction, so that other writers wait briefly. An incomplete archive is
+    deleted.
 
     Raises
     ------
     CollectionNotFoundError
-        Its collection is there no more.
+        The collection was deleted.
     BusyError
-        `most` jobs have not ended.
+        `most` jobs are unfinished.
     """
     receiver = str(uuid.uuid4())
     with database.write() as session:
         if repository.count_open(session) >= most:
-            raise BusyError(f"{most} jobs wait or are at work; send the archive when one has ended")
+            raise BusyError(f"{most} jobs are unfinished; send the archive when one has ended")
         collections_repository.require(session, new.collection)
         now = datetime.now(UTC)
         number = repository.add(session, new, receiver, now + ARRIVING_LEASE, now)
@@ -80,7 +81,7 @@ def receive(database: Database, file: Readable, new: NewJob, most: int) -> JobRe
 
 
 def progress(session: ReadSession, job: JobRecord) -> Progress:
-    """How far a job is."""
+    """The progress of a job."""
     rate = None
     if job.state == "running" and job.started_at is not None:
         ends = repository.latest_ends(session, job.number, job.started_at, RATE_WINDOW + 1)
@@ -91,7 +92,13 @@ def progress(session: ReadSession, job: JobRecord) -> Progress:
 
 
 def get(session: ReadSession, collection: CollectionNumber, job_id: str) -> JobRecord:
-    """The job of a collection with an id."""
+    """The job of a collection with an id.
+
+    Raises
+    ------
+    JobNotFoundError
+        The collection has no such job.
+    """
     job = repository.by_id(session, collection, job_id)
     if job is None:
         raise JobNotFoundError(job_id)
@@ -116,9 +123,9 @@ def list_files(
     after: int,
     limit: int,
 ) -> FilesPage:
-    """One page of the members of a collection's job, in the order of the archive."""
+    """One page of the members of a job, in the order of the archive."""
     job = get(session, collection, job_id)
-    # The places begin at 0, and a cursor holds what comes next.
+    # Places begin at 0; a cursor contains the place of the next member.
     found = repository.files(session, job.number, outcome, after=after - 1, limit=limit + 1)
     more = len(found) > limit
     found = found[:limit]
@@ -128,7 +135,7 @@ def list_files(
 
 
 def cancel(database: Database, collection: CollectionNumber, job_id: str) -> JobRecord:
-    """End a collection's job, unless it has ended; what it has stored stays, and nothing more is stored."""
+    """End a job unless it has ended. Its stored shapes stay; no further ones are stored."""
     with database.write() as session:
         job = get(session, collection, job_id)
         ended = repository.end(session, job.number, "cancelled", None, datetime.now(UTC))
@@ -139,18 +146,19 @@ def cancel(database: Database, collection: CollectionNumber, job_id: str) -> Job
 
 
 def remove(database: Database, collection: CollectionNumber, job_id: str) -> None:
-    """Cancel a collection's job, and forget it."""
+    """Cancel a job and delete its record."""
     job = cancel(database, collection, job_id)
     with database.write() as session:
         repository.remove(session, job.number)
 
 
 def begin(database: Database, job: JobRecord, limits: ArchiveLimits) -> None:
-    """List the members of a job that waits, which then runs.
+    """List the members of a waiting job and start it.
 
     Raises
     ------
     ArchiveTooLargeError
+        The archive exceeds the limits.
     """
     listing = list_members(StoredArchive(database, job), job.format, limits)
     members = [_listed(member) for member in listing.members]
@@ -160,7 +168,7 @@ def begin(database: Database, job: JobRecord, limits: ArchiveLimits) -> None:
 
 
 def shape_of(job: JobRecord, file: FileRecord, data: bytes) -> NewShape:
-    """The shape that a member is to be."""
+    """The shape of a member."""
     return NewShape(
         data=data,
         format=format_of(file.name),
@@ -171,13 +179,13 @@ def shape_of(job: JobRecord, file: FileRecord, data: bytes) -> NewShape:
     )
 
 
-def settle(session: WriteSession, job: JobRecord, file: FileRecord, settled: Settled) -> bool:
-    """Write down what became of a member; False where the job has ended, or somebody else was first."""
+def settle(session: WriteSession, job: JobRecord, file: FileRecord, settled: MemberOutcome) -> bool:
+    """Write the outcome of a member; False if the job has ended or another service was first."""
     return repository.settle(session, job.number, file.place, settled, datetime.now(UTC))
 
 
 def finish(database: Database, job: JobRecord) -> None:
-    """End a job of which nothing is left to do: failed, where its archive could not be read to the end."""
+    """End a completely processed job: as failed if its archive is damaged."""
     with database.write() as session:
         if repository.without_outcome(session, job.number):
             return
@@ -185,15 +193,15 @@ def finish(database: Database, job: JobRecord) -> None:
         repository.end(session, job.number, "failed" if failed else "done", None, datetime.now(UTC))
 
 
-def fail(database: Database, job: JobRecord, cause: Cause) -> None:
-    """End a job that cannot be gone on with; what it has stored stays."""
+def fail(database: Database, job: JobRecord, cause: FailureCause) -> None:
+    """End a job that cannot continue; its stored shapes stay."""
     with database.write() as session:
         repository.end(session, job.number, "failed", cause, datetime.now(UTC))
     delete_archive(database, job.number)
 
 
 def delete_archive(database: Database, number: int) -> None:
-    """Delete the pieces of a job's archive, a few at a time, so that others write in between."""
+    """Delete the archive of a job, a few pieces per transaction, so that other writers wait briefly."""
     deleted = BATCHES_AT_ONCE
     while deleted == BATCHES_AT_ONCE:
         with database.write() as session:
@@ -201,7 +209,7 @@ def delete_archive(database: Database, number: int) -> None:
 
 
 def clear(database: Database, keep: timedelta) -> None:
-    """Delete what has been left over, and the records of jobs that ended so long ago."""
+    """Delete archives of ended jobs, incomplete archives, and records of jobs that ended before `keep`."""
     now = datetime.now(UTC)
     with database.read() as session:
         leftovers = repository.with_leftovers(session, now, now - keep)
@@ -212,25 +220,25 @@ def clear(database: Database, keep: timedelta) -> None:
                 repository.remove(session, number)
 
 
-def _listed(member: Member) -> FileRecord:
-    """A member as it is written down at first: refused, or without an outcome."""
+def _listed(member: ArchiveMember) -> FileRecord:
+    """The initial record of a member: refused, or without an outcome."""
     if member.fault is None:
         return FileRecord(member.place, member.path, member.name, None, None, None)
     cause = cause_of(member.fault)
     return FileRecord(member.place, member.path, member.name, "refused", None, cause)
 
 
-def cause_of(fault: Fault) -> Cause:
-    """A fault as it is written down."""
-    return Cause(fault.kind, shown(str(fault))[:DETAIL_CHARACTERS])
+def cause_of(fault: MemberFault) -> FailureCause:
+    """The record of a fault."""
+    return FailureCause(fault.kind, shown(str(fault))[:DETAIL_CHARACTERS])
 
 
-def format_of_archive(file: Readable, settings: Settings) -> str:
-    """Which kind of archive a file is.
+def format_of_archive(file: ArchiveFile, settings: Settings) -> str:
+    """The format of an archive.
 
     Raises
     ------
     UnknownArchiveError
-        It is none that is read.
+        The format is not supported.
     """
     return archive_format(file, limits_of(settings))

@@ -1,4 +1,4 @@
-"""A job's archive as a file, of which the database holds the pieces."""
+"""The archive of a job, read as a file from its pieces in the database."""
 
 from service.jobs import repository
 from service.jobs.errors import JobNotFoundError
@@ -9,9 +9,9 @@ PIECE_BYTES = 4 * 1024 * 1024
 
 
 class StoredArchive:
-    """Reads one piece at a time, and keeps the last.
+    """A read-only file on the pieces of an archive. It reads one piece at a time and caches the last.
 
-    Raises `JobNotFoundError` where the archive is gone: the job has ended, or was deleted.
+    Methods raise `JobNotFoundError` if the archive was deleted: the job has ended, or was deleted.
     """
 
     def __init__(self, database: Database, job: JobRecord) -> None:
@@ -21,19 +21,19 @@ class StoredArchive:
         self._piece: tuple[int, bytes] = (-1, b"")
 
     def tell(self) -> int:
-        """The place."""
+        """The current position."""
         return self._position
 
     def seek(self, position: int, whence: int = 0) -> int:
-        """Go to a place: from the beginning, from here or from the end."""
+        """Go to a position relative to the beginning, the current position or the end."""
         target = position + (0, self._position, self._job.size)[whence]
         if target < 0:
-            raise OSError("a place before the beginning")
+            raise OSError("the position is before the beginning of the file")
         self._position = target
         return target
 
     def read(self, size: int = -1) -> bytes:
-        """So many bytes, or fewer at the end."""
+        """Read `size` bytes, or fewer at the end."""
         left = max(0, self._job.size - self._position)
         size = left if size < 0 else min(size, left)
         got = bytearray()

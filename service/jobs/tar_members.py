@@ -1,7 +1,7 @@
-"""The members of a tar file, packed or not: in one pass from its beginning.
+"""Members of tar archives, plain or compressed, in one pass.
 
-`tarfile` reads the headers; `Unpacked` sees to it that none is longer than honest ones, and none leads back.
-A header that `tarfile` cannot read it takes for the archive's end, so the end is looked at again.
+`tarfile` parses the headers. `UnpackedStream` limits their length and prevents seeking back. `tarfile` takes
+an invalid header for the end of the archive, so that the end is checked separately.
 """
 
 import tarfile
@@ -15,15 +15,15 @@ from service.jobs.errors import (
     MemberKindError,
     MemberTooLargeError,
 )
-from service.jobs.members import ArchiveLimits, Fault, Listing, Member, Readable, describe
-from service.jobs.unpacking import UNPACKERS, Unpacked
+from service.jobs.members import ArchiveFile, ArchiveLimits, ArchiveMember, MemberFault, MemberList, describe
+from service.jobs.unpacking import UNPACKERS, UnpackedStream
 
 HEADER_BYTES = 256 * 1024
-"""All headers of one member: its name in the longest way that tar programs write it is far shorter."""
+"""Limit of all headers of one member; the longest encoding of a long name is far shorter."""
 
 
 def is_header(block: bytes) -> bool:
-    """Whether a tar file may begin with these bytes, of which 512 are needed."""
+    """Whether 512 bytes are the first header of a tar archive."""
     try:
         tarfile.TarInfo.frombuf(block[: tarfile.BLOCKSIZE], "utf-8", "surrogateescape")
     except (tarfile.TarError, ValueError):
@@ -31,21 +31,22 @@ def is_header(block: bytes) -> bool:
     return True
 
 
-def first_block(file: Readable, format: str, limits: ArchiveLimits) -> bytes:
-    """The first bytes that would be a header."""
-    stream = Unpacked(file, UNPACKERS.get(format), limits)
+def first_block(file: ArchiveFile, format: str, limits: ArchiveLimits) -> bytes:
+    """The first 512 unpacked bytes."""
+    stream = UnpackedStream(file, UNPACKERS.get(format), limits)
     stream.allowance = tarfile.BLOCKSIZE
     return stream.read(tarfile.BLOCKSIZE)
 
 
-def list_tar(file: Readable, format: str, limits: ArchiveLimits) -> Listing:
-    """All members, unpacking all of the archive.
+def list_tar(file: ArchiveFile, format: str, limits: ArchiveLimits) -> MemberList:
+    """List all members, which unpacks the whole archive.
 
     Raises
     ------
     ArchiveTooLargeError
+        The archive exceeds the limit of members or of bytes.
     """
-    members: list[Member] = []
+    members: list[ArchiveMember] = []
     taken: set[str] = set()
     try:
         for place, info, _ in _entries(file, format, limits):
@@ -54,16 +55,16 @@ def list_tar(file: Readable, format: str, limits: ArchiveLimits) -> Listing:
             if plain is not None:
                 taken.add(plain)
     except MalformedArchiveError as error:
-        return Listing(members, error)
-    return Listing(members, None)
+        return MemberList(members, error)
+    return MemberList(members, None)
 
 
 def read_tar(
-    file: Readable, format: str, limits: ArchiveLimits, wanted: Container[int]
-) -> Iterator[tuple[int, bytes | Fault]]:
-    """The bytes of the wanted members in their order, or why there are none.
+    file: ArchiveFile, format: str, limits: ArchiveLimits, wanted: Container[int]
+) -> Iterator[tuple[int, bytes | MemberFault]]:
+    """The bytes of the wanted members, each with its place, or the reasons of refusal, in archive order.
 
-    Where the archive ends in the middle, so does this: what was wanted beyond is left out.
+    The iteration ends where the archive is damaged: later members are missing.
     """
     try:
         for place, info, stream in _entries(file, format, limits):
@@ -73,7 +74,7 @@ def read_tar(
         return
 
 
-def _bytes_of(info: tarfile.TarInfo, stream: Unpacked) -> bytes | Fault:
+def _bytes_of(info: tarfile.TarInfo, stream: UnpackedStream) -> bytes | MemberFault:
     stream.allowance = info.size
     try:
         stream.seek(info.offset_data)
@@ -84,10 +85,10 @@ def _bytes_of(info: tarfile.TarInfo, stream: Unpacked) -> bytes | Fault:
 
 
 def _entries(
-    file: Readable, format: str, limits: ArchiveLimits
-) -> Iterator[tuple[int, tarfile.TarInfo, Unpacked]]:
-    """Every member but folders, with its place, and the stream that its bytes are in."""
-    stream = Unpacked(file, UNPACKERS.get(format), limits)
+    file: ArchiveFile, format: str, limits: ArchiveLimits
+) -> Iterator[tuple[int, tarfile.TarInfo, UnpackedStream]]:
+    """Every member except folders, with its place and the stream of its bytes."""
+    stream = UnpackedStream(file, UNPACKERS.get(format), limits)
     stream.allowance = HEADER_BYTES
     archive: tarfile.TarFile | None = None
     place = count = end = 0
@@ -101,14 +102,14 @@ def _entries(
                 raise MalformedArchiveError("a header in the archive leads back")
         except ServiceError:
             raise
-        # What strangers write into headers brings the library to raise anything.
+        # Hostile headers can make the library raise any exception.
         except Exception as error:
-            raise MalformedArchiveError(f"the archive cannot be read on: {error}") from error
+            raise MalformedArchiveError(f"the archive is damaged: {error}") from error
         if info is None:
             _check_end(stream, archive.offset)
             return
         end = archive.offset
-        # It keeps all of them, and what any of them said of all.
+        # The library collects all members, and global headers apply to all later members.
         archive.members.clear()  # type: ignore[attr-defined]
         archive.pax_headers = {}
         count += 1
@@ -119,8 +120,8 @@ def _entries(
             place += 1
 
 
-def _check_end(stream: Unpacked, offset: int) -> None:
-    """Raise unless the archive ends where the library saw no further header."""
+def _check_end(stream: UnpackedStream, offset: int) -> None:
+    """Raise unless the archive ends at the last header that the library has read."""
     stream.allowance = tarfile.BLOCKSIZE
     stream.seek(offset)
     block = stream.read(tarfile.BLOCKSIZE)
@@ -128,14 +129,14 @@ def _check_end(stream: Unpacked, offset: int) -> None:
         raise MalformedArchiveError("a header in the middle of the archive cannot be read")
 
 
-def _fault(info: tarfile.TarInfo, limits: ArchiveLimits) -> Fault | None:
-    """What is wrong with a member by its header, which for its size is also what can be read of it."""
+def _fault(info: tarfile.TarInfo, limits: ArchiveLimits) -> MemberFault | None:
+    """The fault of a member by its header; the library reads no more bytes than the header says."""
     if info.issparse():
-        return MemberKindError("a file with holes is not taken")
+        return MemberKindError("sparse files are not supported")
     if info.issym() or info.islnk():
         return MemberKindError("it is a link")
     if not info.isreg():
-        return MemberKindError("it is no plain file")
+        return MemberKindError("it is not a regular file")
     try:
         limits.check_member(info.size)
     except MemberTooLargeError as error:

@@ -1,7 +1,7 @@
-"""Packed streams, unpacked a piece at a time and counted: what a header says of sizes is not asked.
+"""Decompression of streams, piece by piece, with limits on the bytes that come out; headers are not trusted.
 
-The standard library's own files are not used: they put no limit on the memory that an xz stream asks for, and
-read the header of a gzip stream byte by byte, however long it is.
+The file classes of the standard library are not used: they do not limit the memory of xz, and they read the
+header of a gzip stream byte by byte, however long it is.
 """
 
 import bz2
@@ -11,20 +11,20 @@ from collections.abc import Callable
 from typing import Protocol
 
 from service.jobs.errors import ArchiveTooLargeError, MalformedArchiveError, MemberTooLargeError
-from service.jobs.members import PIECE, ArchiveLimits, Readable
+from service.jobs.members import PIECE, ArchiveFile, ArchiveLimits
 
 XZ_MEMORY_BYTES = 128 * 1024**2
-"""What `xz -9` needs to unpack is half of it."""
+"""The memory limit of xz, twice the need of files by `xz -9`."""
 
 MOST_STREAMS = 100_000
-"""Some programs pack every 64 KiB by itself: as many as the largest archive has, and no more."""
+"""The most streams in one file, enough for the largest archive in streams of 64 KiB."""
 
-# The furthest that the reader of a tar file goes back is one header.
+# The tar reader seeks back by one header at most.
 KEPT = 1024
 
 
 class Unpacker(Protocol):
-    """One packed stream, whichever way it is packed."""
+    """A decompressor of one stream."""
 
     @property
     def eof(self) -> bool:
@@ -32,14 +32,14 @@ class Unpacker(Protocol):
 
     @property
     def unused_data(self) -> bytes:
-        """What came after its end."""
+        """The bytes after the end of the stream."""
 
     @property
     def hungry(self) -> bool:
-        """Whether it has nothing left to unpack."""
+        """Whether the decompressor needs input."""
 
     def unpack(self, data: bytes) -> tuple[bytes, bytes]:
-        """At most `PIECE` unpacked bytes, and the packed ones that were not used."""
+        """At most `PIECE` unpacked bytes, and the unused input."""
 
 
 class _Gzip:
@@ -63,7 +63,7 @@ class _Gzip:
 
 
 class _Buffering:
-    """Those of bz2 and lzma keep what they have not used themselves."""
+    """A decompressor of bz2 or lzma, which buffers unused input itself."""
 
     def __init__(self, stream: bz2.BZ2Decompressor | lzma.LZMADecompressor) -> None:
         self._stream = stream
@@ -91,23 +91,25 @@ UNPACKERS: dict[str, Callable[[], Unpacker]] = {
 }
 
 
-class Unpacked:
-    """What a packed stream holds, as a file that is read forwards.
+class UnpackedStream:
+    """A compressed file as a file of its content, read forwards.
 
     Parameters
     ----------
-    packed : Readable
-        From its beginning.
+    packed : ArchiveFile
+        The compressed file, at its beginning.
     make : callable or None
-        Makes an `Unpacker` for each of the streams that follow one another; None where nothing is packed.
+        Creates an `Unpacker` for each of the concatenated streams; None if the file is not compressed.
     limits : ArchiveLimits
-        The bytes in all, and the ratio, are kept to.
+        Limits of the total size and of the compression ratio.
 
-    `allowance` is how many bytes may be read before it is set anew; passing over bytes takes nothing of it.
-    Every read and seek raises `MalformedArchiveError` or `ArchiveTooLargeError`.
+    `allowance` is the number of bytes that may be read before it is set again; seeking does not reduce it.
+    Reading and seeking raise `MalformedArchiveError` or `ArchiveTooLargeError`.
     """
 
-    def __init__(self, packed: Readable, make: Callable[[], Unpacker] | None, limits: ArchiveLimits) -> None:
+    def __init__(
+        self, packed: ArchiveFile, make: Callable[[], Unpacker] | None, limits: ArchiveLimits
+    ) -> None:
         self._packed = packed
         self._make = make
         self._limits = limits
@@ -115,26 +117,26 @@ class Unpacked:
         self._streams = 1
         self._left = b""
         self._taken = self._made = 0
-        # The last piece, with the end of the one before, and where that begins.
+        # The last piece behind the end of the previous one, and the position where they begin.
         self._piece, self._start = b"", 0
         self._position = 0
         self.allowance = 0
 
     def tell(self) -> int:
-        """The place in what is unpacked."""
+        """The position in the unpacked content."""
         return self._position
 
     def seek(self, position: int, whence: int = 0) -> int:
-        """Go to a place: any further on, or one a little before."""
+        """Go to a later position, or to a slightly earlier one."""
         if whence != 0 or position < self._start:
-            raise MalformedArchiveError("a member of the archive lies inside of another")
+            raise MalformedArchiveError("a member of the archive overlaps another one")
         while position > self._start + len(self._piece) and self._advance():
             pass
         self._position = position
         return position
 
     def read(self, size: int) -> bytes:
-        """So many bytes, or fewer at the end."""
+        """Read `size` bytes, or fewer at the end."""
         if not 0 <= size <= self.allowance:
             raise MalformedArchiveError("a header in the archive is too long")
         self.allowance -= size
@@ -173,7 +175,7 @@ class Unpacked:
             return self._take()
         while True:
             if self._unpacker.eof:
-                # Streams may follow one another, and be padded.
+                # Streams may be concatenated and padded.
                 self._left = (self._unpacker.unused_data or self._left).lstrip(b"\0")
                 while not self._left:
                     taken = self._take()
@@ -183,7 +185,7 @@ class Unpacked:
                 self._unpacker = self._make()
                 self._streams += 1
                 if self._streams > MOST_STREAMS:
-                    raise ValueError(f"it is more than {MOST_STREAMS} streams")
+                    raise ValueError(f"it has more than {MOST_STREAMS} streams")
             hungry = self._unpacker.hungry
             data = self._left or (self._take() if hungry else b"")
             piece, self._left = self._unpacker.unpack(data)

@@ -1,4 +1,4 @@
-"""The members of a zip file, by its directory."""
+"""Members of zip archives, by the central directory."""
 
 import stat
 import zipfile
@@ -14,65 +14,74 @@ from service.jobs.errors import (
     MemberKindError,
     MemberTooLargeError,
 )
-from service.jobs.members import PIECE, ArchiveLimits, Fault, Listing, Member, Readable, describe
+from service.jobs.members import (
+    PIECE,
+    ArchiveFile,
+    ArchiveLimits,
+    ArchiveMember,
+    MemberFault,
+    MemberList,
+    describe,
+)
 
 ENTRY_BYTES = 512
-"""What one member may take in the directory, on average: three times what most take."""
+"""The limit of the directory's size per member, three times the usual size."""
 
 LEAST_DIRECTORY_BYTES = 1024 * 1024
 
-# The library unpacks the others without a limit on what comes out at a time, and lzma also on memory.
+# For other methods the library does not limit the size of the output, nor the memory of lzma.
 METHODS = frozenset({zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED})
 ENCRYPTED = 0x1 | 0x40 | 0x2000
 
 
-class Bounded:
-    """A file of which little is read at a time: the library reads the whole directory at once.
+class BoundedFile:
+    """A file that limits the size of one read: the library reads the whole directory at once.
 
     `taken` counts the bytes that were read.
     """
 
-    def __init__(self, file: Readable, most: int) -> None:
+    def __init__(self, file: ArchiveFile, most: int) -> None:
         self._file = file
         self._most = most
         self._size = file.seek(0, 2)
         self.taken = 0
 
     def read(self, size: int = -1) -> bytes:
-        """So many bytes, or all that are left."""
+        """Read `size` bytes, or all remaining ones."""
         if size < 0:
             size = max(0, self._size - self._file.tell())
         if size > self._most:
-            raise ArchiveTooLargeError("its directory is longer than so many members need")
+            raise ArchiveTooLargeError("its directory is too long for the largest number of members")
         data = self._file.read(size)
         self.taken += len(data)
         return data
 
     def seek(self, position: int, whence: int = 0) -> int:
-        """Go to a place."""
+        """Go to a position."""
         return self._file.seek(position, whence)
 
     def tell(self) -> int:
-        """The place."""
+        """The current position."""
         return self._file.tell()
 
     def seekable(self) -> bool:
-        """Whether it has places."""
+        """Whether the file supports seeking: yes."""
         return True
 
 
-def list_zip(file: Readable, limits: ArchiveLimits) -> Listing:
-    """All members, by the directory alone: no more can be read of any than it says there.
+def list_zip(file: ArchiveFile, limits: ArchiveLimits) -> MemberList:
+    """List all members by the directory; the library reads no more bytes of a member than it says.
 
     Raises
     ------
     ArchiveTooLargeError
+        The archive exceeds the limit of members or of bytes.
     """
     try:
         _, _, infos = _opened(file, limits)
     except MalformedArchiveError as error:
-        return Listing([], error)
-    members: list[Member] = []
+        return MemberList([], error)
+    members: list[ArchiveMember] = []
     taken: set[str] = set()
     total = 0
     for place, info in infos:
@@ -83,13 +92,13 @@ def list_zip(file: Readable, limits: ArchiveLimits) -> Listing:
         total += info.file_size if member.fault is None else 0
     if total > limits.total_bytes:
         raise ArchiveTooLargeError(f"it unpacks to {total} bytes, more than {limits.total_bytes}")
-    return Listing(members, None)
+    return MemberList(members, None)
 
 
 def read_zip(
-    file: Readable, limits: ArchiveLimits, wanted: Container[int]
-) -> Iterator[tuple[int, bytes | Fault]]:
-    """The bytes of the wanted members in their order, or why there are none."""
+    file: ArchiveFile, limits: ArchiveLimits, wanted: Container[int]
+) -> Iterator[tuple[int, bytes | MemberFault]]:
+    """The bytes of the wanted members, each with its place, or the reasons of refusal, in archive order."""
     try:
         archive, bounded, infos = _opened(file, limits)
     except MalformedArchiveError:
@@ -103,15 +112,15 @@ def read_zip(
 
 
 def _opened(
-    file: Readable, limits: ArchiveLimits
-) -> tuple[zipfile.ZipFile, Bounded, list[tuple[int, zipfile.ZipInfo]]]:
-    """The archive, and its members but folders with their places."""
-    bounded = Bounded(file, max(LEAST_DIRECTORY_BYTES, ENTRY_BYTES * limits.members))
+    file: ArchiveFile, limits: ArchiveLimits
+) -> tuple[zipfile.ZipFile, BoundedFile, list[tuple[int, zipfile.ZipInfo]]]:
+    """The archive, the file that it reads, and its members except folders with their places."""
+    bounded = BoundedFile(file, max(LEAST_DIRECTORY_BYTES, ENTRY_BYTES * limits.members))
     try:
         archive = zipfile.ZipFile(bounded)
     except ServiceError:
         raise
-    # What strangers write into a directory brings the library to raise anything.
+    # Hostile directories can make the library raise any exception.
     except Exception as error:
         raise MalformedArchiveError(f"the archive's directory cannot be read: {error}") from error
     infos = archive.infolist()
@@ -121,9 +130,9 @@ def _opened(
 
 
 def _unpacked(
-    archive: zipfile.ZipFile, bounded: Bounded, info: zipfile.ZipInfo, limits: ArchiveLimits
+    archive: zipfile.ZipFile, bounded: BoundedFile, info: zipfile.ZipInfo, limits: ArchiveLimits
 ) -> bytes:
-    """The bytes of a member, counted as they come."""
+    """Unpack a member and check the limits meanwhile."""
     data = bytearray()
     before = bounded.taken
     try:
@@ -141,17 +150,17 @@ def _unpacked(
     return bytes(data)
 
 
-def _fault(info: zipfile.ZipInfo, limits: ArchiveLimits) -> Fault | None:
-    """What is wrong with a member by the directory."""
+def _fault(info: zipfile.ZipInfo, limits: ArchiveLimits) -> MemberFault | None:
+    """The fault of a member by the directory."""
     kind = stat.S_IFMT(info.external_attr >> 16)
     if stat.S_ISLNK(kind):
         return MemberKindError("it is a link")
     if kind and not stat.S_ISREG(kind):
-        return MemberKindError("it is no plain file")
+        return MemberKindError("it is not a regular file")
     if info.flag_bits & ENCRYPTED:
         return MemberEncryptedError("it is encrypted")
     if info.compress_type not in METHODS:
-        return MemberKindError("it is packed in a way that is not read; deflate is, and no packing at all")
+        return MemberKindError("its compression method is not supported; deflate is, and no compression")
     try:
         limits.check_member(info.file_size)
     except MemberTooLargeError as error:
