@@ -1,1 +1,1 @@
-"""The REST service: what the method does, over HTTP, on what is stored."""
+"""The REST service: the method of `core` over HTTP, on stored shapes."""

@@ -1,4 +1,4 @@
-"""The application."""
+"""The application: settings in, the ASGI application with all routers and middleware out."""
 
 import asyncio
 from collections.abc import AsyncIterator
@@ -52,18 +52,18 @@ from service.system.session_endpoints import router as session_router
 from service.web.endpoints import router as page_router
 
 SPIN_IMAGE_BYTES = 256 * 1024**2
-"""Memory for the patches of stored shapes: 22 kB each, 96 kB for an incomplete one."""
+"""Memory for spin images of stored shapes: 22 kB each, 96 kB for an incomplete shape."""
 
 log = logging.get_logger("app")
 
 
 def create_app(settings: Settings) -> FastAPI:
-    """The service under some settings. Nothing is opened or started before its lifespan begins.
+    """Create the application. Opens and starts nothing before its lifespan begins.
 
     Raises
     ------
     SettingsError
-        The file of parameters cannot be used.
+        The file of parameters is invalid.
     """
     parameters = load_parameters(settings.pipeline)
     gate = Gate(KeyRing(settings.api_keys, settings.read_keys), settings.rate_limit)
@@ -78,7 +78,9 @@ def create_app(settings: Settings) -> FastAPI:
         cache_warmer = CacheWarmer(app.state.container)
         cache_warmer.start()
         purging = asyncio.create_task(keep_purging(app.state.container))
-        metrics.watch("job_files", "Files of bulk jobs that are at work.", lambda: app.state.runner.at_work)
+        metrics.watch(
+            "job_files", "Files of bulk jobs that are at work.", lambda: app.state.runner.active_members
+        )
         try:
             yield
         finally:
@@ -97,7 +99,7 @@ def create_app(settings: Settings) -> FastAPI:
         openapi_tags=TAGS,
         lifespan=lifespan,
         redirect_slashes=False,
-        # The framework's own pages take their scripts from a public server.
+        # FastAPI's own pages load scripts from a public server.
         docs_url=None,
         redoc_url=None,
     )
@@ -124,12 +126,12 @@ def create_app(settings: Settings) -> FastAPI:
 
 
 def app_from_environment() -> FastAPI:
-    """The service under the settings in the environment, for `uvicorn --factory`."""
+    """The application with the settings of the environment, for `uvicorn --factory`."""
     return create_app(load_settings())
 
 
 def _start(settings: Settings, parameters: Parameters, gate: Gate, metrics: Metrics) -> Container:
-    """Open the database and bring it up to date; the workers warm up meanwhile, and for some time after."""
+    """Start the workers, open and migrate the database, and adopt its pipeline."""
     threadpool_limits(1)
     pool, readers = start_processes(
         settings, parameters, lambda cause: metrics.worker_replacements.labels(cause).inc()
@@ -177,7 +179,7 @@ def _start(settings: Settings, parameters: Parameters, gate: Gate, metrics: Metr
 
 
 def _watch(metrics: Metrics, pool: Workers, readers: LocalPool, work: Work, pipelines: Pipelines) -> None:
-    """Have the metrics show the state of things."""
+    """Register gauges that read the state of the components."""
     watch = metrics.watch
     watch("queue_requests", "Requests that are at work or wait for a worker.", lambda: work.inside)
     watch("queue_room", "How many may be, before the next is answered 503.", lambda: work.room)
@@ -198,7 +200,7 @@ def _watch(metrics: Metrics, pool: Workers, readers: LocalPool, work: Work, pipe
 
 
 def _stop(container: Container) -> None:
-    """Whatever is still at work has no one left to answer to."""
+    """Stop all components; unfinished work is abandoned."""
     container.threads.shutdown(cancel_futures=True)
     container.readers.kill()
     container.pool.kill()

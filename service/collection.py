@@ -1,4 +1,4 @@
-"""Collections as they go between storage, service and endpoints."""
+"""Collections as values between storage, service and endpoints."""
 
 import re
 from dataclasses import dataclass
@@ -6,10 +6,10 @@ from datetime import datetime
 from typing import NewType
 
 CollectionNumber = NewType("CollectionNumber", int)
-"""Counts up and is never used again, so that what is stored never comes to lie in another collection."""
+"""The number of a collection; it is never reused, so that stored data never change their collection."""
 
 NAME = "[a-z0-9][a-z0-9_-]{0,63}"
-"""What a collection may be called: nothing that must be escaped in an address, a header or a list of keys."""
+"""The pattern of names, whose characters need no escaping in an address, a header or a list of keys."""
 
 _NAME = re.compile(NAME)
 
@@ -23,12 +23,12 @@ class Collection:
 
 
 DEFAULT_COLLECTION = Collection(CollectionNumber(1), "default")
-"""What a call without a name works in. Every archive has it."""
+"""The collection of requests that name none. It exists in every archive."""
 
 
 @dataclass(frozen=True)
 class Counted:
-    """A collection, when it was made, and how many shapes it has."""
+    """A collection, the time of its creation and the number of its shapes."""
 
     name: str
     created_at: datetime
@@ -36,5 +36,5 @@ class Counted:
 
 
 def is_name(text: str) -> bool:
-    """Whether a collection may be called so."""
+    """Whether a collection may have the name."""
     return _NAME.fullmatch(text) is not None

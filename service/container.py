@@ -1,4 +1,4 @@
-"""What the running service is made of."""
+"""The components of a running service."""
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -20,11 +20,10 @@ from service.storage.database import Database
 
 @dataclass(frozen=True)
 class Container:
-    """Everything that lives from the start of the service to its end.
+    """All components that live from the start of the service to its end.
 
-    `threads` compare embeddings, and `searches` counts the searches that have them compare.
-    `comparing_is_ready` is set once what they run is loaded, and embeddings are ready for it. `patches` are
-    those of stored shapes that were asked for.
+    `threads` compare embeddings, and `searches` counts the searches that use them. `comparing_is_ready` is
+    set when compiled code and match records are loaded. `spin_images` caches spin images of stored shapes.
     """
 
     settings: Settings

@@ -1,4 +1,4 @@
-"""Folders of meshes on disk, with the class of each where the folder says so.
+"""Folders of meshes on disk, with the class of each mesh if the folder defines it.
 
 Two layouts have classes. A folder with `labels.csv` (columns `file` and `class`, paths relative to the
 folder) holds the listed files only. Otherwise each folder directly below the given folder is a class, with

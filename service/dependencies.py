@@ -1,4 +1,4 @@
-"""What FastAPI gives to the endpoints."""
+"""The container as a dependency of endpoints."""
 
 from typing import Annotated
 

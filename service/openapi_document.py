@@ -1,4 +1,4 @@
-"""The OpenAPI document of the service, made without starting it."""
+"""The OpenAPI document of the service, created without starting the service."""
 
 import json
 from pathlib import Path
@@ -9,12 +9,12 @@ from service.settings import Settings
 
 
 def document() -> dict[str, Any]:
-    """The document of the service; settings and environment change nothing in it."""
+    """The OpenAPI document, which does not depend on settings or environment."""
     return create_app(Settings.model_construct()).openapi()
 
 
 def write(path: Path) -> None:
-    """Write the document to a file; the same service always writes the same bytes."""
+    """Write the document to a file, always with the same bytes for the same service."""
     path.write_text(
         json.dumps(document(), indent=2, sort_keys=True, ensure_ascii=False) + "\n", encoding="utf-8"
     )

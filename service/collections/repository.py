@@ -70,7 +70,7 @@ def remove(session: WriteSession, collection: CollectionNumber) -> None:
     session.execute(delete(CollectionRow).where(CollectionRow.number == collection))
 
 
-def is_at_work(session: ReadSession, collection: CollectionNumber) -> bool:
+def has_open_job(session: ReadSession, collection: CollectionNumber) -> bool:
     """Whether a collection has an unfinished job, or one whose archive is being received."""
     query = select(JobRow.number).where(JobRow.collection_number == collection, JobRow.state.not_in(ENDED))
     return session.scalar(query.limit(1)) is not None

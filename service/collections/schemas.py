@@ -1,4 +1,4 @@
-"""Collections as JSON."""
+"""JSON models of collections."""
 
 from datetime import datetime
 from typing import Any
@@ -15,8 +15,8 @@ class Collection(BaseModel):
 
     model_config = ConfigDict(json_schema_extra={"example": COLLECTION})
 
-    name: str = Field(description="What a call names it by.")
-    shapes: int = Field(description="How many shapes it has.")
+    name: str = Field(description="The name by which requests choose the collection.")
+    shapes: int = Field(description="The number of its shapes.")
     created_at: datetime = Field(description="UTC.")
 
     @classmethod
@@ -26,7 +26,7 @@ class Collection(BaseModel):
 
 
 class Collections(BaseModel):
-    """The collections that the key may use, by name."""
+    """The collections that the key may use, sorted by name."""
 
     model_config = ConfigDict(json_schema_extra={"example": {"collections": [COLLECTION]}})
 

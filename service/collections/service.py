@@ -64,6 +64,6 @@ def delete(session: WriteSession, name: str, keep: timedelta) -> None:
         raise CollectionNotEmptyError(
             f"shapes that were deleted from the collection {name!r} can still be restored: purge them first"
         )
-    if repository.is_at_work(session, collection.number):
+    if repository.has_open_job(session, collection.number):
         raise CollectionNotEmptyError(f"a job of the collection {name!r} has not ended")
     repository.remove(session, collection.number)

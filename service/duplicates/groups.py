@@ -1,4 +1,4 @@
-"""Groups of shapes from the pairs that are near-identical."""
+"""Groups of near-identical shapes: connected components of near-identical pairs."""
 
 from collections import deque
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ from core.registration.similarity_icp import Kinship, kinship
 
 @dataclass(frozen=True)
 class Link:
-    """Two shapes by number, found near-identical: lengths in the second are `scale` times the first's."""
+    """Two near-identical shapes, by number; lengths in the second are `scale` times those in the first."""
 
     first: int
     second: int
@@ -19,8 +19,8 @@ class Link:
 
 
 @dataclass(frozen=True)
-class Member:
-    """A shape of a group, what it is to the group's first, and the cc and residual that it was found by."""
+class GroupMember:
+    """A shape of a group, its relation to the first shape, and the cc and residual of its link."""
 
     shape: int
     kinship: Kinship
@@ -30,26 +30,26 @@ class Member:
 
 
 class Groups:
-    """Connected components, which grow by a link at a time."""
+    """Connected components that grow by one link at a time."""
 
     def __init__(self) -> None:
         self._parents: dict[int, int] = {}
         self._links: dict[int, list[Link]] = {}
 
     def joined(self, first: int, second: int) -> bool:
-        """Whether two shapes are in one group already."""
+        """Whether two shapes are in the same group."""
         return self._root(first) == self._root(second)
 
     def join(self, link: Link) -> None:
-        """Have the two of a link, which are not joined, and all that is joined to either in one group."""
+        """Join the groups of two shapes, which must differ."""
         self._parents[self._root(link.first)] = self._root(link.second)
         self._links.setdefault(link.first, []).append(link)
         self._links.setdefault(link.second, []).append(link)
 
-    def members(self) -> list[list[Member]]:
-        """Every group of two or more, each and all in the order of their numbers.
+    def members(self) -> list[list[GroupMember]]:
+        """All groups of two or more; groups and their members are sorted by number.
 
-        Scales and mirrorings are those along the links from the first of a group.
+        Scale and mirroring of a member are composed along the links from the first shape of its group.
         """
         done: set[int] = set()
         groups = []
@@ -66,9 +66,9 @@ class Groups:
             shape = parent
         return shape
 
-    def _from(self, first: int) -> list[Member]:
+    def _from(self, first: int) -> list[GroupMember]:
         mirrored = {first: False}
-        found = {first: Member(first, "same", 1.0, 1.0, 0.0)}
+        found = {first: GroupMember(first, "same", 1.0, 1.0, 0.0)}
         pending = deque([first])
         while pending:
             here = pending.popleft()
@@ -80,6 +80,6 @@ class Groups:
                 scale = found[here].scale * (link.scale if forth else 1.0 / link.scale)
                 mirrored[other] = mirrored[here] != link.mirrored
                 kind = kinship(scale, mirrored=mirrored[other])
-                found[other] = Member(other, kind, scale, link.cc, link.residual)
+                found[other] = GroupMember(other, kind, scale, link.cc, link.residual)
                 pending.append(other)
         return [found[shape] for shape in sorted(found)]

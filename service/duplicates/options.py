@@ -7,7 +7,7 @@ from pydantic import Field
 from core.registration.similarity_icp import RESIDUAL
 from service.collection import CollectionNumber
 from service.collections.dependencies import NamedInAddress
-from service.duplicates.service import Wanted
+from service.duplicates.service import DuplicateCriteria
 from service.shapes.filters import Filters
 
 

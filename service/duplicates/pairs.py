@@ -1,4 +1,4 @@
-"""Which stored shapes may be copies of one another, by what is in memory and in their records."""
+"""Candidate pairs of near-identical shapes, by signatures in memory and facts in the database."""
 
 from dataclasses import dataclass
 
@@ -12,21 +12,22 @@ from service.shapes.records import ShapeFilter
 from service.storage.database import ReadSession
 
 NEAREST = 32
-"""How many of the shapes nearest by signature each is compared with. More copies than this of one shape are
-joined through one another."""
+"""The number of nearest signatures that each shape is compared with. A larger set of copies is joined through
+several links."""
 
 
 @dataclass(frozen=True, eq=False)
-class Stock:
-    """The shapes that are looked at, by number.
+class ExaminedShapes:
+    """The shapes to examine.
 
     Attributes
     ----------
     shapes, embeddings : int64, shape (n,)
+        Their numbers, ascending by shape.
     signatures : float32, shape (n, s)
     radii : float64, shape (n,)
-        Root mean square distance of the surface from its centroid over the root of its area, which no
-        motion, scaling or meshing changes.
+        Root mean square distance of the surface from its centroid, divided by the square root of its area;
+        invariant under motion, scaling and remeshing.
     """
 
     shapes: NDArray[np.int64]
@@ -35,14 +36,14 @@ class Stock:
     radii: NDArray[np.float64]
 
 
-def stock(session: ReadSession, active_pipeline: ActivePipeline, wanted: ShapeFilter) -> Stock:
-    """The shapes that a filter means, as far as the pipeline in use embedded them."""
+def stock(session: ReadSession, active_pipeline: ActivePipeline, wanted: ShapeFilter) -> ExaminedShapes:
+    """The shapes that match a filter and have an embedding by the active pipeline."""
     entries = active_pipeline.index.current(session)
     measured = facts(session, wanted)
     radii = {number: each["scale"] / each["area"] ** 0.5 for number, each in measured.items()}
     order = np.argsort(entries.shapes)
     order = order[np.isin(entries.shapes[order], np.fromiter(radii, np.int64, len(radii)))]
-    return Stock(
+    return ExaminedShapes(
         shapes=entries.shapes[order],
         embeddings=entries.embeddings[order],
         signatures=entries.signatures[order],
@@ -50,10 +51,11 @@ def stock(session: ReadSession, active_pipeline: ActivePipeline, wanted: ShapeFi
     )
 
 
-def near(stock: Stock, place: int, residual: float) -> NDArray[np.intp]:
-    """The places behind one whose shapes may lie within a residual of it, the nearest by signature.
+def near(stock: ExaminedShapes, place: int, residual: float) -> NDArray[np.intp]:
+    """Indices of later shapes that may be within a residual of a shape, nearest signatures first.
 
-    Distances from the centroid differ, in the root mean square, by no more than the surfaces lie apart.
+    The root mean square distances from the centroid of two surfaces differ by at most the distance of the
+    surfaces.
     """
     places = np.arange(place + 1, len(stock.shapes))
     places = places[np.abs(stock.radii[places] - stock.radii[place]) <= residual]

@@ -1,4 +1,4 @@
-"""The SQL of near-identical shapes."""
+"""The SQL of the search for near-identical shapes."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -12,6 +12,6 @@ from service.storage.tables import ShapeRow
 
 
 def facts(session: ReadSession, wanted: ShapeFilter) -> dict[int, Mapping[str, Any]]:
-    """What was measured on the shapes that a filter means, by their numbers."""
+    """The facts of the shapes that match a filter, by number."""
     query = select(ShapeRow.number, ShapeRow.facts).where(ShapeRow.number.in_(matching(wanted)))
     return {row.number: row.facts for row in session.execute(query)}

@@ -1,4 +1,4 @@
-"""Groups of near-identical shapes as JSON and as CSV."""
+"""JSON and CSV models of groups of near-identical shapes."""
 
 import csv
 import io
@@ -10,13 +10,13 @@ from service.shapes.records import ShapeRecord
 from service.shapes.schemas import Shape
 
 if TYPE_CHECKING:
-    from service.duplicates.groups import Member
+    from service.duplicates.groups import GroupMember
     from service.duplicates.service import Duplicates
 
 COLUMNS = ("group", "id", "name", "kinship", "scale", "cc", "residual")
 
 FORMULA = ("=", "+", "-", "@", "\t", "\r")
-"""What a spreadsheet takes for a formula begins so."""
+"""First characters of text that spreadsheets evaluate as a formula."""
 
 
 class Duplicate(BaseModel):
@@ -32,7 +32,7 @@ class Duplicate(BaseModel):
     residual: float = Field(description="Residual of the same pair after registration; 0 for the first.")
 
     @classmethod
-    def of(cls, member: "Member", record: ShapeRecord) -> "Duplicate":
+    def of(cls, member: "GroupMember", record: ShapeRecord) -> "Duplicate":
         """The JSON of a member."""
         return cls(
             shape=Shape.of(record),
@@ -44,7 +44,7 @@ class Duplicate(BaseModel):
 
 
 class DuplicatesAnswer(BaseModel):
-    """The groups of near-identical shapes, each of two or more, the oldest first."""
+    """Groups of two or more near-identical shapes, the group with the oldest shape first."""
 
     groups: list[list[Duplicate]]
     shapes: int = Field(description="The number of shapes searched.")

@@ -1,4 +1,4 @@
-"""Finding the stored shapes that are near-identical."""
+"""The search for near-identical shapes."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,8 +12,8 @@ from core.registration.similarity_icp import Alignment
 from service.collection import CollectionNumber
 from service.container import Container
 from service.duplicates import tasks
-from service.duplicates.groups import Groups, Link, Member
-from service.duplicates.pairs import Stock, near, stock
+from service.duplicates.groups import GroupMember, Groups, Link
+from service.duplicates.pairs import ExaminedShapes, near, stock
 from service.errors import FileTimeLimitError, ShapeNotFoundError
 from service.observability.logging import get_logger
 from service.observability.timings import Timings
@@ -29,8 +29,8 @@ log = get_logger("duplicates")
 
 
 @dataclass(frozen=True)
-class Wanted:
-    """Among which shapes to look, and how alike near-identical ones are at least."""
+class DuplicateCriteria:
+    """The shapes to examine, the least CC of a pair, and the largest residual of its alignment."""
 
     filter: ShapeFilter
     min_cc: float
@@ -39,9 +39,9 @@ class Wanted:
 
 @dataclass(frozen=True)
 class Duplicates:
-    """The groups; how many shapes were looked at, and how many pairs were compared and laid together."""
+    """Groups of near-identical shapes, and the numbers of examined shapes and of compared and aligned pairs."""
 
-    groups: list[list[tuple[Member, ShapeRecord]]]
+    groups: list[list[tuple[GroupMember, ShapeRecord]]]
     shapes: int
     compared: int
     aligned: int
@@ -49,23 +49,23 @@ class Duplicates:
 
 @dataclass(frozen=True)
 class _Side:
-    """A shape as it is laid onto another."""
+    """A shape to align: its mesh and its embedding record."""
 
     mesh: Mesh
     record: bytes
 
 
 async def find(
-    container: Container, wanted: Wanted, active_pipeline: ActivePipeline, timings: Timings
+    container: Container, wanted: DuplicateCriteria, active_pipeline: ActivePipeline, timings: Timings
 ) -> Duplicates:
-    """The groups of near-identical shapes.
+    """Find the groups of near-identical shapes.
 
-    Each shape is compared with those behind it that are near by signature; the meshes of those that are
-    alike by CC are laid onto each other, unless other links have brought them into one group already. A
-    shape that was deleted meanwhile, or whose file cannot be read any more, is left out.
+    Stages: list the shapes; compare each with later shapes of near signature; align the meshes of pairs with
+    the wanted CC, unless other links have joined them; read the records of the groups. Deleted shapes and
+    unreadable files are left out.
     """
 
-    def read() -> Stock:
+    def read() -> ExaminedShapes:
         with container.database.read() as session:
             return stock(session, active_pipeline, wanted.filter)
 
@@ -85,8 +85,8 @@ async def find(
 
 
 @dataclass(frozen=True)
-class _Alike:
-    """A shape, the others that are like it, each with its embedding and CC, and how many were compared."""
+class _SimilarShapes:
+    """A shape, its similar later shapes as (number, embedding, CC), and the number of compared shapes."""
 
     shape: int
     embedding: int
@@ -95,14 +95,18 @@ class _Alike:
 
 
 async def _alike(
-    container: Container, stored: Stock, place: int, wanted: Wanted, active_pipeline: ActivePipeline
-) -> _Alike:
-    """The shapes behind one that have the CC wanted: numbers, those of their embeddings, and CC."""
+    container: Container,
+    stored: ExaminedShapes,
+    place: int,
+    wanted: DuplicateCriteria,
+    active_pipeline: ActivePipeline,
+) -> _SimilarShapes:
+    """Compare a shape with later ones of near signature; those with the wanted CC are similar."""
     shape, embedding = int(stored.shapes[place]), int(stored.embeddings[place])
     places = await run_in_threadpool(near, stored, place, wanted.max_residual)
     record = (await _records(container, [embedding])).get(embedding) if len(places) else None
     if record is None:
-        return _Alike(shape, embedding, [], 0)
+        return _SimilarShapes(shape, embedding, [], 0)
     candidates = Candidates(
         shapes=stored.shapes[places],
         embeddings=stored.embeddings[places],
@@ -119,13 +123,17 @@ async def _alike(
     own = dict(zip(candidates.shapes.tolist(), candidates.embeddings.tolist(), strict=True))
     scores = zip(found.shapes.tolist(), found.cc.tolist(), strict=True)
     others = [(number, own[number], cc) for number, cc in scores if cc >= wanted.min_cc]
-    return _Alike(shape, embedding, others, len(places))
+    return _SimilarShapes(shape, embedding, others, len(places))
 
 
 async def _link(
-    container: Container, groups: Groups, alike: _Alike, wanted: Wanted, active_pipeline: ActivePipeline
+    container: Container,
+    groups: Groups,
+    alike: _SimilarShapes,
+    wanted: DuplicateCriteria,
+    active_pipeline: ActivePipeline,
 ) -> int:
-    """Join a shape with those that it is near-identical to; how many were laid onto it."""
+    """Align a shape with its similar ones and join near-identical pairs; the number of aligned pairs."""
     count = 0
     collection = wanted.filter.collection
     first: _Side | None = None
@@ -137,7 +145,7 @@ async def _link(
             second = await _side(container, collection, number, embedding)
             found = await _aligned(container, first, second, active_pipeline)
         except (BadRecordError, FileTimeLimitError, MeshError, ShapeNotFoundError) as error:
-            log.warning("two shapes cannot be laid onto each other: %s", error)
+            log.warning("two shapes cannot be aligned: %s", error)
             continue
         count += 1
         if found.residual <= wanted.max_residual:
@@ -155,12 +163,12 @@ async def _aligned(
 
 
 async def _side(container: Container, collection: CollectionNumber, number: int, embedding: int) -> _Side:
-    """The mesh of a collection's shape, read anew, and its record.
+    """The mesh of a shape, read from its file, and its embedding record.
 
     Raises
     ------
     ShapeNotFoundError
-        It is gone, or its embedding is.
+        The shape or its embedding was deleted.
     """
 
     def read() -> tuple[bytes, str, bytes]:
@@ -187,12 +195,12 @@ async def _records(container: Container, embeddings: list[int]) -> dict[int, byt
 async def _shown(
     container: Container,
     collection: CollectionNumber,
-    groups: list[list[Member]],
+    groups: list[list[GroupMember]],
     active_pipeline: ActivePipeline,
-) -> list[list[tuple[Member, ShapeRecord]]]:
-    """The groups with their shapes' records, without those of which fewer than two are left."""
+) -> list[list[tuple[GroupMember, ShapeRecord]]]:
+    """The groups with the records of their shapes, without groups of which fewer than two shapes remain."""
 
-    def read() -> list[list[tuple[Member, ShapeRecord]]]:
+    def read() -> list[list[tuple[GroupMember, ShapeRecord]]]:
         shown = []
         with container.database.read() as session:
             for group in groups:

@@ -1,4 +1,4 @@
-"""Laying one mesh onto another, in the workers."""
+"""Alignment of two meshes, in the workers."""
 
 from core.mesh.mesh import Mesh
 from core.parameters import Parameters
@@ -11,7 +11,7 @@ from core.serialization import embedding_from_bytes
 def aligned(
     first: Mesh, second: Mesh, first_record: bytes, second_record: bytes, parameters: Parameters
 ) -> Alignment:
-    """The best similarity of two meshes, begun from what their embeddings say corresponds as well."""
+    """The best similarity transform between two meshes; their correspondence is one of the starts."""
     one, other = embedding_from_bytes(first_record), embedding_from_bytes(second_record)
     pairs = Pipeline(parameters).match(one, other).correspondence
     ends = one.positions[pairs[:, 0]].astype("float64"), other.positions[pairs[:, 1]].astype("float64")

@@ -81,17 +81,17 @@ async def _events(
     database: Database, collection: CollectionNumber, job: Job, ending: Callable[[], bool], last: str | None
 ) -> AsyncIterator[str]:
     yield f"retry: {RECONNECT_MILLISECONDS}\n\n"
-    spoken = time.monotonic()
+    last_sent = time.monotonic()
     while True:
         name = name_of(job)
         if job.has_ended or name != last:
-            last, spoken = name, time.monotonic()
+            last, last_sent = name, time.monotonic()
             kind = "end" if job.has_ended else "progress"
             yield f"id: {name}\nevent: {kind}\ndata: {job.model_dump_json()}\n\n"
         if job.has_ended or ending():
             return
-        if time.monotonic() - spoken > SILENCE_SECONDS:
-            spoken = time.monotonic()
+        if time.monotonic() - last_sent > SILENCE_SECONDS:
+            last_sent = time.monotonic()
             yield ": \n\n"
         await asyncio.sleep(LOOK_SECONDS)
         try:

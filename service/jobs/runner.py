@@ -77,7 +77,7 @@ class Runner:
         self._limits = service.limits_of(container.settings)
         self._id = str(uuid.uuid4())
         self._look = asyncio.Event()
-        self._at_work = 0
+        self._active_members = 0
         self.followers: set[object] = set()
         self._arriving = 0
         self._open = False
@@ -93,9 +93,9 @@ class Runner:
         self._look.set()
 
     @property
-    def at_work(self) -> int:
+    def active_members(self) -> int:
         """The number of members that are being processed."""
-        return self._at_work
+        return self._active_members
 
     @contextmanager
     def arriving(self) -> Iterator[None]:
@@ -143,11 +143,11 @@ class Runner:
     async def _work_on(self, job: JobRecord) -> None:
         """Process the rest of a job; returns when it has ended, here or in another service."""
         log.info("a job starts or continues", extra={"fields": {"job": job.id}})
-        beating = asyncio.create_task(self._beat(job))
+        renewal = asyncio.create_task(self._renew_until_ended(job))
         doing = asyncio.create_task(self._do(job))
         try:
-            await asyncio.wait({beating, doing}, return_when=asyncio.FIRST_COMPLETED)
-            (doing if doing.done() else beating).result()
+            await asyncio.wait({renewal, doing}, return_when=asyncio.FIRST_COMPLETED)
+            (doing if doing.done() else renewal).result()
             self._faults = 0
             log.info("a job has ended", extra={"fields": {"job": job.id}})
         except (JobLostError, JobNotFoundError):
@@ -164,9 +164,9 @@ class Runner:
                 await run_in_threadpool(service.fail, self._database, job, UNFORESEEN)
             raise
         finally:
-            for task in (doing, beating):
+            for task in (doing, renewal):
                 task.cancel()
-            await asyncio.gather(doing, beating, return_exceptions=True)
+            await asyncio.gather(doing, renewal, return_exceptions=True)
 
     async def _do(self, job: JobRecord) -> None:
         if job.state == "waiting":
@@ -196,12 +196,12 @@ class Runner:
             if not isinstance(data, bytes):
                 await self._refuse(job, file, service.cause_of(data))
                 continue
-            await self._room()
-            self._at_work += 1
+            await self._wait_for_worker()
+            self._active_members += 1
             try:
                 await self._store(job, file, data)
             finally:
-                self._at_work -= 1
+                self._active_members -= 1
 
     async def _store(self, job: JobRecord, file: FileRecord, data: bytes) -> None:
         """Store a member like an upload, or write the reason of refusal."""
@@ -248,15 +248,15 @@ class Runner:
         for file in unread.values():
             yield file, MemberDamagedError("the archive is damaged before this file")
 
-    async def _room(self) -> None:
+    async def _wait_for_worker(self) -> None:
         """Wait for a worker that no request needs."""
         since = time.monotonic()
-        while self._container.work.inside + self._at_work >= self._container.settings.workers:
-            if not self._at_work and time.monotonic() - since > PATIENCE_SECONDS:
+        while self._container.work.inside + self._active_members >= self._container.settings.workers:
+            if not self._active_members and time.monotonic() - since > PATIENCE_SECONDS:
                 return
             await asyncio.sleep(ROOM_SECONDS)
 
-    async def _beat(self, job: JobRecord) -> None:
+    async def _renew_until_ended(self, job: JobRecord) -> None:
         """Renew the lease of a job until the job has ended or the lease is lost."""
         while True:
             await self._changed(BEAT_SECONDS)

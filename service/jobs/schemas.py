@@ -1,4 +1,4 @@
-"""Jobs as JSON."""
+"""JSON models of bulk jobs."""
 
 from datetime import datetime
 from typing import Any, Literal
@@ -44,53 +44,53 @@ FILE: dict[str, Any] = {
 
 
 class Cause(BaseModel):
-    """Why something was not done: a problem (RFC 9457) that is no answer to a request."""
+    """The problem (RFC 9457) of a file or job, outside the answer to a request."""
 
     model_config = ConfigDict(json_schema_extra={"example": CAUSE})
 
-    type: str = Field(description="What kind of problem it is, as in the answers to requests.")
-    title: str = Field(description="The same in words.")
-    status: int = Field(description="The HTTP status that an upload of the file alone would have.")
-    detail: str = Field(description="What happened this time, for a person.")
+    type: str = Field(description="The kind of the problem, as in problem documents.")
+    title: str = Field(description="The title of this kind.")
+    status: int = Field(description="The HTTP status that an upload of the single file would get.")
+    detail: str = Field(description="A description of this occurrence.")
 
     @classmethod
     def of(cls, cause: records.FailureCause) -> "Cause":
-        """The JSON of a cause."""
+        """The JSON of a recorded cause."""
         row = PROBLEMS[cause.kind]
         return cls(type=TYPE_PREFIX + cause.kind, title=row.title, status=row.status, detail=cause.detail)
 
 
 class Counts(BaseModel):
-    """The files of an archive by what became of them; folders are no files."""
+    """The numbers of files in an archive by outcome, without folders."""
 
-    files: int = Field(description="All of them; none before the archive has been listed.")
-    waiting: int = Field(description="Nothing has become of them yet; or ever will, where the job has ended.")
-    stored: int = Field(description="Each is a new shape.")
-    present: int = Field(description="The same bytes were stored under the name already.")
-    refused: int = Field(description="Each has its cause.")
+    files: int = Field(description="All files; 0 until the archive has been listed.")
+    waiting: int = Field(description="Files without an outcome; if the job has ended, they never get one.")
+    stored: int = Field(description="Files that became new shapes.")
+    present: int = Field(description="Files that were already stored under their name.")
+    refused: int = Field(description="Files that were refused, each with a problem.")
 
 
 class Job(BaseModel):
-    """A bulk job: an archive whose files are stored, one after another."""
+    """A bulk job, which stores the files of an archive one after another."""
 
     model_config = ConfigDict(json_schema_extra={"example": JOB})
 
     id: str
     state: Literal["waiting", "running", "done", "failed", "cancelled"] = Field(
-        description="`failed` means that the archive could not be read to its end, or holds too much; "
-        "files that are refused do not make a job fail."
+        description="`failed` means that the archive is damaged or exceeds the limits; refused files do not make "
+        "a job fail."
     )
-    archive: str = Field(description="What the client called the archive.")
+    archive: str = Field(description="The file name of the archive.")
     format: str = Field(description="zip, tar, tar.gz, tar.bz2 or tar.xz.")
     bytes: int = Field(description="Size of the archive.")
-    tags: list[str] = Field(description="Of every shape that the job stores.")
-    metadata: dict[str, JsonValue] = Field(description="Of every shape that the job stores.")
+    tags: list[str] = Field(description="Tags of every shape that the job stores.")
+    metadata: dict[str, JsonValue] = Field(description="Metadata of every shape that the job stores.")
     counts: Counts
-    files_per_second: float | None = Field(description="Of late, while the job runs.")
-    remaining_seconds: float | None = Field(description="Until the end at that rate, while the job runs.")
-    problem: Cause | None = Field(description="Why the job failed, or will have when it ends.")
+    files_per_second: float | None = Field(description="Recent speed of a running job.")
+    remaining_seconds: float | None = Field(description="Estimated time to the end of a running job.")
+    problem: Cause | None = Field(description="The reason why the job failed, or will fail at its end.")
     created_at: datetime = Field(description="UTC.")
-    started_at: datetime | None = Field(description="UTC; when the archive had been listed.")
+    started_at: datetime | None = Field(description="UTC; the time at which the archive had been listed.")
     ended_at: datetime | None = Field(description="UTC.")
 
     @classmethod
@@ -123,20 +123,20 @@ class Job(BaseModel):
 
     @property
     def has_ended(self) -> bool:
-        """Whether nothing more becomes of it."""
+        """Whether the job has ended."""
         return self.state in ENDED
 
 
 class JobPage(BaseModel):
-    """Some of the jobs, the latest first."""
+    """A page of jobs, the latest first."""
 
     model_config = ConfigDict(
         json_schema_extra={"example": {"jobs": [JOB], "total": 3, "next_cursor": "eyJhZnRlciI6IDUwfQ"}}
     )
 
     jobs: list[Job]
-    total: int = Field(description="How many jobs are kept in all.")
-    next_cursor: str | None = Field(description="Give it as `cursor` to go on; null on the last page.")
+    total: int = Field(description="The number of all jobs.")
+    next_cursor: str | None = Field(description="The `cursor` of the next page; null on the last page.")
 
     @classmethod
     def of(cls, page: JobsPage) -> "JobPage":
@@ -149,15 +149,15 @@ class JobPage(BaseModel):
 
 
 class JobFile(BaseModel):
-    """A file of a job's archive, and what became of it."""
+    """A file of a job's archive and its outcome."""
 
     model_config = ConfigDict(json_schema_extra={"example": FILE})
 
-    place: int = Field(description="Among the archive's files, from 0.")
-    path: str = Field(description="Its name in the archive.")
+    place: int = Field(description="Index among the files of the archive, from 0.")
+    path: str = Field(description="Name in the archive.")
     outcome: Literal["waiting", "stored", "present", "refused", "cancelled"]
-    shape_id: str | None = Field(description="The shape that was stored, or was there; it may be gone since.")
-    problem: Cause | None = Field(description="Why it was refused.")
+    shape_id: str | None = Field(description="The new or existing shape; it may have been deleted since.")
+    problem: Cause | None = Field(description="The reason of the refusal.")
 
     @classmethod
     def of(cls, file: FileRecord, job: JobRecord) -> "JobFile":
@@ -173,15 +173,15 @@ class JobFile(BaseModel):
 
 
 class JobFilePage(BaseModel):
-    """Some of the files of a job, in the order of the archive."""
+    """A page of a job's files, in the order of the archive."""
 
     model_config = ConfigDict(
         json_schema_extra={"example": {"files": [FILE], "total": 195, "next_cursor": "eyJhZnRlciI6IDUwfQ"}}
     )
 
     files: list[JobFile]
-    total: int = Field(description="How many files are meant in all.")
-    next_cursor: str | None = Field(description="Give it as `cursor` to go on; null on the last page.")
+    total: int = Field(description="The number of all matching files.")
+    next_cursor: str | None = Field(description="The `cursor` of the next page; null on the last page.")
 
     @classmethod
     def of(cls, page: FilesPage) -> "JobFilePage":

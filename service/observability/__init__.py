@@ -1,3 +1,3 @@
-"""What the service tells its operator: events in, log lines, metrics and timings out."""
+"""Observability: events in; log lines, metrics and timings out."""
 
 __all__ = ["logging", "metrics", "timings"]

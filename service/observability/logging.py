@@ -1,4 +1,4 @@
-"""Logs as lines of JSON, each with the id of the request it belongs to."""
+"""Logs as lines of JSON, each with the id of its request."""
 
 import json
 import logging
@@ -11,10 +11,10 @@ request_id: ContextVar[str | None] = ContextVar("request_id", default=None)
 
 
 class JsonFormatter(logging.Formatter):
-    """One JSON object a line: time, level, logger, message, request_id, and what `extra` gave as `fields`."""
+    """Formats records as JSON objects: time, level, logger, message, request_id and the `fields` of `extra`."""
 
     def format(self, record: logging.LogRecord) -> str:
-        """The record as a line."""
+        """Format a record as a line."""
         line: dict[str, object] = {
             "time": datetime.fromtimestamp(record.created, UTC).isoformat(timespec="milliseconds"),
             "level": record.levelname.lower(),
@@ -31,12 +31,12 @@ class JsonFormatter(logging.Formatter):
 
 
 def get_logger(name: str) -> logging.Logger:
-    """The logger of one part of the service."""
+    """The logger of a part of the service."""
     return logging.getLogger(f"{LOGGER}.{name}")
 
 
 def configure(level: str) -> None:
-    """Write the service's logs to standard error as lines of JSON, from `level` up."""
+    """Log to standard error as lines of JSON, from severity `level` up."""
     logger = logging.getLogger(LOGGER)
     logger.setLevel(level.upper())
     if not any(isinstance(handler.formatter, JsonFormatter) for handler in logger.handlers):

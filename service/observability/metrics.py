@@ -1,4 +1,4 @@
-"""What the service counts and times, for Prometheus. `docs/operating.md` lists all of it."""
+"""The Prometheus metrics of the service, which `docs/operating.md` lists."""
 
 from collections.abc import Callable, Mapping
 
@@ -6,17 +6,17 @@ from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, Proc
 
 PREFIX = "isoshape_"
 
-# Seconds: from a record read to a large file embedded.
+# Seconds, from reading a record to embedding a large file.
 SECONDS = (0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0, 30.0, 60.0, 120.0)
 SHAPES = (1, 10, 100, 300, 1_000, 3_000, 10_000, 100_000)
 
 METHODS = frozenset({"GET", "HEAD", "POST", "PATCH", "PUT", "DELETE", "OPTIONS"})
-# Of what a client sends freely there is no telling how many kinds there are.
+# The label of values that clients choose freely; each distinct value would need memory.
 OTHER = "other"
 
 
 class Metrics:
-    """The metrics of one service, in a registry of their own."""
+    """The metrics of one service in their own registry."""
 
     def __init__(self) -> None:
         self.registry = CollectorRegistry()
@@ -49,14 +49,14 @@ class Metrics:
         )
 
     def watch(self, name: str, about: str, value: Callable[[], float], **labels: str) -> None:
-        """Have a value asked for whenever the metrics are read."""
+        """Register a gauge that calls a function whenever the metrics are read."""
         gauge = self._watched.get(name)
         if gauge is None:
             gauge = self._watched[name] = self._gauge(name, about, *labels)
         (gauge.labels(**labels) if labels else gauge).set_function(value)
 
     def stages(self, operation: str, milliseconds: Mapping[str, float]) -> None:
-        """Take in how long the stages of an operation took."""
+        """Observe the times of an operation's stages."""
         for stage, value in milliseconds.items():
             self.stage_seconds.labels(operation, stage).observe(value / 1e3)
 

@@ -1,4 +1,4 @@
-"""How long each stage of an answer took."""
+"""Wall times of the stages of an answer."""
 
 import time
 from collections.abc import Iterator
@@ -6,7 +6,7 @@ from contextlib import contextmanager
 
 
 class Timings:
-    """Wall time by stage, in milliseconds, since it was made."""
+    """Wall times by stage in milliseconds, from the construction of the object."""
 
     def __init__(self) -> None:
         self.milliseconds: dict[str, float] = {}
@@ -14,12 +14,12 @@ class Timings:
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
-        """Time the block."""
+        """Measure the block."""
         start = time.perf_counter()
         yield
         self.milliseconds[name] = 1e3 * (time.perf_counter() - start)
 
     def so_far(self) -> dict[str, float]:
-        """The stages, and "total" since the beginning, rounded to a microsecond."""
+        """The times of the stages and their "total" up to now, rounded to a microsecond."""
         total = 1e3 * (time.perf_counter() - self._start)
         return {name: round(value, 3) for name, value in {**self.milliseconds, "total": total}.items()}

@@ -1,4 +1,4 @@
-"""What the service tells of itself, as JSON."""
+"""JSON models of the service's state."""
 
 from importlib.metadata import version
 from typing import Literal
@@ -9,31 +9,31 @@ VERSION = version("isoshape")
 
 
 class Health(BaseModel):
-    """The process answers."""
+    """The process is alive."""
 
     status: Literal["ok"] = "ok"
 
 
 class Readiness(BaseModel):
-    """The service can do its work."""
+    """The service can process requests."""
 
     status: Literal["ready"] = "ready"
 
 
 class PendingPipeline(BaseModel):
-    """The pipeline that the settings name, while the archive is searched by another.
+    """The pipeline of the settings, while another one is active.
 
-    `isoshape reembed` makes the embeddings that it lacks, and then has the archive searched by it.
+    `isoshape reembed` computes the missing embeddings and activates the pipeline.
     """
 
     name: str = Field(description="The name of the pipeline's parameters.")
     fingerprint: str = Field(description="A hash of these parameters and of the method's version.")
-    embedded: int = Field(description="Files that have an embedding of it.")
-    files: int = Field(description="Files in all; shapes on the same bytes are one.")
+    embedded: int = Field(description="Files with an embedding by this pipeline.")
+    files: int = Field(description="All files; shapes with the same bytes count as one file.")
 
 
 class Version(BaseModel):
-    """Which service this is, and how it works on meshes."""
+    """The version of the service and its pipeline."""
 
     model_config = ConfigDict(
         json_schema_extra={
@@ -54,12 +54,12 @@ class Version(BaseModel):
     )
 
     service: Literal["isoshape"] = "isoshape"
-    version: str = Field(description="Of the service.")
-    pipeline: str = Field(description="The name of the parameters that the archive is searched by.")
+    version: str = Field(description="The version of the service.")
+    pipeline: str = Field(description="The name of the active pipeline's parameters.")
     fingerprint: str = Field(description="A hash of these parameters and of the method's version.")
     method: int = Field(
-        description="The method's version: it goes up when the same mesh gives other numbers."
+        description="The version of the method, which increases when results for the same mesh change."
     )
     pending: PendingPipeline | None = Field(
-        default=None, description="The pipeline that the settings name, unless the archive is searched by it."
+        default=None, description="The pipeline of the settings, unless it is active."
     )

@@ -1,4 +1,4 @@
-"""Deleted shapes as JSON."""
+"""JSON models of deleted shapes."""
 
 from datetime import datetime, timedelta
 
@@ -9,18 +9,18 @@ from service.shapes.pages import write_cursor
 
 
 class DeletedShape(BaseModel):
-    """A deleted shape, which can be restored."""
+    """A deleted shape that can be restored."""
 
     id: str
     name: str
     tags: list[str]
     metadata: dict[str, JsonValue]
-    format: str = Field(description="The format the file was read in.")
+    format: str = Field(description="The format in which the file was read.")
     bytes: int = Field(description="Size of the file.")
-    sha256: str = Field(description="Of the file.")
+    sha256: str = Field(description="SHA-256 of the file.")
     created_at: datetime = Field(description="UTC.")
     deleted_at: datetime = Field(description="UTC.")
-    gone_at: datetime = Field(description="Until when it can be restored. UTC.")
+    gone_at: datetime = Field(description="The time until which the shape can be restored. UTC.")
 
     @classmethod
     def of(cls, record: DeletedRecord, keep: timedelta) -> "DeletedShape":
@@ -40,12 +40,12 @@ class DeletedShape(BaseModel):
 
 
 class DeletedShapePage(BaseModel):
-    """Some of the deleted shapes, those deleted first before the others."""
+    """A page of deleted shapes, in the order of their deletion."""
 
     shapes: list[DeletedShape]
-    total: int = Field(description="How many can be restored in all.")
+    total: int = Field(description="The number of shapes that can be restored.")
     undo_days: float = Field(description="How many days after its deletion a shape can be restored.")
-    next_cursor: str | None = Field(description="Give it as `cursor` to go on; null on the last page.")
+    next_cursor: str | None = Field(description="The `cursor` of the next page; null on the last page.")
 
     @classmethod
     def of(cls, page: DeletedPage, keep: timedelta) -> "DeletedShapePage":
