@@ -39,7 +39,7 @@ class DuplicateCriteria:
 
 @dataclass(frozen=True)
 class Duplicates:
-    """Groups of near-identical shapes, and the numbers of examined shapes and of compared and aligned pairs."""
+    """Groups of near-identical shapes; the numbers of examined shapes, compared pairs and aligned pairs."""
 
     groups: list[list[tuple[GroupMember, ShapeRecord]]]
     shapes: int

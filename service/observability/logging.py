@@ -11,7 +11,7 @@ request_id: ContextVar[str | None] = ContextVar("request_id", default=None)
 
 
 class JsonFormatter(logging.Formatter):
-    """Formats records as JSON objects: time, level, logger, message, request_id and the `fields` of `extra`."""
+    """Formats records as JSON: time, level, logger, message, request_id and the `fields` of `extra`."""
 
     def format(self, record: logging.LogRecord) -> str:
         """Format a record as a line."""
