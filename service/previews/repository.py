@@ -7,7 +7,7 @@ from service.storage.tables import BlobRow, ThumbnailRow
 
 
 def thumbnail(session: ReadSession, sha256: str, format: str, size: int, drawing: int) -> bytes | None:
-    """The stored picture of a file, if there is one of this way of drawing."""
+    """The stored thumbnail of a file by one version of the renderer."""
     return session.scalar(
         select(ThumbnailRow.data)
         .join(BlobRow, BlobRow.number == ThumbnailRow.blob_number)
@@ -20,10 +20,10 @@ def thumbnail(session: ReadSession, sha256: str, format: str, size: int, drawing
     )
 
 
-def keep_thumbnail(
+def store_thumbnail(
     session: WriteSession, sha256: str, format: str, size: int, drawing: int, data: bytes
 ) -> None:
-    """Store a picture, in place of one drawn another way; nothing if the file has gone meanwhile."""
+    """Store a thumbnail, in place of one by another version; nothing happens if the file was deleted."""
     number = session.scalar(select(BlobRow.number).where(BlobRow.sha256 == sha256))
     if number is not None:
         session.merge(ThumbnailRow(blob_number=number, format=format, size=size, drawing=drawing, data=data))

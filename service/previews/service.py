@@ -1,4 +1,4 @@
-"""Pictures of stored shapes."""
+"""Thumbnails and previews of stored shapes."""
 
 from starlette.concurrency import run_in_threadpool
 
@@ -18,7 +18,13 @@ log = get_logger("pictures")
 
 
 async def record(container: Container, collection: CollectionNumber, shape_id: str) -> ShapeRecord:
-    """The shape of a collection with an id."""
+    """The record of a shape.
+
+    Raises
+    ------
+    ShapeNotFoundError
+        The collection has no such shape.
+    """
 
     def read() -> ShapeRecord:
         with container.database.read() as session:
@@ -30,40 +36,46 @@ async def record(container: Container, collection: CollectionNumber, shape_id: s
 async def thumbnail(
     container: Container, collection: CollectionNumber, shape: ShapeRecord, size: int
 ) -> bytes:
-    """The picture of a collection's shape that is stored, or else one drawn now, and stored."""
+    """The stored thumbnail of a shape. A missing one is drawn in a worker and stored."""
 
     def read() -> tuple[bytes | None, bytes]:
         with container.database.read() as session:
-            kept = repository.thumbnail(session, shape.sha256, shape.format, size, DRAWING)
-            if kept is not None:
-                return kept, b""
+            stored = repository.thumbnail(session, shape.sha256, shape.format, size, DRAWING)
+            if stored is not None:
+                return stored, b""
             return None, shapes_service.get_file(session, collection, shape.id)
 
-    def keep(drawn: bytes) -> None:
+    def store(drawn: bytes) -> None:
         try:
             with container.database.write() as session:
-                repository.keep_thumbnail(session, shape.sha256, shape.format, size, DRAWING, drawn)
+                repository.store_thumbnail(session, shape.sha256, shape.format, size, DRAWING, drawn)
         except (StorageFullError, StorageUnavailableError) as error:
-            log.warning("a thumbnail was drawn and not kept: %s", error)
+            log.warning("a thumbnail was drawn but not stored: %s", error)
 
-    kept, data = await run_in_threadpool(read)
-    if kept is not None:
-        return kept
+    stored, data = await run_in_threadpool(read)
+    if stored is not None:
+        return stored
     with container.work.admitted():
         mesh = await container.work.read(data, shape.format)
         drawn = await container.work.do(draw, mesh, shape.format, size)
-    await run_in_threadpool(keep, drawn)
+    await run_in_threadpool(store, drawn)
     return drawn
 
 
 async def preview(container: Container, data: bytes, format: str) -> bytes:
-    """A file's mesh as a GLB."""
+    """The mesh of a file as a GLB, made in a worker."""
     mesh = await container.work.read(data, format)
     return await container.work.do(tasks.preview, mesh, format, FACES)
 
 
 async def stored_file(container: Container, collection: CollectionNumber, shape_id: str) -> bytes:
-    """The bytes that were uploaded of a collection's shape."""
+    """The uploaded bytes of a shape.
+
+    Raises
+    ------
+    ShapeNotFoundError
+        The collection has no such shape.
+    """
 
     def read() -> bytes:
         with container.database.read() as session:

@@ -1,3 +1,3 @@
-"""Pictures: a mesh in, a thumbnail, a drawing or a GLB out."""
+"""Rendering: meshes in; thumbnails, drawings and GLB files out."""
 
 __all__ = ["colours", "drawing", "glb", "tasks", "thumbnail", "viewpoint"]

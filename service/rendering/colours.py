@@ -1,4 +1,4 @@
-"""Colours that show which points of two shapes correspond."""
+"""Colours by position, which show the correspondence of two shapes."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +10,7 @@ _NEIGHBOURS = 3
 
 
 def colours_of_points(points: Floats, format_up: Floats) -> Floats:
-    """A colour for each of p points by where it lies: red, green and blue along x, y and z, in [0.1, 1].
+    """Colours of p points by position: red, green and blue increase along x, y and z, in [0.1, 1].
 
     Parameters
     ----------
@@ -18,19 +18,19 @@ def colours_of_points(points: Floats, format_up: Floats) -> Floats:
     format_up : float64, shape (3, 3)
         The rotation after which y is up.
     """
-    turned = points @ format_up.T
-    low, high = turned.min(axis=0), turned.max(axis=0)
-    spread = np.where(high > low, high - low, 1.0)
-    return np.asarray(0.1 + 0.9 * (turned - low) / spread)
+    rotated = points @ format_up.T
+    low, high = rotated.min(axis=0), rotated.max(axis=0)
+    extent = np.where(high > low, high - low, 1.0)
+    return np.asarray(0.1 + 0.9 * (rotated - low) / extent)
 
 
-def spread(points: Floats, colours: Floats, vertices: Floats) -> NDArray[np.uint8]:
-    """A colour for each of n vertices: the mean of the three nearest points', the nearer the more.
+def interpolate_colours(points: Floats, colours: Floats, vertices: Floats) -> NDArray[np.uint8]:
+    """Colours of n vertices: means of the three nearest points, weighted by inverse squared distance.
 
     Returns
     -------
     uint8, shape (n, 4)
-        Red, green, blue and an opacity of 255.
+        Red, green, blue and opacity 255.
     """
     distances, near = KDTree(points).query(vertices, k=min(_NEIGHBOURS, len(points)))
     distances, near = distances.reshape(len(vertices), -1), near.reshape(len(vertices), -1)

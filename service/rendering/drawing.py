@@ -29,15 +29,15 @@ class Panel:
     mesh : Mesh
     caption : str
     points : float64, shape (p, 3)
-        Points to mark on it, in the mesh's frame.
+        Points to mark, in the coordinates of the mesh.
     values : float64, shape (p,)
-        In [0, 1]: what colour each has. Points that correspond get the same value.
+        Colour of each point, in [0, 1]. Corresponding points have the same value.
     colour : three floats in [0, 1]
-        Of the surface.
+        Colour of the surface.
     size : float
-        Of the points, in square points (1 / 72 inch).
+        Area of a mark in square points (1 / 72 inch).
     painted : float64, shape (n, 3) or (0, 3)
-        A colour a vertex, each of its three parts in [0, 1]: the surface has these instead.
+        Vertex colours in [0, 1], which replace `colour`.
     """
 
     mesh: Mesh
@@ -76,7 +76,7 @@ def draw_panel(axes: Axes3D, panel: Panel) -> None:
 
 
 def draw_grid(rows: Sequence[Sequence[Panel]], *, dpi: int = 90, size: float = 2.3) -> bytes:
-    """A PNG with one row of panels a row, `size` inches each; the same panels always give the same bytes."""
+    """A PNG with a grid of panels of `size` inches each; equal panels give equal bytes."""
     columns = max(len(row) for row in rows)
     figure = Figure(figsize=(size * columns, size * len(rows)), layout="tight")
     FigureCanvasAgg(figure)
@@ -87,7 +87,7 @@ def draw_grid(rows: Sequence[Sequence[Panel]], *, dpi: int = 90, size: float = 2
 
 
 def png(figure: Figure, *, dpi: int = 90) -> bytes:
-    """The figure as a PNG, without the drawing program's version: it changes only when the picture does."""
+    """The figure as a PNG without the version of Matplotlib, so that equal pictures have equal bytes."""
     file = BytesIO()
     figure.savefig(file, format="png", dpi=dpi, metadata={"Software": None})
     return file.getvalue()

@@ -1,4 +1,4 @@
-"""Meshes as browsers load them: GLB, small, upright, with colours."""
+"""GLB files for viewers: small upright meshes with vertex colours."""
 
 import json
 from dataclasses import dataclass, field
@@ -12,24 +12,27 @@ from service.rendering.viewpoint import frame, upright
 
 MEDIA_TYPE = "model/gltf-binary"
 
+SPACING = 2.4
+"""Distance of the centres of neighbouring meshes, each of which extends from -1 to 1."""
+
 _BYTE, _FLOAT, _UNSIGNED_INT = 5121, 5126, 5125
 
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """One mesh of a file.
+    """One mesh of a GLB file.
 
     Attributes
     ----------
     name : str
     format : str
-        Of the file that it was read from, which says what is up.
+        Format of the mesh's file, which determines the upward axis.
     vertices : float64, shape (n, 3)
     faces : int64, shape (f, 3)
     facts : dict
-        What else is written about it, under `extras`.
+        Additional `extras` of the node.
     colours : uint8, shape (n, 4) or (0, 4)
-        A colour a vertex, if any.
+        Vertex colours (red, green, blue, opacity), if any.
     """
 
     name: str
@@ -40,11 +43,11 @@ class Part:
     colours: NDArray[np.uint8] = field(default_factory=lambda: np.empty((0, 4), np.uint8))
 
 
-def write_glb(parts: list[Part], descriptor_distance: float = 2.4) -> bytes:
-    """A GLB of the parts, side by side, each with its own size made one and y up.
+def write_glb(parts: list[Part]) -> bytes:
+    """A GLB of meshes side by side, each scaled to the same size, with y up.
 
-    Positions are stored between -1 and 1, in 32 bits whatever the file's units. A node's matrix places its
-    part; its `extras` hold `middle` and `half`: a point p of the file is stored as (p - middle) / half.
+    Positions are 32-bit floats in [-1, 1]. The matrix of a node places its mesh. Its `extras` have `middle`
+    and `half`: a point p of the original file is stored as (p - middle) / half.
     """
     binary: list[bytes] = []
     views: list[dict[str, Any]] = []
@@ -70,7 +73,7 @@ def write_glb(parts: list[Part], descriptor_distance: float = 2.4) -> bytes:
         indices = add(part.faces.astype("<u4").ravel(), _UNSIGNED_INT, "SCALAR")
         matrix = np.eye(4)
         matrix[:3, :3] = upright(part.format)
-        matrix[0, 3] = descriptor_distance * (place - 0.5 * (len(parts) - 1))
+        matrix[0, 3] = SPACING * (place - 0.5 * (len(parts) - 1))
         meshes.append({"primitives": [{"attributes": attributes, "indices": indices}]})
         nodes.append(
             {

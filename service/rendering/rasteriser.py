@@ -1,4 +1,4 @@
-"""Triangles on a grid of pixels, the nearest in front."""
+"""Rasterisation of triangles with a depth buffer."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,20 +10,20 @@ NOTHING = -1
 
 
 def nearest_triangles(corners: Floats, size: int) -> NDArray[np.int64]:
-    """Which triangle is seen at each pixel.
+    """The visible triangle of each pixel.
 
     Parameters
     ----------
     corners : float64, shape (f, 3, 3)
-        Of each triangle three corners: x, from the left, and y, from the top, in pixels, and the height
-        towards the eye. Pixel (i, j) lies at x = j + 0.5, y = i + 0.5.
+        Corners of each triangle: x from the left and y from the top in pixels, and height towards the viewer.
+        The centre of pixel (i, j) is at x = j + 0.5, y = i + 0.5.
     size : int
-        Pixels a side.
+        Width and height in pixels.
 
     Returns
     -------
     int64, shape (size, size)
-        The triangle of greatest height over the pixel, the first of equals; `NOTHING` where there is none.
+        The highest triangle at the pixel, the first one of equals; `NOTHING` where there is none.
     """
     seen = np.full((size, size), NOTHING, dtype=np.int64)
     _fill(np.ascontiguousarray(corners, dtype=np.float64), np.full((size, size), -np.inf), seen)
@@ -48,7 +48,7 @@ def _fill(corners: Floats, height: Floats, seen: NDArray[np.int64]) -> None:
             y = i + 0.5
             for j in range(left, right + 1):
                 x = j + 0.5
-                # Barycentric coordinates of the pixel, whichever way round the triangle goes.
+                # Barycentric coordinates of the pixel, for either orientation of the triangle.
                 a = ((bx - x) * (cy - y) - (by - y) * (cx - x)) / twice_area
                 b = ((cx - x) * (ay - y) - (cy - y) * (ax - x)) / twice_area
                 c = 1.0 - a - b

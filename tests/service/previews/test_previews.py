@@ -11,7 +11,7 @@ from sqlalchemy import func, select, update
 
 from core.io import read_mesh, write_mesh
 from core.mesh.mesh import Mesh
-from service.rendering.colours import colours_of_points, spread
+from service.rendering.colours import colours_of_points, interpolate_colours
 from service.rendering.glb import Part, write_glb
 from service.rendering.rasteriser import NOTHING, nearest_triangles
 from service.rendering.tasks import FACES
@@ -156,10 +156,10 @@ def test_points_give_their_colour_to_what_is_near() -> None:
     assert colours.min() == pytest.approx(0.1)
     assert colours.max() == pytest.approx(1.0)
     assert np.array_equal(np.argsort(colours[:, 0]), np.argsort(points[:, 0]))
-    painted = spread(points, colours, points)
+    painted = interpolate_colours(points, colours, points)
     assert np.abs(painted[:, :3] - 255 * colours).max() <= 1
     # Half way between two points that are far from all others.
-    two = spread(np.array([[0.0, 0, 0], [2, 0, 0], [1, 999, 0]]), np.eye(3), np.array([[1.0, 0, 0]]))
+    two = interpolate_colours(np.array([[0.0, 0, 0], [2, 0, 0], [1, 999, 0]]), np.eye(3), np.array([[1.0, 0, 0]]))
     assert two.tolist() == [[127, 127, 0, 255]] or two.tolist() == [[128, 128, 0, 255]]
 
 
