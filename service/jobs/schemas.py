@@ -77,8 +77,8 @@ class Job(BaseModel):
 
     id: str
     state: Literal["waiting", "running", "done", "failed", "cancelled"] = Field(
-        description="`failed` means that the archive is damaged or exceeds the limits; refused files alone do "
-        "not make a job fail."
+        description="`failed` means that the archive is damaged or exceeds the limits; refused files alone "
+        "do not make a job fail."
     )
     archive: str = Field(description="The file name of the archive.")
     format: str = Field(description="zip, tar, tar.gz, tar.bz2 or tar.xz.")

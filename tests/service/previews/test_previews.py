@@ -159,7 +159,9 @@ def test_points_give_their_colour_to_what_is_near() -> None:
     painted = interpolate_colours(points, colours, points)
     assert np.abs(painted[:, :3] - 255 * colours).max() <= 1
     # Half way between two points that are far from all others.
-    two = interpolate_colours(np.array([[0.0, 0, 0], [2, 0, 0], [1, 999, 0]]), np.eye(3), np.array([[1.0, 0, 0]]))
+    two = interpolate_colours(
+        np.array([[0.0, 0, 0], [2, 0, 0], [1, 999, 0]]), np.eye(3), np.array([[1.0, 0, 0]])
+    )
     assert two.tolist() == [[127, 127, 0, 255]] or two.tolist() == [[128, 128, 0, 255]]
 
 
