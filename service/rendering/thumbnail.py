@@ -56,7 +56,7 @@ def draw_painted(mesh: Mesh, format: str, size: int, points: Floats, colours: Fl
 
 
 def _rendered(mesh: Mesh, format: str, size: int, colour: Callable[[Ints, Floats, Floats], Floats]) -> bytes:
-    """Render a mesh; `colour` returns the colours of pixels for their triangles, positions and all corners."""
+    """Render a mesh; `colour` gives the colours of pixels from triangles, positions and all corners."""
     middle, half = frame(mesh.vertices)
     seen_from = camera() @ upright(format)
     points = (mesh.vertices - middle) / half @ seen_from.T
