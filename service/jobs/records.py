@@ -3,15 +3,13 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import datetime, timedelta
-from typing import Any, Literal, get_args
+from typing import Any, Literal
 
 from service.collection import CollectionNumber
 from service.storage.job_states import State
 
 Outcome = Literal["stored", "present", "refused"]
 """The outcome of a member: a new shape, an existing shape, or no shape."""
-
-OUTCOMES: tuple[Outcome, ...] = get_args(Outcome)
 
 
 # Without renewal for this long, a service counts as dead and others may run its jobs.

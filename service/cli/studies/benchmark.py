@@ -17,7 +17,7 @@ from service.studies.benchmark.ingesting import ingesting_rows
 from service.studies.benchmark.load import load_row
 from service.studies.benchmark.matching import matching_rows
 from service.studies.benchmark.meshes import read_source
-from service.studies.benchmark.page import PLOT, Found, page
+from service.studies.benchmark.page import PLOT, BenchmarkResults, page
 from service.studies.benchmark.pictures import picture_rows
 from service.studies.benchmark.searching import SIZES, searching_rows
 from service.studies.benchmark.table1 import table1_rows
@@ -78,7 +78,7 @@ def command(
         except ImportError as error:
             fail(f"{error.name} is not installed: pip install isoshape[peers]", status=2)
     source = read_source(folder)
-    found = Found()
+    found = BenchmarkResults()
     with progress() as bar, TemporaryDirectory() as scratch:
         task = bar.add_task("measuring", total=len(subjects))
         for subject in subjects:

@@ -19,7 +19,7 @@ PEER_VALUES = 50
 
 
 @dataclass(frozen=True)
-class Row:
+class EmbeddingRow:
     """One mesh.
 
     Attributes
@@ -63,7 +63,7 @@ def embedding_rows(
     vertices: int = VERTICES,
     meshes: int = MESHES,
     repeats: int = REPEATS,
-) -> list[Row]:
+) -> list[EmbeddingRow]:
     """Measure the meshes of about so many vertices, ours and the peer's in turn; the first is not counted."""
     method = Pipeline(DEFAULT)
     rows = []
@@ -81,7 +81,7 @@ def embedding_rows(
         ours, theirs = ours[1:], theirs[1:]
         whole = [sum(stages.values()) for stages in ours]
         rows.append(
-            Row(
+            EmbeddingRow(
                 name=name,
                 vertices=len(mesh.vertices),
                 seconds=Spread.of(whole),

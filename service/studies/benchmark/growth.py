@@ -21,7 +21,7 @@ FORMATS = ("ply", "stl", "glb")
 
 
 @dataclass(frozen=True)
-class Row:
+class GrowthRow:
     """One size in one format.
 
     Attributes
@@ -63,7 +63,7 @@ def measure_file(path: str, repeats: int) -> tuple[list[dict[str, float]], int]:
 
 def growth_rows(
     source: Source, folder: Path, *, sizes: Sequence[int] = SIZES, repeats: int = REPEATS
-) -> list[Row]:
+) -> list[GrowthRow]:
     """Measure one mesh at each size: as PLY, the largest in every format; files are written to the folder."""
     _, mesh = (source.of("fourleg") or source.nearest(sizes[0], 1))[0]
     rows = []
@@ -75,7 +75,7 @@ def growth_rows(
             with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
                 found, peak = pool.submit(measure_file, str(path), repeats).result()
             rows.append(
-                Row(
+                GrowthRow(
                     vertices=len(scaled.vertices),
                     faces=len(scaled.faces),
                     file_bytes=path.stat().st_size,
@@ -89,7 +89,7 @@ def growth_rows(
     return rows
 
 
-def exponent(rows: Sequence[Row]) -> float:
+def exponent(rows: Sequence[GrowthRow]) -> float:
     """The b of seconds = a n^b that fits best by least squares of logarithms, over the PLY files."""
     points = [(row.vertices, row.seconds.median) for row in rows if row.format == FORMATS[0]]
     sizes, seconds = np.log(np.array(points)).T

@@ -17,7 +17,7 @@ TURNS = 3
 
 
 @dataclass(frozen=True)
-class Row:
+class IngestRow:
     """All meshes of the source stored in an empty archive.
 
     Attributes
@@ -34,7 +34,7 @@ class Row:
     a_second: Spread
 
 
-def ingesting_rows(source: Source, scratch: Path, *, turns: int = TURNS) -> list[Row]:
+def ingesting_rows(source: Source, scratch: Path, *, turns: int = TURNS) -> list[IngestRow]:
     """Measure in turn with all processors and with one.
 
     Raises
@@ -53,7 +53,7 @@ def ingesting_rows(source: Source, scratch: Path, *, turns: int = TURNS) -> list
             url = f"sqlite:///{scratch / f'ingest-{turn}-{count}.sqlite3'}"
             with on(everything[:count]):
                 found.append(_rate(url, items))
-    return [Row(count, len(items), Spread.of(found)) for count, found in rates.items()]
+    return [IngestRow(count, len(items), Spread.of(found)) for count, found in rates.items()]
 
 
 def processors() -> list[int]:

@@ -24,7 +24,7 @@ SHARE = 0.5
 
 
 @dataclass(frozen=True)
-class Row:
+class LoadRow:
     """One archive under load; seconds.
 
     Attributes
@@ -111,8 +111,8 @@ def load_row(
     capacity_seconds: float = CAPACITY_SECONDS,
     alone: int = ALONE,
     seconds: float = SECONDS,
-) -> Row:
-    """Measure one client alone, then the capacity with all clients, then the times at half of it."""
+) -> LoadRow:
+    """Measure one client alone, then what all can have answered, then half of that."""
     url = f"sqlite:///{scratch / 'load.sqlite3'}"
     fill(url, originals, shapes, lambda written: None)
     numbers, files = count(), _files(source)
@@ -143,7 +143,7 @@ def load_row(
         found = clients.run(seconds, intervals)
     queries = [one for client_times in found[:QUERYING] for one in client_times]
     uploads = [one for client_times in found[QUERYING:] for one in client_times]
-    return Row(
+    return LoadRow(
         shapes=shapes,
         querying=QUERYING,
         ingesting=INGESTING,

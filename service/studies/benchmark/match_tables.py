@@ -2,10 +2,10 @@
 
 from collections.abc import Sequence
 
-from service.studies.benchmark.matching import MANY, PARTS, Beside, Row
+from service.studies.benchmark.matching import MANY, PARTS, MatchRow, PeerTimes
 
 
-def match_table(rows: Sequence[Row]) -> list[list[str]]:
+def match_table(rows: Sequence[MatchRow]) -> list[list[str]]:
     """Milliseconds."""
     return [
         [
@@ -39,9 +39,9 @@ def match_table(rows: Sequence[Row]) -> list[list[str]]:
     ]
 
 
-def peer_table(rows: Sequence[Row]) -> list[list[str]]:
+def peer_table(rows: Sequence[MatchRow]) -> list[list[str]]:
     """Milliseconds and ratios, of one or more pairs; those without the peer are left out."""
-    peers: list[tuple[Row, Beside]] = [(row, row.peer) for row in rows if row.peer is not None]
+    peers: list[tuple[MatchRow, PeerTimes]] = [(row, row.peer) for row in rows if row.peer is not None]
     stages = peers[0][1].stages
     table = [
         [

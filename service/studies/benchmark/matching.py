@@ -36,7 +36,7 @@ T = TypeVar("T")
 
 
 @dataclass(frozen=True)
-class Beside:
+class PeerTimes:
     """The peer on the same two meshes; seconds.
 
     Attributes
@@ -62,7 +62,7 @@ class Beside:
 
 
 @dataclass(frozen=True)
-class Row:
+class MatchRow:
     """One pair of meshes; seconds.
 
     Attributes
@@ -78,7 +78,7 @@ class Row:
         From the bytes of two records to the scores, nothing kept.
     parts : dict of str to Spread
         The last by part, both shapes together.
-    peer : Beside or None
+    peer : PeerTimes or None
     """
 
     first: str
@@ -90,7 +90,7 @@ class Row:
     score: Spread
     records: Spread
     parts: dict[str, Spread]
-    peer: Beside | None
+    peer: PeerTimes | None
 
 
 @dataclass(frozen=True)
@@ -147,14 +147,14 @@ class _Pair:
         _, embedded = _seconds(lambda: [self._method.embed(mesh) for mesh in self._meshes])
         return _Turn(ours, {"match": sum(stages.values()), "spectra": spent, "embeddings": embedded}, stages)
 
-    def row(self, turns: Sequence[_Turn]) -> Row:
+    def row(self, turns: Sequence[_Turn]) -> MatchRow:
         """All turns together."""
         first, second = (len(mesh.vertices) for mesh in self._meshes)
 
         def spread(*names: str) -> Spread:
             return Spread.of([sum(one[name] for name in names) for turn in turns for one in turn.ours])
 
-        return Row(
+        return MatchRow(
             *self._names,
             vertices=(first, second),
             many=spread("many"),
@@ -163,7 +163,7 @@ class _Pair:
             score=spread("score"),
             records=spread(*PARTS),
             parts={part: spread(part) for part in PARTS},
-            peer=_beside(turns) if turns[0].stages else None,
+            peer=_peer_times(turns) if turns[0].stages else None,
         )
 
 
@@ -182,14 +182,14 @@ def _seconds(work: Callable[[], T]) -> tuple[T, float]:
     return result, perf_counter() - start
 
 
-def _beside(turns: Sequence[_Turn]) -> Beside:
+def _peer_times(turns: Sequence[_Turn]) -> PeerTimes:
     def ours(turn: _Turn, *names: str) -> float:
         return median(sum(one[name] for name in names) for one in turn.ours)
 
     def spread(name: str) -> Spread:
         return Spread.of([turn.theirs[name] for turn in turns])
 
-    return Beside(
+    return PeerTimes(
         match=spread("match"),
         spectra=spread("spectra"),
         stages={stage: Spread.of([turn.stages[stage] for turn in turns]) for stage in turns[0].stages},
@@ -226,7 +226,7 @@ def matching_rows(
     pairs: int = PAIRS,
     repeats: int = REPEATS,
     matches: int = MATCHES,
-) -> list[Row]:
+) -> list[MatchRow]:
     """Measure neighbours of the `chain`: in each turn so many matches of every pair in turn, then the peer's.
 
     The first turn is not counted. A source without two meshes of a class gives no row.

@@ -3,23 +3,17 @@
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 
-from service.studies.benchmark.embedding import PEER_VALUES
-from service.studies.benchmark.embedding import Row as EmbeddingRow
+from service.studies.benchmark.embedding import PEER_VALUES, EmbeddingRow
 from service.studies.benchmark.functional_maps import SPECTRUM
-from service.studies.benchmark.growth import FORMATS, exponent
-from service.studies.benchmark.growth import Row as GrowthRow
-from service.studies.benchmark.ingesting import Row as IngestRow
-from service.studies.benchmark.load import SHARE
-from service.studies.benchmark.load import Row as LoadRow
+from service.studies.benchmark.growth import FORMATS, GrowthRow, exponent
+from service.studies.benchmark.ingesting import IngestRow
+from service.studies.benchmark.load import SHARE, LoadRow
 from service.studies.benchmark.match_tables import match_table, peer_table
-from service.studies.benchmark.matching import MANY
-from service.studies.benchmark.matching import Row as MatchRow
-from service.studies.benchmark.pictures import Row as PictureRow
-from service.studies.benchmark.pictures import picture_table
-from service.studies.benchmark.search_tables import ingest_table, kept_table, load_table, search_table
-from service.studies.benchmark.searching import EXHAUSTIVE, Kept
-from service.studies.benchmark.searching import Row as SearchRow
-from service.studies.benchmark.table1 import Row as Table1Row
+from service.studies.benchmark.matching import MANY, MatchRow
+from service.studies.benchmark.pictures import PictureRow, picture_table
+from service.studies.benchmark.search_tables import cascade_table, ingest_table, load_table, search_table
+from service.studies.benchmark.searching import EXHAUSTIVE, CascadeRow, SearchRow
+from service.studies.benchmark.table1 import Table1Row
 
 PLOT = "benchmark-growth.png"
 
@@ -27,15 +21,15 @@ Table = list[list[str]]
 
 
 @dataclass(frozen=True)
-class Found:
-    """The rows of every measured subject; the lists of other subjects are empty."""
+class BenchmarkResults:
+    """The rows of every subject that was measured; those of the others are empty."""
 
     embedding: list[EmbeddingRow] = field(default_factory=list)
     growth: list[GrowthRow] = field(default_factory=list)
     table1: list[Table1Row] = field(default_factory=list)
     match: list[MatchRow] = field(default_factory=list)
     search: list[SearchRow] = field(default_factory=list)
-    kept: list[Kept] = field(default_factory=list)
+    kept: list[CascadeRow] = field(default_factory=list)
     ingest: list[IngestRow] = field(default_factory=list)
     load: list[LoadRow] = field(default_factory=list)
     pictures: list[PictureRow] = field(default_factory=list)
@@ -68,7 +62,7 @@ class Found:
         return found
 
 
-def page(found: Found, command: str, *, picture: bool) -> str:
+def page(found: BenchmarkResults, command: str, *, picture: bool) -> str:
     """All tables under headings, with the command that made them."""
     parts = [
         "# Benchmark",
@@ -129,7 +123,7 @@ def page(found: Found, command: str, *, picture: bool) -> str:
         ]
         if found.kept:
             parts += [
-                _markdown(kept_table(found.kept)),
+                _markdown(cascade_table(found.kept)),
                 f"The stages of a search against exhaustive search of {found.kept[0].shapes:,} shapes, "
                 f"ranked by CC: {found.kept[0].queries} queries, with their own noisy copies left out of the "
                 "answers.",
@@ -153,7 +147,7 @@ def page(found: Found, command: str, *, picture: bool) -> str:
             "## Thumbnails over HTTP",
             _markdown(picture_table(found.pictures)),
             "256 pixels a side, as on the page. Drawn: the first request, in a warm worker, which reads the "
-            "file first. Kept: every later request, from the database.",
+            "file first. CascadeRow: every later request, from the database.",
         ]
     return "\n\n".join(parts) + "\n"
 

@@ -17,7 +17,7 @@ MESHES = 7
 
 
 @dataclass(frozen=True)
-class Row:
+class PictureRow:
     """Thumbnails of meshes of about one size, of 256 pixels a side as the page asks for them; seconds.
 
     Attributes
@@ -42,7 +42,7 @@ class Row:
 
 def picture_rows(
     source: Source, folder: Path, *, vertices: Sequence[int] = VERTICES, meshes: int = MESHES
-) -> list[Row]:
+) -> list[PictureRow]:
     """A row for each number of vertices; the archive lies in `folder`."""
     rows = []
     url = f"sqlite:///{folder / 'pictures.sqlite3'}"
@@ -59,11 +59,13 @@ def picture_rows(
                 unchanged.append(_timed(http, address, {"If-None-Match": picture.headers["etag"]})[0])
                 size = max(size, len(picture.content))
             # The first of all waits for what is loaded once.
-            rows.append(Row(count, Spread.of(drawn[1:]), Spread.of(kept[1:]), Spread.of(unchanged[1:]), size))
+            rows.append(
+                PictureRow(count, Spread.of(drawn[1:]), Spread.of(kept[1:]), Spread.of(unchanged[1:]), size)
+            )
     return rows
 
 
-def picture_table(rows: Sequence[Row]) -> list[list[str]]:
+def picture_table(rows: Sequence[PictureRow]) -> list[list[str]]:
     """A line a number of vertices: milliseconds."""
     return [
         ["vertices", "drawn, ms", "kept, ms", "the browser has it, ms", "bytes at most"],

@@ -6,10 +6,10 @@ from io import BytesIO
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from service.studies.benchmark.growth import FORMATS, Row, exponent
+from service.studies.benchmark.growth import FORMATS, GrowthRow, exponent
 
 
-def growth_plot(rows: Sequence[Row]) -> bytes:
+def growth_plot(rows: Sequence[GrowthRow]) -> bytes:
     """Seconds, and peak memory, against vertices on logarithmic scales, as PNG."""
     shown = [row for row in rows if row.format == FORMATS[0]]
     sizes = [row.vertices for row in shown]

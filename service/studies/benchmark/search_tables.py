@@ -2,15 +2,15 @@
 
 from collections.abc import Sequence
 
-from service.studies.benchmark.ingesting import Row as IngestRow
-from service.studies.benchmark.load import Row as LoadRow
-from service.studies.benchmark.searching import Kept, Row
+from service.studies.benchmark.ingesting import IngestRow
+from service.studies.benchmark.load import LoadRow
+from service.studies.benchmark.searching import CascadeRow, SearchRow
 
 STAGES = ("read", "shortlist", "compare", "results")
 
 
-def search_table(rows: Sequence[Row]) -> list[list[str]]:
-    """A line for each archive: milliseconds, MiB."""
+def search_table(rows: Sequence[SearchRow]) -> list[list[str]]:
+    """A line an archive: milliseconds, MiB."""
     return [
         [
             "shapes",
@@ -38,8 +38,8 @@ def search_table(rows: Sequence[Row]) -> list[list[str]]:
     ]
 
 
-def kept_table(rows: Sequence[Kept]) -> list[list[str]]:
-    """A line for each choice of stage lengths."""
+def cascade_table(rows: Sequence[CascadeRow]) -> list[list[str]]:
+    """A line a length of the cascade."""
 
     def count(of: int | None) -> str:
         return "all" if of is None else f"{of:,}"

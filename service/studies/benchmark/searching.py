@@ -35,7 +35,7 @@ STEP = 7919
 
 
 @dataclass(frozen=True)
-class Row:
+class SearchRow:
     """One archive.
 
     Attributes
@@ -69,8 +69,8 @@ class Row:
 
 
 @dataclass(frozen=True)
-class Kept:
-    """The stages of a search against exhaustive search of one archive.
+class CascadeRow:
+    """Cascade against exhaustive search of one archive.
 
     Attributes
     ----------
@@ -104,13 +104,13 @@ def searching_rows(
     sizes: Sequence[int] = SIZES,
     queries: int = QUERIES,
     told: Callable[[int], object] = lambda written: None,
-) -> tuple[list[Row], list[Kept]]:
+) -> tuple[list[SearchRow], list[CascadeRow]]:
     """Fill an archive of each size and query it by the ids of shapes spread over it.
 
     The stages are compared with exhaustive search on the largest archive searched exhaustively.
     """
-    rows: list[Row] = []
-    kept: list[Kept] = []
+    rows: list[SearchRow] = []
+    kept: list[CascadeRow] = []
     checked = max((size for size in sizes if size <= EXHAUSTIVE), default=0)
     for size in sizes:
         path = scratch / f"{size}.sqlite3"
@@ -120,7 +120,7 @@ def searching_rows(
         count = min(queries, LONG) if exhaustive and size > 1_000 else queries
         rows.append(_measured(url, size, count, exhaustive=exhaustive))
         if size == checked and size > len(source):
-            kept = kept_rows(url, source, size)
+            kept = cascade_rows(url, source, size)
         path.unlink()
     return rows, kept
 
@@ -137,7 +137,7 @@ def served(url: str, **settings: int) -> Iterator[tuple[ChildService, Client]]:
         yield service, client
 
 
-def _measured(url: str, size: int, queries: int, *, exhaustive: bool) -> Row:
+def _measured(url: str, size: int, queries: int, *, exhaustive: bool) -> SearchRow:
     began = perf_counter()
     with served(url) as (service, client):
         start = perf_counter() - began
@@ -148,7 +148,7 @@ def _measured(url: str, size: int, queries: int, *, exhaustive: bool) -> Row:
             seconds.append(perf_counter() - before)
             stages.append(answer.milliseconds)
             compared = answer.compared
-        return Row(
+        return SearchRow(
             shapes=size,
             exhaustive=exhaustive,
             compared=compared,
@@ -162,15 +162,15 @@ def _measured(url: str, size: int, queries: int, *, exhaustive: bool) -> Row:
         )
 
 
-def kept_rows(
+def cascade_rows(
     url: str,
     source: Sequence[Original],
     size: int,
     *,
     queries: int = CHECKED,
     lengths: Sequence[tuple[int, int, int]] = LENGTHS,
-) -> list[Kept]:
-    """Each choice of stage lengths against exhaustive search, which is the last row."""
+) -> list[CascadeRow]:
+    """Each length of the cascade against the exhaustive search, which is the last row."""
     asked = [number * STEP % len(source) for number in range(min(queries, len(source)))]
     found: dict[tuple[int, int, int] | None, tuple[list[list[str]], float]] = {}
     for length in (*lengths, None):
@@ -200,7 +200,7 @@ def kept_rows(
             for number, names in zip(asked, answers, strict=True)
         ]
         rows.append(
-            Kept(
+            CascadeRow(
                 shapes=size,
                 queries=len(asked),
                 length=None if length is None else length[0],

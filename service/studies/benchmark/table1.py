@@ -16,7 +16,7 @@ PAIRS, REPEATS, MATCHES = 2, 5, 20
 
 
 @dataclass(frozen=True)
-class Row:
+class Table1Row:
     """A line of the table.
 
     Attributes
@@ -53,7 +53,7 @@ def table1_rows(
     pairs: int = PAIRS,
     repeats: int = REPEATS,
     matches: int = MATCHES,
-) -> list[Row]:
+) -> list[Table1Row]:
     """Measure pairs of meshes of each line's class, brought to its number of vertices.
 
     Lines whose class has no two meshes are left out.
@@ -80,7 +80,7 @@ def table1_rows(
             # The first factors the splines.
             del matching[-matches - 1]
         rows.append(
-            Row(
+            Table1Row(
                 paper=line,
                 vertices=round(sum(len(mesh.vertices) for mesh in meshes) / len(meshes)),
                 samples=len(embeddings[0].positions),

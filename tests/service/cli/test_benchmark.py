@@ -9,7 +9,7 @@ import pytest
 
 from service.cli.studies import benchmark
 from service.studies.benchmark import ingesting, load, pictures, searching
-from service.studies.benchmark.page import Found, page
+from service.studies.benchmark.page import BenchmarkResults, page
 from service.studies.benchmark.timing import Spread
 
 
@@ -28,7 +28,9 @@ def test_queries_of_archives_made_of_the_collection(run, collection, monkeypatch
     fewer = partial(benchmark.searching_rows, queries=3)
     monkeypatch.setattr(benchmark, "searching_rows", fewer)
     monkeypatch.setattr(searching, "EXHAUSTIVE", 10)
-    monkeypatch.setattr(searching, "kept_rows", partial(searching.kept_rows, queries=3, lengths=[(6, 5, 1)]))
+    monkeypatch.setattr(
+        searching, "cascade_rows", partial(searching.cascade_rows, queries=3, lengths=[(6, 5, 1)])
+    )
     sizes = ("--shapes", 10, "--shapes", 14)
     done = run("benchmark", collection, "--only", "search", *sizes, "--json")
     assert (done.status, done.stderr) == (0, "")
@@ -45,7 +47,10 @@ def test_queries_of_archives_made_of_the_collection(run, collection, monkeypatch
     assert everything["length"] is everything["screened"] is everything["finalists"] is None
     assert everything["first"] == 1.0
     text = page(
-        Found(search=[searching.Row(**row) for row in found["rows"]], kept=[searching.Kept(**cascade)]),
+        BenchmarkResults(
+            search=[searching.SearchRow(**row) for row in found["rows"]],
+            kept=[searching.CascadeRow(**cascade)],
+        ),
         "isoshape benchmark",
         picture=False,
     )
@@ -62,7 +67,7 @@ def test_clients_at_once(run, collection, monkeypatch):
     assert (row["shapes"], row["querying"], row["ingesting"], row["errors"]) == (10, 8, 2, 0)
     assert row["queries"] > 0
     assert 0.0 < row["median"] <= row["p95"]
-    text = page(Found(load=[load.Row(**row)]), "isoshape benchmark", picture=False)
+    text = page(BenchmarkResults(load=[load.LoadRow(**row)]), "isoshape benchmark", picture=False)
     assert "## Many clients at once" in text
 
 
@@ -75,8 +80,8 @@ def test_a_folder_stored_on_all_processors_and_on_one(run, collection, monkeypat
     assert [row["processors"] for row in rows] == sorted({len(before), 1}, reverse=True)
     assert all(row["shapes"] > 0 and row["a_second"]["median"] > 0.0 for row in rows)
     assert ingesting.processors() == before
-    shown = [ingesting.Row(**{**row, "a_second": Spread(**row["a_second"])}) for row in rows]
-    text = page(Found(ingest=shown), "isoshape benchmark", picture=False)
+    shown = [ingesting.IngestRow(**{**row, "a_second": Spread(**row["a_second"])}) for row in rows]
+    text = page(BenchmarkResults(ingest=shown), "isoshape benchmark", picture=False)
     assert "## A folder stored" in text
     assert text.rstrip().count("| 1.00 |") >= 1
 
@@ -99,7 +104,11 @@ def test_thumbnails(run, collection, monkeypatch):
     assert all(row[which]["count"] == 2 for which in ("drawn", "kept", "unchanged"))
     assert 1_000 < row["size"] < 100_000
     spreads = {which: Spread(**row[which]) for which in ("drawn", "kept", "unchanged")}
-    text = page(Found(pictures=[pictures.Row(**{**row, **spreads})]), "isoshape benchmark", picture=False)
+    text = page(
+        BenchmarkResults(pictures=[pictures.PictureRow(**{**row, **spreads})]),
+        "isoshape benchmark",
+        picture=False,
+    )
     assert "## Thumbnails over HTTP" in text
     assert "| 500 |" in text
 

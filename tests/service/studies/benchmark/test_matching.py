@@ -47,10 +47,10 @@ def test_every_pair_is_measured_as_often_as_asked(source):
         assert tuple(row.parts) == PARTS
         assert all(abs(vertices - 900) <= NEAR * 900 for vertices in row.vertices)
         assert row.peer is None
-    text = page.page(page.Found(match=rows), "isoshape benchmark", picture=False)
+    text = page.page(page.BenchmarkResults(match=rows), "isoshape benchmark", picture=False)
     assert rows[1].many.milliseconds(3) in text
     assert "yfmaps" not in text
-    assert page.Found(match=rows).as_json()["match"][0]["vertices"] == rows[0].vertices
+    assert page.BenchmarkResults(match=rows).as_json()["match"][0]["vertices"] == rows[0].vertices
 
 
 def test_the_figures_by_a_clock_that_counts_its_readings(source, monkeypatch):
@@ -80,7 +80,7 @@ def test_the_figures_by_a_clock_that_counts_its_readings(source, monkeypatch):
     # 30 to one of 64; 30 to 3; 30 and the spectra to the embedding, packing and the match.
     assert (peer.many.median, peer.records.median) == (30.0 * MANY, 10.0)
     assert peer.meshes.median == pytest.approx(31.0 / 3.0)
-    text = page.page(page.Found(match=[row]), "isoshape benchmark", picture=False)
+    text = page.page(page.BenchmarkResults(match=[row]), "isoshape benchmark", picture=False)
     assert "| 30,000.0 (30,000.0 to 30,000.0) | 20,000.0 (" in text
     assert "| 1,920 (1,920 to 1,920) | 10 (10 to 10) | 10.3 (10.3 to 10.3) |" in text
 

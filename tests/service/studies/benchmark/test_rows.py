@@ -61,7 +61,7 @@ def test_embedding_beside_lapy(source):
     assert row.seconds.count == row.peer.count == row.ratio.count == 2
     assert row.ratio.low <= row.ratio.median <= row.ratio.high
     assert sum(spread.median for spread in row.stages.values()) == pytest.approx(row.seconds.median, rel=0.5)
-    text = page.page(page.Found(embedding=[row]), "isoshape benchmark", picture=False)
+    text = page.page(page.BenchmarkResults(embedding=[row]), "isoshape benchmark", picture=False)
     assert row.name in text
     assert f"| {row.ratio.median:.2f} (" in text
 
@@ -88,13 +88,15 @@ def test_a_file_is_embedded_as_often_as_asked(tmp_path):
 @pytest.mark.parametrize("power", [0.5, 1.0, 1.3])
 def test_the_exponent_of_a_power_is_the_power(grown, power):
     sizes = (1_000, 20_000, 300_000)
-    rows = [growth.Row(size, 2 * size, 1, "ply", Spread.of([1e-4 * size**power]), {}, 1) for size in sizes]
-    other = growth.Row(10, 20, 1, "stl", Spread.of([5.0]), {}, 1)
+    rows = [
+        growth.GrowthRow(size, 2 * size, 1, "ply", Spread.of([1e-4 * size**power]), {}, 1) for size in sizes
+    ]
+    other = growth.GrowthRow(10, 20, 1, "stl", Spread.of([5.0]), {}, 1)
     assert growth.exponent([*rows, other]) == pytest.approx(power)
 
 
 def test_growth_is_a_table_and_a_picture(grown):
-    text = page.page(page.Found(growth=grown), "isoshape benchmark", picture=True)
+    text = page.page(page.BenchmarkResults(growth=grown), "isoshape benchmark", picture=True)
     assert f"to the power {growth.exponent(grown):.2f}." in text.replace("\n", " ")
     assert f"]({page.PLOT})" in text
     assert plot.growth_plot(grown).startswith(b"\x89PNG\r\n\x1a\n")
@@ -110,6 +112,6 @@ def test_a_line_of_table_1(source):
     assert (row.sampling.count, row.embedding.count, row.matching.count) == (2, 2, 3)
     expected = (1.98 / row.sampling.median, 1.22 / row.embedding.median, 2.26 / row.matching.median)
     assert row.faster() == pytest.approx(expected)
-    text = page.page(page.Found(table1=[row]), "isoshape benchmark", picture=False)
+    text = page.page(page.BenchmarkResults(table1=[row]), "isoshape benchmark", picture=False)
     assert "Fishes (563)" in text
-    assert page.Found(table1=[row]).as_json()["table1"][0]["faster"] == row.faster()
+    assert page.BenchmarkResults(table1=[row]).as_json()["table1"][0]["faster"] == row.faster()
