@@ -1,4 +1,4 @@
-"""What the service raises, and the one table that gives every error its answer."""
+"""The errors of the service, and the table of problems with which they are answered."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -19,27 +19,27 @@ class ExpectedError(Exception):
 
 
 class ServiceError(Exception):
-    """Base of every error the service raises on purpose; `kind` is its row in `PROBLEMS`."""
+    """Base class of the service's errors; `kind` is a key of `PROBLEMS`."""
 
     kind: ClassVar[str] = "internal-error"
     retry_after: int | None = None
 
     @property
     def headers(self) -> dict[str, str]:
-        """What the answer's header says beside."""
+        """Additional headers of the answer."""
         return {}
 
 
 @dataclass(frozen=True)
 class FieldFault:
-    """What is wrong with one field of a request."""
+    """A field of a request and the reason why its value is invalid."""
 
     field: str
     message: str
 
 
 class BadRequestFieldsError(ServiceError):
-    """Fields of the request cannot be used."""
+    """Fields of the request are invalid."""
 
     kind = "bad-request-fields"
 
@@ -49,7 +49,7 @@ class BadRequestFieldsError(ServiceError):
 
 
 class ShapeNotFoundError(ServiceError):
-    """No stored shape has this id."""
+    """The collection has no shape with the id."""
 
     kind = "shape-not-found"
 
@@ -58,43 +58,43 @@ class ShapeNotFoundError(ServiceError):
 
 
 class CollectionNotFoundError(ServiceError):
-    """There is no collection of this name."""
+    """No collection has the name."""
 
     kind = "collection-not-found"
 
 
 class CollectionNotEmptyError(ServiceError):
-    """The collection cannot be deleted."""
+    """The collection cannot be deleted, because it is not empty or is the default one."""
 
     kind = "collection-not-empty"
 
 
 class NameTakenError(ServiceError):
-    """Another shape with the same bytes has the name already."""
+    """Another shape with the same bytes has the name."""
 
     kind = "name-taken"
 
 
 class FileChangedError(ServiceError):
-    """The shape's file is not the one that the client means."""
+    """The ETag of the shape's file does not match If-Match."""
 
     kind = "file-changed"
 
 
 class NotEmbeddedError(ServiceError):
-    """The shape has no embedding made with the pipeline in use."""
+    """The shape has no embedding by the active pipeline."""
 
     kind = "not-embedded"
 
     def __init__(self, shape_id: str) -> None:
         super().__init__(
-            f"shape {shape_id!r} was embedded with another pipeline only; upload its file again, or have "
-            "`isoshape reembed` embed all that lack an embedding"
+            f"shape {shape_id!r} was embedded by another pipeline only; upload its file again, or run "
+            "`isoshape reembed`, which computes all missing embeddings"
         )
 
 
 class UnauthorizedError(ServiceError):
-    """The request shows no key, or one that the service does not know."""
+    """The request has no key, or an unknown one."""
 
     kind = "unauthorized"
 
@@ -109,7 +109,7 @@ class UnauthorizedError(ServiceError):
 
 
 class ForbiddenError(ServiceError):
-    """The key may not do this."""
+    """The key does not allow the request."""
 
     kind = "forbidden"
 
@@ -120,13 +120,13 @@ class ForbiddenError(ServiceError):
 
 
 class CrossSiteError(ServiceError):
-    """A page of another site makes a browser send the request."""
+    """A page of another site caused a browser to send the request."""
 
     kind = "cross-site"
 
 
 class RateLimitError(ServiceError):
-    """The key has made more requests than it may."""
+    """The key has exceeded its rate limit."""
 
     kind = "rate-limit"
 
@@ -136,94 +136,94 @@ class RateLimitError(ServiceError):
 
 
 class UnsupportedBodyError(ServiceError):
-    """The body is of a media type that the endpoint does not read."""
+    """The endpoint does not support the media type of the body."""
 
     kind = "unsupported-media-type"
 
 
 class FileTooLargeError(ServiceError):
-    """The file has more bytes than the limit."""
+    """The file exceeds the size limit."""
 
     kind = "body-too-large"
 
 
 class FileTimeLimitError(ServiceError):
-    """Reading and embedding the file took longer than a task may."""
+    """Reading or embedding the file exceeded its time limit."""
 
     kind = "file-time-limit"
 
 
 class TaskTimeLimitError(ServiceError):
-    """A task took longer than a task may."""
+    """A task exceeded its time limit."""
 
     kind = "time-limit"
     retry_after = 5
 
 
 class BusyError(ServiceError):
-    """As many requests as may wait are waiting already."""
+    """The queue of waiting requests is full."""
 
     kind = "busy"
     retry_after = 2
 
 
 class WorkerLostError(ServiceError):
-    """The worker process died, or was stopped, before it had answered."""
+    """The worker process died, or was killed, before it answered."""
 
     kind = "worker-lost"
     retry_after = 1
 
 
 class WorkerCrashedError(WorkerLostError):
-    """The worker process broke down by itself, in the middle of the task; nobody killed it."""
+    """The worker process crashed during the task; it was not killed."""
 
 
 class ClusterUnavailableError(ServiceError):
-    """The scheduler of the Dask cluster is away, or has no workers."""
+    """The scheduler of the Dask cluster is unreachable, or has no workers."""
 
     kind = "cluster-unavailable"
     retry_after = 5
 
 
 class TaskGivenUpError(WorkerLostError):
-    """The worker process was stopped because no one waited for its answer any more."""
+    """The worker process was killed because no request waited for its answer."""
 
 
 class ShuttingDownError(ServiceError):
-    """The service ends before it could answer."""
+    """The service stops before it can answer."""
 
     kind = "shutting-down"
     retry_after = 5
 
 
 class StorageUnavailableError(ServiceError):
-    """The database cannot be reached, is locked, or cannot be written."""
+    """The database is unreachable, locked or read-only."""
 
     kind = "storage-unavailable"
     retry_after = 5
 
 
 class StorageFullError(ServiceError):
-    """There is no room left for what should be stored."""
+    """The database or the temporary folder has no space left."""
 
     kind = "storage-full"
 
 
 class PipelineUnavailableError(ServiceError):
-    """The archive is searched by a pipeline that this version of the service does not have."""
+    """The active pipeline of the archive is unknown to this version of the service."""
 
     kind = "pipeline-unavailable"
     retry_after = 60
 
 
 class IdempotencyKeyMalformedError(ServiceError):
-    """The header Idempotency-Key is not as its draft says."""
+    """The header Idempotency-Key does not follow its specification (an IETF draft)."""
 
     kind = "idempotency-key-malformed"
 
 
 class IdempotencyKeyReusedError(ServiceError):
-    """The key has come with another payload before."""
+    """The key was used with another payload."""
 
     kind = "idempotency-key-reused"
 
@@ -235,27 +235,27 @@ class IdempotencyKeyInFlightError(ServiceError):
 
 
 class SignatureLengthError(ServiceError):
-    """The method gave a mesh a signature of another length than all others have."""
+    """The length of a signature differs from that of all other signatures."""
 
 
 class ArchiveError(ExpectedError):
-    """An archive cannot be opened, checked, backed up or restored; the message says why."""
+    """An archive cannot be opened, checked, backed up or restored; the message gives the reason."""
 
 
 class ArchiveTooNewError(ArchiveError):
-    """The database was written by a newer version of the service, so this one does not start."""
+    """A newer version of the service wrote the database."""
 
 
 @dataclass(frozen=True)
 class ProblemKind:
-    """How a kind of error is answered: HTTP status, and a title that never changes."""
+    """The HTTP status of a kind of problem, and its title, which never changes."""
 
     status: int
     title: str
 
 
 PROBLEMS: dict[str, ProblemKind] = {
-    # the core's
+    # of the core
     "empty-file": ProblemKind(422, "The file is empty"),
     "unknown-format": ProblemKind(415, "The file's format is not one that is read"),
     "malformed-mesh": ProblemKind(422, "The file is not a mesh of its format"),
@@ -268,7 +268,7 @@ PROBLEMS: dict[str, ProblemKind] = {
     "incompatible-embeddings": ProblemKind(409, "The shapes were embedded with different pipelines"),
     "bad-record": ProblemKind(500, "A stored embedding cannot be read"),
     "core-error": ProblemKind(500, "The method failed"),
-    # the request's
+    # of requests
     "bad-request": ProblemKind(400, "The request cannot be read"),
     "idempotency-key-malformed": ProblemKind(400, "The Idempotency-Key is not a string in quotes"),
     "idempotency-key-in-flight": ProblemKind(409, "The first request with the Idempotency-Key is at work"),
@@ -289,7 +289,7 @@ PROBLEMS: dict[str, ProblemKind] = {
     "body-too-large": ProblemKind(413, "The upload is too large"),
     "unsupported-media-type": ProblemKind(415, "The body's media type is not one that is read"),
     "file-time-limit": ProblemKind(422, "The file takes too long to work on"),
-    # an archive's, or one of its members'
+    # of archives and their members
     "job-not-found": ProblemKind(404, "There is no such job"),
     "unknown-archive": ProblemKind(415, "The file is not an archive that is read"),
     "malformed-archive": ProblemKind(422, "The archive cannot be read to its end"),
@@ -301,7 +301,7 @@ PROBLEMS: dict[str, ProblemKind] = {
     "member-name": ProblemKind(422, "The file's name in the archive cannot be used"),
     "member-repeated": ProblemKind(422, "The archive has an earlier file of this name"),
     "member-too-large": ProblemKind(422, "The file in the archive is larger than the limits allow"),
-    # the service's
+    # of the service
     "internal-error": ProblemKind(500, "The service failed"),
     "busy": ProblemKind(503, "The service is busy"),
     "time-limit": ProblemKind(503, "The work took too long"),

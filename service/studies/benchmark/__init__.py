@@ -1,4 +1,4 @@
-"""The cost of the method: meshes and archives in, times, memory and ratios out; a file a subject."""
+"""Benchmarks of the method and the service: meshes and archives in; times, memory and ratios out."""
 
 __all__ = [
     "archive",

@@ -1,4 +1,4 @@
-"""The measurements of `service.studies.benchmark.matching` as tables: a line for each pair."""
+"""Tables of the measurements of `service.studies.benchmark.matching`, one line per pair."""
 
 from collections.abc import Sequence
 

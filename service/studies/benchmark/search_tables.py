@@ -1,4 +1,4 @@
-"""The measurements of `service.studies.benchmark.searching` as tables."""
+"""Tables of the measurements of searches, uploads and load."""
 
 from collections.abc import Sequence
 

@@ -1,4 +1,4 @@
-"""The time of each stage of an embedding, measured without a line of code in the pipeline."""
+"""Times of an embedding's stages, measured without changes to the pipeline."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -32,21 +32,18 @@ STAGES: dict[str, tuple[tuple[ModuleType, str], ...]] = {
     "mesh facts": ((pipeline, "measure"),),
     "spin images": ((pipeline, "describe"),),
 }
-"""The function of each stage, and each module that calls it."""
+"""The function of each stage, and the module that calls it."""
 
-SAMPLING = tuple(list(STAGES)[: list(STAGES).index("samples") + 1])
-"""The stages up to the samples."""
+SAMPLING = tuple(list(STAGES)[: list(STAGES).index("covering") + 1])
+"""Stages before the samples are known."""
 
 EMBEDDING = tuple(stage for stage in (*STAGES, REST) if stage not in SAMPLING)
-"""The stages after the samples."""
+"""Stages after the samples are known."""
 
 
 @contextmanager
 def watched() -> Iterator[dict[str, float]]:
-    """Measure the stages of embeddings within the block, in seconds.
-
-    The time of a stage that runs inside another counts for the inner stage alone.
-    """
+    """Seconds by stage of embeddings in the block; time in a nested stage counts only for that stage."""
     seconds = dict.fromkeys(STAGES, 0.0)
     inside: list[float] = []
 
@@ -79,7 +76,7 @@ def watched() -> Iterator[dict[str, float]]:
 
 
 def embed_bytes(method: Pipeline, data: bytes, format: str) -> tuple[Embedding, dict[str, float]]:
-    """A file's embedding, and the seconds of every stage from reading on; they add up to the whole."""
+    """The embedding of a file, and seconds by stage from reading on, whose sum is the total."""
     start = perf_counter()
     mesh = read_mesh(data, format)
     read = perf_counter()
