@@ -34,6 +34,9 @@ STAGES: dict[str, tuple[tuple[ModuleType, str], ...]] = {
 }
 """The function of each stage, and the module that calls it."""
 
+_CALLS = (*STAGES.items(), ("clean", (simplification, "clean")))
+"""All calls of the stages' functions: simplification cleans its result."""
+
 SAMPLING = tuple(list(STAGES)[: list(STAGES).index("covering") + 1])
 """Stages before the samples are known."""
 
@@ -67,12 +70,12 @@ def watched() -> Iterator[dict[str, float]]:
         for module, function in places
     ]
     try:
-        for module, function, name, original in plain:
-            setattr(module, function, timed(name, original))
+        for name, (module, function) in _CALLS:
+            setattr(module, function, timed(name, plain[name]))
         yield seconds
     finally:
-        for module, function, _, original in plain:
-            setattr(module, function, original)
+        for name, (module, function) in _CALLS:
+            setattr(module, function, plain[name])
 
 
 def embed_bytes(method: Pipeline, data: bytes, format: str) -> tuple[Embedding, dict[str, float]]:
