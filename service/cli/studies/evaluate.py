@@ -19,7 +19,7 @@ from service.console import fail, output
 from service.datasets import read_collection
 from service.studies.baselines.methods import Method
 from service.studies.pairwise_scores import default_workers
-from service.studies.retrieval import Ranking, evaluate_ranking, score_collection, score_baseline
+from service.studies.retrieval import Ranking, evaluate_ranking, score_baseline, score_collection
 from service.studies.subset import spread
 
 MEASURES = ("nn", "ft", "st", "e", "dcg", "map")

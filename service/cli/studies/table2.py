@@ -17,7 +17,7 @@ from service.console import fail, say
 from service.datasets import read_collection
 from service.studies.baselines.methods import Method
 from service.studies.pairwise_scores import default_workers
-from service.studies.retrieval import Ranking, evaluate_ranking, ready, score_collection, score_baseline
+from service.studies.retrieval import Ranking, evaluate_ranking, ready, score_baseline, score_collection
 from service.studies.subset import spread
 
 TITLES = {"cc": "cc", "combined": "combined", "shapedna": "ShapeDNA", "icp": "ICP", "mds": "MDS"}
