@@ -26,8 +26,8 @@ def match_table(rows: Sequence[MatchRow]) -> list[list[str]]:
                     spread.milliseconds(3)
                     for spread in (
                         row.many,
-                        row.screened,
-                        row.sifted,
+                        row.reranked,
+                        row.coarse,
                         row.score,
                         row.records,
                         *row.parts.values(),

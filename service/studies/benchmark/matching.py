@@ -70,7 +70,7 @@ class MatchRow:
     first, second : str
     vertices : tuple of int
         Numbers of vertices.
-    many, screened, sifted : Spread
+    many, reranked, coarse : Spread
         One of `MANY` in a query: the match, re-ranking and coarse ranking.
     score : Spread
         One match by `Pipeline.score`, which hashes both embeddings to look up its caches.
@@ -85,8 +85,8 @@ class MatchRow:
     second: str
     vertices: tuple[int, int]
     many: Spread
-    screened: Spread
-    sifted: Spread
+    reranked: Spread
+    coarse: Spread
     score: Spread
     records: Spread
     parts: dict[str, Spread]
@@ -122,16 +122,16 @@ class _Pair:
         """Seconds of one match among many, by `score`, and by part from records."""
         query, candidate = self._embeddings
         _, many = _seconds(lambda: score_match_records(self._match_record, self._match_records, DEFAULT))
-        _, screened = _seconds(lambda: rerank(self._match_record, self._points, DEFAULT))
-        _, sifted = _seconds(lambda: coarse_ranking(self._match_record, self._coarse_samples, DEFAULT))
+        _, reranked = _seconds(lambda: rerank(self._match_record, self._points, DEFAULT))
+        _, coarse = _seconds(lambda: coarse_ranking(self._match_record, self._coarse_samples, DEFAULT))
         _, score = _seconds(lambda: self._method.score(query, [candidate]))
         embeddings, decode = _seconds(lambda: [embedding_from_bytes(record) for record in self._records])
         shapes, packing = _seconds(lambda: [_record(embedding) for embedding in embeddings])
         _, match = _seconds(lambda: _match(shapes))
         return {
             "many": many / MANY,
-            "screened": screened / MANY,
-            "sifted": sifted / MANY,
+            "reranked": reranked / MANY,
+            "coarse": coarse / MANY,
             "score": score,
             "decode": decode,
             "pack": packing,
@@ -158,8 +158,8 @@ class _Pair:
             *self._names,
             vertices=(first, second),
             many=spread("many"),
-            screened=spread("screened"),
-            sifted=spread("sifted"),
+            reranked=spread("reranked"),
+            coarse=spread("coarse"),
             score=spread("score"),
             records=spread(*PARTS),
             parts={part: spread(part) for part in PARTS},

@@ -56,7 +56,7 @@ def cascade_table(rows: Sequence[CascadeRow]) -> list[list[str]]:
         ],
         *(
             [
-                *(count(of) for of in (row.length, row.screened, row.finalists)),
+                *(count(of) for of in (row.length, row.reranked, row.finalists)),
                 *(f"{100 * share:.1f} %" for share in (row.first, row.nn, row.ten)),
                 f"{1e3 * row.median:,.0f}",
             ]

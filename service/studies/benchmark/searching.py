@@ -76,7 +76,7 @@ class CascadeRow:
     ----------
     shapes, queries : int
         Queries are originals; the answers exclude their copies.
-    length, screened, finalists : int or None
+    length, reranked, finalists : int or None
         Shapes in coarse ranking, in re-ranking, and compared in full besides the requested results; None is
         all.
     first : float
@@ -90,7 +90,7 @@ class CascadeRow:
     shapes: int
     queries: int
     length: int | None
-    screened: int | None
+    reranked: int | None
     finalists: int | None
     first: float
     nn: float
@@ -175,11 +175,11 @@ def cascade_rows(
     asked = [number * STEP % len(source) for number in range(min(queries, len(source)))]
     found: dict[tuple[int, int, int] | None, tuple[list[list[str]], float]] = {}
     for length in (*lengths, None):
-        most, screened, finalists = length or (size, size, size)
+        most, reranked, finalists = length or (size, size, size)
         settings = {
             "shortlist_from": 1,
             "shortlist_length": most,
-            "screened": screened,
+            "reranked": reranked,
             "finalists": finalists,
         }
         with served(url, **settings) as (_, client):
@@ -205,7 +205,7 @@ def cascade_rows(
                 shapes=size,
                 queries=len(asked),
                 length=None if length is None else length[0],
-                screened=None if length is None else length[1],
+                reranked=None if length is None else length[1],
                 finalists=None if length is None else length[2],
                 first=float(np.mean([a[0] == b[0] for a, b in zip(answers, truth, strict=True)])),
                 nn=float(np.mean([one[0] for one in right])),

@@ -15,29 +15,29 @@ from core.spectral import spectral_embedding as spectra
 
 READING, REST = "read", "rest"
 
-STAGES: dict[str, tuple[tuple[ModuleType, str], ...]] = {
-    "clean": ((pipeline, "clean"), (simplification, "clean")),
-    "close holes": ((pipeline, "fill_holes"),),
-    "normal frame": ((pipeline, "normal_frame"),),
-    "simplify": ((pipeline, "simplify"),),
-    "refine": ((pipeline, "refine"),),
-    "edge graph": ((pipeline, "edge_graph"),),
-    "Lewis weights": ((pipeline, "lewis_weights"),),
-    "samples": ((pipeline, "weighted_farthest_points"),),
-    "sparse graph, MST": ((pipeline, "sparse_graph"),),
-    "geodesics": ((pipeline, "geodesics"),),
-    "affinity": ((spectra, "_affinity_pairs"),),
-    "Laplace-Beltrami": ((spectra, "laplace_beltrami"),),
-    "global descriptors": ((pipeline, "global_descriptors"),),
-    "mesh facts": ((pipeline, "measure"),),
-    "spin images": ((pipeline, "describe"),),
+STAGES: dict[str, tuple[ModuleType, str]] = {
+    "clean": (pipeline, "clean"),
+    "close holes": (pipeline, "fill_holes"),
+    "normal frame": (pipeline, "normal_frame"),
+    "simplify": (pipeline, "simplify"),
+    "refine": (pipeline, "refine"),
+    "edge graph": (pipeline, "edge_graph"),
+    "Lewis weights": (pipeline, "lewis_weights"),
+    "farthest-point sampling": (pipeline, "weighted_farthest_points"),
+    "sparse graph, MST": (pipeline, "sparse_graph"),
+    "geodesics": (pipeline, "geodesics"),
+    "affinity": (spectra, "_affinity_pairs"),
+    "Laplace-Beltrami": (spectra, "laplace_beltrami"),
+    "global descriptors": (pipeline, "global_descriptors"),
+    "facts": (pipeline, "measure"),
+    "spin images": (pipeline, "describe"),
 }
 """The function of each stage, and the module that calls it."""
 
 _CALLS = (*STAGES.items(), ("clean", (simplification, "clean")))
 """All calls of the stages' functions: simplification cleans its result."""
 
-SAMPLING = tuple(list(STAGES)[: list(STAGES).index("covering") + 1])
+SAMPLING = tuple(list(STAGES)[: list(STAGES).index("farthest-point sampling") + 1])
 """Stages before the samples are known."""
 
 EMBEDDING = tuple(stage for stage in (*STAGES, REST) if stage not in SAMPLING)

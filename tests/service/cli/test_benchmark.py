@@ -43,8 +43,8 @@ def test_queries_of_archives_made_of_the_collection(run, collection, monkeypatch
         assert 0.0 < row["median"] <= row["p95"]
         assert row["memory"] > 2**20
     cascade, everything = found["kept"]
-    assert (cascade["length"], cascade["screened"], cascade["finalists"]) == (6, 5, 1)
-    assert everything["length"] is everything["screened"] is everything["finalists"] is None
+    assert (cascade["length"], cascade["reranked"], cascade["finalists"]) == (6, 5, 1)
+    assert everything["length"] is everything["reranked"] is everything["finalists"] is None
     assert everything["first"] == 1.0
     text = page(
         BenchmarkResults(

@@ -42,7 +42,7 @@ def test_every_pair_is_measured_as_often_as_asked(source):
         [("cup", "cup"), ("cup", "pliers")],
     )
     for row in rows:
-        spreads = [row.many, row.screened, row.sifted, row.score, row.records, *row.parts.values()]
+        spreads = [row.many, row.reranked, row.coarse, row.score, row.records, *row.parts.values()]
         assert [spread.count for spread in spreads] == [6] * len(spreads)
         assert tuple(row.parts) == PARTS
         assert all(abs(vertices - 900) <= NEAR * 900 for vertices in row.vertices)
@@ -69,7 +69,7 @@ def test_the_figures_by_a_clock_that_counts_its_readings(source, monkeypatch):
     )
     assert met == [row.vertices] * 3
     assert (row.score.median, row.records.median) == (1.0, 3.0)
-    assert row.many.median == row.screened.median == row.sifted.median == 1.0 / MANY
+    assert row.many.median == row.reranked.median == row.coarse.median == 1.0 / MANY
     assert {part: spread.median for part, spread in row.parts.items()} == dict.fromkeys(PARTS, 1.0)
     peer = row.peer
     assert {stage: (spread.median, spread.count) for stage, spread in peer.stages.items()} == {
