@@ -1,4 +1,4 @@
-"""Scores of all pairs of a collection, computed in a pool of processes."""
+"""All pairs of a collection, scored in a pool of processes."""
 
 import os
 import pickle
@@ -31,7 +31,7 @@ A = TypeVar("A")
 R = TypeVar("R")
 
 PREPARED_BYTES = 1 << 30
-"""Factored splines in a worker's cache: each is used once per row, and some take 80 MB (`--uncapped`)."""
+"""What a worker keeps of factored splines: each is met once a row, and some take 80 MB (`--uncapped`)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,15 +41,15 @@ class PairScores:
     Attributes
     ----------
     cc, ssd, sim : float64
-        See `core.embedding.Scores`; the diagonal compares each shape with itself.
+        As in `core.embedding.Scores`; the diagonal holds a shape against itself.
     combined : float64
-        See `core.pipeline.Pipeline.combined`.
+        As in `core.pipeline.Pipeline.combined`.
     signatures : float32, shape (n, s)
-        Signatures of the shapes.
-    descriptor_distance : float64, shape (n, n)
-        Distances of their descriptors, symmetric; 0 if the parameters disable them.
+        Of the shapes themselves.
+    apart : float64, shape (n, n)
+        Distances of their patches, symmetric; 0 where the parameters ask for none.
     part : bool, shape (n, n)
-        Whether one of the two shapes is incomplete.
+        Where one of the two is incomplete.
     """
 
     cc: Floats
@@ -66,7 +66,7 @@ _pipeline: Pipeline
 
 @contextmanager
 def worker_pool(parameters: Parameters, workers: int) -> Iterator[Executor]:
-    """A pool of processes with one thread and one pipeline each."""
+    """Processes that have the pipeline ready, with one thread each."""
     pool = ProcessPoolExecutor(
         workers, get_context("spawn"), initializer=_start_worker, initargs=(parameters,)
     )
@@ -77,7 +77,7 @@ def worker_pool(parameters: Parameters, workers: int) -> Iterator[Executor]:
 
 
 def embed_files(pool: Executor, paths: Sequence[Path], done: Callable[[int], None]) -> list[Embedding | str]:
-    """The embedding of each file, or the reason of failure; `done` receives the number of new results."""
+    """The embedding of each file, or the reason why there is none; `done` receives the number finished."""
     results: list[Embedding | str] = [""] * len(paths)
     for i, result in _each(pool, _embed, dict(enumerate(paths))):
         results[i] = result
@@ -88,7 +88,7 @@ def embed_files(pool: Executor, paths: Sequence[Path], done: Callable[[int], Non
 def score_pairs(
     pool: Executor, pipeline: Pipeline, embeddings: Sequence[Embedding], done: Callable[[int], None]
 ) -> PairScores:
-    """Scores of all pairs. Scores are symmetric, so that each pair is scored once."""
+    """Scores of all pairs; each pair is scored once, since scores are symmetric."""
     n = len(embeddings)
     scores = PairScores(
         cc=np.eye(n),
@@ -100,7 +100,7 @@ def score_pairs(
         part=np.zeros((n, n), dtype=bool),
     )
     with TemporaryDirectory() as folder:
-        # Each worker reads the file of all embeddings once, instead of once per row.
+        # A file, so that each worker reads all embeddings once, and not once a row.
         path = Path(folder) / "embeddings"
         path.write_bytes(pickle.dumps(list(embeddings)))
         for i, (row, between) in _each(pool, partial(_score_row, path), {i: i for i in range(n - 1)}):
@@ -136,7 +136,7 @@ def _start_worker(parameters: Parameters) -> None:
 
 def _embed(path: Path) -> Embedding | str:
     try:
-        # Like the service, so that studies measure the same embeddings.
+        # As the service does it, so that what is measured is what is served.
         embedded = embed_file(path.read_bytes(), format_of(path.name), DEFAULT_LIMITS, _pipeline.parameters)
         return embedding_from_bytes(embedded.record)
     except CoreError as error:
@@ -144,7 +144,7 @@ def _embed(path: Path) -> Embedding | str:
     except OSError as error:
         return error.strerror or str(error)
     except Exception as error:
-        # An error of the program is reported for this file; the study continues.
+        # A fault of the program, on this file: it is named, and costs the run no other file.
         return f"{type(error).__name__}: {error}"
 
 
@@ -163,7 +163,7 @@ def _load(path: Path) -> list[Embedding]:
 
 
 def _each(pool: Executor, function: Callable[[A], R], arguments: Mapping[int, A]) -> Iterator[tuple[int, R]]:
-    """Call the function with each argument; yield keys and results in the order of completion."""
+    """Run the function on each argument; yield key and result as they finish, whatever the order."""
     futures = {pool.submit(function, argument): key for key, argument in arguments.items()}
     for future in as_completed(futures):
         yield futures[future], future.result()

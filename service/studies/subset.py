@@ -1,14 +1,15 @@
-"""Subsets of large collections."""
+"""A few shapes of a large collection."""
 
 from collections import defaultdict
 from pathlib import Path
 
 
 def spread(files: list[tuple[Path, str]], count: int) -> list[tuple[Path, str]]:
-    """Choose `count` files from as many classes as can have two each, in the order of the collection.
+    """A subset of the files, over as many classes as can have two files each, in the collection's order.
 
-    The classes are evenly spaced, by name, among those with two files or more. Files are taken in turn: the
-    first of every class before the second of any. Other classes are used when these have no more files.
+    The classes are evenly spaced among those with two files or more, by name; each gives its files in
+    turn, the first of every class before the second of any. The other classes are drawn on when these have
+    no more.
     """
     by_class: dict[str, list[tuple[Path, str]]] = defaultdict(list)
     for file in files:

@@ -1,3 +1,3 @@
-"""Baselines: other methods of shape comparison, by external libraries; meshes in, distances out."""
+"""Other methods of comparing shapes, by outside libraries: meshes in, distances out."""
 
 __all__ = ["methods", "scoring"]

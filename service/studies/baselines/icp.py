@@ -20,7 +20,7 @@ from core.mesh.normal_frame import normal_frame
 Floats = NDArray[np.float64]
 
 POINTS = 500
-"""Number of samples of the surface, uniform by area."""
+"""Samples of the surface, by area."""
 
 
 def describe(mesh: Mesh) -> Floats:
@@ -37,7 +37,7 @@ def compare(description: Floats, others: Sequence[Floats]) -> Floats:
 
 
 def closest_motion(points: Floats, target: Floats, *, mirrored: bool = False) -> float:
-    """The distance of two point clouds after the best rigid motion: root mean square over both directions.
+    """The residual of the best rigid motion: the root mean square of distances both ways.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ def closest_motion(points: Floats, target: Floats, *, mirrored: bool = False) ->
         Both centred and along their principal axes. The search starts from the four rotations that keep
         these axes, each followed by trimesh's iterations; the best end counts.
     mirrored : bool
-        Whether the four reflections are also starts.
+        Whether the four reflections are starts as well.
     """
     tree = cKDTree(target)
     ends: list[float] = []

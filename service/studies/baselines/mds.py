@@ -22,10 +22,10 @@ from service.studies.baselines.icp import closest_motion
 Floats = NDArray[np.float64]
 
 POINTS = 100
-"""Number of farthest-point samples of a shape."""
+"""Farthest-point samples of a shape."""
 
 VERTICES = 2000
-"""Vertices of the mesh after its long edges are split, so that paths approximate geodesics."""
+"""Long edges are split as for an even mesh of so many, so that paths are near to geodesics."""
 
 
 def describe(mesh: Mesh) -> Floats:
@@ -39,7 +39,7 @@ def describe(mesh: Mesh) -> Floats:
 
 
 def canonical_form(distances: Floats) -> Floats:
-    """Points in space whose distances approximate given ones.
+    """Points in space whose distances approximate the given distances best.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ def canonical_form(distances: Floats) -> Floats:
     Returns
     -------
     float64, shape (m, 3)
-        Centred points along their principal axes, with unit root mean square radius.
+        Centred, along their principal axes, of unit root mean square radius.
     """
     scaling = MDS(n_components=3, metric="precomputed", init="classical_mds", n_init=1)
     points = scaling.fit_transform(distances)
@@ -59,5 +59,5 @@ def canonical_form(distances: Floats) -> Floats:
 
 
 def compare(description: Floats, others: Sequence[Floats]) -> Floats:
-    """Distances after the best rigid motion or reflection, shape (c,); forms are unique up to these."""
+    """Distances after the best rigid motion or reflection: shape (c,). MDS leaves both undetermined."""
     return np.array([closest_motion(description, other, mirrored=True) for other in others])

@@ -1,4 +1,4 @@
-"""The baselines by name. Each is imported on demand, because two of them need additional libraries."""
+"""The baselines by name. Each is loaded on demand: two of them need libraries of their own."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -27,9 +27,9 @@ class Baseline:
     Attributes
     ----------
     describe : Mesh -> float64 array
-        The description of a shape; the method determines its dimensions.
+        What is kept of a shape; the shape of the array is the method's own.
     compare : (description, descriptions of c others) -> float64, shape (c,)
-        Distances; 0 for equal shapes.
+        Distances, 0 for the same shape.
     """
 
     describe: Callable[[Mesh], Floats]
@@ -37,16 +37,16 @@ class Baseline:
 
 
 class MissingPeerError(Exception):
-    """The library of a baseline is not installed; the message names it and tells how to install it."""
+    """The library of a baseline is not installed; the message names it and the command that installs it."""
 
 
 def load(method: Method) -> Baseline:
-    """Import a baseline.
+    """The method, ready to be used.
 
     Raises
     ------
     MissingPeerError
-        The library of the baseline is not installed.
+        Its library is not installed.
     """
     try:
         match method:

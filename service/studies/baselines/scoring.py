@@ -1,4 +1,4 @@
-"""Distances of all pairs of a collection by a baseline, computed in a pool of processes."""
+"""All pairs of a collection scored by a baseline, in a pool of processes."""
 
 import pickle
 from collections.abc import Callable, Sequence
@@ -20,7 +20,7 @@ Floats = NDArray[np.float64]
 def describe_files(
     pool: Executor, method: Method, paths: Sequence[Path], done: Callable[[int], None]
 ) -> list[Floats | str]:
-    """The description of each file, or the reason of failure; `done` receives the number of new results."""
+    """The description of each file, or the reason why there is none; `done` receives the number finished."""
     results: list[Floats | str] = []
     for result in pool.map(partial(_describe, method), paths):
         results.append(result)
@@ -31,7 +31,7 @@ def describe_files(
 def distance_matrix(
     pool: Executor, method: Method, descriptions: Sequence[Floats], done: Callable[[int], None]
 ) -> Floats:
-    """Distances of all pairs, shape (n, n); each pair is compared once."""
+    """Distances of all pairs, shape (n, n); a pair is compared once, the earlier with the later."""
     n = len(descriptions)
     distances = np.zeros((n, n))
     with TemporaryDirectory() as folder:
@@ -51,7 +51,7 @@ def _describe(method: Method, path: Path) -> Floats | str:
     except OSError as error:
         return error.strerror or str(error)
     except Exception as error:
-        # An error of the library is reported for this file; the study continues.
+        # The library could not cope: the file is named, and costs the run no other file.
         return f"{type(error).__name__}: {error}"
 
 

@@ -1,4 +1,4 @@
-"""Benchmarks of the method and the service: meshes and archives in; times, memory and ratios out."""
+"""The cost of the method: meshes and archives in, times, memory and ratios out; a file a subject."""
 
 __all__ = [
     "archive",

@@ -1,4 +1,4 @@
-"""Functional maps by pyfmaps, to compare with our matching."""
+"""Another way to match two meshes: functional maps by pyfmaps."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -8,19 +8,19 @@ from typing import Any
 from core.mesh.mesh import Mesh
 
 SPECTRUM = 200
-"""Number of eigenvalues that pyfmaps computes by default."""
+"""Eigenvalues that pyfmaps computes of a mesh unless it is told otherwise."""
 
 
 @dataclass(frozen=True)
 class Peer:
-    """A matching method in two steps.
+    """A matching in two steps.
 
     Attributes
     ----------
     spectrum : Mesh -> object
-        Computes the spectrum of a mesh.
+        What is computed once of a mesh.
     match : (object, object) -> dict of str to float
-        Matches two spectra in one direction; seconds by stage, whose sum is the total.
+        Seconds by stage of matching two of them, one way; they add up to the whole.
     """
 
     spectrum: Callable[[Mesh], Any]
@@ -28,11 +28,11 @@ class Peer:
 
 
 def functional_maps() -> Peer:
-    """Pyfmaps: a map fitted to wave kernel signatures and refined by ZoomOut.
+    """Pyfmaps: a map fitted to wave kernel signatures, and refined by ZoomOut.
 
-    All options have their defaults, which are faster than those of its README (30 eigenvalues and an
-    orientation term, then 110), except the robust Laplacian: the plain one fails for faces without area.
-    Point pairs of the map are not computed.
+    The options are the library's defaults, which are faster than the example of its README (30
+    eigenvalues and a term of orientation, then 110), but for its robust Laplacian: the plain one fails where
+    a face has no area. The points that a map pairs are not read off.
 
     Raises
     ------

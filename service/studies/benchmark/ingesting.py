@@ -1,4 +1,4 @@
-"""Uploads over HTTP: shapes per second on all processors and on one."""
+"""A folder stored over HTTP: shapes a second on all processors, and on one."""
 
 import os
 from collections.abc import Iterator, Sequence
@@ -18,15 +18,15 @@ TURNS = 3
 
 @dataclass(frozen=True)
 class IngestRow:
-    """The upload of all meshes of the source to an empty archive.
+    """All meshes of the source stored in an empty archive.
 
     Attributes
     ----------
     processors : int
-        Number of processors that the service, its workers and the client share.
+        That the service, its workers and the command that sends the files share.
     shapes : int
     a_second : Spread
-        Stored shapes per second.
+        Shapes stored in a second.
     """
 
     processors: int
@@ -40,7 +40,7 @@ def ingesting_rows(source: Source, scratch: Path, *, turns: int = TURNS) -> list
     Raises
     ------
     OSError
-        The system does not support processor affinity.
+        The system does not let a process choose its processors.
     """
     items = [
         Item(f"{number} {name}.off", write_mesh(mesh, "off"), ())
@@ -62,7 +62,7 @@ def processors() -> list[int]:
     Raises
     ------
     OSError
-        The system does not support processor affinity.
+        The system does not tell.
     """
     if not hasattr(os, "sched_getaffinity"):
         raise OSError("this system does not let a process choose its processors")
@@ -71,7 +71,7 @@ def processors() -> list[int]:
 
 @contextmanager
 def on(some: Sequence[int]) -> Iterator[None]:
-    """Bind this thread, and threads and processes that it starts in the block, to some processors."""
+    """Keep this thread, and the threads and processes that it starts meanwhile, to these processors."""
     before = processors()
     os.sched_setaffinity(0, some)
     try:

@@ -1,4 +1,4 @@
-"""Load by several clients: the capacity of the service, and query times at half of it."""
+"""Many clients at once: the capacity of the service, and the time of queries at half of it."""
 
 import threading
 from collections.abc import Callable, Iterator, Sequence
@@ -20,27 +20,27 @@ from service.studies.benchmark.searching import STEP, served
 SHAPES, QUERYING, INGESTING = 380, 8, 2
 CAPACITY_SECONDS, ALONE, SECONDS = 20.0, 60, 60.0
 SHARE = 0.5
-"""Load as a share of the capacity."""
+"""Of what the service can do, how much is asked of it."""
 
 
 @dataclass(frozen=True)
 class LoadRow:
-    """One archive under load; times in seconds.
+    """One archive under load; seconds.
 
     Attributes
     ----------
     shapes, querying, ingesting : int
-        Number of shapes at the start, and numbers of clients that query and upload.
+        Stored at the start, and clients.
     queries_a_second, uploads_a_second : float
-        Capacity: answers per second while every client sends the next request at once.
+        Answered while all clients ask again as soon as they have an answer.
     alone_median, alone_p95 : float
-        Time of a query of a single client.
+        Of a query while there is one client.
     seconds : float
-        Duration of the load of `SHARE` times the capacity, at even intervals.
+        How long so many a second were asked for, times `SHARE`, at even intervals.
     queries, uploads, errors : int
-        Successful and failed requests during that time.
+        Answered meanwhile; answers that were none.
     median, p95 : float
-        Time of a query, from its due time.
+        Of a query, from when it was due.
     """
 
     shapes: int
@@ -59,20 +59,20 @@ class LoadRow:
 
 
 class _Clients:
-    """Clients in separate threads; each repeats one kind of request."""
+    """Clients in threads of their own, each asking one kind of thing."""
 
     def __init__(self, url: str, asks: Sequence[Callable[[Client], object]]) -> None:
         self._url = url
         self._asks = asks
 
     def run(self, seconds: float, intervals: Sequence[float]) -> list[list[tuple[float, bool]]]:
-        """The requests of each client: times from their due times, and whether they failed.
+        """The time of each client's requests, counted from their due time, and whether they failed.
 
         Parameters
         ----------
         seconds : float
         intervals : sequence of float
-            Interval between requests of each client; with 0, a request is due after the previous answer.
+            Between the requests of each client; of 0, one is due when the last is answered.
         """
         found: list[list[tuple[float, bool]]] = [[] for _ in self._asks]
         start = perf_counter()
@@ -112,7 +112,7 @@ def load_row(
     alone: int = ALONE,
     seconds: float = SECONDS,
 ) -> LoadRow:
-    """Measure a single client, then the capacity for all clients, then query times at half of it."""
+    """Measure one client alone, then the capacity with all clients, then the times at half of it."""
     url = f"sqlite:///{scratch / 'load.sqlite3'}"
     fill(url, originals, shapes, lambda written: None)
     numbers, files = count(), _files(source)
@@ -136,7 +136,7 @@ def load_row(
             times.append(perf_counter() - before)
         clients = _Clients(service.url, [query] * QUERYING + [upload] * INGESTING)
         most = clients.run(capacity_seconds, [0.0] * (QUERYING + INGESTING))
-        # Without any answer, the capacity counts as one request.
+        # Where not even one was answered, one is taken to be what can be.
         done = [max(sum(map(len, some)), 1) for some in (most[:QUERYING], most[QUERYING:])]
         rates = [number / capacity_seconds for number in done]
         intervals = [QUERYING / (SHARE * rates[0])] * QUERYING + [INGESTING / (SHARE * rates[1])] * INGESTING
@@ -161,7 +161,7 @@ def load_row(
 
 
 def _files(source: Source) -> Iterator[tuple[str, bytes]]:
-    """The meshes of the source in an endless cycle, each time with another size and name."""
+    """The meshes of the source again and again, each time of another size and under another name."""
     meshes = [entry for some in source.classes.values() for entry in some]
     for number in count():
         name, mesh = meshes[number * STEP % len(meshes)]

@@ -1,4 +1,4 @@
-"""Tables of the measurements of `service.studies.benchmark.matching`, one line per pair."""
+"""The measurements of `service.studies.benchmark.matching` as tables: a line for each pair."""
 
 from collections.abc import Sequence
 

@@ -1,4 +1,4 @@
-"""Meshes of a collection, or generated ones, at given sizes."""
+"""The meshes of the measurements: from a collection or generated, at the sizes wanted."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -16,30 +16,30 @@ from service.datasets import read_collection
 MADE_POSES = 3
 
 MADE = {"human": "person", "fourleg": "quadruped", "airplane": "plane"}
-"""Generated classes that replace classes of the Princeton Segmentation Benchmark with other names."""
+"""Made classes that stand for those of the Princeton Segmentation Benchmark under another name."""
 
 NEAR = 0.15
-"""The tolerated relative error of a number of vertices."""
+"""A number of vertices may be off by this part."""
 
 
 @dataclass(frozen=True)
 class Source:
-    """Named meshes by class; classes are in lower case."""
+    """Meshes by class, each with its name; classes in lower case."""
 
     classes: Mapping[str, list[tuple[str, Mesh]]]
 
     def of(self, label: str) -> list[tuple[str, Mesh]]:
-        """The meshes of a class, or of the generated class that replaces it; empty if there is none."""
+        """The meshes of a class, or of the made class that stands for it; empty if there is none."""
         return self.classes.get(label) or self.classes.get(MADE.get(label, label), [])
 
     def nearest(self, vertices: int, count: int) -> list[tuple[str, Mesh]]:
-        """The meshes with the nearest numbers of vertices."""
+        """The meshes whose number of vertices is nearest."""
         everything = [entry for meshes in self.classes.values() for entry in meshes]
         return sorted(everything, key=lambda entry: abs(len(entry[1].vertices) - vertices))[:count]
 
 
 def read_source(folder: Path | None) -> Source:
-    """The meshes of a labelled folder, or generated ones.
+    """The meshes of a labelled folder, or made ones.
 
     Raises
     ------
@@ -58,7 +58,7 @@ def read_source(folder: Path | None) -> Source:
 
 
 def resized(mesh: Mesh, vertices: int) -> Mesh:
-    """Subdivide the surface, then simplify it to about a number of vertices."""
+    """The surface with about so many vertices: all edges halved until there are enough, then simplified."""
     while len(mesh.vertices) < (1.0 - NEAR) * vertices:
         mesh = subdivide(mesh, 1.0, 0)
     if len(mesh.vertices) <= (1.0 + NEAR) * vertices:

@@ -22,7 +22,7 @@ Table = list[list[str]]
 
 @dataclass(frozen=True)
 class BenchmarkResults:
-    """The rows of every subject that was measured; those of the others are empty."""
+    """The rows of every measured subject; the lists of other subjects are empty."""
 
     embedding: list[EmbeddingRow] = field(default_factory=list)
     growth: list[GrowthRow] = field(default_factory=list)

@@ -1,4 +1,4 @@
-"""The plot of cost against size."""
+"""Cost against size as a picture."""
 
 from collections.abc import Sequence
 from io import BytesIO

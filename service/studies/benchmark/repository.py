@@ -1,4 +1,4 @@
-"""The SQL that fills archives for benchmarks."""
+"""The SQL of archives that are made to be measured."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -15,7 +15,7 @@ TABLES = (BlobRow, ShapeRow, EmbeddingRow, SketchRow)
 
 
 def add(session: WriteSession, rows: Sequence[Sequence[Row]], revision: int) -> None:
-    """Insert rows into each of the `TABLES`, and set the revision of the archive."""
+    """Write the rows of each of the `TABLES` as they are, and the revision that the last shape has."""
     for table, of_table in zip(TABLES, rows, strict=True):
         session.execute(insert(table), of_table)
     session.execute(update(ArchiveRow).values(revision=revision))

@@ -1,4 +1,4 @@
-"""Tables of the measurements of searches, uploads and load."""
+"""The measurements of `service.studies.benchmark.searching` as tables."""
 
 from collections.abc import Sequence
 
@@ -10,7 +10,7 @@ STAGES = ("read", "shortlist", "compare", "results")
 
 
 def search_table(rows: Sequence[SearchRow]) -> list[list[str]]:
-    """A line an archive: milliseconds, MiB."""
+    """A line for each archive: milliseconds, MiB."""
     return [
         [
             "shapes",
@@ -39,7 +39,7 @@ def search_table(rows: Sequence[SearchRow]) -> list[list[str]]:
 
 
 def cascade_table(rows: Sequence[CascadeRow]) -> list[list[str]]:
-    """A line a length of the cascade."""
+    """A line for each choice of stage lengths."""
 
     def count(of: int | None) -> str:
         return "all" if of is None else f"{of:,}"

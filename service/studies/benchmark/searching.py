@@ -1,4 +1,4 @@
-"""Queries over HTTP to archives of several sizes: their times, and the results that shortlists miss."""
+"""Queries over HTTP against archives of several sizes: time, and results that the stages miss."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -16,9 +16,9 @@ from service.studies.benchmark.archive import Original, fill, label_of, shape_id
 
 SIZES = (380, 10_000, 100_000)
 QUERIES, LONG, CHECKED = 100, 20, 40
-"""Numbers of queries: of an archive, of a large one searched exhaustively, and of the check of shortlists."""
+"""Queries of an archive, of one of thousands that is searched exhaustively, and of those that are checked."""
 EXHAUSTIVE = 10_000
-"""The size up to which archives are also searched exhaustively."""
+"""Archives up to this size are searched exhaustively too."""
 
 LENGTHS = (
     (250, 50, 10),
@@ -28,32 +28,32 @@ LENGTHS = (
     (2_000, 400, 30),
     (4_000, 800, 60),
 )
-"""Shapes in coarse ranking, in re-ranking, and compared in full besides the requested results."""
+"""How many the cascade sifts, screens, and compares in full beside the wanted ones."""
 
 STEP = 7919
-"""The step between the numbers of queried shapes, coprime to all sizes."""
+"""Between the numbers that are asked for: it shares no factor with a size."""
 
 
 @dataclass(frozen=True)
 class SearchRow:
-    """Query times of one archive.
+    """One archive.
 
     Attributes
     ----------
     shapes : int
     exhaustive : bool
-        Whether queries compared every shape.
+        Whether queries asked for every shape to be compared.
     compared : int
-        Number of shapes that the last query compared in full.
+        Shapes that the last query compared in full.
     start : float
-        Seconds from the start of the process until it is ready.
+        Seconds from the process's start until it is ready.
     first, median, p95 : float
-        Seconds of the first query, and of the others.
+        Seconds of the first query, and of all the others.
     stages : dict of str to float
-        Median seconds of a query's stages, as reported by the service.
+        Median seconds of a query's stages, as the service tells them.
     queries : int
     memory : int
-        Memory of the service's main process at the end, in bytes.
+        Bytes that the service's own process holds at the end.
     """
 
     shapes: int
@@ -70,21 +70,20 @@ class SearchRow:
 
 @dataclass(frozen=True)
 class CascadeRow:
-    """Search by stages against exhaustive search of one archive.
+    """The stages of a search against exhaustive search of one archive.
 
     Attributes
     ----------
     shapes, queries : int
-        Queries are originals; the answers exclude their copies.
+        Queries are originals; what was made of them is left out of the answers.
     length, reranked, finalists : int or None
-        Shapes in coarse ranking, in re-ranking, and compared in full besides the requested results; None is
-        all.
+        How many the cascade sifts, screens, and compares in full beside the wanted ones; None is every shape.
     first : float
-        Share of queries with the same first result as exhaustive search.
+        Share of queries whose first answer is that of the exhaustive search.
     nn, ten : float
-        Share of first results, and of the first ten, of the query's class.
+        Share of first answers, and of the first ten, that are of the query's class.
     median : float
-        Median time in seconds.
+        Seconds.
     """
 
     shapes: int
@@ -106,9 +105,9 @@ def searching_rows(
     queries: int = QUERIES,
     told: Callable[[int], object] = lambda written: None,
 ) -> tuple[list[SearchRow], list[CascadeRow]]:
-    """Fill an archive of each size and query it by ids of evenly distributed shapes.
+    """Fill an archive of each size and query it by the ids of shapes spread over it.
 
-    Search by stages is compared with exhaustive search on the largest archive of up to `EXHAUSTIVE` shapes.
+    The stages are compared with exhaustive search on the largest archive searched exhaustively.
     """
     rows: list[SearchRow] = []
     kept: list[CascadeRow] = []
@@ -128,7 +127,7 @@ def searching_rows(
 
 @contextmanager
 def served(url: str, **settings: int) -> Iterator[tuple[ChildService, Client]]:
-    """A ready service on an archive, and a client of it."""
+    """The service on an archive, ready, and a client of it."""
     with bind(LOOPBACK, 0) as bound:
         port = bound.getsockname()[1]
     changed = {f"ISOSHAPE_{name.upper()}": str(value) for name, value in settings.items()}
@@ -171,7 +170,7 @@ def cascade_rows(
     queries: int = CHECKED,
     lengths: Sequence[tuple[int, int, int]] = LENGTHS,
 ) -> list[CascadeRow]:
-    """Each length of the stages; the last row is exhaustive search."""
+    """Each choice of stage lengths against exhaustive search, which is the last row."""
     asked = [number * STEP % len(source) for number in range(min(queries, len(source)))]
     found: dict[tuple[int, int, int] | None, tuple[list[list[str]], float]] = {}
     for length in (*lengths, None):

@@ -1,4 +1,4 @@
-"""Times of an embedding's stages, measured without changes to the pipeline."""
+"""The time of each stage of an embedding, measured without a line of code in the pipeline."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -15,38 +15,38 @@ from core.spectral import spectral_embedding as spectra
 
 READING, REST = "read", "rest"
 
-STAGES: dict[str, tuple[ModuleType, str]] = {
-    "clean": (pipeline, "clean"),
-    "close holes": (pipeline, "fill_holes"),
-    "normal frame": (pipeline, "normal_frame"),
-    "simplify": (pipeline, "simplify"),
-    "refine": (pipeline, "refine"),
-    "edge graph": (pipeline, "edge_graph"),
-    "Lewis weights": (pipeline, "lewis_weights"),
-    "farthest-point sampling": (pipeline, "weighted_farthest_points"),
-    "sparse graph, MST": (pipeline, "sparse_graph"),
-    "geodesics": (pipeline, "geodesics"),
-    "affinity": (spectra, "_affinity_pairs"),
-    "Laplace-Beltrami": (spectra, "laplace_beltrami"),
-    "global descriptors": (pipeline, "global_descriptors"),
-    "facts": (pipeline, "measure"),
-    "spin images": (pipeline, "describe"),
+STAGES: dict[str, tuple[tuple[ModuleType, str], ...]] = {
+    "clean": ((pipeline, "clean"), (simplification, "clean")),
+    "close holes": ((pipeline, "fill_holes"),),
+    "normal frame": ((pipeline, "normal_frame"),),
+    "simplify": ((pipeline, "simplify"),),
+    "refine": ((pipeline, "refine"),),
+    "edge graph": ((pipeline, "edge_graph"),),
+    "Lewis weights": ((pipeline, "lewis_weights"),),
+    "samples": ((pipeline, "weighted_farthest_points"),),
+    "sparse graph, MST": ((pipeline, "sparse_graph"),),
+    "geodesics": ((pipeline, "geodesics"),),
+    "affinity": ((spectra, "_affinity_pairs"),),
+    "Laplace-Beltrami": ((spectra, "laplace_beltrami"),),
+    "global descriptors": ((pipeline, "global_descriptors"),),
+    "mesh facts": ((pipeline, "measure"),),
+    "spin images": ((pipeline, "describe"),),
 }
-"""The function of each stage, and the module that calls it."""
+"""The function of each stage, and each module that calls it."""
 
-_CALLS = (*STAGES.items(), ("clean", (simplification, "clean")))
-"""All calls of the stages' functions: simplification cleans its result."""
-
-SAMPLING = tuple(list(STAGES)[: list(STAGES).index("farthest-point sampling") + 1])
-"""Stages before the samples are known."""
+SAMPLING = tuple(list(STAGES)[: list(STAGES).index("samples") + 1])
+"""The stages up to the samples."""
 
 EMBEDDING = tuple(stage for stage in (*STAGES, REST) if stage not in SAMPLING)
-"""Stages after the samples are known."""
+"""The stages after the samples."""
 
 
 @contextmanager
 def watched() -> Iterator[dict[str, float]]:
-    """Seconds by stage of embeddings in the block; time in a nested stage counts only for that stage."""
+    """Measure the stages of embeddings within the block, in seconds.
+
+    The time of a stage that runs inside another counts for the inner stage alone.
+    """
     seconds = dict.fromkeys(STAGES, 0.0)
     inside: list[float] = []
 
@@ -70,16 +70,16 @@ def watched() -> Iterator[dict[str, float]]:
         for module, function in places
     ]
     try:
-        for name, (module, function) in _CALLS:
-            setattr(module, function, timed(name, plain[name]))
+        for module, function, name, original in plain:
+            setattr(module, function, timed(name, original))
         yield seconds
     finally:
-        for name, (module, function) in _CALLS:
-            setattr(module, function, plain[name])
+        for module, function, _, original in plain:
+            setattr(module, function, original)
 
 
 def embed_bytes(method: Pipeline, data: bytes, format: str) -> tuple[Embedding, dict[str, float]]:
-    """The embedding of a file, and seconds by stage from reading on, whose sum is the total."""
+    """A file's embedding, and the seconds of every stage from reading on; they add up to the whole."""
     start = perf_counter()
     mesh = read_mesh(data, format)
     read = perf_counter()

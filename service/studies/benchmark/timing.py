@@ -1,4 +1,4 @@
-"""Repeated measurements: their median and quartiles."""
+"""Figures that repeat: a median and its spread."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,14 +8,14 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Spread:
-    """The distribution of repeated measurements.
+    """Median and quartiles of repeated measurements.
 
     Attributes
     ----------
     median, low, high : float
-        Median, first and third quartile.
+        The middle one, and the quartiles.
     count : int
-        Number of measurements.
+        Of measurements.
     """
 
     median: float
@@ -25,14 +25,14 @@ class Spread:
 
     @classmethod
     def of(cls, values: Sequence[float]) -> "Spread":
-        """The distribution of one or more values."""
+        """The spread of one or more values."""
         low, median, high = np.percentile(values, [25.0, 50.0, 75.0])
         return cls(float(median), float(low), float(high), len(values))
 
     def milliseconds(self, digits: int = 1) -> str:
-        """Format seconds for a table: median and quartiles in milliseconds, with `digits` decimals."""
+        """Seconds as a cell of a table: median and quartiles in milliseconds, with so many decimals."""
         return Spread(1e3 * self.median, 1e3 * self.low, 1e3 * self.high, self.count).plain(digits)
 
     def plain(self, digits: int) -> str:
-        """Format values for a table: median and quartiles, with `digits` decimals."""
+        """A cell of a table: median and quartiles, with so many decimals."""
         return f"{self.median:,.{digits}f} ({self.low:,.{digits}f} to {self.high:,.{digits}f})"

@@ -11,7 +11,7 @@ _COLOUR = "#0072b2"
 
 
 def reliability_figure(study: Study) -> bytes:
-    """A PNG of the share of pairs of one class against class probability, for all collections and each."""
+    """A PNG: for all collections together and for each, the share of one class by the probability given."""
     panels = [("all together", study.together)]
     panels += [(one.name, one.reliability) for one in study.collections]
     figure = Figure(figsize=(3.1 * len(panels), 4.2), layout="constrained")

@@ -1,4 +1,4 @@
-"""Calibration of the class probability on labelled collections."""
+"""The results of a calibration on labelled collections."""
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
@@ -11,19 +11,19 @@ from core.evaluation.retrieval_measures import Evaluation, evaluate
 from core.ranking.class_probability import Calibration
 
 UPPER = 5
-"""The first bin of pairs whose class probability exceeds one half."""
+"""The bins from this one on hold the pairs that are called more likely of one class than not."""
 
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """One collection, with probabilities of each pair by the fit without its query's class.
+    """One collection: its pairs as the fits without their query's class judge them.
 
     Attributes
     ----------
     name : str
     shapes, classes : int
     figures : Evaluation
-        Evaluation of the ranking by these probabilities.
+        Ranked by those chances.
     reliability : Reliability
     """
 
@@ -36,17 +36,17 @@ class Judged:
 
 @dataclass(frozen=True, eq=False)
 class Incomplete:
-    """Pairs of an incomplete shape and a whole one, with probabilities of the same kind.
+    """Pairs of an incomplete shape and a whole shape, judged likewise.
 
     Attributes
     ----------
     model : Calibration
     queries : int
-        Number of incomplete shapes.
+        Incomplete shapes.
     nn : float
-        Share of them whose most probable whole shape, except their own, is of their class.
+        Share of them whose likeliest whole one, but their own, is of their class.
     reliability : Reliability
-        Over all perturbations and collections, each with the same weight.
+        Each way that they are incomplete, in each collection, with the same weight.
     """
 
     model: Calibration
@@ -57,16 +57,16 @@ class Incomplete:
 
 @dataclass(frozen=True, eq=False)
 class Study:
-    """The model of all pairs, and its evaluation by models without each class.
+    """The model of all pairs, and the errors of the models fitted without each class.
 
     Attributes
     ----------
     model : Calibration
     without_patches : Calibration
-        The model without the features of spin images.
+        Of the evidence but that of patches.
     collections : tuple of Judged
     together : Reliability
-        Over all collections, each with the same weight.
+        Of all collections, each with the same weight.
     incomplete : Incomplete
     """
 
@@ -104,20 +104,20 @@ class Study:
 def study(
     names: Sequence[str], collections: Sequence[Collection], incomplete: Sequence[Sequence[Collection]]
 ) -> Study:
-    """Fit a model to all pairs, and evaluate each class by the fit without it.
+    """Fit the model to all pairs, and judge each class by the model fitted without it.
 
     Parameters
     ----------
     names : sequence of str
     collections : sequence of Collection
-        One per name, with the features of `core.ranking.class_probability.spin_image_features`.
+        One a name, with the evidence of `core.ranking.class_probability.spin_image_features`.
     incomplete : sequence of sequence of Collection
-        Several per name, with the features of `core.ranking.class_probability.part_features`.
+        Several a name, with that of `core.ranking.class_probability.part_features`.
 
     Raises
     ------
     ParameterError
-        Without one of the classes, all pairs have the same label.
+        Without some class, all pairs are of one kind.
     """
     probabilities = leave_class_out(collections)
     return Study(

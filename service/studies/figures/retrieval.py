@@ -1,4 +1,4 @@
-"""Table 3 and the confusion matrix of a collection's scores."""
+"""Table 3 and the confusion matrix, from the scores of a collection."""
 
 from collections.abc import Sequence
 from itertools import chain
@@ -20,16 +20,16 @@ _FOUND = 3
 def top_figure(
     meshes: Sequence[Mesh], labels: Sequence[str], closeness: NDArray[np.float64], score: str
 ) -> bytes:
-    """Table 3: the first shape of each class as a query, and its three most similar shapes.
+    """Table 3: the first shape of each class as a query, and the three most similar other shapes.
 
     Parameters
     ----------
     meshes : sequence of n Mesh
     labels : sequence of n str
     closeness : float64, shape (n, n)
-        Similarities; the diagonal is ignored.
+        Larger is closer; the diagonal is not read.
     score : str
-        The name of the score in the captions.
+        The name of the score, for the captions.
     """
     blocks: list[list[Panel]] = []
     for label in sorted(set(labels)):
@@ -46,7 +46,7 @@ def top_figure(
 
 
 def confusion_figure(figures: Evaluation, score: str) -> bytes:
-    """The confusion matrix: classes of queries (rows) against classes of their first neighbours (columns)."""
+    """The number of queries of each class (row) whose first neighbour has each class (column)."""
     counts, names = figures.confusion, figures.classes
     side = 1.6 + 0.32 * len(names)
     figure = Figure(figsize=(side, side), layout="constrained")

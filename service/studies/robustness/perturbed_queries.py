@@ -32,13 +32,13 @@ Done = Callable[[int], None]
 
 @dataclass(frozen=True, eq=False)
 class Gallery:
-    """The clean shapes that have an embedding.
+    """The clean shapes that can be embedded.
 
     Attributes
     ----------
     files : tuple of Path
     labels : tuple of str
-        Classes of the shapes.
+        The class of each.
     embeddings : tuple of Embedding
     """
 
@@ -48,7 +48,7 @@ class Gallery:
 
 
 def clean_gallery(pool: Executor, files: Sequence[tuple[Path, str]], tell: Told, done: Done) -> Gallery:
-    """The files that can be embedded; `tell` receives the reason for each of the others."""
+    """The files that can be embedded; `tell` is told of each of the others, and why."""
     results = embed_files(pool, [path for path, _ in files], done)
     kept: list[tuple[Path, str, Embedding]] = []
     for (path, label), result in zip(files, results, strict=True):
@@ -69,7 +69,7 @@ def clean_retrieval(pool: Executor, gallery: Gallery, done: Done) -> Retrieval:
 
 @contextmanager
 def on_disk(gallery: Gallery) -> Iterator[Path]:
-    """A temporary file of the gallery, which each worker reads once."""
+    """A file with the gallery, so that each worker reads it once, and not once a query."""
     with TemporaryDirectory() as folder:
         path = Path(folder) / "gallery"
         path.write_bytes(pickle.dumps(list(gallery.embeddings)))
@@ -86,7 +86,7 @@ def perturbed_level(
     tell: Told,
     done: Done,
 ) -> Level:
-    """Each perturbed shape as a query against all clean ones; `stored` is the file of `on_disk`."""
+    """Each shape perturbed, a query against all clean ones; `stored` is the file of `on_disk`."""
     runs, own, unusable = [], [], []
     count = len(gallery.files)
     for seed in range(1 if amount in kind.certain else seeds):
@@ -112,7 +112,7 @@ def perturbed_level(
 
 
 def tau_level(gallery: Gallery, tau: float, workers: int, tell: Told, done: Done) -> Level:
-    """Gallery and queries embedded with another sparse ratio; `done` counts each shape twice."""
+    """Gallery and queries embedded under a sparse ratio; `done` is called twice for each shape."""
     parameters = tau_parameters(tau)
     count = len(gallery.files)
     likeness = {name: np.zeros((count, count)) for name in ("cc", "combined")}
@@ -132,20 +132,20 @@ def tau_level(gallery: Gallery, tau: float, workers: int, tell: Told, done: Done
 
 
 def seed_of(path: Path, seed: int) -> int:
-    """The seed of one shape in one run, which depends only on the name of its file."""
+    """The seed of one shape in one run, which depends on the name of its file alone."""
     return int(np.random.SeedSequence([seed, crc32(path.name.encode())]).generate_state(1)[0])
 
 
 @dataclass(frozen=True, eq=False)
 class ScoredQuery:
-    """A perturbed shape and its scores with the clean ones.
+    """A perturbed shape, and its similarity to each clean shape.
 
     Attributes
     ----------
     pipeline : Pipeline
     mesh : Mesh
     query : Embedding
-        Embedding of the mesh.
+        Of the mesh.
     gallery : list of Embedding
     scores : Scores
     """
@@ -158,7 +158,7 @@ class ScoredQuery:
 
 
 def perturbed_query(stored: Path, kind: Kind, amount: float, seed: int, path: Path) -> ScoredQuery | str:
-    """A perturbed file as a query against the gallery, or the reason of failure."""
+    """A perturbed file as a query to the gallery, or the reason why it cannot be."""
     pipeline, gallery = _pipeline(), _load(stored)
     try:
         mesh = kind.perturb(_clean(path), amount, seed_of(path, seed))
@@ -167,12 +167,12 @@ def perturbed_query(stored: Path, kind: Kind, amount: float, seed: int, path: Pa
     except CoreError as error:
         return f"{error.kind}: {error}"
     except Exception as error:
-        # An error of the program is reported for this mesh; the study continues.
+        # A fault of the program, on this mesh: it is named, and costs the run no other.
         return f"{type(error).__name__}: {error}"
 
 
 def _query(stored: Path, kind: Kind, amount: float, seed: int, path: Path) -> dict[str, Floats] | str:
-    """Similarities of a perturbed file to the gallery, shape (n,), by score; or the reason of failure."""
+    """The similarity of a perturbed file to each clean shape, (n,) by score; or why there is none."""
     asked = perturbed_query(stored, kind, amount, seed, path)
     if isinstance(asked, str):
         return asked

@@ -4,18 +4,18 @@ from core.studies.robustness import KINDS, TAU, TAU_VERTICES, Level, Study
 from service.studies.sampling.tables import TextTable
 
 TITLES = {TAU: "sparse ratio tau", **{kind.name: kind.title for kind in KINDS}}
-# The clean ranking from which each loss is measured; clean partial queries do not exist.
+# The clean ranking that each fall is measured from: there is no clean query by part.
 CLEAN = {"cc": "cc", "combined": "combined", "part": "combined"}
 UNITS = {TAU: f"of about {TAU_VERTICES} vertices", **{kind.name: kind.unit for kind in KINDS}}
 
 
 def amount_of(level: Level) -> str:
-    """The amount as text: tau as a number, others in per cent."""
+    """The amount as text: tau as a number, all other amounts in per cent."""
     return f"{level.amount:g}" if level.kind == TAU else f"{100 * level.amount:g}"
 
 
 def table(study: Study) -> TextTable:
-    """NN by CC, by the combined score and of parts, with the loss in points against clean queries."""
+    """NN by CC, by the combined score and of parts, with the fall in points against the clean queries."""
     rows: list[tuple[str, ...]] = [
         ("none", "", f"{study.clean.cc:.3f}", "", f"{study.clean.combined:.3f}", *[""] * 5)
     ]
