@@ -29,6 +29,6 @@ class DuplicatesOptions(NamedInAddress, Filters):
     )
     format: Literal["json", "csv"] = Field(default="json", description="csv: one row for each shape.")
 
-    def wanted(self, collection: CollectionNumber) -> Wanted:
+    def wanted(self, collection: CollectionNumber) -> DuplicateCriteria:
         """The search in a collection."""
-        return Wanted(self.filtered(collection), self.min_cc, self.max_residual)
+        return DuplicateCriteria(self.filtered(collection), self.min_cc, self.max_residual)
