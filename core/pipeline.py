@@ -335,7 +335,9 @@ class Pipeline:
 
         See `core.ranking.class_probability.signature_features`.
         """
-        return signature_features(cc, sim, query, signatures, form=self.parameters.ranking.global_descriptors)
+        return signature_features(
+            cc, sim, query, signatures, global_descriptors=self.parameters.ranking.global_descriptors
+        )
 
     def combined(
         self,

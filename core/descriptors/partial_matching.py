@@ -59,8 +59,8 @@ def describe_part(surface: Mesh) -> Bytes:
         The spin images of one share after those of another. The last columns are 1 for each usable support
         ball of the keypoint, else 0.
     """
-    rim = _boundary_points(surface)
-    tree = cKDTree(rim) if len(rim) else None
+    boundary = _boundary_points(surface)
+    tree = cKDTree(boundary) if len(boundary) else None
     made = []
     for missing in MISSING_SHARES:
         found = spin_images(surface, missing)

@@ -12,7 +12,7 @@ def quadruped(rng: Generator) -> list[Part]:
     u = rng.uniform
     length, girth, leg = u(0.85, 1.15), u(0.19, 0.25), u(0.3, 0.44)
     bow, curve = u(-12, 12), u(-14, 14)
-    rear = Frame().turn("y", -bow).turn("z", -curve)
+    rear = Frame().rotate("y", -bow).rotate("z", -curve)
     joints, chest = chain(rear, [length * 0.5, length * 0.5], [(0, 0), (bow, curve)])
     parts = [tube(joints, np.array([0.95, 0.92, 1.08]) * girth, blend=0.06)]
     rise, look = u(25, 70), u(-35, 35)
@@ -24,7 +24,7 @@ def quadruped(rng: Generator) -> list[Part]:
     )
     parts.append(tube(neck, np.array([0.8, 0.55, 0.47]) * girth, blend=0.08))
     # Level the head to a nod of its own, whatever the neck does.
-    skull = nape.turn("y", rise + u(-10, 35))
+    skull = nape.rotate("y", rise + u(-10, 35))
     muzzle = u(0.2, 0.32)
     parts.append(
         tube(
@@ -50,7 +50,9 @@ def quadruped(rng: Generator) -> list[Part]:
     tail_length, droop, wag = u(0.35, 0.75), u(-50, 50), u(-14, 14)
     bends = [(u(-8, 22), wag) for _ in range(6)]
     tail, _ = chain(
-        rear.move(-0.7 * girth, z=0.45 * girth).turn("z", 180).turn("y", droop), [tail_length / 6] * 6, bends
+        rear.move(-0.7 * girth, z=0.45 * girth).rotate("z", 180).rotate("y", droop),
+        [tail_length / 6] * 6,
+        bends,
     )
     parts.append(tube(tail, np.linspace(0.055, 0.032, 7), blend=0.06))
     return parts
@@ -61,7 +63,7 @@ def _leg(
 ) -> list[Part]:
     """A leg with a paw, from bones given as length, bend in degrees and thickness by the trunk's."""
     u = rng.uniform
-    down = root.turn("y", 90 - u(-30, 30)).turn("z", left * u(3, 14))
+    down = root.rotate("y", 90 - u(-30, 30)).rotate("z", left * u(3, 14))
     joints, foot = chain(down, [length for length, _, _ in bones], [(bend, 0.0) for _, bend, _ in bones])
     radii = np.array([*(thick for _, _, thick in bones), 0.25]) * girth
     # The leg runs along x, so that forwards is z.
@@ -83,24 +85,24 @@ def bird(rng: Generator) -> list[Part]:
     ]
     reach, rise = u(0.16, 0.42), u(0, 60)
     neck, nape = chain(
-        body.move(0.3 * size, z=0.06).turn("z", u(-25, 25)),
+        body.move(0.3 * size, z=0.06).rotate("z", u(-25, 25)),
         [reach / 2, reach / 2],
         [(-rise, 0), (u(-20, 20), u(-20, 20))],
     )
     parts.append(tube(neck, [0.11, 0.085, 0.08], blend=0.07))
-    head = nape.turn("y", rise)
+    head = nape.rotate("y", rise)
     parts.append(ellipsoid(head.move(0.04), (0.13, 0.1, 0.1), blend=0.04))
     parts.append(
         tube(np.array([head.at(0.12), head.at(0.12 + u(0.14, 0.26), z=-0.02)]), [0.055, 0.027], blend=0.02)
     )
     fan = u(0.16, 0.26)
-    tail = body.move(-0.34 * size).turn("y", u(-15, 20))
+    tail = body.move(-0.34 * size).rotate("y", u(-15, 20))
     outline = [(0.08, 0.05), (-0.42, fan), (-0.46, 0.0), (-0.42, -fan), (0.08, -0.05)]
     parts.append(plate(tail, outline, 0.055, blend=0.04))
     span, chord, sweep = u(0.75, 1.15), u(0.26, 0.36), u(-0.05, 0.25)
     flap, fold = u(-25, 45), u(-45, 30)
     for left in (-1, 1):
-        shoulder = body.move(0.06, left * 0.5 * slim, 0.4 * slim).turn("x", left * (flap + u(-6, 6)))
+        shoulder = body.move(0.06, left * 0.5 * slim, 0.4 * slim).rotate("x", left * (flap + u(-6, 6)))
         parts.extend(_wing(shoulder, left, span=span, chord=chord, sweep=sweep, fold=fold + u(-6, 6)))
         parts.extend(_bird_leg(body.move(-0.1, left * 0.5 * slim, -0.6 * slim), left, rng))
     return parts
@@ -117,7 +119,7 @@ def _wing(shoulder: Frame, left: int, *, span: float, chord: float, sweep: float
         (-0.35 * chord - sweep, 0.75 * outer),
         (-0.5 * chord, 0.0),
     ]
-    elbow = shoulder.move(0.0, left * inner).turn("x", left * fold)
+    elbow = shoulder.move(0.0, left * inner).rotate("x", left * fold)
     return [
         plate(shoulder, mirrored(arm, left), 0.06, blend=0.04),
         plate(elbow, mirrored(tip, left), 0.055, blend=0.03),
@@ -126,11 +128,11 @@ def _wing(shoulder: Frame, left: int, *, span: float, chord: float, sweep: float
 
 def _bird_leg(hip: Frame, left: int, rng: Generator) -> list[Part]:
     u = rng.uniform
-    down = hip.turn("y", 90 + u(-25, 35)).turn("z", left * u(0, 12))
+    down = hip.rotate("y", 90 + u(-25, 35)).rotate("z", left * u(0, 12))
     leg, foot = chain(down, [0.14, u(0.12, 0.2)], [(20, 0), (-35, 0)])
     parts = [tube(leg, [0.06, 0.035, 0.033], blend=0.03)]
     for yaw in (-35, 0, 35):
-        toe = foot.turn("y", -75).turn("z", yaw)
+        toe = foot.rotate("y", -75).rotate("z", yaw)
         parts.append(tube(np.array([foot.origin, toe.at(0.12)]), [0.033, 0.027], blend=0.01))
     return parts
 
@@ -141,7 +143,7 @@ def fish(rng: Generator) -> list[Part]:
     tall, flat = u(0.17, 0.29), u(1.9, 2.8)
     sway = u(-9, 9)
     bends = [(0.0, sway + u(-9, 9)) for _ in range(6)]
-    joints, tail = chain(Frame().move(0.5).turn("z", 180), [0.17] * 6, bends)
+    joints, tail = chain(Frame().move(0.5).rotate("z", 180), [0.17] * 6, bends)
     heights = np.array([0.42, 0.8, 1.0, 0.95, 0.72, 0.45, 0.26]) * tall
     parts = []
     for i in range(6):
@@ -158,7 +160,7 @@ def fish(rng: Generator) -> list[Part]:
         )
     parts.append(tube(np.array([joints[0] + [0.12, 0, -0.02], joints[0]]), [0.05, 0.09], blend=0.08))
     fork, reach = u(0.16, 0.3), u(0.24, 0.36)
-    fan = tail.turn("z", u(-25, 25)).turn("x", 90)
+    fan = tail.rotate("z", u(-25, 25)).rotate("x", 90)
     outline = [
         (-0.1, 0.05),
         (0.08, 0.06),
@@ -170,7 +172,7 @@ def fish(rng: Generator) -> list[Part]:
     ]
     parts.append(plate(fan, outline, 0.05, blend=0.04))
     for up, start, height in ((1, 0.2, u(0.12, 0.24)), (-1, -0.05, u(0.08, 0.16))):
-        base = Frame(joints[3]).move(z=up * 0.8 * tall).turn("x", 90)
+        base = Frame(joints[3]).move(z=up * 0.8 * tall).rotate("x", 90)
         fin = [
             (start, -0.04 * up),
             (start - 0.16, up * height),
@@ -180,7 +182,7 @@ def fish(rng: Generator) -> list[Part]:
         parts.append(plate(base, fin, 0.05, blend=0.03))
     for left in (-1, 1):
         root = Frame(joints[1]).move(-0.04, left * 0.6 * tall / flat, -0.25 * tall)
-        root = root.turn("z", 180 - left * u(25, 60)).turn("x", left * u(20, 60))
+        root = root.rotate("z", 180 - left * u(25, 60)).rotate("x", left * u(20, 60))
         parts.append(plate(root, [(0.0, -0.04), (0.22, -0.09), (0.25, 0.05), (0.0, 0.04)], 0.048, blend=0.03))
     return parts
 
@@ -197,7 +199,7 @@ def snake(rng: Generator) -> list[Part]:
     else:
         yaw = np.linspace(u(3, 6), u(12, 15), bones) * (1 if u() < 0.5 else -1)
     pitch = u(0, 2.2) * np.sin(2 * np.pi * (u(0.5, 1.5) * along + u()))
-    head = Frame().turn("z", 180)
+    head = Frame().rotate("z", 180)
     joints, _ = chain(head, [step] * bones, list(zip(pitch, yaw, strict=True)))
     fat = thick * np.interp(along, [0.0, 0.06, 0.35, 0.7, 1.0], [0.75, 0.72, 1.0, 0.85, 0.45])
     parts = [tube(joints, np.append(fat, thick * 0.33), blend=0.03)]

@@ -106,7 +106,7 @@ def plate(frame: Frame, outline: Floats, half: float) -> Field:
     return Field(corners.min(axis=0) - half, corners.max(axis=0) + half, 2.0 * half, distance, frame)
 
 
-def turned(frame: Frame, profile: Floats, rounding: float) -> Field:
+def revolved(frame: Frame, profile: Floats, rounding: float) -> Field:
     """A solid of revolution about the z axis of a frame.
 
     `profile`, shape (m, 2), is a simple polygon of (radius, height), grown by `rounding`.

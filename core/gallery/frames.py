@@ -11,7 +11,7 @@ from core.arrays import Floats
 
 
 def rotation(axis: Literal["x", "y", "z"], degrees: float) -> Floats:
-    """Matrix, shape (3, 3), of the right-handed turn about a coordinate axis."""
+    """Matrix, shape (3, 3), of the right-handed rotation about a coordinate axis."""
     c, s = cos(radians(degrees)), sin(radians(degrees))
     first, second = {"x": (1, 2), "y": (2, 0), "z": (0, 1)}[axis]
     matrix = np.eye(3)
@@ -50,8 +50,8 @@ class Frame:
         """The frame moved along its own axes."""
         return Frame(self.at(x, y, z), self.axes)
 
-    def turn(self, axis: Literal["x", "y", "z"], degrees: float) -> "Frame":
-        """The frame turned about one of its own axes, right-handed: y lowers the x axis, z takes it left."""
+    def rotate(self, axis: Literal["x", "y", "z"], degrees: float) -> "Frame":
+        """The frame rotated about one of its own axes, right-handed: y lowers the x axis, z takes it left."""
         return Frame(self.origin, self.axes @ rotation(axis, degrees))
 
 
@@ -77,6 +77,6 @@ def chain(
     """
     joints = [frame.origin]
     for length, (pitch, yaw) in zip(lengths, bends, strict=True):
-        frame = frame.turn("y", pitch).turn("z", yaw).move(length)
+        frame = frame.rotate("y", pitch).rotate("z", yaw).move(length)
         joints.append(frame.origin)
     return np.array(joints), frame

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.random import Generator
 
 from core.gallery.frames import Frame
-from core.gallery.parts import Part, box, mirrored, plate, tube, turned
+from core.gallery.parts import Part, box, mirrored, plate, revolved, tube
 
 
 def chair(rng: Generator) -> list[Part]:
@@ -14,7 +14,7 @@ def chair(rng: Generator) -> list[Part]:
     legs, back, tilt = u(0.35, 0.6), u(0.4, 0.8), u(-3, 18)
     seat = Frame()
     parts = [box(seat, (depth, width, thick), rounding=0.022, blend=0.0)]
-    rest = seat.move(-0.5 * depth + 0.03).turn("y", -tilt)
+    rest = seat.move(-0.5 * depth + 0.03).rotate("y", -tilt)
     narrow = u(0.65, 1.05)
     outline = [
         (0.0, -0.45 * width),
@@ -24,7 +24,7 @@ def chair(rng: Generator) -> list[Part]:
     ]
     if u() < 0.4:
         outline[2:2] = [(back + 0.1, -0.2 * width), (back + 0.1, 0.2 * width)]
-    parts.append(plate(rest.turn("y", -90), outline, thick * 0.9, blend=0.03))
+    parts.append(plate(rest.rotate("y", -90), outline, thick * 0.9, blend=0.03))
     stout, splay = u(0.026, 0.04), u(0.0, 0.14)
     for x in (-1, 1):
         for y in (-1, 1):
@@ -47,7 +47,7 @@ def cup(rng: Generator) -> list[Part]:
     outside = np.column_stack([radii, heights])
     inside = np.column_stack([radii - gap, depths])[::-1]
     profile = np.vstack([[0.0, 0.0], outside, inside, [0.0, floor]])
-    parts = [turned(Frame(), profile, wall, blend=0.0)]
+    parts = [revolved(Frame(), profile, wall, blend=0.0)]
     middle, span, reach = u(0.45, 0.6) * height, u(0.24, 0.34) * height, u(0.2, 0.36)
     angles = np.radians(np.linspace(-80, 80, 11))
     up = middle + span * np.sin(angles)
@@ -77,19 +77,19 @@ def plane(rng: Generator) -> list[Part]:
     fin, tailplane, tail_sweep = u(0.28, 0.42), u(0.3, 0.45), u(0.1, 0.25)
     parts.append(
         plate(
-            body.move(-0.42 * long, z=0.05).turn("x", 90),
+            body.move(-0.42 * long, z=0.05).rotate("x", 90),
             _wing(0.26, 0.14, fin, tail_sweep),
             0.045,
             blend=0.03,
         )
     )
     for left in (-1, 1):
-        root = body.move(place, left * 0.3 * thick, -0.35 * thick).turn("x", left * dihedral)
+        root = body.move(place, left * 0.3 * thick, -0.35 * thick).rotate("x", left * dihedral)
         wing = mirrored(_wing(chord, chord * taper, span, sweep), left)
         parts.append(plate(root, wing, 0.055, blend=0.03))
         pod = root.move(0.5 * chord - engines * sweep, left * engines * span, -0.075)
         parts.append(tube(np.array([pod.at(0.02), pod.at(-0.2)]), [0.065, 0.055], blend=0.02))
-        rear = body.move(-0.42 * long, left * 0.2 * thick, 0.03).turn("x", left * dihedral)
+        rear = body.move(-0.42 * long, left * 0.2 * thick, 0.03).rotate("x", left * dihedral)
         small = mirrored(_wing(0.22, 0.12, tailplane, tail_sweep), left)
         parts.append(plate(rear, small, 0.045, blend=0.02))
     return parts
@@ -106,11 +106,11 @@ def pliers(rng: Generator) -> list[Part]:
     opening, jaw, grip = u(11, 30), u(0.35, 0.6), u(0.95, 1.4)
     thick, bulge, flare = u(0.07, 0.1), u(0.08, 0.18), u(-0.06, 0.14)
     # Upright, jaws up.
-    pivot = Frame().turn("y", -90)
+    pivot = Frame().rotate("y", -90)
     disc = [(0.0, -0.07), (0.09, -0.07), (0.09, 0.07), (0.0, 0.07)]
-    parts = [turned(pivot, disc, 0.03, blend=0.0)]
+    parts = [revolved(pivot, disc, 0.03, blend=0.0)]
     for left in (-1, 1):
-        arm = pivot.turn("z", left * opening)
+        arm = pivot.rotate("z", left * opening)
         cheek = [
             (-0.06, -0.05),
             (0.1, -0.06),
@@ -146,13 +146,13 @@ def glasses(rng: Generator) -> list[Part]:
     parts: list[Part] = []
     inner = front.at(y=0.5 * gap, z=0.3 * tall)
     for left in (-1, 1):
-        side = front.move(y=left * 0.5 * gap).turn("z", left * bow)
+        side = front.move(y=left * 0.5 * gap).rotate("z", left * bow)
         rim = np.array([side.at(y=left * (wide + y), z=z) for y, z in zip(rim_y, rim_z, strict=True)])
         parts.append(tube(rim, np.full(len(rim), wire), blend=0.02))
         hinge = side.move(0.0, left * 2.0 * wide, 0.2 * tall)
-        temple = hinge.turn("z", 180 - left * u(-12, 45))
+        temple = hinge.rotate("z", 180 - left * u(-12, 45))
         length, drop = u(0.85, 1.1), u(20, 50)
-        bend = temple.move(0.75 * length).turn("y", drop)
+        bend = temple.move(0.75 * length).rotate("y", drop)
         parts.append(
             tube(
                 np.array([temple.at(-0.01), bend.origin, bend.at(0.28 * length)]),

@@ -55,8 +55,8 @@ def mirrored(outline: Sequence[tuple[float, float]], left: int) -> list[tuple[fl
     return [(x, left * y) for x, y in outline]
 
 
-def turned(
+def revolved(
     frame: Frame, profile: Sequence[tuple[float, float]] | Floats, rounding: float, *, blend: float
 ) -> Part:
     """One solid of revolution; its surface lies `rounding` outside the profile."""
-    return Part((fields.turned(frame, np.array(profile), rounding),), blend)
+    return Part((fields.revolved(frame, np.array(profile), rounding),), blend)

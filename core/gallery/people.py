@@ -16,11 +16,11 @@ def person(rng: Generator) -> list[Part]:
     lean, side, twist = u(-8, 35), u(-12, 12), u(-20, 20)
     # The spine is a chain that starts upwards: its frames have x up and z backwards.
     spine, neck_base = chain(
-        pelvis.move(z=0.02).turn("y", -90),
+        pelvis.move(z=0.02).rotate("y", -90),
         [0.16, 0.2, 0.17],
         [(lean / 3, side / 3), (lean / 3, side / 3), (lean / 3, side / 3)],
     )
-    chest = neck_base.turn("x", twist)
+    chest = neck_base.rotate("x", twist)
     depth = chest.axes[:, 2]
     torso = tube(
         spine,
@@ -40,7 +40,7 @@ def person(rng: Generator) -> list[Part]:
     )
     nod, turn = u(-20, 25), u(-40, 40)
     neck, skull = chain(chest, [0.1, 0.12], [(nod / 2, 0), (nod / 2, 0)])
-    skull = skull.turn("x", turn)
+    skull = skull.rotate("x", turn)
     parts.append(tube(neck[:2], [0.06, 0.055], blend=0.05))
     parts.append(ellipsoid(skull, (0.13, 0.085, 0.105), blend=0.03))
     parts.append(ellipsoid(skull.move(-0.02, 0.0, -0.105), (0.03, 0.02, 0.03), blend=0.03))
@@ -53,12 +53,14 @@ def person(rng: Generator) -> list[Part]:
 def _arm(shoulder: Frame, left: int, scale: float, build: float, rng: Generator) -> list[Part]:
     u = rng.uniform
     # The shoulder's x is up the spine: turn it down, swing it forwards, then lift it sideways.
-    upper = shoulder.turn("y", 180 - u(-45, 95)).turn("z", left * u(12, 85)).turn("x", left * u(-60, 30))
+    upper = (
+        shoulder.rotate("y", 180 - u(-45, 95)).rotate("z", left * u(12, 85)).rotate("x", left * u(-60, 30))
+    )
     girth = scale * build**0.5
     bends = [(0.0, 0.0), (-u(5, 95), 0.0), (u(-20, 20), 0.0)]
     joints, wrist = chain(upper, [0.29 * scale, 0.25 * scale, 0.06], bends)
     arm = tube(joints, np.array([0.055, 0.045, 0.034, 0.036]) * girth, blend=0.05)
-    palm = wrist.turn("x", u(-60, 60))
+    palm = wrist.rotate("x", u(-60, 60))
     hand = tube(
         np.array([palm.at(-0.03), palm.at(0.05), palm.at(0.11, z=0.02)]),
         np.array([0.042, 0.05, 0.036]) * scale,
@@ -74,10 +76,10 @@ def _leg(hip: Frame, left: int, scale: float, build: float, rng: Generator) -> l
     u = rng.uniform
     lift = u(-25, 75)
     knee = u(0, 25) + u(0.3, 1.0) * max(lift, 0.0) + u(0, 30)
-    thigh = hip.turn("y", 90).turn("y", -lift).turn("z", left * u(6, 28))
+    thigh = hip.rotate("y", 90).rotate("y", -lift).rotate("z", left * u(6, 28))
     joints, ankle = chain(thigh, [0.42 * scale, 0.42 * scale], [(0.0, 0.0), (knee, 0.0)])
     leg = tube(joints, np.array([0.095, 0.062, 0.042]) * build**0.5, blend=0.04)
-    sole = ankle.turn("y", -90 + u(-15, 25)).turn("z", left * u(0, 15))
+    sole = ankle.rotate("y", -90 + u(-15, 25)).rotate("z", left * u(0, 15))
     foot = tube(
         np.array([sole.at(-0.04, z=-0.02), sole.at(0.08, z=-0.03), sole.at(0.17, z=-0.035)]),
         np.array([0.045, 0.05, 0.038]) * scale,
@@ -93,10 +95,10 @@ def teddy(rng: Generator) -> list[Part]:
     body = Frame()
     head_size = u(0.27, 0.34)
     head = (
-        body.turn("x", u(-10, 10))
+        body.rotate("x", u(-10, 10))
         .move(z=belly * 1.15 + head_size * 0.75)
-        .turn("z", u(-35, 35))
-        .turn("y", u(-15, 20))
+        .rotate("z", u(-35, 35))
+        .rotate("y", u(-15, 20))
     )
     parts = [
         ellipsoid(body, (belly * 0.85, belly * 0.92, belly * 1.15), blend=0.05),
@@ -108,11 +110,11 @@ def teddy(rng: Generator) -> list[Part]:
         spot = head.move(0.0, left * head_size * 0.72, head_size * 0.78)
         parts.append(ellipsoid(spot, (ear * 0.55, ear, ear), blend=0.03))
         shoulder = body.move(0.0, left * belly * 0.68, belly * 0.7)
-        arm = shoulder.turn("z", left * u(25, 85)).turn("y", u(-50, 55))
+        arm = shoulder.rotate("z", left * u(25, 85)).rotate("y", u(-50, 55))
         joints, _ = chain(arm, [0.22, u(0.16, 0.26)], [(0, 0), (u(-25, 25), left * u(-30, 10))])
         parts.append(tube(joints, [0.13, 0.12, 0.115], blend=0.06))
         hip = body.move(0.06, left * belly * 0.55, -belly * 0.8)
-        leg = hip.turn("z", left * u(8, 35)).turn("y", u(5, 75))
+        leg = hip.rotate("z", left * u(8, 35)).rotate("y", u(5, 75))
         joints, ankle = chain(leg, [0.26, u(0.1, 0.2)], [(0, 0), (u(-10, 10), 0)])
         parts.append(tube(joints, [0.16, 0.15, 0.14], blend=0.06))
         parts.append(ellipsoid(ankle.move(0.02, z=0.06), (0.11, 0.15, 0.19), blend=0.05))
@@ -124,11 +126,11 @@ def hand(rng: Generator) -> list[Part]:
     u = rng.uniform
     slim, length = u(0.85, 1.1), u(0.88, 1.15)
     # Upright, fingers up.
-    wrist = Frame().turn("y", -90)
+    wrist = Frame().rotate("y", -90)
     parts: list[Part] = []
     sideways = wrist.axes[:, 2]
     arm, _ = chain(
-        wrist.turn("z", 180).turn("y", u(-30, 30)).turn("z", u(-12, 12)), [0.25, 0.35], [(0, 0), (0, 0)]
+        wrist.rotate("z", 180).rotate("y", u(-30, 30)).rotate("z", u(-12, 12)), [0.25, 0.35], [(0, 0), (0, 0)]
     )
     parts.append(tube(arm, np.array([0.22, 0.2, 0.23]) * slim, blend=0.1, across=sideways, squash=1.3))
     spread, curl = u(2, 9), u(0, 45)
@@ -147,11 +149,11 @@ def hand(rng: Generator) -> list[Part]:
             )
         )
         bend = np.clip(curl + u(-30, 30), -8, 62)
-        pointed = knuckle.turn("z", (1.5 - finger) * (spread + 2))
+        pointed = knuckle.rotate("z", (1.5 - finger) * (spread + 2))
         bones = spans[finger] * np.array([0.45, 0.3, 0.25])
         joints, _ = chain(pointed, list(bones), [(bend, 0), (0.9 * bend, 0), (0.6 * bend, 0)])
         parts.append(tube(joints, np.array([0.115, 0.105, 0.095, 0.08]) * slim, blend=0.03))
-    base = wrist.move(0.22, 0.26 * slim, -0.05).turn("z", u(35, 62)).turn("y", u(-5, 30))
+    base = wrist.move(0.22, 0.26 * slim, -0.05).rotate("z", u(35, 62)).rotate("y", u(-5, 30))
     joints, _ = chain(
         base, [0.36 * length, 0.3 * length, 0.26 * length], [(0, 0), (0, -u(5, 30)), (0, -u(0, 30))]
     )

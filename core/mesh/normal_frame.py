@@ -146,8 +146,8 @@ def _tied_axis(mesh: Mesh, areas: Floats, normal: Floats) -> Floats:
             leans = np.array(
                 [sum(_mean_power(value, mesh.faces, areas, n).real for n in (3, 4, 5, 6)) for value in values]
             )
-            alike = directions[leans >= leans.max() - SYMMETRIC]
-            return np.asarray(alike[np.argmax(alike @ _ordered_sum(mesh))])
+            tied = directions[leans >= leans.max() - SYMMETRIC]
+            return np.asarray(tied[np.argmax(tied @ _ordered_sum(mesh))])
     return _farthest(across)
 
 

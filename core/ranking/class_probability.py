@@ -96,7 +96,7 @@ def part_features(whole: Floats, distance: Floats) -> Floats:
     return (np.log(distance + SPIN_IMAGE_FLOOR) + WHOLE_WEIGHT * whole[..., 0])[..., None]
 
 
-def features(cc: Floats, sim: Floats, spectral: Floats, form: Floats) -> Floats:
+def features(cc: Floats, sim: Floats, spectral: Floats, global_distance: Floats) -> Floats:
     """Two features of the match of whole shapes, shape (..., 2); larger values speak against one class.
 
     With s the spectral distance, d the distance of global descriptors and the weight
@@ -109,21 +109,26 @@ def features(cc: Floats, sim: Floats, spectral: Floats, form: Floats) -> Floats:
     ----------
     cc, sim : float64, shape (...)
         In [-1, 1] and in [0, 1].
-    spectral, form : float64, shape (...)
+    spectral, global_distance : float64, shape (...)
         Distances between the eigenvalues and between the global descriptors of two signatures, >= 0.
     """
     weight = spectral**2 / (spectral**2 + HALF_SATURATION**2)
     return np.stack(
         [
             np.log(weight * (1.0 - cc + SIM_WEIGHT * (1.0 - sim)) + PAIRS_FLOOR),
-            np.log(weight * form + GLOBAL_FLOOR),
+            np.log(weight * global_distance + GLOBAL_FLOOR),
         ],
         axis=-1,
     )
 
 
 def signature_features(
-    cc: Floats, sim: Floats, query: NDArray[np.float32], signatures: NDArray[np.float32], *, form: bool
+    cc: Floats,
+    sim: Floats,
+    query: NDArray[np.float32],
+    signatures: NDArray[np.float32],
+    *,
+    global_descriptors: bool,
 ) -> Floats:
     """`features` of one shape with each of c others, shape (c, 2).
 
@@ -134,11 +139,11 @@ def signature_features(
     query : float32, shape (s,)
         Signature of the shape.
     signatures : float32, shape (c, s)
-        Signatures of the others: log eigenvalues, and with `form` the global descriptors last.
-    form : bool
+        Signatures of the others: log eigenvalues, and with `global_descriptors` the global descriptors last.
+    global_descriptors : bool
         Whether signatures end with global descriptors.
     """
     steps = np.asarray(signatures, dtype=np.float64) - np.asarray(query, dtype=np.float64)
-    values = steps.shape[1] - GLOBAL_DESCRIPTORS if form else steps.shape[1]
+    values = steps.shape[1] - GLOBAL_DESCRIPTORS if global_descriptors else steps.shape[1]
     spectral = np.linalg.norm(steps[:, :values], axis=1)
     return features(cc, sim, spectral, np.linalg.norm(steps[:, values:], axis=1) / GLOBAL_WEIGHT)

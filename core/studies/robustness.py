@@ -159,13 +159,13 @@ def tau_parameters(tau: float) -> Parameters:
 
 
 def nearest_neighbour(
-    likeness: Mapping[str, Floats], scored: NDArray[np.bool_], labels: Sequence[str]
+    similarities: Mapping[str, Floats], scored: NDArray[np.bool_], labels: Sequence[str]
 ) -> Retrieval:
     """Nearest-neighbour accuracy of n perturbed queries (rows) against n stored shapes (columns).
 
     Parameters
     ----------
-    likeness : mapping of str to float64, shape (n, n)
+    similarities : mapping of str to float64, shape (n, n)
         Similarities, by the names of the fields of `Retrieval`. They are not symmetric, since the query only
         is perturbed. The diagonal is not read.
     scored : bool, shape (n, n)
@@ -176,7 +176,7 @@ def nearest_neighbour(
     """
     pairs = scored & ~np.eye(len(labels), dtype=bool)
     shares = {}
-    for name, scores in likeness.items():
+    for name, scores in similarities.items():
         found = scores[pairs]
         matrix = np.full(scores.shape, found.min(initial=0.0) - 1.0)
         matrix[pairs] = found

@@ -84,7 +84,7 @@ def sampled_fit_residuals(
 
 
 @dataclass(frozen=True)
-class Spread:
+class Coverage:
     """Coverage and spacing of samples, in units of the surface's scale.
 
     Attributes
@@ -103,7 +103,7 @@ class Spread:
     evenness: float
 
 
-def spread(distances: Floats, areas: Floats, samples: Ints) -> Spread:
+def coverage(distances: Floats, areas: Floats, samples: Ints) -> Coverage:
     """Coverage and spacing of m >= 2 samples.
 
     Parameters
@@ -118,7 +118,7 @@ def spread(distances: Floats, areas: Floats, samples: Ints) -> Spread:
     between = distances[np.ix_(samples, samples)]
     np.fill_diagonal(between, np.inf)
     nearest = between.min(axis=1)
-    return Spread(
+    return Coverage(
         largest_gap=float(gaps.max()),
         mean_gap=float(areas @ gaps / areas.sum()),
         mean_spacing=float(nearest.mean()),

@@ -7,13 +7,13 @@ import numpy as np
 
 from core.arrays import Floats, Ints
 from core.studies.sampling.measures import (
+    coverage,
     distance_histogram,
     fit_residuals,
     largest_variation,
     rebuilt_error,
     root_mean_square,
     sampled_fit_residuals,
-    spread,
     total_variation,
 )
 from core.studies.sampling.surface import METHODS, STUDY_PARAMETERS, Method, Surface
@@ -54,7 +54,7 @@ class Quality:
     Attributes
     ----------
     largest_gap, mean_gap, mean_spacing, evenness : float
-        As in `core.studies.sampling.measures.Spread`.
+        As in `core.studies.sampling.measures.Coverage`.
     histogram : tuple of float
         Histogram of normalised geodesic distances.
     fit_error : float
@@ -99,7 +99,7 @@ def steadiness(surface: Surface, method: Method, samples: Mapping[float, Ints]) 
 def quality(surface: Surface, method: Method, samples: Mapping[float, Ints]) -> Quality:
     """Fig. 3b for one method, from its samples at each of `CURVE_TAUS`."""
     points, areas, chosen = surface.mesh.vertices, surface.areas, samples[COMPARED_TAU]
-    laid = spread(surface.distances, areas, chosen)
+    laid = coverage(surface.distances, areas, chosen)
     probability = surface.probability(method, len(chosen))
     return Quality(
         method=method.name,

@@ -186,7 +186,7 @@ def test_fields_are_distances():
         "box": (fields.box(frame, np.array([0.5, 0.4, 0.3]), 0.1), lambda p: _box(p, [0.4, 0.3, 0.2]) - 0.1),
         "plate": (fields.plate(frame, square, 0.1), lambda p: np.maximum(_box(p, [0.5, 0.4, 0]), 0) - 0.1),
         "turned": (
-            fields.turned(frame, np.array([[0.0, -0.3], [0.6, -0.3], [0.6, 0.3], [0.0, 0.3]]), 0.1),
+            fields.revolved(frame, np.array([[0.0, -0.3], [0.6, -0.3], [0.6, 0.3], [0.0, 0.3]]), 0.1),
             lambda p: _box(np.column_stack([np.hypot(p[:, 0], p[:, 1]), p[:, 2]]), [0.6, 0.3]) - 0.1,
         ),
         "capsule": (

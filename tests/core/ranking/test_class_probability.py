@@ -123,10 +123,12 @@ def test_the_parts_of_a_signature():
     spectral, form = np.linalg.norm(steps[:5]), np.linalg.norm(steps[5:]) / GLOBAL_WEIGHT
     scores = np.array([0.7]), np.array([0.4])
     expected = features(*scores, np.array([spectral]), np.array([form]))
-    found = signature_features(*scores, query, other[None], form=True)
+    found = signature_features(*scores, query, other[None], global_descriptors=True)
     np.testing.assert_allclose(found, expected)
     whole = features(*scores, np.array([np.linalg.norm(steps)]), np.array([0.0]))
-    np.testing.assert_allclose(signature_features(*scores, query, other[None], form=False), whole)
+    np.testing.assert_allclose(
+        signature_features(*scores, query, other[None], global_descriptors=False), whole
+    )
 
 
 @pytest.mark.parametrize("parameters", [PAPER, DEFAULT.with_values(form=False, affinity_values=7)])

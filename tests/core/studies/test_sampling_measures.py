@@ -10,6 +10,7 @@ from core.mesh.mesh import Mesh
 from core.spectral.laplace_beltrami import laplacian
 from core.studies.sampling.measures import (
     BINS,
+    coverage,
     distance_histogram,
     fit_residuals,
     largest_variation,
@@ -18,7 +19,6 @@ from core.studies.sampling.measures import (
     region_shares,
     root_mean_square,
     sampled_fit_residuals,
-    spread,
     total_variation,
 )
 
@@ -155,13 +155,13 @@ def test_rows_drawn_with_a_probability_weigh_its_inverse():
 
 
 def test_spread_of_even_samples_on_a_line():
-    found = spread(line(9), np.ones(9), np.array([0, 4, 8]))
+    found = coverage(line(9), np.ones(9), np.array([0, 4, 8]))
     assert (found.largest_gap, found.mean_spacing, found.evenness) == (2.0, 4.0, 1.0)
     assert found.mean_gap == pytest.approx((0 + 1 + 2 + 1 + 0 + 1 + 2 + 1 + 0) / 9)
 
 
 def test_spread_of_crowded_samples():
-    found = spread(line(9), np.ones(9), np.array([0, 1, 4]))
+    found = coverage(line(9), np.ones(9), np.array([0, 1, 4]))
     # To the next sample: 1, 1 and 3.
     assert found.largest_gap == 4.0
     assert found.mean_spacing == pytest.approx(5 / 3)
@@ -170,12 +170,12 @@ def test_spread_of_crowded_samples():
 
 def test_mean_gap_counts_by_area():
     areas = np.array([1.0, 1.0, 8.0])
-    assert spread(line(3), areas, np.array([0, 1])).mean_gap == pytest.approx(0.8)
+    assert coverage(line(3), areas, np.array([0, 1])).mean_gap == pytest.approx(0.8)
 
 
 def test_spread_leaves_the_distances_as_they_are():
     distances = line(5)
-    spread(distances, np.ones(5), np.arange(5))
+    coverage(distances, np.ones(5), np.arange(5))
     assert (distances == line(5)).all()
 
 

@@ -14,7 +14,7 @@ from core.mesh.cleaning import face_areas
 from core.mesh.mesh import Mesh
 from core.mesh.subdivision import refine
 from core.studies.sampling import surface as sampling_surface
-from core.studies.sampling.measures import distance_histogram, fit_residuals, spread, total_variation
+from core.studies.sampling.measures import coverage, distance_histogram, fit_residuals, total_variation
 from core.studies.sampling.robustness import (
     REGIONS,
     noisy,
@@ -92,7 +92,7 @@ def test_probabilities_of_a_draw_sum_to_its_size(surface):
 
 def test_selections_that_cover_leave_the_smallest_gaps(surface):
     gap = {
-        method.name: spread(surface.distances, surface.areas, surface.select(method, 60)).largest_gap
+        method.name: coverage(surface.distances, surface.areas, surface.select(method, 60)).largest_gap
         for method in METHODS
     }
     # Greedy selection is within twice the best (Gonzalez 1985), so within twice any other.
@@ -141,7 +141,7 @@ def test_regions_are_of_the_nearest_centre_and_none_is_empty(surface):
     # Two vertices of one region are no farther apart than by way of its centre.
     radius = (
         2.0
-        * spread(
+        * coverage(
             surface.distances, surface.areas, surface.select(Method("farthest-point"), REGIONS)
         ).largest_gap
     )
