@@ -1,9 +1,9 @@
 """The whole method: a mesh to its embedding, two embeddings to their match."""
 
-from collections import OrderedDict
 from collections.abc import Sequence
 
 import numpy as np
+from cachetools import LRUCache
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
@@ -70,16 +70,14 @@ class Pipeline:
     parameters : Parameters, optional
         Frozen; `DEFAULT` unless given. `fingerprint` is a hash of them and of the method version.
     memory : int
-        The most bytes of prepared shapes that are cached; the last one always is.
+        The most bytes of prepared shapes that are cached; the least recently used ones are evicted.
     """
 
     def __init__(self, parameters: Parameters = DEFAULT, *, memory: int = PREPARED_BYTES) -> None:
-        self._memory = memory
         self.parameters = parameters
         self.fingerprint = parameters.fingerprint
         self.matcher = matcher_of(parameters)
-        self._prepared: OrderedDict[bytes, Prepared] = OrderedDict()
-        self._prepared_bytes = 0
+        self._prepared: LRUCache[bytes, Prepared] = LRUCache(memory, getsizeof=lambda shape: shape.nbytes)
 
     def normalise(self, mesh: Mesh) -> tuple[Mesh, Cleaned, Frame]:
         """The mesh that is sampled, the cleaned mesh and the normal frame.
@@ -277,16 +275,11 @@ class Pipeline:
     def prepared(self, embedding: Embedding) -> Prepared:
         """The embedding as the matcher reads it, its splines factored; cached."""
         key = embedding_key(embedding)
-        known = self._prepared.get(key)
-        if known is not None:
-            self._prepared.move_to_end(key)
-            return known
-        ready: Prepared = self.matcher.prepare(embedding, key)
-        self._prepared[key] = ready
-        self._prepared_bytes += ready.nbytes
-        while self._prepared_bytes > self._memory and len(self._prepared) > 1:
-            _, dropped = self._prepared.popitem(last=False)
-            self._prepared_bytes -= dropped.nbytes
+        ready = self._prepared.get(key)
+        if ready is None:
+            ready = self.matcher.prepare(embedding, key)
+            if ready.nbytes <= self._prepared.maxsize:
+                self._prepared[key] = ready
         return ready
 
     def _checked(self, embedding: Embedding) -> Prepared:

@@ -1,11 +1,12 @@
 """The LRU cache of arrays that are made of embeddings: match records, or spin images."""
 
+import math
 import threading
-from collections import OrderedDict
 from collections.abc import Iterable
 from typing import Any, Generic, TypeVar
 
 import numpy as np
+from cachetools import LRUCache
 from numpy.typing import NDArray
 
 from core.arrays import Ints
@@ -28,10 +29,10 @@ class EmbeddingCache(Generic[Value]):
     """
 
     def __init__(self, room: int) -> None:
-        self._room = room
         self._lock = threading.Lock()
-        self._values: OrderedDict[int, Value] = OrderedDict()
-        self._bytes = 0
+        self._room = max(room, 0)
+        # The room changes, the bound of an LRUCache cannot: `_evict` bounds it instead.
+        self._values: LRUCache[int, Value] = LRUCache(math.inf, getsizeof=lambda value: value.nbytes)
 
     def __len__(self) -> int:
         """Number of arrays."""
@@ -40,23 +41,18 @@ class EmbeddingCache(Generic[Value]):
     @property
     def nbytes(self) -> int:
         """Bytes of all arrays."""
-        return self._bytes
+        return int(self._values.currsize)
 
     def free_places(self) -> int:
         """The approximate number of further arrays that there is room for, of the mean size."""
-        each = self._bytes // len(self._values) if self._values else ABOUT
-        return (self._room - self._bytes) // each
+        with self._lock:
+            each = self.nbytes // len(self._values) if self._values else ABOUT
+            return (self._room - self.nbytes) // each
 
     def get(self, numbers: Iterable[int]) -> dict[int, Value]:
         """The cached ones of the arrays, by number."""
-        found = {}
         with self._lock:
-            for number in numbers:
-                value = self._values.get(number)
-                if value is not None:
-                    self._values.move_to_end(number)
-                    found[number] = value
-        return found
+            return {number: self._values[number] for number in numbers if number in self._values}
 
     def missing(self, numbers: Iterable[int]) -> list[int]:
         """The numbers whose arrays are not cached."""
@@ -66,25 +62,24 @@ class EmbeddingCache(Generic[Value]):
     def put(self, number: int, value: Value) -> None:
         """Cache an array, unless it is larger than the whole room."""
         with self._lock:
-            known = self._values.pop(number, None)
-            self._bytes += value.nbytes - (0 if known is None else known.nbytes)
-            self._values[number] = value
-            self._shrink()
+            self._values.pop(number, None)
+            if value.nbytes <= self._room:
+                self._values[number] = value
+                self._evict()
 
     def keep(self, numbers: Ints) -> None:
         """Evict all arrays but those of these embeddings, shape (n,): no query asks for a deleted one."""
         with self._lock:
             held = np.fromiter(self._values, dtype=np.int64, count=len(self._values))
             for number in held[~np.isin(held, numbers)].tolist():
-                self._bytes -= self._values.pop(number).nbytes
+                del self._values[number]
 
     def resize(self, room: int) -> None:
         """Change the room."""
         with self._lock:
             self._room = max(room, 0)
-            self._shrink()
+            self._evict()
 
-    def _shrink(self) -> None:
-        while self._bytes > self._room:
-            _, dropped = self._values.popitem(last=False)
-            self._bytes -= dropped.nbytes
+    def _evict(self) -> None:
+        while self._values.currsize > self._room:
+            self._values.popitem()

@@ -177,7 +177,7 @@ def test_what_is_kept_of_met_shapes_is_bounded_and_changes_no_score(embedded):
         assert np.array_equal(scores.ssd, expected.ssd)
         assert np.array_equal(scores.sim, expected.sim)
         held = sum(ready.nbytes for ready in small._prepared.values())
-        assert held == small._prepared_bytes
+        assert held == small._prepared.currsize
         assert 0 < held <= 2.5 * one
 
 
