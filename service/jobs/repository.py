@@ -64,7 +64,7 @@ def piece(session: ReadSession, number: int, place: int) -> bytes | None:
 
 
 def by_id(session: ReadSession, collection: CollectionNumber, job_id: str) -> JobRecord | None:
-    """The job of a collection with an id."""
+    """The job with this id in this collection."""
     row = session.scalars(_shown(collection).where(JobRow.id == job_id)).one_or_none()
     return None if row is None else _record(row)
 
