@@ -1,4 +1,4 @@
-"""All pairs of a collection, scored in a pool of processes."""
+"""Scores of all pairs of a collection, computed in a pool of processes."""
 
 import os
 import pickle
@@ -31,7 +31,7 @@ A = TypeVar("A")
 R = TypeVar("R")
 
 PREPARED_BYTES = 1 << 30
-"""What a worker keeps of factored splines: each is met once a row, and some take 80 MB (`--uncapped`)."""
+"""Factored splines in a worker's cache: each is used once per row, and some take 80 MB (`--uncapped`)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,15 +41,15 @@ class PairScores:
     Attributes
     ----------
     cc, ssd, sim : float64
-        As in `core.embedding.Scores`; the diagonal holds a shape against itself.
+        See `core.embedding.Scores`; the diagonal compares each shape with itself.
     combined : float64
-        As in `core.pipeline.Pipeline.combined`.
+        See `core.pipeline.Pipeline.combined`.
     signatures : float32, shape (n, s)
-        Of the shapes themselves.
-    apart : float64, shape (n, n)
-        Distances of their patches, symmetric; 0 where the parameters ask for none.
+        Signatures of the shapes.
+    descriptor_distance : float64, shape (n, n)
+        Distances of their descriptors, symmetric; 0 if the parameters disable them.
     part : bool, shape (n, n)
-        Where one of the two is incomplete.
+        Whether one of the two shapes is incomplete.
     """
 
     cc: Floats
@@ -66,7 +66,7 @@ _pipeline: Pipeline
 
 @contextmanager
 def worker_pool(parameters: Parameters, workers: int) -> Iterator[Executor]:
-    """Processes that have the pipeline ready, with one thread each."""
+    """A pool of processes with one thread and one pipeline each."""
     pool = ProcessPoolExecutor(
         workers, get_context("spawn"), initializer=_start_worker, initargs=(parameters,)
     )
@@ -88,7 +88,7 @@ def embed_files(pool: Executor, paths: Sequence[Path], done: Callable[[int], Non
 def score_pairs(
     pool: Executor, pipeline: Pipeline, embeddings: Sequence[Embedding], done: Callable[[int], None]
 ) -> PairScores:
-    """Scores of all pairs; each pair is scored once, since scores are symmetric."""
+    """Scores of all pairs. Scores are symmetric, so that each pair is scored once."""
     n = len(embeddings)
     scores = PairScores(
         cc=np.eye(n),
@@ -100,7 +100,7 @@ def score_pairs(
         part=np.zeros((n, n), dtype=bool),
     )
     with TemporaryDirectory() as folder:
-        # A file, so that each worker reads all embeddings once, and not once a row.
+        # Each worker reads the file of all embeddings once, instead of once per row.
         path = Path(folder) / "embeddings"
         path.write_bytes(pickle.dumps(list(embeddings)))
         for i, (row, between) in _each(pool, partial(_score_row, path), {i: i for i in range(n - 1)}):
@@ -136,7 +136,7 @@ def _start_worker(parameters: Parameters) -> None:
 
 def _embed(path: Path) -> Embedding | str:
     try:
-        # As the service does it, so that what is measured is what is served.
+        # Like the service, so that studies measure the same embeddings.
         embedded = embed_file(path.read_bytes(), format_of(path.name), DEFAULT_LIMITS, _pipeline.parameters)
         return embedding_from_bytes(embedded.record)
     except CoreError as error:
@@ -144,7 +144,7 @@ def _embed(path: Path) -> Embedding | str:
     except OSError as error:
         return error.strerror or str(error)
     except Exception as error:
-        # A fault of the program, on this file: it is named, and costs the run no other file.
+        # An error of the program is reported for this file; the study continues.
         return f"{type(error).__name__}: {error}"
 
 
@@ -163,7 +163,7 @@ def _load(path: Path) -> list[Embedding]:
 
 
 def _each(pool: Executor, function: Callable[[A], R], arguments: Mapping[int, A]) -> Iterator[tuple[int, R]]:
-    """Run the function on each argument; yield key and result as they finish, whatever the order."""
+    """Call the function with each argument; yield keys and results in the order of completion."""
     futures = {pool.submit(function, argument): key for key, argument in arguments.items()}
     for future in as_completed(futures):
         yield futures[future], future.result()

@@ -31,7 +31,7 @@ class Ranking(StrEnum):
 def score_collection(
     files: Sequence[tuple[Path, str]], parameters: Parameters, workers: int
 ) -> tuple[list[str], PairScores]:
-    """Labels and scores of the files that can be used; each of the others is named on standard error."""
+    """Labels and scores of the readable files; the others are reported on standard error."""
     with worker_pool(parameters, workers) as pool, progress() as bar:
         task = bar.add_task("embedding", total=len(files))
         found = embed_files(pool, [path for path, _ in files], lambda n: bar.advance(task, n))
@@ -58,7 +58,7 @@ def score_baseline(
 
 
 def ready(method: Method) -> None:
-    """End the command where the method's library is not installed."""
+    """End the command if the library of the method is not installed."""
     try:
         load(method)
     except MissingPeerError as error:
@@ -68,9 +68,9 @@ def ready(method: Method) -> None:
 def usable(
     files: Sequence[tuple[Path, str]], results: Sequence[Result | str]
 ) -> tuple[list[str], list[Result]]:
-    """Labels and results of the files that have one; a text says why another has none, and is printed.
+    """Labels and results of the files with a result; the reasons of the others are printed.
 
-    Where no file has a result the command ends.
+    The command ends if no file has a result.
     """
     labels: list[str] = []
     kept: list[Result] = []
@@ -86,12 +86,12 @@ def usable(
 
 
 def evaluate_ranking(scores: PairScores, labels: Sequence[str], ranking: Ranking) -> Evaluation:
-    """The measures of a ranking by one of the scores."""
+    """The evaluation of a ranking by one of the scores."""
     return evaluate(ranked(scores, ranking), labels, larger_is_closer=ranking is not Ranking.SSD)
 
 
 def ranked(scores: PairScores, ranking: Ranking) -> NDArray[np.float64]:
-    """The scores of all pairs that a ranking reads, shape (n, n): distances for SSD, else similarities."""
+    """The scores of a ranking, shape (n, n): distances for SSD, otherwise similarities."""
     return {
         Ranking.CC: scores.cc,
         Ranking.SSD: scores.ssd,

@@ -1,4 +1,4 @@
-"""A few shapes of a large collection."""
+"""Subsets of large collections."""
 
 from collections import defaultdict
 from pathlib import Path

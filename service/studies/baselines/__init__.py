@@ -1,3 +1,3 @@
-"""Other methods of comparing shapes, by outside libraries: meshes in, distances out."""
+"""Baselines: other methods of shape comparison, by external libraries; meshes in, distances out."""
 
 __all__ = ["methods", "scoring"]

@@ -20,7 +20,7 @@ from core.mesh.normal_frame import normal_frame
 Floats = NDArray[np.float64]
 
 POINTS = 500
-"""Samples of the surface, by area."""
+"""Number of samples of the surface, uniform by area."""
 
 
 def describe(mesh: Mesh) -> Floats:
@@ -45,7 +45,7 @@ def closest_motion(points: Floats, target: Floats, *, mirrored: bool = False) ->
         Both centred and along their principal axes. The search starts from the four rotations that keep
         these axes, each followed by trimesh's iterations; the best end counts.
     mirrored : bool
-        Whether the four reflections are starts as well.
+        Whether the four reflections are also starts.
     """
     tree = cKDTree(target)
     ends: list[float] = []

@@ -22,10 +22,10 @@ from service.studies.baselines.icp import closest_motion
 Floats = NDArray[np.float64]
 
 POINTS = 100
-"""Farthest-point samples of a shape."""
+"""Number of farthest-point samples of a shape."""
 
 VERTICES = 2000
-"""Long edges are split as for an even mesh of so many, so that paths are near to geodesics."""
+"""Vertices of the mesh after its long edges are split, so that paths approximate geodesics."""
 
 
 def describe(mesh: Mesh) -> Floats:
@@ -49,7 +49,7 @@ def canonical_form(distances: Floats) -> Floats:
     Returns
     -------
     float64, shape (m, 3)
-        Centred, along their principal axes, of unit root mean square radius.
+        Centred points along their principal axes, with unit root mean square radius.
     """
     scaling = MDS(n_components=3, metric="precomputed", init="classical_mds", n_init=1)
     points = scaling.fit_transform(distances)

@@ -27,9 +27,9 @@ class Baseline:
     Attributes
     ----------
     describe : Mesh -> float64 array
-        What is kept of a shape; the shape of the array is the method's own.
+        The description of a shape; the method determines its dimensions.
     compare : (description, descriptions of c others) -> float64, shape (c,)
-        Distances, 0 for the same shape.
+        Distances; 0 for equal shapes.
     """
 
     describe: Callable[[Mesh], Floats]
@@ -41,12 +41,12 @@ class MissingPeerError(Exception):
 
 
 def load(method: Method) -> Baseline:
-    """The method, ready to be used.
+    """Import a baseline.
 
     Raises
     ------
     MissingPeerError
-        Its library is not installed.
+        The library of the baseline is not installed.
     """
     try:
         match method:

@@ -31,7 +31,7 @@ def describe_files(
 def distance_matrix(
     pool: Executor, method: Method, descriptions: Sequence[Floats], done: Callable[[int], None]
 ) -> Floats:
-    """Distances of all pairs, shape (n, n); a pair is compared once, the earlier with the later."""
+    """Distances of all pairs, shape (n, n); each pair is compared once."""
     n = len(descriptions)
     distances = np.zeros((n, n))
     with TemporaryDirectory() as folder:
@@ -51,7 +51,7 @@ def _describe(method: Method, path: Path) -> Floats | str:
     except OSError as error:
         return error.strerror or str(error)
     except Exception as error:
-        # The library could not cope: the file is named, and costs the run no other file.
+        # An error of the library is reported for this file; the study continues.
         return f"{type(error).__name__}: {error}"
 
 

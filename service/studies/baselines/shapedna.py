@@ -18,7 +18,7 @@ from core.mesh.normal_frame import normal_frame
 Floats = NDArray[np.float64]
 
 VALUES = 15
-"""Eigenvalues after the one that is 0."""
+"""Number of nonzero eigenvalues."""
 
 
 def describe(mesh: Mesh) -> Floats:
@@ -30,7 +30,7 @@ def describe(mesh: Mesh) -> Floats:
     cleaned = clean(mesh).mesh
     surface = TriaMesh(normal_frame(cleaned).apply(cleaned.vertices), cleaned.faces)
     values, _ = Solver(surface).eigs(k=VALUES + 1, rng=0)
-    # LaPy's own area, by the lengths of sides, is no number where rounding makes a sliver's square negative.
+    # LaPy computes the area from edge lengths, which gives NaN for slivers by rounding.
     area = float(face_areas(surface.v, surface.t).sum())
     return np.asarray(reweight_ev(area * values[1:]))
 

@@ -24,14 +24,14 @@ from service.studies.benchmark import repository
 from service.studies.benchmark.meshes import Source
 
 NOISE = 0.2
-"""The most that coordinates are shaken by, over their root mean square; signatures by a quarter of it."""
+"""The largest noise of coordinates relative to their root mean square; that of signatures is a quarter."""
 
 AT_ONCE = 2_000
 
 
 @dataclass(frozen=True, eq=False)
 class Original:
-    """A shape of the collection."""
+    """A shape of the source and its embedding."""
 
     label: str
     name: str
@@ -39,7 +39,7 @@ class Original:
 
 
 def originals(source: Source) -> list[Original]:
-    """All meshes of the source, embedded by the default setting."""
+    """All meshes of the source with embeddings by the default parameters."""
     method = Pipeline(DEFAULT)
     return [
         Original(label, name, method.embed(mesh))
@@ -66,9 +66,9 @@ def _shaken(values: Float32s, strength: float, rng: np.random.Generator) -> Floa
 
 
 def fill(url: str, source: Sequence[Original], count: int, told: Callable[[int], object]) -> None:
-    """Make an archive of so many shapes: the originals, then shaken copies of them in turn.
+    """Fill an archive with `count` shapes: the originals, then noisy copies of them in turn.
 
-    A file of some bytes stands for each mesh. `told` is called with how many were written.
+    A file of a few bytes replaces each mesh. `told` is called with the number of written shapes.
     """
     database = Database(url, lock_seconds=60.0)
     migrate(database)

@@ -1,4 +1,4 @@
-"""A file of about 3,000 vertices to its embedding, against LaPy's ShapeDNA of the same mesh."""
+"""Time to embed a file of about 3,000 vertices, and LaPy's time for ShapeDNA of the same mesh."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ PEER_VALUES = 50
 
 @dataclass(frozen=True)
 class EmbeddingRow:
-    """One mesh.
+    """The times of one mesh.
 
     Attributes
     ----------
@@ -29,9 +29,9 @@ class EmbeddingRow:
     seconds : Spread
         From the bytes of a binary PLY to the embedding.
     stages : dict of str to Spread
-        The same by stage.
+        The same time by stage.
     peer, ratio : Spread or None
-        LaPy's seconds, and ours over LaPy's, pair by pair of neighbouring measurements.
+        LaPy's time in seconds, and the ratio of our time to LaPy's in neighbouring measurements.
     """
 
     name: str
@@ -64,7 +64,7 @@ def embedding_rows(
     meshes: int = MESHES,
     repeats: int = REPEATS,
 ) -> list[EmbeddingRow]:
-    """Measure the meshes of about so many vertices, ours and the peer's in turn; the first is not counted."""
+    """Measure meshes of about a number of vertices, both methods in turn, after one warm-up."""
     method = Pipeline(DEFAULT)
     rows = []
     for name, mesh in source.nearest(vertices, meshes):

@@ -1,4 +1,4 @@
-"""Another way to match two meshes: functional maps by pyfmaps."""
+"""Functional maps by pyfmaps, to compare with our matching."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -8,19 +8,19 @@ from typing import Any
 from core.mesh.mesh import Mesh
 
 SPECTRUM = 200
-"""Eigenvalues that pyfmaps computes of a mesh unless it is told otherwise."""
+"""Number of eigenvalues that pyfmaps computes by default."""
 
 
 @dataclass(frozen=True)
 class Peer:
-    """A matching in two steps.
+    """A matching method in two steps.
 
     Attributes
     ----------
     spectrum : Mesh -> object
-        What is computed once of a mesh.
+        Computes the spectrum of a mesh.
     match : (object, object) -> dict of str to float
-        Seconds by stage of matching two of them, one way; they add up to the whole.
+        Matches two spectra in one direction; seconds by stage, whose sum is the total.
     """
 
     spectrum: Callable[[Mesh], Any]

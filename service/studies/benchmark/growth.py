@@ -1,4 +1,4 @@
-"""Time and memory against size, each in a process of its own."""
+"""Time and memory of an embedding against the size of the mesh, each measured in a new process."""
 
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -22,7 +22,7 @@ FORMATS = ("ply", "stl", "glb")
 
 @dataclass(frozen=True)
 class GrowthRow:
-    """One size in one format.
+    """The cost of one size in one format.
 
     Attributes
     ----------
@@ -33,7 +33,7 @@ class GrowthRow:
     stages : dict of str to float
         Medians, in seconds.
     peak_bytes : int
-        The most memory that the process held, with all its libraries.
+        Peak memory of the process, libraries included.
     """
 
     vertices: int
@@ -64,7 +64,7 @@ def measure_file(path: str, repeats: int) -> tuple[list[dict[str, float]], int]:
 def growth_rows(
     source: Source, folder: Path, *, sizes: Sequence[int] = SIZES, repeats: int = REPEATS
 ) -> list[GrowthRow]:
-    """Measure one mesh at each size: as PLY, the largest in every format; files are written to the folder."""
+    """Measure one mesh at each size as PLY, and the largest in every format, with files in a folder."""
     _, mesh = (source.of("fourleg") or source.nearest(sizes[0], 1))[0]
     rows = []
     for size in sizes:
@@ -90,7 +90,7 @@ def growth_rows(
 
 
 def exponent(rows: Sequence[GrowthRow]) -> float:
-    """The b of seconds = a n^b that fits best by least squares of logarithms, over the PLY files."""
+    """The exponent b of seconds = a n^b, by least squares of logarithms over the PLY files."""
     points = [(row.vertices, row.seconds.median) for row in rows if row.format == FORMATS[0]]
     sizes, seconds = np.log(np.array(points)).T
     return float(np.polyfit(sizes, seconds, 1)[0])

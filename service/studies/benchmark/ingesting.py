@@ -18,15 +18,15 @@ TURNS = 3
 
 @dataclass(frozen=True)
 class IngestRow:
-    """All meshes of the source stored in an empty archive.
+    """The upload of all meshes of the source to an empty archive.
 
     Attributes
     ----------
     processors : int
-        That the service, its workers and the command that sends the files share.
+        Number of processors that the service, its workers and the client share.
     shapes : int
     a_second : Spread
-        Shapes stored in a second.
+        Stored shapes per second.
     """
 
     processors: int
@@ -40,7 +40,7 @@ def ingesting_rows(source: Source, scratch: Path, *, turns: int = TURNS) -> list
     Raises
     ------
     OSError
-        The system does not let a process choose its processors.
+        The system does not support processor affinity.
     """
     items = [
         Item(f"{number} {name}.off", write_mesh(mesh, "off"), ())
@@ -62,7 +62,7 @@ def processors() -> list[int]:
     Raises
     ------
     OSError
-        The system does not tell.
+        The system does not support processor affinity.
     """
     if not hasattr(os, "sched_getaffinity"):
         raise OSError("this system does not let a process choose its processors")
@@ -71,7 +71,7 @@ def processors() -> list[int]:
 
 @contextmanager
 def on(some: Sequence[int]) -> Iterator[None]:
-    """Keep this thread, and the threads and processes that it starts meanwhile, to these processors."""
+    """Bind this thread, and threads and processes that it starts in the block, to some processors."""
     before = processors()
     os.sched_setaffinity(0, some)
     try:

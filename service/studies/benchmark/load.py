@@ -20,27 +20,27 @@ from service.studies.benchmark.searching import STEP, served
 SHAPES, QUERYING, INGESTING = 380, 8, 2
 CAPACITY_SECONDS, ALONE, SECONDS = 20.0, 60, 60.0
 SHARE = 0.5
-"""Of what the service can do, how much is asked of it."""
+"""Load as a share of the capacity."""
 
 
 @dataclass(frozen=True)
 class LoadRow:
-    """One archive under load; seconds.
+    """One archive under load; times in seconds.
 
     Attributes
     ----------
     shapes, querying, ingesting : int
-        Stored at the start, and clients.
+        Number of shapes at the start, and numbers of clients that query and upload.
     queries_a_second, uploads_a_second : float
-        Answered while all clients ask again as soon as they have an answer.
+        Capacity: answers per second while every client sends the next request at once.
     alone_median, alone_p95 : float
-        Of a query while there is one client.
+        Time of a query of a single client.
     seconds : float
-        How long so many a second were asked for, times `SHARE`, at even intervals.
+        Duration of the load of `SHARE` times the capacity, at even intervals.
     queries, uploads, errors : int
-        Answered meanwhile; answers that were none.
+        Successful and failed requests during that time.
     median, p95 : float
-        Of a query, from when it was due.
+        Time of a query, from its due time.
     """
 
     shapes: int
@@ -59,7 +59,7 @@ class LoadRow:
 
 
 class _Clients:
-    """Clients in threads of their own, each asking one kind of thing."""
+    """Clients in separate threads; each repeats one kind of request."""
 
     def __init__(self, url: str, asks: Sequence[Callable[[Client], object]]) -> None:
         self._url = url
@@ -72,7 +72,7 @@ class _Clients:
         ----------
         seconds : float
         intervals : sequence of float
-            Between the requests of each client; of 0, one is due when the last is answered.
+            Interval between requests of each client; with 0, a request is due after the previous answer.
         """
         found: list[list[tuple[float, bool]]] = [[] for _ in self._asks]
         start = perf_counter()
@@ -136,7 +136,7 @@ def load_row(
             times.append(perf_counter() - before)
         clients = _Clients(service.url, [query] * QUERYING + [upload] * INGESTING)
         most = clients.run(capacity_seconds, [0.0] * (QUERYING + INGESTING))
-        # Where not even one was answered, one is taken to be what can be.
+        # Without any answer, the capacity counts as one request.
         done = [max(sum(map(len, some)), 1) for some in (most[:QUERYING], most[QUERYING:])]
         rates = [number / capacity_seconds for number in done]
         intervals = [QUERYING / (SHARE * rates[0])] * QUERYING + [INGESTING / (SHARE * rates[1])] * INGESTING
@@ -161,7 +161,7 @@ def load_row(
 
 
 def _files(source: Source) -> Iterator[tuple[str, bytes]]:
-    """The meshes of the source again and again, each time of another size and under another name."""
+    """The meshes of the source in an endless cycle, each time with another size and name."""
     meshes = [entry for some in source.classes.values() for entry in some]
     for number in count():
         name, mesh = meshes[number * STEP % len(meshes)]

@@ -37,19 +37,19 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class PeerTimes:
-    """The peer on the same two meshes; seconds.
+    """Times of the peer on the same two meshes, in seconds.
 
     Attributes
     ----------
     match, spectra : Spread
-        Theirs: one match, one way; what is computed once of the two meshes.
+        Times of the peer: one match in one direction, and the spectra of both meshes.
     stages : dict of str to Spread
-        Their match by stage.
+        The peer's match by stage.
     embeddings : Spread
-        Ours: embedding the two meshes.
+        Our time for the embeddings of both meshes.
     many, records, meshes : Spread
-        How many times longer theirs takes, in each turn: their match over the median of ours of many, and
-        from records; and both with what comes before, from two meshes in memory.
+        Ratios of the peer's time to ours in each turn: to one match of many, to a match from records, and of
+        the whole way from two meshes in memory.
     """
 
     match: Spread
@@ -63,21 +63,21 @@ class PeerTimes:
 
 @dataclass(frozen=True)
 class MatchRow:
-    """One pair of meshes; seconds.
+    """Times of one pair of meshes, in seconds.
 
     Attributes
     ----------
     first, second : str
     vertices : tuple of int
-        Of each.
+        Numbers of vertices.
     many, reranked, coarse : Spread
-        Of one of `MANY`, as queries look at them: the match, and the two that are less exact.
+        One of `MANY` in a query: the match, re-ranking and coarse ranking.
     score : Spread
-        One match by `Pipeline.score`, which hashes both embeddings to find what it knows of them.
+        One match by `Pipeline.score`, which hashes both embeddings to look up its caches.
     records : Spread
-        From the bytes of two records to the scores, nothing kept.
+        From the bytes of two records to the scores, without any cache.
     parts : dict of str to Spread
-        The last by part, both shapes together.
+        Parts of `records`, for both shapes together.
     peer : PeerTimes or None
     """
 
@@ -95,7 +95,7 @@ class MatchRow:
 
 @dataclass(frozen=True)
 class _Turn:
-    """Seconds by name: several of ours, then one of the peer's and of our embedding, if there is a peer."""
+    """Seconds by name: several measurements of ours, then one of the peer and of our embedding, if any."""
 
     ours: list[dict[str, float]] = field(default_factory=list)
     theirs: dict[str, float] = field(default_factory=dict)
@@ -148,7 +148,7 @@ class _Pair:
         return _Turn(ours, {"match": sum(stages.values()), "spectra": spent, "embeddings": embedded}, stages)
 
     def row(self, turns: Sequence[_Turn]) -> MatchRow:
-        """All turns together."""
+        """Summarise all turns."""
         first, second = (len(mesh.vertices) for mesh in self._meshes)
 
         def spread(*names: str) -> Spread:
@@ -207,9 +207,10 @@ def _peer_times(turns: Sequence[_Turn]) -> PeerTimes:
 
 
 def chain(source: Source, vertices: int, count: int) -> list[tuple[str, Mesh]]:
-    """Meshes brought to about so many vertices, at most `count`: two of a class, two of another, and so on.
+    """At most `count` meshes with about a number of vertices: two of a class, two of another, and so on.
 
-    Neighbours are by turns of one class and of two. Classes whose second mesh is nearest in size come first.
+    Neighbours are alternately of one class and of two. Classes whose second mesh is nearest in size come
+    first.
     """
     twos = [Source({label: meshes}).nearest(vertices, 2) for label, meshes in source.classes.items()]
     twos = [two for two in twos if len(two) == 2]
@@ -227,9 +228,9 @@ def matching_rows(
     repeats: int = REPEATS,
     matches: int = MATCHES,
 ) -> list[MatchRow]:
-    """Measure neighbours of the `chain`: in each turn so many matches of every pair in turn, then the peer's.
+    """Measure neighbours of the `chain`: each turn measures our matches of every pair, then the peer's.
 
-    The first turn is not counted. A source without two meshes of a class gives no row.
+    The first turn is a warm-up. A source without two meshes of a class gives no row.
     """
     method = Pipeline(DEFAULT)
     turns: list[list[_Turn]] = []

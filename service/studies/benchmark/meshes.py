@@ -16,35 +16,35 @@ from service.datasets import read_collection
 MADE_POSES = 3
 
 MADE = {"human": "person", "fourleg": "quadruped", "airplane": "plane"}
-"""Made classes that stand for those of the Princeton Segmentation Benchmark under another name."""
+"""Generated classes that replace classes of the Princeton Segmentation Benchmark with other names."""
 
 NEAR = 0.15
-"""A number of vertices may be off by this part."""
+"""The tolerated relative error of a number of vertices."""
 
 
 @dataclass(frozen=True)
 class Source:
-    """Meshes by class, each with its name; classes in lower case."""
+    """Named meshes by class; classes are in lower case."""
 
     classes: Mapping[str, list[tuple[str, Mesh]]]
 
     def of(self, label: str) -> list[tuple[str, Mesh]]:
-        """The meshes of a class, or of the made class that stands for it; empty if there is none."""
+        """The meshes of a class, or of the generated class that replaces it; empty if there is none."""
         return self.classes.get(label) or self.classes.get(MADE.get(label, label), [])
 
     def nearest(self, vertices: int, count: int) -> list[tuple[str, Mesh]]:
-        """The meshes whose number of vertices is nearest."""
+        """The meshes with the nearest numbers of vertices."""
         everything = [entry for meshes in self.classes.values() for entry in meshes]
         return sorted(everything, key=lambda entry: abs(len(entry[1].vertices) - vertices))[:count]
 
 
 def read_source(folder: Path | None) -> Source:
-    """The meshes of a labelled folder, or made ones.
+    """The meshes of a labelled folder, or generated ones.
 
     Raises
     ------
     DatasetError, MeshError
-        The folder, or a file in it, cannot be used.
+        The folder or one of its files cannot be read.
     """
     found: dict[str, list[tuple[str, Mesh]]] = {}
     if folder is None:
@@ -58,7 +58,7 @@ def read_source(folder: Path | None) -> Source:
 
 
 def resized(mesh: Mesh, vertices: int) -> Mesh:
-    """The surface with about so many vertices: all edges halved until there are enough, then simplified."""
+    """Subdivide the surface, then simplify it to about a number of vertices."""
     while len(mesh.vertices) < (1.0 - NEAR) * vertices:
         mesh = subdivide(mesh, 1.0, 0)
     if len(mesh.vertices) <= (1.0 + NEAR) * vertices:

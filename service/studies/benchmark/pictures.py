@@ -1,4 +1,4 @@
-"""Thumbnails over HTTP: drawn, sent from the database, and known to the browser already."""
+"""Times of thumbnails over HTTP: drawn, read from the database, and unchanged for the browser."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,19 +18,19 @@ MESHES = 7
 
 @dataclass(frozen=True)
 class PictureRow:
-    """Thumbnails of meshes of about one size, of 256 pixels a side as the page asks for them; seconds.
+    """Times of thumbnails of 256 by 256 pixels, for meshes of about one size; seconds.
 
     Attributes
     ----------
     vertices : int
     drawn : Spread
-        The first time, by workers that have drawn before.
+        The first request, in warm workers.
     kept : Spread
-        Every other time.
+        Later requests.
     unchanged : Spread
-        Where the browser has it, and asks whether it is still so.
+        Conditional requests, answered 304.
     size : int
-        The largest picture, in bytes.
+        Size of the largest thumbnail in bytes.
     """
 
     vertices: int
@@ -43,7 +43,7 @@ class PictureRow:
 def picture_rows(
     source: Source, folder: Path, *, vertices: Sequence[int] = VERTICES, meshes: int = MESHES
 ) -> list[PictureRow]:
-    """A row for each number of vertices; the archive lies in `folder`."""
+    """Measure each number of vertices, with an archive in `folder`."""
     rows = []
     url = f"sqlite:///{folder / 'pictures.sqlite3'}"
     with served(url) as (service, client), httpx.Client(base_url=service.url, timeout=600.0) as http:
@@ -58,7 +58,7 @@ def picture_rows(
                 kept.append(_timed(http, address)[0])
                 unchanged.append(_timed(http, address, {"If-None-Match": picture.headers["etag"]})[0])
                 size = max(size, len(picture.content))
-            # The first of all waits for what is loaded once.
+            # The first request waits until the libraries are loaded.
             rows.append(
                 PictureRow(count, Spread.of(drawn[1:]), Spread.of(kept[1:]), Spread.of(unchanged[1:]), size)
             )

@@ -1,4 +1,4 @@
-"""Cost against size as a picture."""
+"""The plot of cost against size."""
 
 from collections.abc import Sequence
 from io import BytesIO

@@ -1,4 +1,4 @@
-"""The SQL of archives that are made to be measured."""
+"""The SQL that fills archives for benchmarks."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -15,7 +15,7 @@ TABLES = (BlobRow, ShapeRow, EmbeddingRow, SketchRow)
 
 
 def add(session: WriteSession, rows: Sequence[Sequence[Row]], revision: int) -> None:
-    """Write the rows of each of the `TABLES` as they are, and the revision that the last shape has."""
+    """Insert rows into each of the `TABLES`, and set the revision of the archive."""
     for table, of_table in zip(TABLES, rows, strict=True):
         session.execute(insert(table), of_table)
     session.execute(update(ArchiveRow).values(revision=revision))

@@ -16,9 +16,9 @@ from service.studies.benchmark.archive import Original, fill, label_of, shape_id
 
 SIZES = (380, 10_000, 100_000)
 QUERIES, LONG, CHECKED = 100, 20, 40
-"""Queries of an archive, of one of thousands that is searched exhaustively, and of those that are checked."""
+"""Numbers of queries: of an archive, of a large one searched exhaustively, and of the check of shortlists."""
 EXHAUSTIVE = 10_000
-"""Archives up to this size are searched exhaustively too."""
+"""The size up to which archives are also searched exhaustively."""
 
 LENGTHS = (
     (250, 50, 10),
@@ -28,32 +28,32 @@ LENGTHS = (
     (2_000, 400, 30),
     (4_000, 800, 60),
 )
-"""How many the cascade sifts, screens, and compares in full beside the wanted ones."""
+"""Shapes in coarse ranking, in re-ranking, and compared in full besides the requested results."""
 
 STEP = 7919
-"""Between the numbers that are asked for: it shares no factor with a size."""
+"""The step between the numbers of queried shapes, coprime to all sizes."""
 
 
 @dataclass(frozen=True)
 class SearchRow:
-    """One archive.
+    """Query times of one archive.
 
     Attributes
     ----------
     shapes : int
     exhaustive : bool
-        Whether queries asked for every shape to be compared.
+        Whether queries compared every shape.
     compared : int
-        Shapes that the last query compared in full.
+        Number of shapes that the last query compared in full.
     start : float
-        Seconds from the process's start until it is ready.
+        Seconds from the start of the process until it is ready.
     first, median, p95 : float
-        Seconds of the first query, and of all the others.
+        Seconds of the first query, and of the others.
     stages : dict of str to float
-        Median seconds of a query's stages, as the service tells them.
+        Median seconds of a query's stages, as reported by the service.
     queries : int
     memory : int
-        Bytes that the service's own process holds at the end.
+        Memory of the service's main process at the end, in bytes.
     """
 
     shapes: int
@@ -75,15 +75,16 @@ class CascadeRow:
     Attributes
     ----------
     shapes, queries : int
-        Queries are originals; what was made of them is left out of the answers.
+        Queries are originals; the answers exclude their copies.
     length, reranked, finalists : int or None
-        How many the cascade sifts, screens, and compares in full beside the wanted ones; None is every shape.
+        Shapes in coarse ranking, in re-ranking, and compared in full besides the requested results; None is
+        all.
     first : float
-        Share of queries whose first answer is that of the exhaustive search.
+        Share of queries with the same first result as exhaustive search.
     nn, ten : float
-        Share of first answers, and of the first ten, that are of the query's class.
+        Share of first results, and of the first ten, of the query's class.
     median : float
-        Seconds.
+        Median time in seconds.
     """
 
     shapes: int
@@ -127,7 +128,7 @@ def searching_rows(
 
 @contextmanager
 def served(url: str, **settings: int) -> Iterator[tuple[ChildService, Client]]:
-    """The service on an archive, ready, and a client of it."""
+    """A ready service on an archive, and a client of it."""
     with bind(LOOPBACK, 0) as bound:
         port = bound.getsockname()[1]
     changed = {f"ISOSHAPE_{name.upper()}": str(value) for name, value in settings.items()}

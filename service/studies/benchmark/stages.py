@@ -79,7 +79,7 @@ def watched() -> Iterator[dict[str, float]]:
 
 
 def embed_bytes(method: Pipeline, data: bytes, format: str) -> tuple[Embedding, dict[str, float]]:
-    """A file's embedding, and the seconds of every stage from reading on; they add up to the whole."""
+    """The embedding of a file, and seconds by stage from reading on, whose sum is the total."""
     start = perf_counter()
     mesh = read_mesh(data, format)
     read = perf_counter()

@@ -1,4 +1,4 @@
-"""The paper's Table 1 beside ours: seconds by stage on meshes of like classes and sizes."""
+"""The paper's Table 1 and our times by stage, on meshes of similar classes and sizes."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -23,12 +23,12 @@ class Table1Row:
     ----------
     paper : Times
     vertices : int
-        Of our meshes, the mean.
+        Mean number of vertices of our meshes.
     samples, points : int
-        That are matched, and that are embedded in all.
+        Numbers of matched samples and of all embedded points.
     sampling, embedding, matching : Spread
-        Seconds: from the mesh to the samples, cleaning and simplification included; the graph of samples, its
-        tree and the spectra; one match of two, both ways, with the splines factored before.
+        Seconds: from the mesh to the samples, with cleaning and simplification; the graph of samples, its
+        tree and the spectra; one match in both directions, with factored splines.
     """
 
     paper: Times
@@ -40,7 +40,7 @@ class Table1Row:
     matching: Spread
 
     def faster(self) -> tuple[float, float, float]:
-        """How many times faster each stage is than the paper's."""
+        """The ratio of the paper's time to ours, by stage."""
         paper = (self.paper.sampling, self.paper.embedding, self.paper.matching)
         ours = (self.sampling, self.embedding, self.matching)
         return tuple(theirs / mine.median for theirs, mine in zip(paper, ours, strict=True))  # type: ignore[return-value]
@@ -54,9 +54,9 @@ def table1_rows(
     repeats: int = REPEATS,
     matches: int = MATCHES,
 ) -> list[Table1Row]:
-    """Measure pairs of meshes of each line's class, brought to its number of vertices.
+    """Measure pairs of meshes of each line's class, resized to its number of vertices.
 
-    Lines whose class has no two meshes are left out.
+    Lines are left out if their class has fewer than two meshes.
     """
     method = Pipeline(DEFAULT)
     rows = []
@@ -77,7 +77,7 @@ def table1_rows(
                 start = perf_counter()
                 method.match(first, second)
                 matching.append(perf_counter() - start)
-            # The first factors the splines.
+            # The first match factors the splines.
             del matching[-matches - 1]
         rows.append(
             Table1Row(

@@ -1,4 +1,4 @@
-"""Figures that repeat: a median and its spread."""
+"""Repeated measurements: their median and quartiles."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,9 +13,9 @@ class Spread:
     Attributes
     ----------
     median, low, high : float
-        The middle one, and the quartiles.
+        Median, first and third quartile.
     count : int
-        Of measurements.
+        Number of measurements.
     """
 
     median: float
@@ -25,14 +25,14 @@ class Spread:
 
     @classmethod
     def of(cls, values: Sequence[float]) -> "Spread":
-        """The spread of one or more values."""
+        """The distribution of one or more values."""
         low, median, high = np.percentile(values, [25.0, 50.0, 75.0])
         return cls(float(median), float(low), float(high), len(values))
 
     def milliseconds(self, digits: int = 1) -> str:
-        """Seconds as a cell of a table: median and quartiles in milliseconds, with so many decimals."""
+        """Format seconds for a table: median and quartiles in milliseconds, with `digits` decimals."""
         return Spread(1e3 * self.median, 1e3 * self.low, 1e3 * self.high, self.count).plain(digits)
 
     def plain(self, digits: int) -> str:
-        """A cell of a table: median and quartiles, with so many decimals."""
+        """Format values for a table: median and quartiles, with `digits` decimals."""
         return f"{self.median:,.{digits}f} ({self.low:,.{digits}f} to {self.high:,.{digits}f})"

@@ -16,11 +16,11 @@ from service.studies.robustness.perturbed_queries import Done, Gallery, Told, on
 SEED = 0
 
 LEVELS = [(kind, amount) for kind in KINDS if kind.part for amount in kind.amounts]
-"""How shapes are made incomplete."""
+"""Perturbations that make shapes incomplete, and their amounts."""
 
 
 def part_pairs(pool: Executor, gallery: Gallery, tell: Told, done: Done) -> list[Collection]:
-    """For each of `LEVELS`, the shapes that look incomplete after it, against all clean ones."""
+    """For each of `LEVELS`, the features of shapes that look incomplete after it and of all clean ones."""
     count = len(gallery.files)
     found = []
     with on_disk(gallery) as stored:
@@ -38,7 +38,7 @@ def part_pairs(pool: Executor, gallery: Gallery, tell: Told, done: Done) -> list
 
 
 def _features(stored: Path, kind: Kind, amount: float, path: Path) -> Floats | str | None:
-    """What `combined` reads of a changed file against the gallery, (n, 1); None if it looks complete."""
+    """Features of a perturbed file and the gallery, shape (n, 1); None if the shape looks complete."""
     asked = perturbed_query(stored, kind, amount, SEED, path)
     if isinstance(asked, str):
         return asked

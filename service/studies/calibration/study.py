@@ -11,19 +11,19 @@ from core.evaluation.retrieval_measures import Evaluation, evaluate
 from core.ranking.class_probability import Calibration
 
 UPPER = 5
-"""The bins from this one on hold the pairs that are called more likely of one class than not."""
+"""The first bin of pairs whose class probability exceeds one half."""
 
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """One collection: its pairs as the fits without their query's class judge them.
+    """One collection, with probabilities of each pair by the fit without its query's class.
 
     Attributes
     ----------
     name : str
     shapes, classes : int
     figures : Evaluation
-        Ranked by those chances.
+        Evaluation of the ranking by these probabilities.
     reliability : Reliability
     """
 
@@ -42,11 +42,11 @@ class Incomplete:
     ----------
     model : Calibration
     queries : int
-        Incomplete shapes.
+        Number of incomplete shapes.
     nn : float
-        Share of them whose likeliest whole one, but their own, is of their class.
+        Share of them whose most probable whole shape, except their own, is of their class.
     reliability : Reliability
-        Each way that they are incomplete, in each collection, with the same weight.
+        Over all perturbations and collections, each with the same weight.
     """
 
     model: Calibration
@@ -63,10 +63,10 @@ class Study:
     ----------
     model : Calibration
     without_patches : Calibration
-        Of the evidence but that of patches.
+        The model without the features of spin images.
     collections : tuple of Judged
     together : Reliability
-        Of all collections, each with the same weight.
+        Over all collections, each with the same weight.
     incomplete : Incomplete
     """
 
@@ -110,14 +110,14 @@ def study(
     ----------
     names : sequence of str
     collections : sequence of Collection
-        One a name, with the evidence of `core.ranking.class_probability.spin_image_features`.
+        One per name, with the features of `core.ranking.class_probability.spin_image_features`.
     incomplete : sequence of sequence of Collection
-        Several a name, with that of `core.ranking.class_probability.part_features`.
+        Several per name, with the features of `core.ranking.class_probability.part_features`.
 
     Raises
     ------
     ParameterError
-        Without some class, all pairs are of one kind.
+        Without one of the classes, all pairs have the same label.
     """
     probabilities = leave_class_out(collections)
     return Study(

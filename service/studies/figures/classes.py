@@ -1,4 +1,4 @@
-"""Fig. 10: a classified collection as thumbnails, a colour a class, unmatched shapes in grey."""
+"""Fig. 10: a classified collection as thumbnails, in one colour per class, unmatched shapes in grey."""
 
 from collections.abc import Sequence
 from itertools import groupby
@@ -15,35 +15,35 @@ UNMATCHED = (0.62, 0.62, 0.62)
 COLUMNS = 10
 _SIZE = 1.25
 _FACES = 2000
-"""More would not be seen on a thumbnail."""
+"""Faces of a thumbnail; more would not be visible."""
 
 
 def thumbnail(mesh: Mesh) -> Mesh:
-    """The mesh, simplified where it has more faces than a small picture shows."""
+    """The mesh, simplified if it has more faces than a thumbnail shows."""
     return mesh if len(mesh.faces) <= _FACES else decimate(mesh, _FACES / len(mesh.faces), 0)
 
 
 def class_colour(place: int) -> tuple[float, float, float]:
-    """A colour for the class at a place in the order of classes: hues a golden section apart."""
+    """The colour of the class with an index; successive hues differ by the golden ratio."""
     red, green, blue = hsv_to_rgb((0.02 + 0.618034 * place % 1.0, 0.62 - 0.17 * (place % 2), 0.95))
     return float(red), float(green), float(blue)
 
 
 def classes_picture(meshes: Sequence[Mesh], labels: Sequence[str], found: Classification) -> bytes:
-    """A PNG of all shapes: those of each class found together, a new row each, then the unmatched in grey.
+    """A PNG of all shapes: the shapes of each found class in rows of their own, then unmatched ones in grey.
 
     Parameters
     ----------
     meshes : sequence of n Mesh
     labels : sequence of n str
-        True classes; a shape that was given another is captioned with both.
+        True classes; the caption of a misclassified shape has both classes.
     found : Classification
     """
     names = np.asarray(labels)
     order = sorted(set(labels))
     pairs = zip(found.neighbour, found.matched, strict=True)
     given = [str(names[neighbour]) if matched else "" for neighbour, matched in pairs]
-    # The empty name, of the unmatched, comes last.
+    # Unmatched shapes have an empty name, which comes last.
     placed = sorted(range(len(names)), key=lambda i: (given[i] == "", given[i], not found.right[i], i))
     rows: list[list[Panel]] = []
     for name, group in groupby(placed, key=lambda i: given[i]):

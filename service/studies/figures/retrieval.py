@@ -1,4 +1,4 @@
-"""Table 3 and the confusion matrix, from the scores of a collection."""
+"""Table 3 and the confusion matrix of a collection's scores."""
 
 from collections.abc import Sequence
 from itertools import chain
@@ -27,9 +27,9 @@ def top_figure(
     meshes : sequence of n Mesh
     labels : sequence of n str
     closeness : float64, shape (n, n)
-        Larger is closer; the diagonal is not read.
+        Similarities; the diagonal is ignored.
     score : str
-        The name of the score, for the captions.
+        The name of the score in the captions.
     """
     blocks: list[list[Panel]] = []
     for label in sorted(set(labels)):

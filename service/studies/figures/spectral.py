@@ -20,11 +20,11 @@ from service.rendering.drawing import Panel, draw_grid, draw_panel, png
 
 TAUS = (0.1, 0.2, 0.5)
 _LARGEST = 0.85
-"""The hue circle is left open, so that the two ends of a scale differ."""
+"""The end of the hue scale, short of a full circle, so that both ends differ."""
 
 
 def samples_figure(mesh: Mesh) -> bytes:
-    """Fig. 3: the samples at three sparse ratios tau, as the default setting selects them."""
+    """Fig. 3: the samples of the default parameters at three sparse ratios tau."""
     panels = []
     for tau in TAUS:
         points = Pipeline(DEFAULT.with_values(samples=0, tau=tau)).embed(mesh).positions.astype(np.float64)
@@ -96,20 +96,20 @@ def _cloud(embedding: Embedding) -> Floats:
 
 
 def _partners(first: Mesh, second: Mesh, places: list[Floats]) -> Ints:
-    """The vertex of the first mesh that corresponds to each of the second."""
+    """For each vertex of the second mesh, the corresponding vertex of the first."""
     ends = [cKDTree(mesh.vertices).query(at)[1] for mesh, at in zip((first, second), places, strict=True)]
     return extend(basis(second), basis(first), np.stack(ends[::-1], axis=1).astype(np.int64))
 
 
 def _painted(mesh: Mesh) -> Floats:
-    """A colour for each vertex by where it is along the three axes of the normal frame, shape (n, 3)."""
+    """Vertex colours by position along the axes of the normal frame, shape (n, 3)."""
     places = normal_frame(mesh).apply(mesh.vertices)
     low, high = places.min(axis=0), places.max(axis=0)
     return np.asarray(0.1 + 0.85 * (places - low) / np.maximum(high - low, 1e-300))
 
 
 def _scale(values: Floats) -> Floats:
-    """Ranks, from 0 to the end of the scale."""
+    """Ranks of the values, scaled from 0 to the end of the hue scale."""
     return np.asarray(_LARGEST * np.argsort(np.argsort(values, kind="stable")) / len(values))
 
 

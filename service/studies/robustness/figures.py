@@ -18,7 +18,7 @@ SHOWN = "person"
 
 
 def curves_figure(study: Study) -> bytes:
-    """A PNG with a chart a kind: NN by amount, bars from the smallest to the largest over the seeds."""
+    """A PNG with one chart per perturbation: NN against amount, with bars over the range of the seeds."""
     kinds = [(kind, list(levels)) for kind, levels in groupby(study.levels, key=lambda level: level.kind)]
     height = -(-len(kinds) // _COLUMNS)
     width = min(len(kinds), _COLUMNS)
@@ -42,7 +42,7 @@ def curves_figure(study: Study) -> bytes:
         known.values(), known, loc="outside lower center", ncols=min(5, 2 * width), fontsize=8, frameon=False
     )
     data = BytesIO()
-    # Without the drawing program's version, so that the file changes only when the picture does.
+    # Without the version of Matplotlib, so that equal pictures have equal bytes.
     figure.savefig(data, format="png", dpi=88, metadata={"Software": None}, pil_kwargs={"optimize": True})
     return data.getvalue()
 

@@ -32,13 +32,13 @@ Done = Callable[[int], None]
 
 @dataclass(frozen=True, eq=False)
 class Gallery:
-    """The clean shapes that can be embedded.
+    """The clean shapes that have an embedding.
 
     Attributes
     ----------
     files : tuple of Path
     labels : tuple of str
-        The class of each.
+        Classes of the shapes.
     embeddings : tuple of Embedding
     """
 
@@ -48,7 +48,7 @@ class Gallery:
 
 
 def clean_gallery(pool: Executor, files: Sequence[tuple[Path, str]], tell: Told, done: Done) -> Gallery:
-    """The files that can be embedded; `tell` is told of each of the others, and why."""
+    """The files that can be embedded; `tell` receives the reason for each of the others."""
     results = embed_files(pool, [path for path, _ in files], done)
     kept: list[tuple[Path, str, Embedding]] = []
     for (path, label), result in zip(files, results, strict=True):
@@ -69,7 +69,7 @@ def clean_retrieval(pool: Executor, gallery: Gallery, done: Done) -> Retrieval:
 
 @contextmanager
 def on_disk(gallery: Gallery) -> Iterator[Path]:
-    """A file with the gallery, so that each worker reads it once, and not once a query."""
+    """A temporary file of the gallery, which each worker reads once."""
     with TemporaryDirectory() as folder:
         path = Path(folder) / "gallery"
         path.write_bytes(pickle.dumps(list(gallery.embeddings)))
@@ -86,7 +86,7 @@ def perturbed_level(
     tell: Told,
     done: Done,
 ) -> Level:
-    """Each shape perturbed, a query against all clean ones; `stored` is the file of `on_disk`."""
+    """Each perturbed shape as a query against all clean ones; `stored` is the file of `on_disk`."""
     runs, own, unusable = [], [], []
     count = len(gallery.files)
     for seed in range(1 if amount in kind.certain else seeds):
@@ -145,7 +145,7 @@ class ScoredQuery:
     pipeline : Pipeline
     mesh : Mesh
     query : Embedding
-        Of the mesh.
+        Embedding of the mesh.
     gallery : list of Embedding
     scores : Scores
     """
@@ -167,7 +167,7 @@ def perturbed_query(stored: Path, kind: Kind, amount: float, seed: int, path: Pa
     except CoreError as error:
         return f"{error.kind}: {error}"
     except Exception as error:
-        # A fault of the program, on this mesh: it is named, and costs the run no other.
+        # An error of the program is reported for this mesh; the study continues.
         return f"{type(error).__name__}: {error}"
 
 

@@ -4,7 +4,7 @@ from core.studies.robustness import KINDS, TAU, TAU_VERTICES, Level, Study
 from service.studies.sampling.tables import TextTable
 
 TITLES = {TAU: "sparse ratio tau", **{kind.name: kind.title for kind in KINDS}}
-# The clean ranking that each fall is measured from: there is no clean query by part.
+# The clean ranking from which each loss is measured; clean partial queries do not exist.
 CLEAN = {"cc": "cc", "combined": "combined", "part": "combined"}
 UNITS = {TAU: f"of about {TAU_VERTICES} vertices", **{kind.name: kind.unit for kind in KINDS}}
 
@@ -15,7 +15,7 @@ def amount_of(level: Level) -> str:
 
 
 def table(study: Study) -> TextTable:
-    """NN by CC, by the combined score and of parts, with the fall in points against the clean queries."""
+    """NN by CC, by the combined score and of parts, with the loss in points against clean queries."""
     rows: list[tuple[str, ...]] = [
         ("none", "", f"{study.clean.cc:.3f}", "", f"{study.clean.combined:.3f}", *[""] * 5)
     ]

@@ -25,7 +25,7 @@ _COLOURS = {
     "farthest-point": "#009e73",
 }
 _SHOWN = (Method("cut", printed=True), Method("cut"), Method("covering"))
-"""What the figures of noise and poses have room for: the paper's selection and the default's."""
+"""The methods in the figures of noise and poses: the paper's selection and the default one."""
 
 
 def fit_figure(surface: Surface, shapes: Sequence[ShapeMeasures]) -> bytes:
@@ -71,7 +71,7 @@ def ratio_figure(surface: Surface) -> bytes:
 
 
 def methods_figure(surface: Surface, shapes: Sequence[ShapeMeasures]) -> bytes:
-    """Fig. 3b: all methods with as many samples, their histograms, and the error of the rebuilt surface."""
+    """Fig. 3b: all methods with equally many samples, their histograms, and errors of the rebuilt surface."""
     figure = Figure(figsize=(10, 10.5), layout="constrained")
     halves = figure.add_gridspec(2, 1, height_ratios=[2, 0.9])
     top, bottom = figure.add_subfigure(halves[0]), figure.add_subfigure(halves[1])
@@ -137,7 +137,7 @@ def _bars(
     colours: Sequence[str],
     whole: Floats | None = None,
 ) -> None:
-    """Histograms side by side, and that of all vertices as a line."""
+    """Histograms side by side, with the histogram of all vertices as a line."""
     width = 0.9 / BINS / len(histograms)
     for i, (histogram, name, colour) in enumerate(zip(histograms, names, colours, strict=False)):
         shift = (i - (len(histograms) - 1) / 2) * width
@@ -161,6 +161,6 @@ def _middles() -> Floats:
 
 def _png(figure: Figure) -> bytes:
     data = BytesIO()
-    # Without the drawing program's version, so that the file changes only when the picture does.
+    # Without the version of Matplotlib, so that equal pictures have equal bytes.
     figure.savefig(data, format="png", dpi=_DPI, metadata={"Software": None}, pil_kwargs={"optimize": True})
     return data.getvalue()

@@ -1,4 +1,4 @@
-"""A mesh seen along its normal frame's z, faint, with points on the side that is seen."""
+"""A faint view of a mesh along the z axis of its normal frame, with points on the visible side."""
 
 from dataclasses import dataclass
 
@@ -12,10 +12,10 @@ from core.mesh.face_normals import face_normals
 from core.mesh.mesh import Mesh
 
 _CHUNK = 128
-"""Vertices whose cover is looked for at a time."""
+"""Vertices whose visibility is computed at a time."""
 
 _GREYS = 6
-"""Steps of shading: enough for a form to be seen, few enough for a small file."""
+"""Grey levels: enough to show the form, few enough for a small file."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,13 +25,13 @@ class Picture:
     Attributes
     ----------
     places : float64, shape (n, 2)
-        Vertices on the paper, the longest axis upright.
+        Positions of the vertices in the picture, with the longest axis upright.
     faces : float64, shape (f, 3, 2)
-        Triangles that face the viewer, farthest first.
+        Triangles that face the viewer, in descending distance.
     shades : float64, shape (f,)
-        Their grey, 0 to 1.
+        Brightness of the triangles, 0 to 1.
     visible : bool, shape (n,)
-        Vertices that no triangle covers.
+        Whether no triangle covers the vertex.
     """
 
     places: Floats
@@ -43,7 +43,7 @@ class Picture:
     def of(cls, mesh: Mesh) -> "Picture":
         """The view of a mesh in its normal frame, from the end of z."""
         x, y, depth = mesh.vertices.T
-        # Upright: the normal frame's x points to the thin end, which is mostly the foot.
+        # The x axis of the normal frame points to the thin end, which is usually the foot.
         places = np.stack([y, -x], axis=1)
         corners = np.column_stack([places, depth])[mesh.faces]
         tilt = np.abs(face_normals(corners)[:, 2])
@@ -56,7 +56,7 @@ class Picture:
         )
 
     def draw(self, axes: Axes, samples: Ints, *, size: float, values: Floats | None = None) -> None:
-        """Draw the mesh and the samples that are seen: black, or coloured by values in [0, 1], shape (n,)."""
+        """Draw the mesh and its visible samples, in black or by values in [0, 1], shape (n,)."""
         greys = np.repeat(self.shades[:, None], 3, axis=1)
         axes.add_collection(
             PolyCollection(list(self.faces), facecolors=greys, edgecolors=greys, linewidths=0.2)
@@ -74,7 +74,7 @@ class Picture:
 
 
 def _visible(points: Floats, corners: Floats) -> NDArray[np.bool_]:
-    """Points, shape (n, 3), over which no triangle lies, seen from the end of the third axis."""
+    """Whether each point, shape (n, 3), is visible along the third axis: no triangle covers it."""
     a, b, c = (corners[:, i, :2] for i in range(3))
     double = _cross(b - a, c - a)
     upright = np.abs(double) > 1e-12
