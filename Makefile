@@ -30,39 +30,51 @@ COMPILE := $(UV) pip compile --quiet --no-config --universal --python-version 3.
 LOCKS := requirements.lock tests/requirements.lock tests/soak/browser/requirements.lock docker/cluster.lock docker/test/requirements.lock \
 	tests/soak/supply/requirements.lock
 
-.PHONY: help environment demo test collections-test kill-test load-test lint types openapi lock lock-check image-test page-lint page-vendor browser-test screenshots sbom audit hostile-test mutation-test schema-test vector-test duplicates-test partial-test clean
+SOAK := kill-test load-test cluster-test postgresql-test method-test studies-test hostile-test mutation-test \
+	schema-test vector-test duplicates-test partial-test
+
+.PHONY: help environment demo test soak $(SOAK) collections-test lint types openapi lock lock-check image-test page-lint page-vendor \
+	browser-test screenshots sbom audit clean
 
 help:
-	@echo 'make demo               ingest made shapes, query them, print the nearest three (CHECK=1: and check them)'
-	@echo 'make environment        install what runs and tests it into .venv, and no more'
-	@echo 'make test               the test suite'
-	@echo 'make collections-test   the tests on real collections, in the folder that ISOSHAPE_DATA names'
-	@echo 'make kill-test          kill the service 200 times while clients write (CYCLES=20: so many times)'
-	@echo 'make load-test          mixed load for 20 minutes: answers, and the slope of memory (MINUTES=3: so long)'
-	@echo 'make lint               ruff: rules and layout'
-	@echo 'make types              mypy --strict'
-	@echo 'make openapi            write openapi/openapi.json'
-	@echo 'make lock               bring the lock files up to pyproject.toml (UPGRADE=1: and to the newest releases)'
-	@echo 'make lock-check         fail unless the lock files answer pyproject.toml'
-	@echo 'make image-test         build the image and run it as it is deployed (root, Debian, no Docker engine needed)'
-	@echo 'make page-lint          check the scripts of the page with tsc, and that what others wrote is what it says (npm)'
-	@echo 'make page-vendor        bundle what others wrote into the page (npm)'
-	@echo 'make browser-test       the page in Chromium, which is installed if it is not there (root, Debian)'
-	@echo 'make screenshots        draw docs/page-*.png (needs what browser-test needs)'
-	@echo 'make hostile-test       upload every hostile file over HTTP'
-	@echo 'make mutation-test      upload 10,000 changed files over HTTP (COUNT=, SEED=)'
-	@echo 'make vector-test        the nearest of a million signatures by PostgreSQL: times and recall (SIGNATURES=: of so many)'
-	@echo 'make duplicates-test    find 40 copies planted in a gallery of poses (POSES=: so many of each body)'
-	@echo 'make partial-test       cut parts of ISOSHAPE_DATA/psb, and find what they are parts of (MODELS=: among so many)'
-	@echo 'make schema-test        requests generated from the OpenAPI document (SEED=)'
-	@echo 'make sbom               write build/isoshape.cdx.json: what is installed, as a CycloneDX bill of materials'
-	@echo 'make audit              ask the package index for vulnerabilities of what is installed'
-	@echo 'make clean              remove what these made'
+	@echo 'make demo                ingest generated shapes, query them, print the nearest three (CHECK=1: also check them)'
+	@echo 'make environment         install the runtime and the test tools into .venv'
+	@echo
+	@echo 'make test                the quick test suite of the library and the service'
+	@echo 'make lint                ruff: rules and layout'
+	@echo 'make types               mypy --strict'
+	@echo 'make openapi             write openapi/openapi.json'
+	@echo
+	@echo 'make soak                every test that runs for minutes, one after another: the targets below down to partial-test'
+	@echo 'make kill-test           kill the service 200 times while clients write (CYCLES=20: 20 times)'
+	@echo 'make load-test           20 minutes of mixed load: answers, and the growth of memory (MINUTES=3: 3 minutes)'
+	@echo 'make cluster-test        a Dask cluster that loses its workers and its scheduler'
+	@echo 'make postgresql-test     the tests of the service that depend on the database, on PostgreSQL'
+	@echo 'make method-test         the method on every class of the gallery, and its machine code'
+	@echo 'make studies-test        benchmarks against running services'
+	@echo 'make hostile-test        upload every hostile file over HTTP'
+	@echo 'make mutation-test       upload 10,000 mutated files over HTTP (COUNT=, SEED=)'
+	@echo 'make schema-test         requests generated from the OpenAPI document (SEED=)'
+	@echo 'make vector-test         the nearest of a million signatures by PostgreSQL: times and recall (SIGNATURES=20000: of 20,000)'
+	@echo 'make duplicates-test     find 40 copies planted in a gallery of poses (POSES=2: 2 poses of each body)'
+	@echo 'make partial-test        cut parts of models in ISOSHAPE_DATA/psb and search for them (MODELS=10: 10 models)'
+	@echo
+	@echo 'make collections-test    the tests on real collections, in the folder that ISOSHAPE_DATA names'
+	@echo 'make browser-test        the page in Chromium, which is installed if it is missing (root, Debian)'
+	@echo 'make page-lint           check the scripts of the page with tsc, and the vendored files (npm)'
+	@echo 'make image-test          build the image and run it as it is deployed (root, Debian, no Docker engine needed)'
+	@echo
+	@echo 'make page-vendor         bundle the vendored files of the page (npm)'
+	@echo 'make screenshots         draw docs/page-*.png (needs the tools of browser-test)'
+	@echo 'make lock                bring the lock files up to pyproject.toml (UPGRADE=1: and to the newest releases)'
+	@echo 'make lock-check          fail unless the lock files answer pyproject.toml'
+	@echo 'make sbom                write build/isoshape.cdx.json: the installed packages, as a CycloneDX bill of materials'
+	@echo 'make audit               ask the package index for vulnerabilities of the installed packages'
+	@echo 'make clean               remove the files that these targets make'
 
-# The environment, made anew whenever its lock changes. Three files mark how far it is: the locked packages, this
-# project (whose build fetches setuptools into an environment of its own), and the tools for its tests.
-# A lock that was written again with the same content, as by a checkout, installs nothing anew, and an installation
-# that was interrupted goes on where it was.
+# The environment is made again when its lock changes. Three files mark its state: the locked packages, this project
+# (whose build fetches setuptools into an environment of its own), and the tools for its tests. A lock written again
+# with the same content, as by a checkout, installs nothing; an interrupted installation continues.
 $(PACKAGES): requirements.lock
 	@test -n "$(PYTHON)" && $(PYTHON) -c 'import ensurepip, sys, venv; sys.exit(sys.version_info < (3, 11))' || { \
 		echo 'Python 3.11 or newer with venv is needed and was not found; name one: make PYTHON=/path/to/python3' >&2; exit 1; }
@@ -84,23 +96,39 @@ environment: $(DEV)
 demo: $(RUNTIME)
 	$(BIN)/isoshape demo $(if $(filter-out 0,$(CHECK)),--check)
 
-# Two workers suit two cores. One thread each: BLAS threads on top of the workers only get in each other's way.
-# A file's tests stay together, so that what they share is started once; files go by name, and the last are short.
+# Two workers suit two cores, with one thread each: more threads would compete for the cores.
+# The tests of a file run in one worker, so that their fixtures start once; files run in the order of their names.
 WORKERS ?= 2
 AT_A_TIME := -n $(WORKERS) --dist loadfile --no-loadscope-reorder
+PYTEST := OMP_NUM_THREADS=1 $(BIN)/python -m pytest
 test: $(DEV)
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest $(AT_A_TIME)
+	$(PYTEST) $(AT_A_TIME)
 
-# Where the collections are asked for, none of their tests may be skipped.
+soak: $(SOAK)
+
+# Tests of the collections may not be skipped here.
 collections-test: $(DEV)
 	@test -d "$${ISOSHAPE_DATA:-}" || { echo 'ISOSHAPE_DATA must name the folder of collections' >&2; exit 1; }
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest $(AT_A_TIME) -m collections -p tests.soak.no_skips
+	$(PYTEST) $(AT_A_TIME) tests/soak/collections -p tests.soak.no_skips
 
 CYCLES ?= 200
 kill-test: $(DEV)
+	$(PYTEST) tests/soak/kill
 	OMP_NUM_THREADS=1 $(BIN)/python -m tests.soak.kill --cycles $(CYCLES)
 
-# locust brings a web server of its own: it stays out of the environment that runs the service and its tests.
+cluster-test: $(DEV)
+	$(PYTEST) tests/soak/cluster
+
+postgresql-test: $(DEV)
+	$(PYTEST) $(AT_A_TIME) -m either_engine --engine postgresql
+
+method-test: $(DEV)
+	$(PYTEST) $(AT_A_TIME) tests/soak/method
+
+studies-test: $(DEV)
+	$(PYTEST) tests/soak/studies tests/soak/test_no_skips.py tests/soak/test_pages.py
+
+# locust brings a web server: it stays out of the environment that runs the service and its tests.
 LOCUST := $(VENV)/load
 $(LOCUST)/bin/locust: pyproject.toml $(DEV)
 	$(BIN)/python -m venv --clear $(LOCUST)
@@ -110,6 +138,7 @@ $(LOCUST)/bin/locust: pyproject.toml $(DEV)
 
 MINUTES ?= 20
 load-test: $(LOCUST)/bin/locust
+	$(PYTEST) tests/soak/load
 	OMP_NUM_THREADS=1 $(BIN)/python -m tests.soak.load --minutes $(MINUTES) --locust $(LOCUST)/bin/locust
 
 lint: $(DEV)
@@ -165,13 +194,13 @@ $(BROWSER): tests/soak/browser/requirements.lock $(DEV)
 	@touch $@
 
 browser-test: $(BROWSER)
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest tests/soak/browser -p tests.soak.no_skips
+	$(PYTEST) tests/soak/browser -p tests.soak.no_skips
 
 screenshots: $(BROWSER)
 	OMP_NUM_THREADS=1 $(BIN)/python -m tests.soak.browser.screenshots docs
 
 hostile-test: $(DEV)
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -m hostile tests/soak/hostile
+	$(PYTEST) $(AT_A_TIME) tests/soak/hostile
 
 COUNT ?= 10000
 SEED ?= 0
@@ -192,9 +221,9 @@ partial-test: $(DEV)
 	OMP_NUM_THREADS=1 $(BIN)/python -m tests.soak.partial "$$ISOSHAPE_DATA/psb" --limit $(MODELS)
 
 schema-test: $(DEV)
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -m schema tests/soak/schema --hypothesis-seed=$(SEED)
+	$(PYTEST) tests/soak/schema --hypothesis-seed=$(SEED)
 
-# Tools about the packages, in an environment of their own: what they need is no business of the packages.
+# Tools that examine the packages have an environment of their own.
 $(SUPPLY)/.installed: tests/soak/supply/requirements.lock $(PACKAGES)
 	$(BIN)/python -m venv --clear $(SUPPLY)
 	$(SUPPLY)/bin/python -m pip -qq --disable-pip-version-check install --require-hashes --requirement $<
@@ -205,7 +234,8 @@ sbom: $(SUPPLY)/.installed
 	$(SUPPLY)/bin/python -W ignore -m cyclonedx_py requirements requirements.lock --pyproject pyproject.toml \
 		--output-reproducible --output-file build/isoshape.cdx.json
 
-audit: $(SUPPLY)/.installed
+audit: $(SUPPLY)/.installed $(DEV)
+	$(PYTEST) tests/soak/supply
 	@$(SUPPLY)/bin/python tests/soak/supply/audit.py requirements.lock
 
 clean:

@@ -2,6 +2,13 @@
 
 import signal
 
+import pytest
+
 # A shell that runs the tests in the background has them, and all that they start, ignore Ctrl-C.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """The engine of the archives where a test does not choose one itself."""
+    parser.addoption("--engine", choices=("sqlite", "postgresql"), default="sqlite")

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from core.gallery import CLASSES, make_shape
+from core.gallery import make_shape
 from core.mesh.mesh import Mesh
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
@@ -24,8 +24,13 @@ def halved(mesh):
     return Mesh(points.astype(np.float64), faces.astype(np.int64))
 
 
-@pytest.mark.parametrize("label", CLASSES)
+@pytest.mark.parametrize("label", ["cup", "octopus"])
 def test_four_faces_for_each_or_half_of_them_find_the_original(label):
+    assert_found_when_remeshed(label)
+
+
+def assert_found_when_remeshed(label):
+    """Two poses, subdivided and halved, find themselves among eight poses of their body class."""
     pipeline = Pipeline(DEFAULT)
     stored = [pipeline.embed(make_shape(label, pose)) for pose in range(POSES)]
     for pose in (0, 3):

@@ -17,8 +17,8 @@ def _stopped_at_the_end() -> Iterator[None]:
 
 @pytest.fixture(scope="module", autouse=True)
 def engine(request: pytest.FixtureRequest) -> Iterator[str]:
-    """What archives are kept in: SQLite, unless a module says otherwise."""
-    name = str(getattr(request, "param", engines.SQLITE))
+    """The engine that keeps the archives: the parameter of the tests, or the option `--engine`."""
+    name = str(getattr(request, "param", request.config.getoption("--engine")))
     with engines.using(name):
         yield name
 

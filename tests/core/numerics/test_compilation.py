@@ -10,11 +10,7 @@ from pathlib import Path
 import pytest
 
 import core
-from core.gallery import make_shape
 from core.matching.kernels.orthogonal_procrustes import fit_rotation
-from core.parameters import DEFAULT
-from core.pipeline import Pipeline
-from core.serialization import embedding_to_bytes
 
 PROBE = """
 import json
@@ -87,33 +83,26 @@ def test_how_kernels_are_compiled_changes_it(copied):
     assert first != second
 
 
-MATCH = """
-import sys
-from pathlib import Path
-
+NEAREST = """
 import numpy as np
 
-from core.parameters import DEFAULT
-from core.pipeline import Pipeline
-from core.serialization import embedding_from_bytes
+from core.matching.kernels.nearest_neighbours import nearest_both_ways
 
-shapes = [embedding_from_bytes(Path(path).read_bytes()) for path in sys.argv[1:]]
-scores = [Pipeline(DEFAULT).score(shape, shapes) for shape in shapes]
-print(np.array([[row.cc, row.ssd, row.sim] for row in scores]).tobytes().hex())
+drawn = np.random.default_rng(0)
+points, targets = (drawn.normal(size=size).astype(np.float32) for size in ((40, 8), (8, 48)))
+there, back = np.empty(40, dtype=np.int32), np.empty(48, dtype=np.int32)
+nearest_both_ways(points, targets, 64, there, back)
+print(there.tolist(), back.tolist())
 """
 
 
-def test_who_compiles_a_kernel_and_who_loads_it_find_the_same_bits(tmp_path):
-    pipeline = Pipeline(DEFAULT)
-    paths = []
-    for name in ("pliers", "hand", "person"):
-        paths.append(tmp_path / name)
-        paths[-1].write_bytes(embedding_to_bytes(pipeline.embed(make_shape(name, 0))))
+def assert_compiled_and_loaded_alike(program, folder, kernel, *arguments):
+    """A process that compiles a kernel prints the same as one that loads it from the cache."""
 
-    def found():
+    def printed():
         done = subprocess.run(
-            [sys.executable, "-c", MATCH, *map(str, paths)],
-            env={**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache")},
+            [sys.executable, "-c", program, *map(str, arguments)],
+            env={**os.environ, "NUMBA_CACHE_DIR": str(folder / "cache")},
             capture_output=True,
             text=True,
             check=True,
@@ -121,6 +110,11 @@ def test_who_compiles_a_kernel_and_who_loads_it_find_the_same_bits(tmp_path):
         )
         return done.stdout
 
-    first = found()
-    assert list((tmp_path / "cache").rglob("*match_pair*.nbc"))
-    assert found() == first
+    first = printed()
+    assert list((folder / "cache").rglob(f"*{kernel}*.nbc"))
+    assert first
+    assert printed() == first
+
+
+def test_who_compiles_a_kernel_and_who_loads_it_find_the_same_bits(tmp_path):
+    assert_compiled_and_loaded_alike(NEAREST, tmp_path, "nearest_both_ways")

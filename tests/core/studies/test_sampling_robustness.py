@@ -48,8 +48,8 @@ def names(methods):
 
 def test_a_large_mesh_is_simplified_first():
     large = refine(make_shape("cup", 0), 4500)
-    assert len(large.vertices) > sampling_surface.MEASURED.decimate_above
-    wanted = sampling_surface.MEASURED.decimate_to
+    assert len(large.vertices) > sampling_surface.MEASURED.mesh.decimate_above
+    wanted = sampling_surface.MEASURED.mesh.decimate_to
     assert len(Surface.of(large).mesh.vertices) == pytest.approx(wanted, rel=0.1)
 
 

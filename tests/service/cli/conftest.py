@@ -1,8 +1,11 @@
 """A small collection on disk, and the command line run in this process against real services."""
 
 from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, ProcessPoolExecutor
+from contextlib import ExitStack
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import pytest
 from typer.testing import CliRunner
@@ -14,6 +17,7 @@ from service.cli.commands import command_line
 from service.client import Client
 from service.server.uvicorn_server import in_thread
 from service.settings import Settings
+from service.studies import pairwise_scores
 
 CLASSES = ("cup", "octopus", "pliers")
 POSES = 3
@@ -38,6 +42,33 @@ def environment(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("ISOSHAPE_WORKERS", "1")
     (tmp_path / "cwd").mkdir()
     monkeypatch.chdir(tmp_path / "cwd")
+
+
+class KeptPool(ProcessPoolExecutor):
+    """Worker processes that outlive the command that asks for them."""
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """Leave the processes to the next command."""
+
+
+@pytest.fixture(scope="session")
+def kept_pools() -> Iterator[Callable[..., Executor]]:
+    """Pools of worker processes, one for each way to ask for one."""
+    with ExitStack() as stack:
+
+        @cache
+        def pool(*arguments: Any, **named: Any) -> Executor:
+            kept = KeptPool(*arguments, **named)
+            stack.callback(ProcessPoolExecutor.shutdown, kept)
+            return kept
+
+        yield pool
+
+
+@pytest.fixture(autouse=True)
+def shared_processes(kept_pools: Callable[..., Executor], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Studies share their worker processes: starting one takes two seconds."""
+    monkeypatch.setattr(pairwise_scores, "ProcessPoolExecutor", kept_pools)
 
 
 @cache

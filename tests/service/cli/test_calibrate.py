@@ -18,13 +18,23 @@ from core.mesh.cleaning import clean
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
 from core.ranking.class_probability import Calibration, part_features, spin_image_features
+from service.cli.studies import calibrate
 from service.datasets import read_collection
-from service.studies.calibration.part_pairs import LEVELS, SEED
+from service.studies.calibration import part_pairs
+from service.studies.calibration.part_pairs import SEED
 from service.studies.robustness.perturbed_queries import seed_of
 from service.studies.subset import spread
 from tests.service.cli.conftest import Run, mesh_bytes
 
 PNG = b"\x89PNG\r\n\x1a\n"
+LEVELS = part_pairs.LEVELS[2::4]
+
+
+@pytest.fixture(autouse=True)
+def one_amount(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One amount of each kind that leaves a part."""
+    for module in (part_pairs, calibrate):
+        monkeypatch.setattr(module, "LEVELS", LEVELS)
 
 
 def plain(folder: Path) -> Collection:
@@ -91,7 +101,7 @@ def test_the_fit_and_how_it_is_judged(collection: Path, second: Path, run: Run, 
     bare = fit([replace(one, features=one.features[..., :2]) for one in collections])
     assert found["without_patches"]["slopes"] == pytest.approx(bare.slopes, rel=1e-3)
     incomplete = [*plain_parts(collection, 9), *plain_parts(second, 4)]
-    assert found["incomplete"]["queries"] == sum(one.both_ways.any(axis=1).sum() for one in incomplete) > 80
+    assert found["incomplete"]["queries"] == sum(one.both_ways.any(axis=1).sum() for one in incomplete) > 20
     part = fit(incomplete)
     assert found["incomplete"]["intercept"] == pytest.approx(part.intercept, rel=1e-3)
     assert found["incomplete"]["slopes"] == pytest.approx(part.slopes, rel=1e-3)
@@ -125,10 +135,6 @@ def test_the_fit_and_how_it_is_judged(collection: Path, second: Path, run: Run, 
         assert given.slopes == pytest.approx(numbers["slopes"], abs=1e-4)
     assert "](calibration.png)" in page
     assert (out / "calibration.png").read_bytes().startswith(PNG)
-    again = run("calibrate", collection, second, "--parts", 9, "--out", tmp_path / "again")
-    assert code in again.stdout
-    for name in ("calibration.md", "calibration.png"):
-        assert (tmp_path / "again" / name).read_bytes() == (out / name).read_bytes()
 
 
 def test_too_few_classes_and_files_that_cannot_be_used(run: Run, tmp_path: Path) -> None:

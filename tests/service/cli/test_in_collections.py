@@ -8,35 +8,45 @@ import pytest
 from service.auth.keys import KeyEntry, digest_of
 from service.client import Client, ClientError
 from service.settings import Settings
-from tests.service.cli.conftest import CLASSES, POSES, Run, mesh_bytes
-
-TOTAL = len(CLASSES) * POSES
+from tests.service.cli.conftest import POSES, Run, mesh_bytes
 
 
 def test_a_database_with_two_collections(collection: Path, tmp_path: Path, run: Run) -> None:
-    path = tmp_path / "own.sqlite3"
+    path, cups = tmp_path / "own.sqlite3", collection / "cup"
     at = ("--url", f"sqlite:///{path}")
     made = run("collections", "--create", "castings", *at)
     assert (made.status, counts(made.stdout)) == (0, {"castings": "0", "default": "0"})
-    stored = run("ingest", collection, "--collection", "castings", *at)
-    assert (stored.status, stored.stdout) == (0, f"{TOTAL} stored, 0 already there, 0 refused\n")
-    cup = collection / "cup" / "cup-0.off"
+    stored = run("ingest", cups, "--collection", "castings", *at)
+    assert (stored.status, stored.stdout) == (0, f"{POSES} stored, 0 already there, 0 refused\n")
+    assert run("ingest", cups / "cup-0.off", *at).stdout == "1 stored, 0 already there, 0 refused\n"
+    # Commands about files cover all collections.
+    checked = run("check", path, "--json")
+    assert json.loads(checked.stdout)["shapes"] == POSES + 1
+    copied = run("copy", path, tmp_path / "copy.sqlite3")
+    assert copied.stdout.startswith(f"{POSES + 1} shapes on {POSES} files")
+    listed = run("collections", "--url", f"sqlite:///{tmp_path}/copy.sqlite3")
+    assert counts(listed.stdout) == {"castings": str(POSES), "default": "1"}
+
+
+def test_a_service_with_two_collections(archive: Client, collection: Path, run: Run) -> None:
+    at, cups = ("--url", archive.url), collection / "cup"
+    cup = cups / "cup-0.off"
+    assert run("collections", "--create", "cast", *at).status == 0
+    assert run("ingest", cups, "--collection", "cast", *at).status == 0
     assert run("ingest", cup, *at).stdout == "1 stored, 0 already there, 0 refused\n"
-    for named, many in (("castings", TOTAL), ("default", 1)):
+    for named, many in (("cast", POSES), ("default", 1)):
         asked = run("query", cup, "--json", "--collection", named, *at)
         assert json.loads(asked.stdout)["stored"] == many
     found = run("duplicates", "--csv", *at)
     assert "1 shapes" in found.stderr
-    listed = run("collections", "--delete", "castings", *at)
+    listed = run("collections", "--delete", "cast", *at)
     assert (listed.status, listed.stdout) == (1, "")
     assert "not empty" in listed.stderr.splitlines()[-1]
-    # What has to do with files has to do with those of all collections.
-    checked = run("check", path, "--json")
-    assert json.loads(checked.stdout)["shapes"] == TOTAL + 1
-    copied = run("copy", path, tmp_path / "copy.sqlite3")
-    assert copied.stdout.startswith(f"{TOTAL + 1} shapes on {TOTAL} files")
-    listed = run("collections", "--url", f"sqlite:///{tmp_path}/copy.sqlite3")
-    assert counts(listed.stdout) == {"castings": str(TOTAL), "default": "1"}
+    with Client(archive.url, collection="cast") as cast:
+        for shape in list(cast.shapes()):
+            cast.delete(shape.id)
+    deleted = run("collections", "--delete", "cast", *at)
+    assert (deleted.status, counts(deleted.stdout)) == (0, {"default": "1"})
 
 
 def counts(table: str) -> dict[str, str]:

@@ -21,15 +21,21 @@ from service.shapes.records import NewShape
 from service.storage.database import Database
 from service.storage.migrate import migrate
 from tests.service.cli.conftest import Run
+from tests.service.engines import rows
 from tests.service.pipeline_files import active, embeddings, write_parameters
 from tests.service.support import small_file, wait_until
 
-STORED = 120
+STORED = 40
 
 
 @pytest.fixture
 def few(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Parameters:
     """An archive whose files no pipeline has embedded, and the settings that name it and another pipeline."""
+    return archive_to_reembed(tmp_path, monkeypatch, STORED)
+
+
+def archive_to_reembed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stored: int) -> Parameters:
+    """Store so many shapes without embeddings; the pipeline that the settings name."""
     few = write_parameters(tmp_path)
     url = f"sqlite:///{tmp_path}/archive.sqlite3"
     monkeypatch.setenv("ISOSHAPE_DATABASE_URL", url)
@@ -39,7 +45,7 @@ def few(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Parameters:
     with database.write() as session:
         keep(session, DEFAULT)
         repository.activate(session, DEFAULT.fingerprint)
-        for number in range(STORED):
+        for number in range(stored):
             data = small_file(number)
             new = NewShape(data, "off", DEFAULT_COLLECTION.number, f"{number}.off", tags=(), metadata={})
             blob = shapes_repository.add_blob(session, data, new.sha256)
@@ -63,27 +69,31 @@ def interrupted(folder: Path, enough: int, number: signal.Signals) -> tuple[int,
     return process.returncode, said
 
 
-def test_stopped_and_killed_it_goes_on_and_does_nothing_twice(
-    tmp_path: Path, few: Parameters, run: Run
-) -> None:
+def test_stopped_it_goes_on_where_it_was(tmp_path: Path, few: Parameters, run: Run) -> None:
+    assert_goes_on(tmp_path, few, run, (signal.SIGINT, 130))
+
+
+def assert_goes_on(tmp_path: Path, few: Parameters, run: Run, *stops: tuple[signal.Signals, int]) -> None:
+    """Stopped by each signal, and run again, the command embeds every shape once."""
     done: list[tuple[int, str]] = []
-    for number, status in ((signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGKILL, -9)):
+    stored = len(rows(tmp_path, "SELECT number FROM shapes"))
+    for number, status in stops:
         returned, said = interrupted(tmp_path, len(done) + 2, number)
         assert returned == status
         assert ("the same command continues" in said) == (number != signal.SIGKILL)
         before, done = done, embeddings(tmp_path)
         assert done[: len(before)] == before
-        assert len(before) + 2 <= len(done) < STORED
+        assert len(before) + 2 <= len(done) < stored
         assert active(tmp_path) == DEFAULT.fingerprint
     finished = run("reembed")
-    left = STORED - len(done)
+    left = stored - len(done)
     assert (finished.status, finished.stdout) == (
         0,
         f"{left} embedded by pipeline few ({few.fingerprint}), the archive is searched by it\n",
     )
     assert f"{left} of {left} embedded" in finished.stderr
     assert embeddings(tmp_path)[: len(done)] == done
-    assert [fingerprint for _, fingerprint in embeddings(tmp_path)] == [few.fingerprint] * STORED
+    assert [fingerprint for _, fingerprint in embeddings(tmp_path)] == [few.fingerprint] * stored
     assert active(tmp_path) == few.fingerprint
     with closing(sqlite3.connect(tmp_path / "archive.sqlite3")) as connection:
         assert connection.execute("SELECT count(*) FROM shapes WHERE facts = '{}'").fetchone() == (0,)

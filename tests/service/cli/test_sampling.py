@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from core.gallery import make_shape
+from core.gallery.bodies import make_body
 from core.io import write_mesh
 from core.studies.sampling import surface as sampling_surface
 from core.studies.sampling.surface import METHODS
@@ -26,7 +26,9 @@ def folder(tmp_path):
     files = tmp_path / "meshes"
     files.mkdir()
     for label, pose in (("person", 2), ("pliers", 0)):
-        (files / f"{label} |1|.off").write_bytes(write_mesh(make_shape(label, pose), "off"))
+        (files / f"{label} |1|.off").write_bytes(
+            write_mesh(make_body(label, vertices=300).posed(pose), "off")
+        )
     return files
 
 

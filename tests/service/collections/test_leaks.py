@@ -11,12 +11,12 @@ import pytest
 from service.collections.dependencies import HEADER, PARAMETER
 from service.openapi_document import document
 from tests.service.collections.support import working_in
-from tests.service.engines import on_both
+from tests.service.engines import either_engine
 from tests.service.jobs.packing import pack
 from tests.service.jobs.support import begun, ended
 from tests.service.support import Running, assert_problem, serving, settings_in, small_file, upload
 
-pytestmark = on_both
+pytestmark = either_engine
 
 Operation = tuple[str, str]
 

@@ -22,7 +22,7 @@ from service.compute.pool import LocalPool
 from service.search import match_records
 from service.search import scoring as comparing
 from service.shapes import service as shapes_service
-from tests.service.storage.test_processes import server
+from tests.service.processes import server
 from tests.service.support import (
     Running,
     assert_problem,

@@ -20,11 +20,11 @@ from service.http.idempotency.records import Claim, Kept
 from service.shapes.records import NewShape, StoredShape
 from service.shapes.service import answer_of, ingest
 from service.storage.tables import IdempotencyKeyRow
-from tests.service.engines import on_both
+from tests.service.engines import either_engine, on_both
 from tests.service.support import Running, assert_problem, serving, settings_in, small_file, wait_until
 from tests.service.trouble import url_of
 
-pytestmark = on_both
+pytestmark = either_engine
 
 LONG = '"' + 256 * "x" + '"'
 KEY = '"8e03978e-40d5-43e8-bc93-6894a57f9324"'
@@ -206,6 +206,7 @@ def test_a_key_is_free_again_when_its_client_goes_away(
     wait_until(lambda: send(service.client, small_file(0)).status_code == 201, seconds=30)
 
 
+@on_both
 def test_many_at_a_time_have_one_answer(service: Running) -> None:
     with ThreadPoolExecutor(8) as clients:
         answers = list(clients.map(lambda _: send(service.client, small_file(0)), range(16)))
@@ -216,6 +217,7 @@ def test_many_at_a_time_have_one_answer(service: Running) -> None:
     assert total(service) == 1
 
 
+@on_both
 def test_answers_outlive_the_service_until_they_expire(service: Running) -> None:
     url = url_of(service.container.database)
     settings = service.container.settings.model_copy(
@@ -254,6 +256,7 @@ def test_keys_belong_to_the_api_key_that_they_come_with(tmp_path: Path) -> None:
         assert_replayed(send(running.client, small_file(1), headers=bearer[1]), other)
 
 
+@on_both
 def test_an_answer_that_another_process_gave_meanwhile_is_the_answer(
     service: Running, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -19,10 +19,10 @@ from core.pipeline import Pipeline
 from core.studies.perturbation import cut_part
 from service.compute.tasks import Embedded
 from service.settings import Settings
-from tests.service.engines import on_both
+from tests.service.engines import either_engine
 from tests.service.support import Running, assert_problem, pipeline_in_use, query, small_file, upload
 
-pytestmark = on_both
+pytestmark = either_engine
 
 
 def test_a_stored_shape_is_what_was_sent(service: Running) -> None:

@@ -16,12 +16,12 @@ from service.jobs import service as jobs_service
 from service.jobs.errors import ArchiveTooLargeError
 from service.shapes import service as shapes_service
 from service.storage.job_tables import JobFileRow, JobPieceRow, JobRow
-from tests.service.engines import on_both
+from tests.service.engines import either_engine, on_both
 from tests.service.jobs.packing import FORMATS, pack, zip_link, zipped
 from tests.service.jobs.support import begun, causes, ended, events, files, job, meshes, send, stored
 from tests.service.support import Running, assert_problem, small_file, wait_until
 
-pytestmark = on_both
+pytestmark = either_engine
 
 
 @pytest.fixture
@@ -107,6 +107,7 @@ def test_files_that_cannot_be_stored_are_named_and_hold_up_nothing(clean: Runnin
     assert stored(clean) == {"0.off": good, "3.stl": small_file(3, "stl")}
 
 
+@on_both
 def test_what_is_stored_already_is_found(clean: Running) -> None:
     shape = clean.store(small_file(0), "0.off", tags="before")
     data = pack({"a/0.off": small_file(0), "b/1.off": small_file(1), "c/1.off": small_file(1)})
@@ -162,6 +163,7 @@ def test_fields_that_cannot_be_used(clean: Running) -> None:
     assert rows(clean, JobRow) == 0
 
 
+@on_both
 def test_jobs_are_listed_the_latest_first(clean: Running) -> None:
     archive = pack({"0.off": small_file(0)})
     ids = [begun(clean.client, archive, name=f"{number}.zip") for number in range(5)]
@@ -287,6 +289,7 @@ def test_what_a_cancelled_job_has_stored_stays(clean: Running) -> None:
     )
 
 
+@on_both
 def test_a_job_that_is_deleted_is_cancelled_and_forgotten(clean: Running, held: threading.Event) -> None:
     job_id = begun(clean.client, pack(meshes(range(3, 9))))
     wait_until(lambda: at_work(clean), seconds=180)
@@ -389,6 +392,7 @@ def test_a_job_that_cannot_be_gone_on_with_fails_and_the_next_has_its_turn(
     assert ended(clean.client, begun(clean.client, pack(meshes(range(3)))))["counts"]["stored"] == 3
 
 
+@on_both
 def test_leftovers_are_cleared(clean: Running) -> None:
     job_id = begun(clean.client, pack(meshes(range(1))))
     ended(clean.client, job_id)

@@ -8,10 +8,10 @@ import pytest
 from core.embedding import Scores
 from core.serialization import embedding_from_bytes
 from service.search.repository import embedding_records
-from tests.service.engines import on_both
+from tests.service.engines import either_engine
 from tests.service.support import Running, pipeline_in_use, query, small_file
 
-pytestmark = on_both
+pytestmark = either_engine
 
 RESULT = {"rank", "cc", "ssd", "sim", "combined", "part_distance", "shape", "correspondence"}
 

@@ -3,10 +3,10 @@
 import httpx
 import pytest
 
-from tests.service.engines import on_both
+from tests.service.engines import either_engine
 from tests.service.support import Running, assert_problem, query, small_file
 
-pytestmark = on_both
+pytestmark = either_engine
 
 
 def test_equals_are_in_the_order_they_were_stored(service: Running) -> None:

@@ -19,7 +19,7 @@ from service.search import service as search_service
 from service.search.ranking import Compared
 from service.shapes import reembedding as reembedding_module
 from service.shapes.reembedding import Reembedding, ReembeddingResult
-from tests.service.engines import on_both
+from tests.service.engines import either_engine, on_both
 from tests.service.pipeline_files import active, embeddings, fingerprints, write_parameters
 from tests.service.support import (
     Running,
@@ -32,7 +32,7 @@ from tests.service.support import (
     wait_until,
 )
 
-pytestmark = on_both
+pytestmark = either_engine
 
 STORED = 5
 
@@ -99,6 +99,7 @@ def go_over(
     return outcome, work
 
 
+@on_both
 def test_queries_change_when_all_are_embedded_and_find_what_they_found(
     stocked: tuple[Running, Path], few: Parameters
 ) -> None:

@@ -16,10 +16,10 @@ from service.client import Client
 from service.collection import DEFAULT_COLLECTION
 from service.shapes import files, repository
 from service.shapes.exporting import check_size
-from tests.service.engines import on_both
+from tests.service.engines import either_engine, on_both
 from tests.service.support import Running, assert_problem, pipeline_in_use, small_file, upload
 
-pytestmark = on_both
+pytestmark = either_engine
 
 
 def test_pages_show_every_shape_once_and_in_order(service: Running) -> None:
@@ -36,6 +36,7 @@ def test_pages_show_every_shape_once_and_in_order(service: Running) -> None:
     assert seen == ids
 
 
+@on_both
 def test_pages_stay_true_while_shapes_come_and_go(service: Running) -> None:
     ids = [service.store(small_file(0), name=f"bird {i}")["id"] for i in range(6)]
     first = service.client.get("/shapes", params={"limit": 3}).json()
@@ -107,6 +108,7 @@ def test_a_bad_parameter_is_refused_by_its_name(
         ({"metadata": "source=scan", "tag": "animal", "name": "i"}, ["bird"]),
     ],
 )
+@on_both
 def test_filters_mean_what_they_say(
     service: Running, params: dict[str, str | list[str]], names: list[str]
 ) -> None:
@@ -127,6 +129,7 @@ def test_filters_mean_what_they_say(
     assert page["total"] == len(names)
 
 
+@on_both
 def test_changes_replace_what_is_given_and_leave_the_rest(service: Running) -> None:
     shape = service.store(small_file(0), name="old", tags="a,b", metadata='{"x": 1, "y": {"z": [1, 2]}}')
     address = f"/shapes/{shape['id']}"
@@ -184,6 +187,7 @@ def test_json_that_is_not_quite_json_is_refused(service: Running, body: str) -> 
     assert_problem(answer, 422, "bad-request-fields")
 
 
+@on_both
 def test_a_name_that_the_same_bytes_have_already_is_taken(service: Running) -> None:
     one = service.store(small_file(0), name="one")
     service.store(small_file(0), name="two")
@@ -194,6 +198,7 @@ def test_a_name_that_the_same_bytes_have_already_is_taken(service: Running) -> N
     assert service.client.patch(address, json={"name": "three"}).status_code == 200
 
 
+@on_both
 def test_a_deleted_shape_is_gone_from_everywhere(service: Running) -> None:
     gone, stays = service.store(small_file(0)), service.store(small_file(1))
     assert service.client.delete(f"/shapes/{gone['id']}").content == b""

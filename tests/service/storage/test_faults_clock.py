@@ -17,12 +17,12 @@ from service.shapes import endpoints, repository
 from service.shapes import service as shapes
 from service.shapes.deleted import service as deleted
 from service.storage.job_tables import JobRow
-from tests.service.engines import on_both
+from tests.service.engines import either_engine
 from tests.service.jobs.packing import pack
 from tests.service.jobs.support import ended
 from tests.service.support import Running, assert_problem, query, serving, settings_in, small_file, upload
 
-pytestmark = on_both
+pytestmark = either_engine
 
 KEY, OTHER = "isoshape_one-key", "isoshape_other-key"
 RATE = 60

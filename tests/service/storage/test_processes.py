@@ -1,125 +1,22 @@
-"""Real server processes: killed, restarted, and two on one archive."""
+"""Two server processes on one archive, and one that does not start."""
 
 import os
-import signal
-import socket
 import subprocess
 import sys
-import threading
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
 from pathlib import Path
 
 import httpx
 
-from tests.service.engines import on_both, url_in
-from tests.service.support import query, small_file, upload, wait_until
+from tests.service.engines import on_postgresql
+from tests.service.processes import server
+from tests.service.support import query, small_file, upload
 
 WRITERS = 8
 TURNS = 2
 
 
-@contextmanager
-def server(
-    folder: Path, *, seconds: float = 180, **settings: str
-) -> Iterator[tuple[subprocess.Popen[bytes], httpx.Client]]:
-    """`isoshape serve` on a folder's archive, ready in some seconds; killed at the end if it still runs.
-
-    It has one worker unless the settings say otherwise.
-    """
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    environment = {key: value for key, value in os.environ.items() if not key.startswith("ISOSHAPE_")} | {
-        "ISOSHAPE_DATABASE_URL": url_in(folder),
-        "ISOSHAPE_WORKERS": "1",
-        **settings,
-    }
-    command = [sys.executable, "-P", "-m", "service.cli", "serve", "--port", str(port)]
-    with (folder / "log.txt").open("ab") as log:
-        process = subprocess.Popen(command, env=environment, stdout=log, stderr=log)
-    try:
-        with httpx.Client(base_url=f"http://127.0.0.1:{port}", timeout=120) as client:
-            wait_until(lambda: answers(client) or process.poll() is not None, seconds=seconds)
-            assert process.poll() is None, f"the service ended: {(folder / 'log.txt').read_text()}"
-            yield process, client
-    finally:
-        process.kill()
-        process.wait()
-
-
-def answers(client: httpx.Client) -> bool:
-    """Whether the service is ready."""
-    try:
-        return client.get("/readyz").status_code == 200
-    except httpx.TransportError:
-        return False
-
-
-def workers(process: subprocess.Popen[bytes]) -> list[int]:
-    """The children of a process, which the system lists by the thread that started each."""
-    threads = Path(f"/proc/{process.pid}/task").iterdir()
-    return [int(pid) for thread in threads for pid in (thread / "children").read_text().split()]
-
-
-@on_both
-def test_a_killed_service_has_all_that_it_had_acknowledged(tmp_path: Path) -> None:
-    acknowledged: dict[str, str] = {}
-    deleted: set[str] = set()
-    stop = threading.Event()
-
-    def send(client: httpx.Client, start: int) -> None:
-        number = start
-        while not stop.is_set():
-            try:
-                answer = upload(client, small_file(number), f"{number}.off", tags=str(number))
-            except httpx.TransportError:
-                return
-            if answer.status_code == 201:
-                acknowledged[answer.json()["id"]] = str(number)
-                if number % 5 == 0:
-                    gone = answer.json()["id"]
-                    try:
-                        if client.delete(f"/shapes/{gone}").status_code == 204:
-                            deleted.add(gone)
-                    except httpx.TransportError:
-                        acknowledged.pop(gone)
-                        return
-            number += 3
-
-    with server(tmp_path) as (process, client):
-        threads = [threading.Thread(target=send, args=(client, start)) for start in range(3)]
-        for thread in threads:
-            thread.start()
-        wait_until(lambda: len(acknowledged) >= 12, seconds=60)
-        orphans = workers(process)
-        assert len(orphans) >= 2
-        process.send_signal(signal.SIGKILL)
-        process.wait()
-        stop.set()
-        for thread in threads:
-            thread.join()
-    wait_until(lambda: not any(Path(f"/proc/{pid}").exists() for pid in orphans), seconds=30)
-    expected = {shape_id: name for shape_id, name in acknowledged.items() if shape_id not in deleted}
-    assert expected
-    assert deleted
-    with server(tmp_path) as (process, client):
-        page = client.get("/shapes", params={"limit": 500}).json()
-        stored = {shape["id"]: shape for shape in page["shapes"]}
-        assert set(expected) <= set(stored)
-        assert not deleted & set(stored)
-        for shape_id, number in expected.items():
-            assert stored[shape_id]["tags"] == [number]
-            assert client.get(f"/shapes/{shape_id}/file").content == small_file(int(number))
-        answer = query(client, small_file(int(number)), top_k=1).json()
-        assert answer["compared"] == answer["stored"] == len(stored)
-        assert answer["results"][0]["shape"]["id"] == shape_id
-        process.send_signal(signal.SIGTERM)
-        assert process.wait(timeout=30) in {0, -signal.SIGTERM}
-
-
-@on_both
+@on_postgresql
 def test_two_services_see_each_others_writes_and_many_writers_on_them_lose_nothing(tmp_path: Path) -> None:
     settings = {"ISOSHAPE_LOCK_SECONDS": "60"}
     with server(tmp_path, **settings) as (_, one), server(tmp_path, **settings) as (_, other):

@@ -13,7 +13,7 @@ import pytest
 from service.datasets import read_collection
 from service.storage.checking import check
 from tests.service.jobs.support import begun, ended, files, has_stored
-from tests.service.storage.test_processes import server
+from tests.service.processes import server
 from tests.service.support import wait_until
 
 pytestmark = pytest.mark.collections

@@ -11,8 +11,6 @@ from tests.soak.hostile.corpus import CORPUS
 from tests.soak.hostile.serving import LIMIT_SECONDS, server
 from tests.soak.hostile.uploading import memory_after, upload_each
 
-pytestmark = pytest.mark.hostile
-
 PEAK = 4096.0
 # MiB in two rounds. The processes that read are replaced after a hundred files, and so are at another age
 # after each round.

@@ -8,7 +8,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from tests.service.storage.test_processes import server
+from tests.service.processes import server
 from tests.soak.kill.cycles import Cycle, run_cycle, verify
 from tests.soak.kill.ledger import Ledger
 from tests.soak.pages import put

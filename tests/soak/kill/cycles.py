@@ -12,7 +12,7 @@ import httpx
 
 from service.storage.archive_file import has_journal
 from service.storage.checking import check
-from tests.service.storage.test_processes import server, workers
+from tests.service.processes import server, workers
 from tests.service.support import wait_until
 from tests.soak.kill.ledger import Ledger
 from tests.soak.kill.load import Load

@@ -13,7 +13,7 @@ from typing import Any
 from core.gallery import CLASSES, make_shape
 from core.io import write_mesh
 from service.storage.checking import check
-from tests.service.storage.test_processes import server
+from tests.service.processes import server
 from tests.service.support import small_file
 from tests.soak.load.memory import Growth, Watch
 from tests.soak.pages import put

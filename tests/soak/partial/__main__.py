@@ -55,7 +55,7 @@ def main(folder: Path, limit: int, cut: list[float]) -> None:
             scores = pipeline.score(query, wholes)
             nearness["cc"].append(scores.cc)
             nearness["combined"].append(pipeline.combined_with(query, wholes, scores))
-            nearness["partial"].append(-part_distances(describe_part(pipeline.bare(part)), known))
+            nearness["partial"].append(-part_distances(describe_part(pipeline.open_surface(part)), known))
         for name, found in nearness.items():
             print(row(name, share, np.array(found), labels), flush=True)
 

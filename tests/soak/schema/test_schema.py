@@ -26,8 +26,6 @@ from service.storage.tables import DeletedRow, IdempotencyKeyRow
 from tests.service.support import Running, serving, settings_in, small_file, wait_until
 from tests.soak.schema import meshes
 
-pytestmark = pytest.mark.schema
-
 KEY = "a-key-for-the-tests-of-the-document"
 # Text that people write follows rules that a schema does not tell: see `service.shapes.fields`.
 WRITTEN = {"name", "tag", "tags", "filter", "metadata"}

@@ -12,7 +12,7 @@ from service.storage.checking import check
 from tests.service.archives import opened
 from tests.service.jobs.packing import pack
 from tests.service.jobs.support import begun, ended, events, files, has_stored, job
-from tests.service.storage.test_processes import server
+from tests.service.processes import server
 from tests.service.support import small_file, wait_until
 
 GOOD = {f"{number}.off": small_file(number) for number in range(24)}

@@ -1,0 +1,57 @@
+"""`isoshape serve` as a process of its own, which tests may kill."""
+
+import os
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import httpx
+
+from tests.service.engines import url_in
+from tests.service.support import wait_until
+
+
+@contextmanager
+def server(
+    folder: Path, *, seconds: float = 180, **settings: str
+) -> Iterator[tuple[subprocess.Popen[bytes], httpx.Client]]:
+    """`isoshape serve` on a folder's archive, ready in some seconds; killed at the end if it still runs.
+
+    It has one worker unless the settings say otherwise.
+    """
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    environment = {key: value for key, value in os.environ.items() if not key.startswith("ISOSHAPE_")} | {
+        "ISOSHAPE_DATABASE_URL": url_in(folder),
+        "ISOSHAPE_WORKERS": "1",
+        **settings,
+    }
+    command = [sys.executable, "-P", "-m", "service.cli", "serve", "--port", str(port)]
+    with (folder / "log.txt").open("ab") as log:
+        process = subprocess.Popen(command, env=environment, stdout=log, stderr=log)
+    try:
+        with httpx.Client(base_url=f"http://127.0.0.1:{port}", timeout=120) as client:
+            wait_until(lambda: answers(client) or process.poll() is not None, seconds=seconds)
+            assert process.poll() is None, f"the service ended: {(folder / 'log.txt').read_text()}"
+            yield process, client
+    finally:
+        process.kill()
+        process.wait()
+
+
+def answers(client: httpx.Client) -> bool:
+    """Whether the service is ready."""
+    try:
+        return client.get("/readyz").status_code == 200
+    except httpx.TransportError:
+        return False
+
+
+def workers(process: subprocess.Popen[bytes]) -> list[int]:
+    """The children of a process, which the system lists by the thread that started each."""
+    threads = Path(f"/proc/{process.pid}/task").iterdir()
+    return [int(pid) for thread in threads for pid in (thread / "children").read_text().split()]

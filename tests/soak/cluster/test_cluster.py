@@ -1,0 +1,119 @@
+"""A Dask cluster that loses workers and its scheduler: the service says so, and goes on."""
+
+import os
+import threading
+from collections.abc import Callable
+from concurrent.futures import Future
+from typing import Any
+
+import httpx
+import numpy as np
+import pytest
+
+from service.compute.cluster import ClusterPool
+from service.errors import ClusterUnavailableError
+from tests.service.clusters import made, on_cluster, pool, service
+from tests.service.dask_cluster import Cluster
+from tests.service.jobs.packing import pack
+from tests.service.jobs.support import begun, ended, files
+from tests.service.support import Running, assert_problem, query, small_file, upload, wait_until
+from tests.service.tasks import add, nap
+
+__all__ = ["made", "on_cluster", "pool", "service"]
+
+MEMBERS = 16
+
+
+def test_the_work_and_the_keys_of_a_lost_worker_go_to_another(made: Cluster, pool: ClusterPool) -> None:
+    keys = np.repeat(np.arange(400), 2)
+    owners = pool.owners(keys)
+    assert (owners[::2] == owners[1::2]).all()
+    addresses, shares = np.unique(owners, return_counts=True)
+    assert len(addresses) == 2
+    assert shares.min() >= 0.4 * len(keys)
+    pids = dict(zip(addresses, (pool.submit_to(each, os.getpid).result() for each in addresses), strict=True))
+    assert sorted(pids.values()) == sorted(pool.pids())
+    napping: list[Future[Any]] = [pool.submit(nap, 2) for _ in range(2)]
+    assert (pool.idle(), pool.busy(), pool.waiting()) == (0, 2, 0)
+    made.kill_worker(pids[addresses[0]])
+    # Whoever knows of the loss later is answered all the same.
+    assert pool.submit_to(str(addresses[0]), os.getpid).result(timeout=60) == pids[addresses[1]]
+    assert [each.result(timeout=60) for each in napping] == [None, None]
+    wait_until(lambda: (len(pool.pids()), pool.idle(), pool.busy()) == (1, 1, 0), seconds=30)
+    assert set(pool.owners(keys)) == {addresses[1]}
+    made.start(1)
+    wait_until(lambda: len(pool.pids()) == 2, seconds=240)
+    stayed = pool.owners(keys) == addresses[1]
+    assert 0.4 * len(keys) <= stayed.sum() <= 0.6 * len(keys)
+
+
+def test_a_worker_that_is_killed_in_the_middle_of_a_bulk_job(made: Cluster, service: Running) -> None:
+    members = {f"{number}.off": small_file(number) for number in range(MEMBERS)}
+    job_id = begun(service.client, pack(members, "zip"))
+    wait_until(lambda: service.client.get("/shapes").json()["total"] >= 4, seconds=240)
+    made.kill_worker()
+    ended(service.client, job_id)
+    told = files(service.client, job_id)
+    assert {each["path"]: each["outcome"] for each in told} == dict.fromkeys(members, "stored")
+    shapes = service.client.get("/shapes", params={"limit": 500}).json()["shapes"]
+    assert sorted(shape["name"] for shape in shapes) == sorted(members)
+
+
+def test_a_scheduler_that_is_away(made: Cluster, service: Running) -> None:
+    client = service.client
+    service.store(small_file(1), "kept.off")
+    job_id = begun(client, pack({f"{number}.off": small_file(number) for number in range(10, 20)}, "zip"))
+    outcomes: list[httpx.Response] = []
+    sent: list[Callable[[], httpx.Response]] = [
+        lambda: upload(client, small_file(2), "new.off"),
+        lambda: query(client, small_file(3)),
+    ]
+    made.kill_scheduler()
+    wait_until(lambda: client.get("/readyz").status_code == 503, seconds=30)
+    threads = [threading.Thread(target=lambda send=send: outcomes.append(send())) for send in sent]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len(outcomes) == 2
+    for answer in outcomes:
+        assert_problem(answer, 503, "cluster-unavailable")
+    assert client.get("/shapes").status_code == 200
+    assert client.get("/healthz").status_code == 200
+    made.start(1)
+    wait_until(lambda: client.get("/readyz").status_code == 200, seconds=240)
+    assert [send().status_code for send in sent] == [201, 200]
+    assert ended(client, job_id)["counts"]["stored"] == 10
+
+
+def test_a_cluster_without_workers_says_so_and_goes_on_when_one_comes(
+    made: Cluster, pool: ClusterPool
+) -> None:
+    waiting = [pool.submit(nap, 600) for _ in range(3)]
+    while made.workers:
+        made.kill_worker()
+    for each in waiting:
+        with pytest.raises(ClusterUnavailableError, match="no workers"):
+            each.result(timeout=60)
+    assert not pool.ready()
+    with pytest.raises(ClusterUnavailableError, match="no workers"):
+        pool.submit(add, 1, 1)
+    with pytest.raises(ClusterUnavailableError, match="no workers"):
+        pool.owners(np.zeros(1, dtype=np.int64))
+    made.start(1)
+    wait_until(pool.ready, seconds=240)
+    assert pool.submit(add, 1, 1).result() == 2
+
+
+def test_a_scheduler_that_is_lost_is_said_and_found_again(made: Cluster, pool: ClusterPool) -> None:
+    waiting = [pool.submit(nap, 600) for _ in range(3)]
+    made.kill_scheduler()
+    for each in waiting:
+        with pytest.raises(ClusterUnavailableError, match="scheduler"):
+            each.result(timeout=60)
+    assert (pool.ready(), pool.idle(), pool.busy(), pool.starting(), pool.waiting()) == (False, 0, 0, 0, 0)
+    with pytest.raises(ClusterUnavailableError, match="cannot be reached"):
+        pool.submit(add, 1, 1)
+    made.start(1)
+    wait_until(pool.ready, seconds=240)
+    assert pool.submit(add, 1, 1).result() == 2
