@@ -38,8 +38,8 @@ def surface():
 
 
 def make_small(patch):
-    small = sampling_surface.MEASURED.with_values(refine_vertices=0)
-    patch.setattr(sampling_surface, "MEASURED", small)
+    small = sampling_surface.STUDY_PARAMETERS.with_values(refine_vertices=0)
+    patch.setattr(sampling_surface, "STUDY_PARAMETERS", small)
 
 
 def names(methods):
@@ -48,8 +48,8 @@ def names(methods):
 
 def test_a_large_mesh_is_simplified_first():
     large = refine(make_shape("cup", 0), 4500)
-    assert len(large.vertices) > sampling_surface.MEASURED.mesh.decimate_above
-    wanted = sampling_surface.MEASURED.mesh.decimate_to
+    assert len(large.vertices) > sampling_surface.STUDY_PARAMETERS.mesh.decimate_above
+    wanted = sampling_surface.STUDY_PARAMETERS.mesh.decimate_to
     assert len(Surface.of(large).mesh.vertices) == pytest.approx(wanted, rel=0.1)
 
 
