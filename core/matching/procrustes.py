@@ -21,6 +21,9 @@ from core.matching.similarity import EFFECTIVE
 from core.matching.spline_operators import compiled_spline_operators
 from core.parameters import Parameters
 
+TOGETHER = 32
+"""Match records that are copied into one array for one call of the kernel."""
+
 
 @dataclass(frozen=True, eq=False)
 class ProcrustesMatch:
@@ -182,9 +185,16 @@ class ProcrustesMatcher:
     def score(self, query: Float32s, candidates: Iterable[Float32s]) -> Scores:
         """CC, SSD and sim of one shape with each of c others: arrays of shape (c,)."""
         records = list(candidates)
-        addresses, lengths = _places(records)
         scores = np.empty((len(records), 3))
-        match_many(_own(query), addresses, lengths, search_rounds(self._parameters), scores)
+        for start in range(0, len(records), TOGETHER):
+            batch = records[start : start + TOGETHER]
+            match_many(
+                _own(query),
+                np.concatenate(batch, dtype=np.float32, casting="no"),
+                np.cumsum([len(record) for record in batch]),
+                search_rounds(self._parameters),
+                scores[start : start + TOGETHER],
+            )
         return Scores(cc=scores[:, 0].copy(), ssd=scores[:, 1].copy(), sim=scores[:, 2].copy())
 
     def match(self, first: Float32s, second: Float32s) -> PairMatch:
@@ -199,14 +209,6 @@ class ProcrustesMatcher:
         pairs = np.stack([np.arange(len(matches)), matches], axis=1)
         match = PairMatch(cc, ssd, sim, pairs, distances, effective)
         return match.swapped() if order < 0 else match
-
-
-def _places(records: Sequence[Float32s]) -> tuple[Ints, Ints]:
-    """The addresses of match records in memory, and their lengths."""
-    if not all(record.flags.c_contiguous and record.dtype == np.float32 for record in records):
-        raise ValueError("a match record is not of contiguous float32")
-    addresses = [record.__array_interface__["data"][0] for record in records]
-    return np.array(addresses, dtype=np.int64), np.array([len(record) for record in records], dtype=np.int64)
 
 
 def _own(query: Float32s) -> Float32s:

@@ -36,16 +36,18 @@ def rerank(query: Float32s, clouds: Sequence[EmbeddedPoints], parameters: Parame
     fit = [
         place
         for place, (coordinates, regions) in enumerate(clouds)
-        if len(coordinates) == shape[0] and all(one.shape == (len(regions), shape[1]) for one in coordinates)
+        if len(regions)
+        and len(coordinates) == shape[0]
+        and all(one.shape == (len(regions), shape[1]) and np.isfinite(one).all() for one in coordinates)
     ]
     if not fit:
         return scores
     found = np.empty(len(fit), dtype=np.float32)
     rerank_many(
         np.require(query, requirements=["C", "W"]),
-        np.array([[_address(one) for one in clouds[place][0]] for place in fit], dtype=np.int64),
-        np.array([_address(clouds[place][1]) for place in fit], dtype=np.int64),
-        np.array([len(clouds[place][1]) for place in fit], dtype=np.int64),
+        np.concatenate([np.hstack(clouds[place][0]) for place in fit]),
+        np.concatenate([clouds[place][1] for place in fit]),
+        np.cumsum([len(clouds[place][1]) for place in fit]),
         np.array(
             [
                 parameters.matching.search_samples or parameters.sampling.samples,
@@ -57,7 +59,3 @@ def rerank(query: Float32s, clouds: Sequence[EmbeddedPoints], parameters: Parame
     )
     scores[fit] = np.where(found < -1.5, np.nan, found)
     return scores
-
-
-def _address(array: np.ndarray[tuple[int, ...], np.dtype[np.generic]]) -> int:
-    return int(array.__array_interface__["data"][0])

@@ -3,11 +3,9 @@
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import carray  # type: ignore[attr-defined]
 from numpy.typing import NDArray
 
 from core.arrays import Float32s, Int16s, Int32s
-from core.matching.kernels.simd import floats_at
 from core.numerics.compilation import kernel
 
 ONE = 32767
@@ -111,9 +109,3 @@ def dequantised(matrix: Int16s) -> Float32s:
         for j in range(m):
             found[i, j] = np.float32(matrix[i, j]) * np.float32(1.0 / ONE)
     return found
-
-
-@kernel
-def record_at(address: int, length: int) -> Float32s:
-    """The float32 numbers at an address of memory, which must stay allocated while they are read."""
-    return carray(floats_at(address), (length,))

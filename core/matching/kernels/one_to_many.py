@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.arrays import Float32s, Floats, Ints
-from core.matching.kernels.match_record import MatchRecord, decoded, record_at
+from core.matching.kernels.match_record import MatchRecord, decoded
 from core.matching.kernels.pair_matching import SearchRounds, best_map, match_pair
 from core.numerics.compilation import kernel
 
@@ -28,23 +28,25 @@ def precedes(x: MatchRecord, y: MatchRecord) -> int:
 
 
 @kernel
-def match_many(query: Float32s, addresses: Ints, lengths: Ints, rounds: SearchRounds, scores: Floats) -> None:
+def match_many(query: Float32s, records: Float32s, ends: Ints, rounds: SearchRounds, scores: Floats) -> None:
     """Write CC, SSD and sim of one shape and each of c others, the same whichever of two is the query.
 
     Parameters
     ----------
     query : float32, shape (l,)
         A match record: see `core.matching.kernels.match_record`.
-    addresses, lengths : int64, shape (c,)
-        Of the others' match records in memory, the length in numbers.
+    records : float32, shape (l_1 + ... + l_c,)
+        The match records of the others, one after another.
+    ends : int64, shape (c,)
+        The end of each in `records`.
     rounds : SearchRounds
     scores : float64, shape (c, 3)
         Written.
     """
     x = decoded(query)
     rotation = np.empty((x.points.shape[1], x.points.shape[1]), dtype=np.float32)
-    for i in range(len(addresses)):
-        y = decoded(record_at(addresses[i], lengths[i]))
+    for i in range(len(ends)):
+        y = decoded(records[ends[i - 1] if i else 0 : ends[i]])
         order = precedes(x, y)
         there = np.empty(len(x.offsets) - 1, dtype=np.int32)
         back = np.empty(len(y.offsets) - 1, dtype=np.int32)

@@ -5,15 +5,12 @@ import math
 import numpy as np
 
 from core.arrays import Float32s, Int16s, Int32s, Ints
-from core.matching.kernels.match_record import ONE, MatchRecord, decoded, record_at
+from core.matching.kernels.match_record import ONE, MatchRecord, decoded
 from core.matching.kernels.pair_matching import SearchRounds, fit_map
 from core.numerics.compilation import kernel
 
 FLAT = 1e-6
 """The least norm of a new direction, over the norm of its coordinate, that is more than rounding."""
-
-NOT_FINITE = np.int32(0x7F800000)
-"""The bits of a float32 that are all set if it is NaN or infinite."""
 
 
 @kernel
@@ -59,37 +56,6 @@ def flat_splines(searched: Float32s, first: int, operators: Int16s) -> None:
 
 
 @kernel
-def side_by_side(blocks: Ints, points: Float32s) -> bool:
-    """Write the domains' coordinates as columns of one matrix.
-
-    Parameters
-    ----------
-    blocks : int64, shape (b,)
-        Where in memory each domain's coordinates lie, float32, shape (d, k).
-    points : float32, shape (d, b k)
-        Written.
-
-    Returns
-    -------
-    bool
-        Whether all are finite.
-    """
-    d, columns = points.shape
-    k = columns // len(blocks)
-    wrong = 0
-    for block in range(len(blocks)):
-        row = record_at(blocks[block], d * k)
-        bits = row.view(np.int32)
-        for i in range(d * k):
-            wrong += int((bits[i] & NOT_FINITE) == NOT_FINITE)
-        cloud = row.reshape((d, k))
-        for i in range(d):
-            for c in range(k):
-                points[i, block * k + c] = cloud[i, c]
-    return wrong == 0
-
-
-@kernel
 def sorted_regions(regions: Int32s, offsets: Int32s, members: Int32s) -> bool:
     """Write where each sample's region is, and its points.
 
@@ -124,9 +90,9 @@ def sorted_regions(regions: Int32s, offsets: Int32s, members: Int32s) -> bool:
 @kernel
 def rerank_many(
     query: Float32s,
-    blocks: Ints,
-    regions: Ints,
-    counts: Ints,
+    points: Float32s,
+    regions: Int32s,
+    ends: Ints,
     search: Ints,
     rounds: SearchRounds,
     scores: Float32s,
@@ -137,17 +103,17 @@ def rerank_many(
     ----------
     query : float32, shape (l,)
         A match record: see `core.matching.kernels.match_record`.
-    blocks : int64, shape (c, b)
-        Where in memory the coordinates of each lie, float32, shape (d, k).
-    regions : int64, shape (c,)
-        Where the sample nearest to each point lies, int32, shape (d,).
-    counts : int64, shape (c,)
-        d of each.
+    points : float32, shape (d_1 + ... + d_c, b k)
+        Coordinates of the others, one shape after another; finite.
+    regions : int32, shape (d_1 + ... + d_c,)
+        The sample nearest to each point.
+    ends : int64, shape (c,)
+        The end of each shape in `points` and `regions`; none is empty.
     search : int64, shape (2,)
-        With how many samples is searched at most, and the dimensions of the first stage.
+        The largest number of samples in the search, and the dimensions of the first stage.
     rounds : SearchRounds
     scores : float32, shape (c,)
-        Written. -2 where a number is not finite or a region is none.
+        Written. -2 if a region is not that of a sample.
     """
     x = decoded(query)
     columns = x.points.shape[1]
@@ -158,30 +124,30 @@ def rerank_many(
     there = np.empty(m, dtype=np.int32)
     partners = np.empty((m, columns), dtype=np.float32)
     rotation = np.empty((columns, columns), dtype=np.float32)
-    for i in range(len(regions)):
+    for i in range(len(ends)):
         scores[i] = -2.0
-        d = counts[i]
-        nearest = record_at(regions[i], d).view(np.int32)
+        start = ends[i - 1] if i else 0
+        cloud, nearest = points[start : ends[i]], regions[start : ends[i]]
+        d = len(nearest)
         low, high = nearest.min(), nearest.max()
-        if d == 0 or low < 0 or high >= d:
+        if low < 0 or high >= d:
             continue
         n = high + 1
-        points = np.empty((d, columns), dtype=np.float32)
         offsets = np.empty(n + 1, dtype=np.int32)
         members = np.empty(d, dtype=np.int32)
-        if not side_by_side(blocks[i], points) or not sorted_regions(nearest, offsets, members):
+        if not sorted_regions(nearest, offsets, members):
             continue
         some = min(search[0], n)
         searched = np.empty((domains, dimensions, some), dtype=np.float32)
         for block in range(domains):
             for c in range(dimensions):
                 for j in range(some):
-                    searched[block, c, j] = points[j, block * k + c]
+                    searched[block, c, j] = cloud[j, block * k + c]
         operators = np.empty((domains, stages, some, some), dtype=np.int16)
         flat_splines(searched, search[1], operators)
         back = np.empty(n, dtype=np.int32)
         sources = np.empty((n, columns), dtype=np.float32)
         rotation[:] = 0.0
         # fit_map reads no warp, radius or key: the query's stand in.
-        y = MatchRecord(points, searched, operators, offsets, members, x.warp, x.radius, x.key)
+        y = MatchRecord(cloud, searched, operators, offsets, members, x.warp, x.radius, x.key)
         scores[i] = fit_map(x, y, rounds, there, back, partners, sources, rotation)
