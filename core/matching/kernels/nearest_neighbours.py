@@ -1,4 +1,4 @@
-"""Nearest neighbours both ways between two clouds, and the covariance-covariance of their pairs."""
+"""Nearest neighbours both ways between two clouds, and the cross-covariance of their pairs."""
 
 import numpy as np
 
@@ -177,7 +177,7 @@ def cross_covariance(
     first: Float32s,
     second: Float32s,
 ) -> None:
-    """Write the covariance-covariance and the centred square sums of two sets of pairs.
+    """Write the cross-covariance and the centred square sums of two sets of pairs.
 
     Points are paired with partners, sources with targets. The sums are not divided by the number of pairs.
 
