@@ -139,7 +139,7 @@ def test_a_demonstration_is_brought_up_to_the_pipeline_that_is_named(
     with closing(sqlite3.connect(tmp_path / "archive.sqlite3")) as connection, connection:
         connection.execute("DELETE FROM shapes WHERE number > 2")
     bring_up(load_settings())
-    assert "anew" in capsys.readouterr().err
+    assert "by another pipeline" in capsys.readouterr().err
     assert active(tmp_path) == few.fingerprint
     assert embeddings(tmp_path) == [(1, few.fingerprint), (2, few.fingerprint)]
     bring_up(load_settings())
