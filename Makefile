@@ -102,7 +102,7 @@ WORKERS ?= 2
 AT_A_TIME := -n $(WORKERS) --dist loadfile --no-loadscope-reorder
 PYTEST := OMP_NUM_THREADS=1 $(BIN)/python -m pytest
 test: $(DEV)
-	$(PYTEST) $(AT_A_TIME)
+	$(PYTEST) $(AT_A_TIME) -p no:schemathesis
 
 soak: $(SOAK)
 

@@ -108,6 +108,7 @@ def stop() -> None:
     if server.cache_info().currsize:
         server().cleanup()
         server().pgdata.parent.rmdir()
+        server.cache_clear()
 
 
 @contextmanager

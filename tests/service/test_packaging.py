@@ -126,8 +126,10 @@ def test_the_targets_that_the_readme_names_exist():
 def test_make_help_lists_every_target():
     makefile = (ROOT / "Makefile").read_text()
     listed = set(re.findall(r"^\t@echo 'make ([a-z-]+) ", makefile, re.MULTILINE))
+    makefile = makefile.replace("\\\n", "")
+    (soak,) = re.findall(r"^SOAK := (.*)", makefile, re.MULTILINE)
     (phony,) = re.findall(r"^\.PHONY: (.*)", makefile, re.MULTILINE)
-    assert listed == set(phony.split()) - {"help"}
+    assert listed == set(phony.replace("$(SOAK)", soak).split()) - {"help"}
 
 
 def test_compose_runs_the_image_with_no_more_rights_than_it_needs():

@@ -1,20 +1,14 @@
 """`isoshape demo`, with a smaller gallery, and `isoshape openapi`."""
 
 import json
-import os
-import signal
 import socket
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
 from service import openapi_document as openapi
 from service.cli import demo
-from service.client import Client
-from service.server.address import LOOPBACK, bind
-from service.server.uvicorn_server import wait_until_ready
+from service.server.address import LOOPBACK
 from tests.service.cli.conftest import CLASSES, Run
 
 
@@ -70,21 +64,6 @@ def test_a_taken_port(run: Run) -> None:
         "choose another with --port\n"
     )
     assert not Path("isoshape-data").exists()
-
-
-def test_sigterm_ends_the_service_too() -> None:
-    port = free_port()
-    command = [sys.executable, "-P", "-m", "service.cli", "demo", "--port", str(port)]
-    process = subprocess.Popen(command, env={**os.environ, "ISOSHAPE_LOG_LEVEL": "error"})
-    try:
-        with Client(f"http://{LOOPBACK}:{port}") as client:
-            wait_until_ready(client, ended=lambda: process.poll() is not None)
-        process.send_signal(signal.SIGTERM)
-        assert process.wait(60) == 128 + signal.SIGTERM
-    finally:
-        process.kill()
-        process.wait()
-    bind(LOOPBACK, port).close()
 
 
 def test_openapi_to_a_file_and_to_standard_output(run: Run) -> None:

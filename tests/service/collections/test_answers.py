@@ -7,8 +7,10 @@ from typing import Any
 import pytest
 
 from tests.service.collections.support import working_in
-from tests.service.engines import POSTGRESQL, SQLITE
+from tests.service.engines import POSTGRESQL, either_engine
 from tests.service.support import Running, query, serving, settings_in, small_file
+
+pytestmark = either_engine
 
 FEW, MANY = range(6), range(3, 14)
 """The meshes of either collection, some of which lie in both; the first has less than half of the shapes."""
@@ -26,14 +28,15 @@ WAYS: dict[str, dict[str, Any]] = {
 
 @pytest.fixture(
     scope="module",
-    params=[(SQLITE, "memory"), (POSTGRESQL, "memory"), (POSTGRESQL, "database")],
-    ids=" ".join,
+    params=[(None, "memory"), (POSTGRESQL, "database")],
+    ids=["memory", "database"],
 )
 def answers(
     request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
 ) -> Iterator[dict[tuple[str, str], Any]]:
     """What is answered by collection and way; "alone" behind its name is without the other collection."""
     engine, signatures = request.param
+    engine = engine or request.config.getoption("--engine")
     limits = {"shortlist_from": 5, "shortlist_length": 4, "reranked": 3, "finalists": 2}
     with ExitStack() as stack:
         # As the fixture of that name does, which cannot know where signatures are.

@@ -1,7 +1,5 @@
 """Clients that go away, and a service that is asked to stop: what becomes of what is at work then."""
 
-import re
-import signal
 import socket
 import threading
 import time
@@ -22,7 +20,6 @@ from service.compute.pool import LocalPool
 from service.search import match_records
 from service.search import scoring as comparing
 from service.shapes import service as shapes_service
-from tests.service.processes import server
 from tests.service.support import (
     Running,
     assert_problem,
@@ -215,27 +212,3 @@ def test_a_service_that_is_asked_to_stop_refuses_what_it_cannot_finish(
     assert b"urn:isoshape:problem:shutting-down" in answer
     with pytest.raises(httpx.TransportError):
         httpx.get(f"{running.client.base_url}/healthz")
-
-
-def test_a_signal_drops_no_request(tmp_path: Path) -> None:
-    settings = {"ISOSHAPE_WORKERS": "1", "ISOSHAPE_SHUTDOWN_SECONDS": "1"}
-    requests = 12
-
-    def inside(client: httpx.Client) -> float:
-        (line,) = re.findall(r"^isoshape_queue_requests (\S+)$", client.get("/metrics").text, re.M)
-        return float(line)
-
-    with server(tmp_path, **settings) as (process, client), ThreadPoolExecutor(requests) as others:
-        sent = [
-            others.submit(upload, client, small_file(number), f"{number}.off") for number in range(requests)
-        ]
-        wait_until(lambda: inside(client) + sum(each.done() for each in sent) >= requests, seconds=60)
-        process.send_signal(signal.SIGTERM)
-        answers = [each.result() for each in sent]
-        assert process.wait(timeout=60) in {0, -signal.SIGTERM}
-    acknowledged = {answer.json()["id"] for answer in answers if answer.status_code == 201}
-    for answer in answers:
-        if answer.status_code != 201:
-            assert_problem(answer, 503, "shutting-down")
-    with server(tmp_path, **settings) as (_, client):
-        assert acknowledged <= {shape["id"] for shape in client.get("/shapes").json()["shapes"]}

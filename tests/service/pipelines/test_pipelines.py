@@ -20,7 +20,7 @@ from service.shapes.records import NewShape
 from service.storage.database import Database
 from service.storage.migrate import migrate
 from service.storage.tables import EmbeddingRow, PipelineRow
-from tests.service.engines import either_engine, on_both, url_in
+from tests.service.engines import either_engine, url_in
 from tests.service.pipeline_files import active, fingerprints, write_parameters
 from tests.service.support import Running, assert_problem, query, serving, settings_in, small_file, upload
 from tests.service.trouble import url_of
@@ -150,7 +150,6 @@ def test_many_uploads_of_one_file_make_one_shape(service: Running) -> None:
     assert query(service.client, small_file(0)).json()["stored"] == 1
 
 
-@on_both
 def test_uploads_queries_and_deletions_at_a_time_agree_in_the_end(service: Running) -> None:
     kept = [service.store(small_file(number), f"kept-{number}.off")["id"] for number in range(3)]
 
