@@ -120,7 +120,8 @@ class Scores:
     cc : float64, shape (c,)
         Correlation coefficient of matched spectral coordinates, in [-1, 1]; 1 for a shape against itself.
     ssd : float64, shape (c,)
-        Sum of squared differences (Eq. 18), >= 0; 0 for a shape against itself.
+        Root of the sum of squared differences of matched spectral coordinates, divided by the number of pairs
+        (Eq. 18), >= 0; 0 for a shape against itself.
     sim : float64, shape (c,)
         Effective one-to-one pairs over the smaller number of samples (Eq. 20), the mean of both directions;
         in [0, 1].

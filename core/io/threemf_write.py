@@ -26,7 +26,7 @@ _BEGIN = (
 )
 _BETWEEN = b"</vertices>\n<triangles>\n"
 _END = b'</triangles>\n</mesh></object></resources>\n<build><item objectid="1"/></build>\n</model>\n'
-# The earliest that a ZIP can tell, and by what kind of system it says that it was written.
+# The earliest time that a ZIP can hold, and the number of the system (Unix) that wrote it.
 _TIME = (1980, 1, 1, 0, 0, 0)
 _UNIX = 3
 

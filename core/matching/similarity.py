@@ -22,7 +22,10 @@ def correlation(first: Floats, second: Floats) -> float:
 
 
 def squared_difference(first: Floats, second: Floats) -> float:
-    """SSD of paired points (Eq. 18): the root of the sum of squared distances, over the number of pairs N."""
+    """SSD of paired points (Eq. 18), >= 0.
+
+    The root of the sum of squared differences of their coordinates, divided by the number of pairs.
+    """
     return float(np.sqrt(((first - second) ** 2).sum()) / len(first))
 
 

@@ -68,8 +68,8 @@ NOTHING = IndexEntries(
 def entries_since(session: ReadSession, fingerprint: str, since: int) -> Iterator[IndexEntries]:
     """The embedded shapes of a pipeline that were stored, or embedded, after a revision.
 
-    They come in batches, so that a large archive is never in memory as rows. The connection reads them,
-    because a session takes twice as long.
+    The entries come in batches, so that the rows of a large archive are never in memory at once. The query
+    runs on the connection, because the session's own methods take twice as long.
     """
     query = (
         select(

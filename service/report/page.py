@@ -13,7 +13,7 @@ from service.system.schemas import Version
 SCORES = {
     "CC": "The correlation of the matched points’ spectral coordinates: 1 for the same shape in any pose, "
     "near 0 for shapes that have nothing in common.",
-    "SSD": "The distance of those coordinates: the root of their squared differences, over the number of "
+    "SSD": "The root of the sum of squared differences of those coordinates, divided by the number of "
     "pairs: 0 for the same shape, and larger for less similar shapes.",
     "sim": "The share of points, from 0 to 1, whose partner on the other shape a smooth map explains.",
     "combined": "The probability, from 0 to 1, that both shapes are of one class, from CC and sim, their "

@@ -29,6 +29,10 @@ RESULT: dict[str, Any] = {
     "combined": 0.94,
     "shape": SHAPE,
 }
+SSD = (
+    "Root of the sum of squared differences of the same coordinates, divided by the number of pairs: 0 or "
+    "more; lower is more similar."
+)
 COMBINED = (
     "The probability that the two shapes belong to one class, in [0, 1], from cc, the Laplace-Beltrami "
     "spectra, global descriptors, and spin images, by which one surface may be a part of the other. Higher "
@@ -139,9 +143,7 @@ class Result(BaseModel):
 
     rank: int = Field(description="1 for the most similar shape.")
     cc: float = Field(description="Correlation coefficient of the matched spectral coordinates, in [-1, 1].")
-    ssd: float = Field(
-        description="Sum of squared differences of the same coordinates, 0 or more; lower is more similar."
-    )
+    ssd: float = Field(description=SSD)
     sim: float = Field(description="Share of the points with an effective correspondence, in [0, 1].")
     combined: float = Field(description=COMBINED)
     part_distance: float | None = Field(
@@ -234,7 +236,7 @@ class CompareAnswer(BaseModel):
     )
 
     cc: float = Field(description="Correlation coefficient of the matched spectral coordinates, in [-1, 1].")
-    ssd: float = Field(description="Sum of squared differences of the same coordinates, 0 or more.")
+    ssd: float = Field(description=SSD)
     sim: float = Field(description="Share of the points with an effective correspondence, in [0, 1].")
     combined: float = Field(description=COMBINED)
     correspondence: list[Pair]

@@ -68,7 +68,7 @@ def ready(method: Method) -> None:
 def usable(
     files: Sequence[tuple[Path, str]], results: Sequence[Result | str]
 ) -> tuple[list[str], list[Result]]:
-    """Labels and results of the files with a result; the reasons of the others are printed.
+    """Labels and results of the files that have a result; the errors of the other files are printed.
 
     The command ends if no file has a result.
     """

@@ -30,9 +30,9 @@ class Peer:
 def functional_maps() -> Peer:
     """Pyfmaps: a map fitted to wave kernel signatures, and refined by ZoomOut.
 
-    The options are the library's defaults, which are faster than the example of its README (30
-    eigenvalues and a term of orientation, then 110), but for its robust Laplacian: the plain one fails where
-    a face has no area. The points that a map pairs are not read off.
+    The options are the library's defaults, except that the Laplacian is the robust one: the plain Laplacian
+    fails if a face has no area. The example of the library's README (30 eigenvalues and an orientation term,
+    then 110 eigenvalues) is slower. The map is not converted to pairs of points.
 
     Raises
     ------

@@ -17,11 +17,10 @@ _TERMS = (
     "edges split, faces not shrunk, tau) are run once.",
     "**NN as a part**: the query with `partial=true`, which is for incomplete shapes.",
     "**Gaussian noise**: isotropic, on every vertex; the deviation of each coordinate as a share of the "
-    "bounding box's diagonal. Neighbouring vertices move independently, so the finer the mesh, the rougher "
-    "its surface becomes.",
+    "bounding box's diagonal. Neighbouring vertices move independently, so a finer mesh becomes rougher.",
     f"**holes**: {DISCS} geodesic discs of one radius are removed, their centres drawn in proportion to "
-    "area. **a part cut away**: the surface beyond a plane whose direction is drawn uniformly. Whole faces "
-    "are removed, so the removed area is right to within half a face. A mesh with a face of more than "
+    "area. **a part cut away**: the surface on one side of a plane with a random direction is removed. Whole "
+    "faces are removed, so the removed area is exact to half a face. A mesh with a face of more than "
     f"{100 * LARGE_FACE:g} % of the area is first subdivided as for {SPLIT_TO:,} even vertices.",
     "**decimation**: by quadric error, with the faces in random order. Vertices are clustered on a grid "
     f"instead where the squared valences of the vertices sum to more than {MOST_WORK:,.0f} (fans of "

@@ -145,9 +145,10 @@ def rebuilt_table(shapes: Sequence[ShapeMeasures]) -> TextTable:
         "Fig. 3b: RMS distance from the surface to the surface rebuilt from the samples, over the scale",
         ("selection", *(f"tau {tau}" for tau in CURVE_TAUS), "as Poisson disk with"),
         tuple(rows),
-        f"At tau {COMPARED_TAU}, of the selections by Lewis weight, {title_of(METHODS[best])} keeps the "
-        f"surface best, as well as Poisson disk with {share} as many samples; {_name(PAPER_METHOD)}, keeps "
-        f"it as well as Poisson disk with {own} as many.",
+        f"At tau {COMPARED_TAU}, the selection by Lewis weight that keeps the surface best is "
+        f'"{title_of(METHODS[best])}": Poisson disk has the same error with {share} as many samples. The '
+        f'paper\'s own selection, "{title_of(PAPER_METHOD)}", has the same error as Poisson disk with {own} '
+        "as many.",
     )
 
 
