@@ -20,7 +20,7 @@ from core.graph.geodesics import geodesics
 from core.graph.minimum_spanning_tree import tree_distances
 from core.graph.sparse_graph import SparseGraph, graph_distances, sparse_graph
 from core.matching.matcher import Prepared, embedding_key
-from core.matching.matchers import matcher_of
+from core.matching.matcher_choice import matcher_of
 from core.mesh.cleaning import Cleaned, clean, face_areas, vertex_areas
 from core.mesh.denoising import roughness, taubin_smoothing
 from core.mesh.hole_filling import fill_holes

@@ -18,9 +18,9 @@ from service.collections.dependencies import PROBLEMS as CHOOSING_PROBLEMS
 from service.collections.endpoints import router as collections_router
 from service.compute.activity_gate import ActivityGate
 from service.compute.pool import LocalPool
-from service.compute.processes import start as start_processes
-from service.compute.work import Work
-from service.compute.workers import Workers
+from service.compute.request_queue import Work
+from service.compute.start_processes import start as start_processes
+from service.compute.workers_interface import Workers
 from service.container import Container
 from service.duplicates.endpoints import router as duplicates_router
 from service.http.access_control import AccessControl

@@ -8,8 +8,8 @@ from core.arrays import Bytes
 from service.auth.gate import Gate
 from service.compute.activity_gate import ActivityGate
 from service.compute.pool import LocalPool
-from service.compute.work import Work
-from service.compute.workers import Workers
+from service.compute.request_queue import Work
+from service.compute.workers_interface import Workers
 from service.http.idempotency.keys import InFlight
 from service.index.cache import EmbeddingCache
 from service.observability.metrics import Metrics

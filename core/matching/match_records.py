@@ -9,7 +9,7 @@ from core.arrays import Float32s
 from core.embedding import Embedding, Scores
 from core.errors import IncompatibleEmbeddingsError, ParameterError
 from core.matching.matcher import embedding_key
-from core.matching.matchers import matcher_of
+from core.matching.matcher_choice import matcher_of
 from core.matching.procrustes import ProcrustesMatcher
 from core.parameters import Parameters
 

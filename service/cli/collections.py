@@ -6,7 +6,7 @@ import typer
 from rich import box
 from rich.table import Table
 
-from service.cli.target import Key, Url, service_at
+from service.cli.service_address import Key, Url, service_at
 from service.console import output
 
 

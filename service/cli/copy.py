@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 from rich.progress import TaskID
 
-from service.cli.own_service import database_named
+from service.cli.local_service import database_named
 from service.console import fail, output, progress
 from service.settings import load_settings
 from service.storage.copying import copy_archive

@@ -15,7 +15,7 @@ from core.gallery import CLASSES, make_shape
 from core.io import write_mesh
 from service.cli.demo_picture import draw_answers
 from service.cli.reembed import bring_up
-from service.cli.target import Key
+from service.cli.service_address import Key
 from service.client import Client
 from service.client.concurrent_uploads import Item, upload_all
 from service.console import fail, output, progress, say

@@ -6,7 +6,7 @@ import typer
 from rich import box
 from rich.table import Table
 
-from service.cli.target import Collection, Key, Url, service_at
+from service.cli.service_address import Collection, Key, Url, service_at
 from service.console import output, say
 from service.duplicates.schemas import DuplicatesAnswer
 

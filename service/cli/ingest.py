@@ -6,9 +6,9 @@ from typing import Annotated
 import typer
 
 from core.io import READABLE
-from service.cli.bulk import is_archive, store_archive
+from service.cli.archive_upload import is_archive, store_archive
 from service.cli.metadata import About, read_metadata, row_of
-from service.cli.target import Collection, Key, Url, service_at
+from service.cli.service_address import Collection, Key, Url, service_at
 from service.client.concurrent_uploads import AT_ONCE, Item, upload_all
 from service.console import fail, output, progress, say
 from service.datasets import MeshFile, find_meshes

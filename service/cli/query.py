@@ -8,7 +8,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from service.cli.target import Collection, Key, Url, service_at
+from service.cli.service_address import Collection, Key, Url, service_at
 from service.client import Client, QueryArguments
 from service.console import output, progress, say
 from service.search.rank_by import RankBy

@@ -9,8 +9,8 @@ from typing import Annotated
 import typer
 
 from core.parameters import Parameters
-from service.compute.processes import start as start_processes
-from service.compute.work import Work
+from service.compute.request_queue import Work
+from service.compute.start_processes import start as start_processes
 from service.console import fail, messages, output, progress, say
 from service.observability import logging
 from service.pipelines import repository

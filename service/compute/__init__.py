@@ -1,3 +1,11 @@
 """Heavy work in worker processes: a task in, its result or a named error out."""
 
-__all__ = ["activity_gate", "pool", "processes", "tasks", "work", "worker", "workers"]
+__all__ = [
+    "activity_gate",
+    "pool",
+    "request_queue",
+    "start_processes",
+    "tasks",
+    "worker_loop",
+    "workers_interface",
+]

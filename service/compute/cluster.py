@@ -22,8 +22,8 @@ from distributed.scheduler import KilledWorker
 from numpy.typing import NDArray
 
 from core.parameters import Parameters
-from service.compute.remote import run, run_here, warm_up
-from service.compute.workers import RemoteWorkers
+from service.compute.dask_tasks import run, run_here, warm_up
+from service.compute.workers_interface import RemoteWorkers
 from service.errors import ClusterUnavailableError, TaskTimeLimitError, WorkerLostError
 from service.observability.logging import get_logger
 

@@ -14,7 +14,7 @@ from queue import Empty, SimpleQueue
 from typing import Any
 
 from service.compute.worker_slot import Task, WorkerSlot
-from service.compute.workers import Workers
+from service.compute.workers_interface import Workers
 from service.errors import WorkerLostError
 
 PING_SECONDS = 2.0

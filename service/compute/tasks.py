@@ -16,7 +16,7 @@ from core.embedding import Embedding, Match, Scores
 from core.errors import BadRecordError, DegenerateMeshError
 from core.io import Limits, read_mesh
 from core.matching.match_records import match_record, score_match_records
-from core.matching.matchers import matcher_of
+from core.matching.matcher_choice import matcher_of
 from core.mesh.mesh import Mesh
 from core.parameters import Parameters
 from core.pipeline import Pipeline

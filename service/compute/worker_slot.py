@@ -7,7 +7,7 @@ from concurrent.futures import Future
 from queue import Empty, SimpleQueue
 from typing import Any
 
-from service.compute.process import WorkerProcess
+from service.compute.worker_process import WorkerProcess
 from service.compute.worker_startup import Starting
 from service.errors import TaskGivenUpError, TaskTimeLimitError, WorkerCrashedError, WorkerLostError
 from service.observability.logging import get_logger

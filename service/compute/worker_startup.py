@@ -3,7 +3,7 @@
 import threading
 from collections.abc import Callable
 
-from service.compute.process import WorkerProcess
+from service.compute.worker_process import WorkerProcess
 from service.observability.logging import get_logger
 
 log = get_logger("compute")

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.arrays import Floats
-from service.compute.work import short_of_memory
+from service.compute.request_queue import short_of_memory
 from service.container import Container
 from service.search.shortlist import Candidates
 

@@ -9,7 +9,7 @@ from typing import TypeVar
 from starlette.concurrency import run_in_threadpool
 
 from service.compute.tasks import example_records, warm_comparing
-from service.compute.workers import RemoteWorkers
+from service.compute.workers_interface import RemoteWorkers
 from service.container import Container
 from service.errors import ServiceError
 from service.index.cache import ABOUT

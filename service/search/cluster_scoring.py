@@ -7,8 +7,8 @@ import numpy as np
 from starlette.concurrency import run_in_threadpool
 
 from core.arrays import Float32s, Floats, Ints
-from service.compute.work import short_of_memory
-from service.compute.workers import RemoteWorkers
+from service.compute.request_queue import short_of_memory
+from service.compute.workers_interface import RemoteWorkers
 from service.container import Container
 from service.pipelines.active import ActivePipeline
 from service.search import repository

@@ -24,11 +24,11 @@ from service.observability.logging import get_logger
 from service.observability.timings import Timings
 from service.search import repository
 from service.search.batches import by_embedding, by_threads
+from service.search.class_probability import SPIN_IMAGE_BATCH, stored_spin_images
 from service.search.records import Answer, Options, Query
 from service.search.scoring import compare_with
 from service.search.service import results
 from service.search.shortlist import Candidates, candidates
-from service.search.spin_images import SPIN_IMAGE_BATCH, stored_spin_images
 from service.shapes import service as shapes_service
 from service.shapes.records import ShapeRecord
 

@@ -9,18 +9,18 @@ from starlette.concurrency import run_in_threadpool
 from core.arrays import Floats, Ints
 from core.descriptors.descriptor_distance import is_part
 from core.ranking.shortlist import least
-from service.compute.workers import RemoteWorkers
+from service.compute.workers_interface import RemoteWorkers
 from service.container import Container
 from service.observability.logging import get_logger
 from service.search import repository
 from service.search.batches import by_embedding, by_threads, in_batches
+from service.search.class_probability import class_probabilities
 from service.search.cluster_scoring import CLUSTER_BATCH, cluster_scores
 from service.search.match_records import QueryScorer
 from service.search.rank_by import RankBy
 from service.search.ranking import Compared
 from service.search.records import Query
 from service.search.shortlist import Candidates
-from service.search.spin_images import class_probabilities
 from service.storage.database import Database
 
 log = get_logger("search")

@@ -10,17 +10,17 @@ from starlette.concurrency import run_in_threadpool
 from core.embedding import Scores
 from core.serialization import embedding_from_bytes
 from service.collection import CollectionNumber
-from service.compute.work import Work
+from service.compute.request_queue import Work
 from service.container import Container
 from service.errors import NotEmbeddedError
 from service.observability.timings import Timings
 from service.pipelines.active import ActivePipeline
 from service.search import repository
+from service.search.class_probability import class_probabilities
 from service.search.ranking import Compared, ranked
 from service.search.records import Answer, Comparison, Options, Query, SearchResult
 from service.search.scoring import compare_with
 from service.search.shortlist import Candidates, candidates
-from service.search.spin_images import class_probabilities
 from service.shapes import repository as shapes_repository
 from service.shapes import service as shapes_service
 from service.shapes.records import ShapeRecord, sha256

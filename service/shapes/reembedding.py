@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 from core.errors import CoreError
 from core.parameters import Parameters
 from core.pipeline import Pipeline
+from service.compute.request_queue import Work
 from service.compute.tasks import Embedded
-from service.compute.work import Work
 from service.errors import ClusterUnavailableError, FileTimeLimitError, WorkerLostError
 from service.observability.logging import get_logger
 from service.pipelines import repository

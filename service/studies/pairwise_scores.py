@@ -24,7 +24,7 @@ from core.parameters import Parameters
 from core.pipeline import Pipeline
 from core.serialization import embedding_from_bytes
 from service.compute.tasks import embed_file
-from service.compute.worker import end_with_parent
+from service.compute.worker_loop import end_with_parent
 
 Floats = NDArray[np.float64]
 A = TypeVar("A")

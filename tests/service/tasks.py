@@ -8,7 +8,7 @@ from pathlib import Path
 
 from core.errors import EmptyFileError
 from service.compute.pool import LocalPool
-from service.compute.worker import THREADS
+from service.compute.worker_loop import THREADS
 
 
 def warm() -> None:

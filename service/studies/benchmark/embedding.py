@@ -19,7 +19,7 @@ PEER_VALUES = 50
 
 
 @dataclass(frozen=True)
-class EmbeddingRow:
+class EmbeddingTimes:
     """The times of one mesh.
 
     Attributes
@@ -63,7 +63,7 @@ def embedding_rows(
     vertices: int = VERTICES,
     meshes: int = MESHES,
     repeats: int = REPEATS,
-) -> list[EmbeddingRow]:
+) -> list[EmbeddingTimes]:
     """Measure meshes of about a number of vertices, both methods in turn, after one warm-up."""
     method = Pipeline(DEFAULT)
     rows = []
@@ -81,7 +81,7 @@ def embedding_rows(
         ours, theirs = ours[1:], theirs[1:]
         whole = [sum(stages.values()) for stages in ours]
         rows.append(
-            EmbeddingRow(
+            EmbeddingTimes(
                 name=name,
                 vertices=len(mesh.vertices),
                 seconds=Spread.of(whole),

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 
-from service.studies.benchmark.embedding import PEER_VALUES, EmbeddingRow
+from service.studies.benchmark.embedding import PEER_VALUES, EmbeddingTimes
 from service.studies.benchmark.functional_maps import SPECTRUM
 from service.studies.benchmark.growth import FORMATS, GrowthRow, exponent
 from service.studies.benchmark.ingesting import IngestRow
@@ -24,7 +24,7 @@ Table = list[list[str]]
 class BenchmarkResults:
     """The rows of every measured subject; the lists of other subjects are empty."""
 
-    embedding: list[EmbeddingRow] = field(default_factory=list)
+    embedding: list[EmbeddingTimes] = field(default_factory=list)
     growth: list[GrowthRow] = field(default_factory=list)
     table1: list[Table1Row] = field(default_factory=list)
     match: list[MatchRow] = field(default_factory=list)
@@ -152,7 +152,7 @@ def page(found: BenchmarkResults, command: str, *, picture: bool) -> str:
     return "\n\n".join(parts) + "\n"
 
 
-def embedding_table(rows: Sequence[EmbeddingRow]) -> Table:
+def embedding_table(rows: Sequence[EmbeddingTimes]) -> Table:
     """A line for each mesh."""
     table = [["mesh", "vertices", "embedding, ms", "LaPy, ms", "ratio"]]
     for row in rows:
@@ -162,7 +162,7 @@ def embedding_table(rows: Sequence[EmbeddingRow]) -> Table:
     return table
 
 
-def stage_table(rows: Sequence[EmbeddingRow]) -> Table:
+def stage_table(rows: Sequence[EmbeddingTimes]) -> Table:
     """A line a stage, a column a mesh: milliseconds."""
     return [
         ["stage, ms", *(row.name for row in rows)],

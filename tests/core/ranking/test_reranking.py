@@ -10,8 +10,8 @@ from core.gallery import make_shape
 from core.matching.kernels.match_record import ONE, decoded
 from core.matching.kernels.reranking import flat_splines
 from core.matching.match_records import match_record, score_match_records
+from core.matching.numpy_reference import fit_map_reference
 from core.matching.procrustes import search_rounds
-from core.matching.reference import fit_map_reference
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
 from core.ranking.reranking import rerank

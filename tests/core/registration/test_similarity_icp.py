@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 from scipy.optimize import minimize
 
 from core.gallery import make_shape
-from core.gallery.one_body import make_person
+from core.gallery.poses_of_one_person import make_person
 from core.mesh.mesh import Mesh
 from core.mesh.normal_frame import normal_frame
 from core.mesh.simplification import simplify

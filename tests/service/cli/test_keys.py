@@ -9,7 +9,7 @@ import pytest
 
 from service.app import create_app
 from service.auth.keys import digest_of
-from service.cli import demo, target
+from service.cli import demo, service_address
 from service.client import Client, ClientError, ProblemError
 from service.server.address import is_loopback
 from service.server.uvicorn_server import in_thread
@@ -113,7 +113,7 @@ def test_commands_send_a_key(locked: Client, cup: Path, run: Run, monkeypatch: p
 def test_a_local_service_that_wants_a_key_is_not_passed_by(
     locked: Client, cup: Path, run: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(target, "DEFAULT_PORT", int(locked.url.rpartition(":")[2]))
+    monkeypatch.setattr(service_address, "DEFAULT_PORT", int(locked.url.rpartition(":")[2]))
     done = run("query", cup)
     assert (done.status, done.stdout) == (1, "")
     assert "A key of this service is needed" in done.stderr

@@ -8,7 +8,7 @@ import pytest
 
 from core.io import read_mesh, write_mesh
 from core.mesh.mesh import Mesh
-from service.cli import target
+from service.cli import service_address
 from service.client import Client
 from service.search.schemas import QueryAnswer, QueryOptions
 from tests.service.cli.conftest import Run, mesh_bytes
@@ -25,7 +25,7 @@ def cup(tmp_path: Path) -> Path:
 @pytest.fixture
 def no_local_service(monkeypatch: pytest.MonkeyPatch) -> None:
     """Whatever this machine runs on the default port, look where nothing listens."""
-    monkeypatch.setattr(target, "DEFAULT_PORT", 9)
+    monkeypatch.setattr(service_address, "DEFAULT_PORT", 9)
 
 
 def test_table(archive: Client, cup: Path, run: Run) -> None:
@@ -132,7 +132,7 @@ def test_a_database_without_a_service(
     archive: Client, cup: Path, run: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # A service runs on the default port too: the database that was named goes before it.
-    monkeypatch.setattr(target, "DEFAULT_PORT", int(archive.url.rpartition(":")[2]))
+    monkeypatch.setattr(service_address, "DEFAULT_PORT", int(archive.url.rpartition(":")[2]))
     monkeypatch.setenv("ISOSHAPE_DATABASE_URL", "sqlite:///own/archive.sqlite3")
     stored = run("ingest", cup)
     assert (stored.status, stored.stdout) == (0, "1 stored, 0 already there, 0 refused\n")
@@ -147,7 +147,7 @@ def test_a_database_without_a_service(
 def test_a_local_service_is_found(
     archive: Client, cup: Path, run: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(target, "DEFAULT_PORT", int(archive.url.rpartition(":")[2]))
+    monkeypatch.setattr(service_address, "DEFAULT_PORT", int(archive.url.rpartition(":")[2]))
     assert run("query", cup).stderr.startswith(f"using the service at {archive.url}\n")
     assert not Path("isoshape-data").exists()
 

@@ -11,7 +11,7 @@ from core.matching.match_records import match_record, score_match_records
 from core.parameters import DEFAULT
 from core.serialization import embedding_from_bytes
 from service.compute.cluster import ClusterPool
-from service.compute.workers import RemoteWorkers
+from service.compute.workers_interface import RemoteWorkers
 from service.errors import ClusterUnavailableError, WorkerLostError
 from service.search import cluster_scoring as spread
 from service.search.cluster_scoring import cluster_scores

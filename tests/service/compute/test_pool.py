@@ -14,7 +14,7 @@ from core.errors import EmptyFileError
 from core.parameters import DEFAULT
 from service.compute.cluster import ClusterPool
 from service.compute.pool import LocalPool
-from service.compute.workers import Workers
+from service.compute.workers_interface import Workers
 from service.errors import TaskGivenUpError, TaskTimeLimitError, WorkerLostError
 from tests.service.dask_cluster import cluster
 from tests.service.support import children, wait_until

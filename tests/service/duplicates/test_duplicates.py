@@ -10,7 +10,7 @@ import pytest
 from core.arrays import Float32s
 from core.embedding import Scores
 from core.gallery import make_shape
-from core.gallery.one_body import make_person
+from core.gallery.poses_of_one_person import make_person
 from core.io import write_mesh
 from core.matching.match_records import score_match_records
 from core.parameters import Parameters

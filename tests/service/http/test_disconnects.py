@@ -15,7 +15,7 @@ from core.arrays import Float32s
 from core.embedding import Scores
 from core.matching.match_records import score_match_records
 from core.parameters import Parameters
-from service.compute import work as work_module
+from service.compute import request_queue as work_module
 from service.compute.pool import LocalPool
 from service.search import match_records
 from service.search import scoring as comparing

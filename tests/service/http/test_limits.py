@@ -9,7 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 import httpx
 import pytest
 
-from service.compute import work as work_module
+from service.compute import request_queue as work_module
 from tests.service.support import (
     Running,
     assert_problem,

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
-from service.compute import work as work_module
+from service.compute import request_queue as work_module
 from service.errors import PROBLEMS
 from service.observability.metrics import PREFIX
 from tests.service.support import Running, query, serving, settings_in, small_file, upload, wait_until

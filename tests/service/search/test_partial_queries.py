@@ -10,7 +10,7 @@ from core.mesh.mesh import Mesh
 from core.parameters import DEFAULT
 from core.studies.perturbation import cut_part
 from service.client import Client
-from service.compute.work import Work
+from service.compute.request_queue import Work
 from service.errors import WorkerLostError
 from tests.service.support import Running, assert_problem, query, serving, settings_in
 

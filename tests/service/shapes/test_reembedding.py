@@ -12,8 +12,8 @@ from sqlalchemy import text
 from core.errors import DegenerateMeshError
 from core.parameters import Parameters
 from core.pipeline import Pipeline
+from service.compute.request_queue import Work
 from service.compute.tasks import Embedded
-from service.compute.work import Work
 from service.errors import ClusterUnavailableError, WorkerLostError
 from service.search import service as search_service
 from service.search.ranking import Compared

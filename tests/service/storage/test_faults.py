@@ -9,7 +9,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from service.compute import work as work_module
+from service.compute import request_queue as work_module
 from service.search import match_records
 from tests.service.calls import assert_recovered, reads, the_kept
 from tests.service.support import (

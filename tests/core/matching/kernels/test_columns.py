@@ -10,7 +10,7 @@ from core.matching.kernels.spline_search import (
     signless_correlation,
     spline_search,
 )
-from core.matching.reference import nearest_columns_reference, signless_correlation_reference
+from core.matching.numpy_reference import nearest_columns_reference, signless_correlation_reference
 from core.matching.spline_operators import spline_operators
 from tests.core.matching.clouds import cloud
 

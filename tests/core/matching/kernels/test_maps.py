@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from core.matching.kernels.pair_matching import EXACT, best_map, refine_map, score_pairs, search_maps
-from core.matching.procrustes import search_rounds
-from core.matching.reference import (
+from core.matching.numpy_reference import (
     best_map_reference,
     refine_map_reference,
     score_pairs_reference,
     search_maps_reference,
 )
+from core.matching.procrustes import search_rounds
 from tests.core.matching.clouds import parameters_for, random_record
 
 K = 10

@@ -11,7 +11,7 @@ from core.matching.kernels.nearest_neighbours import (
     nearest_both_ways_reference,
     square,
 )
-from core.matching.reference import closest_reference, cross_covariance_reference
+from core.matching.numpy_reference import closest_reference, cross_covariance_reference
 from tests.core.matching.clouds import cloud
 
 

@@ -14,7 +14,7 @@ from core.matching.kernels.orthogonal_procrustes import (
     nearest_rotation_reference,
 )
 from core.matching.kernels.simd import SIMD_WIDTH
-from core.matching.reference import cross_covariance_reference
+from core.matching.numpy_reference import cross_covariance_reference
 from tests.core.matching.clouds import cloud
 
 

@@ -7,8 +7,8 @@ import pytest
 
 from core.gallery import make_shape
 from core.matching.kernels.pair_matching import match_pair
+from core.matching.numpy_reference import match_pair_reference
 from core.matching.procrustes import search_rounds
-from core.matching.reference import match_pair_reference
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
 from tests.core.matching.clouds import cloud, embedded, parameters_for, random_record, record_of

@@ -74,7 +74,7 @@ def _client(url: str | None, key: str | None, collection: str | None) -> Iterato
             yield client
         return
     # Here, so that a command that is given the address of a service does not wait for the settings.
-    from service.cli.own_service import own_service, settings_with  # noqa: PLC0415
+    from service.cli.local_service import own_service, settings_with  # noqa: PLC0415
 
     settings = settings_with(url)
     local = f"http://{LOOPBACK}:{DEFAULT_PORT}"

@@ -7,7 +7,7 @@ from core.parameters import Parameters
 from service.compute import sandbox
 from service.compute.pool import LocalPool
 from service.compute.tasks import warm
-from service.compute.workers import Workers
+from service.compute.workers_interface import Workers
 from service.settings import Settings
 
 
