@@ -33,7 +33,7 @@ LOCKS := requirements.lock tests/requirements.lock tests/soak/browser/requiremen
 SOAK := kill-test load-test cluster-test postgresql-test method-test studies-test hostile-test mutation-test \
 	schema-test vector-test duplicates-test partial-test
 
-.PHONY: help environment demo test soak $(SOAK) collections-test lint types openapi lock lock-check image-test page-lint page-vendor \
+.PHONY: help environment demo test soak $(SOAK) spread-test capacity-test collections-test lint types openapi lock lock-check image-test page-lint page-vendor \
 	browser-test screenshots sbom audit clean
 
 help:
@@ -59,6 +59,8 @@ help:
 	@echo 'make duplicates-test     find 40 copies planted in a gallery of poses (POSES=2: 2 poses of each body)'
 	@echo 'make partial-test        cut parts of models in ISOSHAPE_DATA/psb and search for them (MODELS=10: 10 models)'
 	@echo
+	@echo 'make spread-test         ingest and queries on a cluster of one and of two workers (SHAPES=2000: of 2,000 shapes)'
+	@echo 'make capacity-test       exact search of ten million signatures, and the bytes of a shape (VECTORS=20000: of 20,000)'
 	@echo 'make collections-test    the tests on real collections, in the folder that ISOSHAPE_DATA names'
 	@echo 'make browser-test        the page in Chromium, which is installed if it is missing (root, Debian)'
 	@echo 'make page-lint           check the scripts of the page with tsc, and the vendored files (npm)'
@@ -105,6 +107,14 @@ test: $(DEV)
 	$(PYTEST) $(AT_A_TIME) -p no:schemathesis
 
 soak: $(SOAK)
+
+SHAPES ?= 20000
+spread-test: $(DEV)
+	OMP_NUM_THREADS=1 $(BIN)/python -m tests.soak.spread --shapes $(SHAPES)
+
+VECTORS ?= 10000000
+capacity-test: $(DEV)
+	OMP_NUM_THREADS=1 $(BIN)/python -m tests.soak.capacity --count $(VECTORS)
 
 # Tests of the collections may not be skipped here.
 collections-test: $(DEV)

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from tests.service.cli.conftest import Run
-from tests.service.cli.test_calibrate import second
+from tests.service.cli.studies.test_calibrate import second
 
 __all__ = ["second"]
 

@@ -6,7 +6,7 @@ import pytest
 
 from core.studies.robustness import KINDS
 from tests.service.cli.conftest import Run
-from tests.service.cli.test_robustness import assert_page_of, study_of
+from tests.service.cli.studies.test_robustness import assert_page_of, study_of
 
 
 def test_every_kind_the_page_and_the_pictures(
