@@ -1,6 +1,7 @@
 """The whole method: a mesh to its embedding, two embeddings to their match."""
 
 from collections.abc import Sequence
+from operator import attrgetter
 
 import numpy as np
 from cachetools import LRUCache
@@ -77,7 +78,7 @@ class Pipeline:
         self.parameters = parameters
         self.fingerprint = parameters.fingerprint
         self.matcher = matcher_of(parameters)
-        self._prepared: LRUCache[bytes, Prepared] = LRUCache(memory, getsizeof=lambda shape: shape.nbytes)
+        self._prepared: LRUCache[bytes, Prepared] = LRUCache(memory, getsizeof=attrgetter("nbytes"))
 
     def normalise(self, mesh: Mesh) -> tuple[Mesh, Cleaned, Frame]:
         """The mesh that is sampled, the cleaned mesh and the normal frame.

@@ -38,7 +38,7 @@ def spline_search(
     kept_starts : int
         Number of starts, best correlation first, that are carried through all stages.
     start_iterations, step_iterations : int
-        SearchRounds of spline and nearest neighbours for each start, and after each added dimension.
+        Rounds of spline and nearest neighbours for each start, and after each added dimension.
 
     Returns
     -------

@@ -36,13 +36,8 @@ def compiled(function: Callable[P, R]) -> Callable[P, R]:
     return cast("Callable[P, R]", njit(cache=True, nogil=True)(function))
 
 
-def compiled_fast(function: Callable[P, R]) -> Callable[P, R]:
-    """As `compiled`, for finite floats: loops that search a minimum are vectorised."""
-    return cast("Callable[P, R]", njit(cache=True, nogil=True, fastmath=FINITE)(function))
-
-
 def kernel(function: Callable[P, R]) -> Callable[P, R]:
-    """As `compiled_fast`, for the functions of `core.matching.kernels`, which call one another across files.
+    """As `compiled`, for finite floats, for the functions of `core.matching.kernels`, which call one another.
 
     Numba's cache notices changes of a function's own file only. Its key includes the function's name, so a
     hash of all source files of the package is added to the name.

@@ -163,10 +163,11 @@ def _grouped(values: Mapping[str, Any]) -> dict[str, Any]:
     for key in (key for key in values if key in _PLACES):
         group, name = _PLACES[key]
         members = grouped.get(group, {})
-        if isinstance(members, Mapping):
-            if name in members:
-                raise ParameterError(f"{name} is given more than once")
-            grouped[group] = {**members, name: values[key]}
+        if not isinstance(members, Mapping):
+            raise ParameterError(f"{group} must be an object")
+        if name in members:
+            raise ParameterError(f"{name} is given more than once")
+        grouped[group] = {**members, name: values[key]}
     return grouped
 
 

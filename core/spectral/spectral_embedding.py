@@ -40,11 +40,11 @@ def spectra_of(
 ) -> tuple[tuple[Spectrum, ...], Floats]:
     """The spectral embeddings that the parameters name, and the signature.
 
-    SpectralParameters
+    Parameters
     ----------
     surface : Mesh
         In its normal frame.
-    points : Points
+    points : SampledSurface
     wanted : SpectralParameters
 
     Returns

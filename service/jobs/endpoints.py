@@ -43,7 +43,8 @@ def _runner(request: Request) -> Runner:
 Jobs = Annotated[Runner, Depends(_runner)]
 
 
-async def _receiving(jobs: Jobs) -> AsyncIterator[None]:
+async def _receiving(jobs: Jobs, _collection: InCollection) -> AsyncIterator[None]:
+    # The collection comes first: without a right to it there is no place among the archives received.
     with jobs.arriving():
         yield
 

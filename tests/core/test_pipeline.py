@@ -2,6 +2,7 @@
 
 import hashlib
 import os
+import pickle
 import subprocess
 import sys
 from dataclasses import replace
@@ -344,3 +345,8 @@ def test_a_mesh_above_the_limit_is_simplified_and_one_below_is_not():
     assert made.facts.vertices == len(large.vertices)
     assert to_surface(made.positions, large).max() < 0.02 * made.facts.scale
     assert pipeline.score(made, [pipeline.embed(small)]).cc[0] > 0.95
+
+
+def test_a_pipeline_can_be_sent_to_another_process():
+    copied = pickle.loads(pickle.dumps(Pipeline(PAPER)))
+    assert copied.fingerprint == PAPER.fingerprint

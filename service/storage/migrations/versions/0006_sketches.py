@@ -40,7 +40,7 @@ def upgrade() -> None:
         for number, record in batch:
             try:
                 data = _coarse_samples(record)
-            except (SafetensorError, KeyError, ValueError):
+            except (SafetensorError, KeyError, OverflowError, RecursionError, TypeError, ValueError):
                 continue
             made.append({"embedding_number": number, "data": data})
         if made:
@@ -53,7 +53,7 @@ def _coarse_samples(record: bytes) -> bytes:
 
     Raises
     ------
-    SafetensorError, KeyError, ValueError
+    SafetensorError, KeyError, OverflowError, RecursionError, TypeError, ValueError
         The record cannot be read.
     """
     arrays = load(record)
