@@ -163,11 +163,12 @@ def _grouped(values: Mapping[str, Any]) -> dict[str, Any]:
     for key in (key for key in values if key in _PLACES):
         group, name = _PLACES[key]
         members = grouped.get(group, {})
-        if not isinstance(members, Mapping):
-            raise ParameterError(f"{group} must be an object")
-        if name in members:
-            raise ParameterError(f"{name} is given more than once")
-        grouped[group] = {**members, name: values[key]}
+        if isinstance(members, BaseModel):
+            members = members.model_dump(exclude_unset=True)
+        if isinstance(members, Mapping):
+            if name in members:
+                raise ParameterError(f"{name} is given more than once")
+            grouped[group] = {**members, name: values[key]}
     return grouped
 
 
