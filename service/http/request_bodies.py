@@ -128,7 +128,8 @@ def _values(form: FormData, model: type[BaseModel], max_bytes: int) -> dict[str,
         raise BadRequestFieldsError(FieldFault(FILE, "a file, with its name, is required"))
     lists = {name for name, field in model.model_fields.items() if get_origin(field.annotation) is list}
     values = {name: form.getlist(name) for name in form}
-    repeated = [name for name in values if name not in lists and len(values[name]) > 1]
+    single = model.model_fields.keys() - lists
+    repeated = [name for name in values if name in single and len(values[name]) > 1]
     if repeated:
         raise BadRequestFieldsError(*(FieldFault(name, "given more than once") for name in repeated))
     return {name: given if name in lists else given[0] for name, given in values.items()}
