@@ -112,7 +112,9 @@ def test_a_job_from_sending_to_deletion(archive: Client, tmp_path: Path) -> None
     path = tmp_path / "meshes.zip"
     path.write_bytes(pack({"a/cup.off": CUP[1], "octopus.off": OCTOPUS[1], "words.off": b"x"}))
     sent = archive.send_archive(path, tags=["x", "y"], metadata={"year": 2026})
-    assert (sent.archive, sent.state, sent.bytes) == ("meshes.zip", "waiting", path.stat().st_size)
+    assert (sent.archive, sent.bytes) == ("meshes.zip", path.stat().st_size)
+    # The runner may have begun before the answer was read from the database.
+    assert sent.state in {"waiting", "running"}
     *_, last = archive.follow_job(sent.id, seconds=0.1)
     assert (last.state, last.counts.stored, last.counts.refused) == ("done", 2, 1)
     assert [file.path for file in archive.job_files(sent.id)] == ["a/cup.off", "octopus.off", "words.off"]
