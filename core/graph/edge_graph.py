@@ -65,17 +65,19 @@ def bridges(vertices: Floats, labels: Ints) -> Ints:
 
     The algorithm of Boruvka: in each round every component is joined to the nearest vertex outside it. Two
     components differ in some bit of their labels, so nearest-neighbour queries between the two halves of each
-    bit are exact. The earliest vertices break ties.
+    bit are exact. The earliest vertices break ties; gaps within rounding of zero are equal.
 
     Parameters
     ----------
     vertices : float64, shape (n, 3)
+        At two places or more.
     labels : int64, shape (n,)
         Connected component of each vertex, 0 .. components - 1.
     """
     labels = labels.copy()
     chosen: list[Ints] = []
     everything = cKDTree(vertices)
+    smallest = TIE * np.ptp(vertices, axis=0).max()
     number = int(labels.max()) + 1
     while number > 1:
         gap = np.full(len(vertices), np.inf)
@@ -84,6 +86,7 @@ def bridges(vertices: Floats, labels: Ints) -> Ints:
             for mine, theirs in ((side, ~side), (~side, side)):
                 distance = cKDTree(vertices[theirs]).query(vertices[mine])[0]
                 gap[mine] = np.minimum(gap[mine], distance)
+        gap = np.maximum(gap, smallest)
         rank = tied_ranks(np.log(gap))
         order = np.lexsort((rank, labels))
         lead = order[np.unique(labels[order], return_index=True)[1]]
