@@ -1,6 +1,5 @@
 """One worker process, and calls to it."""
 
-import multiprocessing
 import resource
 import signal
 import time
@@ -9,6 +8,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
+from service.compute.fork_server import fork_server
 from service.compute.worker_loop import serve
 from service.errors import TaskGivenUpError, TaskTimeLimitError, WorkerCrashedError, WorkerLostError
 
@@ -18,17 +18,15 @@ END_SECONDS = 10.0
 # Signals of a process that crashes by itself; a process that is stopped gets another signal.
 CRASHES = {signal.SIGSEGV, signal.SIGABRT, signal.SIGBUS, signal.SIGFPE, signal.SIGILL}
 
-# Spawned, not forked: the fork of a process with threads may inherit a lock that is never released.
-_spawn = multiprocessing.get_context("spawn")
-
 
 class WorkerProcess:
     """A process that answers one call at a time. One thread calls; any thread may kill the process."""
 
     def __init__(self) -> None:
         self._connection: Connection[Any, Any]
-        self._connection, theirs = _spawn.Pipe()
-        self._process = _spawn.Process(target=serve, args=(theirs,), daemon=True)
+        context = fork_server()
+        self._connection, theirs = context.Pipe()
+        self._process = context.Process(target=serve, args=(theirs,), daemon=True)
         self._process.start()
         theirs.close()
 

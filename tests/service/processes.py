@@ -51,7 +51,12 @@ def answers(client: httpx.Client) -> bool:
         return False
 
 
-def workers(process: subprocess.Popen[bytes]) -> list[int]:
-    """The children of a process, which the system lists by the thread that started each."""
-    threads = Path(f"/proc/{process.pid}/task").iterdir()
-    return [int(pid) for thread in threads for pid in (thread / "children").read_text().split()]
+def children(pid: int) -> list[int]:
+    """The processes below a process: the fork server of a service, and its workers and readers."""
+    found: list[int] = []
+    for listed in Path(f"/proc/{pid}/task").glob("*/children"):
+        try:
+            found += [int(child) for child in listed.read_text().split()]
+        except OSError:  # the thread has ended
+            continue
+    return found + [grandchild for child in found for grandchild in children(child)]

@@ -20,7 +20,7 @@ pytestmark = pytest.mark.collections
 PIPELINE = Pipeline(DEFAULT)
 QUERIES, STORED, PARTS = 10, 40, 8
 DRIFT = 0.01
-# Polygon soups have many maps that fit about as well as the best one, and rounding decides which the matcher finds.
+# Between polygon soups that are not alike, several maps fit about as well, and rounding chooses among them.
 SOUPS, DRIFT_OF_SOUPS = {"webmodels"}, 0.1
 
 

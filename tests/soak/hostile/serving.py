@@ -13,8 +13,9 @@ from types import TracebackType
 
 import httpx
 
+from tests.service.processes import children
 from tests.service.support import wait_until
-from tests.soak.load.memory import children, resident
+from tests.soak.load.memory import resident
 
 LIMIT_SECONDS = 180.0
 """The longest that a file may be worked on: the service's own limits of time are shorter together."""

@@ -12,7 +12,7 @@ import httpx
 
 from service.storage.archive_file import has_journal
 from service.storage.checking import check
-from tests.service.processes import server, workers
+from tests.service.processes import children, server
 from tests.service.support import wait_until
 from tests.soak.kill.ledger import Ledger
 from tests.soak.kill.load import Load
@@ -56,7 +56,7 @@ def run_cycle(folder: Path, ledger: Ledger, seed: int) -> Cycle:
     with server(folder, seconds=START_SECONDS, ISOSHAPE_WORKERS="1") as (process, client):
         started = time.monotonic() - began
         faults = verify(client, folder, ledger)
-        orphans = workers(process)
+        orphans = children(process.pid)
         if not orphans:
             faults.append("no worker processes are seen")
         enough = ledger.acknowledged + draw.randint(0, MOST_ACKNOWLEDGED)

@@ -7,7 +7,7 @@ from pathlib import Path
 import httpx
 
 from tests.service.engines import on_both
-from tests.service.processes import server, workers
+from tests.service.processes import children, server
 from tests.service.support import query, small_file, upload, wait_until
 
 
@@ -41,7 +41,7 @@ def test_a_killed_service_has_all_that_it_had_acknowledged(tmp_path: Path) -> No
         for thread in threads:
             thread.start()
         wait_until(lambda: len(acknowledged) >= 12, seconds=60)
-        orphans = workers(process)
+        orphans = children(process.pid)
         assert len(orphans) >= 2
         process.send_signal(signal.SIGKILL)
         process.wait()

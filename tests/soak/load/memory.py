@@ -8,6 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
+from tests.service.processes import children
+
 MIB = 1024 * 1024
 PAGE = os.sysconf("SC_PAGE_SIZE")
 
@@ -67,17 +69,6 @@ def growth(seconds: np.ndarray, mib: np.ndarray) -> Growth:
         most=float(mib.max()),
         slope=float(np.polyfit(seconds / 60.0, mib, 1)[0]),
     )
-
-
-def children(pid: int) -> list[int]:
-    """The children of a process, and theirs."""
-    found: list[int] = []
-    for listed in Path(f"/proc/{pid}/task").glob("*/children"):
-        try:
-            found += [int(child) for child in listed.read_text().split()]
-        except OSError:  # the thread has ended
-            continue
-    return found + [grandchild for child in found for grandchild in children(child)]
 
 
 def resident(pid: int) -> float:

@@ -7,8 +7,9 @@ import sys
 import numpy as np
 import pytest
 
+from tests.service.processes import children
 from tests.soak.load.__main__ import grown
-from tests.soak.load.memory import children, growth, resident
+from tests.soak.load.memory import growth, resident
 
 
 @pytest.mark.parametrize("slope", [0.0, 0.5, 3.0, -2.0])
