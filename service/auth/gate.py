@@ -38,7 +38,7 @@ class Gate:
         return grant
 
     def admit(self, method: str, path: str, headers: Headers) -> Grant | None:
-        """The grant of an admitted request; None if its address is public.
+        """The grant of an admitted request; None if its path is public.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""The access level of each address. An address without a rule needs full access."""
+"""The access level of each path. A path without a rule needs full access."""
 
 from urllib.parse import urlsplit
 
@@ -38,7 +38,7 @@ def of_all_collections(method: str, path: str) -> bool:
 
 
 def needed(method: str, path: str) -> Level | None:
-    """The access level that a request needs; None for a public address."""
+    """The access level that a request needs; None for a public path."""
     if ("GET" if method == "HEAD" else method, path) in PUBLIC:
         return None
     if method in SAFE_METHODS and path.startswith(PAGE_FILES):

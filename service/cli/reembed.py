@@ -71,7 +71,7 @@ def command(
 def reembed(
     settings: Settings, parameters: Parameters, *, leave_out: bool = False, prune: bool = False
 ) -> tuple[ReembeddingResult, int]:
-    """Change the pipeline of an archive; the result, and the number of deleted embeddings of others."""
+    """Change the pipeline of an archive; return the result and the number of embeddings pruned."""
     database = Database(settings.database_url, lock_seconds=settings.lock_seconds, hnsw=settings.hnsw)
     try:
         migrate(database)

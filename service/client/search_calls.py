@@ -80,7 +80,7 @@ def _fields(options: QueryArguments) -> dict[str, str | list[str]]:
 
 
 def _field(value: object) -> str | list[str]:
-    """A query option as text of a form or an address; a list is a field that is repeated."""
+    """A query option as the text of a form field or query parameter; a list repeats the field."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, Sequence) and not isinstance(value, str):

@@ -1,4 +1,4 @@
-"""Parameters of an address that are given more often than the OpenAPI document says."""
+"""Query parameters that are given more often than the OpenAPI document says."""
 
 from collections.abc import Callable, Coroutine
 from typing import Any, get_origin
@@ -16,7 +16,7 @@ def once(*names: str) -> Depends:
 
 
 def once_each(model: type[BaseModel]) -> Depends:
-    """The same for a model of an address's parameters: for every field that is not a list."""
+    """The same for a model of query parameters: for every field that is not a list."""
     fields = model.model_fields.items()
     return once(*(name for name, field in fields if get_origin(field.annotation) is not list))
 

@@ -71,7 +71,7 @@ ARCHIVE = RequestBody(ArchiveUpload, limit="max_archive_bytes")
     summary="Store an archive of meshes",
     response_model=Job,
     response_description="The archive is stored durably, and the job waits for its turn; Location is its "
-    "address.",
+    "URL.",
     responses=documented(
         "bad-request",
         "bad-request-fields",

@@ -63,8 +63,8 @@ async def query(
 ) -> QueryAnswer:
     """Search with a mesh file, or with a stored shape by its id. Rotation and pose make no difference.
 
-    Options are fields of the form or of the JSON object, or parameters of the address; the body overrides the
-    address. A JSON object asks the same as `GET /shapes/{shape_id}/similar`.
+    Options are fields of the form or of the JSON object, or query parameters; the body overrides the query
+    parameters. A JSON object asks the same as `GET /shapes/{shape_id}/similar`.
     """
     options = merged(body, address)
     if isinstance(body, StoredQuery):

@@ -64,7 +64,7 @@ Excluded = Annotated[
 
 
 class QueryOptions(Filters):
-    """Options of a search. An option in the body overrides the same option in the address."""
+    """Options of a search. An option in the body overrides the query parameter."""
 
     top_k: int = Field(default=3, ge=1, le=100, description="The largest number of results.")
     rank_by: RankBy = Field(
