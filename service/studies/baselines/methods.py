@@ -18,6 +18,7 @@ class Method(StrEnum):
     SHAPEDNA = "shapedna"
     ICP = "icp"
     MDS = "mds"
+    D2 = "d2"
 
 
 @dataclass(frozen=True)
@@ -62,6 +63,10 @@ def load(method: Method) -> Baseline:
                 from service.studies.baselines import mds  # noqa: PLC0415  optional
 
                 return Baseline(mds.describe, mds.compare)
+            case Method.D2:
+                from service.studies.baselines import d2  # noqa: PLC0415  beside the others
+
+                return Baseline(d2.describe, d2.compare)
     except ImportError as error:
         raise MissingPeerError(
             f"{method} needs {error.name}, which is not installed: pip install isoshape[peers]"
