@@ -1,6 +1,7 @@
 """Descriptors of a surface that need no correspondence.
 
-A mesh in; spin images, global descriptors, the boundary ratio and the distances between descriptors out.
+A mesh in; spin images, views, global descriptors, the boundary ratio and the distances between descriptors
+out.
 """
 
 __all__ = [
@@ -10,4 +11,6 @@ __all__ = [
     "global_descriptors",
     "partial_matching",
     "spin_images",
+    "view_descriptor",
+    "view_signature",
 ]

@@ -67,7 +67,7 @@ def command(
         Literal["paper", "default"], typer.Option(help="Parameters of the method.")
     ] = "default",
     method: Annotated[
-        Literal["isoshape", "shapedna", "icp", "mds", "d2"],
+        Literal["isoshape", "shapedna", "icp", "mds", "d2", "views"],
         typer.Option(help="Isoshape or a baseline; a baseline has one distance and no settings."),
     ] = "isoshape",
     rank_by: Annotated[
@@ -91,8 +91,8 @@ def command(
     precision), as in Shilane et al. 2004. Ties count against the ranking.
 
     The other methods run on the same meshes: ShapeDNA (Reuter et al. 2006) by LaPy, ICP (Besl and McKay 1992)
-    by trimesh, MDS (Elad and Kimmel 2003) by scikit-learn, and the shape distribution D2 (Osada et al. 2002).
-    ShapeDNA and MDS need `pip install isoshape[peers]`.
+    by trimesh, MDS (Elad and Kimmel 2003) by scikit-learn, the shape distribution D2 (Osada et al. 2002), and
+    the view descriptor of core.descriptors alone. ShapeDNA and MDS need `pip install isoshape[peers]`.
     """
     if method != "isoshape" and (rank_by or uncapped or setting != "default"):
         fail(f"--method {method} has no --setting, --rank-by or --uncapped", status=2)

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +11,9 @@ from numpy.typing import NDArray
 from core.mesh.mesh import Mesh
 
 Floats = NDArray[np.float64]
+
+Description = NDArray[Any]
+"""The description of a shape; the method determines its type and dimensions."""
 
 
 class Method(StrEnum):
@@ -19,6 +23,7 @@ class Method(StrEnum):
     ICP = "icp"
     MDS = "mds"
     D2 = "d2"
+    VIEWS = "views"
 
 
 @dataclass(frozen=True)
@@ -27,14 +32,13 @@ class Baseline:
 
     Attributes
     ----------
-    describe : Mesh -> float64 array
-        The description of a shape; the method determines its dimensions.
+    describe : Mesh -> Description
     compare : (description, descriptions of c others) -> float64, shape (c,)
         Distances; 0 for equal shapes.
     """
 
-    describe: Callable[[Mesh], Floats]
-    compare: Callable[[Floats, Sequence[Floats]], Floats]
+    describe: Callable[[Mesh], Description]
+    compare: Callable[[Description, Sequence[Description]], Floats]
 
 
 class MissingPeerError(Exception):
@@ -67,6 +71,10 @@ def load(method: Method) -> Baseline:
                 from service.studies.baselines import d2  # noqa: PLC0415  beside the others
 
                 return Baseline(d2.describe, d2.compare)
+            case Method.VIEWS:
+                from service.studies.baselines import views  # noqa: PLC0415  beside the others
+
+                return Baseline(views.describe, views.compare)
     except ImportError as error:
         raise MissingPeerError(
             f"{method} needs {error.name}, which is not installed: pip install isoshape[peers]"

@@ -12,16 +12,16 @@ from numpy.typing import NDArray
 
 from core.errors import CoreError
 from core.io import format_of, read_mesh
-from service.studies.baselines.methods import Baseline, Method, load
+from service.studies.baselines.methods import Baseline, Description, Method, load
 
 Floats = NDArray[np.float64]
 
 
 def describe_files(
     pool: Executor, method: Method, paths: Sequence[Path], done: Callable[[int], None]
-) -> list[Floats | str]:
+) -> list[Description | str]:
     """The description of each file, or the reason why there is none; `done` receives the number finished."""
-    results: list[Floats | str] = []
+    results: list[Description | str] = []
     for result in pool.map(partial(_describe, method), paths):
         results.append(result)
         done(1)
@@ -29,7 +29,7 @@ def describe_files(
 
 
 def distance_matrix(
-    pool: Executor, method: Method, descriptions: Sequence[Floats], done: Callable[[int], None]
+    pool: Executor, method: Method, descriptions: Sequence[Description], done: Callable[[int], None]
 ) -> Floats:
     """Distances of all pairs, shape (n, n); each pair is compared once."""
     n = len(descriptions)
@@ -43,7 +43,7 @@ def distance_matrix(
     return distances
 
 
-def _describe(method: Method, path: Path) -> Floats | str:
+def _describe(method: Method, path: Path) -> Description | str:
     try:
         return _baseline(method).describe(read_mesh(path.read_bytes(), format_of(path.name)))
     except CoreError as error:
@@ -66,6 +66,6 @@ def _baseline(method: Method) -> Baseline:
 
 
 @lru_cache(maxsize=1)
-def _load(path: Path) -> list[Floats]:
-    descriptions: list[Floats] = pickle.loads(path.read_bytes())
+def _load(path: Path) -> list[Description]:
+    descriptions: list[Description] = pickle.loads(path.read_bytes())
     return descriptions

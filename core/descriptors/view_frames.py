@@ -1,0 +1,130 @@
+"""Pose normalisation of a surface: its centre, its scale and three frames of axes, exact over its triangles.
+
+P. Papadakis, I. Pratikakis, T. Theoharis, S. Perantonis, "PANORAMA: a 3D shape descriptor based on panoramic
+views for unsupervised 3D object retrieval", International Journal of Computer Vision 89, 2010: principal axes
+of the points (continuous PCA, Vranic 2001) and of the normals. Z. Lian, P. Rosin, X. Sun, "Rectilinearity of
+3D meshes", International Journal of Computer Vision 89, 2010: axes along which the faces of man-made objects
+lie. No sign of a normal is used, so the orientation of faces does not matter.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from core.arrays import Floats, Ints
+from core.errors import DegenerateMeshError
+from core.mesh.face_normals import face_normals
+
+FRAMES = 3
+"""Number of frames: of the points, of the normals, and the rectilinear one."""
+
+TIE_BREAK = 1e-3
+"""Weight of the normals' tensor in the frame of the points, and of the points' in the frame of the normals:
+the axes in the plane of a flat sheet are those of its points, although all its normals agree."""
+
+SWEEPS, TURNED = 30, 1e-9
+"""Largest number of sweeps to the rectilinear frame, and the angle that none of the last sweep exceeds."""
+
+FLAT = 1e-12
+"""Differences of the integral below which all angles in a plane are equally good."""
+
+
+@dataclass(frozen=True, eq=False)
+class NormalisedSurface:
+    """A surface with its centroid at the origin and a root mean square radius of 1.
+
+    Attributes
+    ----------
+    corners : float64, shape (f, 3, 3)
+        Corners of the faces.
+    areas : float64, shape (f,)
+        Areas of the faces, of sum 1.
+    normals : float64, shape (f, 3)
+        Unit normals of the faces, of either sign; 0 for faces without area.
+    frames : float64, shape (FRAMES, 3, 3)
+        Rows are the axes of a frame, orthonormal, of either sign, in order of falling extent.
+    """
+
+    corners: Floats
+    areas: Floats
+    normals: Floats
+    frames: Floats
+
+
+def normalised_surface(vertices: Floats, faces: Ints) -> NormalisedSurface:
+    """Centre and scale a surface, and find its frames.
+
+    Parameters
+    ----------
+    vertices : float64, shape (n, 3)
+    faces : int64, shape (f, 3)
+
+    Raises
+    ------
+    DegenerateMeshError
+        The surface has no area.
+    """
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    extent = max(float((high - low).max()), float(np.finfo(np.float64).tiny))
+    corners = ((vertices - 0.5 * (low + high)) / extent)[faces]
+    normals = face_normals(corners, unit=False)
+    lengths = np.linalg.norm(normals, axis=1)
+    if not lengths.sum() > 0.0:
+        raise DegenerateMeshError("the surface has no area")
+    areas = lengths / lengths.sum()
+    normals = normals / np.maximum(lengths, np.finfo(np.float64).tiny)[:, None]
+    corners = corners - areas @ corners.mean(axis=1)
+    spread = _second_moments(corners, areas)
+    scale = np.sqrt(np.trace(spread))
+    tilt = (normals * areas[:, None]).T @ normals
+    points = np.linalg.eigh(spread / scale**2 - TIE_BREAK * tilt)[1].T[::-1]
+    flattest = np.linalg.eigh(tilt - TIE_BREAK * spread / scale**2)[1].T
+    square = _rectilinear(normals, areas, (points, flattest))
+    order = np.argsort(-np.einsum("ai,ij,aj->a", square, spread, square), kind="stable")
+    return NormalisedSurface(corners / scale, areas, normals, np.stack([points, flattest, square[order]]))
+
+
+def _second_moments(corners: Floats, areas: Floats) -> Floats:
+    """Integral of x x^T over the surface, shape (3, 3): closed form over each triangle."""
+    sums = corners.sum(axis=1)
+    weighted = (corners * areas[:, None, None]).reshape(-1, 3)
+    return np.asarray((weighted.T @ corners.reshape(-1, 3) + (sums * areas[:, None]).T @ sums) / 12.0)
+
+
+def _rectilinear(normals: Floats, areas: Floats, starts: tuple[Floats, ...]) -> Floats:
+    """Axes, rows, that maximise the integral of the sum of (n . axis)^4, from the better of the starts.
+
+    Jacobi sweeps: each pair of axes turns in its plane to the best angle, which is known in closed form (P.
+    Comon, "Independent component analysis, a new concept?", Signal Processing 36, 1994).
+    """
+    pairs = np.einsum("fi,fj->fij", normals, normals).reshape(-1, 9)
+    moments = (pairs * areas[:, None]).T @ pairs
+    best, found = -np.inf, starts[0]
+    for start in starts:
+        axes = start.copy()
+        for _ in range(SWEEPS):
+            if max(_turn(axes, i, j, moments) for i, j in ((0, 1), (1, 2), (2, 0))) < TURNED:
+                break
+        value = sum(_fourth(axis, axis, axis, axis, moments) for axis in axes)
+        if value > best + TURNED:
+            best, found = value, axes
+    return found
+
+
+def _turn(axes: Floats, i: int, j: int, moments: Floats) -> float:
+    """Turn two axes in their plane, in place, to the best angle, which is returned."""
+    one, other = axes[i].copy(), axes[j].copy()
+    even = _fourth(one, one, one, one, moments) + _fourth(other, other, other, other, moments)
+    even -= 6.0 * _fourth(one, one, other, other, moments)
+    odd = 4.0 * (_fourth(one, one, one, other, moments) - _fourth(other, other, other, one, moments))
+    if np.hypot(even, odd) < FLAT:
+        return 0.0
+    angle = 0.25 * float(np.arctan2(odd, even))
+    axes[i] = np.cos(angle) * one + np.sin(angle) * other
+    axes[j] = np.cos(angle) * other - np.sin(angle) * one
+    return abs(angle)
+
+
+def _fourth(a: Floats, b: Floats, c: Floats, d: Floats, moments: Floats) -> float:
+    """Integral of (n . a) (n . b) (n . c) (n . d); `moments`, shape (9, 9), are those of n n^T."""
+    return float(np.outer(a, b).ravel() @ moments @ np.outer(c, d).ravel())

@@ -1,0 +1,81 @@
+"""Frames against integrals in closed form and against a search, and where axes are equal."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.spatial.transform import Rotation
+
+from core.descriptors.view_frames import FRAMES, normalised_surface
+from core.errors import DegenerateMeshError
+from tests.core.shapes import blob, box, rectangle, rotation, soup, subdivided, turned
+
+
+def same_axes(some, others):
+    """Whether rows are the same axes, up to their signs."""
+    return np.allclose(np.abs(some @ others.T), np.eye(3), atol=1e-6)
+
+
+def test_a_surface_is_centred_and_scaled_and_its_frames_are_orthonormal():
+    mesh = blob()
+    surface = normalised_surface(50.0 * mesh.vertices + [7.0, -3.0, 1.0], mesh.faces)
+    assert surface.areas.sum() == pytest.approx(1.0)
+    assert_allclose(surface.areas @ surface.corners.mean(axis=1), 0.0, atol=1e-12)
+    halved = subdivided(subdivided(mesh))
+    fine = normalised_surface(halved.vertices, halved.faces)
+    middles = fine.corners.mean(axis=1)
+    assert fine.areas @ (middles**2).sum(axis=1) == pytest.approx(1.0, rel=1e-3)
+    assert surface.frames.shape == (FRAMES, 3, 3)
+    for axes in surface.frames:
+        assert_allclose(axes @ axes.T, np.eye(3), atol=1e-9)
+
+
+def test_the_scale_of_a_square_is_that_of_its_integral():
+    sheet = rectangle(2.0, 2.0, 1, 1)
+    corners = normalised_surface(sheet.vertices, sheet.faces).corners
+    # The mean of x^2 + y^2 over a square of side 2 is 2/3.
+    assert np.linalg.norm(corners, axis=2).max() == pytest.approx(np.sqrt(2.0 / (2.0 / 3.0)))
+
+
+@pytest.mark.parametrize("make", [lambda: box(3, 2, 1), lambda: box(2, 2, 1), lambda: box(1, 1, 1)])
+def test_the_rectilinear_frame_of_a_box_is_along_its_edges(make):
+    for seed in range(6):
+        mesh = turned(make(), seed)
+        along_edges = np.abs(normalised_surface(mesh.vertices, mesh.faces).frames[2] @ rotation(seed))
+        assert_allclose(along_edges.max(axis=1), 1.0, atol=1e-6)
+
+
+def test_the_rectilinear_frame_is_the_best_of_many():
+    mesh = soup(blob(3))
+    surface = normalised_surface(mesh.vertices, mesh.faces)
+
+    def value(axes):
+        return surface.areas @ ((surface.normals @ axes.T) ** 4).sum(axis=1)
+
+    others = Rotation.random(500, random_state=0).as_matrix()
+    assert value(surface.frames[2]) > max(value(axes) for axes in others) - 1e-3
+    for angle in (-0.01, 0.01):
+        for axis in np.eye(3):
+            near = Rotation.from_rotvec(angle * axis).as_matrix()
+            assert value(surface.frames[2] @ near) <= value(surface.frames[2])
+
+
+def test_the_axes_of_a_flat_sheet_are_those_of_its_points():
+    for seed in range(4):
+        sheet = turned(rectangle(3, 2, 4, 4), seed)
+        points, normals, _ = normalised_surface(sheet.vertices, sheet.faces).frames
+        assert same_axes(points, rotation(seed).T)
+        assert same_axes(normals, rotation(seed).T)
+
+
+def test_frames_turn_with_the_surface():
+    mesh = blob(5)
+    own = normalised_surface(mesh.vertices, mesh.faces).frames
+    other = turned(mesh, 9)
+    for axes, moved in zip(own, normalised_surface(other.vertices, other.faces).frames, strict=True):
+        assert same_axes(axes, moved @ rotation(9))
+
+
+@pytest.mark.parametrize("vertices", [[[1, 1, 1]] * 3, [[0, 0, 0], [1, 0, 0], [3, 0, 0]]])
+def test_a_surface_without_area_is_an_error(vertices):
+    with pytest.raises(DegenerateMeshError):
+        normalised_surface(np.array(vertices, dtype=float), np.array([[0, 1, 2]]))
