@@ -8,7 +8,7 @@ from functools import partial
 import pytest
 
 from service.cli.studies import benchmark
-from service.studies.benchmark import ingesting, load, pictures, searching
+from service.studies.benchmark import ingesting, pictures
 from service.studies.benchmark.page import BenchmarkResults, page
 from service.studies.benchmark.timing import Spread
 
@@ -22,53 +22,6 @@ def small(monkeypatch):
     monkeypatch.setattr(benchmark, "growth_rows", grown)
     once = partial(benchmark.matching_rows, vertices=1000, pairs=1, repeats=1, matches=1)
     monkeypatch.setattr(benchmark, "matching_rows", once)
-
-
-def test_queries_of_archives_made_of_the_collection(run, collection, monkeypatch):
-    fewer = partial(benchmark.searching_rows, queries=3)
-    monkeypatch.setattr(benchmark, "searching_rows", fewer)
-    monkeypatch.setattr(searching, "EXHAUSTIVE", 10)
-    monkeypatch.setattr(
-        searching, "cascade_rows", partial(searching.cascade_rows, queries=3, lengths=[(6, 5, 1)])
-    )
-    sizes = ("--shapes", 10, "--shapes", 14)
-    done = run("benchmark", collection, "--only", "search", *sizes, "--json")
-    assert (done.status, done.stderr) == (0, "")
-    found = json.loads(done.stdout)["search"]
-    assert [(row["shapes"], row["exhaustive"], row["compared"]) for row in found["rows"]] == [
-        (10, True, 9),
-        (14, False, 13),
-    ]
-    for row in found["rows"]:
-        assert 0.0 < row["median"] <= row["p95"]
-        assert row["memory"] > 2**20
-    cascade, everything = found["kept"]
-    assert (cascade["length"], cascade["reranked"], cascade["finalists"]) == (6, 5, 1)
-    assert everything["length"] is everything["reranked"] is everything["finalists"] is None
-    assert everything["first"] == 1.0
-    text = page(
-        BenchmarkResults(
-            search=[searching.SearchRow(**row) for row in found["rows"]],
-            kept=[searching.CascadeRow(**cascade)],
-        ),
-        "isoshape benchmark",
-        picture=False,
-    )
-    assert "## Queries over HTTP" in text
-    assert "| 6 | 5 | 1 |" in text
-
-
-def test_clients_at_once(run, collection, monkeypatch):
-    short = partial(benchmark.load_row, shapes=10, capacity_seconds=1.0, alone=2, seconds=1.0)
-    monkeypatch.setattr(benchmark, "load_row", short)
-    done = run("benchmark", collection, "--only", "load", "--json")
-    assert (done.status, done.stderr) == (0, "")
-    (row,) = json.loads(done.stdout)["load"]
-    assert (row["shapes"], row["querying"], row["ingesting"], row["errors"]) == (10, 8, 2, 0)
-    assert row["queries"] > 0
-    assert 0.0 < row["median"] <= row["p95"]
-    text = page(BenchmarkResults(load=[load.LoadRow(**row)]), "isoshape benchmark", picture=False)
-    assert "## Many clients at once" in text
 
 
 def test_the_processors_of_a_process_are_chosen():
