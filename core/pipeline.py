@@ -26,7 +26,7 @@ from core.mesh.cleaning import Cleaned, clean, face_areas, vertex_areas
 from core.mesh.denoising import roughness, taubin_smoothing
 from core.mesh.hole_filling import fill_holes
 from core.mesh.mesh import Mesh
-from core.mesh.normal_frame import Frame, normal_frame
+from core.mesh.normal_frame import NormalFrame, normal_frame
 from core.mesh.simplification import simplify
 from core.mesh.subdivision import refine
 from core.numerics.threads import one_thread
@@ -40,7 +40,7 @@ PREPARED_BYTES = 128 * 1024 * 1024
 """The most bytes of prepared shapes that a pipeline caches, unless another number is given."""
 
 
-def measure(mesh: Mesh, cleaned: Cleaned, frame: Frame) -> Facts:
+def measure(mesh: Mesh, cleaned: Cleaned, frame: NormalFrame) -> Facts:
     """Measurements of a mesh, from the mesh as read, the cleaned mesh and its normal frame."""
     faces = cleaned.mesh.faces
     volume = signed_volume(frame.apply(cleaned.mesh.vertices), faces)
@@ -80,7 +80,7 @@ class Pipeline:
         self.matcher = matcher_of(parameters)
         self._prepared: LRUCache[bytes, Prepared] = LRUCache(memory, getsizeof=attrgetter("nbytes"))
 
-    def normalise(self, mesh: Mesh) -> tuple[Mesh, Cleaned, Frame]:
+    def normalise(self, mesh: Mesh) -> tuple[Mesh, Cleaned, NormalFrame]:
         """The mesh that is sampled, the cleaned mesh and the normal frame.
 
         The sampled mesh is clean, has its holes filled, is in its normal frame, and is simplified, smoothed

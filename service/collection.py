@@ -15,14 +15,14 @@ _NAME = re.compile(NAME)
 
 
 @dataclass(frozen=True)
-class Collection:
+class CollectionRecord:
     """A named set of shapes."""
 
     number: CollectionNumber
     name: str
 
 
-DEFAULT_COLLECTION = Collection(CollectionNumber(1), "default")
+DEFAULT_COLLECTION = CollectionRecord(CollectionNumber(1), "default")
 """The collection of requests that name none. It exists in every archive."""
 
 

@@ -27,7 +27,7 @@ BINS = 10
 
 
 @dataclass(frozen=True, eq=False)
-class Collection:
+class LabelledPairs:
     """All pairs of n labelled shapes.
 
     Attributes
@@ -140,7 +140,7 @@ def fit_logistic(features: Floats, same: NDArray[np.bool_], weights: Floats) -> 
     return Calibration(float(values[0] - slopes @ centre), tuple(float(slope) for slope in slopes))
 
 
-def fit(collections: Sequence[Collection], *, without: str | None = None) -> Calibration:
+def fit(collections: Sequence[LabelledPairs], *, without: str | None = None) -> Calibration:
     """The model fitted to all pairs of all collections, or to the pairs without one class.
 
     Raises
@@ -162,7 +162,7 @@ def fit(collections: Sequence[Collection], *, without: str | None = None) -> Cal
     return fit_logistic(np.concatenate(features), np.concatenate(same), np.concatenate(weights))
 
 
-def leave_class_out(collections: Sequence[Collection]) -> list[Floats]:
+def leave_class_out(collections: Sequence[LabelledPairs]) -> list[Floats]:
     """Class probabilities of all pairs, an array of shape (n, n) for each collection.
 
     The model of row i is fitted without the class of shape i.
@@ -181,7 +181,7 @@ def leave_class_out(collections: Sequence[Collection]) -> list[Floats]:
     return probabilities
 
 
-def reliability(collections: Sequence[Collection], probabilities: Sequence[Floats]) -> Reliability:
+def reliability(collections: Sequence[LabelledPairs], probabilities: Sequence[Floats]) -> Reliability:
     """The reliability of class probabilities, arrays of shape (n, n), one for each collection.
 
     Every collection has the same weight; a collection without pairs is ignored.

@@ -28,7 +28,7 @@ SYMMETRIC = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
-class Frame:
+class NormalFrame:
     """The similarity transform from the file's frame to the normal frame.
 
     Attributes
@@ -151,7 +151,7 @@ def _tied_axis(mesh: Mesh, areas: Floats, normal: Floats) -> Floats:
     return _farthest(across)
 
 
-def normal_frame(mesh: Mesh) -> Frame:
+def normal_frame(mesh: Mesh) -> NormalFrame:
     """The frame for the fit z = f(x, y) of Eq. 4, independent of the tessellation.
 
     z is the direction of least spread. If all three axes are tied, x points to the surface's farthest point;
@@ -181,4 +181,4 @@ def normal_frame(mesh: Mesh) -> Frame:
     for i in (0, 1):
         axes[i] *= _sign(unit, areas, axes[i])
     axes[2] = np.cross(axes[0], axes[1])
-    return Frame(centre=centre, axes=axes, scale=scale)
+    return NormalFrame(centre=centre, axes=axes, scale=scale)

@@ -31,7 +31,7 @@ TAU_CAP = 480
 
 
 @dataclass(frozen=True)
-class Kind:
+class Perturbation:
     """One kind of perturbation, with its amounts.
 
     Attributes
@@ -62,13 +62,13 @@ class Kind:
 
 
 KINDS = (
-    Kind("noise", "Gaussian noise", "% of the diagonal", add_noise, (0.001, 0.003, 0.005, 0.01)),
-    Kind("holes", "holes", "% of the area gone", remove_discs, (0.1, 0.2, 0.3, 0.4), part=True),
-    Kind("cut", "a part cut away", "% of the area gone", cut_part, (0.1, 0.2, 0.3, 0.4), part=True),
-    Kind("decimation", "decimation", "% of the faces kept", decimate, (0.5, 0.25, 0.1)),
-    Kind("subdivision", "subdivision", "% of the edges split", subdivide, (0.5, 1.0), certain=(1.0,)),
-    Kind("soup", "triangle soup", "% drawn in", make_soup, (0.0, 0.01, 0.05), certain=(0.0,)),
-    Kind("parts", "loose parts", "% of the diagonal away", separate_parts, (0.005, 0.02)),
+    Perturbation("noise", "Gaussian noise", "% of the diagonal", add_noise, (0.001, 0.003, 0.005, 0.01)),
+    Perturbation("holes", "holes", "% of the area gone", remove_discs, (0.1, 0.2, 0.3, 0.4), part=True),
+    Perturbation("cut", "a part cut away", "% of the area gone", cut_part, (0.1, 0.2, 0.3, 0.4), part=True),
+    Perturbation("decimation", "decimation", "% of the faces kept", decimate, (0.5, 0.25, 0.1)),
+    Perturbation("subdivision", "subdivision", "% of the edges split", subdivide, (0.5, 1.0), certain=(1.0,)),
+    Perturbation("soup", "triangle soup", "% drawn in", make_soup, (0.0, 0.01, 0.05), certain=(0.0,)),
+    Perturbation("parts", "loose parts", "% of the diagonal away", separate_parts, (0.005, 0.02)),
 )
 
 
@@ -119,7 +119,7 @@ class Level:
 
 
 @dataclass(frozen=True)
-class Study:
+class RobustnessStudy:
     """All measurements of a collection.
 
     Attributes

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from service.console import output
 from service.settings import load_settings
-from service.storage.checking import Report
+from service.storage.checking import CheckReport
 from service.storage.sqlite import path_of
 
 
@@ -13,7 +13,7 @@ def archive_in_use() -> Path:
     return path_of(load_settings().database_url)
 
 
-def print_counts(report: Report) -> None:
+def print_counts(report: CheckReport) -> None:
     """Print the numbers of shapes, files and embeddings of an archive."""
     console = output()
     console.print(

@@ -7,7 +7,7 @@ from pydantic import BaseModel, Field
 from starlette.concurrency import run_in_threadpool
 
 from service.auth.keys import Grant
-from service.collection import DEFAULT_COLLECTION, NAME, Collection
+from service.collection import DEFAULT_COLLECTION, NAME, CollectionRecord
 from service.collections import service
 from service.dependencies import Service
 from service.errors import BadRequestFieldsError, FieldFault, ForbiddenError
@@ -47,7 +47,7 @@ async def _chosen(
     _once: Annotated[None, once(PARAMETER)],
     _named: Named = None,
     _by_header: NamedByHeader = None,
-) -> Collection:
+) -> CollectionRecord:
     # FastAPI treats an empty value as missing; here it is a name that no collection has.
     names = {*request.headers.getlist(HEADER), *request.query_params.getlist(PARAMETER)}
     if len(names) > 1:
@@ -60,7 +60,7 @@ async def _chosen(
     grant: Grant | None = request.scope.get(GRANT_IN_SCOPE)
     name = allowed(None if grant is None else grant.collections, names.pop() if names else None)
 
-    def read() -> Collection:
+    def read() -> CollectionRecord:
         with container.database.read() as session:
             return service.get(session, name)
 
@@ -101,10 +101,10 @@ def allowed(limits: frozenset[str] | None, named: str | None) -> str:
     return only
 
 
-def address(path: str, collection: Collection) -> str:
+def address(path: str, collection: CollectionRecord) -> str:
     """The address of a resource in a collection, valid for every key that may use it."""
     return path if collection == DEFAULT_COLLECTION else f"{path}?{PARAMETER}={collection.name}"
 
 
-InCollection = Annotated[Collection, Depends(_chosen)]
+InCollection = Annotated[CollectionRecord, Depends(_chosen)]
 """The parameter type of endpoints that work in a collection."""

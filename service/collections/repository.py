@@ -5,7 +5,7 @@ from datetime import UTC, datetime
 
 from sqlalchemy import delete, func, insert, select
 
-from service.collection import Collection, CollectionNumber, Counted
+from service.collection import CollectionNumber, CollectionRecord, Counted
 from service.errors import CollectionNotFoundError
 from service.storage.database import ReadSession, WriteSession
 from service.storage.job_states import ENDED
@@ -13,10 +13,10 @@ from service.storage.job_tables import JobRow
 from service.storage.tables import CollectionRow, DeletedRow, ShapeRow
 
 
-def by_name(session: ReadSession, name: str) -> Collection | None:
+def by_name(session: ReadSession, name: str) -> CollectionRecord | None:
     """The collection with a name."""
     number = session.scalar(select(CollectionRow.number).where(CollectionRow.name == name))
-    return None if number is None else Collection(CollectionNumber(number), name)
+    return None if number is None else CollectionRecord(CollectionNumber(number), name)
 
 
 def require(session: WriteSession, collection: CollectionNumber) -> None:

@@ -3,13 +3,13 @@
 from collections.abc import Collection as Several
 from datetime import UTC, datetime, timedelta
 
-from service.collection import DEFAULT_COLLECTION, Collection, Counted, is_name
+from service.collection import DEFAULT_COLLECTION, CollectionRecord, Counted, is_name
 from service.collections import repository
 from service.errors import BadRequestFieldsError, CollectionNotEmptyError, CollectionNotFoundError, FieldFault
 from service.storage.database import ReadSession, WriteSession
 
 
-def get(session: ReadSession, name: str) -> Collection:
+def get(session: ReadSession, name: str) -> CollectionRecord:
     """The collection with a name.
 
     Raises

@@ -19,7 +19,7 @@ _BYTE, _FLOAT, _UNSIGNED_INT = 5121, 5126, 5125
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class GlbPart:
     """One mesh of a GLB file.
 
     Attributes
@@ -43,7 +43,7 @@ class Part:
     colours: NDArray[np.uint8] = field(default_factory=lambda: np.empty((0, 4), np.uint8))
 
 
-def write_glb(parts: list[Part]) -> bytes:
+def write_glb(parts: list[GlbPart]) -> bytes:
     """A GLB of meshes side by side, each scaled to the same size, with y up.
 
     Positions are 32-bit floats in [-1, 1]. The matrix of a node places its mesh. Its `extras` have `middle`

@@ -9,7 +9,7 @@ from core.mesh.cleaning import merge_vertices
 from core.mesh.mesh import Mesh
 from core.mesh.simplification import decimate
 from service.rendering.colours import colours_of_points, interpolate_colours
-from service.rendering.glb import Part, write_glb
+from service.rendering.glb import GlbPart, write_glb
 from service.rendering.viewpoint import upright
 
 FACES = 20_000
@@ -50,11 +50,11 @@ def coloured(first: ComparedMesh, second: ComparedMesh, faces: int) -> bytes:
     return write_glb(parts)
 
 
-def _part(name: str, mesh: Mesh, format: str, faces: int) -> Part:
+def _part(name: str, mesh: Mesh, format: str, faces: int) -> GlbPart:
     """A mesh for display, simplified if it has more than `faces` faces."""
     shown = mesh
     if len(mesh.faces) > faces:
         # Decimation would separate faces without common vertices, as in STL.
         first, group = merge_vertices(mesh.vertices)
         shown = decimate(Mesh(mesh.vertices[first], group[mesh.faces]), faces / len(mesh.faces), seed=0)
-    return Part(name, format, shown.vertices, shown.faces, {"faces": len(mesh.faces)})
+    return GlbPart(name, format, shown.vertices, shown.faces, {"faces": len(mesh.faces)})

@@ -35,7 +35,7 @@ class PicturedResult:
 
 
 @dataclass(frozen=True)
-class Report:
+class MatchReport:
     """The contents of a report.
 
     Attributes
@@ -62,7 +62,7 @@ class Report:
     version: Version
 
 
-def page(report: Report) -> str:
+def page(report: MatchReport) -> str:
     """The report as a page. The same report always gives the same text."""
     title = f"Most similar to {escape(report.name)}"
     return "\n".join(
@@ -148,7 +148,7 @@ def _explained(answer: QueryAnswer) -> list[str]:
     return ["<h2>The scores</h2>", "<dl>", *told, "</dl>"]
 
 
-def _asked(report: Report) -> list[str]:
+def _asked(report: MatchReport) -> list[str]:
     given = {name: _written(value) for name, value in report.options.items() if value not in (None, [])}
     version = report.version
     made = {

@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 from hashlib import sha256
 
 from service.client import Client
-from service.report.page import PicturedResult, Report, page
+from service.report.page import MatchReport, PicturedResult, page
 from service.report.pictures import Preview, alone, matched
 from service.search.schemas import QueryAnswer, Result
 
@@ -50,7 +50,7 @@ def report(
         drawn()
         return PicturedResult(result, *pictures)
 
-    made = Report(
+    made = MatchReport(
         name=name,
         sha256=sha256(data).hexdigest(),
         picture=alone(query),

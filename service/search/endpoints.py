@@ -7,7 +7,7 @@ from fastapi import APIRouter, Depends, Query, Request, Response
 
 from core.io import format_of
 from core.mesh.mesh import Mesh
-from service.collection import Collection
+from service.collection import CollectionRecord
 from service.collections.dependencies import InCollection
 from service.container import Container
 from service.dependencies import Service
@@ -168,7 +168,7 @@ async def compare(
 
 
 async def _similar_to_stored(
-    request: Request, container: Container, collection: Collection, shape_id: str, options: QueryOptions
+    request: Request, container: Container, collection: CollectionRecord, shape_id: str, options: QueryOptions
 ) -> QueryAnswer:
     own = collection.number
     how = search_options(options, own, container.settings, exclude_self=True)

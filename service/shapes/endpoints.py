@@ -39,7 +39,7 @@ SHAPE = RequestBody(ShapeUpload)
 ShapeId = Annotated[str, Path(description="The id of a stored shape.", max_length=64)]
 
 
-class Listing(NamedInAddress, Filters):
+class ShapeListing(NamedInAddress, Filters):
     """A page of shapes, and their filter."""
 
     cursor: str | None = Field(
@@ -102,10 +102,10 @@ async def create_shape(
     "/shapes",
     summary="List shapes",
     responses=documented(*READ_PROBLEMS),
-    dependencies=[once_each(Listing)],
+    dependencies=[once_each(ShapeListing)],
 )
 def list_shapes(
-    listing: Annotated[Listing, Query()], container: Service, collection: InCollection
+    listing: Annotated[ShapeListing, Query()], container: Service, collection: InCollection
 ) -> ShapePage:
     """The stored shapes, the oldest first, a page at a time.
 

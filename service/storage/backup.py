@@ -15,14 +15,14 @@ from pathlib import Path
 
 from service.errors import ArchiveError
 from service.storage.archive_file import JOURNALS, check_version, connect, has_journal, put_in_place, reason
-from service.storage.checking import Report, check
+from service.storage.checking import CheckReport, check
 from service.storage.lock import ArchiveLock
 
 # Longer than the time limit of the service: a nightly backup may wait for a busy moment to pass.
 LOCK_SECONDS = 60.0
 
 
-def back_up(archive: Path, target: Path, *, replace: bool = False) -> Report:
+def back_up(archive: Path, target: Path, *, replace: bool = False) -> CheckReport:
     """Copy a running archive into a file.
 
     The copy shows one moment. With a rollback journal, writers wait while rows are copied, but not while the
@@ -36,7 +36,7 @@ def back_up(archive: Path, target: Path, *, replace: bool = False) -> Report:
 
     Returns
     -------
-    Report
+    CheckReport
         The content of the copy.
 
     Raises
@@ -59,7 +59,7 @@ def back_up(archive: Path, target: Path, *, replace: bool = False) -> Report:
     return report
 
 
-def restore(backup: Path, archive: Path, *, replace: bool = False) -> Report:
+def restore(backup: Path, archive: Path, *, replace: bool = False) -> CheckReport:
     """Replace an archive that no process uses with a backup.
 
     A service that starts on a backup of an older version migrates it.
@@ -72,7 +72,7 @@ def restore(backup: Path, archive: Path, *, replace: bool = False) -> Report:
 
     Returns
     -------
-    Report
+    CheckReport
         The content of the restored archive.
 
     Raises
@@ -121,7 +121,7 @@ def _beside(target: Path) -> Iterator[Path]:
             copy.with_name(copy.name + ending).unlink(missing_ok=True)
 
 
-def _checked(copy: Path, name: str) -> Report:
+def _checked(copy: Path, name: str) -> CheckReport:
     report = check(copy, lock_seconds=LOCK_SECONDS)
     if report.faults:
         raise ArchiveError(f"{name} is not whole: {'; '.join(report.faults)}")

@@ -61,7 +61,7 @@ COLLECTIONS = {
 
 
 @dataclass
-class Report:
+class CheckReport:
     """The content of an archive and its faults.
 
     Attributes
@@ -84,7 +84,7 @@ class Report:
     faults: list[str] = field(default_factory=list)
 
 
-def check(path: Path, *, lock_seconds: float) -> Report:
+def check(path: Path, *, lock_seconds: float) -> CheckReport:
     """Check the archive in a file; services may be using it.
 
     Raises
@@ -92,7 +92,7 @@ def check(path: Path, *, lock_seconds: float) -> Report:
     ArchiveError
         The file is not an archive, or a newer version wrote it.
     """
-    report = Report()
+    report = CheckReport()
     with closing(connect(path, lock_seconds=lock_seconds)) as connection:
         check_version(connection, path)
         for part in (_file, _references, _blobs, _embeddings):
@@ -103,7 +103,7 @@ def check(path: Path, *, lock_seconds: float) -> Report:
     return report
 
 
-def _file(connection: sqlite3.Connection, report: Report) -> None:
+def _file(connection: sqlite3.Connection, report: CheckReport) -> None:
     """Check pages, indexes and constraints with SQLite's own check, then foreign keys."""
     for (message,) in connection.execute(f"PRAGMA integrity_check({MOST_INTEGRITY_FAULTS})"):
         if message != "ok":
@@ -112,7 +112,7 @@ def _file(connection: sqlite3.Connection, report: Report) -> None:
         report.faults.append(f"{table} row {row} refers to a row of {parent} that is not there")
 
 
-def _references(connection: sqlite3.Connection, report: Report) -> None:
+def _references(connection: sqlite3.Connection, report: CheckReport) -> None:
     """Run the queries of `REFERENCES`, which foreign keys do not cover, in one transaction."""
     connection.execute("BEGIN")
     try:
@@ -125,7 +125,7 @@ def _references(connection: sqlite3.Connection, report: Report) -> None:
         connection.execute("ROLLBACK")
 
 
-def _blobs(connection: sqlite3.Connection, report: Report) -> None:
+def _blobs(connection: sqlite3.Connection, report: CheckReport) -> None:
     def check_blob(number: int, sha256: str, size: int, data: bytes) -> Iterator[str]:
         report.blobs += 1
         report.bytes += len(data)
@@ -137,7 +137,7 @@ def _blobs(connection: sqlite3.Connection, report: Report) -> None:
     _check_rows(connection, "blobs", "sha256, size, data", BLOBS_AT_ONCE, check_blob, report)
 
 
-def _embeddings(connection: sqlite3.Connection, report: Report) -> None:
+def _embeddings(connection: sqlite3.Connection, report: CheckReport) -> None:
     dimensions: dict[str, object] = {}
 
     def check_embedding(number: int, fingerprint: str, signature: bytes, record: bytes) -> Iterator[str]:
@@ -170,7 +170,7 @@ def _check_rows(
     columns: str,
     at_once: int,
     faults_of: Callable[..., Iterator[str]],
-    report: Report,
+    report: CheckReport,
 ) -> None:
     """Check all rows of a table in the order of their numbers."""
     query = f"SELECT number, {columns} FROM {table} WHERE number > ? ORDER BY number LIMIT ?"

@@ -12,7 +12,7 @@ from core.evaluation.retrieval_measures import Evaluation, evaluate
 from core.parameters import DEFAULT, Parameters
 from core.pipeline import Pipeline
 from service.console import fail, progress, say
-from service.studies.baselines.methods import Method, MissingPeerError, load
+from service.studies.baselines.methods import BaselineName, MissingPeerError, load
 from service.studies.baselines.scoring import describe_files, distance_matrix
 from service.studies.pairwise_scores import PairScores, embed_files, score_pairs, worker_pool
 
@@ -43,7 +43,7 @@ def score_collection(
 
 
 def score_baseline(
-    files: Sequence[tuple[Path, str]], method: Method, workers: int
+    files: Sequence[tuple[Path, str]], method: BaselineName, workers: int
 ) -> tuple[list[str], NDArray[np.float64]]:
     """Labels of the files that a baseline can use, and its distances between them, shape (n, n)."""
     ready(method)
@@ -57,7 +57,7 @@ def score_baseline(
     return labels, distances
 
 
-def ready(method: Method) -> None:
+def ready(method: BaselineName) -> None:
     """End the command if the library of the method is not installed."""
     try:
         load(method)

@@ -13,7 +13,7 @@ from core.mesh.mesh import Mesh
 from core.sampling.farthest_point import farthest_points
 from core.sampling.sampling import keyed_uniform
 from core.studies.sampling.measures import distance_histogram, region_shares, total_variation
-from core.studies.sampling.surface import METHODS, Method, Surface
+from core.studies.sampling.surface import METHODS, SamplingMethod, Surface
 
 DELTAS = (0.0015, 0.005, 0.01)
 ROBUST_TAU = 0.3
@@ -77,7 +77,7 @@ def regions_of(surface: Surface, count: int = REGIONS) -> Ints:
 
 
 def unrest(
-    surface: Surface, samples: Mapping[Method, Ints], disturbed: Surface, delta: float
+    surface: Surface, samples: Mapping[SamplingMethod, Ints], disturbed: Surface, delta: float
 ) -> list[NoiseSensitivity]:
     """Noise sensitivity of each method, with as many samples of the noisy surface."""
     regions = regions_of(surface)

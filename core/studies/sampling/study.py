@@ -69,7 +69,7 @@ class PoseMeasures:
 
 
 @dataclass(frozen=True)
-class Study:
+class SamplingStudy:
     """Several shapes, and several poses of one body."""
 
     shapes: tuple[ShapeMeasures, ...]

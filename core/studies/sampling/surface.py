@@ -11,7 +11,7 @@ from scipy.sparse.csgraph import dijkstra
 from core.arrays import Floats, Ints
 from core.graph.edge_graph import edge_graph
 from core.mesh.mesh import Mesh
-from core.mesh.normal_frame import Frame
+from core.mesh.normal_frame import NormalFrame
 from core.parameters import DEFAULT, Parameters
 from core.pipeline import Pipeline
 from core.sampling.farthest_point import farthest_points
@@ -35,7 +35,7 @@ Way = Literal["cut", "draw", "covering", "poisson-disk", "farthest-point"]
 
 
 @dataclass(frozen=True)
-class Method:
+class SamplingMethod:
     """A sampling method; with Lewis weights, whether r1 and r2 are as printed or normalised."""
 
     way: Way
@@ -52,8 +52,8 @@ class Method:
         return f"{self.way}-printed" if self.printed else self.way
 
 
-OURS = tuple(Method(way, printed) for way in ("cut", "draw", "covering") for printed in (True, False))
-OTHERS = (Method("poisson-disk"), Method("farthest-point"))
+OURS = tuple(SamplingMethod(way, printed) for way in ("cut", "draw", "covering") for printed in (True, False))
+OTHERS = (SamplingMethod("poisson-disk"), SamplingMethod("farthest-point"))
 METHODS = OURS + OTHERS
 
 
@@ -67,13 +67,13 @@ class Surface:
         The mesh of n vertices, in units of the shape's root mean square radius.
     cleaned : Mesh
         The cleaned mesh before refinement or simplification, in the file's frame and units.
-    frame : Frame
+    frame : NormalFrame
         The transform from the file's frame to the normal frame.
     """
 
     mesh: Mesh
     cleaned: Mesh
-    frame: Frame
+    frame: NormalFrame
 
     @classmethod
     def of(cls, mesh: Mesh) -> "Surface":
@@ -130,7 +130,7 @@ class Surface:
     def _uniform(self) -> Floats:
         return keyed_uniform(self.mesh.vertices, STUDY_PARAMETERS.sampling.seed)
 
-    def select(self, method: Method, count: int) -> Ints:
+    def select(self, method: SamplingMethod, count: int) -> Ints:
         """The samples of a method, shape (count,); random methods are seeded and repeatable."""
         points = self.mesh.vertices
         match method.way:
@@ -148,7 +148,7 @@ class Surface:
             case "farthest-point":
                 return farthest_points(self.graph, count, int(np.argmax((points**2).sum(axis=1))))
 
-    def probability(self, method: Method, count: int) -> Floats | None:
+    def probability(self, method: SamplingMethod, count: int) -> Floats | None:
         """Inclusion probability of each vertex, shape (n,); None for a deterministic method."""
         if method.way != "draw":
             return None

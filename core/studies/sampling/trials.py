@@ -16,7 +16,7 @@ from core.studies.sampling.measures import (
     sampled_fit_residuals,
     total_variation,
 )
-from core.studies.sampling.surface import METHODS, STUDY_PARAMETERS, Method, Surface
+from core.studies.sampling.surface import METHODS, STUDY_PARAMETERS, SamplingMethod, Surface
 
 DEGREES = (4, 5, 6)
 TAUS = (0.1, 0.2, 0.5)
@@ -24,7 +24,7 @@ COMPARED_TAU = 0.1
 """Sparse ratio for the comparison of methods: dense enough for every fit, sparse enough for differences."""
 
 CURVE_TAUS = (0.05, 0.1, 0.2, 0.3, 0.5)
-Samples = Mapping[Method, Mapping[float, Ints]]
+Samples = Mapping[SamplingMethod, Mapping[float, Ints]]
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ def fit_errors(surface: Surface) -> tuple[float, ...]:
     return tuple(root_mean_square(fit_residuals(surface.mesh.vertices, degree)) for degree in DEGREES)
 
 
-def steadiness(surface: Surface, method: Method, samples: Mapping[float, Ints]) -> Stability:
+def steadiness(surface: Surface, method: SamplingMethod, samples: Mapping[float, Ints]) -> Stability:
     """Fig. 3a for one method, from its samples at each of `TAUS`."""
     whole = distance_histogram(surface.distances)
     found = [distance_histogram(surface.between(samples[tau])) for tau in TAUS]
@@ -96,7 +96,7 @@ def steadiness(surface: Surface, method: Method, samples: Mapping[float, Ints]) 
     )
 
 
-def quality(surface: Surface, method: Method, samples: Mapping[float, Ints]) -> Quality:
+def quality(surface: Surface, method: SamplingMethod, samples: Mapping[float, Ints]) -> Quality:
     """Fig. 3b for one method, from its samples at each of `CURVE_TAUS`."""
     points, areas, chosen = surface.mesh.vertices, surface.areas, samples[COMPARED_TAU]
     laid = coverage(surface.distances, areas, chosen)

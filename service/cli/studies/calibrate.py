@@ -13,7 +13,7 @@ from rich.table import Table
 
 from core.arrays import Floats
 from core.errors import ParameterError
-from core.evaluation.calibration import Collection
+from core.evaluation.calibration import LabelledPairs
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
 from core.ranking.class_probability import spin_image_features
@@ -22,7 +22,7 @@ from service.console import fail, output, progress, say
 from service.datasets import read_collection
 from service.studies.calibration.page import COLUMNS, constants, page, summary
 from service.studies.calibration.part_pairs import LEVELS, part_pairs
-from service.studies.calibration.study import Study, study
+from service.studies.calibration.study import CalibrationStudy, study
 from service.studies.pairwise_scores import PairScores, default_workers, worker_pool
 from service.studies.retrieval import score_collection
 from service.studies.robustness.perturbed_queries import clean_gallery
@@ -73,7 +73,7 @@ def command(
         short += len(files) - len(labels)
         names.append(folder.resolve().name)
         complete = ~scores.part if scores.part.any() else None
-        collections.append(Collection(tuple(labels), _features(scores), complete))
+        collections.append(LabelledPairs(tuple(labels), _features(scores), complete))
     _check([collection.labels for collection in collections], "")
     incomplete = [_incomplete(files, workers or default_workers()) for files in sampled]
     try:
@@ -97,7 +97,7 @@ def _features(scores: PairScores) -> Floats:
     return spin_image_features(whole, scores.descriptor_distance)
 
 
-def _incomplete(files: list[tuple[Path, str]], workers: int) -> list[Collection]:
+def _incomplete(files: list[tuple[Path, str]], workers: int) -> list[LabelledPairs]:
     with worker_pool(DEFAULT, workers) as pool, progress() as bar:
         task = bar.add_task("embedding", total=len(files))
         gallery = clean_gallery(pool, files, lambda _: None, lambda n: bar.advance(task, n))
@@ -117,7 +117,7 @@ def _limited(limit: int | None, parts: int) -> str:
     return limited + (f" --parts {parts}" if parts != PARTS else "")
 
 
-def _print(found: Study) -> None:
+def _print(found: CalibrationStudy) -> None:
     table = Table(
         title="each class judged by a model fitted without it", box=box.SIMPLE_HEAD, collapse_padding=True
     )
@@ -129,7 +129,7 @@ def _print(found: Study) -> None:
     typer.echo(constants(found))
 
 
-def _write(folder: Path, found: Study, made_by: str) -> None:
+def _write(folder: Path, found: CalibrationStudy, made_by: str) -> None:
     # Here, because matplotlib takes a second to import and only this option draws.
     from service.studies.calibration.figure import reliability_figure  # noqa: PLC0415
 

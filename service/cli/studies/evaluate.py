@@ -17,7 +17,7 @@ from core.parameters import DEFAULT, PAPER
 from service.cli.options import Workers
 from service.console import fail, output
 from service.datasets import read_collection
-from service.studies.baselines.methods import Method
+from service.studies.baselines.methods import BaselineName
 from service.studies.pairwise_scores import default_workers
 from service.studies.retrieval import Ranking, evaluate_ranking, score_baseline, score_collection
 from service.studies.subset import spread
@@ -36,7 +36,7 @@ class RankBy(StrEnum):
 
 
 @dataclass(frozen=True)
-class Report:
+class RetrievalReport:
     """One evaluation of a collection; `setting` names the parameters or the baseline."""
 
     collection: str
@@ -106,12 +106,14 @@ def command(
             parameters = parameters.with_values(sample_cap=0)
         labels, scores = score_collection(files, parameters, workers or default_workers())
         reports = [
-            Report(name, setting, ranking.value, evaluate_ranking(scores, labels, ranking))
+            RetrievalReport(name, setting, ranking.value, evaluate_ranking(scores, labels, ranking))
             for ranking in _rankings(rank_by or [RankBy.CC])
         ]
     else:
-        labels, distances = score_baseline(files, Method(method), workers or default_workers())
-        reports = [Report(name, method, "distance", evaluate(distances, labels, larger_is_closer=False))]
+        labels, distances = score_baseline(files, BaselineName(method), workers or default_workers())
+        reports = [
+            RetrievalReport(name, method, "distance", evaluate(distances, labels, larger_is_closer=False))
+        ]
     if as_json:
         objects = [report.as_json() for report in reports]
         typer.echo(json.dumps(objects[0] if len(objects) == 1 else objects))
@@ -127,7 +129,7 @@ def _rankings(chosen: Sequence[RankBy]) -> list[Ranking]:
     return [Ranking(choice) for choice in dict.fromkeys(chosen)]
 
 
-def _print(console: Console, reports: list[Report]) -> None:
+def _print(console: Console, reports: list[RetrievalReport]) -> None:
     first = reports[0]
     kind = "method" if first.rank_by == "distance" else "setting"
     overall = Table(
@@ -146,7 +148,7 @@ def _print(console: Console, reports: list[Report]) -> None:
         console.print(_class_table(report))
 
 
-def _class_table(report: Report) -> Table:
+def _class_table(report: RetrievalReport) -> Table:
     table = Table(title=f"by class, ranked by {report.rank_by}", box=box.SIMPLE_HEAD, collapse_padding=True)
     table.add_column("class")
     for name in ("shapes", "NN", "FT", "ST"):

@@ -11,7 +11,7 @@ from rich import box
 from rich.table import Table
 
 from core.parameters import DEFAULT
-from core.studies.robustness import KINDS, TAU, TAUS, Study
+from core.studies.robustness import KINDS, TAU, TAUS, RobustnessStudy
 from service.cli.options import Workers
 from service.console import fail, output, progress, say
 from service.datasets import read_collection
@@ -76,7 +76,7 @@ def command(
 
 def _study(
     collection: str, files: list[tuple[Path, str]], chosen: set[str], seeds: int, workers: int
-) -> tuple[Study, int]:
+) -> tuple[RobustnessStudy, int]:
     """The study, and the number of files used; a message names each file that cannot be used."""
     levels = []
     kinds = [kind for kind in KINDS if kind.name in chosen]
@@ -102,11 +102,11 @@ def _study(
         if TAU in chosen:
             task = bar.add_task(TAU, total=2 * count * len(TAUS))
             levels += [tau_level(gallery, tau, workers, say, partial(bar.advance, task)) for tau in TAUS]
-    study = Study(collection, count, len(set(gallery.labels)), seeds, clean, tuple(levels))
+    study = RobustnessStudy(collection, count, len(set(gallery.labels)), seeds, clean, tuple(levels))
     return study, count
 
 
-def _print(study: Study) -> None:
+def _print(study: RobustnessStudy) -> None:
     found = table(study)
     shown = Table(title=found.title, box=box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
     for i, column in enumerate(found.columns):
@@ -118,7 +118,7 @@ def _print(study: Study) -> None:
     console.print(found.shows)
 
 
-def _write(folder: Path, study: Study, command: str) -> None:
+def _write(folder: Path, study: RobustnessStudy, command: str) -> None:
     # Here, and not above: see the note in `service.cli.studies.sampling`.
     from service.studies.robustness.figures import curves_figure, shapes_figure  # noqa: PLC0415
     from service.studies.robustness.page import page  # noqa: PLC0415

@@ -19,7 +19,7 @@ from core.gallery.poses_of_one_person import make_person
 from core.io import READABLE, format_of, read_mesh
 from core.mesh.mesh import Mesh
 from core.studies.sampling.robustness import DELTAS, ROBUST_TAU
-from core.studies.sampling.study import PoseMeasures, ShapeMeasures, Study, study_pose, study_shape
+from core.studies.sampling.study import PoseMeasures, SamplingStudy, ShapeMeasures, study_pose, study_shape
 from core.studies.sampling.surface import STUDY_PARAMETERS, Surface
 from core.studies.sampling.trials import COMPARED_TAU, CURVE_TAUS, DEGREES, TAUS
 from service.console import fail, output, progress, say
@@ -78,7 +78,7 @@ def command(
             surface = Surface.of(read())
             standing.append((study_pose(name, surface), surface))
             bar.advance(task)
-        study = Study(tuple(found), tuple(measures for measures, _ in standing))
+        study = SamplingStudy(tuple(found), tuple(measures for measures, _ in standing))
         tables = all_tables(study)
         if out is not None:
             text = page(
@@ -117,7 +117,7 @@ def _read(path: Path) -> Mesh:
     return read_mesh(path.read_bytes(), format_of(path.name))
 
 
-def _source(study: Study, *, made: bool) -> str:
+def _source(study: SamplingStudy, *, made: bool) -> str:
     if made:
         return (
             f"Written by `isoshape sampling --out docs`: pose 0 of each of the gallery's {len(study.shapes)} "
@@ -126,7 +126,7 @@ def _source(study: Study, *, made: bool) -> str:
     return f"Written by `isoshape sampling`, on {len(study.shapes)} mesh file(s)."
 
 
-def _object(study: Study) -> dict[str, object]:
+def _object(study: SamplingStudy) -> dict[str, object]:
     """The object that `--json` prints."""
     return {
         "degrees": DEGREES,
@@ -157,7 +157,7 @@ def _print(tables: Sequence[TextTable]) -> None:
         console.print(text.shows, end="\n\n")
 
 
-def _write(folder: Path, text: str, drawn: Surface, study: Study, poses: Sequence[Surface]) -> None:
+def _write(folder: Path, text: str, drawn: Surface, study: SamplingStudy, poses: Sequence[Surface]) -> None:
     # Here, because matplotlib takes a second to import and needs a folder for its fonts, which a service on a
     # read-only disk does not have.
     from service.studies.sampling.figures import (  # noqa: PLC0415

@@ -15,7 +15,7 @@ from core.studies.published_figures import ALL_CATEGORIES, METHODS, TABLE_2, Cat
 from service.cli.options import Workers
 from service.console import fail, say
 from service.datasets import read_collection
-from service.studies.baselines.methods import Method
+from service.studies.baselines.methods import BaselineName
 from service.studies.pairwise_scores import default_workers
 from service.studies.retrieval import Ranking, evaluate_ranking, ready, score_baseline, score_collection
 from service.studies.subset import spread
@@ -75,7 +75,7 @@ def command(
     files = read_collection(folder)
     if limit is not None:
         files = spread(files, limit)
-    methods = list(Method) if baselines else []
+    methods = list(BaselineName) if baselines else []
     for method in methods:
         ready(method)
     labels, scores = score_collection(

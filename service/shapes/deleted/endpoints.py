@@ -21,7 +21,7 @@ from service.shapes.schemas import Shape
 router = APIRouter(tags=["shapes"])
 
 
-class Listing(NamedInAddress):
+class DeletedListing(NamedInAddress):
     """A page of deleted shapes."""
 
     model_config = ConfigDict(extra="forbid")
@@ -72,10 +72,10 @@ async def restore_shape(
     "/deleted",
     summary="List deleted shapes",
     responses=documented(*READ_PROBLEMS),
-    dependencies=[once_each(Listing)],
+    dependencies=[once_each(DeletedListing)],
 )
 def list_deleted(
-    listing: Annotated[Listing, Query()], container: Service, collection: InCollection
+    listing: Annotated[DeletedListing, Query()], container: Service, collection: InCollection
 ) -> DeletedShapePage:
     """The shapes that can be restored, those deleted first before the others, a page at a time."""
     after, keep = read_cursor(listing.cursor), container.settings.undo_time

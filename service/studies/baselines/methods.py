@@ -16,7 +16,7 @@ Description = NDArray[Any]
 """The description of a shape; the method determines its type and dimensions."""
 
 
-class Method(StrEnum):
+class BaselineName(StrEnum):
     """The name of a baseline."""
 
     SHAPEDNA = "shapedna"
@@ -45,7 +45,7 @@ class MissingPeerError(Exception):
     """The library of a baseline is not installed; the message names it and the command that installs it."""
 
 
-def load(method: Method) -> Baseline:
+def load(method: BaselineName) -> Baseline:
     """Import a baseline.
 
     Raises
@@ -55,23 +55,23 @@ def load(method: Method) -> Baseline:
     """
     try:
         match method:
-            case Method.SHAPEDNA:
+            case BaselineName.SHAPEDNA:
                 from service.studies.baselines import shapedna  # noqa: PLC0415  optional
 
                 return Baseline(shapedna.describe, shapedna.compare)
-            case Method.ICP:
+            case BaselineName.ICP:
                 from service.studies.baselines import icp  # noqa: PLC0415  beside the others
 
                 return Baseline(icp.describe, icp.compare)
-            case Method.MDS:
+            case BaselineName.MDS:
                 from service.studies.baselines import mds  # noqa: PLC0415  optional
 
                 return Baseline(mds.describe, mds.compare)
-            case Method.D2:
+            case BaselineName.D2:
                 from service.studies.baselines import d2  # noqa: PLC0415  beside the others
 
                 return Baseline(d2.describe, d2.compare)
-            case Method.VIEWS:
+            case BaselineName.VIEWS:
                 from service.studies.baselines import views  # noqa: PLC0415  beside the others
 
                 return Baseline(views.describe, views.compare)

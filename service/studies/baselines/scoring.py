@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 
 from core.errors import CoreError
 from core.io import format_of, read_mesh
-from service.studies.baselines.methods import Baseline, Description, Method, load
+from service.studies.baselines.methods import Baseline, BaselineName, Description, load
 
 Floats = NDArray[np.float64]
 
 
 def describe_files(
-    pool: Executor, method: Method, paths: Sequence[Path], done: Callable[[int], None]
+    pool: Executor, method: BaselineName, paths: Sequence[Path], done: Callable[[int], None]
 ) -> list[Description | str]:
     """The description of each file, or the reason why there is none; `done` receives the number finished."""
     results: list[Description | str] = []
@@ -29,7 +29,7 @@ def describe_files(
 
 
 def distance_matrix(
-    pool: Executor, method: Method, descriptions: Sequence[Description], done: Callable[[int], None]
+    pool: Executor, method: BaselineName, descriptions: Sequence[Description], done: Callable[[int], None]
 ) -> Floats:
     """Distances of all pairs, shape (n, n); each pair is compared once."""
     n = len(descriptions)
@@ -43,7 +43,7 @@ def distance_matrix(
     return distances
 
 
-def _describe(method: Method, path: Path) -> Description | str:
+def _describe(method: BaselineName, path: Path) -> Description | str:
     try:
         return _baseline(method).describe(read_mesh(path.read_bytes(), format_of(path.name)))
     except CoreError as error:
@@ -55,13 +55,13 @@ def _describe(method: Method, path: Path) -> Description | str:
         return f"{type(error).__name__}: {error}"
 
 
-def _compare(method: Method, path: Path, i: int) -> Floats:
+def _compare(method: BaselineName, path: Path, i: int) -> Floats:
     descriptions = _load(path)
     return _baseline(method).compare(descriptions[i], descriptions[i + 1 :])
 
 
 @cache
-def _baseline(method: Method) -> Baseline:
+def _baseline(method: BaselineName) -> Baseline:
     return load(method)
 
 

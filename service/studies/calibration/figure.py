@@ -5,12 +5,12 @@ from matplotlib.figure import Figure
 
 from core.evaluation.calibration import BINS, Reliability
 from service.rendering.drawing import png
-from service.studies.calibration.study import Study
+from service.studies.calibration.study import CalibrationStudy
 
 _COLOUR = "#0072b2"
 
 
-def reliability_figure(study: Study) -> bytes:
+def reliability_figure(study: CalibrationStudy) -> bytes:
     """A PNG: for all collections together and for each, the share of one class by the probability given."""
     panels = [("all together", study.together)]
     panels += [(one.name, one.reliability) for one in study.collections]

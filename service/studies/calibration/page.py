@@ -4,7 +4,7 @@ from textwrap import fill
 
 from core.evaluation.calibration import BINS, Reliability
 from core.ranking.class_probability import Calibration
-from service.studies.calibration.study import UPPER, Study
+from service.studies.calibration.study import UPPER, CalibrationStudy
 
 DIGITS = 4
 
@@ -17,7 +17,7 @@ COLUMNS = (
 )  # fmt: skip
 
 
-def constants(study: Study) -> str:
+def constants(study: CalibrationStudy) -> str:
     """The assignments that `core/ranking/class_probability.py` holds."""
     models = {
         "CALIBRATED": study.model,
@@ -33,7 +33,7 @@ def _constant(model: Calibration) -> str:
     return f"Calibration(intercept={model.intercept:.{DIGITS}f}, slopes=({slopes}))"
 
 
-def summary(study: Study) -> list[tuple[str, ...]]:
+def summary(study: CalibrationStudy) -> list[tuple[str, ...]]:
     """A row for all collections together, and one for each."""
     rows: list[tuple[str, ...]] = [("all together", "", "", *_errors(study.together), "", "", "")]
     for one in study.collections:
@@ -42,7 +42,7 @@ def summary(study: Study) -> list[tuple[str, ...]]:
     return rows
 
 
-def page(study: Study, command: str) -> str:
+def page(study: CalibrationStudy, command: str) -> str:
     """The text of calibration.md, beside its picture; `command` is what made it."""
     parts = [
         "# Calibration of `combined`",

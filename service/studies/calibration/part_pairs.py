@@ -8,9 +8,9 @@ import numpy as np
 
 from core.arrays import Floats
 from core.descriptors.descriptor_distance import descriptor_distance
-from core.evaluation.calibration import Collection
+from core.evaluation.calibration import LabelledPairs
 from core.ranking.class_probability import part_features
-from core.studies.robustness import KINDS, Kind
+from core.studies.robustness import KINDS, Perturbation
 from service.studies.robustness.perturbed_queries import Done, Gallery, Told, on_disk, perturbed_query
 
 SEED = 0
@@ -19,7 +19,7 @@ LEVELS = [(kind, amount) for kind in KINDS if kind.part for amount in kind.amoun
 """Perturbations that make shapes incomplete, and their amounts."""
 
 
-def part_pairs(pool: Executor, gallery: Gallery, tell: Told, done: Done) -> list[Collection]:
+def part_pairs(pool: Executor, gallery: Gallery, tell: Told, done: Done) -> list[LabelledPairs]:
     """For each of `LEVELS`, the features of shapes that look incomplete after it and of all clean ones."""
     count = len(gallery.files)
     found = []
@@ -33,11 +33,11 @@ def part_pairs(pool: Executor, gallery: Gallery, tell: Told, done: Done) -> list
                 elif row is not None:
                     features[i], asked[i] = row, True
                 done(1)
-            found.append(Collection(gallery.labels, features, asked))
+            found.append(LabelledPairs(gallery.labels, features, asked))
     return found
 
 
-def _features(stored: Path, kind: Kind, amount: float, path: Path) -> Floats | str | None:
+def _features(stored: Path, kind: Perturbation, amount: float, path: Path) -> Floats | str | None:
     """Features of a perturbed file and the gallery, shape (n, 1); None if the shape looks complete."""
     asked = perturbed_query(stored, kind, amount, SEED, path)
     if isinstance(asked, str):

@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 
 from core.arrays import Floats
-from core.evaluation.calibration import Collection, Reliability, fit, leave_class_out, reliability
+from core.evaluation.calibration import LabelledPairs, Reliability, fit, leave_class_out, reliability
 from core.evaluation.retrieval_measures import Evaluation, evaluate
 from core.ranking.class_probability import Calibration
 
@@ -56,7 +56,7 @@ class Incomplete:
 
 
 @dataclass(frozen=True, eq=False)
-class Study:
+class CalibrationStudy:
     """The model of all pairs, and the errors of the models fitted without each class.
 
     Attributes
@@ -102,16 +102,16 @@ class Study:
 
 
 def study(
-    names: Sequence[str], collections: Sequence[Collection], incomplete: Sequence[Sequence[Collection]]
-) -> Study:
+    names: Sequence[str], collections: Sequence[LabelledPairs], incomplete: Sequence[Sequence[LabelledPairs]]
+) -> CalibrationStudy:
     """Fit the model to all pairs, and judge each class by the model fitted without it.
 
     Parameters
     ----------
     names : sequence of str
-    collections : sequence of Collection
+    collections : sequence of LabelledPairs
         One per name, with the features of `core.ranking.class_probability.spin_image_features`.
-    incomplete : sequence of sequence of Collection
+    incomplete : sequence of sequence of LabelledPairs
         Several per name, with the features of `core.ranking.class_probability.part_features`.
 
     Raises
@@ -120,7 +120,7 @@ def study(
         Without one of the classes, all pairs have the same label.
     """
     probabilities = leave_class_out(collections)
-    return Study(
+    return CalibrationStudy(
         model=fit(collections),
         without_spin_images=fit([replace(one, features=one.features[..., :-1]) for one in collections]),
         collections=tuple(
@@ -132,7 +132,7 @@ def study(
     )
 
 
-def _incomplete(collections: Sequence[Collection]) -> Incomplete:
+def _incomplete(collections: Sequence[LabelledPairs]) -> Incomplete:
     probabilities = leave_class_out(collections)
     right: list[bool] = []
     for collection, given in zip(collections, probabilities, strict=True):
@@ -148,7 +148,7 @@ def _incomplete(collections: Sequence[Collection]) -> Incomplete:
     )
 
 
-def _judged(name: str, collection: Collection, probabilities: Floats) -> Judged:
+def _judged(name: str, collection: LabelledPairs, probabilities: Floats) -> Judged:
     return Judged(
         name=name,
         shapes=len(collection.labels),

@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from core.gallery import make_shape
-from core.studies.robustness import KINDS, Level, Study
+from core.studies.robustness import KINDS, Level, RobustnessStudy
 from service.rendering.drawing import Panel, draw_grid
 from service.studies.robustness.table import TITLES, UNITS, amount_of
 
@@ -17,7 +17,7 @@ _COLUMNS = 4
 SHOWN = "person"
 
 
-def curves_figure(study: Study) -> bytes:
+def curves_figure(study: RobustnessStudy) -> bytes:
     """A PNG with one chart per perturbation: NN against amount, with bars over the range of the seeds."""
     kinds = [(kind, list(levels)) for kind, levels in groupby(study.levels, key=lambda level: level.kind)]
     height = -(-len(kinds) // _COLUMNS)
@@ -60,7 +60,7 @@ def shapes_figure() -> bytes:
     return draw_grid([panels[i : i + _COLUMNS] for i in range(0, len(panels), _COLUMNS)])
 
 
-def _curves(axes: Axes, study: Study, levels: list[Level]) -> None:
+def _curves(axes: Axes, study: RobustnessStudy, levels: list[Level]) -> None:
     places = range(len(levels))
     for rank_by, colour in _COLOURS.items():
         if any(getattr(run, rank_by) is None for run in levels[0].runs):

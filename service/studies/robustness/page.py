@@ -4,7 +4,7 @@ from textwrap import fill
 
 from core.mesh.simplification import MOST_WORK, SHORT
 from core.studies.perturbation import DISCS, LARGE_FACE, PARTS, SPLIT_TO
-from core.studies.robustness import TAU_CAP, TAU_VERTICES, Study
+from core.studies.robustness import TAU_CAP, TAU_VERTICES, RobustnessStudy
 from service.studies.robustness.figures import SHOWN
 from service.studies.robustness.table import table
 
@@ -38,7 +38,7 @@ _TERMS = (
 )
 
 
-def page(study: Study, command: str) -> str:
+def page(study: RobustnessStudy, command: str) -> str:
     """The whole page; `command` is what made it."""
     found = table(study)
     rules = ["---", *["---:"] * (len(found.columns) - 1)]

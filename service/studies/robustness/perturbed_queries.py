@@ -23,7 +23,7 @@ from core.mesh.cleaning import clean
 from core.mesh.mesh import Mesh
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
-from core.studies.robustness import TAU, Kind, Level, Retrieval, nearest_neighbour, tau_parameters
+from core.studies.robustness import TAU, Level, Perturbation, Retrieval, nearest_neighbour, tau_parameters
 from service.studies.pairwise_scores import embed_files, score_pairs, worker_pool
 
 Told = Callable[[str], None]
@@ -80,7 +80,7 @@ def perturbed_level(
     pool: Executor,
     gallery: Gallery,
     stored: Path,
-    kind: Kind,
+    kind: Perturbation,
     amount: float,
     seeds: int,
     tell: Told,
@@ -157,7 +157,9 @@ class ScoredQuery:
     scores: Scores
 
 
-def perturbed_query(stored: Path, kind: Kind, amount: float, seed: int, path: Path) -> ScoredQuery | str:
+def perturbed_query(
+    stored: Path, kind: Perturbation, amount: float, seed: int, path: Path
+) -> ScoredQuery | str:
     """A perturbed file as a query to the gallery, or the reason why it cannot be."""
     pipeline, gallery = _pipeline(), _load(stored)
     try:
@@ -171,7 +173,7 @@ def perturbed_query(stored: Path, kind: Kind, amount: float, seed: int, path: Pa
         return f"{type(error).__name__}: {error}"
 
 
-def _query(stored: Path, kind: Kind, amount: float, seed: int, path: Path) -> dict[str, Floats] | str:
+def _query(stored: Path, kind: Perturbation, amount: float, seed: int, path: Path) -> dict[str, Floats] | str:
     """The similarity of a perturbed file to each clean shape, (n,) by score; or why there is none."""
     asked = perturbed_query(stored, kind, amount, seed, path)
     if isinstance(asked, str):

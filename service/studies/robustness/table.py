@@ -1,6 +1,6 @@
 """Retrieval of perturbed queries as a table of text."""
 
-from core.studies.robustness import KINDS, TAU, TAU_VERTICES, Level, Study
+from core.studies.robustness import KINDS, TAU, TAU_VERTICES, Level, RobustnessStudy
 from service.studies.sampling.tables import TextTable
 
 TITLES = {TAU: "sparse ratio tau", **{kind.name: kind.title for kind in KINDS}}
@@ -14,7 +14,7 @@ def amount_of(level: Level) -> str:
     return f"{level.amount:g}" if level.kind == TAU else f"{100 * level.amount:g}"
 
 
-def table(study: Study) -> TextTable:
+def table(study: RobustnessStudy) -> TextTable:
     """NN by CC, by the combined score and of parts, with the loss in points against clean queries."""
     rows: list[tuple[str, ...]] = [
         ("none", "", f"{study.clean.cc:.3f}", "", f"{study.clean.combined:.3f}", *[""] * 5)
@@ -40,7 +40,7 @@ def table(study: Study) -> TextTable:
     )
 
 
-def _row(study: Study, level: Level) -> tuple[str, ...]:
+def _row(study: RobustnessStudy, level: Level) -> tuple[str, ...]:
     cells = []
     for rank_by, clean in CLEAN.items():
         if any(getattr(run, rank_by) is None for run in level.runs):

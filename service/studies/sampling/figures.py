@@ -11,7 +11,7 @@ from core.arrays import Floats
 from core.studies.sampling.measures import BINS, distance_histogram, fit_residuals
 from core.studies.sampling.robustness import DELTAS, ROBUST_TAU, noisy
 from core.studies.sampling.study import ShapeMeasures
-from core.studies.sampling.surface import METHODS, OURS, Method, Surface
+from core.studies.sampling.surface import METHODS, OURS, SamplingMethod, Surface
 from core.studies.sampling.trials import COMPARED_TAU, CURVE_TAUS, DEGREES, TAUS
 from service.studies.sampling.picture import Picture
 from service.studies.sampling.tables import title_of
@@ -24,7 +24,7 @@ _COLOURS = {
     "poisson-disk": "#222222",
     "farthest-point": "#009e73",
 }
-_SHOWN = (Method("cut", printed=True), Method("cut"), Method("covering"))
+_SHOWN = (SamplingMethod("cut", printed=True), SamplingMethod("cut"), SamplingMethod("covering"))
 """The methods in the figures of noise and poses: the paper's selection and the default one."""
 
 

@@ -7,14 +7,14 @@ import numpy as np
 
 from core.arrays import Floats
 from core.studies.sampling.robustness import DELTAS, ROBUST_TAU
-from core.studies.sampling.study import ShapeMeasures, Study, variations
-from core.studies.sampling.surface import METHODS, OTHERS, OURS, Method
+from core.studies.sampling.study import SamplingStudy, ShapeMeasures, variations
+from core.studies.sampling.surface import METHODS, OTHERS, OURS, SamplingMethod
 from core.studies.sampling.trials import COMPARED_TAU, CURVE_TAUS, DEGREES, TAUS
 
 EXACT = 1e-9
 """A best fit with less error than this part of the scale is exact, and no ratio is taken to it."""
 
-PAPER_METHOD = Method("cut", printed=True)
+PAPER_METHOD = SamplingMethod("cut", printed=True)
 """The paper's own selection, to the letter."""
 
 _WAYS = {
@@ -36,7 +36,7 @@ class TextTable:
     shows: str
 
 
-def title_of(method: Method) -> str:
+def title_of(method: SamplingMethod) -> str:
     """The method's name in tables and pictures."""
     reading = (", printed" if method.printed else ", normalised") if method.weighted else ""
     return _WAYS[method.way] + reading
@@ -47,7 +47,7 @@ def percent(shares: Sequence[float] | Floats) -> str:
     return " ".join(f"{100.0 * share:.0f}" for share in shares)
 
 
-def all_tables(study: Study) -> tuple[TextTable, ...]:
+def all_tables(study: SamplingStudy) -> tuple[TextTable, ...]:
     """Fig. 2, 3a, 3b and 3c; the table of poses only where there are any two shapes to compare."""
     tables = [
         fit_table(study.shapes),
@@ -181,7 +181,7 @@ def noise_table(shapes: Sequence[ShapeMeasures]) -> TextTable:
     )
 
 
-def pose_table(study: Study) -> TextTable:
+def pose_table(study: SamplingStudy) -> TextTable:
     """Fig. 3c: histograms of one body in several poses, beside those of different shapes."""
     rows, shares = [], []
     for method in METHODS:
@@ -219,7 +219,7 @@ def _ratio(ratios: Sequence[float]) -> str:
     return f"{median:.2f}" if median < 100.0 else f"{median:.0f}"
 
 
-def _name(method: Method) -> str:
+def _name(method: SamplingMethod) -> str:
     """The method's name in a sentence."""
     return f"the paper's own, {title_of(method)}" if method == PAPER_METHOD else title_of(method)
 

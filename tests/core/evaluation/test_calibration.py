@@ -5,7 +5,7 @@ import pytest
 from sklearn.linear_model import LogisticRegression
 
 from core.errors import ParameterError
-from core.evaluation.calibration import BINS, Collection, fit, fit_logistic, leave_class_out, reliability
+from core.evaluation.calibration import BINS, LabelledPairs, fit, fit_logistic, leave_class_out, reliability
 from core.ranking.class_probability import Calibration
 
 TRUE = Calibration(intercept=-3.0, slopes=(-2.0, 0.5))
@@ -18,7 +18,7 @@ def made(seed, labels):
     n = len(codes)
     numbers = rng.normal(size=(n, n, 2))
     numbers[..., 0] += np.where(codes[:, None] == codes, -1.0, 1.0)
-    return Collection(tuple(labels), 0.5 * (numbers + numbers.transpose(1, 0, 2)))
+    return LabelledPairs(tuple(labels), 0.5 * (numbers + numbers.transpose(1, 0, 2)))
 
 
 def test_a_logistic_is_recovered_from_its_own_chances():
@@ -114,7 +114,7 @@ def test_no_class_is_both_fitted_and_judged():
         own = collection.codes == "a"
         numbers[own] += 3.0
         numbers[:, own] += 3.0
-        spoilt.append(Collection(collection.labels, numbers))
+        spoilt.append(LabelledPairs(collection.labels, numbers))
     assert fit(spoilt, without="A") == model
     for collection, probabilities in zip(spoilt, leave_class_out(spoilt), strict=True):
         own = collection.codes == "a"
@@ -126,7 +126,7 @@ def test_no_class_is_both_fitted_and_judged():
 def test_reliability_by_hand():
     labels = ("a", "a", "b")
     probabilities = np.array([[0.5, 0.95, 0.02], [0.95, 0.5, 0.04], [0.02, 0.08, 0.5]])
-    found = reliability([Collection(labels, np.zeros((3, 3, 1)))], [probabilities])
+    found = reliability([LabelledPairs(labels, np.zeros((3, 3, 1)))], [probabilities])
     assert found.base_rate == pytest.approx(2.0 / 6.0)
     assert found.share[[0, 9]] == pytest.approx([4.0 / 6.0, 2.0 / 6.0])
     assert found.said[[0, 9]] == pytest.approx([0.04, 0.95])
@@ -134,12 +134,14 @@ def test_reliability_by_hand():
     assert (found.share[1:9] == 0.0).all()
     assert found.error == pytest.approx((4.0 * 0.04 + 2.0 * 0.05) / 6.0)
     assert found.error_above(5) == pytest.approx(0.05)
-    assert reliability([Collection(labels, np.zeros((3, 3, 1)))], [0.0 * probabilities]).error_above(5) == 0.0
+    assert (
+        reliability([LabelledPairs(labels, np.zeros((3, 3, 1)))], [0.0 * probabilities]).error_above(5) == 0.0
+    )
 
 
 def test_collections_weigh_the_same_and_a_chance_of_one_is_in_the_last_bin():
-    two = Collection(("a", "a"), np.zeros((2, 2, 1)))
-    four = Collection(("a", "b", "c", "d"), np.zeros((4, 4, 1)))
+    two = LabelledPairs(("a", "a"), np.zeros((2, 2, 1)))
+    four = LabelledPairs(("a", "b", "c", "d"), np.zeros((4, 4, 1)))
     found = reliability([two, four], [np.ones((2, 2)), np.full((4, 4), 0.25)])
     assert found.base_rate == pytest.approx(0.5)
     assert found.share[[2, BINS - 1]] == pytest.approx([0.5, 0.5])

@@ -12,7 +12,7 @@ from sqlalchemy import func, select, update
 from core.io import read_mesh, write_mesh
 from core.mesh.mesh import Mesh
 from service.rendering.colours import colours_of_points, interpolate_colours
-from service.rendering.glb import Part, write_glb
+from service.rendering.glb import GlbPart, write_glb
 from service.rendering.rasteriser import NOTHING, nearest_triangles
 from service.rendering.tasks import FACES
 from service.rendering.tasks import preview as make_preview
@@ -167,7 +167,7 @@ def test_points_give_their_colour_to_what_is_near() -> None:
 
 def test_parts_lie_side_by_side() -> None:
     mesh = ball(8, 8)
-    part = Part("one", "off", mesh.vertices, mesh.faces)
+    part = GlbPart("one", "off", mesh.vertices, mesh.faces)
     across = np.sort(read_mesh(write_glb([part, part]), "glb").vertices[:, 0])
     left, right = across[: len(mesh.vertices)], across[len(mesh.vertices) :]
     assert right.min() - left.max() > 0.3

@@ -12,7 +12,7 @@ from service.rendering.tasks import FACES
 from service.rendering.tasks import preview as make_preview
 from service.rendering.thumbnail import draw, draw_painted
 from service.rendering.viewpoint import camera, upright
-from service.report.page import SCORES, PicturedResult, Report, page
+from service.report.page import SCORES, MatchReport, PicturedResult, page
 from service.report.pictures import SIZE, Preview, alone, matched
 from service.search.schemas import MILLISECONDS, RESULT, Pair, Point, QueryAnswer, Result
 from service.system.schemas import Version
@@ -91,7 +91,7 @@ def test_a_shape_and_its_moved_copy_are_painted_alike() -> None:
     assert alone(first) != one
 
 
-def report(**changes: object) -> Report:
+def report(**changes: object) -> MatchReport:
     shape = {**RESULT["shape"], "name": NASTY, "tags": ["a<b", "c"], "metadata": {"<k>": ["</td>", 1]}}
     result = Result.model_validate({**RESULT, "shape": shape})
     answer = {
@@ -103,7 +103,7 @@ def report(**changes: object) -> Report:
         "milliseconds": MILLISECONDS,
         **changes,
     }
-    return Report(
+    return MatchReport(
         name=NASTY,
         sha256="ab" * 32,
         picture=b"query",

@@ -13,7 +13,7 @@ from typer.testing import CliRunner, Result
 from core.parameters import DEFAULT
 from service.cli.commands import command_line
 from service.errors import ArchiveError, ArchiveTooNewError
-from service.storage.checking import Report, check
+from service.storage.checking import CheckReport, check
 from tests.service.archives import change, embedded, make_archive, opened
 from tests.service.support import small_file
 
@@ -34,7 +34,7 @@ def faults(path: Path) -> list[str]:
 
 
 def test_what_is_whole_has_no_faults_and_is_counted(whole: Path) -> None:
-    assert check(whole, lock_seconds=1) == Report(
+    assert check(whole, lock_seconds=1) == CheckReport(
         shapes=3,
         blobs=3,
         embeddings=3,

@@ -25,7 +25,7 @@ from core.studies.sampling.robustness import (
     unrest,
 )
 from core.studies.sampling.study import study_pose, study_shape, variations
-from core.studies.sampling.surface import METHODS, OURS, Method, Surface
+from core.studies.sampling.surface import METHODS, OURS, SamplingMethod, Surface
 from core.studies.sampling.trials import CURVE_TAUS, DEGREES, TAUS
 
 
@@ -76,18 +76,18 @@ def test_a_method_takes_as_many_distinct_vertices_as_asked(surface, method, coun
 
 def test_the_printed_constants_leave_the_order_of_the_residuals(surface):
     residual = np.abs(fit_residuals(surface.mesh.vertices, 6))
-    samples = surface.select(Method("cut", printed=True), 100)
+    samples = surface.select(SamplingMethod("cut", printed=True), 100)
     assert residual[samples].min() >= np.delete(residual, samples).max() - 1e-12
-    other = surface.select(Method("cut"), 100)
+    other = surface.select(SamplingMethod("cut"), 100)
     assert residual[other].min() < np.delete(residual, other).max()
 
 
 def test_probabilities_of_a_draw_sum_to_its_size(surface):
     for printed in (True, False):
-        probability = surface.probability(Method("draw", printed), 100)
+        probability = surface.probability(SamplingMethod("draw", printed), 100)
         assert probability.sum() == pytest.approx(100)
         assert probability.max() <= 1.0
-    assert surface.probability(Method("cut"), 100) is None
+    assert surface.probability(SamplingMethod("cut"), 100) is None
 
 
 def test_selections_that_cover_leave_the_smallest_gaps(surface):
@@ -142,7 +142,7 @@ def test_regions_are_of_the_nearest_centre_and_none_is_empty(surface):
     radius = (
         2.0
         * coverage(
-            surface.distances, surface.areas, surface.select(Method("farthest-point"), REGIONS)
+            surface.distances, surface.areas, surface.select(SamplingMethod("farthest-point"), REGIONS)
         ).largest_gap
     )
     for region in range(0, REGIONS, 10):
@@ -160,7 +160,7 @@ def test_without_noise_nothing_changes(surface):
 
 def test_with_noise_preferred_places_are_kept(surface, monkeypatch):
     make_small(monkeypatch)
-    method = Method("cut", printed=True)
+    method = SamplingMethod("cut", printed=True)
     samples = {method: surface.select(method, 150)}
     (little,) = unrest(surface, samples, noisy(surface, 0.0005), 0.0005)
     (much,) = unrest(surface, samples, noisy(surface, 0.05), 0.05)

@@ -10,7 +10,7 @@ import pytest
 from core.evaluation.retrieval_measures import evaluate
 from core.io import format_of, read_mesh
 from service.datasets import read_collection
-from service.studies.baselines.methods import Method, MissingPeerError, load
+from service.studies.baselines.methods import BaselineName, MissingPeerError, load
 from tests.service.cli.conftest import Run
 
 KEYS = [
@@ -18,8 +18,8 @@ KEYS = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize("method", list(Method))
-def test_evaluate_by_another_method(collection: Path, method: Method, run: Run) -> None:
+@pytest.mark.parametrize("method", list(BaselineName))
+def test_evaluate_by_another_method(collection: Path, method: BaselineName, run: Run) -> None:
     done = run("evaluate", collection, "--method", method, "--json")
     assert (done.status, done.stderr) == (0, "")
     report = json.loads(done.stdout)
@@ -57,12 +57,14 @@ def test_other_methods_have_no_settings(tmp_path: Path, run: Run, option: list[s
     assert done.stderr == "isoshape: --method icp has no --setting, --rank-by or --uncapped\n"
 
 
-@pytest.mark.parametrize(("method", "library"), [(Method.SHAPEDNA, "lapy"), (Method.MDS, "sklearn")])
+@pytest.mark.parametrize(
+    ("method", "library"), [(BaselineName.SHAPEDNA, "lapy"), (BaselineName.MDS, "sklearn")]
+)
 def test_a_missing_library_is_named(
     collection: Path,
     run: Run,
     monkeypatch: pytest.MonkeyPatch,
-    method: Method,
+    method: BaselineName,
     library: str,
 ) -> None:
     for name in [name for name in sys.modules if name.partition(".")[0] == library]:

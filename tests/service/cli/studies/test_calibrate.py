@@ -11,7 +11,7 @@ from core.arrays import Floats
 from core.descriptors.completeness import INCOMPLETE
 from core.descriptors.descriptor_distance import descriptor_distance
 from core.embedding import Embedding
-from core.evaluation.calibration import Collection, fit, leave_class_out, reliability
+from core.evaluation.calibration import LabelledPairs, fit, leave_class_out, reliability
 from core.evaluation.retrieval_measures import evaluate
 from core.io import format_of, read_mesh
 from core.mesh.cleaning import clean
@@ -37,7 +37,7 @@ def one_amount(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(module, "LEVELS", LEVELS)
 
 
-def plain(folder: Path) -> Collection:
+def plain(folder: Path) -> LabelledPairs:
     """All pairs of a folder, one at a time."""
     pipeline = Pipeline(DEFAULT)
     files = read_collection(folder)
@@ -51,10 +51,10 @@ def plain(folder: Path) -> Collection:
         ]
 
     rows = [[features(one, other) for other in embeddings] for one in embeddings]
-    return Collection(tuple(label for _, label in files), np.array(rows))
+    return LabelledPairs(tuple(label for _, label in files), np.array(rows))
 
 
-def plain_parts(folder: Path, count: int) -> list[Collection]:
+def plain_parts(folder: Path, count: int) -> list[LabelledPairs]:
     """Shapes made incomplete in every way, and the whole ones, one pair at a time."""
     pipeline = Pipeline(DEFAULT)
     files = spread(read_collection(folder), count)
@@ -74,7 +74,7 @@ def plain_parts(folder: Path, count: int) -> list[Collection]:
                 features[i, j] = part_features(
                     whole, descriptor_distance(query.spin_images, [other.spin_images]).distance
                 )[0]
-        found.append(Collection(tuple(label for _, label in files), features, asked))
+        found.append(LabelledPairs(tuple(label for _, label in files), features, asked))
     return found
 
 

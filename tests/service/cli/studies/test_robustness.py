@@ -14,7 +14,7 @@ from core.mesh.mesh import Mesh
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
 from core.studies.perturbation import add_noise
-from core.studies.robustness import KINDS, Kind, nearest_neighbour
+from core.studies.robustness import KINDS, Perturbation, nearest_neighbour
 from service.cli.studies import robustness
 from service.datasets import read_collection
 from service.studies.robustness.perturbed_queries import seed_of
@@ -34,7 +34,7 @@ def one_amount(monkeypatch: pytest.MonkeyPatch) -> None:
     study_of(monkeypatch, FEW)
 
 
-def study_of(monkeypatch: pytest.MonkeyPatch, kinds: Sequence[Kind]) -> None:
+def study_of(monkeypatch: pytest.MonkeyPatch, kinds: Sequence[Perturbation]) -> None:
     """Have the command change shapes in these kinds, by the strongest amount of each."""
     monkeypatch.setattr(
         robustness, "KINDS", tuple(replace(kind, amounts=kind.amounts[-1:]) for kind in kinds)
@@ -83,7 +83,7 @@ def test_the_page_and_the_pictures(collection: Path, run: Run, tmp_path: Path) -
 
 
 def assert_page_of(
-    kinds: Sequence[Kind], amounts: list[str], collection: Path, run: Run, tmp_path: Path
+    kinds: Sequence[Perturbation], amounts: list[str], collection: Path, run: Run, tmp_path: Path
 ) -> None:
     """The page has two pictures and a row for each kind and for tau, whose losses agree with its scores."""
     out = tmp_path / "new" / "out"
