@@ -20,6 +20,7 @@ from service.studies.pairwise_scores import default_workers
 from service.studies.retrieval import Ranking, evaluate_ranking, ready, score_baseline, score_collection
 from service.studies.subset import spread
 
+BASELINES = (BaselineName.SHAPEDNA, BaselineName.ICP, BaselineName.MDS)
 TITLES = {"cc": "cc", "combined": "combined", "shapedna": "ShapeDNA", "icp": "ICP", "mds": "MDS"}
 
 
@@ -75,7 +76,7 @@ def command(
     files = read_collection(folder)
     if limit is not None:
         files = spread(files, limit)
-    methods = list(BaselineName) if baselines else []
+    methods = BASELINES if baselines else ()
     for method in methods:
         ready(method)
     labels, scores = score_collection(

@@ -9,8 +9,7 @@ import pytest
 
 from core.evaluation.retrieval_measures import Evaluation, evaluate
 from core.studies.published_figures import ALL_CATEGORIES, METHODS, TABLE_2
-from service.cli.studies.table2 import compared, markdown, means
-from service.studies.baselines.methods import BaselineName
+from service.cli.studies.table2 import BASELINES, compared, markdown, means
 from tests.service.cli.conftest import Run
 
 
@@ -74,7 +73,7 @@ def test_accuracies_are_those_of_evaluate(collection: Path, run: Run) -> None:
     evaluated = ("evaluate", collection, "--limit", 6, "--json")
     rankings = json.loads(run(*evaluated, "--rank-by", "all").stdout)
     reports = {report["rank_by"]: report for report in rankings if report["rank_by"] in {"cc", "combined"}}
-    for method in BaselineName:
+    for method in BASELINES:
         reports[method] = json.loads(run(*evaluated, "--method", method).stdout)
     assert len(reports) == 5
     for name, report in reports.items():
