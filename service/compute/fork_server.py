@@ -8,7 +8,8 @@ from multiprocessing.context import ForkServerContext, SpawnContext
 
 from service.compute.worker_loop import THREADS
 
-TASKS = ["service.compute.tasks", "service.compute.sandbox"]
+LOADED = ["service.compute.tasks", "service.compute.sandbox", "trimesh"]
+"""The modules of the tasks; trimesh, which reads STL, is otherwise imported with the first file."""
 
 _starting = threading.Lock()
 
@@ -24,7 +25,7 @@ def fork_server() -> ForkServerContext | SpawnContext:
         return multiprocessing.get_context("spawn")
     context = multiprocessing.get_context("forkserver")
     with _starting:
-        context.set_forkserver_preload(TASKS)
+        context.set_forkserver_preload(LOADED)
         kept = {name: os.environ.get(name) for name in THREADS}
         # Libraries read the number of threads when they load, in the fork server.
         os.environ.update(dict.fromkeys(THREADS, "1"))
