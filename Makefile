@@ -103,7 +103,7 @@ demo: $(RUNTIME)
 WORKERS ?= 2
 AT_A_TIME := -n $(WORKERS) --dist loadfile --no-loadscope-reorder
 PYTEST := OMP_NUM_THREADS=1 $(BIN)/python -m pytest
-# Compiles once what both workers would compile otherwise.
+# The kernels are compiled here, once: two test workers would each compile them.
 COMPILE_KERNELS := from core.parameters import DEFAULT; from service.compute.tasks import warm; warm(DEFAULT)
 test: $(DEV)
 	@OMP_NUM_THREADS=1 $(BIN)/python -c '$(COMPILE_KERNELS)'

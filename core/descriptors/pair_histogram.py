@@ -20,10 +20,10 @@ ANGLE_PAIRS = ANGLE_BINS * (ANGLE_BINS + 1) // 2
 """Bins over the two cosines with the line, the larger first."""
 
 LONGEST = 4.0
-"""Distances beyond so many root mean square radii count in the last bin."""
+"""Distances above this number of root mean square radii count in the last bin."""
 
 PARTNERS = 16
-"""Each point is paired with so many others."""
+"""Number of other points with which each point is paired."""
 
 
 def pair_histogram(points: Floats, normals: Floats) -> Floats:

@@ -19,8 +19,7 @@ AZIMUTHS, HEIGHTS = 64, 33
 rounding does not move a flat surface in such a plane from one cell to the next."""
 
 HALF_HEIGHT = 1.8
-"""The cylinder reaches so far to both sides of the centroid, in root mean square radii. The last cell holds
-all points beyond."""
+"""Half the height of the cylinder, in root mean square radii. The last cell holds all points beyond."""
 
 CHANNELS = 2
 """Panoramas about one axis: the radius of the outermost point; the magnitude of the cosine between its normal
@@ -63,7 +62,7 @@ def magnitudes(maps: Floats) -> Floats:
 
 @cache
 def kept() -> NDArray[np.bool_]:
-    """Which frequencies are inside an ellipse, shape (2 AROUND + 1, ALONG + 1)."""
+    """Mask of the frequencies inside an ellipse, shape (2 AROUND + 1, ALONG + 1)."""
     return frequency_radii() <= 1.0
 
 

@@ -15,7 +15,7 @@ _starting = threading.Lock()
 
 
 def fork_server() -> ForkServerContext | SpawnContext:
-    """The start method of worker processes; the fork server runs.
+    """The context that starts worker processes; its fork server is running.
 
     The service itself is not forked: the fork of a process with threads may inherit a lock that is never
     released. A fresh process for each worker would load the tasks again, which takes half a second. Systems

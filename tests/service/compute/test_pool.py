@@ -107,6 +107,22 @@ def test_workers_that_die_idle_cost_nothing(pool: LocalPool) -> None:
     assert not set(pool.pids()) & set(old)
 
 
+def test_a_fork_server_that_is_killed_costs_nothing(pool: LocalPool) -> None:
+    wait_until(lambda: len(pool.pids()) == 2, seconds=60)
+    old = pool.pids()
+    status = Path(f"/proc/{old[0]}/status").read_text()
+    fork_server = int(status.partition("PPid:")[2].split()[0])
+    assert fork_server != os.getpid()
+    os.kill(fork_server, signal.SIGKILL)
+    assert [future.result() for future in [pool.submit(add, i, 1) for i in range(10)]] == list(range(1, 11))
+    # Nor do its workers need it to be replaced.
+    dead = pool.submit(die)
+    with pytest.raises(WorkerLostError):
+        dead.result()
+    assert [future.result() for future in [pool.submit(add, i, 1) for i in range(10)]] == list(range(1, 11))
+    wait_until(lambda: len(pool.pids()) == 2 and set(pool.pids()) != set(old), seconds=60)
+
+
 def test_what_does_not_pickle_is_an_error_of_that_task(workers: Workers) -> None:
     with pytest.raises((TypeError, AttributeError)):
         workers.submit(add, threading.Lock(), 1).result()
