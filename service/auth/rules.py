@@ -52,10 +52,15 @@ def from_another_site(headers: Headers) -> bool:
     """Whether a browser sends the request for a page of another site.
 
     Current browsers send Sec-Fetch-Site. Older ones send the Origin of the page, which is compared with the
-    Host of the request. Other programs send neither.
+    Host of the request. Other programs send neither. An Origin that is no URL is another site's.
     """
     site = headers.get("sec-fetch-site")
     if site is not None:
         return site not in {"same-origin", "none"}
     origin = headers.get("origin")
-    return origin is not None and urlsplit(origin).netloc != headers.get("host", "")
+    if origin is None:
+        return False
+    try:
+        return urlsplit(origin).netloc != headers.get("host", "")
+    except ValueError:
+        return True

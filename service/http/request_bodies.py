@@ -8,6 +8,8 @@ from fastapi import Request
 from pydantic import BaseModel, ValidationError
 from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 from pydantic_core import core_schema
+from python_multipart.multipart import parse_options_header
+from starlette.concurrency import run_in_threadpool
 from starlette.datastructures import FormData
 
 from service.errors import (
@@ -23,6 +25,10 @@ from service.settings import Settings
 FORM, JSON = "multipart/form-data", "application/json"
 FILE = "file"
 FIELD_BYTES = 64 * 1024
+# Several times the text of the longest query: 500 ids, 32 tags and 32 values of metadata.
+TEXT_CHARACTERS = 256 * 1024
+# Names of the one character set of forms (RFC 7578, section 5.1.2).
+CHARSETS = {b"utf-8", b"utf8"}
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -61,21 +67,24 @@ class RequestBody(Generic[Model]):
         Raises
         ------
         UnsupportedBodyError
-            The body has another media type.
+            The body has another media type, or a form another character set than UTF-8.
         BadRequestFieldsError
             The body is not what the model says.
         FileTooLargeError
-            The file is larger than the setting allows.
+            The file is larger than the setting allows, or the other fields have too much text together.
         StorageFullError
             There is no room on disk for the file.
         """
-        media_type = request.headers.get("content-type", "").partition(";")[0].strip().lower()
+        content_type = request.headers.get("content-type", "")
+        media_type = content_type.partition(";")[0].strip().lower()
         if media_type == FORM:
+            _check_charset(content_type)
             settings: Settings = request.app.state.settings
             form = await _form_of(request, settings.max_form_fields)
             try:
                 values = _values(form, self._form, getattr(settings, self._limit))
-                yield _validated(self._form, values)
+                # In a thread: other requests go on meanwhile.
+                yield await run_in_threadpool(_validated, self._form, values)
             finally:
                 await form.close()
         elif media_type == JSON and self._json is not None:
@@ -106,6 +115,19 @@ class _FormSchema(GenerateJsonSchema):
         return {key: value for key, value in described.items() if (key, value) != ("default", None)}
 
 
+def _check_charset(content_type: str) -> None:
+    """Refuse a form that names a character set other than UTF-8.
+
+    Starlette would decode the form by any codec of Python on the event loop; the time of some codecs grows
+    with the square of the length.
+    """
+    # The parser that Starlette uses, so that both find the same parameter.
+    _, options = parse_options_header(content_type)
+    charset = options.get(b"charset", b"utf-8")
+    if charset.lower() not in CHARSETS:
+        raise UnsupportedBodyError(f"forms are read as UTF-8, not as {charset.decode('latin-1')[:40]!r}")
+
+
 async def _form_of(request: Request, max_fields: int) -> FormData:
     try:
         return await request.form(max_files=1, max_fields=max_fields, max_part_size=FIELD_BYTES)
@@ -117,8 +139,12 @@ async def _form_of(request: Request, max_fields: int) -> FormData:
 
 def _values(form: FormData, model: type[BaseModel], max_bytes: int) -> dict[str, Any]:
     """The values of a form's fields, of which lists alone may be repeated."""
+    characters = 0
     for name, value in form.multi_items():
         if isinstance(value, str):
+            characters += len(name) + len(value)
+            if characters > TEXT_CHARACTERS:
+                raise FileTooLargeError(f"at most {TEXT_CHARACTERS} characters of text are taken in a form")
             continue
         if name != FILE:
             raise BadRequestFieldsError(FieldFault(name, f"a file is expected in the field {FILE!r} only"))

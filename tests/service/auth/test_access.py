@@ -129,6 +129,9 @@ def test_where_a_key_is_read(headers: dict[str, str], key: str | None) -> None:
         ({"origin": "http://here:3000"}, True),
         ({"origin": "http://evil.example"}, True),
         ({"origin": "null"}, True),
+        # No URL, which the standard library refuses to split.
+        ({"origin": "http://["}, True),
+        ({"origin": "http://]"}, True),
     ],
 )
 def test_pages_of_other_sites_are_known(headers: dict[str, str], foreign: bool) -> None:

@@ -1,0 +1,46 @@
+"""How fast a service answers others while something else keeps it busy."""
+
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+
+import httpx
+import numpy as np
+
+LEAST_REQUESTS, MOST_REQUESTS = 100, 1000
+INTERVAL_SECONDS = 0.01
+LEAST_BOUND_SECONDS = 0.25
+
+
+def p95_seconds(client: httpx.Client, path: str, ended: Callable[[], bool] = lambda: True) -> float:
+    """The 95th percentile of the times of requests: 100 at least, and until `ended`, 1,000 at most.
+
+    A request is due every 10 ms, and its time begins when it is due: a service that stands still for a second
+    delays all requests that are due in that second.
+    """
+    seconds: list[float] = []
+    due = time.perf_counter()
+    while len(seconds) < LEAST_REQUESTS or (len(seconds) < MOST_REQUESTS and not ended()):
+        time.sleep(max(0.0, due - time.perf_counter()))
+        assert client.get(path).status_code == 200
+        seconds.append(time.perf_counter() - due)
+        due += INTERVAL_SECONDS
+    return float(np.percentile(seconds, 95))
+
+
+def bound_seconds(baseline: float) -> float:
+    """The largest p95 beside a load: the larger of twice the baseline and 250 ms."""
+    return max(2 * baseline, LEAST_BOUND_SECONDS)
+
+
+def assert_others_are_served(
+    client: httpx.Client, load: Callable[[], object], *, at_a_time: int = 1, path: str = "/shapes"
+) -> None:
+    """Send requests one after another while `load` runs in threads."""
+    baseline = p95_seconds(client, path)
+    with ThreadPoolExecutor(at_a_time) as threads:
+        loads = [threads.submit(load) for _ in range(at_a_time)]
+        meanwhile = p95_seconds(client, path, lambda: all(each.done() for each in loads))
+        for each in loads:
+            each.result()
+    assert meanwhile <= bound_seconds(baseline), f"p95 {meanwhile:.3f} s beside {baseline:.3f} s"
