@@ -52,6 +52,12 @@ class DegenerateMeshError(MeshError):
     kind = "degenerate-mesh"
 
 
+class CannotBeEmbeddedError(MeshError):
+    """The method fails on the mesh in a way that it does not expect; the cause is the error's `__cause__`."""
+
+    kind = "cannot-be-embedded"
+
+
 class MeshTooComplexError(MeshError):
     """The mesh has more vertices, faces or parts than the limit allows."""
 

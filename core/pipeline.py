@@ -29,7 +29,7 @@ from core.mesh.mesh import Mesh
 from core.mesh.normal_frame import NormalFrame, normal_frame
 from core.mesh.simplification import simplify
 from core.mesh.subdivision import refine
-from core.numerics.threads import one_thread
+from core.numerics.guarding import check_finite, guarded
 from core.parameters import DEFAULT, Parameters
 from core.ranking.class_probability import class_probability, signature_features
 from core.sampling.lewis_weights import lewis_weights
@@ -126,7 +126,7 @@ class Pipeline:
         DegenerateMeshError
             The mesh has no area.
         """
-        with one_thread():
+        with guarded():
             return self._open_surface(clean(mesh))
 
     def _open_surface(self, cleaned: Cleaned) -> Mesh:
@@ -146,7 +146,7 @@ class Pipeline:
         DegenerateMeshError
             The mesh has no area.
         """
-        with one_thread():
+        with guarded():
             surface, cleaned, frame = self.normalise(mesh)
             return self._spin_images(surface, cleaned, measure(mesh, cleaned, frame))
 
@@ -234,8 +234,10 @@ class Pipeline:
         ------
         DegenerateMeshError
             The mesh has no area, or too few vertices for the dimensions.
+        CannotBeEmbeddedError
+            The method fails on the mesh, for example by a division by zero.
         """
-        with one_thread():
+        with guarded():
             surface, cleaned, frame = self.normalise(mesh)
             graph = edge_graph(surface, unfold=self.parameters.spectral.unfold)
             points, count = self.sample(surface, graph)
@@ -249,6 +251,7 @@ class Pipeline:
                 distances=self.distances(graph, points, samples, sparse),
                 areas=areas / areas.sum(),
             )
+            check_finite(embedded.distances, embedded.areas)
             spectra, signature = spectra_of(surface, embedded, self.parameters.spectral)
             if self.parameters.ranking.global_descriptors:
                 signature = np.concatenate([signature, GLOBAL_WEIGHT * global_descriptors(surface)])
@@ -299,7 +302,7 @@ class Pipeline:
         IncompatibleEmbeddingsError
             An embedding was made with other parameters.
         """
-        with one_thread():
+        with guarded():
             prepared = self._checked(query)
             return self.matcher.score(prepared, (self._checked(candidate) for candidate in candidates))
 
@@ -311,8 +314,9 @@ class Pipeline:
         IncompatibleEmbeddingsError
             An embedding was made with other parameters.
         """
-        with one_thread():
+        with guarded():
             found = self.matcher.match(self._checked(first), self._checked(second))
+            check_finite(found.cc, found.ssd, found.sim, found.distances)
         return Match(
             cc=found.cc,
             ssd=found.ssd,

@@ -262,6 +262,7 @@ PROBLEMS: dict[str, ProblemKind] = {
     "non-finite-coordinates": ProblemKind(422, "A coordinate is not a finite number"),
     "no-triangles": ProblemKind(422, "The mesh has no faces"),
     "degenerate-mesh": ProblemKind(422, "The mesh has no surface"),
+    "cannot-be-embedded": ProblemKind(422, "The method fails on the mesh"),
     "mesh-too-complex": ProblemKind(422, "The mesh is larger than the limits allow"),
     "external-reference": ProblemKind(422, "The file refers to other files"),
     "bad-parameter": ProblemKind(422, "A parameter is out of its range"),

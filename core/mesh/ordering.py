@@ -114,6 +114,9 @@ def canonical_order(vertices: Floats, faces: Ints, centre: Floats) -> Ints:
             if not refined:
                 break
         tied = np.flatnonzero(np.bincount(ranks)[ranks] > 1)
+        if not len(tied):
+            # The last round has separated all vertices.
+            break
         marked = tied[np.argmax(ranks[tied])]
         ranks = _refined_ranks(ranks, np.linalg.norm(vertices - vertices[marked], axis=1))
     return np.argsort(ranks, kind="stable")

@@ -1,6 +1,6 @@
-"""Numerical helpers: compilation of loops, radix sort, control of threads.
+"""Numerical helpers: compilation of loops, radix sort, control of threads and of arithmetic faults.
 
 Functions and sort keys in; compiled functions and sort orders out.
 """
 
-__all__ = ["compilation", "radix_sort", "threads"]
+__all__ = ["compilation", "guarding", "radix_sort", "threads"]

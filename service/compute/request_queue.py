@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from typing import ParamSpec, TypeVar
 
 from core.embedding import Match, Scores
-from core.errors import MalformedMeshError, MeshTooComplexError
+from core.errors import CannotBeEmbeddedError, MalformedMeshError, MeshTooComplexError
 from core.io import Limits
 from core.mesh.mesh import Mesh
 from core.pipeline import Pipeline
@@ -20,6 +20,9 @@ from service.errors import (
     WorkerCrashedError,
     WorkerLostError,
 )
+from service.observability.logging import get_logger
+
+log = get_logger("compute")
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -96,14 +99,14 @@ class Work:
 
     async def score(self, query: bytes, records: Sequence[bytes], pipeline: Pipeline) -> Scores:
         """Scores of the query with each of c records, arrays of shape (c,); NaN for unreadable records."""
-        with short_of_memory():
+        with short_of_memory(), _failures_logged():
             return await asyncio.wrap_future(
                 self._executor.submit(score_embeddings, query, records, pipeline.parameters)
             )
 
     async def match(self, first: bytes, second: bytes, pipeline: Pipeline) -> Match:
         """Match two records."""
-        with short_of_memory():
+        with short_of_memory(), _failures_logged():
             return await asyncio.wrap_future(
                 self._executor.submit(match_embeddings, first, second, pipeline.parameters)
             )
@@ -137,11 +140,22 @@ class Work:
 def _at_fault() -> Iterator[None]:
     """Refuse a file that takes too much time or memory."""
     try:
-        yield
+        with _failures_logged():
+            yield
     except TaskTimeLimitError as error:
         raise FileTimeLimitError(str(error)) from error
     except MemoryError as error:
         raise MeshTooComplexError("the mesh takes more memory than there is") from error
+
+
+@contextmanager
+def _failures_logged() -> Iterator[None]:
+    """Log the failure of the method on a mesh: the client learns only that it failed."""
+    try:
+        yield
+    except CannotBeEmbeddedError as error:
+        log.error("the method failed on a mesh", exc_info=error)
+        raise
 
 
 @contextmanager

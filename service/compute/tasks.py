@@ -13,11 +13,12 @@ from threadpoolctl import threadpool_limits
 from core.arrays import Bytes
 from core.descriptors.partial_matching import describe_part
 from core.embedding import Embedding, Match, Scores
-from core.errors import BadRecordError, DegenerateMeshError
+from core.errors import BadRecordError, CannotBeEmbeddedError, DegenerateMeshError
 from core.io import Limits, read_mesh
 from core.matching.match_records import match_record, score_match_records
 from core.matching.matcher_choice import matcher_of
 from core.mesh.mesh import Mesh
+from core.numerics.guarding import guarded
 from core.parameters import Parameters
 from core.pipeline import Pipeline
 from core.ranking.coarse_ranking import coarse_ranking, coarse_samples
@@ -74,23 +75,24 @@ def embed_mesh(mesh: Mesh, parameters: Parameters, read: float) -> Embedded:
         The mesh cannot be used; the subclass says why.
     """
     start = time.perf_counter()
-    embedding = _pipeline(parameters).embed(mesh)
-    if not _is_finite(embedding):
-        raise DegenerateMeshError(
-            "the mesh has no finite embedding: its coordinates are too large, or its surface too thin"
+    with guarded():
+        embedding = _pipeline(parameters).embed(mesh)
+        if not _is_finite(embedding):
+            raise DegenerateMeshError(
+                "the mesh has no finite embedding: its coordinates are too large, or its surface too thin"
+            )
+        embed = 1e3 * (time.perf_counter() - start)
+        return Embedded(
+            record=embedding_to_bytes(embedding),
+            signature=embedding.signature,
+            sketch=coarse_samples(embedding).tobytes(),
+            facts=asdict(embedding.facts),
+            milliseconds={"read": read, "embed": embed},
         )
-    embed = 1e3 * (time.perf_counter() - start)
-    return Embedded(
-        record=embedding_to_bytes(embedding),
-        signature=embedding.signature,
-        sketch=coarse_samples(embedding).tobytes(),
-        facts=asdict(embedding.facts),
-        milliseconds={"read": read, "embed": embed},
-    )
 
 
 def score_embeddings(query: bytes, records: Sequence[bytes], parameters: Parameters) -> Scores:
-    """The scores of a query with each of c embedding records; NaN for one that cannot be read.
+    """The scores of a query with each of c embedding records; NaN for one that cannot be read or compared.
 
     Returns
     -------
@@ -107,11 +109,25 @@ def score_embeddings(query: bytes, records: Sequence[bytes], parameters: Paramet
         places.append(place)
     scores = Scores(*(np.full(len(records), np.nan) for _ in range(3)))
     if candidates:
-        found = _pipeline(parameters).score(embedding_from_bytes(query), candidates)
+        found = _scores(_pipeline(parameters), embedding_from_bytes(query), candidates)
         scores.cc[places] = found.cc
         scores.ssd[places] = found.ssd
         scores.sim[places] = found.sim
     return scores
+
+
+def _scores(pipeline: Pipeline, query: Embedding, candidates: list[Embedding]) -> Scores:
+    """The scores of a query with c candidates, c > 0; NaN for a candidate on which the method fails."""
+    try:
+        return pipeline.score(query, candidates)
+    except CannotBeEmbeddedError:
+        if len(candidates) == 1:
+            return Scores(*(np.full(1, np.nan) for _ in range(3)))
+    middle = len(candidates) // 2
+    halves = [_scores(pipeline, query, half) for half in (candidates[:middle], candidates[middle:])]
+    return Scores(
+        *(np.concatenate([getattr(half, name) for half in halves]) for name in ("cc", "ssd", "sim"))
+    )
 
 
 def match_embeddings(first: bytes, second: bytes, parameters: Parameters) -> Match:
@@ -121,7 +137,8 @@ def match_embeddings(first: bytes, second: bytes, parameters: Parameters) -> Mat
 
 def part_of_mesh(mesh: Mesh, parameters: Parameters) -> Bytes:
     """The spin images of a mesh taken as a part: see `core.descriptors.partial_matching.describe_part`."""
-    return describe_part(_pipeline(parameters).open_surface(mesh))
+    with guarded():
+        return describe_part(_pipeline(parameters).open_surface(mesh))
 
 
 def spin_images_of_mesh(mesh: Mesh, parameters: Parameters) -> Bytes:

@@ -11,6 +11,7 @@ FILE_PROBLEMS = (
     "non-finite-coordinates",
     "no-triangles",
     "degenerate-mesh",
+    "cannot-be-embedded",
     "mesh-too-complex",
     "external-reference",
     "file-time-limit",

@@ -7,8 +7,10 @@ from collections.abc import Iterator
 
 import pytest
 
+from service.compute import request_queue
 from service.observability.logging import LOGGER, JsonFormatter, configure, get_logger, request_id
-from tests.service.support import Running, query, small_file, upload, wait_until
+from tests.service.support import Running, assert_problem, query, small_file, upload, wait_until
+from tests.service.tasks import fail_unexpectedly
 
 
 @pytest.fixture
@@ -78,3 +80,27 @@ def test_configuring_twice_writes_once() -> None:
     for handler in added:
         logger.removeHandler(handler)
     logger.setLevel(level)
+
+
+def test_a_failure_of_the_method_is_logged_and_the_worker_goes_on(
+    shared: Running, lines: io.StringIO, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    wait_until(lambda: shared.container.pool.idle() == 2, seconds=60)
+    workers = shared.container.pool.pids()
+    first, second = (shared.store(small_file(number))["id"] for number in (1, 2))
+    with monkeypatch.context() as patch:
+        for task in ("embed_mesh", "match_embeddings"):
+            patch.setattr(request_queue, task, fail_unexpectedly)
+        for answer in (
+            upload(shared.client, small_file(77), "table.off"),
+            query(shared.client, small_file(77)),
+            shared.client.post("/compare", json={"first": first, "second": second}),
+        ):
+            problem = assert_problem(answer, 422, "cannot-be-embedded")
+            assert "divide by zero" not in problem["detail"]
+    logged = [json.loads(line) for line in lines.getvalue().splitlines()]
+    events = [line for line in logged if line["message"] == "the method failed on a mesh"]
+    assert len(events) == 3
+    assert all("divide by zero encountered in log" in event["traceback"] for event in events)
+    assert shared.container.pool.pids() == workers
+    assert upload(shared.client, small_file(77), "table.off").status_code == 201

@@ -1,0 +1,44 @@
+"""The context in which the pipeline computes: one thread, and every fault of arithmetic is an error."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numpy as np
+
+from core.errors import CannotBeEmbeddedError, CoreError
+from core.numerics.threads import one_thread
+
+
+@contextmanager
+def guarded() -> Iterator[None]:
+    """A context in which linear algebra runs on one thread and arithmetic faults are raised.
+
+    A division by zero, an invalid operation or an overflow in NumPy would otherwise pass as a warning, and
+    NaN or infinity would reach a result. Compiled loops are not watched: their results are checked where they
+    are used.
+
+    Raises
+    ------
+    CannotBeEmbeddedError
+        Raised from any error that is neither a `CoreError` nor a lack of memory.
+    """
+    try:
+        with one_thread(), np.errstate(divide="raise", invalid="raise", over="raise"):
+            yield
+    except (CoreError, MemoryError):
+        raise
+    except Exception as error:
+        raise CannotBeEmbeddedError("the method fails on this surface") from error
+
+
+def check_finite(*arrays: object) -> None:
+    """Check results that compiled loops or other libraries have computed.
+
+    Raises
+    ------
+    FloatingPointError
+        A number is NaN or infinite.
+    """
+    for array in arrays:
+        if not np.isfinite(np.asarray(array, dtype=np.float64)).all():
+            raise FloatingPointError("a result is not finite")

@@ -1,0 +1,110 @@
+"""Damaged surfaces are embedded and compared without a fault of arithmetic, or refused by name."""
+
+import numpy as np
+import pytest
+
+from core.errors import CannotBeEmbeddedError, CoreError, DegenerateMeshError
+from core.gallery import make_shape
+from core.graph.edge_graph import bridges
+from core.mesh import ordering
+from core.mesh.mesh import Mesh
+from core.numerics.guarding import check_finite, guarded
+from core.parameters import DEFAULT, PAPER
+from core.pipeline import Pipeline
+from tests.core.damaged import DAMAGES, touching_boxes
+from tests.core.shapes import blob, box, icosphere, loose_parts
+
+SOUND = {
+    "blob": lambda: blob(0, 2),
+    "loose parts": loose_parts,
+    "touching boxes": lambda: touching_boxes(30),
+    "hand": lambda: make_shape("hand", 0),
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+@pytest.mark.parametrize("shape", SOUND)
+def test_a_damaged_surface_is_embedded_and_compared(shape, damage):
+    mesh = SOUND[shape]()
+    pipeline = Pipeline(DEFAULT)
+    with np.errstate(divide="raise", invalid="raise", over="raise"):
+        one = pipeline.embed(mesh)
+        other = pipeline.embed(DAMAGES[damage](mesh, np.random.default_rng(0)))
+        match = pipeline.match(one, other)
+        pipeline.spin_images_of(mesh)
+    assert np.isfinite([match.cc, match.ssd, match.sim]).all()
+
+
+@pytest.mark.parametrize("damage", ["component_doubled", "vertices_on_a_grid", "coplanar_sheets"])
+def test_the_papers_method_does_so_too(damage):
+    mesh = blob(0, 2)
+    pipeline = Pipeline(PAPER)
+    one, other = pipeline.embed(mesh), pipeline.embed(DAMAGES[damage](mesh, np.random.default_rng(0)))
+    assert np.isfinite(pipeline.score(one, [one, other]).cc).all()
+
+
+def test_pieces_at_one_place_are_bridged():
+    """Gaps of zero between many pieces, some of which coincide."""
+    mesh = touching_boxes(40)
+    labels = np.repeat(np.arange(40), 8)
+    with np.errstate(divide="raise", invalid="raise", over="raise"):
+        assert len(bridges(mesh.vertices, labels)) == 39
+
+
+@pytest.mark.parametrize("rounds", [1, 2, 3, 40])
+def test_the_last_round_of_refinement_may_separate_all_vertices(monkeypatch, rounds):
+    """Vertices on a sphere are equally far from its centre, and the lengths of edges tell them apart."""
+    points = np.random.default_rng(1).normal(size=(60, 3))
+    points /= np.linalg.norm(points, axis=1)[:, None]
+    faces = np.array([[i, (i + 1) % 60, (i + 7) % 60] for i in range(60)])
+    monkeypatch.setattr(ordering, "ROUNDS", rounds)
+    order = ordering.canonical_order(points, faces, np.zeros(3))
+    assert sorted(order) == list(range(60))
+
+
+def raising(error):
+    def raise_it(*_arguments, **_named):
+        raise error
+
+    return raise_it
+
+
+@pytest.mark.parametrize(
+    "error", [ValueError("argmax"), FloatingPointError(), IndexError(), ZeroDivisionError()]
+)
+def test_an_error_that_nobody_expects_says_that_the_mesh_cannot_be_embedded(monkeypatch, error):
+    pipeline = Pipeline(DEFAULT)
+    monkeypatch.setattr(pipeline, "sample", raising(error))
+    with pytest.raises(CannotBeEmbeddedError) as caught:
+        pipeline.embed(box(1, 1, 1))
+    assert caught.value.__cause__ is error
+
+
+@pytest.mark.parametrize("error", [DegenerateMeshError("flat"), MemoryError(), KeyboardInterrupt()])
+def test_expected_errors_keep_their_names(monkeypatch, error):
+    pipeline = Pipeline(DEFAULT)
+    monkeypatch.setattr(pipeline, "sample", raising(error))
+    with pytest.raises(type(error)) as caught:
+        pipeline.embed(box(1, 1, 1))
+    assert caught.value is error
+
+
+@pytest.mark.parametrize(
+    "operation",
+    [
+        lambda: np.log(np.zeros(1)),
+        lambda: np.full(1, 1e300) ** 2,
+        lambda: np.sqrt(-np.ones(1)),
+        lambda: check_finite([np.nan]),
+    ],
+)
+def test_no_fault_of_arithmetic_passes(operation):
+    with pytest.raises(CannotBeEmbeddedError), guarded():
+        operation()
+
+
+def test_a_mesh_of_one_point_has_its_own_error():
+    mesh = icosphere(1)
+    with pytest.raises(CoreError) as caught:
+        Pipeline(DEFAULT).embed(Mesh(np.zeros_like(mesh.vertices), mesh.faces))
+    assert caught.value.kind == "degenerate-mesh"
