@@ -12,6 +12,7 @@ from threadpoolctl import threadpool_limits
 
 from core.parameters import Parameters
 from service.auth.gate import Gate
+from service.auth.hosts import Hosts
 from service.auth.keys import KeyRing
 from service.collections.dependencies import PARAMETER
 from service.collections.dependencies import PROBLEMS as CHOOSING_PROBLEMS
@@ -66,7 +67,8 @@ def create_app(settings: Settings) -> FastAPI:
         The file of parameters is invalid.
     """
     parameters = load_parameters(settings.pipeline)
-    gate = Gate(KeyRing(settings.api_keys, settings.read_keys), settings.rate_limit)
+    hosts = Hosts({*settings.hosts, settings.host}, any=settings.has_keys and not settings.hosts)
+    gate = Gate(KeyRing(settings.api_keys, settings.read_keys), settings.rate_limit, hosts)
     metrics = Metrics()
 
     @asynccontextmanager

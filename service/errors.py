@@ -125,6 +125,12 @@ class CrossSiteError(ServiceError):
     kind = "cross-site"
 
 
+class MisdirectedRequestError(ServiceError):
+    """The request names a host that this service is not."""
+
+    kind = "misdirected-request"
+
+
 class RateLimitError(ServiceError):
     """The key has exceeded its rate limit."""
 
@@ -288,6 +294,7 @@ PROBLEMS: dict[str, ProblemKind] = {
     "not-embedded": ProblemKind(409, "The shape has no embedding of the pipeline in use"),
     "file-changed": ProblemKind(412, "The file is another by now"),
     "body-too-large": ProblemKind(413, "The upload is too large"),
+    "misdirected-request": ProblemKind(421, "The service does not answer under this name"),
     "unsupported-media-type": ProblemKind(415, "The body's media type is not one that is read"),
     "file-time-limit": ProblemKind(422, "The file takes too long to work on"),
     # of archives and their members

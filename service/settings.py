@@ -28,6 +28,7 @@ DEPRECATED_VARIABLES = {"ISOSHAPE_SCREENED": "ISOSHAPE_RERANKED"}
 
 Digests = Annotated[tuple[str, ...], NoDecode]
 
+_HOST = re.compile(r"[A-Za-z0-9._-]+|\[[0-9A-Fa-f:.]+\]")
 _SCHEDULER = re.compile(r"(?:tcp|tls)://[^\s/:]+:\d{1,5}")
 
 
@@ -66,6 +67,12 @@ class Settings(BaseSettings):
         ge=0,
         le=65535,
         description="The port that `isoshape serve` listens on; 0 chooses a free port.",
+    )
+    hosts: Annotated[tuple[str, ...], NoDecode] = Field(
+        default=(),
+        description="Names under which the service answers, separated by commas, besides localhost and "
+        "the address that it listens on. Without keys, requests for other names are answered 421; with keys, "
+        "they are if this is set.",
     )
     api_keys: Digests = Field(
         default=(),
@@ -252,6 +259,16 @@ class Settings(BaseSettings):
                 "in postgresql+psycopg://user:password@host/database"
             )
         return database_url
+
+    @field_validator("hosts", mode="before")
+    @classmethod
+    def _are_names(cls, value: object) -> object:
+        if not isinstance(value, str):
+            return value
+        names = [part.strip() for part in value.split(",") if part.strip()]
+        if not all(map(_HOST.fullmatch, names)):
+            raise ValueError("must be names or addresses without ports, separated by commas")
+        return tuple(names)
 
     @field_validator("scheduler")
     @classmethod

@@ -3,6 +3,7 @@
 from starlette.datastructures import Headers
 from starlette.requests import cookie_parser
 
+from service.auth.hosts import Hosts, name_in
 from service.auth.keys import Grant, KeyRing
 from service.auth.rate_limits import RateLimit
 from service.auth.rules import SAFE_METHODS, from_another_site, needed, of_all_collections
@@ -11,10 +12,14 @@ from service.errors import CrossSiteError, ForbiddenError, RateLimitError, Unaut
 
 
 class Gate:
-    """Keys, sessions and rate limits of one service. Use it in the event loop only: it has no locks."""
+    """Keys, sessions, rate limits and names of one service.
 
-    def __init__(self, keys: KeyRing, rate_limit: int) -> None:
+    Use it in the event loop only: it has no locks.
+    """
+
+    def __init__(self, keys: KeyRing, rate_limit: int, hosts: Hosts) -> None:
         self._keys = keys
+        self._hosts = hosts
         self._rates = RateLimit(rate_limit)
         self.sessions = Sessions()
 
@@ -25,13 +30,15 @@ class Gate:
         ------
         UnauthorizedError
             The key is unknown.
+        MisdirectedRequestError
+            The session was opened under another name of the service.
         """
         if not self._keys:
             return Grant("full")
         key = key_in(headers)
         if key is None:
             token = token_in(headers)
-            return None if token is None else self.sessions.grant(token)
+            return None if token is None else self.sessions.grant(token, name_in(headers.get("host", "")))
         grant = self._keys.grant(key)
         if grant is None:
             raise UnauthorizedError("the service does not know this key", wrong=True)
@@ -42,6 +49,8 @@ class Gate:
 
         Raises
         ------
+        MisdirectedRequestError
+            The request names another host.
         CrossSiteError
             A page of another site caused a browser to send the request.
         UnauthorizedError, ForbiddenError
@@ -49,6 +58,7 @@ class Gate:
         RateLimitError
             The key has exceeded its rate limit.
         """
+        self._hosts.check(headers)
         if method not in SAFE_METHODS and key_in(headers) is None and from_another_site(headers):
             raise CrossSiteError("pages of other sites cannot use this service")
         level = needed(method, path)

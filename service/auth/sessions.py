@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from service.auth.keys import Grant, digest_of
+from service.errors import MisdirectedRequestError
 
 COOKIE = "isoshape_session"
 SECONDS = 12 * 60 * 60
@@ -15,27 +16,41 @@ MOST = 1000
 class Sessions:
     """The grants of signed-in browsers, in memory: a restart signs all of them out.
 
-    A cookie contains random bytes instead of the key; the service stores only the digest of these bytes.
+    A cookie contains random bytes instead of the key; the service stores only the digest of these bytes. A
+    session is valid under the name of the service under which it began.
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
-        self._open: dict[str, tuple[float, Grant]] = {}
+        self._open: dict[str, tuple[float, Grant, str]] = {}
 
-    def begin(self, grant: Grant) -> str:
-        """Begin a session and return its token. The oldest session ends if there are too many."""
+    def begin(self, grant: Grant, host: str) -> str:
+        """Begin a session under a name of the service, and return its token.
+
+        The oldest session ends if there are too many.
+        """
         now = self._clock()
         self._open = {name: held for name, held in self._open.items() if held[0] > now}
         while len(self._open) >= MOST:
             del self._open[next(iter(self._open))]
         token = secrets.token_urlsafe(32)
-        self._open[digest_of(token)] = (now + SECONDS, replace(grant, signed_in=True))
+        self._open[digest_of(token)] = (now + SECONDS, replace(grant, signed_in=True), host)
         return token
 
-    def grant(self, token: str) -> Grant | None:
-        """The grant of a session, or None if it has ended or never began."""
-        until, grant = self._open.get(digest_of(token), (0.0, None))
-        return grant if self._clock() < until else None
+    def grant(self, token: str, host: str) -> Grant | None:
+        """The grant of a session, or None if it has ended or never began.
+
+        Raises
+        ------
+        MisdirectedRequestError
+            The session began under another name.
+        """
+        until, grant, name = self._open.get(digest_of(token), (0.0, None, ""))
+        if grant is None or self._clock() >= until:
+            return None
+        if name != host:
+            raise MisdirectedRequestError("the session was opened under another name of the service")
+        return grant
 
     def end(self, token: str) -> None:
         """End the session, if it exists."""

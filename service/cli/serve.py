@@ -37,4 +37,6 @@ def command(
             )
         name = f"[{address[0]}]" if ":" in address[0] else address[0]
         say(f"Isoshape listens on http://{name}:{address[1]}")
+        # The address of the option is one of the names under which the service answers.
+        settings = settings.model_copy(update={"host": host or settings.host})
         run(create_app(settings), bound, shutdown_seconds=settings.shutdown_seconds)

@@ -101,7 +101,7 @@ def _say_who_may_ask(method: str, path: str, operation: dict[str, Any]) -> None:
     """Document the keys that an operation accepts, and the problems that refuse a request without one."""
     level = needed(method, path)
     operation["security"] = [] if level is None else [{name: []} for name in SCHEMES]
-    kinds = [] if method in SAFE_METHODS else ["cross-site"]
+    kinds = ["misdirected-request"] if method in SAFE_METHODS else ["misdirected-request", "cross-site"]
     if level is not None:
         kinds += ["unauthorized", "rate-limit"]
     if level == "full":

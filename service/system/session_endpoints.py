@@ -6,6 +6,7 @@ from fastapi import APIRouter, Request, Response
 from pydantic import BaseModel, Field
 
 from service.auth.gate import token_in
+from service.auth.hosts import name_in
 from service.auth.sessions import COOKIE, SECONDS
 from service.dependencies import Service
 from service.http.problems import documented
@@ -40,7 +41,7 @@ async def begin_session(request: Request, response: Response, container: Service
         return Session(access=grant.level, signed_in=grant.signed_in)
     response.set_cookie(
         COOKIE,
-        container.gate.sessions.begin(grant),
+        container.gate.sessions.begin(grant, name_in(request.headers.get("host", ""))),
         max_age=SECONDS,
         httponly=True,
         samesite="strict",

@@ -7,11 +7,18 @@ import pytest
 from starlette.datastructures import Headers
 
 from service.auth.gate import Gate, key_in
+from service.auth.hosts import Hosts, name_in
 from service.auth.keys import Grant, KeyRing, digest_of, new_key
 from service.auth.rate_limits import RateLimit
 from service.auth.rules import from_another_site, needed
 from service.auth.sessions import COOKIE, MOST, SECONDS, Sessions
-from service.errors import CrossSiteError, ForbiddenError, RateLimitError, UnauthorizedError
+from service.errors import (
+    CrossSiteError,
+    ForbiddenError,
+    MisdirectedRequestError,
+    RateLimitError,
+    UnauthorizedError,
+)
 from service.settings import Settings
 
 
@@ -79,23 +86,23 @@ def test_a_session_ends_when_it_is_ended_or_old() -> None:
     clock = Clock()
     sessions = Sessions(clock)
     grant = Grant("read", digest_of("r"))
-    one, other = sessions.begin(grant), sessions.begin(grant)
+    one, other = sessions.begin(grant, "here"), sessions.begin(grant, "here")
     assert one != other
-    assert sessions.grant(one) == Grant("read", digest_of("r"), signed_in=True)
+    assert sessions.grant(one, "here") == Grant("read", digest_of("r"), signed_in=True)
     sessions.end(one)
     sessions.end("unknown")
-    assert sessions.grant(one) is None
+    assert sessions.grant(one, "here") is None
     clock.now += SECONDS - 1
-    assert sessions.grant(other) is not None
+    assert sessions.grant(other, "here") is not None
     clock.now += 1
-    assert sessions.grant(other) is None
-    assert sessions.grant("") is None
+    assert sessions.grant(other, "here") is None
+    assert sessions.grant("", "here") is None
 
 
 def test_there_are_only_so_many_sessions() -> None:
     sessions = Sessions(Clock())
-    tokens = [sessions.begin(Grant("full", "d")) for _ in range(MOST + 2)]
-    assert [token for token in tokens if sessions.grant(token) is None] == tokens[:2]
+    tokens = [sessions.begin(Grant("full", "d"), "here") for _ in range(MOST + 2)]
+    assert [token for token in tokens if sessions.grant(token, "here") is None] == tokens[:2]
 
 
 @pytest.mark.parametrize(
@@ -150,7 +157,8 @@ def test_what_is_not_named_is_closed() -> None:
 
 def gate(**settings: object) -> Gate:
     chosen = Settings(**{"api_keys": (digest_of("full"),), "read_keys": (digest_of("read"),), **settings})
-    return Gate(KeyRing(chosen.api_keys, chosen.read_keys), chosen.rate_limit)
+    hosts = Hosts({*chosen.hosts, chosen.host}, any=True)
+    return Gate(KeyRing(chosen.api_keys, chosen.read_keys), chosen.rate_limit, hosts)
 
 
 def test_the_gate() -> None:
@@ -171,12 +179,17 @@ def test_the_gate() -> None:
 
 def test_a_cookie_is_a_key_for_its_own_site_alone() -> None:
     one = gate()
-    cookie = {"host": "here", "cookie": f"a=b; {COOKIE}={one.sessions.begin(Grant('full', 'd'))}; broken"}
+    cookie = {
+        "host": "here",
+        "cookie": f"a=b; {COOKIE}={one.sessions.begin(Grant('full', 'd'), 'here')}; broken",
+    }
     assert one.admit("POST", "/shapes", Headers({**cookie, "origin": "http://here"})) is not None
     with pytest.raises(CrossSiteError):
         one.admit("POST", "/shapes", Headers({**cookie, "origin": "http://evil.example"}))
     with pytest.raises(UnauthorizedError):
         one.admit("GET", "/shapes", Headers({"cookie": f"{COOKIE}=guessed"}))
+    with pytest.raises(MisdirectedRequestError):
+        one.admit("GET", "/shapes", Headers({**cookie, "host": "rebound.example"}))
     # A wrong key is said to be wrong, whatever the cookie says.
     with pytest.raises(UnauthorizedError):
         one.admit("GET", "/shapes", Headers({**cookie, "x-api-key": "wrong"}))
@@ -200,3 +213,44 @@ def test_each_key_has_its_own_rate() -> None:
     assert refused.value.retry_after == 30
     one.admit("GET", "/healthz", key)
     one.admit("GET", "/shapes", Headers({"x-api-key": "read"}))
+
+
+@pytest.mark.parametrize(
+    ("host", "name"),
+    [
+        ("Here.Example:8000", "here.example"),
+        ("here.example.", "here.example"),
+        ("127.0.0.1:80", "127.0.0.1"),
+        ("[::1]:8000", "::1"),
+        ("::1", "::1"),
+        ("", ""),
+        ("user@evil.example", "user@evil.example"),
+    ],
+)
+def test_the_name_in_a_host(host: str, name: str) -> None:
+    assert name_in(host) == name
+
+
+LOOPBACK = ("localhost", "LOCALHOST:8000", "127.0.0.1:8000", "127.9.9.9", "[::1]:8000")
+FOREIGN = (
+    "rebound.example",
+    "localhost.rebound.example",
+    "127.0.0.1.rebound.example:8000",
+    "10.0.0.1",
+    "",
+    "[::2]",
+)
+
+
+def test_a_service_without_a_key_answers_to_its_own_names() -> None:
+    hosts = Hosts({"parts.example", "192.0.2.7", "fd00::7"}, any=False)
+    for host in (*LOOPBACK, "parts.example", "PARTS.example:80", "192.0.2.7:8000", "[fd00::7]:80"):
+        hosts.check(Headers({"host": host}))
+    for host in FOREIGN:
+        with pytest.raises(MisdirectedRequestError):
+            hosts.check(Headers({"host": host}))
+    with pytest.raises(MisdirectedRequestError):
+        hosts.check(Headers())
+    with pytest.raises(MisdirectedRequestError):
+        hosts.check(Headers(raw=[(b"host", b"localhost"), (b"host", b"rebound.example")]))
+    Hosts((), any=True).check(Headers({"host": "rebound.example"}))
