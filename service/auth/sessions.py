@@ -10,7 +10,8 @@ from service.errors import MisdirectedRequestError
 
 COOKIE = "isoshape_session"
 SECONDS = 12 * 60 * 60
-MOST = 1000
+MOST_EACH = 1000
+"""Sessions of one key."""
 
 
 class Sessions:
@@ -27,12 +28,13 @@ class Sessions:
     def begin(self, grant: Grant, host: str) -> str:
         """Begin a session under a name of the service, and return its token.
 
-        The oldest session ends if there are too many.
+        The oldest session of the same key ends if the key has too many; those of other keys go on.
         """
         now = self._clock()
         self._open = {name: held for name, held in self._open.items() if held[0] > now}
-        while len(self._open) >= MOST:
-            del self._open[next(iter(self._open))]
+        own = [name for name, held in self._open.items() if held[1].digest == grant.digest]
+        for name in own[: max(0, len(own) + 1 - MOST_EACH)]:
+            del self._open[name]
         token = secrets.token_urlsafe(32)
         self._open[digest_of(token)] = (now + SECONDS, replace(grant, signed_in=True), host)
         return token

@@ -11,7 +11,7 @@ from service.auth.hosts import Hosts, name_in
 from service.auth.keys import Grant, KeyRing, digest_of, new_key
 from service.auth.rate_limits import RateLimit
 from service.auth.rules import from_another_site, needed
-from service.auth.sessions import COOKIE, MOST, SECONDS, Sessions
+from service.auth.sessions import COOKIE, MOST_EACH, SECONDS, Sessions
 from service.errors import (
     CrossSiteError,
     ForbiddenError,
@@ -99,10 +99,12 @@ def test_a_session_ends_when_it_is_ended_or_old() -> None:
     assert sessions.grant("", "here") is None
 
 
-def test_there_are_only_so_many_sessions() -> None:
+def test_a_key_has_only_so_many_sessions_and_ends_none_of_another_key() -> None:
     sessions = Sessions(Clock())
-    tokens = [sessions.begin(Grant("full", "d"), "here") for _ in range(MOST + 2)]
+    others = sessions.begin(Grant("full", "other"), "here")
+    tokens = [sessions.begin(Grant("read", "d"), "here") for _ in range(MOST_EACH + 2)]
     assert [token for token in tokens if sessions.grant(token, "here") is None] == tokens[:2]
+    assert sessions.grant(others, "here") is not None
 
 
 @pytest.mark.parametrize(
