@@ -25,8 +25,9 @@ from service.compute.workers_interface import Workers
 from service.container import Container
 from service.duplicates.endpoints import router as duplicates_router
 from service.http.access_control import AccessControl
+from service.http.body_limits import Arrivals, BodyLimit
 from service.http.idempotency.keys import InFlight
-from service.http.middleware import BodyLimit, RequestContext
+from service.http.middleware import RequestContext
 from service.http.openapi import DESCRIPTION, TAGS, describe
 from service.http.problems import handle_problems
 from service.index.cache import EmbeddingCache
@@ -119,7 +120,12 @@ def create_app(settings: Settings) -> FastAPI:
     app.include_router(page_router)
     app.add_middleware(AccessControl, gate=gate)
     app.add_middleware(
-        BodyLimit, file_bytes=settings.max_upload_bytes, larger={JOBS_ADDRESS: settings.max_archive_bytes}
+        BodyLimit,
+        file_bytes=settings.max_upload_bytes,
+        larger={JOBS_ADDRESS: settings.max_archive_bytes},
+        # More could not wait for a worker.
+        arrivals=Arrivals(settings.workers + settings.queue_length),
+        seconds=settings.receive_seconds,
     )
     app.add_middleware(RequestContext, metrics=metrics)
     handle_problems(app)

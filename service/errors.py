@@ -153,6 +153,12 @@ class FileTooLargeError(ServiceError):
     kind = "body-too-large"
 
 
+class StalledBodyError(ServiceError):
+    """The body of the request stopped arriving."""
+
+    kind = "request-timeout"
+
+
 class FileTimeLimitError(ServiceError):
     """Reading or embedding the file exceeded its time limit."""
 
@@ -213,6 +219,7 @@ class StorageFullError(ServiceError):
     """The database or the temporary folder has no space left."""
 
     kind = "storage-full"
+    retry_after = 60
 
 
 class PipelineUnavailableError(ServiceError):
@@ -289,6 +296,7 @@ PROBLEMS: dict[str, ProblemKind] = {
     "shape-not-found": ProblemKind(404, "There is no such shape"),
     "collection-not-found": ProblemKind(404, "There is no such collection"),
     "method-not-allowed": ProblemKind(405, "The address does not answer this method"),
+    "request-timeout": ProblemKind(408, "The request stopped arriving"),
     "name-taken": ProblemKind(409, "The name is taken"),
     "collection-not-empty": ProblemKind(409, "The collection is not empty"),
     "not-embedded": ProblemKind(409, "The shape has no embedding of the pipeline in use"),

@@ -106,6 +106,12 @@ class Settings(BaseSettings):
         description="Requests that may wait for a worker, besides those that have one; the next request is "
         "answered 503.",
     )
+    receive_seconds: float = Field(
+        default=20.0,
+        gt=0,
+        allow_inf_nan=False,
+        description="The longest wait for the next bytes of a request's body; after it the answer is 408.",
+    )
     task_seconds: float = Field(
         default=120.0,
         gt=0,

@@ -5,6 +5,7 @@ Requests in; limits, problem documents, uploaded files and the OpenAPI document 
 
 __all__ = [
     "access_control",
+    "body_limits",
     "disconnects",
     "duplicate_parameters",
     "middleware",

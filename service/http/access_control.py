@@ -30,13 +30,15 @@ class AccessControl:
         try:
             grant = self._gate.admit(scope["method"], scope["path"], headers)
         except ServiceError as error:
-            response = problem_of(error)
-            if "transfer-encoding" in headers:
-                # Without this header the server reads the rest of the body, which may have no end.
-                response.headers["Connection"] = "close"
-            await response(scope, receive, send)
+            await problem_of(error)(scope, receive, send)
             return
         scope[GRANT_IN_SCOPE] = grant
         if grant is not None and grant.digest is not None:
             scope[KEY_IN_SCOPE] = grant.digest
         await self._app(scope, receive, send)
+
+
+def client_of(scope: Scope) -> str:
+    """The client of an admitted request: the digest of its key, or its address where there are no keys."""
+    digest, client = scope.get(KEY_IN_SCOPE), scope.get("client")
+    return str(digest or (client[0] if client else ""))

@@ -1,18 +1,16 @@
-"""Middleware of every request: an id and a line in the log, and a limit on the body."""
+"""Middleware of every request: an id, a count, and a line in the log."""
 
 import asyncio
 import logging
 import re
 import time
 import uuid
-from collections.abc import Mapping
 
 from starlette.datastructures import Headers, MutableHeaders
-from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from service.errors import FileTooLargeError, ShuttingDownError
+from service.errors import ShuttingDownError
 from service.http.access_control import COLLECTION_IN_SCOPE, KEY_IN_SCOPE
 from service.http.problems import KIND_IN_SCOPE, problem_of, problem_response
 from service.observability.logging import get_logger, request_id
@@ -25,9 +23,6 @@ PROBES = frozenset({"/healthz", "/readyz"})
 
 # No answer: the client disconnected. Proxies use the same number.
 CLIENT_GONE = 499
-
-FORM_OVERHEAD = 1024 * 1024
-SMALL_BODY_BYTES = 1024 * 1024
 
 log = get_logger("access")
 
@@ -108,43 +103,3 @@ class RequestContext:
         metrics.request_seconds.labels(method, route).observe(seconds)
         if KIND_IN_SCOPE in scope:
             metrics.problems.labels(scope[KIND_IN_SCOPE]).inc()
-
-
-class BodyLimit:
-    """Refuses a body that is too large, by its Content-Length, or else by counting its bytes.
-
-    A form may have the size of the largest file and `FORM_OVERHEAD`; any other body has a limit of
-    `SMALL_BODY_BYTES`. `larger` has the paths with another size of the largest file, in bytes.
-    """
-
-    def __init__(self, app: ASGIApp, file_bytes: int, larger: Mapping[str, int]) -> None:
-        self._app = app
-        self._file_bytes = file_bytes
-        self._larger = larger
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Serve one request."""
-        if scope["type"] != "http":
-            await self._app(scope, receive, send)
-            return
-        headers = Headers(scope=scope)
-        is_form = headers.get("content-type", "").lower().startswith("multipart/form-data")
-        file_bytes = self._larger.get(scope["path"], self._file_bytes)
-        limit = file_bytes + FORM_OVERHEAD if is_form else SMALL_BODY_BYTES
-        too_large = f"at most {file_bytes if is_form else limit} bytes are taken"
-        declared = headers.get("content-length", "")
-        if declared.isdecimal() and int(declared) > limit:
-            await problem_response(FileTooLargeError.kind, too_large)(scope, receive, send)
-            return
-        received = 0
-
-        async def receive_and_count() -> Message:
-            nonlocal received
-            message = await receive()
-            received += len(message.get("body", b""))
-            if received > limit:
-                # FastAPI passes an HTTPException on while it reads a body; any other error becomes a 400.
-                raise HTTPException(413, too_large)
-            return message
-
-        await self._app(scope, receive_and_count, send)

@@ -88,6 +88,8 @@ def describe(app: FastAPI, refusals: Mapping[str, Sequence[str]]) -> None:
             for path, operations in schema["paths"].items():
                 for method, operation in operations.items():
                     _say_who_may_ask(method.upper(), path, operation)
+                    if "requestBody" in operation:
+                        _add_problems(operation, ("request-timeout", "busy", "storage-full"))
                     for parameter in operation.get("parameters", []):
                         _add_problems(operation, refusals.get(parameter["name"], ()))
             link(schema["paths"])

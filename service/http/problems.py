@@ -36,6 +36,17 @@ class ProblemResponse(JSONResponse):
         await super().__call__(scope, receive, send)
 
 
+class RefusedBodyError(HTTPException):
+    """A body that is refused while it arrives.
+
+    FastAPI passes an `HTTPException` on while it reads a body; any other error becomes a 400.
+    """
+
+    def __init__(self, error: ServiceError) -> None:
+        super().__init__(PROBLEMS[error.kind].status, str(error))
+        self.error = error
+
+
 def problem_response(
     kind: str,
     detail: str,
@@ -59,9 +70,6 @@ def problem_response(
     headers = dict(headers or {})
     if retry_after is not None:
         headers["Retry-After"] = str(retry_after)
-    if row.status in {413, 507}:
-        # Without this header the server reads the rest of the body, which may have no end.
-        headers["Connection"] = "close"
     return ProblemResponse(problem, kind, headers)
 
 
@@ -105,7 +113,7 @@ def documented(*kinds: str) -> dict[int | str, dict[str, Any]]:
                 "request_id": "7f9c0e1d",
             },
         }
-        if row.status in {429, 503}:
+        if row.status in {429, 503, 507}:
             response["headers"] = {
                 "Retry-After": {
                     "description": "Seconds to wait before trying again.",
@@ -142,6 +150,8 @@ async def _validation_error(_request: Request, error: Exception) -> JSONResponse
 
 async def _http_error(request: Request, error: Exception) -> JSONResponse:
     assert isinstance(error, HTTPException)
+    if isinstance(error, RefusedBodyError):
+        return problem_of(error.error)
     kind = BY_STATUS.get(error.status_code, "internal-error")
     detail = {
         "not-found": f"there is nothing at {request.url.path}",

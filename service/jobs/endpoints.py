@@ -11,6 +11,7 @@ from starlette.concurrency import run_in_threadpool
 from service.collections.dependencies import InCollection, address
 from service.dependencies import Service
 from service.errors import BusyError
+from service.http.access_control import client_of
 from service.http.duplicate_parameters import once
 from service.http.problems import documented
 from service.http.request_bodies import RequestBody
@@ -43,9 +44,9 @@ def _runner(request: Request) -> Runner:
 Jobs = Annotated[Runner, Depends(_runner)]
 
 
-async def _receiving(jobs: Jobs, _collection: InCollection) -> AsyncIterator[None]:
+async def _receiving(request: Request, jobs: Jobs, _collection: InCollection) -> AsyncIterator[None]:
     # The collection comes first: without a right to it there is no place among the archives received.
-    with jobs.arriving():
+    with jobs.arriving(client_of(request.scope)):
         yield
 
 

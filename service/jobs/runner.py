@@ -7,6 +7,7 @@ member has both or neither, and the next service continues with the members with
 import asyncio
 import time
 import uuid
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from datetime import UTC, datetime, timedelta
@@ -46,7 +47,8 @@ BEAT_SECONDS = LEASE.total_seconds() / 4
 # The wait after an internal error; the member is not refused.
 PAUSES = (1.0, 2.0, 5.0, 10.0, 30.0)
 ROOM_SECONDS = 0.02
-# The most archives that are received at a time: they occupy the temporary folder until they are stored.
+# The most archives of one client that are received at a time: they occupy the temporary folder until they are
+# stored.
 ARRIVING = 2
 # Requests have priority, but a job waits no longer than this.
 PATIENCE_SECONDS = 5.0
@@ -79,7 +81,7 @@ class Runner:
         self._look = asyncio.Event()
         self._active_members = 0
         self.followers: set[object] = set()
-        self._arriving = 0
+        self._arriving: Counter[str] = Counter()
         self._open = False
         self._faults = 0
         self._running: asyncio.Task[None] | None = None
@@ -98,21 +100,25 @@ class Runner:
         return self._active_members
 
     @contextmanager
-    def arriving(self) -> Iterator[None]:
-        """Count an archive that is being received, until the end of the block.
+    def arriving(self, client: str) -> Iterator[None]:
+        """Count an archive of a client that is being received, until the end of the block.
 
         Raises
         ------
         BusyError
-            The largest number of archives is being received.
+            The largest number of archives of the client is being received.
         """
-        if self._arriving >= ARRIVING:
-            raise BusyError(f"{ARRIVING} archives are being received; try again when one is complete")
-        self._arriving += 1
+        if self._arriving[client] >= ARRIVING:
+            raise BusyError(
+                f"{ARRIVING} archives of this client are being received; try again when one is complete"
+            )
+        self._arriving[client] += 1
         try:
             yield
         finally:
-            self._arriving -= 1
+            self._arriving[client] -= 1
+            if not self._arriving[client]:
+                del self._arriving[client]
 
     async def stop(self) -> None:
         """Stop at once: the next start continues with the members that are not stored."""

@@ -151,5 +151,5 @@ def assert_problem(answer: httpx.Response, status: int, kind: str) -> dict[str, 
     assert problem["detail"]
     assert problem["request_id"] == answer.headers["x-request-id"]
     assert problem["instance"] == f"urn:isoshape:request:{problem['request_id']}"
-    assert ("retry-after" in answer.headers) == (status in {429, 503})
+    assert ("retry-after" in answer.headers) == (status in {429, 503, 507})
     return problem

@@ -1,0 +1,215 @@
+"""Limits on the bodies of requests: their size, the time without progress, and the room of each client."""
+
+import asyncio
+import shutil
+import tempfile
+from collections import Counter
+from collections.abc import Mapping
+
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from service.errors import BusyError, FileTooLargeError, ServiceError, StalledBodyError, StorageFullError
+from service.http.access_control import client_of
+from service.http.problems import RefusedBodyError, problem_of
+
+FORM_OVERHEAD = 1024 * 1024
+SMALL_BODY_BYTES = 1024 * 1024
+# Starlette writes a file to disk when it is larger.
+IN_MEMORY_BYTES = 1024 * 1024
+# The server reads the rest of a body after the answer, if there is no more of it.
+DRAINED_BYTES = 64 * 1024
+
+
+class Arrivals:
+    """The bodies that are arriving, and the forms on disk, of each client.
+
+    A client has a number of bodies. Its forms may occupy as much of the temporary folder as stays free: one
+    client fills half of the folder at most, and the next half of the rest. Use it in the event loop only.
+
+    Parameters
+    ----------
+    bodies : int
+        The most bodies of one client that may arrive at a time.
+    """
+
+    def __init__(self, bodies: int) -> None:
+        self._most = bodies
+        self._bodies: Counter[str] = Counter()
+        self._bytes: Counter[str] = Counter()
+
+    def begin(self, client: str) -> None:
+        """Count a body.
+
+        Raises
+        ------
+        BusyError
+            Too many bodies of the client are arriving.
+        """
+        if self._bodies[client] >= self._most:
+            raise BusyError(
+                f"{self._most} bodies of this client are arriving; try again when one is complete"
+            )
+        self._bodies[client] += 1
+
+    def end(self, client: str) -> None:
+        """Count a body no more: it is whole, or given up."""
+        _subtract(self._bodies, client, 1)
+
+    def take(self, client: str, size: int) -> None:
+        """Count bytes that are about to be written to the temporary folder.
+
+        Raises
+        ------
+        StorageFullError
+            The client would have more there than stays free.
+        """
+        if self._bytes[client] + size > shutil.disk_usage(tempfile.gettempdir()).free:
+            raise StorageFullError("there is no room for the upload in the temporary folder")
+        self._bytes[client] += size
+
+    def free(self, client: str, size: int) -> None:
+        """Count bytes no more: their files are closed."""
+        _subtract(self._bytes, client, size)
+
+
+class BodyLimit:
+    """Middleware that refuses bodies that are too large, too many or stalled.
+
+    A form may have the size of the largest file and `FORM_OVERHEAD`; any other body has a limit of
+    `SMALL_BODY_BYTES`.
+
+    Parameters
+    ----------
+    app : ASGIApp
+    file_bytes : int
+        The size of the largest file.
+    larger : mapping of str to int
+        The paths with another size of the largest file.
+    arrivals : Arrivals
+    seconds : float
+        The longest wait for the next bytes of a body.
+    """
+
+    def __init__(
+        self, app: ASGIApp, file_bytes: int, larger: Mapping[str, int], arrivals: Arrivals, seconds: float
+    ) -> None:
+        self._app = app
+        self._file_bytes = file_bytes
+        self._larger = larger
+        self._arrivals = arrivals
+        self._seconds = seconds
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Serve one request."""
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        headers = Headers(scope=scope)
+        is_form = headers.get("content-type", "").lower().startswith("multipart/form-data")
+        file_bytes = self._larger.get(scope["path"], self._file_bytes)
+        limit = file_bytes + FORM_OVERHEAD if is_form else SMALL_BODY_BYTES
+        too_large = FileTooLargeError(f"at most {file_bytes if is_form else limit} bytes are taken")
+        body = _Body(scope, headers, receive, self._arrivals, self._seconds, limit, too_large, is_form)
+
+        async def send_and_close(message: Message) -> None:
+            if message["type"] == "http.response.start" and body.goes_on:
+                # Otherwise the server reads the rest of the body, which may have no end.
+                MutableHeaders(scope=message)["Connection"] = "close"
+            await send(message)
+
+        if body.declared > limit:
+            await problem_of(too_large)(scope, receive, send_and_close)
+            return
+        try:
+            await self._app(scope, body.receive, send_and_close)
+        finally:
+            body.close()
+
+
+class _Body:
+    """The body of one request as it arrives."""
+
+    def __init__(
+        self,
+        scope: Scope,
+        headers: Headers,
+        receive: Receive,
+        arrivals: Arrivals,
+        seconds: float,
+        limit: int,
+        too_large: ServiceError,
+        is_form: bool,
+    ) -> None:
+        self._scope = scope
+        self._receive = receive
+        self._arrivals = arrivals
+        self._seconds = seconds
+        self._limit = limit
+        self._too_large = too_large
+        self._is_form = is_form
+        length = headers.get("content-length", "")
+        self.declared = int(length) if length.isdecimal() else 0
+        self._chunked = "transfer-encoding" in headers
+        self._client = ""
+        self._received = 0
+        self._on_disk = 0
+        self._arriving = False
+        self._whole = not (self.declared or self._chunked)
+
+    @property
+    def goes_on(self) -> bool:
+        """Whether more of the body may follow than the server should read and drop."""
+        if self._whole:
+            return False
+        return self._chunked or self.declared - self._received > DRAINED_BYTES
+
+    async def receive(self) -> Message:
+        """The next message of the server."""
+        if self._whole:
+            return await self._receive()
+        try:
+            return await self._next()
+        except ServiceError as error:
+            raise RefusedBodyError(error) from error
+
+    async def _next(self) -> Message:
+        if not self._arriving:
+            # The key is known by now.
+            self._client = client_of(self._scope)
+            self._arrivals.begin(self._client)
+            self._arriving = True
+        try:
+            async with asyncio.timeout(self._seconds):
+                message = await self._receive()
+        except TimeoutError:
+            raise StalledBodyError(f"nothing of the body arrived in {self._seconds:g} s") from None
+        size = len(message.get("body", b""))
+        self._received += size
+        if self._received > self._limit:
+            raise self._too_large
+        if self._is_form and self._received > IN_MEMORY_BYTES:
+            more = self._received - self._on_disk
+            self._arrivals.take(self._client, more)
+            self._on_disk += more
+        if not message.get("more_body", False):
+            self._whole = True
+            self._end()
+        return message
+
+    def _end(self) -> None:
+        if self._arriving:
+            self._arriving = False
+            self._arrivals.end(self._client)
+
+    def close(self) -> None:
+        """Free the client's room: the request is over, and its files are closed."""
+        self._end()
+        self._arrivals.free(self._client, self._on_disk)
+
+
+def _subtract(counter: Counter[str], client: str, number: int) -> None:
+    """Count less, and forget a client without any."""
+    counter[client] -= number
+    if counter[client] <= 0:
+        del counter[client]

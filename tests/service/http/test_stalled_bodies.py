@@ -1,0 +1,233 @@
+"""Bodies that stop arriving: they take room of their own client only, and are given up after some seconds."""
+
+import errno
+import select
+import shutil
+import socket
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, suppress
+from pathlib import Path
+from tempfile import SpooledTemporaryFile
+from typing import Any
+
+import httpx
+import pytest
+from starlette import formparsers
+
+from service.auth.keys import digest_of
+from tests.service.http.responsiveness import assert_others_are_served
+from tests.service.support import (
+    Running,
+    assert_problem,
+    serving,
+    settings_in,
+    small_file,
+    upload,
+    wait_until,
+)
+
+FULL, READ = "isoshape_full", "isoshape_read"
+SECONDS = 2.0
+SLOTS = 4
+MB = 1_000_000
+
+
+@pytest.fixture(scope="module")
+def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
+    """A service with two keys, that waits two seconds for the next bytes of a body."""
+    settings = settings_in(
+        tmp_path_factory.mktemp("stalled"),
+        workers=1,
+        queue_length=SLOTS - 1,
+        receive_seconds=SECONDS,
+        api_keys=(digest_of(FULL),),
+        read_keys=(digest_of(READ),),
+    )
+    with serving(settings, key=FULL) as running:
+        yield running
+
+
+class Folder:
+    """A temporary folder with little room, and the files that are in it."""
+
+    def __init__(self, room: int) -> None:
+        self.room = room
+        self.files: dict[int, int] = {}
+
+    @property
+    def free(self) -> int:
+        return self.room - sum(self.files.values())
+
+
+@pytest.fixture
+def folder(monkeypatch: pytest.MonkeyPatch) -> Folder:
+    """A temporary folder of 30 MB, as a container may have it."""
+    made = Folder(30 * MB)
+
+    class Spooled(SpooledTemporaryFile[bytes]):
+        def write(self, data: Any) -> int:
+            written = super().write(data)
+            if self._rolled:  # type: ignore[attr-defined]
+                if len(data) > made.free:
+                    raise OSError(errno.ENOSPC, "no space left on device")
+                made.files[id(self)] = self.tell()
+            return written
+
+        def close(self) -> None:
+            made.files.pop(id(self), None)
+            super().close()
+
+    monkeypatch.setattr(formparsers, "SpooledTemporaryFile", Spooled)
+    usage = shutil.disk_usage("/")
+    monkeypatch.setattr(shutil, "disk_usage", lambda _path: usage._replace(free=made.free))
+    return made
+
+
+def begin(
+    running: Running, path: str, length: int, sent: int, *, key: str = READ, name: str = "a.off"
+) -> socket.socket:
+    """A connection on which a form with a file has begun to arrive, unless it is refused meanwhile."""
+    url = running.client.base_url
+    connection = socket.create_connection((url.host, url.port))
+    head = f'--b\r\nContent-Disposition: form-data; name="file"; filename="{name}"\r\n\r\n'
+    connection.sendall(
+        f"POST {path} HTTP/1.1\r\nHost: localhost\r\nX-API-Key: {key}\r\n"
+        f"Content-Type: multipart/form-data; boundary=b\r\nContent-Length: {length}\r\n\r\n{head}".encode()
+    )
+    with suppress(ConnectionError):
+        for start in range(0, sent, 65536):
+            connection.sendall(b"x" * min(65536, sent - start))
+    return connection
+
+
+def answer(connection: socket.socket) -> httpx.Response:
+    """The answer on a connection, which the service then closes."""
+    connection.settimeout(30)
+    received = b""
+    while part := connection.recv(65536):
+        received += part
+    head, _, body = received.partition(b"\r\n\r\n")
+    status, *lines = head.decode().split("\r\n")
+    headers = dict(line.lower().split(": ", 1) for line in lines)
+    assert headers["connection"] == "close"
+    return httpx.Response(int(status.split()[1]), headers=headers, content=body)
+
+
+@pytest.mark.parametrize(("path", "sent"), [("/query", 0), ("/shapes", 2 * MB), ("/jobs", 100_000)])
+def test_a_body_that_stops_is_given_up(running: Running, path: str, sent: int) -> None:
+    start = time.monotonic()
+    with begin(running, path, 4 * MB, sent, key=FULL) as connection:
+        assert_problem(answer(connection), 408, "request-timeout")
+    assert time.monotonic() - start >= SECONDS - 0.1
+
+
+def test_json_that_stops_is_given_up(running: Running) -> None:
+    url = running.client.base_url
+    with socket.create_connection((url.host, url.port)) as connection:
+        connection.sendall(
+            f"POST /compare HTTP/1.1\r\nHost: localhost\r\nX-API-Key: {READ}\r\n"
+            'Content-Type: application/json\r\nContent-Length: 100000\r\n\r\n{"first": '.encode()
+        )
+        assert_problem(answer(connection), 408, "request-timeout")
+
+
+def test_a_slow_body_that_goes_on_is_taken(running: Running) -> None:
+    data = small_file(3)
+
+    def slowly() -> Iterator[bytes]:
+        yield b'--b\r\nContent-Disposition: form-data; name="file"; filename="slow.off"\r\n\r\n'
+        for start in range(0, len(data), len(data) // 5 + 1):
+            time.sleep(SECONDS / 4)
+            yield data[start : start + len(data) // 5 + 1]
+        yield b"\r\n--b--\r\n"
+
+    headers = {"content-type": "multipart/form-data; boundary=b"}
+    assert running.client.post("/shapes", content=slowly(), headers=headers).status_code == 201
+
+
+def test_stalled_bodies_of_one_key_leave_room_for_others(running: Running, folder: Folder) -> None:
+    """Three bodies of 9.3 MB would fill the folder."""
+    with ExitStack() as stack:
+        for _ in range(3):
+            stack.enter_context(begin(running, "/query", 9_400_000, 9_300_000))
+        wait_until(lambda: folder.free < 21 * MB, seconds=2)
+        large = small_file(5) + b"\n" * 9 * MB
+        assert upload(running.client, large, "large.off").status_code == 201
+    wait_until(lambda: folder.free == folder.room, seconds=2 * SECONDS)
+
+
+def test_stalled_bodies_delay_nobody(running: Running) -> None:
+    def stall() -> None:
+        with ExitStack() as stack:
+            for _ in range(SLOTS + 2):
+                stack.enter_context(begin(running, "/query", 9_400_000, 2_000_000))
+            time.sleep(SECONDS / 2)
+
+    assert_others_are_served(running.client, stall)
+
+
+def test_a_client_that_fills_its_room_is_told_so(running: Running, folder: Folder) -> None:
+    with begin(running, "/query", 29 * MB, 10 * MB), begin(running, "/query", 20 * MB, 4 * MB) as second:
+        # A piece at a time: an answer is lost if more of the body arrives after it.
+        while not select.select([second], [], [], 0.02)[0]:
+            second.sendall(b"x" * 65536)
+        problem = assert_problem(answer(second), 507, "storage-full")
+        assert "temporary folder" in problem["detail"]
+        assert folder.free > 10 * MB
+
+
+def test_a_client_has_so_many_bodies_and_takes_none_of_others(running: Running) -> None:
+    with ExitStack() as stack:
+        for _ in range(SLOTS):
+            stack.enter_context(begin(running, "/query", 100_000, 50))
+        own = {"authorization": f"Bearer {READ}"}
+        file = {"file": ("a.off", small_file(1))}
+
+        def refused() -> bool:
+            return running.client.post("/query", files=file, headers=own).status_code == 503
+
+        wait_until(refused, seconds=SECONDS)
+        assert_problem(running.client.post("/query", files=file, headers=own), 503, "busy")
+        assert running.client.get("/shapes", headers=own).status_code == 200
+        assert running.client.post("/query", files=file).status_code == 200
+    wait_until(lambda: not refused(), seconds=2 * SECONDS)
+
+
+def test_stalled_archives_of_one_key_leave_places_for_others(tmp_path: Path) -> None:
+    other = "isoshape_other"
+    settings = settings_in(tmp_path, workers=1, api_keys=(digest_of(FULL), digest_of(other)))
+    with serving(settings, ready=False, key=other) as running, ExitStack() as stack:
+        for _ in range(2):
+            stack.enter_context(begin(running, "/jobs", 2 * MB, 100, key=FULL, name="a.zip"))
+        file = {"file": ("a.zip", b"PK")}
+        own = {"authorization": f"Bearer {FULL}"}
+        wait_until(
+            lambda: running.client.post("/jobs", files=file, headers=own).status_code == 503, seconds=10
+        )
+        assert_problem(running.client.post("/jobs", files=file), 415, "unknown-archive")
+
+
+@pytest.mark.parametrize(
+    ("path", "key", "status"),
+    [("/nothing", FULL, 404), ("/shapes", READ, 403), ("/shapes", "none", 401), ("/shapes/x", FULL, 405)],
+)
+def test_an_endless_body_that_nobody_reads_ends_with_the_answer(
+    running: Running, path: str, key: str, status: int
+) -> None:
+    url = running.client.base_url
+    sent, over = 0, threading.Event()
+    with socket.create_connection((url.host, url.port)) as connection:
+        connection.settimeout(20)
+        head = f"POST {path} HTTP/1.1\r\nHost: localhost\r\nX-API-Key: {key}\r\nTransfer-Encoding: chunked"
+        connection.sendall(head.encode() + b"\r\n\r\n")
+        assert int(connection.recv(64).split()[1]) == status
+        try:
+            while sent < 50 * MB:
+                connection.sendall(b"10000\r\n" + b"x" * 65536 + b"\r\n")
+                sent += 65536
+        except OSError:
+            over.set()
+    assert over.is_set()
+    assert sent < 10 * MB
