@@ -16,6 +16,7 @@ from service.jobs.records import (
     NewJob,
     Outcome,
 )
+from service.storage.checksums import checksum_of
 from service.storage.database import ReadSession, WriteSession
 from service.storage.job_states import ACTIVE, ENDED, State
 from service.storage.job_tables import JobFileRow, JobPieceRow, JobRow
@@ -45,7 +46,7 @@ def add(session: WriteSession, new: NewJob, runner: str, until: datetime, now: d
 
 def add_piece(session: WriteSession, number: int, place: int, data: bytes, until: datetime) -> None:
     """Store the next piece of an archive that is being received."""
-    session.add(JobPieceRow(job_number=number, place=place, data=data))
+    session.add(JobPieceRow(job_number=number, place=place, data=data, checksum=checksum_of(data)))
     session.execute(update(JobRow).where(JobRow.number == number).values(leased_until=until))
 
 

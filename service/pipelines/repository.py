@@ -7,6 +7,7 @@ from typing import Any
 from sqlalchemy import delete, func, select, update
 from sqlalchemy.orm import aliased
 
+from service.storage.checksums import pipeline_checksum
 from service.storage.database import ReadSession, WriteSession
 from service.storage.revisions import next_revision
 from service.storage.tables import ArchiveRow, BlobRow, EmbeddingRow, PipelineRow, ShapeRow
@@ -39,8 +40,14 @@ def written(session: ReadSession, fingerprint: str) -> PipelineRecord | None:
 def write(session: WriteSession, fingerprint: str, pipeline: PipelineRecord) -> None:
     """Store the record of a pipeline unless it is present."""
     if session.get(PipelineRow, fingerprint) is None:
+        parameters = dict(pipeline.parameters)
         session.add(
-            PipelineRow(fingerprint=fingerprint, method=pipeline.method, parameters=dict(pipeline.parameters))
+            PipelineRow(
+                fingerprint=fingerprint,
+                method=pipeline.method,
+                parameters=parameters,
+                checksum=pipeline_checksum(fingerprint, pipeline.method, parameters),
+            )
         )
         session.flush()
 

@@ -2,6 +2,7 @@
 
 from sqlalchemy import select
 
+from service.storage.checksums import checksum_of
 from service.storage.database import ReadSession, WriteSession
 from service.storage.tables import BlobRow, ThumbnailRow
 
@@ -26,4 +27,5 @@ def store_thumbnail(
     """Store a thumbnail, in place of one by another version; nothing happens if the file was deleted."""
     number = session.scalar(select(BlobRow.number).where(BlobRow.sha256 == sha256))
     if number is not None:
-        session.merge(ThumbnailRow(blob_number=number, format=format, size=size, drawing=drawing, data=data))
+        own = {"blob_number": number, "format": format, "size": size, "drawing": drawing}
+        session.merge(ThumbnailRow(**own, data=data, checksum=checksum_of(data)))

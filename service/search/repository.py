@@ -5,14 +5,16 @@ from collections.abc import Sequence
 from sqlalchemy import select
 
 from service.collection import CollectionNumber
+from service.storage.checksums import is_whole
 from service.storage.database import ReadSession
 from service.storage.tables import BlobRow, EmbeddingRow, ShapeRow
 
 
 def embedding_records(session: ReadSession, numbers: Sequence[int]) -> dict[int, bytes]:
-    """The records of embeddings by number; deleted ones are left out."""
-    query = select(EmbeddingRow.number, EmbeddingRow.record).where(EmbeddingRow.number.in_(numbers))
-    return dict(session.execute(query).all())
+    """The records of embeddings by number; deleted and damaged ones are left out."""
+    columns = EmbeddingRow.number, EmbeddingRow.record, EmbeddingRow.checksum
+    rows = session.execute(select(*columns).where(EmbeddingRow.number.in_(numbers)))
+    return {row.number: row.record for row in rows if is_whole(row.record, row.checksum)}
 
 
 def numbers_of_bytes(session: ReadSession, collection: CollectionNumber, sha256: str) -> list[int]:

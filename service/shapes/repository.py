@@ -8,11 +8,13 @@ from typing import Any
 
 from sqlalchemy import Select, case, delete, func, literal, select, update
 
+from core.errors import BadRecordError
 from service.collection import CollectionNumber
 from service.compute.tasks import Embedded
 from service.errors import SignatureLengthError
 from service.shapes.fields import plain_values
 from service.shapes.records import Changes, NewShape, ShapeFilter, ShapeRecord, StoredFile
+from service.storage.checksums import SHAPE_COLUMNS, SHAPE_TIMES, checksum_of, is_whole, shape_checksum
 from service.storage.columns import UtcDateTime
 from service.storage.database import ReadSession, WriteSession
 from service.storage.hnsw import ensure_hnsw
@@ -136,12 +138,21 @@ def file_of(session: ReadSession, collection: CollectionNumber, shape_id: str) -
 def embedding_of(
     session: ReadSession, fingerprint: str, collection: CollectionNumber, shape_id: str
 ) -> bytes | None:
-    """The record of a shape's embedding by one pipeline."""
-    return session.scalar(
-        select(EmbeddingRow.record)
+    """The record of a shape's embedding by one pipeline.
+
+    Raises
+    ------
+    BadRecordError
+        The record does not have its checksum.
+    """
+    row = session.execute(
+        select(EmbeddingRow.number, EmbeddingRow.record, EmbeddingRow.checksum)
         .join(ShapeRow, _is_its_embedding(fingerprint))
         .where(ShapeRow.id == shape_id, ShapeRow.collection_number == collection)
-    )
+    ).one_or_none()
+    if row is not None and not is_whole(row.record, row.checksum):
+        raise BadRecordError(f"embedding {row.number} does not have its checksum")
+    return None if row is None else row.record
 
 
 def same(session: ReadSession, fingerprint: str, new: NewShape) -> ShapeRecord | None:
@@ -211,9 +222,14 @@ def add_embedding(
             "fingerprint": fingerprint,
             "signature": embedded.signature,
             "record": embedded.record,
+            "checksum": checksum_of(embedded.record),
         },
     )
-    beside = {"data": embedded.sketch, "signature": embedded.signature.astype("<f4").tobytes()}
+    beside = {
+        "data": embedded.sketch,
+        "signature": embedded.signature.astype("<f4").tobytes(),
+        "checksum": checksum_of(embedded.sketch),
+    }
     session.insert(SketchRow, {"embedding_number": number, **beside})
     if latest is None:
         ensure_hnsw(session, fingerprint)
@@ -221,11 +237,9 @@ def add_embedding(
 
 def mark_changed(session: WriteSession, blob_number: int, format: str, facts: Mapping[str, Any]) -> None:
     """Have every process read the shapes on a newly embedded blob again."""
-    session.execute(
-        update(ShapeRow)
-        .where(ShapeRow.blob_number == blob_number, ShapeRow.format == format)
-        .values(revision=next_revision(session), facts=facts)
-    )
+    own = ShapeRow.blob_number == blob_number, ShapeRow.format == format
+    session.execute(update(ShapeRow).where(*own).values(revision=next_revision(session), facts=facts))
+    _seal(session, session.scalars(select(ShapeRow.number).where(*own)).all())
 
 
 def add_shape(
@@ -265,6 +279,7 @@ def add_shape(
     )
     _write_tags(session, number, new.tags)
     _write_plain_values(session, number, new.metadata)
+    _seal(session, [number])
     return replace(record, number=number)
 
 
@@ -288,6 +303,7 @@ def change(session: WriteSession, number: int, changes: Changes) -> None:
         session.execute(delete(TagRow).where(TagRow.shape_number == number))
         _write_tags(session, number, changes.tags)
     session.execute(update(ShapeRow).where(ShapeRow.number == number).values(values))
+    _seal(session, [number])
 
 
 def is_name_taken(session: ReadSession, collection: CollectionNumber, record: ShapeRecord, name: str) -> bool:
@@ -321,6 +337,7 @@ def replace_file(session: WriteSession, record: ShapeRecord, format: str, file: 
             }
         )
     )
+    _seal(session, [record.number])
     _drop_unused(session, record.sha256)
 
 
@@ -342,6 +359,22 @@ def _drop_unused(session: WriteSession, sha256: str) -> None:
     )
     if not formats:
         session.execute(delete(BlobRow).where(BlobRow.number == blob_number))
+
+
+def _seal(session: WriteSession, numbers: Sequence[int]) -> None:
+    """Store the checksums of shapes whose rows, tags or metadata this transaction has written."""
+    session.flush()
+    columns = [ShapeRow.__table__.c[name] for name in (*SHAPE_COLUMNS, *SHAPE_TIMES)]
+    for number in numbers:
+        row = session.execute(select(*columns).where(ShapeRow.number == number)).one()
+        tags = select(TagRow.tag).where(TagRow.shape_number == number).order_by(TagRow.place)
+        values = select(MetadataRow.key, MetadataRow.value).where(MetadataRow.shape_number == number)
+        checksum = shape_checksum(
+            dict(zip((*SHAPE_COLUMNS, *SHAPE_TIMES), row, strict=True)),
+            session.scalars(tags).all(),
+            [(entry.key, entry.value) for entry in session.execute(values)],
+        )
+        session.execute(update(ShapeRow).where(ShapeRow.number == number).values(checksum=checksum))
 
 
 def _updated_now() -> dict[str, Any]:

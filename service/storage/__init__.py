@@ -3,6 +3,7 @@
 __all__ = [
     "backup",
     "checking",
+    "checksums",
     "columns",
     "copying",
     "database",

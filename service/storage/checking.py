@@ -1,15 +1,16 @@
-"""Checks of an archive: its file, its references, its blobs and its embeddings.
+"""Checks of an archive: its file, its references, and the checksums of its blobs, embeddings and shapes.
 
 The queries use columns that exist in every version, so that archives of older versions can be checked. Each
 batch of blobs or embeddings is read in its own transaction: a service may write between two batches.
 """
 
-import hashlib
 import sqlite3
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from dataclasses import dataclass, field
+from hashlib import sha256
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -17,11 +18,26 @@ from core.embedding import Embedding
 from core.errors import BadRecordError
 from core.serialization import embedding_from_bytes
 from service.storage.archive_file import check_version, connect, reason
+from service.storage.checksums import (
+    SHAPE_COLUMNS,
+    SHAPE_TIMES,
+    checksum_of,
+    pipeline_checksum,
+    shape_checksum,
+)
 
 # Writers wait while a batch is read.
 BLOBS_AT_ONCE = 8
 EMBEDDINGS_AT_ONCE = 256
 MOST_INTEGRITY_FAULTS = 100
+
+# Tables with bytes: a key that orders the rows, the column with the bytes, and the one with their checksum.
+OTHER_BYTES = {
+    "sketches": ("embedding_number", "data", "checksum"),
+    "thumbnails": ("rowid", "data", "checksum"),
+    "job_pieces": ("rowid", "data", "checksum"),
+    "deleted_shapes": ("number", "data", "sha256"),
+}
 
 REFERENCES = {
     "blob {} has no shape": """
@@ -95,7 +111,7 @@ def check(path: Path, *, lock_seconds: float) -> CheckReport:
     report = CheckReport()
     with closing(connect(path, lock_seconds=lock_seconds)) as connection:
         check_version(connection, path)
-        for part in (_file, _references, _blobs, _embeddings):
+        for part in (_file, _references, _blobs, _embeddings, _shapes, _pipelines, _others):
             try:
                 part(connection, report)
             except sqlite3.Error as error:
@@ -126,13 +142,13 @@ def _references(connection: sqlite3.Connection, report: CheckReport) -> None:
 
 
 def _blobs(connection: sqlite3.Connection, report: CheckReport) -> None:
-    def check_blob(number: int, sha256: str, size: int, data: bytes) -> Iterator[str]:
+    def check_blob(number: int, digest: str, size: int, data: bytes) -> Iterator[str]:
         report.blobs += 1
         report.bytes += len(data)
         if len(data) != size:
             yield f"blob {number} has {len(data)} bytes, not {size}"
-        if hashlib.sha256(data).hexdigest() != sha256:
-            yield f"blob {number} does not have the SHA-256 {sha256}"
+        if sha256(data).hexdigest() != digest:
+            yield f"blob {number} does not have the SHA-256 {digest}"
 
     _check_rows(connection, "blobs", "sha256, size, data", BLOBS_AT_ONCE, check_blob, report)
 
@@ -140,7 +156,15 @@ def _blobs(connection: sqlite3.Connection, report: CheckReport) -> None:
 def _embeddings(connection: sqlite3.Connection, report: CheckReport) -> None:
     dimensions: dict[str, object] = {}
 
-    def check_embedding(number: int, fingerprint: str, signature: bytes, record: bytes) -> Iterator[str]:
+    def check_embedding(
+        number: int, fingerprint: str, signature: bytes, record: bytes, checksum: str | None = None
+    ) -> Iterator[str]:
+        own = list(faults_of_embedding(number, fingerprint, signature, record))
+        if not own and sealed and checksum != checksum_of(record):
+            own.append(f"embedding {number} does not have its checksum")
+        yield from own
+
+    def faults_of_embedding(number: int, fingerprint: str, signature: bytes, record: bytes) -> Iterator[str]:
         report.embeddings += 1
         report.pipelines[fingerprint] = report.pipelines.get(fingerprint, 0) + 1
         try:
@@ -155,8 +179,60 @@ def _embeddings(connection: sqlite3.Connection, report: CheckReport) -> None:
         if dimensions.setdefault(fingerprint, _dimensions(embedding)) != _dimensions(embedding):
             yield f"embedding {number} has other dimensions than the first of {fingerprint}"
 
-    columns = "fingerprint, signature, record"
+    sealed = _is_sealed(connection, "embeddings")
+    columns = "fingerprint, signature, record" + (", checksum" if sealed else "")
     _check_rows(connection, "embeddings", columns, EMBEDDINGS_AT_ONCE, check_embedding, report)
+
+
+def _shapes(connection: sqlite3.Connection, report: CheckReport) -> None:
+    if not _is_sealed(connection, "shapes"):
+        return
+    names = (*SHAPE_COLUMNS, *SHAPE_TIMES)
+
+    def check_shape(number: int, checksum: str | None, *columns: object) -> Iterator[str]:
+        tags = connection.execute(
+            "SELECT tag FROM shape_tags WHERE shape_number = ? ORDER BY place", [number]
+        )
+        values = connection.execute("SELECT key, value FROM shape_metadata WHERE shape_number = ?", [number])
+        shape = dict(zip(names, columns, strict=True))
+        if shape_checksum(shape, [tag for (tag,) in tags], values.fetchall()) != checksum:
+            yield f"shape {shape['id']} does not have its checksum"
+
+    columns = ", ".join(("checksum", *names))
+    _check_rows(connection, "shapes", columns, EMBEDDINGS_AT_ONCE, check_shape, report)
+
+
+def _pipelines(connection: sqlite3.Connection, report: CheckReport) -> None:
+    if not _is_sealed(connection, "pipelines"):
+        return
+
+    def check_pipeline(_row: int, checksum: str | None, *pipeline: Any) -> Iterator[str]:  # noqa: ANN401
+        if pipeline_checksum(*pipeline) != checksum:
+            yield f"pipeline {pipeline[0]} does not have its checksum"
+
+    columns = "checksum, fingerprint, method, parameters"
+    _check_rows(connection, "pipelines", columns, EMBEDDINGS_AT_ONCE, check_pipeline, report, "rowid")
+
+
+def _others(connection: sqlite3.Connection, report: CheckReport) -> None:
+    """Check the bytes of sketches, thumbnails, archives of jobs and deleted shapes."""
+    for table, (key, column, checksum) in OTHER_BYTES.items():
+        if not _is_sealed(connection, table, checksum):
+            continue
+
+        def check_bytes(
+            number: int, data: bytes, given: str | None, table: str = table, checksum: str = checksum
+        ) -> Iterator[str]:
+            found = sha256(data).hexdigest() if checksum == "sha256" else checksum_of(data)
+            if found != given:
+                yield f"{table} row {number} does not have its checksum"
+
+        _check_rows(connection, table, f"{column}, {checksum}", BLOBS_AT_ONCE, check_bytes, report, key)
+
+
+def _is_sealed(connection: sqlite3.Connection, table: str, column: str = "checksum") -> bool:
+    """Whether a table of this version of the archive has checksums."""
+    return any(row[1] == column for row in connection.execute(f"PRAGMA table_info({table})"))
 
 
 def _dimensions(embedding: Embedding) -> object:
@@ -171,9 +247,10 @@ def _check_rows(
     at_once: int,
     faults_of: Callable[..., Iterator[str]],
     report: CheckReport,
+    key: str = "number",
 ) -> None:
     """Check all rows of a table in the order of their numbers."""
-    query = f"SELECT number, {columns} FROM {table} WHERE number > ? ORDER BY number LIMIT ?"
+    query = f"SELECT {key}, {columns} FROM {table} WHERE {key} > ? ORDER BY {key} LIMIT ?"
     last, more = -1, True
     while more:
         more = False
@@ -181,5 +258,5 @@ def _check_rows(
             more, last = True, row[0]
             try:
                 report.faults.extend(faults_of(*row))
-            except (TypeError, AttributeError):
+            except (TypeError, AttributeError, ValueError):
                 report.faults.append(f"{table} row {last} has a value of the wrong kind")

@@ -10,6 +10,7 @@ from typing import Any
 from sqlalchemy import JSON, ForeignKey, Index, LargeBinary, String, Text
 from sqlalchemy.orm import Mapped, mapped_column
 
+from service.storage.checksums import LENGTH
 from service.storage.columns import AnyText, UtcDateTime
 from service.storage.tables import Table
 
@@ -54,6 +55,7 @@ class JobPieceRow(Table):
     job_number: Mapped[int] = mapped_column(ForeignKey("jobs.number", ondelete="CASCADE"), primary_key=True)
     place: Mapped[int] = mapped_column(primary_key=True, autoincrement=False)
     data: Mapped[bytes] = mapped_column(LargeBinary)
+    checksum: Mapped[str | None] = mapped_column(String(LENGTH))
 
 
 class JobFileRow(Table):

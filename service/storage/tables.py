@@ -2,7 +2,9 @@
 
 A blob holds the bytes of a file, once per SHA-256. A shape is a named record in one collection; several
 shapes may share a blob. An embedding belongs to a blob, a format and a pipeline fingerprint, so that shapes
-with the same bytes share it. Migrations create the tables; a test compares them with these classes.
+with the same bytes share it. A `checksum` (`service.storage.checksums`) covers the bytes of its row, the
+fields, tags and metadata of a shape, or a pipeline. Migrations create the tables; a test compares them with
+these classes.
 """
 
 from datetime import datetime
@@ -13,6 +15,7 @@ from numpy.typing import NDArray
 from sqlalchemy import JSON, ForeignKey, Index, LargeBinary, String, Text, UniqueConstraint
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
 
+from service.storage.checksums import LENGTH
 from service.storage.columns import AnyText, Float32Vector, Number, UtcDateTime
 
 
@@ -73,6 +76,7 @@ class ShapeRow(Table):
     created_at: Mapped[datetime] = mapped_column(UtcDateTime)
     updated_at: Mapped[datetime] = mapped_column(UtcDateTime)
     revision: Mapped[int]
+    checksum: Mapped[str | None] = mapped_column(String(LENGTH))
 
 
 class TagRow(Table):
@@ -124,6 +128,7 @@ class EmbeddingRow(Table):
     fingerprint: Mapped[str] = mapped_column(String(16))
     signature: Mapped[NDArray[np.float32]] = mapped_column(Float32Vector)
     record: Mapped[bytes] = mapped_column(LargeBinary, deferred=True)
+    checksum: Mapped[str | None] = mapped_column(String(LENGTH), deferred=True)
 
 
 class SketchRow(Table):
@@ -140,6 +145,7 @@ class SketchRow(Table):
     )
     data: Mapped[bytes] = mapped_column(LargeBinary)
     signature: Mapped[bytes] = mapped_column(LargeBinary)
+    checksum: Mapped[str | None] = mapped_column(String(LENGTH))
 
 
 class RemovalRow(Table):
@@ -187,6 +193,7 @@ class PipelineRow(Table):
     fingerprint: Mapped[str] = mapped_column(String(16), primary_key=True)
     method: Mapped[int]
     parameters: Mapped[dict[str, Any]] = mapped_column(JSON)
+    checksum: Mapped[str | None] = mapped_column(String(LENGTH))
 
 
 class IdempotencyKeyRow(Table):
@@ -233,3 +240,4 @@ class ThumbnailRow(Table):
     size: Mapped[int] = mapped_column(primary_key=True, autoincrement=False)
     drawing: Mapped[int]
     data: Mapped[bytes] = mapped_column(LargeBinary)
+    checksum: Mapped[str | None] = mapped_column(String(LENGTH))

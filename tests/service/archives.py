@@ -69,6 +69,16 @@ def change(path: Path, statement: str, *values: object) -> None:
         connection.execute(statement, values)
 
 
+def contents(path: Path) -> dict[str, list[str]]:
+    """Everything that a file holds: the rows of each table, in one order, and the schema."""
+    with opened(path) as connection:
+        tables = connection.execute("SELECT name FROM sqlite_master WHERE type = 'table'").fetchall()
+        return {
+            name: sorted(map(repr, connection.execute(f"SELECT * FROM {name}")))
+            for (name,) in [("sqlite_master",), *tables]
+        }
+
+
 def names(path: Path) -> list[str]:
     with opened(path) as connection:
         return [name for (name,) in connection.execute("SELECT name FROM shapes ORDER BY number")]

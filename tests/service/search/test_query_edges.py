@@ -2,7 +2,9 @@
 
 import httpx
 import pytest
+from sqlalchemy import select
 
+from service.storage.tables import EmbeddingRow
 from tests.service.engines import either_engine
 from tests.service.support import Running, assert_problem, query, small_file
 
@@ -128,3 +130,15 @@ def test_a_bad_pair_is_refused(service: Running) -> None:
         service.client.post("/compare", json={**pair, "third": 1}), 422, "bad-request-fields"
     )
     assert problem["errors"][0]["field"] == "third"
+
+
+def test_a_damaged_embedding_is_left_out_and_not_given_out(service: Running) -> None:
+    """The last bit of a coordinate leaves a record readable."""
+    damaged, sound = (service.store(small_file(number), name=str(number))["id"] for number in (1, 2))
+    with service.container.database.write() as session:
+        row = session.scalars(select(EmbeddingRow).order_by(EmbeddingRow.number).limit(1)).one()
+        row.record = row.record[:-1] + bytes([row.record[-1] ^ 1])
+    results = query(service.client, small_file(3)).json()["results"]
+    assert [result["shape"]["id"] for result in results] == [sound]
+    assert_problem(service.client.get(f"/shapes/{damaged}/embedding"), 500, "bad-record")
+    assert service.client.get(f"/shapes/{damaged}/file").content == small_file(1)

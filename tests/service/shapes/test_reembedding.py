@@ -321,8 +321,9 @@ def test_a_running_service_says_when_a_newer_one_has_taken_the_archive_over(
 
     def search_by(fingerprint: str) -> None:
         with running.container.database.write() as session:
-            newer = "INSERT INTO pipelines VALUES ('0123456789abcdef', 99, '{}') ON CONFLICT DO NOTHING"
-            session.execute(text(newer))
+            columns = "fingerprint, method, parameters"
+            newer = f"INSERT INTO pipelines ({columns}) VALUES ('0123456789abcdef', 99, '{{}}')"
+            session.execute(text(f"{newer} ON CONFLICT DO NOTHING"))
             session.execute(text("UPDATE archive SET fingerprint = :value"), {"value": fingerprint})
 
     search_by("0123456789abcdef")

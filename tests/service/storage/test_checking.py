@@ -13,8 +13,9 @@ from typer.testing import CliRunner, Result
 from core.parameters import DEFAULT
 from service.cli.commands import command_line
 from service.errors import ArchiveError, ArchiveTooNewError
+from service.storage.backup import back_up
 from service.storage.checking import CheckReport, check
-from tests.service.archives import change, embedded, make_archive, opened
+from tests.service.archives import change, contents, embedded, make_archive, opened
 from tests.service.support import small_file
 
 
@@ -122,8 +123,14 @@ def test_a_spoilt_embedding_is_named(
             "INSERT INTO blobs SELECT 9, '00', size, data FROM blobs WHERE number = 1",
             ["blob 9 has no shape", "blob 9 does not have the SHA-256"],
         ),
-        ("UPDATE shape_tags SET shape_number = 77 WHERE shape_number = 3", ["shape_tags row 3 refers"]),
-        ("UPDATE shape_metadata SET shape_number = 77 WHERE shape_number = 3", ["shape_metadata row 3"]),
+        (
+            "UPDATE shape_tags SET shape_number = 77 WHERE shape_number = 3",
+            ["shape_tags row 3 refers", "shape "],
+        ),
+        (
+            "UPDATE shape_metadata SET shape_number = 77 WHERE shape_number = 3",
+            ["shape_metadata row 3", "shape "],
+        ),
         ("UPDATE embeddings SET format = 'ply' WHERE number = 3", ["shape ", "embedding 3 has no shape"]),
         ("INSERT INTO removals VALUES (2, 3)", ["shape "]),
         ("INSERT INTO removals VALUES (99, 99)", ["the removal of shape number 99"]),
@@ -218,9 +225,66 @@ def test_the_command_prints_counts_and_faults_and_its_status_tells(
 
 def test_a_collection_that_is_not_there_is_named(archive: Path) -> None:
     change(archive, "UPDATE shapes SET collection_number = 9 WHERE number = 2")
-    assert faults(archive) == ["shapes row 2 refers to a row of collections that is not there"]
+    assert faults(archive)[0] == "shapes row 2 refers to a row of collections that is not there"
     change(archive, "UPDATE shapes SET collection_number = 1")
     change(archive, "UPDATE collections SET name = 'another'")
     assert faults(archive) == ["the first collection is not default, but another"]
     change(archive, "DELETE FROM collections")
     assert "the first collection is not default, but not there" in faults(archive)
+
+
+@pytest.mark.parametrize(
+    ("statement", "expected"),
+    [
+        ("UPDATE shapes SET name = 'another' WHERE number = 2", "shape "),
+        ("UPDATE shapes SET meta = '{}' WHERE number = 2", "shape "),
+        ("UPDATE shapes SET facts = '{}' WHERE number = 2", "shape "),
+        ("UPDATE shapes SET facts = '{' WHERE number = 2", "shapes row 2 has a value of the wrong kind"),
+        ("UPDATE shapes SET created_at = '2020-01-01 00:00:00.000000' WHERE number = 2", "shape "),
+        ("UPDATE shape_tags SET tag = 'another' WHERE shape_number = 2", "shape "),
+        ("DELETE FROM shape_metadata WHERE shape_number = 2", "shape "),
+        ("UPDATE sketches SET data = x'00' WHERE embedding_number = 2", "sketches row 2 does not have"),
+        ("UPDATE embeddings SET checksum = NULL WHERE number = 2", "embedding 2 does not have its checksum"),
+    ],
+)
+def test_a_checksum_covers_every_value(archive: Path, statement: str, expected: str) -> None:
+    change(archive, statement)
+    (found,) = faults(archive)
+    assert found.startswith(expected)
+
+
+def test_an_embedding_that_is_readable_but_changed_is_named(archive: Path) -> None:
+    """A coordinate with another last bit is a number as good as any."""
+
+    def flip(arrays: dict[str, np.ndarray]) -> None:
+        arrays["coordinates_0"].view(np.uint32)[3, 1] ^= 1
+
+    change(archive, "UPDATE embeddings SET record = ? WHERE number = 2", spoilt(flip))
+    assert faults(archive) == ["embedding 2 does not have its checksum"]
+    with pytest.raises(ArchiveError, match="embedding 2 does not have its checksum"):
+        back_up(archive, archive.with_name("copy.sqlite3"))
+
+
+def test_a_thumbnail_has_its_checksum(archive: Path) -> None:
+    change(archive, "INSERT INTO thumbnails VALUES (1, 'off', 96, 1, x'89', 'wrong')")
+    assert faults(archive) == ["thumbnails row 1 does not have its checksum"]
+
+
+FLIPS = 40
+
+
+def test_every_flipped_bit_is_found_or_lies_in_free_space(archive: Path, tmp_path: Path) -> None:
+    """Of free space, everything that is stored reads the same."""
+    sound = archive.read_bytes()
+    before = contents(archive)
+    rng = np.random.default_rng(7)
+    unnoticed = 0
+    for bit in rng.integers(8 * len(sound), size=FLIPS).tolist():
+        damaged = bytearray(sound)
+        damaged[bit // 8] ^= 1 << bit % 8
+        path = tmp_path / "flipped.sqlite3"
+        path.write_bytes(damaged)
+        if not found_out(path):
+            unnoticed += 1
+            assert contents(path) == before, f"bit {bit}"
+    assert unnoticed < FLIPS

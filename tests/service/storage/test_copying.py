@@ -23,6 +23,7 @@ from service.shapes import repository
 from service.shapes.deleted import repository as deleted
 from service.shapes.records import NewShape
 from service.storage.checking import check
+from service.storage.checksums import checksum_of
 from service.storage.copying import CopyCounts, copy_archive
 from service.storage.database import Database
 from service.storage.tables import ShapeRow, ThumbnailRow
@@ -52,7 +53,9 @@ def archive(tmp_path: Path) -> Path:
         blob = repository.blob_number(session, twin.sha256)
         assert blob is not None
         repository.add_shape(session, blob, twin, embedded(1).facts)
-        session.add(ThumbnailRow(blob_number=blob, format="off", size=128, drawing=1, data=b"\0\xff"))
+        picture = b"\0\xff"
+        own = {"blob_number": blob, "format": "off", "size": 128, "drawing": 1}
+        session.add(ThumbnailRow(**own, data=picture, checksum=checksum_of(picture)))
         now = datetime.now(UTC)
         claim = Claim(DEFAULT_COLLECTION.number, "", "key", "payload", now + timedelta(hours=1))
         idempotency.keep(session, claim, Kept(201, "/shapes/x", "{}"), now)

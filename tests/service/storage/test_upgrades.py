@@ -104,7 +104,7 @@ def test_an_archive_of_several_pipelines_is_searched_by_the_one_that_embedded_mo
 def test_embeddings_that_had_no_sketches_get_those_and_their_signatures(tmp_path: Path) -> None:
     path = make_archive(tmp_path / "archive.sqlite3", 1, 2, 3)
     with opened(path) as connection:
-        made = {row[0]: row[1:] for row in connection.execute("SELECT * FROM sketches")}
+        made = {row[0]: row[1:3] for row in connection.execute("SELECT * FROM sketches")}
         records = dict(connection.execute("SELECT number, record FROM embeddings"))
         for number, record in records.items():
             embedding = embedding_from_bytes(record)
@@ -123,5 +123,5 @@ def test_embeddings_that_had_no_sketches_get_those_and_their_signatures(tmp_path
     migrate(database)
     database.close()
     with opened(older) as connection:
-        found = {row[0]: row[1:] for row in connection.execute("SELECT * FROM sketches")}
+        found = {row[0]: row[1:3] for row in connection.execute("SELECT * FROM sketches")}
     assert found == {**made, 2: (b"", made[2][1])}
