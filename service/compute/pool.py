@@ -37,6 +37,8 @@ class LocalPool(Workers):
         "died", "time-limit" or "given-up".
     tasks_each : int or None
         The number of tasks after which a new process, already warm, replaces an old one; None for no limit.
+    untrusted : bool
+        Whether nothing that the processes send is unpickled: their results are bytes, or values of JSON.
     """
 
     def __init__(
@@ -47,13 +49,23 @@ class LocalPool(Workers):
         warm: Callable[[], object],
         replaced: Callable[[str], object] = lambda cause: None,
         tasks_each: int | None = None,
+        untrusted: bool = False,
     ) -> None:
         self._tasks: SimpleQueue[Task | None] = SimpleQueue()
         self._closing = threading.Event()
         self._abandoned = threading.Event()
         self._submitting = threading.Lock()
         self._slots = [
-            WorkerSlot(self._tasks, self._closing, self._abandoned, seconds, warm, replaced, tasks_each)
+            WorkerSlot(
+                self._tasks,
+                self._closing,
+                self._abandoned,
+                seconds,
+                warm,
+                replaced,
+                tasks_each,
+                untrusted=untrusted,
+            )
             for _ in range(workers)
         ]
         for slot in self._slots:

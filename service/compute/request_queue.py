@@ -6,12 +6,15 @@ from concurrent.futures import Executor
 from contextlib import contextmanager
 from typing import ParamSpec, TypeVar
 
+from starlette.concurrency import run_in_threadpool
+
 from core.embedding import Match, Scores
 from core.errors import CannotBeEmbeddedError, MalformedMeshError, MeshTooComplexError
 from core.io import Limits
 from core.mesh.mesh import Mesh
 from core.pipeline import Pipeline
-from service.compute.sandbox import Readable, read_file
+from service.compute.mesh_bytes import Readable, from_bytes
+from service.compute.sandbox import read_file
 from service.compute.tasks import Embedded, embed_mesh, match_embeddings, score_embeddings
 from service.errors import (
     BusyError,
@@ -123,12 +126,13 @@ class Work:
 
     async def _reading(self, data: bytes, format: str) -> Readable:
         try:
-            return await asyncio.wrap_future(
+            answer = await asyncio.wrap_future(
                 self._readers.submit(read_file, data, format, self._limits, self._read_seconds)
             )
         except WorkerCrashedError as error:
             # Another attempt would end another reader, so the client is not told to try again.
             raise MalformedMeshError("what reads such files broke down over this one") from error
+        return await run_in_threadpool(from_bytes, answer)
 
     def _embedding(self, read: Readable, pipeline: Pipeline) -> asyncio.Future[Embedded]:
         return asyncio.wrap_future(

@@ -1,10 +1,12 @@
 """The confined process that reads uploads.
 
 Uploads are untrusted, and a hostile file may take over the code that reads it. A reader therefore has little
-memory and time, opens no files and starts no processes, and is replaced often. A file that ends the reader
-costs one request.
+memory and time, opens no files and starts no processes, and is replaced often. On Linux the kernel enforces
+this on native code (`service.compute.system_calls`); on every system an audit hook enforces it on Python. A
+file that ends the reader costs one request.
 """
 
+import codecs
 import math
 import os
 import resource
@@ -13,12 +15,16 @@ import sysconfig
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from functools import cache
+from importlib.util import find_spec
 from pathlib import Path
 
 from core.errors import MeshError
 from core.io import FORMATS, Limits, read_mesh, write_mesh
 from core.mesh.mesh import Mesh
+from service.compute.mesh_bytes import Readable, to_bytes
+from service.compute.system_calls import allow_calls, forbid_files
+from service.compute.worker_loop import end_with_parent
 
 FILES_EACH = 100
 """Files that a reader reads before a new process replaces it."""
@@ -33,16 +39,16 @@ _CONVERTED_BYTES = 256 * 1024**2
 _WRITES = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_TRUNC
 
 
-@dataclass(frozen=True)
-class Readable:
-    """A mesh, and the wall time of reading it in milliseconds."""
-
-    mesh: Mesh
-    milliseconds: float
+_held: dict[str, bool] = {}
 
 
-def read_file(data: bytes, format: str, limits: Limits, seconds: float) -> Readable:
+def read_file(data: bytes, format: str, limits: Limits, seconds: float) -> bytes:
     """Read a file within `seconds` of processor time; the system ends the process after that time.
+
+    Returns
+    -------
+    bytes
+        Of `service.compute.mesh_bytes.from_bytes`: nothing that a reader returns is unpickled.
 
     Raises
     ------
@@ -55,7 +61,7 @@ def read_file(data: bytes, format: str, limits: Limits, seconds: float) -> Reada
     start = time.perf_counter()
     with _converting(format):
         mesh = read_mesh(data, format, limits=limits)
-    return Readable(mesh, 1e3 * (time.perf_counter() - start))
+    return to_bytes(Readable(mesh, 1e3 * (time.perf_counter() - start)))
 
 
 def enter(memory: int) -> None:
@@ -68,6 +74,8 @@ def enter(memory: int) -> None:
     """
     for format in FORMATS:
         read_mesh(write_mesh(_triangle(), format), format)
+    # ZIP files name their members in this encoding.
+    codecs.lookup("cp437")
     # Without cascadio, STEP is refused.
     with suppress(MeshError), _converting("step"):
         read_mesh(b"ISO-10303-21;", "step")
@@ -93,6 +101,17 @@ def enter(memory: int) -> None:
             raise PermissionError(f"a reader of uploads may do no {event}")
 
     sys.addaudithook(refuse)
+    no_files = forbid_files()
+    # A thread that begins now is confined as this one is.
+    end_with_parent()
+    # STEP is converted through files in memory, which are opened.
+    no_calls = allow_calls(opening=no_files or find_spec("cascadio") is not None)
+    _held.update(landlock=no_files, seccomp=no_calls)
+
+
+def held() -> dict[str, bool]:
+    """Whether the system confines this process, by the name of its part; empty before `enter`."""
+    return dict(_held)
 
 
 @contextmanager
@@ -103,10 +122,8 @@ def _converting(format: str) -> Iterator[None]:
         return
     _, most = resource.getrlimit(resource.RLIMIT_FSIZE)
     kept = [(stream, os.dup(stream)) for stream in (1, 2)]
-    nowhere = os.open(os.devnull, os.O_WRONLY)
     for stream, _ in kept:
-        os.dup2(nowhere, stream)
-    os.close(nowhere)
+        os.dup2(_nowhere(), stream)
     resource.setrlimit(resource.RLIMIT_FSIZE, (most, most))
     try:
         yield
@@ -115,6 +132,12 @@ def _converting(format: str) -> Iterator[None]:
         for stream, copy in kept:
             os.dup2(copy, stream)
             os.close(copy)
+
+
+@cache
+def _nowhere() -> int:
+    """A descriptor of the null device, which a confined process cannot open."""
+    return os.open(os.devnull, os.O_WRONLY)
 
 
 def _own_folders() -> list[str]:

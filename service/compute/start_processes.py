@@ -1,6 +1,7 @@
 """Start the worker processes and the file readers of a service or of a command."""
 
 from collections.abc import Callable
+from concurrent.futures import Future
 from functools import partial
 
 from core.parameters import Parameters
@@ -8,7 +9,10 @@ from service.compute import sandbox
 from service.compute.pool import LocalPool
 from service.compute.tasks import warm
 from service.compute.workers_interface import Workers
+from service.observability.logging import get_logger
 from service.settings import Settings
+
+log = get_logger("compute")
 
 
 def start(
@@ -39,5 +43,22 @@ def start(
         warm=partial(sandbox.enter, settings.read_memory_bytes),
         replaced=replaced,
         tasks_each=sandbox.FILES_EACH,
+        untrusted=True,
     )
+    readers.submit(sandbox.held).add_done_callback(_log_confinement)
     return workers, readers
+
+
+def _log_confinement(answer: "Future[dict[str, bool]]") -> None:
+    """Log whether the system confines the readers."""
+    if answer.cancelled() or answer.exception() is not None:
+        return
+    missing = [name for name, holds in answer.result().items() if not holds]
+    if missing:
+        log.warning(
+            "this system does not confine readers of uploads by %s: a hostile file that takes over native "
+            "code may open files or connections",
+            " and ".join(missing),
+        )
+    else:
+        log.info("readers of uploads are confined by Landlock and seccomp")

@@ -9,29 +9,40 @@ import traceback
 from multiprocessing.connection import Connection
 from typing import Any
 
+from service.compute.plain_answers import encode, encode_error
+
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 
 
-def serve(connection: "Connection[Any, Any]") -> None:
+def serve(connection: "Connection[Any, Any]", *, untrusted: bool = False) -> None:
     """Answer calls, one after another, until the other end of the pipe closes.
 
-    A call is (function, arguments); the answer is (True, result) or (False, error). Libraries get one thread:
-    the pool already has a process for each processor.
+    A call is (function, arguments); the answer is (True, result) or (False, error), pickled. Libraries get
+    one thread: the pool already has a process for each processor.
+
+    Parameters
+    ----------
+    connection : Connection
+    untrusted : bool
+        Whether answers have the form of `service.compute.plain_answers`. The first call then starts the
+        thread of `end_with_parent`, once that thread would be confined.
     """
     for name in THREADS:
         os.environ[name] = "1"
     # An interrupt from the terminal reaches every process of the group; the parent alone handles it.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    end_with_parent()
+    if not untrusted:
+        end_with_parent()
     while True:
         try:
             function, arguments = connection.recv()
         except EOFError:
             return
         try:
-            answer = pickle.dumps((True, function(*arguments)))
+            result = function(*arguments)
+            answer = encode(result) if untrusted else pickle.dumps((True, result))
         except Exception as error:
-            answer = _failure(error)
+            answer = encode_error(error, _note()) if untrusted else _failure(error)
         connection.send_bytes(answer)
 
 
@@ -49,7 +60,7 @@ def _end_after_parent() -> None:
 
 def _failure(error: Exception) -> bytes:
     """The answer that raises this error at the other end; its `repr` if the error does not pickle."""
-    note = f"in a worker:\n{traceback.format_exc()}"
+    note = _note()
     error.add_note(note)
     try:
         answer = pickle.dumps((False, error))
@@ -59,3 +70,8 @@ def _failure(error: Exception) -> bytes:
         plain.add_note(note)
         return pickle.dumps((False, plain))
     return answer
+
+
+def _note() -> str:
+    """The traceback of the error that is being handled."""
+    return f"in a worker:\n{traceback.format_exc()}"

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from service.compute.fork_server import fork_server
+from service.compute.plain_answers import LARGEST, AnswerFormError, decode
 from service.compute.worker_loop import serve
 from service.errors import TaskGivenUpError, TaskTimeLimitError, WorkerCrashedError, WorkerLostError
 
@@ -20,13 +21,22 @@ CRASHES = {signal.SIGSEGV, signal.SIGABRT, signal.SIGBUS, signal.SIGFPE, signal.
 
 
 class WorkerProcess:
-    """A process that answers one call at a time. One thread calls; any thread may kill the process."""
+    """A process that answers one call at a time. One thread calls; any thread may kill the process.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    untrusted : bool
+        Whether nothing that the process sends is unpickled: see `service.compute.plain_answers`.
+    """
+
+    def __init__(self, *, untrusted: bool = False) -> None:
+        self._untrusted = untrusted
         self._connection: Connection[Any, Any]
         context = fork_server()
         self._connection, theirs = context.Pipe()
-        self._process = context.Process(target=serve, args=(theirs,), daemon=True)
+        self._process = context.Process(
+            target=serve, args=(theirs,), kwargs={"untrusted": untrusted}, daemon=True
+        )
         self._process.start()
         theirs.close()
 
@@ -79,7 +89,10 @@ class WorkerProcess:
                     raise TaskTimeLimitError(f"the work took longer than the limit of {seconds:g} s")
                 if given_up():
                     raise TaskGivenUpError("no one waits for the work any more")
-            done, answer = self._connection.recv()
+            if self._untrusted:
+                received: Any = self._connection.recv_bytes(LARGEST)
+            else:
+                received = self._connection.recv()
         except (EOFError, OSError) as error:
             self._process.join(END_SECONDS)
             if self._process.exitcode == -signal.SIGXCPU:
@@ -87,9 +100,18 @@ class WorkerProcess:
             if -(self._process.exitcode or 0) in CRASHES:
                 raise WorkerCrashedError("the worker process broke down over the work") from error
             raise WorkerLostError("the worker process died before it had answered; try again") from error
+        if self._untrusted:
+            return self._decoded(received)
+        done, answer = received
         if not done:
             raise answer
         return answer
+
+    def _decoded(self, answer: bytes) -> Any:  # noqa: ANN401
+        try:
+            return decode(answer)
+        except AnswerFormError as error:
+            raise WorkerCrashedError("the worker process sent no answer") from error
 
     def kill(self) -> None:
         """Kill the process; the thread that waits for an answer sees its death."""

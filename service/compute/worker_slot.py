@@ -72,6 +72,8 @@ class WorkerSlot(threading.Thread):
         warm: Callable[[], object],
         replaced: Callable[[str], object],
         tasks_each: int | None,
+        *,
+        untrusted: bool,
     ) -> None:
         super().__init__(daemon=True, name="isoshape-worker")
         self.pid: int | None = None
@@ -83,6 +85,7 @@ class WorkerSlot(threading.Thread):
         self._warm = warm
         self._replaced = replaced
         self._tasks_each = tasks_each
+        self._untrusted = untrusted
         self._last_alone = tasks_each and tasks_each - max(1, round(AHEAD * tasks_each))
         self._tasks_done = 0
         self._process: WorkerProcess | None = None
@@ -121,7 +124,7 @@ class WorkerSlot(threading.Thread):
         if self._tasks_done == self._tasks_each or process.held() > HELD_BYTES:
             self._empty()
         elif self._next is None and self._tasks_done == self._last_alone:
-            self._next = Starting(self._warm, self._abandoned)
+            self._next = Starting(self._warm, self._abandoned, untrusted=self._untrusted)
 
     def stop_starting(self) -> None:
         """Kill a process that is still warming up."""
@@ -173,7 +176,7 @@ class WorkerSlot(threading.Thread):
     def _fill(self) -> bool:
         """Fill the slot with a warm process; False if none started."""
         if self._next is None:
-            self._next = Starting(self._warm, self._abandoned)
+            self._next = Starting(self._warm, self._abandoned, untrusted=self._untrusted)
         self._process = self._next.take()
         self._next = None
         if self._process is None:

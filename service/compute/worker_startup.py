@@ -20,12 +20,15 @@ class Starting(threading.Thread):
         Called in the new process; the result is dropped.
     abandoned : threading.Event
         Set when the pool wants no process any more.
+    untrusted : bool
+        As for `WorkerProcess`.
     """
 
-    def __init__(self, warm: Callable[[], object], abandoned: threading.Event) -> None:
+    def __init__(self, warm: Callable[[], object], abandoned: threading.Event, *, untrusted: bool) -> None:
         super().__init__(daemon=True, name="isoshape-starting")
         self._warm = warm
         self._abandoned = abandoned
+        self._untrusted = untrusted
         self._process: WorkerProcess | None = None
         self._warmed = False
         self._killed = False
@@ -36,7 +39,7 @@ class Starting(threading.Thread):
         if self._unwanted():
             return
         try:
-            self._process = WorkerProcess()
+            self._process = WorkerProcess(untrusted=self._untrusted)
             # A call of `kill` from now on sees the process; an earlier call did not.
             if self._unwanted():
                 self._process.kill()
