@@ -110,7 +110,8 @@ class Settings(BaseSettings):
         default=20.0,
         gt=0,
         allow_inf_nan=False,
-        description="The longest wait for the next bytes of a request's body; after it the answer is 408.",
+        description="The longest time for the head of a request, and the longest wait for the next bytes of "
+        "its body; after it the answer is 408.",
     )
     task_seconds: float = Field(
         default=120.0,

@@ -39,4 +39,9 @@ def command(
         say(f"Isoshape listens on http://{name}:{address[1]}")
         # The address of the option is one of the names under which the service answers.
         settings = settings.model_copy(update={"host": host or settings.host})
-        run(create_app(settings), bound, shutdown_seconds=settings.shutdown_seconds)
+        run(
+            create_app(settings),
+            bound,
+            shutdown_seconds=settings.shutdown_seconds,
+            head_seconds=settings.receive_seconds,
+        )

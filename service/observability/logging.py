@@ -6,6 +6,8 @@ from contextvars import ContextVar
 from datetime import UTC, datetime
 
 LOGGER = "isoshape"
+# Libraries whose errors belong in the log: the event loop's among them.
+OTHERS = ("asyncio", "uvicorn.error")
 
 request_id: ContextVar[str | None] = ContextVar("request_id", default=None)
 
@@ -36,10 +38,12 @@ def get_logger(name: str) -> logging.Logger:
 
 
 def configure(level: str) -> None:
-    """Log to standard error as lines of JSON, from severity `level` up."""
-    logger = logging.getLogger(LOGGER)
-    logger.setLevel(level.upper())
-    if not any(isinstance(handler.formatter, JsonFormatter) for handler in logger.handlers):
-        handler = logging.StreamHandler()
-        handler.setFormatter(JsonFormatter())
-        logger.addHandler(handler)
+    """Log to standard error as lines of JSON, from severity `level` up; errors of the server too."""
+    handler = logging.StreamHandler()
+    handler.setFormatter(JsonFormatter())
+    for name in (LOGGER, *OTHERS):
+        logger = logging.getLogger(name)
+        logger.setLevel(level.upper() if name == LOGGER else logging.ERROR)
+        if not any(isinstance(each.formatter, JsonFormatter) for each in logger.handlers):
+            logger.addHandler(handler)
+            logger.propagate = name == LOGGER

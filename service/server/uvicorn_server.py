@@ -14,10 +14,12 @@ from service.client import Client
 from service.errors import ExpectedError
 from service.jobs.events import ENDING_IN_SCOPE
 from service.server.address import LOOPBACK, bind
+from service.server.http_protocol import http_protocol, most_connections
 
 READY_SECONDS = 300.0
 # For a service that one command uses; no request is left when it stops.
 SHUTDOWN_SECONDS = 10
+HEAD_SECONDS = 20.0
 # Longer than proxies and clients keep a connection, so that no request meets a closing one.
 KEEP_ALIVE_SECONDS = 75
 
@@ -26,8 +28,10 @@ class StartError(ExpectedError):
     """The service did not start; the message gives the reason."""
 
 
-def run(app: ASGIApp, bound: socket.socket, *, shutdown_seconds: int) -> None:
+def run(app: ASGIApp, bound: socket.socket, *, shutdown_seconds: int, head_seconds: float) -> None:
     """Serve the app on the socket until a signal; running requests then have `shutdown_seconds` to end.
+
+    A client has `head_seconds` for the head of a request.
 
     The garbage collector leaves out the objects that exist by now, mostly modules. It otherwise takes half of
     the time of reading the signatures of a large archive.
@@ -38,7 +42,7 @@ def run(app: ASGIApp, bound: socket.socket, *, shutdown_seconds: int) -> None:
         The app's lifespan failed.
     """
     watched = _Watched(app)
-    server = watched.server = uvicorn.Server(_config(watched, shutdown_seconds))
+    server = watched.server = uvicorn.Server(_config(watched, shutdown_seconds, head_seconds))
     gc.freeze()
     with suppress(KeyboardInterrupt):
         _serve(server, bound)
@@ -58,7 +62,7 @@ def in_thread(app: ASGIApp, key: str | None = None, collection: str | None = Non
         The app's lifespan failed.
     """
     watched = _Watched(app)
-    server = watched.server = uvicorn.Server(_config(watched, SHUTDOWN_SECONDS))
+    server = watched.server = uvicorn.Server(_config(watched, SHUTDOWN_SECONDS, HEAD_SECONDS))
     with bind(LOOPBACK, 0) as bound:
         port = bound.getsockname()[1]
         thread = threading.Thread(target=_serve, args=(server, bound), name="isoshape service")
@@ -98,10 +102,13 @@ def _serve(server: uvicorn.Server, bound: socket.socket) -> None:
         server.run(sockets=[bound])
 
 
-def _config(app: ASGIApp, shutdown_seconds: int) -> uvicorn.Config:
+def _config(app: ASGIApp, shutdown_seconds: int, head_seconds: float) -> uvicorn.Config:
     # The service logs its requests and their errors itself.
     return uvicorn.Config(
         app,
+        http=http_protocol(head_seconds),
+        # Connections are accepted so many at a time, before their number is limited.
+        backlog=max(1, most_connections() // 4),
         lifespan="on",
         log_config=None,
         log_level="critical",

@@ -19,6 +19,7 @@ from core.mesh.mesh import Mesh
 from core.pipeline import Pipeline
 from service.app import create_app
 from service.container import Container
+from service.server.http_protocol import http_protocol
 from service.settings import Settings
 from tests.service.engines import url_in
 
@@ -57,12 +58,15 @@ def settings_in(folder: Path, **values: Any) -> Settings:
 
 
 @contextmanager
-def serving(settings: Settings, *, ready: bool = True, key: str | None = None) -> Iterator[Running]:
+def serving(
+    settings: Settings, *, ready: bool = True, key: str | None = None, connections: int | None = None
+) -> Iterator[Running]:
     """The service under some settings, from start to end; waits for its workers unless told not to."""
     app = create_app(settings)
     server = uvicorn.Server(
         uvicorn.Config(
             app,
+            http=http_protocol(settings.receive_seconds, connections),
             port=0,
             log_config=None,
             access_log=False,
