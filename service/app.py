@@ -150,6 +150,7 @@ def _start(settings: Settings, parameters: Parameters, gate: Gate, metrics: Metr
             lock_seconds=settings.lock_seconds,
             metrics=metrics,
             hnsw=settings.hnsw,
+            reserve=True,
         )
         migrate(database)
         pipelines = Pipelines(parameters, room=settings.search_bytes)

@@ -66,5 +66,5 @@ def create_collection(name: Name, container: Service, response: Response) -> Col
 )
 def delete_collection(name: Name, container: Service) -> None:
     """Delete a collection that has no shapes. `default` is always there."""
-    with container.database.write() as session:
+    with container.database.write(deleting=True) as session:
         service.delete(session, name, container.settings.undo_time)

@@ -16,6 +16,8 @@ from service.errors import TaskGivenUpError, TaskTimeLimitError, WorkerCrashedEr
 ASK_SECONDS = 0.25
 # A process that has closed its end of the pipe ends soon, but on a busy machine not at once.
 END_SECONDS = 10.0
+# A worker that stands still so long, as a debugger or an operator may have it, is replaced.
+STOPPED_SECONDS = 5.0
 # Signals of a process that crashes by itself; a process that is stopped gets another signal.
 CRASHES = {signal.SIGSEGV, signal.SIGABRT, signal.SIGBUS, signal.SIGFPE, signal.SIGILL}
 
@@ -53,6 +55,14 @@ class WorkerProcess:
         except OSError:
             return 0
 
+    def stopped(self) -> bool:
+        """Whether the process stands still by a signal, or under a debugger; False without /proc."""
+        try:
+            # The state follows the name, which is in brackets and may hold anything.
+            return Path(f"/proc/{self.pid}/stat").read_bytes().rpartition(b") ")[2][:1] in {b"T", b"t"}
+        except OSError:
+            return False
+
     def alive(self) -> bool:
         """Whether the process runs."""
         return self._process.is_alive()
@@ -80,13 +90,18 @@ class WorkerProcess:
         TaskGivenUpError
             The caller has cancelled the call, which may still run.
         WorkerLostError
-            The process died.
+            The process died, or stands still.
         """
-        end = time.monotonic() + seconds
+        going = time.monotonic()
+        end = going + seconds
         try:
             while not self._connection.poll(max(0.0, min(ASK_SECONDS, end - time.monotonic()))):
                 if time.monotonic() >= end:
                     raise TaskTimeLimitError(f"the work took longer than the limit of {seconds:g} s")
+                if not self.stopped():
+                    going = time.monotonic()
+                elif time.monotonic() > going + STOPPED_SECONDS:
+                    raise WorkerLostError("the worker process was stopped; try again")
                 if given_up():
                     raise TaskGivenUpError("no one waits for the work any more")
             if self._untrusted:

@@ -204,7 +204,7 @@ def delete_archive(database: Database, number: int) -> None:
     """Delete the archive of a job, a few pieces per transaction, so that other writers wait briefly."""
     deleted = BATCHES_AT_ONCE
     while deleted == BATCHES_AT_ONCE:
-        with database.write() as session:
+        with database.write(deleting=True) as session:
             deleted = repository.drop_pieces(session, number, BATCHES_AT_ONCE)
 
 
@@ -216,7 +216,7 @@ def clear(database: Database, keep: timedelta) -> None:
     for number, all_of_it in leftovers:
         delete_archive(database, number)
         if all_of_it:
-            with database.write() as session:
+            with database.write(deleting=True) as session:
                 repository.remove(session, number)
 
 

@@ -10,6 +10,7 @@ from sqlalchemy.orm import Session
 
 from service.errors import StorageFullError, StorageUnavailableError
 from service.observability.metrics import Metrics
+from service.storage.database_file import DatabaseFile
 from service.storage.failures import translated
 from service.storage.hnsw_parameters import HnswParameters
 from service.storage.lock import ArchiveLock
@@ -59,6 +60,8 @@ class Database:
         Counters of sessions and failures.
     hnsw : HnswParameters
         Parameters of the HNSW indexes of signatures; PostgreSQL only.
+    reserve : bool
+        Whether the disk keeps room for deletions; SQLite only.
     """
 
     def __init__(
@@ -68,6 +71,7 @@ class Database:
         lock_seconds: float,
         metrics: Metrics | None = None,
         hnsw: HnswParameters = HnswParameters(),  # noqa: B008 - it is frozen
+        reserve: bool = False,
     ) -> None:
         self._metrics = metrics or Metrics()
         self._hnsw = hnsw
@@ -75,13 +79,16 @@ class Database:
         self._one_writer = threading.Lock()
         named = make_url(url)
         self._lock: ArchiveLock | None
+        self._file: DatabaseFile | None
         if named.get_backend_name() == "sqlite":
             self._engine = open_sqlite(named, lock_seconds=lock_seconds)
             self._lock = ArchiveLock(path_of(url))
+            self._file = DatabaseFile(path_of(url), keeps_reserve=reserve)
             self._writing_engine = self._engine.execution_options(**{WRITES: True})
         else:
             self._engine = open_postgresql(named, lock_seconds=lock_seconds)
             self._lock = None
+            self._file = None
             self._writing_engine = self._engine.execution_options(
                 **{WRITES: True, "isolation_level": "READ COMMITTED"}
             )
@@ -93,11 +100,15 @@ class Database:
             yield session
 
     @contextmanager
-    def write(self) -> Iterator[WriteSession]:
-        """Open a write session: committed at the end of the block, rolled back if the block raises."""
+    def write(self, *, deleting: bool = False) -> Iterator[WriteSession]:
+        """Open a write session: committed at the end of the block, rolled back if the block raises.
+
+        `deleting`: the block deletes only, and may use the reserve of a full disk.
+        """
         with (
             self._measured("write"),
             self._turn(),
+            self._writable_file(deleting),
             translated(),
             WriteSession(self._writing_engine, self._hnsw) as session,
             session.begin(),
@@ -120,6 +131,8 @@ class Database:
         StorageUnavailableError
             The database does not answer.
         """
+        if self._file is not None:
+            self._file.check()
         with self.read() as session:
             session.scalars(select(ArchiveRow.revision)).one()
 
@@ -139,6 +152,20 @@ class Database:
             except (StorageFullError, StorageUnavailableError) as error:
                 metrics.database_failures.labels(error.kind).inc()
                 raise
+
+    @contextmanager
+    def _writable_file(self, deleting: bool) -> Iterator[None]:
+        """Check the file of SQLite before a write session, and keep or lend its reserve."""
+        if self._file is None:
+            yield
+            return
+        self._file.check(writable=True)
+        if deleting:
+            with self._file.room_to_delete():
+                yield
+            return
+        yield
+        self._file.keep_reserve()
 
     @contextmanager
     def _turn(self) -> Iterator[None]:

@@ -43,7 +43,7 @@ def delete_shape(shape_id: ShapeId, container: Service, collection: InCollection
 
     It can be restored for as long as the service is set to keep what was deleted.
     """
-    with container.database.write() as session:
+    with container.database.write(deleting=True) as session:
         own = fingerprint(session), collection.number, shape_id
         service.delete(session, *own, container.settings.undo_time)
 
@@ -92,5 +92,5 @@ def list_deleted(
 )
 def purge_shape(shape_id: ShapeId, container: Service, collection: InCollection) -> None:
     """Forget a deleted shape and its file now, for good."""
-    with container.database.write() as session:
+    with container.database.write(deleting=True) as session:
         service.purge(session, collection.number, shape_id, container.settings.undo_time)

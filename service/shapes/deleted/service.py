@@ -119,7 +119,7 @@ def purge_old(database: Database, keep: timedelta) -> None:
     with database.read() as session:
         if not repository.any_until(session, moment):
             return
-    with database.write() as session:
+    with database.write(deleting=True) as session:
         repository.remove_until(session, moment)
 
 

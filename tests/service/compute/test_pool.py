@@ -12,6 +12,7 @@ import pytest
 
 from core.errors import EmptyFileError
 from core.parameters import DEFAULT
+from service.compute import worker_process
 from service.compute.cluster import ClusterPool
 from service.compute.pool import LocalPool
 from service.compute.workers_interface import Workers
@@ -243,3 +244,19 @@ def test_a_pool_that_is_killed_waits_for_nothing() -> None:
 
 def _never_warm() -> None:
     time.sleep(600)
+
+
+def test_a_worker_that_stands_still_costs_its_call_a_repetition(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is not its call that takes too long, so that the call may be repeated."""
+    monkeypatch.setattr(worker_process, "STOPPED_SECONDS", 0.5)
+    with LocalPool(1, seconds=60, warm=warm) as pool:
+        wait_until(pool.pids, seconds=60)
+        (stopped,) = pool.pids()
+        call = pool.submit(nap, 30)
+        wait_until(call.running, seconds=10)
+        os.kill(stopped, signal.SIGSTOP)
+        start = time.monotonic()
+        with pytest.raises(WorkerLostError, match="stopped"):
+            call.result()
+        assert time.monotonic() - start < 10
+        assert pool.submit(os.getpid).result() != stopped
