@@ -6,8 +6,8 @@ from contextvars import ContextVar
 from datetime import UTC, datetime
 
 LOGGER = "isoshape"
-# Libraries whose errors belong in the log: the event loop's among them.
-OTHERS = ("asyncio", "uvicorn.error")
+# Libraries whose errors belong in the log; what they say about a request is dropped.
+OTHERS = ("asyncio", "python_multipart", "uvicorn.error")
 
 request_id: ContextVar[str | None] = ContextVar("request_id", default=None)
 
