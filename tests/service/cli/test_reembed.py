@@ -120,8 +120,8 @@ def test_files_that_cannot_be_embedded_are_named_and_may_be_left_out(
     assert active(tmp_path) == few.fingerprint
     with closing(sqlite3.connect(tmp_path / "archive.sqlite3")) as connection, connection:
         connection.execute(
-            "INSERT INTO embeddings "
-            "SELECT number + 10, blob_number, format, 'an-older-one', signature, record FROM embeddings"
+            "INSERT INTO embeddings SELECT number + 10, blob_number, format, 'an-older-one', signature, "
+            "record, checksum FROM embeddings"
         )
         connection.execute("DELETE FROM shapes WHERE number = 2")
     pruned = run("reembed", "--prune")

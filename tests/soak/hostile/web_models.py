@@ -51,9 +51,7 @@ class Tally:
     def __str__(self) -> str:
         kinds = sorted({kind for _, kind in self.answers})
         rows = [
-            " | ".join(
-                [f"| {name.replace('_', ' ')}", *(str(self.answers[name, kind]) for kind in kinds), ""]
-            )
+            f"| {name.replace('_', ' ')} |" + "".join(f" {self.answers[name, kind]} |" for kind in kinds)
             for name in (PLAIN, *DAMAGES)
         ]
         total = sum(self.answers.values())
