@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from core.arrays import Float32s, Int32s
 
 NO_SPIN_IMAGES: NDArray[np.uint8] = np.empty((0, 0), dtype=np.uint8)
+NO_VIEWS: NDArray[np.uint8] = np.empty(0, dtype=np.uint8)
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,6 +97,9 @@ class Embedding:
     spin_images : uint8, shape (r, w)
         Local descriptors (spin images) from `core.descriptors.descriptor_distance.describe`. The shape is
         (0, 0) if the parameters ask for none.
+    views : uint8, shape (v,)
+        The view descriptor from `core.descriptors.view_descriptor`. The shape is (0,) if the parameters ask
+        for none.
     """
 
     fingerprint: str
@@ -109,6 +113,7 @@ class Embedding:
     signature: Float32s
     spectra: tuple[Spectrum, ...]
     spin_images: NDArray[np.uint8] = field(default_factory=lambda: NO_SPIN_IMAGES)
+    views: NDArray[np.uint8] = field(default_factory=lambda: NO_VIEWS)
 
 
 @dataclass(frozen=True, eq=False)

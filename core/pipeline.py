@@ -14,7 +14,8 @@ from core.descriptors.boundary_ratio import boundary_ratio
 from core.descriptors.completeness import INCOMPLETE
 from core.descriptors.descriptor_distance import DescriptorDistance, describe, descriptor_distance
 from core.descriptors.global_descriptors import GLOBAL_WEIGHT, global_descriptors, signed_volume
-from core.embedding import NO_SPIN_IMAGES, Embedding, Facts, Match, Scores
+from core.descriptors.view_descriptor import view_descriptor
+from core.embedding import NO_SPIN_IMAGES, NO_VIEWS, Embedding, Facts, Match, Scores
 from core.errors import DegenerateMeshError, IncompatibleEmbeddingsError
 from core.graph.edge_graph import edge_graph
 from core.graph.geodesics import geodesics
@@ -32,6 +33,9 @@ from core.mesh.subdivision import refine
 from core.numerics.guarding import check_finite, guarded
 from core.parameters import DEFAULT, Parameters
 from core.ranking.class_probability import class_probability, signature_features
+from core.ranking.evidence import descriptors_of, evidence_of
+from core.ranking.local_density import LocalDensities
+from core.ranking.opinion_pool import pooled_probability
 from core.sampling.lewis_weights import lewis_weights
 from core.sampling.sampling import keyed_uniform, random_draw, sort_and_cut, weighted_farthest_points
 from core.spectral.spectral_embedding import SampledSurface, spectra_of
@@ -40,8 +44,11 @@ PREPARED_BYTES = 128 * 1024 * 1024
 """The most bytes of prepared shapes that a pipeline caches, unless another number is given."""
 
 
-def measure(mesh: Mesh, cleaned: Cleaned, frame: NormalFrame) -> Facts:
-    """Measurements of a mesh, from the mesh as read, the cleaned mesh and its normal frame."""
+def measure(mesh: Mesh, cleaned: Cleaned, frame: NormalFrame, *, pieces: bool) -> Facts:
+    """Measurements of a mesh, from the mesh as read, the cleaned mesh and its normal frame.
+
+    `pieces` is that of `core.descriptors.boundary_ratio`.
+    """
     faces = cleaned.mesh.faces
     volume = signed_volume(frame.apply(cleaned.mesh.vertices), faces)
     face_counts = cleaned.sides.face_counts
@@ -57,7 +64,7 @@ def measure(mesh: Mesh, cleaned: Cleaned, frame: NormalFrame) -> Facts:
         dropped_faces=cleaned.dropped_faces,
         boundary_edges=int((face_counts == 1).sum()),
         nonmanifold_edges=int((face_counts > 2).sum()),
-        openness=boundary_ratio(cleaned.mesh, cleaned.sides, area),
+        openness=boundary_ratio(cleaned.mesh, cleaned.sides, area, pieces=pieces),
     )
 
 
@@ -148,7 +155,10 @@ class Pipeline:
         """
         with guarded():
             surface, cleaned, frame = self.normalise(mesh)
-            return self._spin_images(surface, cleaned, measure(mesh, cleaned, frame))
+            return self._spin_images(surface, cleaned, self._facts(mesh, cleaned, frame))
+
+    def _facts(self, mesh: Mesh, cleaned: Cleaned, frame: NormalFrame) -> Facts:
+        return measure(mesh, cleaned, frame, pieces=self.parameters.ranking.views)
 
     def _spin_images(self, surface: Mesh, cleaned: Cleaned, facts: Facts) -> Bytes:
         """Spin images; incomplete surfaces are described without filling their holes."""
@@ -255,11 +265,16 @@ class Pipeline:
             spectra, signature = spectra_of(surface, embedded, self.parameters.spectral)
             if self.parameters.ranking.global_descriptors:
                 signature = np.concatenate([signature, GLOBAL_WEIGHT * global_descriptors(surface)])
-            facts = measure(mesh, cleaned, frame)
+            facts = self._facts(mesh, cleaned, frame)
             spin_images = (
                 self._spin_images(surface, cleaned, facts)
                 if self.parameters.ranking.spin_images
                 else NO_SPIN_IMAGES
+            )
+            views = (
+                view_descriptor(cleaned.mesh.vertices, cleaned.mesh.faces)
+                if self.parameters.ranking.views
+                else NO_VIEWS
             )
         positions = frame.invert(surface.vertices[samples])
         return Embedding(
@@ -274,6 +289,7 @@ class Pipeline:
             signature=signature.astype(np.float32),
             spectra=spectra,
             spin_images=spin_images,
+            views=views,
         )
 
     def prepared(self, embedding: Embedding) -> Prepared:
@@ -360,8 +376,34 @@ class Pipeline:
         """
         return class_probability(self.features(cc, sim, query, signatures), descriptor_distance)
 
-    def combined_with(self, query: Embedding, others: Sequence[Embedding], scores: Scores) -> Floats:
-        """`combined` of one embedding with c others, shape (c,), from their scores of `score`."""
+    @property
+    def pools_experts(self) -> bool:
+        """Whether `combined` reads all evidence (`core.ranking.evidence`): embeddings then hold all of it."""
+        ranking = self.parameters.ranking
+        return ranking.views and ranking.spin_images and ranking.global_descriptors
+
+    def combined_with(
+        self,
+        query: Embedding,
+        others: Sequence[Embedding],
+        scores: Scores,
+        own: LocalDensities | None = None,
+        densities: LocalDensities | None = None,
+    ) -> Floats:
+        """`combined` of one embedding with c others, shape (c,), from their scores of `score`.
+
+        Parameters
+        ----------
+        query : Embedding
+        others : sequence of Embedding
+        scores : Scores
+        own, densities : LocalDensities, optional
+            Of the query, arrays of shape (1,), and of the others, shape (c,), among the stored shapes; the
+            typical ones unless given. Only pipelines that pool experts use them.
+        """
+        if self.pools_experts:
+            described = [descriptors_of(other) for other in others]
+            return pooled_probability(evidence_of(descriptors_of(query), described, scores, own, densities))
         signatures = np.array([other.signature for other in others]).reshape(-1, len(query.signature))
         between = (
             descriptor_distance(query.spin_images, [other.spin_images for other in others])

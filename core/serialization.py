@@ -5,6 +5,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import asdict, fields
 from functools import lru_cache
+from itertools import chain
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,10 +13,12 @@ from numpy.typing import NDArray
 from safetensors import SafetensorError
 from safetensors.numpy import load, save
 
-from core.arrays import Bytes
 from core.descriptors.descriptor_distance import ROW_COUNTS, ROW_LENGTH
-from core.embedding import NO_SPIN_IMAGES, EmbeddedPoints, Embedding, Facts, Spectrum
+from core.descriptors.reliability import intrinsic_reliability
+from core.descriptors.view_bytes import VIEW_BYTES
+from core.embedding import NO_SPIN_IMAGES, NO_VIEWS, EmbeddedPoints, Embedding, Facts, Spectrum
 from core.errors import BadRecordError
+from core.ranking.evidence import ShapeDescriptors
 
 
 def embedding_to_bytes(embedding: Embedding) -> bytes:
@@ -37,6 +40,9 @@ def embedding_to_bytes(embedding: Embedding) -> bytes:
     if embedding.spin_images.size:
         header["patches"] = True
         arrays["patches"] = embedding.spin_images
+    if embedding.views.size:
+        header["views"] = True
+        arrays["views"] = embedding.views
     for i, spectrum in enumerate(embedding.spectra):
         arrays[f"eigenvalues_{i}"] = spectrum.eigenvalues
         arrays[f"coordinates_{i}"] = spectrum.coordinates
@@ -71,6 +77,7 @@ def embedding_from_bytes(data: bytes) -> Embedding:
                 for i, name in enumerate(header["spectra"])
             ),
             spin_images=arrays["patches"] if header.get("patches") else NO_SPIN_IMAGES,
+            views=arrays["views"] if header.get("views") else NO_VIEWS,
         )
     except (SafetensorError, KeyError, TypeError, ValueError, RecursionError) as error:
         raise BadRecordError(f"not an embedding: {error}") from error
@@ -105,24 +112,38 @@ def points_from_bytes(data: bytes) -> EmbeddedPoints:
     return tuple(coordinates), regions
 
 
-def spin_images_from_bytes(data: bytes) -> Bytes:
-    """The spin images of a record, uint8 of shape (r, w); of shape (0, 0) if it has none.
+def descriptors_from_bytes(data: bytes) -> ShapeDescriptors:
+    """The descriptors of a record, without its embedded points.
+
+    Spin images have the shape (0, 0), and views the shape (0,), if the record has none.
 
     Raises
     ------
     BadRecordError
-        The bytes are not a record, or its spin images have the wrong shape or type.
+        The bytes are not a record, or a descriptor has the wrong shape or type.
     """
     try:
         arrays = load(data)
         header = json.loads(arrays["header"].tobytes())
-        spin_images = arrays["patches"] if header.get("patches") else NO_SPIN_IMAGES
+        found = ShapeDescriptors(
+            arrays["signature"],
+            arrays["patches"] if header.get("patches") else NO_SPIN_IMAGES,
+            arrays["views"] if header.get("views") else NO_VIEWS,
+            intrinsic_reliability(Facts(**header["facts"])),
+        )
     except (SafetensorError, KeyError, TypeError, ValueError, RecursionError, AttributeError) as error:
         raise BadRecordError(f"not an embedding: {error}") from error
-    fault = next(_spin_image_faults(spin_images), None)
+    fault = next(
+        chain(
+            _array_faults("signature", found.signature, np.float32, (None,)),
+            _spin_image_faults(found.spin_images),
+            _view_faults(found.views),
+        ),
+        None,
+    )
     if fault is not None:
         raise BadRecordError(f"not an embedding: {fault}")
-    return spin_images
+    return found
 
 
 class _Place(NamedTuple):
@@ -176,6 +197,7 @@ def _faults(embedding: Embedding) -> Iterator[str]:
         yield from _array_faults(f"{spectrum.name} eigenvalues", spectrum.eigenvalues, np.float32, (None,))
         yield from _array_faults(f"{spectrum.name} coordinates", spectrum.coordinates, np.float32, (d, None))
     yield from _spin_image_faults(embedding.spin_images)
+    yield from _view_faults(embedding.views)
     for name, indices, end in (
         ("vertices", embedding.vertices, embedding.facts.vertices),
         ("graph_edges", embedding.graph_edges, m),
@@ -206,6 +228,11 @@ def _spin_image_faults(spin_images: NDArray[Any]) -> Iterator[str]:
         yield from _array_faults("patches", spin_images, np.uint8, (None, ROW_LENGTH))
         if len(spin_images) not in ROW_COUNTS.values():
             yield f"there are {len(spin_images)} rows of spin images"
+
+
+def _view_faults(views: NDArray[Any]) -> Iterator[str]:
+    if views is not NO_VIEWS:
+        yield from _array_faults("views", views, np.uint8, (VIEW_BYTES,))
 
 
 def _array_faults(

@@ -30,7 +30,8 @@ from service.http.idempotency.keys import InFlight
 from service.http.middleware import RequestContext
 from service.http.openapi import DESCRIPTION, TAGS, describe
 from service.http.problems import handle_problems
-from service.index.cache import EmbeddingCache
+from service.index.cache import EmbeddingCache, descriptor_bytes
+from service.index.density_samples import DensitySamples
 from service.jobs.endpoints import ADDRESS as JOBS_ADDRESS
 from service.jobs.endpoints import router as jobs_router
 from service.jobs.runner import Runner
@@ -53,8 +54,8 @@ from service.system.schemas import VERSION
 from service.system.session_endpoints import router as session_router
 from service.web.endpoints import router as page_router
 
-SPIN_IMAGE_BYTES = 256 * 1024**2
-"""Memory for spin images of stored shapes: 22 kB each, 96 kB for an incomplete shape."""
+DESCRIPTOR_BYTES = 256 * 1024**2
+"""Memory for descriptors of stored shapes: 26 kB each, 100 kB for an incomplete shape."""
 
 log = logging.get_logger("app")
 
@@ -183,7 +184,9 @@ def _start(settings: Settings, parameters: Parameters, gate: Gate, metrics: Metr
         threads=threads,
         searches=ActivityGate(),
         comparing_is_ready=Event(),
-        spin_images=EmbeddingCache(SPIN_IMAGE_BYTES),
+        descriptors=EmbeddingCache(DESCRIPTOR_BYTES, descriptor_bytes),
+        spin_images=EmbeddingCache(DESCRIPTOR_BYTES // 4),
+        density_samples=DensitySamples(),
     )
 
 

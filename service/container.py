@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from threading import Event
 
 from core.arrays import Bytes
+from core.ranking.evidence import ShapeDescriptors
 from service.auth.gate import Gate
 from service.compute.activity_gate import ActivityGate
 from service.compute.pool import LocalPool
@@ -12,6 +13,7 @@ from service.compute.request_queue import Work
 from service.compute.workers_interface import Workers
 from service.http.idempotency.keys import InFlight
 from service.index.cache import EmbeddingCache
+from service.index.density_samples import DensitySamples
 from service.observability.metrics import Metrics
 from service.pipelines.active import Pipelines
 from service.settings import Settings
@@ -23,7 +25,8 @@ class Container:
     """All components that live from the start of the service to its end.
 
     `threads` compare embeddings, and `searches` counts the searches that use them. `comparing_is_ready` is
-    set when compiled code and match records are loaded. `spin_images` caches spin images of stored shapes.
+    set when compiled code and match records are loaded. `descriptors` caches descriptors of stored shapes by
+    the number of the embedding, and `spin_images` spin images of files, for records that have none.
     """
 
     settings: Settings
@@ -38,4 +41,6 @@ class Container:
     threads: ThreadPoolExecutor
     searches: ActivityGate
     comparing_is_ready: Event
+    descriptors: EmbeddingCache[ShapeDescriptors]
     spin_images: EmbeddingCache[Bytes]
+    density_samples: DensitySamples

@@ -200,10 +200,12 @@ class Settings(BaseSettings):
     shortlist_from: PositiveInt = Field(
         default=5_000,
         description="With at least this many candidates, a query compares only a shortlist: the nearest "
-        "candidates by signature.",
+        "candidates by signature and by view signature.",
     )
     shortlist_length: PositiveInt = Field(
-        default=1_000, description="The length of the shortlist. Coarse ranking orders it."
+        default=1_000,
+        description="How many candidates of the shortlist are the nearest by signature; half as many, the "
+        "nearest by view signature, join them. Coarse ranking orders them.",
     )
     reranked: PositiveInt = Field(
         default=300,
@@ -218,8 +220,8 @@ class Settings(BaseSettings):
     search_bytes: int = Field(
         default=1280 * 1024**2,
         ge=0,
-        description="Memory for search: signatures and coarse samples of all shapes, about 900 bytes each, "
-        "and a cache of match records, about 100 kB each.",
+        description="Memory for search: signatures, view signatures and coarse samples of all shapes, about "
+        "1,060 bytes each, and a cache of match records, about 100 kB each.",
     )
 
     signatures: Literal["memory", "database"] = Field(

@@ -10,7 +10,9 @@ __all__ = [
     "descriptor_distance",
     "global_descriptors",
     "partial_matching",
+    "reliability",
     "spin_images",
+    "view_bytes",
     "view_descriptor",
     "view_signature",
 ]

@@ -39,11 +39,22 @@ class LabelledPairs:
         read.
     asked : bool, shape (n, n), optional
         The pairs (i, j) that exist, where i is a perturbed query and j a stored shape; all pairs if absent.
+    offsets : float64, shape (n, n), optional
+        Part of the log odds of each pair that is not fitted; 0 if absent.
+    weight : float
+        Weight of all pairs together in a fit, > 0.
     """
 
     labels: tuple[str, ...]
     features: Floats
     asked: NDArray[np.bool_] | None = None
+    offsets: Floats | None = None
+    weight: float = 1.0
+
+    @property
+    def added(self) -> Floats:
+        """The offsets, 0 unless given, shape (n, n)."""
+        return np.zeros(self.features.shape[:2]) if self.offsets is None else self.offsets
 
     @property
     def codes(self) -> NDArray[np.str_]:
@@ -93,7 +104,13 @@ class Reliability:
         return float(shares @ gaps / shares.sum()) if shares.sum() > 0.0 else 0.0
 
 
-def fit_logistic(features: Floats, same: NDArray[np.bool_], weights: Floats) -> Calibration:
+def fit_logistic(
+    features: Floats,
+    same: NDArray[np.bool_],
+    weights: Floats,
+    offsets: Floats | float = 0.0,
+    start: Calibration | None = None,
+) -> Calibration:
     """The logistic model of maximum likelihood, by Newton's method (iteratively reweighted least squares).
 
     Parameters
@@ -104,6 +121,10 @@ def fit_logistic(features: Floats, same: NDArray[np.bool_], weights: Floats) -> 
         Whether each pair is of one class.
     weights : float64, shape (m,)
         Positive; only their ratios matter.
+    offsets : float64, shape (m,), optional
+        Part of the log odds that is not fitted.
+    start : Calibration, optional
+        A model near the result, which saves steps.
 
     Raises
     ------
@@ -121,12 +142,15 @@ def fit_logistic(features: Floats, same: NDArray[np.bool_], weights: Floats) -> 
     penalty[0, 0] = 0.0
 
     def loss(values: Floats) -> float:
-        logits = design @ values
+        logits = design @ values + offsets
         return float(weights @ (np.logaddexp(0.0, logits) - same * logits) + 0.5 * values @ penalty @ values)
 
     values = np.zeros(design.shape[1])
+    if start is not None:
+        slopes = np.array(start.slopes)
+        values[0], values[1:] = start.intercept + slopes @ centre, slopes * spread
     for _ in range(STEPS):
-        probabilities = expit(design @ values)
+        probabilities = expit(design @ values + offsets)
         gradient = design.T @ (weights * (probabilities - same)) + penalty @ values
         curvature = (design * (weights * probabilities * (1.0 - probabilities))[:, None]).T @ design + penalty
         step = np.linalg.solve(curvature + 1e-12 * np.eye(len(values)), gradient)
@@ -140,26 +164,32 @@ def fit_logistic(features: Floats, same: NDArray[np.bool_], weights: Floats) -> 
     return Calibration(float(values[0] - slopes @ centre), tuple(float(slope) for slope in slopes))
 
 
-def fit(collections: Sequence[LabelledPairs], *, without: str | None = None) -> Calibration:
+def fit(
+    collections: Sequence[LabelledPairs], *, without: str | None = None, start: Calibration | None = None
+) -> Calibration:
     """The model fitted to all pairs of all collections, or to the pairs without one class.
+
+    `start` is that of `fit_logistic`.
 
     Raises
     ------
     ParameterError
         All pairs are of one class, or none is.
     """
-    features, same, weights = [], [], []
+    features, same, weights, offsets = [], [], [], []
     for collection in collections:
         codes = collection.codes
         kept = codes != (without.casefold() if without is not None else None)
         first, second = np.nonzero(collection.once & kept[:, None] & kept)
         if len(first):
             features.append(collection.features[first, second])
+            offsets.append(collection.added[first, second])
             same.append(codes[first] == codes[second])
-            weights.append(np.full(len(first), 1.0 / len(first)))
+            weights.append(np.full(len(first), collection.weight / len(first)))
     if not features:
         raise ParameterError("a calibration needs pairs of one class and pairs of two")
-    return fit_logistic(np.concatenate(features), np.concatenate(same), np.concatenate(weights))
+    joined = [np.concatenate(some) for some in (features, weights, offsets)]
+    return fit_logistic(joined[0], np.concatenate(same), joined[1], joined[2], start)
 
 
 def leave_class_out(collections: Sequence[LabelledPairs]) -> list[Floats]:
@@ -173,11 +203,12 @@ def leave_class_out(collections: Sequence[LabelledPairs]) -> list[Floats]:
         Without some class, all pairs are of one class, or none is.
     """
     probabilities = [np.zeros(collection.features.shape[:2]) for collection in collections]
+    whole = fit(collections)
     for label in sorted({str(code) for collection in collections for code in collection.codes}):
-        model = fit(collections, without=label)
+        model = fit(collections, without=label, start=whole)
         for collection, found in zip(collections, probabilities, strict=True):
             rows = collection.codes == label
-            found[rows] = model.class_probability(collection.features[rows])
+            found[rows] = model.class_probability(collection.features[rows], collection.added[rows])
     return probabilities
 
 

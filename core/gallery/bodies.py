@@ -40,6 +40,8 @@ class Body:
         Skinning weights of the vertices; rows sum to 1.
     seeds : tuple of int
         Seeds of the body's random numbers.
+    variation : float or None
+        See `make_body`.
     """
 
     label: str
@@ -47,6 +49,7 @@ class Body:
     solids: tuple[Field, ...]
     hold: Floats
     seeds: tuple[int, ...]
+    variation: float | None = None
 
     def partners(self, other: "Body") -> Ints:
         """True correspondences of the vertices on a mesh of the same body, shape (g, n).
@@ -68,13 +71,13 @@ class Body:
         """
         if pose < 0:
             raise ParameterError(f"the pose must be at least 0, not {pose}")
-        solids = _solids(self.label, self.seeds, pose)
+        solids = _solids(self, pose)
         moved = skinned(self.rest.vertices, self.hold, self.solids, solids)
         return Mesh(placed(moved, default_rng([*self.seeds, pose, 1])), self.rest.faces)
 
 
-def make_body(label: str, body: int = 0, *, vertices: int = VERTICES) -> Body:
-    """An individual of a class; its proportions depend on the label and the number only.
+def make_body(label: str, body: int = 0, *, vertices: int = VERTICES, variation: float | None = None) -> Body:
+    """An individual of a class; its proportions depend on the label, the number and the variation only.
 
     Parameters
     ----------
@@ -84,6 +87,9 @@ def make_body(label: str, body: int = 0, *, vertices: int = VERTICES) -> Body:
         >= 0.
     vertices : int
         Approximate number of vertices, at least some hundreds; another number gives another mesh of the body.
+    variation : float, optional
+        Coefficient of variation of the proportions, > 0: how much individuals differ, who have the middle
+        proportions of their class in the mean. Without it they are drawn from the whole class.
 
     Raises
     ------
@@ -96,7 +102,7 @@ def make_body(label: str, body: int = 0, *, vertices: int = VERTICES) -> Body:
         raise ParameterError(f"the body must be at least 0, not {body}")
     for attempt in range(_ATTEMPTS):
         seeds = (crc32(label.encode()), body, attempt)
-        draws = BodyDraws(DRAWS[label], SeedSequence(seeds), None)
+        draws = BodyDraws(DRAWS[label], SeedSequence(seeds), None, variation)
         parts = kind_of(label).build(draws)
         points, faces = surface(parts, vertices)
         if is_closed_manifold(faces) and components(faces) == 1 and handles(faces) == kind_of(label).handles:
@@ -107,10 +113,12 @@ def make_body(label: str, body: int = 0, *, vertices: int = VERTICES) -> Body:
                 solids=solids,
                 hold=skinning_weights(points, faces, solids),
                 seeds=seeds,
+                variation=variation,
             )
     raise MeshError(f"no sound body of class {label} in {_ATTEMPTS} draws")
 
 
-def _solids(label: str, seeds: tuple[int, ...], pose: int) -> list[Field]:
-    draws = BodyDraws(DRAWS[label], SeedSequence(seeds), SeedSequence([*seeds, pose]))
-    return [solid for part in kind_of(label).build(draws) for solid in part.fields]
+def _solids(body: Body, pose: int) -> list[Field]:
+    seeds = SeedSequence(body.seeds), SeedSequence([*body.seeds, pose])
+    draws = BodyDraws(DRAWS[body.label], *seeds, body.variation)
+    return [solid for part in kind_of(body.label).build(draws) for solid in part.fields]

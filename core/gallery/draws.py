@@ -60,18 +60,26 @@ class BodyDraws(Generator):
     body : SeedSequence
     pose : SeedSequence, optional
         None gives the rest pose.
+    variation : float, optional
+        If given, the body's numbers are the middles of their ranges times normal numbers of mean 1 and this
+        standard deviation: similar individuals instead of individuals from the whole class.
     """
 
-    def __init__(self, draws: Draws, body: SeedSequence, pose: SeedSequence | None) -> None:
+    def __init__(
+        self, draws: Draws, body: SeedSequence, pose: SeedSequence | None, variation: float | None = None
+    ) -> None:
         super().__init__(PCG64(body))
         self._draws = draws
+        self._variation = variation
         self._pose = None if pose is None else Generator(PCG64(pose))
         self._place = 0
 
     def uniform(self, low: float = 0.0, high: float = 1.0) -> float:  # type: ignore[override]
-        """The next number, uniform in [low, high)."""
+        """The next number, uniform in [low, high) unless the body has a variation."""
         place, self._place = self._place, self._place + 1
         kind = self._draws.kinds[place] if place < len(self._draws.kinds) else "p"
+        if kind == "b" and self._variation is not None:
+            return 0.5 * (low + high) * super().normal(1.0, self._variation)
         if kind == "b":
             return super().uniform(low, high)
         if kind == "m":

@@ -221,6 +221,9 @@ class RankingParameters(Group):
     spin_images : bool
         Whether an embedding holds spin images of its surface, which `combined` compares
         (`core.descriptors.descriptor_distance`). In flat files the key is `patches`.
+    views : bool
+        Whether an embedding holds views of its surface from outside, which `combined` compares
+        (`core.descriptors.view_descriptor`).
     match_threshold : float
         A query whose best CC is below this value has no match (Algorithm 3's unmatched shapes).
         `isoshape classify` finds the best value for a collection: 0.980 for half of PSB, 0.985 for the made
@@ -229,4 +232,5 @@ class RankingParameters(Group):
 
     global_descriptors: bool = Field(default=True, serialization_alias="form")
     spin_images: bool = Field(default=True, serialization_alias="patches")
+    views: bool = True
     match_threshold: float = Field(default=0.98, ge=-1.0, le=1.0)

@@ -20,7 +20,12 @@ from core.parameters.groups import (
 METHOD_VERSION = 1
 """Raised whenever the same parameters would give other embeddings or other scores."""
 
-EARLIER_VALUES: dict[str, float] = {"fill_holes": 0.0, "smooth_refined": False, "patches": False}
+EARLIER_VALUES: dict[str, float] = {
+    "fill_holes": 0.0,
+    "smooth_refined": False,
+    "patches": False,
+    "views": False,
+}
 """Flat keys that were added later, with the value that stands for the method before. A parameter with this
 value is not part of the fingerprint."""
 
@@ -227,6 +232,7 @@ PAPER = Parameters(
     ranking=RankingParameters(
         global_descriptors=False,
         spin_images=False,
+        views=False,
     ),
 )
 """As literal as the text allows, with the errata of the page docs/method.md."""

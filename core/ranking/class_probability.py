@@ -38,9 +38,16 @@ class Calibration:
     intercept: float
     slopes: tuple[float, ...]
 
-    def class_probability(self, features: Floats) -> Floats:
-        """Class probabilities in [0, 1], shape (...), of features, shape (..., p)."""
-        return np.asarray(expit(self.intercept + (features * np.array(self.slopes)).sum(axis=-1)))
+    def log_odds(self, features: Floats) -> Floats:
+        """Log odds of one class, shape (...), of features, shape (..., p)."""
+        return np.asarray(self.intercept + (features * np.array(self.slopes)).sum(axis=-1))
+
+    def class_probability(self, features: Floats, offset: Floats | float = 0.0) -> Floats:
+        """Class probabilities in [0, 1], shape (...), of features, shape (..., p).
+
+        The offset, shape (...), is added to the log odds; it is no part of the fit.
+        """
+        return np.asarray(expit(self.log_odds(features) + offset))
 
 
 CALIBRATED = Calibration(intercept=-13.8067, slopes=(-4.9825, -0.2797, -2.7157))

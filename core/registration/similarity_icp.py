@@ -7,14 +7,12 @@ shapes", IEEE PAMI 14(2), 1992, from several initial alignments.
 
 from dataclasses import dataclass
 from itertools import product
-from typing import Literal
 
 import numpy as np
 
 from core.arrays import Floats
+from core.registration.kinship import SIZE, Kinship, kinship
 from core.sampling.surface_samples import SurfaceSamples, closest_points
-
-Kinship = Literal["same", "scaled", "mirrored"]
 
 RESIDUAL = 0.003
 """Largest residual of two copies of one shape, over the square root of the area.
@@ -24,9 +22,6 @@ Copies that are rotated, scaled, mirrored, subdivided or simplified to half thei
 distances are between surfaces and not between samples, because another meshing moves the samples by their
 spacing: between samples the two figures would be 0.037 and 0.044.
 """
-
-SIZE = 0.03
-"""Two copies have one size if their scale differs from 1 by at most this."""
 
 STARTING, ROUNDS, FEW = 12, 20, 200
 """Largest number of coarse iterations from each start, of fine iterations from the best start, and the number
@@ -92,13 +87,6 @@ class Alignment:
         return None if self.residual > residual else kinship(self.scale, mirrored=self.mirrored, size=size)
 
 
-def kinship(scale: float, *, mirrored: bool, size: float = SIZE) -> Kinship:
-    """Relation of two copies, from their relative scale and from whether one is a mirror image."""
-    if mirrored:
-        return "mirrored"
-    return "same" if max(scale, 1.0 / scale) <= 1.0 + size else "scaled"
-
-
 def best_similarity(source: Floats, target: Floats, *, sign: int, scaled: bool) -> Similarity:
     """The least-squares similarity transform of paired points (Umeyama 1991, Eqs. 39 to 43).
 
@@ -155,28 +143,39 @@ def _nearest(
         starts.append(
             best_similarity(first.to_unit(pairs[0]), second.to_unit(pairs[1]), sign=sign, scaled=False)
         )
-    ends = [_rough_alignment(first, second, start, sign) for start in starts]
+    ends = [rough_alignment(first, second, start, sign) for start in starts]
     rough, motion = min(ends, key=lambda end: end[0])
     if rough > FAR:
         return rough, motion
-    residual, ours, theirs = _closest_pairs(first, second, motion)
+    residual, ours, theirs = closest_pairs(first, second, motion)
     best = residual, motion
     for _ in range(ROUNDS):
         motion = best_similarity(ours, theirs, sign=sign, scaled=True)
-        residual, ours, theirs = _closest_pairs(first, second, motion)
+        residual, ours, theirs = closest_pairs(first, second, motion)
         if residual > GAIN * best[0]:
             break
         best = residual, motion
     return best
 
 
-def _rough_alignment(
-    first: SurfaceSamples, second: SurfaceSamples, motion: Similarity, sign: int
+def rough_alignment(
+    first: SurfaceSamples, second: SurfaceSamples, motion: Similarity, sign: int, iterations: int = STARTING
 ) -> tuple[float, Similarity]:
-    """The residual and the transform after coarse iterations between sample points, without scaling."""
+    """The residual and the transform after coarse iterations between sample points, without scaling.
+
+    Parameters
+    ----------
+    first, second : SurfaceSamples
+    motion : Similarity
+        The initial alignment, between the surfaces at unit area.
+    sign : int
+        Sign of the determinant: 1 for a rotation, -1 for a reflection.
+    iterations : int
+        Their largest number.
+    """
     few = first.points[:: len(first.points) // FEW]
     gaps, near = second.tree.query(motion.apply(few))
-    for _ in range(STARTING):
+    for _ in range(iterations):
         motion = best_similarity(few, second.points[near], sign=sign, scaled=False)
         before = near
         gaps, near = second.tree.query(motion.apply(few))
@@ -185,7 +184,7 @@ def _rough_alignment(
     return float(np.sqrt((gaps**2).mean())), motion
 
 
-def _closest_pairs(
+def closest_pairs(
     first: SurfaceSamples, second: SurfaceSamples, motion: Similarity
 ) -> tuple[float, Floats, Floats]:
     """The residual of a transform, and the pairs of closest points, each at its own unit area."""

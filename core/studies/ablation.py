@@ -59,8 +59,10 @@ NAMED = (
 LAST = (
     Change("ranked by combined, which reads the signature", (), "combined"),
     Change("spin images", ("patches",), "combined"),
+    Change("views and local density: two experts mixed by reliability", ("views",), "combined"),
 )
-"""Steps that affect the ranking by `combined` only; the first one changes no parameter."""
+"""Steps that affect the ranking by `combined` only; the first one changes no parameter. The last one needs
+the two steps before it, so it shows nothing alone."""
 
 
 @dataclass(frozen=True)

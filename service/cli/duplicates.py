@@ -46,11 +46,11 @@ def _print(answer: DuplicatesAnswer) -> None:
     table = Table(box=box.SIMPLE_HEAD, collapse_padding=True)
     table.add_column("group", justify="right")
     table.add_column("name", overflow="fold")
-    table.add_column("kinship")
+    table.add_column("likeness")
     for name in ("scale", "cc", "residual"):
         table.add_column(name, justify="right", no_wrap=True)
     for number, group in enumerate(answer.groups, 1):
         for one in group:
             numbers = f"{one.scale:.4g}", f"{one.cc:.4f}", f"{one.residual:.4f}"
-            table.add_row(str(number), one.shape.name, one.kinship, *numbers)
+            table.add_row(str(number), one.shape.name, one.likeness, *numbers)
     output().print(table)

@@ -11,6 +11,7 @@ from rich.table import Table
 from service.cli.service_address import Collection, Key, Url, service_at
 from service.client import Client, QueryArguments
 from service.console import output, progress, say
+from service.search.likeness_words import in_words
 from service.search.rank_by import RankBy
 from service.search.schemas import QueryAnswer
 
@@ -22,7 +23,9 @@ def command(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A mesh file.")],
     *,
     top_k: Annotated[int, typer.Option(min=1, max=100, help="The most results.")] = 3,
-    rank_by: Annotated[RankBy, typer.Option(help="Score that sorts the results.")] = "cc",
+    rank_by: Annotated[
+        RankBy, typer.Option(help="Score that sorts the results; the HTTP interface sorts by cc.")
+    ] = "combined",
     partial: Annotated[
         bool, typer.Option("--partial", help="The file is a part: find the shapes that contain it.")
     ] = False,
@@ -89,7 +92,9 @@ def command(
         times = ", ".join(f"{stage} {time:.0f}" for stage, time in answer.milliseconds.items())
         for warning in answer.warnings:
             say(f"{file}: {warning}")
-        say(f"{answer.compared} of {answer.stored} stored shapes compared; milliseconds: {times}")
+        order = "part distance" if partial else rank_by
+        compared = f"{answer.compared} of {answer.stored} stored shapes compared"
+        say(f"{compared}; sorted by {order}; milliseconds: {times}")
 
 
 def write_report(
@@ -116,6 +121,7 @@ def print_answer(console: Console, answer: QueryAnswer) -> None:
     table = Table(box=box.SIMPLE_HEAD, collapse_padding=True)
     table.add_column("rank", justify="right")
     table.add_column("name", overflow="fold")
+    table.add_column("likeness", overflow="fold")
     table.add_column("tags", overflow="fold")
     for name in ("cc", "ssd", "sim", "combined"):
         table.add_column(name, justify="right", no_wrap=True)
@@ -127,6 +133,7 @@ def print_answer(console: Console, answer: QueryAnswer) -> None:
         table.add_row(
             str(result.rank),
             result.shape.name,
+            in_words(result.likeness, result.scale),
             ", ".join(result.shape.tags),
             f"{result.cc:.4f}",
             f"{result.ssd:.4f}",
@@ -135,5 +142,5 @@ def print_answer(console: Console, answer: QueryAnswer) -> None:
             *told,
         )
     console.print(table)
-    if not (answer.matched or partial):
+    if not (answer.matched or partial or any(result.likeness != "weak" for result in answer.results)):
         console.print("No result is similar: the best cc is below the pipeline's threshold.")

@@ -12,6 +12,9 @@ from threadpoolctl import threadpool_limits
 
 from core.arrays import Bytes
 from core.descriptors.partial_matching import describe_part
+from core.descriptors.reliability import intrinsic_reliability
+from core.descriptors.view_descriptor import view_distance
+from core.descriptors.view_signature import signature_distance, view_signature
 from core.embedding import Embedding, Match, Scores
 from core.errors import BadRecordError, CannotBeEmbeddedError, DegenerateMeshError
 from core.io import Limits, read_mesh
@@ -39,6 +42,10 @@ class Embedded:
         Of the embedding.
     sketch : bytes
         The coarse samples: see `core.ranking.coarse_ranking`.
+    view_signature : uint8, shape (v,), or None
+        See `core.descriptors.view_signature`; None if the parameters ask for no views.
+    reliability : float or None
+        See `core.descriptors.reliability`; None likewise.
     facts : dict
         Measurements of the mesh, by name.
     milliseconds : dict
@@ -48,6 +55,8 @@ class Embedded:
     record: bytes
     signature: NDArray[np.float32]
     sketch: bytes
+    view_signature: Bytes | None
+    reliability: float | None
     facts: dict[str, Any]
     milliseconds: dict[str, float]
 
@@ -86,6 +95,8 @@ def embed_mesh(mesh: Mesh, parameters: Parameters, read: float) -> Embedded:
             record=embedding_to_bytes(embedding),
             signature=embedding.signature,
             sketch=coarse_samples(embedding).tobytes(),
+            view_signature=view_signature(embedding.views) if embedding.views.size else None,
+            reliability=intrinsic_reliability(embedding.facts) if embedding.views.size else None,
             facts=asdict(embedding.facts),
             milliseconds={"read": read, "embed": embed},
         )
@@ -168,6 +179,11 @@ def warm_comparing(records: Sequence[bytes], parameters: Parameters) -> None:
     """Run each kernel of a search once, in the process that searches."""
     embeddings = [embedding_from_bytes(record) for record in records]
     signature_distances(embeddings[0].signature, np.stack([one.signature for one in embeddings]))
+    if parameters.ranking.views:
+        views = np.stack([one.views for one in embeddings])
+        view_distance(views[0], views)
+        signatures = np.stack([view_signature(one) for one in views])
+        signature_distance(signatures[0], signatures)
     if matcher_of(parameters).uses_match_records:
         match_records = [match_record(embedding, parameters) for embedding in embeddings]
         score_match_records(match_records[0], match_records, parameters)

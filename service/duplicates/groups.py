@@ -3,7 +3,7 @@
 from collections import deque
 from dataclasses import dataclass
 
-from core.registration.similarity_icp import Kinship, kinship
+from core.registration.kinship import Kinship, kinship
 
 
 @dataclass(frozen=True)

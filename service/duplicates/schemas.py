@@ -2,10 +2,12 @@
 
 import csv
 import io
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 from pydantic import BaseModel, Field
 
+from core.ranking.likeness import Likeness
+from core.registration.kinship import Kinship
 from service.shapes.records import ShapeRecord
 from service.shapes.schemas import Shape
 
@@ -13,7 +15,7 @@ if TYPE_CHECKING:
     from service.duplicates.groups import GroupMember
     from service.duplicates.service import Duplicates
 
-COLUMNS = ("group", "id", "name", "kinship", "scale", "cc", "residual")
+COLUMNS = ("group", "id", "name", "kinship", "scale", "cc", "residual", "likeness")
 
 FORMULA = ("=", "+", "-", "@", "\t", "\r")
 """First characters of text that spreadsheets evaluate as a formula."""
@@ -23,10 +25,12 @@ class Duplicate(BaseModel):
     """A shape of a group. The first shape is the oldest; the fields describe a shape relative to it."""
 
     shape: Shape
-    kinship: Literal["same", "scaled", "mirrored"] = Field(
+    likeness: Likeness = Field(
         description="same: rotated, moved or remeshed; scaled: of another size; mirrored: a mirror image of "
-        "any size. A mirror image that is also a rotation, as of a symmetric shape, is same or scaled."
+        "any size. A mirror image that is also a rotation, as of a symmetric shape, is same or scaled. The "
+        "other values do not occur here."
     )
+    kinship: Kinship = Field(deprecated=True, description="The older name of likeness, with its value.")
     scale: float = Field(description="The size of the shape over that of the first.")
     cc: float = Field(description="cc of the pair by which the shape was found; 1 for the first.")
     residual: float = Field(description="Residual of the same pair after registration; 0 for the first.")
@@ -36,6 +40,7 @@ class Duplicate(BaseModel):
         """The JSON of a member."""
         return cls(
             shape=Shape.of(record),
+            likeness=member.kinship,
             kinship=member.kinship,
             scale=member.scale,
             cc=member.cc,
@@ -75,5 +80,6 @@ class DuplicatesAnswer(BaseModel):
             for one in group:
                 shape = one.shape
                 name = f"'{shape.name}" if shape.name.startswith(FORMULA) else shape.name
-                rows.writerow([number, shape.id, name, one.kinship, f"{one.scale:.6g}", one.cc, one.residual])
+                kind, scale = one.likeness, f"{one.scale:.6g}"
+                rows.writerow([number, shape.id, name, kind, scale, one.cc, one.residual, kind])
         return text.getvalue()

@@ -113,9 +113,12 @@ async def _alike(
         signature=stored.signatures[place],
         signatures=stored.signatures[places],
         coarse_samples=np.empty((len(places), 0), np.uint8),
+        view_signatures=np.empty((len(places), 0), np.uint8),
+        reliabilities=np.full(len(places), np.nan, np.float32),
         reranked=None,
         finalists=None,
         stored=len(stored.shapes),
+        sample=None,
     )
     found, _ = await compare_with(
         container, Query(active_pipeline, record, frozenset([shape])), candidates, "cc"

@@ -28,6 +28,10 @@ class IndexEntries:
     signatures : float32, shape (n, s)
     coarse_samples : uint8, shape (n, l)
         See `core.ranking.coarse_ranking`; zeros for embeddings without coarse samples.
+    view_signatures : uint8, shape (n, v)
+        See `core.descriptors.view_signature`; v is 0 for a pipeline without views.
+    reliabilities : float32, shape (n,)
+        See `core.descriptors.reliability`; NaN without views.
     """
 
     shapes: NDArray[np.int64]
@@ -35,6 +39,8 @@ class IndexEntries:
     embeddings: NDArray[np.int64]
     signatures: NDArray[np.float32]
     coarse_samples: NDArray[np.uint8]
+    view_signatures: NDArray[np.uint8]
+    reliabilities: NDArray[np.float32]
 
     @property
     def nbytes(self) -> int:
@@ -62,6 +68,8 @@ NOTHING = IndexEntries(
     np.empty(0, np.int64),
     np.empty((0, 0), np.float32),
     np.empty((0, 0), np.uint8),
+    np.empty((0, 0), np.uint8),
+    np.empty(0, np.float32),
 )
 
 
@@ -78,6 +86,8 @@ def entries_since(session: ReadSession, fingerprint: str, since: int) -> Iterato
             EmbeddingRow.number,
             SketchRow.signature,
             SketchRow.data,
+            SketchRow.view_signature,
+            SketchRow.reliability,
         )
         .join(
             EmbeddingRow,
@@ -89,13 +99,16 @@ def entries_since(session: ReadSession, fingerprint: str, since: int) -> Iterato
     )
     with session.connection().execute(query) as found:
         for rows in found.partitions():
-            shapes, collections, embeddings, signatures, coarse_samples = zip(*rows, strict=True)
+            shapes, collections, embeddings, *sketches = zip(*rows, strict=True)
+            signatures, coarse_samples, view_signatures, reliabilities = sketches
             yield IndexEntries(
                 np.array(shapes, dtype=np.int64),
                 np.array(collections, dtype=np.int64),
                 np.array(embeddings, dtype=np.int64),
                 stacked(signatures).view("<f4"),
                 stacked(coarse_samples),
+                stacked_views(view_signatures),
+                np.array(reliabilities, dtype=np.float32),
             )
 
 
@@ -104,6 +117,11 @@ def stacked(rows: Sequence[bytes]) -> NDArray[np.uint8]:
     length = max(map(len, rows), default=0)
     data = b"".join(one or bytes(length) for one in rows)
     return np.frombuffer(data, dtype=np.uint8).reshape(len(rows), length)
+
+
+def stacked_views(rows: Sequence[NDArray[np.uint8] | None]) -> NDArray[np.uint8]:
+    """View signatures as an array, shape (n, v), uint8; v is 0 if the embeddings have no views."""
+    return stacked([b"" if one is None else one.tobytes() for one in rows])
 
 
 def removed_since(session: ReadSession, since: int) -> NDArray[np.int64]:

@@ -12,12 +12,15 @@ from service.index.cache import EmbeddingCache
 from service.index.signature_index import SignatureIndex
 from service.observability.logging import get_logger
 from service.pipelines import repository
+from service.pipelines.reembed_message import REEMBED
 from service.pipelines.repository import PipelineRecord
 from service.storage.database import ReadSession, WriteSession
 
 log = get_logger("pipelines")
 
 REMEDY = "run `isoshape reembed` on the archive"
+
+ADDS_VIEWS = " It adds views, by which web and CAD models are found, to the embeddings."
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,12 +42,14 @@ class Pending:
     """The pipeline of the settings, while another one is active.
 
     `embedded` of `files` have an embedding by this pipeline; shapes with the same bytes count as one file.
+    `message` says what `isoshape reembed` does.
     """
 
     name: str
     fingerprint: str
     embedded: int
     files: int
+    message: str
 
 
 class Pipelines:
@@ -108,7 +113,9 @@ class Pipelines:
         if repository.active(session) == self.wanted.fingerprint:
             return None
         embedded, files = repository.count_embedded(session, self.wanted.fingerprint)
-        return Pending(self.wanted.name, self.wanted.fingerprint, embedded, files)
+        active = self.current(session).pipeline.parameters
+        adds = ADDS_VIEWS if self.wanted.ranking.views and not active.ranking.views else ""
+        return Pending(self.wanted.name, self.wanted.fingerprint, embedded, files, REEMBED + adds)
 
     @property
     def indexed(self) -> int:

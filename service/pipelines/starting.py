@@ -34,12 +34,12 @@ def begin(pipelines: Pipelines, database: Database, *, in_memory: bool = True) -
     log.info("the active pipeline of the archive", extra={"fields": fields})
     if pending is not None:
         log.warning(
-            "pipeline %s (%s) is active, not %s (%s) of the settings, until `isoshape reembed` has computed "
-            "the embeddings of the latter",
+            "pipeline %s (%s) is active, not %s (%s) of the settings. %s",
             parameters.name,
             active_pipeline.fingerprint,
             pending.name,
             pending.fingerprint,
+            pending.message,
         )
     if embedded < files:
         log.warning(

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from html import escape
 
 from service.report.style import STYLE
+from service.search.likeness_words import in_words
 from service.search.schemas import QueryAnswer, Result
 from service.system.schemas import Version
 
@@ -98,7 +99,7 @@ def _summary(answer: QueryAnswer) -> list[str]:
     lines = [f"Compared with {answer.compared} of {answer.stored} stored shapes."]
     if not answer.results:
         lines.append("No shape is among the results.")
-    elif not answer.matched:
+    elif not (answer.matched or any(result.likeness != "weak" for result in answer.results)):
         lines.append(
             "No shape is similar to the query, by the pipeline’s threshold of CC. The nearest shapes follow."
         )
@@ -123,6 +124,7 @@ def _section(found: PicturedResult, query: str) -> str:
             f'<figure class="pair">{pictures}',
             f"<figcaption>{escape(query)} and {name}: corresponding points have one colour.</figcaption>",
             "</figure>",
+            f"<p><strong>{escape(in_words(result.likeness, result.scale))}</strong></p>",
             _table("Scores", _scores(result).items(), numbers=True),
             _table("The shape", ((key, value) for key, value in facts.items() if value)),
             "</section>",

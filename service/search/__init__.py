@@ -3,6 +3,7 @@
 __all__ = [
     "cache_warmer",
     "endpoints",
+    "likeness_words",
     "rank_by",
     "ranking",
     "records",

@@ -113,12 +113,14 @@ class CacheWarmer:
                 seen = (active_pipeline.fingerprint, active_pipeline.index.revision)
                 if seen != self._seen:
                     active_pipeline.cache.keep(entries.embeddings)
+                    self._container.descriptors.keep(entries.embeddings)
                     self._container.spin_images.keep(entries.embeddings)
                     self._seen = seen
                 newest = entries.embeddings[::-1].tolist()
                 room = most - entries.nbytes
         cache = active_pipeline.cache
-        cache.resize(max(room - self._container.spin_images.nbytes, most // LEAST_SHARE))
+        described = self._container.descriptors.nbytes + self._container.spin_images.nbytes
+        cache.resize(max(room - described, most // LEAST_SHARE))
         places = cache.free_places()
         if not places or len(cache) >= len(newest):
             return active_pipeline, []

@@ -1,67 +1,108 @@
-"""The spin images of stored shapes, and the probability that a shape is of the query's class."""
-
-from collections.abc import Sequence
+"""The score by which answers are ranked as `combined`, and the probability that it stands for."""
 
 import numpy as np
-from numpy.typing import NDArray
+from scipy.special import expit
 from starlette.concurrency import run_in_threadpool
 
-from core.arrays import Bytes
+from core.arrays import Floats, Ints
 from core.descriptors.descriptor_distance import DescriptorDistance, descriptor_distance
-from core.errors import BadRecordError
-from core.serialization import spin_images_from_bytes
+from core.embedding import Scores
+from core.pipeline import Pipeline
+from core.ranking.coarse_evidence import TYPICAL_SIM
+from core.ranking.evidence import evidence_of
+from core.ranking.opinion_pool import pooled_log_odds
 from service.container import Container
-from service.search import repository
 from service.search.batches import by_embedding, by_threads
+from service.search.coarse_log_odds import coarse_log_odds
+from service.search.descriptors import stored_descriptors
 from service.search.records import Query
 from service.search.shortlist import Candidates
 
-SPIN_IMAGE_BATCH = 64
-"""Shapes whose spin images a thread compares at a time."""
+DESCRIPTOR_BATCH = 64
+"""Shapes whose descriptors a thread compares at a time."""
 
 
-def stored_spin_images(container: Container, embeddings: Sequence[int]) -> dict[int, Bytes]:
-    """The spin images of embeddings by number, cached; deleted embeddings and those without are left out."""
-    found = container.spin_images.get(embeddings)
-    missing = [number for number in embeddings if number not in found]
-    if missing:
-        with container.database.read() as session:
-            records = repository.embedding_records(session, missing)
-        for number, record in records.items():
-            try:
-                spin_images = spin_images_from_bytes(record)
-            except BadRecordError:
-                continue
-            if spin_images.size:
-                found[number] = spin_images
-                container.spin_images.put(number, spin_images)
-    return found
+async def class_scores(
+    container: Container, query: Query, candidates: Candidates, cc: Floats, sim: Floats
+) -> Floats:
+    """The class scores of c candidates by their CC and sim, shape (c,); the least for one deleted meanwhile.
+
+    The score is the log odds that two shapes are of one class, which do not saturate. For pipelines that do
+    not pool experts it is the probability itself.
+    """
+    if query.active_pipeline.pipeline.pools_experts:
+        return await _log_odds(container, query, candidates, cc, sim)
+    return await _probabilities(container, query, candidates, cc, sim)
 
 
-async def class_probabilities(
-    container: Container,
-    query: Query,
-    candidates: Candidates,
-    cc: NDArray[np.float64],
-    sim: NDArray[np.float64],
-) -> NDArray[np.float64]:
-    """The class probability of c candidates by their scores: shape (c,), 0 for one deleted meanwhile."""
+def probabilities(pipeline: Pipeline, class_scores: Floats) -> Floats:
+    """The class probabilities of class scores, shape (c,), in [0, 1]."""
+    return np.asarray(expit(class_scores)) if pipeline.pools_experts else class_scores
+
+
+def unknown_sim(pipeline: Pipeline, count: int) -> Floats:
+    """The sim that stands for those of candidates that were only re-ranked, shape (count,)."""
+    return np.full(count, TYPICAL_SIM if pipeline.pools_experts else 0.0)
+
+
+def coarse_class_scores(query: Query, candidates: Candidates, cc: Floats) -> Floats:
+    """Class scores of c candidates by approximate CC and short descriptors alone, shape (c,)."""
+    pipeline = query.active_pipeline.pipeline
+    if not pipeline.pools_experts:
+        return pipeline.combined(cc, np.zeros(len(cc)), candidates.signature, candidates.signatures)
+    return coarse_log_odds(
+        query, candidates.signatures, candidates.view_signatures, candidates.reliabilities, cc
+    )
+
+
+async def _log_odds(
+    container: Container, query: Query, candidates: Candidates, cc: Floats, sim: Floats
+) -> Floats:
+    sample, own = candidates.sample, query.descriptors
+    query_density = None if sample is None else await run_in_threadpool(sample.of_query, own)
+    unique, first = np.unique(candidates.embeddings, return_index=True)
+
+    def log_odds(embeddings: Ints) -> Floats:
+        numbers = embeddings.tolist()
+        known = stored_descriptors(container, numbers)
+        present = [place for place, number in enumerate(numbers) if number in known]
+        found = np.full((1, len(numbers)), -np.inf)
+        if present:
+            shapes = [known[numbers[place]] for place in present]
+            densities = None if sample is None else sample.of_stored([numbers[p] for p in present], shapes)
+            places = first[np.searchsorted(unique, embeddings[present])]
+            scores = Scores(cc[places], np.zeros(len(places)), sim[places])
+            found[0, present] = pooled_log_odds(evidence_of(own, shapes, scores, query_density, densities))
+        return found
+
+    score = by_threads(container, log_odds)
+    log_odds_of_all: Floats = (await by_embedding(container, candidates, DESCRIPTOR_BATCH, 1, score))[0]
+    return log_odds_of_all
+
+
+async def _probabilities(
+    container: Container, query: Query, candidates: Candidates, cc: Floats, sim: Floats
+) -> Floats:
     pipeline, own = query.active_pipeline.pipeline, query.spin_images
     signatures = candidates.signatures
     if not own.size:
         return pipeline.combined(cc, sim, candidates.signature, signatures)
 
-    def distances(embeddings: NDArray[np.int64]) -> NDArray[np.float64]:
+    def distances(embeddings: Ints) -> Floats:
         numbers = embeddings.tolist()
-        spin_images = stored_spin_images(container, numbers)
-        present = [place for place, number in enumerate(numbers) if number in spin_images]
-        found = descriptor_distance(own, [spin_images[numbers[place]] for place in present])
+        known = stored_descriptors(container, numbers)
+        present = [
+            place
+            for place, number in enumerate(numbers)
+            if number in known and known[number].spin_images.size
+        ]
+        found = descriptor_distance(own, [known[numbers[place]].spin_images for place in present])
         distances_and_parts = np.full((2, len(numbers)), np.inf)
         distances_and_parts[0, present], distances_and_parts[1, present] = found.distance, found.part
         return distances_and_parts
 
     distance, part = await by_embedding(
-        container, candidates, SPIN_IMAGE_BATCH, 2, by_threads(container, distances)
+        container, candidates, DESCRIPTOR_BATCH, 2, by_threads(container, distances)
     )
     return await run_in_threadpool(
         pipeline.combined,

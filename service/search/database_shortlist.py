@@ -1,13 +1,17 @@
 """Shortlists from the database, without signatures in memory."""
 
-import numpy as np
-from numpy.typing import NDArray
+from typing import TypedDict
 
+import numpy as np
+
+from core.arrays import Ints
 from core.ranking.shortlist import least, signature_distances
 from service.collection import CollectionNumber
-from service.index.repository import IndexEntries, count_shapes, stacked
+from service.index.repository import IndexEntries, count_shapes, stacked, stacked_views
 from service.search import pgvector_repository as repository
+from service.search.coarse_log_odds import likeliest, ranks_by_log_odds
 from service.search.records import Options, Query
+from service.search.shortlist_length import views_of
 from service.shapes import repository as shapes_repository
 from service.shapes.records import ShapeFilter
 from service.storage.database import ReadSession
@@ -19,7 +23,6 @@ CLOSE = 16
 def entries_in_database(
     session: ReadSession,
     query: Query,
-    signature: NDArray[np.float32],
     shapes: ShapeFilter,
     options: Options,
     stored: int,
@@ -37,8 +40,6 @@ def entries_in_database(
     session : ReadSession
         A session of a PostgreSQL database.
     query : Query
-    signature : float32, shape (s,)
-        The signature of the query.
     shapes : ShapeFilter
         The candidates.
     options : Options
@@ -56,26 +57,61 @@ def entries_in_database(
         others = ~np.isin(numbers, itself)
         none = np.empty((len(numbers), 0), np.uint8)
         collections = np.full(len(numbers), shapes.collection, np.int64)
-        return IndexEntries(numbers, collections, embeddings, signatures, none).only(others), False
+        unknown = np.full(len(numbers), np.nan, np.float32)
+        found = IndexEntries(numbers, collections, embeddings, signatures, none, none, unknown)
+        return found.only(others), False
     by_hnsw = shapes.is_empty and _is_half(session, shapes.collection, stored)
+    how: _How = {"shapes": shapes, "ef_search": ef_search if by_hnsw else None}
+    numbers, embeddings = _by_signature(session, query, options.shortlist_length, itself, how)
+    view_signature, by_log_odds = query.view_signature, ranks_by_log_odds(query, options)
+    length, both = options.shortlist_length, options.shortlist_length + views_of(options.shortlist_length)
+    if view_signature.size:
+        count = length if by_log_odds else both - length
+        alike = repository.nearest_views(session, fingerprint, view_signature, count + len(itself), **how)
+        places = np.flatnonzero(~np.isin(alike.shapes, itself))[:count]
+        places = places[~np.isin(alike.shapes[places], numbers)]
+        numbers = np.concatenate([numbers, alike.shapes[places]])
+        embeddings = np.concatenate([embeddings, alike.embeddings[places]])
+    entries = _entries(session, numbers, embeddings, shapes.collection)
+    return entries.only(likeliest(query, entries, length)) if by_log_odds else entries, True
+
+
+class _How(TypedDict):
+    shapes: ShapeFilter
+    ef_search: int | None
+
+
+def _by_signature(
+    session: ReadSession, query: Query, length: int, itself: Ints, how: _How
+) -> tuple[Ints, Ints]:
+    """The numbers of the shapes with the nearest signatures, and of their embeddings."""
+    signature = query.embedding.signature
     found = repository.nearest(
-        session,
-        fingerprint,
-        signature,
-        options.shortlist_length + len(itself) + CLOSE,
-        shapes=shapes,
-        ef_search=ef_search if by_hnsw else None,
+        session, query.active_pipeline.fingerprint, signature, length + len(itself) + CLOSE, **how
     )
     others = ~np.isin(found.shapes, itself)
     numbers, embeddings = found.shapes[others], found.embeddings[others]
-    known = repository.entries(session, embeddings)
-    signatures = stacked([known[number][0] for number in embeddings.tolist()]).view("<f4")
-    nearest = least(signature_distances(signature, signatures), numbers, options.shortlist_length)
-    coarse_samples = stacked([known[number][1] for number in embeddings[nearest].tolist()])
-    collections = np.full(len(nearest), shapes.collection, np.int64)
+    known = repository.sketches(session, embeddings)
+    signatures = stacked([known[number].signature for number in embeddings.tolist()]).view("<f4")
+    nearest = least(signature_distances(signature, signatures), numbers, length)
+    return numbers[nearest], embeddings[nearest]
+
+
+def _entries(
+    session: ReadSession, numbers: Ints, embeddings: Ints, collection: CollectionNumber
+) -> IndexEntries:
+    """The entries of some shapes."""
+    known = repository.sketches(session, embeddings)
+    found = [known[number] for number in embeddings.tolist()]
     return IndexEntries(
-        numbers[nearest], collections, embeddings[nearest], signatures[nearest], coarse_samples
-    ), True
+        numbers,
+        np.full(len(numbers), collection, np.int64),
+        embeddings,
+        stacked([one.signature for one in found]).view("<f4"),
+        stacked([one.coarse_samples for one in found]),
+        stacked_views([one.view_signature for one in found]),
+        np.array([one.reliability for one in found], dtype=np.float32),
+    )
 
 
 def _is_half(session: ReadSession, collection: CollectionNumber, stored: int) -> bool:

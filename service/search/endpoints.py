@@ -6,7 +6,6 @@ from typing import Annotated, Literal
 from fastapi import APIRouter, Depends, Query, Request, Response
 
 from core.io import format_of
-from core.mesh.mesh import Mesh
 from service.collection import CollectionRecord
 from service.collections.dependencies import InCollection
 from service.container import Container
@@ -21,7 +20,7 @@ from service.rendering.glb import MEDIA_TYPE
 from service.search import partial_queries, records, service
 from service.search.comparison_preview import coloured
 from service.search.options import FileQuery, QueryParameters, StoredQuery, merged, search_options
-from service.search.records import Answer, Comparison
+from service.search.records import Answer, Comparison, Relation
 from service.search.schemas import CompareAnswer, CompareRequest, QueryAnswer, QueryOptions
 from service.shapes.documentation import FILE_PROBLEMS
 from service.shapes.endpoints import ShapeId
@@ -80,10 +79,7 @@ async def query(
                 container, collection.number, data, mesh_format, active_pipeline, timings
             )
 
-        async def mesh(_active_pipeline: ActivePipeline) -> Mesh:
-            return await container.work.read(data, mesh_format)
-
-        return await _similar(request, container, embedded, mesh if options.partial else None, how)
+        return await _similar(request, container, embedded, how, partial=options.partial)
 
 
 @router.get(
@@ -152,21 +148,25 @@ async def compare(
     """The scores of two stored shapes, and their corresponding points."""
     timings, own = Timings(), collection.number
 
-    async def compared(active_pipeline: ActivePipeline) -> tuple[Comparison, bytes]:
-        found = await service.compare(container, own, pair.first, pair.second, active_pipeline, timings)
+    async def compared(active_pipeline: ActivePipeline) -> tuple[Comparison, Relation, bytes]:
+        found, relation = await service.compare(
+            container, own, pair.first, pair.second, active_pipeline, timings
+        )
         if format != "glb":
-            return found, b""
+            return found, relation, b""
         with timings.stage("draw"):
-            return found, await coloured(container, own, pair.first, pair.second, found)
+            return found, relation, await coloured(container, own, pair.first, pair.second, found)
 
     with container.work.admitted():
-        comparison, glb = await while_connected(request, service.in_one_pipeline(container, compared))
+        comparison, relation, glb = await while_connected(
+            request, service.in_one_pipeline(container, compared)
+        )
     container.metrics.stages("compare", timings.milliseconds)
     if format == "glb":
         return Response(glb, media_type=MEDIA_TYPE)
     if format == "html":
         return comparing_page(pair.first, pair.second, collection.name)
-    return CompareAnswer.of(comparison, milliseconds=timings.so_far())
+    return CompareAnswer.of(comparison, relation, milliseconds=timings.so_far())
 
 
 async def _similar_to_stored(
@@ -178,30 +178,25 @@ async def _similar_to_stored(
     async def embedded(active_pipeline: ActivePipeline, timings: Timings) -> records.Query:
         return await service.by_id(container, own, shape_id, active_pipeline, timings)
 
-    async def mesh(active_pipeline: ActivePipeline) -> Mesh:
-        return await partial_queries.stored_mesh(container, own, shape_id, active_pipeline.fingerprint)
-
     with container.work.admitted():
-        return await _similar(request, container, embedded, mesh if options.partial else None, how)
+        return await _similar(request, container, embedded, how, partial=options.partial)
 
 
 async def _similar(
     request: Request,
     container: Container,
     embedded: Callable[[ActivePipeline, Timings], Awaitable[records.Query]],
-    part: Callable[[ActivePipeline], Awaitable[Mesh]] | None,
     options: records.Options,
+    *,
+    partial: bool,
 ) -> QueryAnswer:
-    """The answer to a query, whose embedding `embedded` gives; `part` reads its mesh, if it is a part."""
+    """The answer to a query, whose embedding `embedded` gives; `partial` tells whether it is a part."""
     timings = Timings()
 
     async def found(active_pipeline: ActivePipeline) -> Answer:
         wanted = await embedded(active_pipeline, timings)
-        if part is None:
-            return await service.search(container, wanted, options, timings)
-        return await partial_queries.search(
-            container, wanted, lambda: part(active_pipeline), options, timings
-        )
+        search = partial_queries.search if partial else service.search
+        return await search(container, wanted, options, timings)
 
     answer = await while_connected(request, service.in_one_pipeline(container, found))
     container.metrics.stages("query", timings.milliseconds)

@@ -1,7 +1,6 @@
 """Partial queries: the stored shapes that a part may belong to."""
 
 import asyncio
-from collections.abc import Awaitable, Callable
 from dataclasses import replace
 
 import numpy as np
@@ -13,10 +12,8 @@ from core.descriptors.descriptor_distance import whole_spin_images
 from core.descriptors.partial_matching import part_distances
 from core.descriptors.spin_images import KEYPOINTS
 from core.errors import MeshError
-from core.mesh.mesh import Mesh
 from core.parameters import Parameters
 from core.ranking.shortlist import least
-from service.collection import CollectionNumber
 from service.compute.tasks import part_of_mesh, spin_images_of_mesh
 from service.container import Container
 from service.errors import FileTimeLimitError
@@ -24,35 +21,20 @@ from service.observability.logging import get_logger
 from service.observability.timings import Timings
 from service.search import repository
 from service.search.batches import by_embedding, by_threads
-from service.search.class_probability import SPIN_IMAGE_BATCH, stored_spin_images
+from service.search.class_probability import DESCRIPTOR_BATCH
+from service.search.descriptors import stored_descriptors
+from service.search.likeness import relations_of
 from service.search.records import Answer, Options, Query
 from service.search.scoring import compare_with
 from service.search.service import results
 from service.search.shortlist import Candidates, candidates
-from service.shapes import service as shapes_service
-from service.shapes.records import ShapeRecord
 
 log = get_logger("partial")
-
-
-async def stored_mesh(
-    container: Container, collection: CollectionNumber, shape_id: str, fingerprint: str
-) -> Mesh:
-    """The mesh of a shape, read from its file."""
-
-    def read() -> tuple[ShapeRecord, bytes]:
-        with container.database.read() as session:
-            shape = shapes_service.get(session, fingerprint, collection, shape_id)
-            return shape, shapes_service.get_file(session, collection, shape_id)
-
-    shape, data = await run_in_threadpool(read)
-    return await container.work.read(data, shape.format)
 
 
 async def search(
     container: Container,
     query: Query,
-    mesh: Callable[[], Awaitable[Mesh]],
     options: Options,
     timings: Timings,
 ) -> Answer:
@@ -67,8 +49,7 @@ async def search(
     ----------
     container : Container
     query : Query
-    mesh : callable
-        Reads the mesh of the query, if its record does not describe it as a part.
+        Its mesh is read if its record does not describe it as a part.
     options : Options
     timings : Timings
         Receives the time of each stage.
@@ -79,8 +60,8 @@ async def search(
     container.metrics.query_compared.observe(len(chosen.shapes))
     with timings.stage("patches"):
         spin_images = query.spin_images[KEYPOINTS:]
-        if not len(spin_images):
-            spin_images = await container.work.do(part_of_mesh, await mesh(), pipeline.parameters)
+        if not len(spin_images) and query.mesh is not None:
+            spin_images = await container.work.do(part_of_mesh, await query.mesh(), pipeline.parameters)
     with timings.stage("compare"):
         distances = await _distances(container, spin_images, chosen, pipeline.parameters)
         finite = np.flatnonzero(np.isfinite(distances))
@@ -91,11 +72,14 @@ async def search(
     with timings.stage("results"):
         best = np.flatnonzero(compared.cc >= options.min_cc)
         found = await results(container, query, compared, scored, best, options)
+    with timings.stage("likeness"):
+        relations = await relations_of(container, query, options.filter.collection, found)
     distance_of = dict(zip(chosen.shapes.tolist(), distances.tolist(), strict=True))
     embedding = query.embedding
     return Answer(
         pipeline=pipeline,
         found=[replace(one, part_distance=distance_of[one.shape.number]) for one in found],
+        relations=relations,
         best_cc=float(compared.cc.max()) if len(compared.cc) else None,
         compared=len(chosen.shapes),
         stored=chosen.stored,
@@ -114,7 +98,9 @@ async def _distances(
 
     def by_records(embeddings: NDArray[np.int64]) -> NDArray[np.float64]:
         numbers = embeddings.tolist()
-        rows = stored_spin_images(container, numbers)
+        shapes = stored_descriptors(container, numbers).items()
+        rows = {number: shape.spin_images for number, shape in shapes if shape.spin_images.size}
+        rows |= container.spin_images.get(numbers)
         known = [index for index, number in enumerate(numbers) if number in rows]
         measured = np.full((1, len(numbers)), np.nan)
         measured[0, known] = part_distances(
@@ -123,7 +109,7 @@ async def _distances(
         return measured
 
     distances: NDArray[np.float64] = (
-        await by_embedding(container, candidates, SPIN_IMAGE_BATCH, 1, by_threads(container, by_records))
+        await by_embedding(container, candidates, DESCRIPTOR_BATCH, 1, by_threads(container, by_records))
     )[0]
     slots = asyncio.Semaphore(2 * container.settings.workers)
 

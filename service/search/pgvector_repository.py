@@ -4,8 +4,8 @@ The service then needs no signatures in memory. With SQLite, `service.index.sign
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any, TypeVar
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,7 @@ from service.shapes.records import ShapeFilter
 from service.shapes.repository import matching
 from service.storage.columns import POSTGRESQL, PgVector, vector_text
 from service.storage.database import ReadSession
+from service.storage.hnsw import has_view_signature
 from service.storage.tables import EmbeddingRow, ShapeRow, SketchRow
 
 Neighbours = Select[int, int, float]
@@ -51,12 +52,43 @@ class Nearest:
     shapes, embeddings : int64, shape (n,)
         Numbers of the shapes and of their embeddings.
     distances : float64, shape (n,)
-        Euclidean distances of signatures, computed in single precision.
+        Distances, computed in single precision.
     """
 
     shapes: NDArray[np.int64]
     embeddings: NDArray[np.int64]
     distances: NDArray[np.float64]
+
+
+class Sketch(NamedTuple):
+    """Short descriptors of an embedding; the coarse samples may be empty, and the last two be missing."""
+
+    signature: bytes
+    coarse_samples: bytes
+    view_signature: NDArray[np.uint8] | None
+    reliability: float | None
+
+
+@dataclass(frozen=True, eq=False)
+class _Search:
+    """A query of neighbours.
+
+    Attributes
+    ----------
+    vector : shape (s,)
+        The vector whose neighbours are wanted.
+    column : ColumnElement
+        The vectors.
+    operator : str
+        The distance of pgvector.
+    condition : ColumnElement, optional
+        The condition of a partial index.
+    """
+
+    vector: NDArray[np.float32] | NDArray[np.uint8]
+    column: SQLColumnExpression[Any]
+    operator: str
+    condition: SQLColumnExpression[bool] | None = None
 
 
 def nearest(
@@ -88,6 +120,34 @@ def nearest(
     more : int
         Factor by which the HNSW index returns more shapes, of which the nearest `count` are chosen.
     """
+    search = _Search(signature.astype(np.float32), EmbeddingRow.signature, "<->")
+    return _nearest(session, fingerprint, search, count, shapes=shapes, ef_search=ef_search, more=more)
+
+
+def nearest_views(
+    session: ReadSession,
+    fingerprint: str,
+    view_signature: NDArray[np.uint8],
+    count: int,
+    *,
+    shapes: ShapeFilter,
+    ef_search: int | None,
+) -> Nearest:
+    """As `nearest`, by the L1 distances of view signatures, shape (v,)."""
+    search = _Search(view_signature, SketchRow.view_signature, "<+>", has_view_signature(len(view_signature)))
+    return _nearest(session, fingerprint, search, count, shapes=shapes, ef_search=ef_search, more=MORE)
+
+
+def _nearest(
+    session: ReadSession,
+    fingerprint: str,
+    search: _Search,
+    count: int,
+    *,
+    shapes: ShapeFilter,
+    ef_search: int | None,
+    more: int,
+) -> Nearest:
     if ef_search is not None:
         for name, value in (
             ("hnsw.ef_search", ef_search),
@@ -95,10 +155,10 @@ def nearest(
             ("hnsw.max_scan_tuples", MOST_SEEN),
         ):
             session.execute(select(func.set_config(name, str(value), True)))
-        found = _run(session, _by_hnsw(fingerprint, signature, count, shapes, more * count))
+        found = _run(session, _by_hnsw(fingerprint, search, count, shapes, more * count))
         if len(found.shapes) == count:
             return found
-    return _run(session, _exactly(fingerprint, signature, count, shapes))
+    return _run(session, _exactly(fingerprint, search, count, shapes))
 
 
 def has_at_least(
@@ -125,14 +185,20 @@ def signatures(
     )
 
 
-def entries(session: ReadSession, embeddings: NDArray[np.int64]) -> dict[int, tuple[bytes, bytes]]:
-    """Signatures and coarse samples of embeddings by number; the coarse samples may be empty."""
-    query = select(SketchRow.embedding_number, SketchRow.signature, SketchRow.data)
-    found: dict[int, tuple[bytes, bytes]] = {}
+def sketches(session: ReadSession, embeddings: NDArray[np.int64]) -> dict[int, Sketch]:
+    """The short descriptors of embeddings by number."""
+    query = select(
+        SketchRow.embedding_number,
+        SketchRow.signature,
+        SketchRow.data,
+        SketchRow.view_signature,
+        SketchRow.reliability,
+    )
+    found: dict[int, Sketch] = {}
     for start in range(0, len(embeddings), AT_ONCE):
         some = embeddings[start : start + AT_ONCE].tolist()
         rows = session.execute(query.where(SketchRow.embedding_number.in_(some)))
-        found |= {number: (signature, coarse_samples) for number, signature, coarse_samples in rows}
+        found |= {row[0]: Sketch(row[1], row[2], row[3], row[4]) for row in rows}
     return found
 
 
@@ -142,34 +208,35 @@ def latest(session: ReadSession, fingerprint: str, count: int) -> list[int]:
     return list(session.scalars(query.order_by(EmbeddingRow.number.desc()).limit(count)))
 
 
-def _by_hnsw(
-    fingerprint: str, signature: NDArray[np.float32], count: int, shapes: ShapeFilter, taken: int
-) -> Neighbours:
+def _by_hnsw(fingerprint: str, search: _Search, count: int, shapes: ShapeFilter, taken: int) -> Neighbours:
     """A query by the expression of the HNSW index, which returns rows in approximate order."""
-    expression = cast(EmbeddingRow.signature, PgVector(len(signature)))
-    some = _distances(fingerprint, expression, signature, shapes).limit(taken)
+    by_index = replace(search, column=cast(search.column, PgVector(len(search.vector))))
+    some = _distances(fingerprint, by_index, shapes).limit(taken)
     near = some.order_by(text("distance")).cte("near").prefix_with("MATERIALIZED", dialect=POSTGRESQL)
     # PostgreSQL takes the rows of the index for sorted. Adding zero makes it sort them.
     order = near.c.distance + literal(0.0, literal_execute=True)
     return select(near.c.shape, near.c.embedding, near.c.distance).order_by(order, near.c.shape).limit(count)
 
 
-def _exactly(fingerprint: str, signature: NDArray[np.float32], count: int, shapes: ShapeFilter) -> Neighbours:
+def _exactly(fingerprint: str, search: _Search, count: int, shapes: ShapeFilter) -> Neighbours:
     """A query by an expression without an index, so that PostgreSQL computes all distances."""
-    found = _distances(fingerprint, EmbeddingRow.signature, signature, shapes)
-    return found.order_by("distance", "shape").limit(count)
+    return _distances(fingerprint, search, shapes).order_by("distance", "shape").limit(count)
 
 
-def _distances(
-    fingerprint: str, vector: SQLColumnExpression[Any], signature: NDArray[np.float32], shapes: ShapeFilter
-) -> Neighbours:
-    wanted = cast(literal(vector_text(signature.astype(np.float32)), String), PgVector(len(signature)))
-    query = select(
-        ShapeRow.number.label("shape"),
-        EmbeddingRow.number.label("embedding"),
-        vector.op("<->", return_type=Float())(wanted).label("distance"),
+def _distances(fingerprint: str, search: _Search, shapes: ShapeFilter) -> Neighbours:
+    wanted = cast(literal(vector_text(search.vector), String), PgVector(len(search.vector)))
+    query = _embedded(
+        select(
+            ShapeRow.number.label("shape"),
+            EmbeddingRow.number.label("embedding"),
+            search.column.op(search.operator, return_type=Float())(wanted).label("distance"),
+        ),
+        fingerprint,
+        shapes,
     )
-    return _embedded(query, fingerprint, shapes)
+    if search.condition is None:
+        return query
+    return query.join(SketchRow, SketchRow.embedding_number == EmbeddingRow.number).where(search.condition)
 
 
 def _embedded(query: Rows, fingerprint: str, shapes: ShapeFilter) -> Rows:

@@ -20,7 +20,7 @@ class Compared:
         Scores of each shape and the query, see `core.matching`. Similar shapes have a small `ssd`, and large
         `cc` and `sim`.
     combined : float64 or None
-        Class probability, if the answer is ranked by it.
+        Class score (`service.search.class_probability`), if the answer is ranked by it.
     """
 
     shapes: NDArray[np.int64]

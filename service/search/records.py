@@ -1,11 +1,16 @@
 """A query, its options and its answer."""
 
+from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from functools import cached_property
 
 from core.arrays import Bytes
+from core.descriptors.view_signature import view_signature
 from core.embedding import Embedding, Match
+from core.mesh.mesh import Mesh
 from core.pipeline import Pipeline
+from core.ranking.evidence import ShapeDescriptors, descriptors_of
+from core.ranking.likeness import Likeness
 from core.serialization import embedding_from_bytes
 from service.pipelines.active import ActivePipeline
 from service.search.rank_by import RankBy
@@ -16,8 +21,9 @@ from service.shapes.records import ShapeFilter, ShapeRecord
 class Options:
     """How to search.
 
-    `shortlist_from` candidates or more are cut to the `shortlist_length` nearest by signature. The `reranked`
-    first of the coarse ranking are re-ranked, and the `top_k + finalists` first of these are scored in full.
+    `shortlist_from` candidates or more are cut to the `shortlist_length` nearest by signature and half as
+    many by view signature. The `reranked` first of the coarse ranking are re-ranked, and the
+    `top_k + finalists` first of these are scored in full.
     `sizes` is the largest factor between the roots of two areas.
     """
 
@@ -48,16 +54,30 @@ class Query:
         The embedding as it is stored, and sent to workers.
     itself : frozenset of int
         The numbers of the stored shapes that are the query itself.
+    mesh : callable or None
+        Reads the mesh of the query; None for a query whose likeness to other shapes is not asked for.
     """
 
     active_pipeline: ActivePipeline
     record: bytes
     itself: frozenset[int]
+    mesh: Callable[[], Awaitable[Mesh]] | None = None
 
     @cached_property
     def embedding(self) -> Embedding:
         """The record, decoded once."""
         return embedding_from_bytes(self.record)
+
+    @cached_property
+    def descriptors(self) -> ShapeDescriptors:
+        """The descriptors of its surface."""
+        return descriptors_of(self.embedding)
+
+    @cached_property
+    def view_signature(self) -> Bytes:
+        """The view signature, shape (v,); v is 0 if the pipeline makes no views."""
+        views = self.embedding.views
+        return view_signature(views) if views.size else views
 
     @property
     def spin_images(self) -> Bytes:
@@ -65,9 +85,27 @@ class Query:
         return self.embedding.spin_images
 
 
+@dataclass(frozen=True)
+class Relation:
+    """By what a second shape is like a first one.
+
+    Attributes
+    ----------
+    likeness : Likeness
+    scale : float or None
+        Length in the second shape over length in the first, if the second is a rigid copy.
+    """
+
+    likeness: Likeness
+    scale: float | None
+
+
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """Two embeddings, their match, and the probability that they are of one class."""
+    """Two embeddings, their match, and the probability that they are of one class.
+
+    `combined` depends on how dense the stored shapes are; see `SearchResult`.
+    """
 
     pipeline: Pipeline
     first: Embedding
@@ -78,13 +116,20 @@ class Comparison:
 
 @dataclass(frozen=True, eq=False)
 class SearchResult:
-    """One shape of an answer; `part_distance` is set if the query is a part."""
+    """One shape of an answer.
+
+    `by_itself` is the class probability at the typical density of shapes, which does not depend on other
+    stored shapes as `combined` does. `spectral` is the distance of its log eigenvalues from the query's;
+    `part_distance` is set if the query is a part.
+    """
 
     shape: ShapeRecord
     cc: float
     ssd: float
     sim: float
     combined: float
+    by_itself: float
+    spectral: float
     comparison: Comparison | None
     part_distance: float | None = None
 
@@ -93,12 +138,14 @@ class SearchResult:
 class Answer:
     """The answer to a search.
 
-    `best_cc` is the highest CC of all compared shapes, if there are any; `boundary_ratio` is of the query's
-    surface; `embedding` is the query's, if asked for.
+    `relations` are those of the found shapes to the query; `best_cc` is the highest CC of all compared
+    shapes, if there are any; `boundary_ratio` is of the query's surface; `embedding` is the query's, if asked
+    for.
     """
 
     pipeline: Pipeline
     found: list[SearchResult]
+    relations: list[Relation]
     best_cc: float | None
     compared: int
     stored: int

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from sqlalchemy import select
 
 from service.collection import CollectionNumber
+from service.index.density_samples import FIRST, PRIME, SAMPLE, SECOND
 from service.storage.checksums import is_whole
 from service.storage.database import ReadSession
 from service.storage.tables import BlobRow, EmbeddingRow, ShapeRow
@@ -15,6 +16,25 @@ def embedding_records(session: ReadSession, numbers: Sequence[int]) -> dict[int,
     columns = EmbeddingRow.number, EmbeddingRow.record, EmbeddingRow.checksum
     rows = session.execute(select(*columns).where(EmbeddingRow.number.in_(numbers)))
     return {row.number: row.record for row in rows if is_whole(row.record, row.checksum)}
+
+
+def sampled_embeddings(session: ReadSession, fingerprint: str, collection: CollectionNumber) -> list[int]:
+    """The embeddings, by one pipeline, of the shapes of a collection's sample, ascending by shape.
+
+    The same as those of `service.index.density_samples.sampled`.
+    """
+    short = ShapeRow.number % PRIME
+    query = (
+        select(ShapeRow.number, EmbeddingRow.number)
+        .join(
+            EmbeddingRow,
+            (EmbeddingRow.blob_number == ShapeRow.blob_number) & (EmbeddingRow.format == ShapeRow.format),
+        )
+        .where(EmbeddingRow.fingerprint == fingerprint, ShapeRow.collection_number == collection)
+        .order_by((short * short % PRIME * FIRST + short * SECOND) % PRIME, ShapeRow.number)
+        .limit(SAMPLE)
+    )
+    return [embedding for _, embedding in sorted(session.execute(query).all())]
 
 
 def numbers_of_bytes(session: ReadSession, collection: CollectionNumber, sha256: str) -> list[int]:

@@ -4,13 +4,15 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
+from core.ranking.likeness import NEAR_ISOMETRIC, POSE_CC, SIMILAR, Likeness
+from core.registration.kinship import SIZE
 from service.search.rank_by import RankBy
 from service.shapes.fields import ListedTags, split_tags
 from service.shapes.filters import Filters
 from service.shapes.schemas import SHAPE, EmbeddingArrays, Shape, warnings_of
 
 if TYPE_CHECKING:
-    from service.search.records import Answer, Comparison, SearchResult
+    from service.search.records import Answer, Comparison, Relation, SearchResult
 
 PIPELINE = "3f1c9a7be2d40586"
 MILLISECONDS: dict[str, Any] = {
@@ -19,7 +21,8 @@ MILLISECONDS: dict[str, Any] = {
     "shortlist": 1.1,
     "compare": 87.4,
     "results": 2.0,
-    "total": 262.9,
+    "likeness": 0.1,
+    "total": 263.0,
 }
 RESULT: dict[str, Any] = {
     "rank": 1,
@@ -27,6 +30,7 @@ RESULT: dict[str, Any] = {
     "ssd": 0.142,
     "sim": 0.874,
     "combined": 0.94,
+    "likeness": "pose",
     "shape": SHAPE,
 }
 SSD = (
@@ -39,6 +43,15 @@ COMBINED = (
     "is more similar, and values of different answers are comparable. Calibrated for the default pipeline, "
     "on collections with about one pair in 25 of one class; with fewer such pairs the value is too high."
 )
+LIKENESS = (
+    f"By what the shapes are alike. same: a rigid copy of one size (to {100 * SIZE:.0f} %), on any mesh; "
+    "scaled: a rigid copy of another size; registration confirms both. pose: nearly isometric, as two "
+    f"poses of one body (the distance of the log eigenvalues is at most {NEAR_ISOMETRIC}, and cc at least "
+    f"{POSE_CC}), or a mirror image. similar: the class probability is at least "
+    f"{SIMILAR}, by combined or at the typical density of stored shapes. weak: none of these. mirrored "
+    "and variant (a rigid copy but for a local difference) are reserved: neither occurs yet."
+)
+SCALE = "The size of the {second} over that of the {first}, if likeness is same or scaled."
 PAIR: dict[str, Any] = {
     "first": {"sample": 0, "vertex": 17, "position": [0.1, 0.2, 0.3]},
     "second": {"sample": 4, "vertex": 231, "position": [0.0, 0.3, 0.2]},
@@ -146,6 +159,8 @@ class Result(BaseModel):
     ssd: float = Field(description=SSD)
     sim: float = Field(description="Share of the points with an effective correspondence, in [0, 1].")
     combined: float = Field(description=COMBINED)
+    likeness: Likeness = Field(description=LIKENESS)
+    scale: float | None = Field(default=None, description=SCALE.format(second="shape", first="query"))
     part_distance: float | None = Field(
         default=None,
         description="With partial: the distance of the query's spin images from the nearest spin images of "
@@ -176,8 +191,8 @@ class QueryAnswer(BaseModel):
 
     results: list[Result]
     matched: bool = Field(
-        description="Whether the highest cc reaches the threshold of the pipeline; the results do not "
-        "depend on it."
+        description="Whether the highest cc reaches the threshold of the pipeline, 0.98 in the default "
+        "setting; the results do not depend on it. The likeness of each result tells more."
     )
     compared: int = Field(description="The number of shapes that the query was compared with.")
     stored: int = Field(description="The number of shapes of the collection.")
@@ -192,7 +207,12 @@ class QueryAnswer(BaseModel):
     def of(cls, answer: "Answer", *, milliseconds: dict[str, float]) -> "QueryAnswer":
         """The JSON of an answer."""
         return cls(
-            results=[_result(rank, found) for rank, found in enumerate(answer.found, start=1)],
+            results=[
+                _result(rank, found, relation)
+                for rank, (found, relation) in enumerate(
+                    zip(answer.found, answer.relations, strict=True), start=1
+                )
+            ],
             matched=answer.best_cc is not None
             and answer.best_cc >= answer.pipeline.parameters.ranking.match_threshold,
             compared=answer.compared,
@@ -228,9 +248,10 @@ class CompareAnswer(BaseModel):
                 "ssd": 0.142,
                 "sim": 0.874,
                 "combined": 0.94,
+                "likeness": "pose",
                 "correspondence": [PAIR],
                 "pipeline": PIPELINE,
-                "milliseconds": {"read": 1.2, "compare": 4.1, "total": 5.6},
+                "milliseconds": {"read": 1.2, "compare": 4.1, "likeness": 0.1, "total": 5.7},
             }
         }
     )
@@ -239,19 +260,25 @@ class CompareAnswer(BaseModel):
     ssd: float = Field(description=SSD)
     sim: float = Field(description="Share of the points with an effective correspondence, in [0, 1].")
     combined: float = Field(description=COMBINED)
+    likeness: Likeness = Field(description=LIKENESS)
+    scale: float | None = Field(default=None, description=SCALE.format(second="second shape", first="first"))
     correspondence: list[Pair]
     pipeline: str = Field(description="Fingerprint of the pipeline that made and compared the embeddings.")
     milliseconds: dict[str, float] = Field(description="The time of each stage, and the total.")
 
     @classmethod
-    def of(cls, comparison: "Comparison", *, milliseconds: dict[str, float]) -> "CompareAnswer":
-        """The JSON of a comparison."""
+    def of(
+        cls, comparison: "Comparison", relation: "Relation", *, milliseconds: dict[str, float]
+    ) -> "CompareAnswer":
+        """The JSON of a comparison, and of the relation of the second shape to the first."""
         match = comparison.match
         return cls(
             cc=match.cc,
             ssd=match.ssd,
             sim=match.sim,
             combined=comparison.combined,
+            likeness=relation.likeness,
+            scale=relation.scale,
             correspondence=pairs(comparison),
             pipeline=comparison.pipeline.fingerprint,
             milliseconds=milliseconds,
@@ -285,13 +312,15 @@ def pairs(comparison: "Comparison") -> list[Pair]:
     ]
 
 
-def _result(rank: int, found: "SearchResult") -> Result:
+def _result(rank: int, found: "SearchResult", relation: "Relation") -> Result:
     return Result(
         rank=rank,
         cc=found.cc,
         ssd=found.ssd,
         sim=found.sim,
         combined=found.combined,
+        likeness=relation.likeness,
+        scale=relation.scale,
         part_distance=found.part_distance,
         shape=Shape.of(found.shape),
         correspondence=None if found.comparison is None else pairs(found.comparison),

@@ -14,7 +14,7 @@ from service.container import Container
 from service.observability.logging import get_logger
 from service.search import repository
 from service.search.batches import by_embedding, by_threads, in_batches
-from service.search.class_probability import class_probabilities
+from service.search.class_probability import class_scores, coarse_class_scores, unknown_sim
 from service.search.cluster_scoring import CLUSTER_BATCH, cluster_scores
 from service.search.match_records import QueryScorer
 from service.search.rank_by import RankBy
@@ -60,9 +60,7 @@ async def _compared(
     if not known.all():
         log.warning("%d candidates were deleted meanwhile, or cannot be read", np.count_nonzero(~known))
     candidates, (cc, ssd, sim) = candidates.only(np.flatnonzero(known)), scores[:, known]
-    combined = (
-        await class_probabilities(container, query, candidates, cc, sim) if rank_by == "combined" else None
-    )
+    combined = await class_scores(container, query, candidates, cc, sim) if rank_by == "combined" else None
     return Compared(candidates.shapes, cc, ssd, sim, combined), candidates
 
 
@@ -71,7 +69,7 @@ async def _finalists(
 ) -> Candidates:
     """The candidates that are scored in full: the first after the coarse ranking and the re-ranking.
 
-    Each step keeps the candidates of greatest approximate CC, or of greatest class probability if the answer
+    Each step keeps the candidates of greatest approximate CC, or of greatest class score if the answer
     is ranked by it. The class probability of an incomplete query depends mostly on spin images, which the
     coarse ranking does not read: all of its candidates are re-ranked.
     """
@@ -82,15 +80,14 @@ async def _finalists(
         workers = container.settings.workers
         rough = (await in_batches(candidates.coarse_samples, COARSE_BATCH, workers, 1, score))[0]
         if by_probability:
-            rough = query.active_pipeline.pipeline.combined(
-                rough, np.zeros(len(rough)), candidates.signature, candidates.signatures
-            )
+            rough = await run_in_threadpool(coarse_class_scores, query, candidates, rough)
         candidates = _greatest(candidates, rough, candidates.reranked)
     if candidates.finalists is not None and candidates.finalists < len(candidates.shapes):
         score = by_threads(container, scorer.rerank)
         rough = (await by_embedding(container, candidates, THREAD_BATCH, 1, score))[0]
         if by_probability:
-            rough = await class_probabilities(container, query, candidates, rough, np.zeros(len(rough)))
+            sim = unknown_sim(query.active_pipeline.pipeline, len(rough))
+            rough = await class_scores(container, query, candidates, rough, sim)
         candidates = _greatest(candidates, rough, candidates.finalists)
     return candidates
 

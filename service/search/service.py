@@ -1,24 +1,32 @@
 """The search for the most similar stored shapes, and the comparison of two."""
 
 from collections.abc import Awaitable, Callable
+from dataclasses import replace
+from functools import partial
 from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 from starlette.concurrency import run_in_threadpool
 
-from core.embedding import Scores
+from core.embedding import Embedding, Match, Scores
+from core.mesh.mesh import Mesh
+from core.ranking.evidence import descriptors_of
+from core.ranking.spectral_distance import spectral_distances
 from core.serialization import embedding_from_bytes
 from service.collection import CollectionNumber
 from service.compute.request_queue import Work
 from service.container import Container
 from service.errors import NotEmbeddedError
+from service.index.density_samples import CollectionSample
 from service.observability.timings import Timings
 from service.pipelines.active import ActivePipeline
 from service.search import repository
-from service.search.class_probability import class_probabilities
+from service.search.class_probability import class_scores, probabilities
+from service.search.descriptors import collection_sample
+from service.search.likeness import relation_of, relations_of, stored_mesh
 from service.search.ranking import Compared, ranked
-from service.search.records import Answer, Comparison, Options, Query, SearchResult
+from service.search.records import Answer, Comparison, Options, Query, Relation, SearchResult
 from service.search.scoring import compare_with
 from service.search.shortlist import Candidates, candidates
 from service.shapes import repository as shapes_repository
@@ -68,7 +76,12 @@ async def by_file(
         with container.database.read() as session:
             return frozenset(repository.numbers_of_bytes(session, collection, sha256(data)))
 
-    return Query(active_pipeline, embedded.record, await run_in_threadpool(itself))
+    return Query(
+        active_pipeline,
+        embedded.record,
+        await run_in_threadpool(itself),
+        lambda: container.work.read(data, format),
+    )
 
 
 async def by_id(
@@ -85,7 +98,10 @@ async def by_id(
         with container.database.read() as session:
             number = shapes_service.get(session, fingerprint, collection, shape_id).number
             record = shapes_service.get_record(session, fingerprint, collection, shape_id)
-            return Query(active_pipeline, record, frozenset([number]))
+            return Query(active_pipeline, record, frozenset([number]), mesh)
+
+    async def mesh() -> Mesh:
+        return await stored_mesh(container, collection, shape_id)
 
     with timings.stage("read"):
         return await run_in_threadpool(read)
@@ -102,9 +118,12 @@ async def search(container: Container, query: Query, options: Options, timings: 
         best = ranked(compared, options.rank_by)
         best = best[compared.cc[best] >= options.min_cc][: options.top_k]
         found = await results(container, query, compared, scored, best, options)
+    with timings.stage("likeness"):
+        relations = await relations_of(container, query, options.filter.collection, found)
     return Answer(
         pipeline=query.active_pipeline.pipeline,
         found=found,
+        relations=relations,
         best_cc=float(compared.cc.max()) if len(compared.cc) else None,
         compared=len(compared.shapes),
         stored=chosen.stored,
@@ -120,21 +139,30 @@ async def compare(
     second_id: str,
     active_pipeline: ActivePipeline,
     timings: Timings,
-) -> Comparison:
-    """Two shapes of a collection compared."""
+) -> tuple[Comparison, Relation]:
+    """Two shapes of a collection compared, and the relation of the second to the first."""
     fingerprint = active_pipeline.fingerprint
 
-    def read() -> tuple[bytes, bytes]:
+    def read() -> tuple[bytes, bytes, CollectionSample | None]:
         with container.database.read() as session:
             return (
                 shapes_service.get_record(session, fingerprint, collection, first_id),
                 shapes_service.get_record(session, fingerprint, collection, second_id),
+                collection_sample(container, session, active_pipeline, collection),
             )
 
     with timings.stage("read"):
-        first, second = await run_in_threadpool(read)
+        first, second, sample = await run_in_threadpool(read)
     with timings.stage("compare"):
-        return await _compared(container.work, Query(active_pipeline, first, frozenset()), second)
+        query = Query(active_pipeline, first, frozenset())
+        match = await container.work.match(first, second, active_pipeline.pipeline)
+        other = embedding_from_bytes(second)
+        combined = await run_in_threadpool(_combined, query, other, match, sample)
+        by_itself = await run_in_threadpool(_combined, query, other, match, None)
+        found = Comparison(active_pipeline.pipeline, query.embedding, other, match, combined)
+    with timings.stage("likeness"):
+        meshes = [partial(stored_mesh, container, collection, each) for each in (first_id, second_id)]
+        return found, await relation_of(container, found, by_itself, (first, second), meshes)
 
 
 async def results(
@@ -163,32 +191,51 @@ async def results(
                 for shape in shapes
             ]
 
-    combined = await class_probabilities(
-        container, query, scored.only(best), compared.cc[best], compared.sim[best]
+    shown, cc, sim = scored.only(best), compared.cc[best], compared.sim[best]
+    scores = await class_scores(container, query, shown, cc, sim)
+    by_itself = await class_scores(container, query, replace(shown, sample=None), cc, sim)
+    spectral = spectral_distances(
+        scored.signature,
+        shown.signatures,
+        global_descriptors=pipeline.parameters.ranking.global_descriptors,
     )
-    probability_of = dict(zip(best.tolist(), combined.tolist(), strict=True))
+    spectral_of = dict(zip(best.tolist(), spectral.tolist(), strict=True))
+    probability_of = dict(zip(best.tolist(), probabilities(pipeline, scores).tolist(), strict=True))
+    by_itself_of = dict(zip(best.tolist(), probabilities(pipeline, by_itself).tolist(), strict=True))
     places = {int(compared.shapes[place]): int(place) for place in best}
     found = []
     for shape, record in await run_in_threadpool(read):
         place = places[shape.number]
+        probability = probability_of[place]
         found.append(
             SearchResult(
                 shape=shape,
                 cc=float(compared.cc[place]),
                 ssd=float(compared.ssd[place]),
                 sim=float(compared.sim[place]),
-                combined=probability_of[place],
-                comparison=None if record is None else await _compared(container.work, query, record),
+                combined=probability,
+                by_itself=by_itself_of[place],
+                spectral=spectral_of[place],
+                comparison=None
+                if record is None
+                else await _compared(container.work, query, record, probability),
             )
         )
     return found
 
 
-async def _compared(work: Work, query: Query, record: bytes) -> Comparison:
+async def _compared(work: Work, query: Query, record: bytes, combined: float) -> Comparison:
     """The query and the embedding of a record, matched."""
     pipeline = query.active_pipeline.pipeline
     match = await work.match(query.record, record, pipeline)
-    embedding = embedding_from_bytes(record)
+    return Comparison(pipeline, query.embedding, embedding_from_bytes(record), match, combined)
+
+
+def _combined(query: Query, other: Embedding, match: Match, sample: CollectionSample | None) -> float:
+    """The class probability of two stored shapes; local densities are those in a collection's sample."""
+    pipeline = query.active_pipeline.pipeline
     scores = Scores(*(np.array([score]) for score in (match.cc, match.ssd, match.sim)))
-    combined = pipeline.combined_with(query.embedding, [embedding], scores)
-    return Comparison(pipeline, query.embedding, embedding, match, combined=float(combined[0]))
+    own = others = None
+    if sample is not None:
+        own, others = sample.of_query(query.descriptors), sample.of_query(descriptors_of(other))
+    return float(pipeline.combined_with(query.embedding, [other], scores, own, others)[0])

@@ -1,16 +1,25 @@
 """The candidates of a query: all shapes that match its filter, or a shortlist of them."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from core.arrays import Ints
+from core.descriptors.view_signature import signature_distance
 from core.ranking.shortlist import least, signature_distances
 from service.container import Container
+from service.index.density_samples import CollectionSample
 from service.index.repository import IndexEntries
 from service.observability.logging import get_logger
+from service.search.coarse_log_odds import likeliest, ranks_by_log_odds
 from service.search.database_shortlist import entries_in_database
+from service.search.descriptors import collection_sample
 from service.search.records import Options, Query
+from service.search.shortlist_length import views_of
 from service.shapes import repository as shapes_repository
 from service.shapes.records import ShapeFilter
 from service.storage.database import ReadSession
@@ -19,6 +28,9 @@ log = get_logger("search")
 
 FEW = 3
 """If fewer than one shape in `FEW` matches the filter, signatures are gathered before measuring distances."""
+
+WIDE = 4
+"""Factor by which more neighbours are found than remain after the ranking by approximate log odds."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,11 +45,15 @@ class Candidates:
         The signature of the query.
     signatures : float32, shape (c, s)
     coarse_samples : uint8, shape (c, l)
+    view_signatures : uint8, shape (c, v)
+    reliabilities : float32, shape (c,)
     reranked, finalists : int or None
         How many of them coarse ranking passes on to re-ranking, and how many of those are compared in full;
         None passes on all.
     stored : int
         Number of shapes in the collection.
+    sample : CollectionSample or None
+        In which local densities are measured; typical densities are used without one.
     """
 
     shapes: NDArray[np.int64]
@@ -45,9 +61,12 @@ class Candidates:
     signature: NDArray[np.float32]
     signatures: NDArray[np.float32]
     coarse_samples: NDArray[np.uint8]
+    view_signatures: NDArray[np.uint8]
+    reliabilities: NDArray[np.float32]
     reranked: int | None
     finalists: int | None
     stored: int
+    sample: CollectionSample | None
 
     def only(self, places: NDArray[np.intp]) -> "Candidates":
         """The candidates at some indices."""
@@ -57,6 +76,8 @@ class Candidates:
             embeddings=self.embeddings[places],
             signatures=self.signatures[places],
             coarse_samples=self.coarse_samples[places],
+            view_signatures=self.view_signatures[places],
+            reliabilities=self.reliabilities[places],
         )
 
 
@@ -69,13 +90,14 @@ def candidates(container: Container, query: Query, options: Options) -> Candidat
         wanted = replace(wanted, area=(area / most, area * most))
     with container.database.read() as session:
         stored = shapes_repository.stored(session, wanted.collection)
+        sample = collection_sample(container, session, query.active_pipeline, wanted.collection)
         if container.settings.signatures == "database":
             ef_search = container.settings.hnsw_ef_search
             entries, shortlisted = entries_in_database(
-                session, query, embedding.signature, wanted, options, stored, ef_search=ef_search
+                session, query, wanted, options, stored, ef_search=ef_search
             )
         else:
-            entries, shortlisted = _in_memory(session, query, embedding.signature, wanted, options, stored)
+            entries, shortlisted = _in_memory(session, query, wanted, options, stored)
     if shortlisted:
         container.metrics.queries_shortlisted.inc()
     finalists = options.finalists + options.top_k
@@ -86,16 +108,18 @@ def candidates(container: Container, query: Query, options: Options) -> Candidat
         # The index of an empty archive has signatures of length 0.
         signatures=entries.signatures.reshape(len(entries.shapes), len(embedding.signature)),
         coarse_samples=entries.coarse_samples,
+        view_signatures=entries.view_signatures,
+        reliabilities=entries.reliabilities,
         reranked=max(options.reranked, finalists) if shortlisted else None,
         finalists=finalists if shortlisted else None,
         stored=stored,
+        sample=sample,
     )
 
 
 def _in_memory(
     session: ReadSession,
     query: Query,
-    signature: NDArray[np.float32],
     wanted: ShapeFilter,
     options: Options,
     stored: int,
@@ -119,12 +143,38 @@ def _in_memory(
     places = np.flatnonzero(chosen)
     shortlisted = not options.exhaustive and len(places) >= options.shortlist_from
     if shortlisted:
-        # If most shapes match the filter, gathering their signatures takes longer than measuring all.
-        if FEW * len(places) < len(entries.shapes):
-            distances = signature_distances(signature, entries.signatures[places])
-        else:
-            distances = signature_distances(signature, entries.signatures)[places]
-        places = places[least(distances, entries.shapes[places], options.shortlist_length)]
+        places = _nearest(query, entries, places, options)
     if not shortlisted:
         entries = replace(entries, coarse_samples=np.empty((len(entries.shapes), 0), np.uint8))
     return entries.only(places), shortlisted
+
+
+def _nearest(
+    query: Query, entries: IndexEntries, places: NDArray[np.intp], options: Options
+) -> NDArray[np.intp]:
+    """The nearest of some entries by signatures, then further ones by view signatures.
+
+    If log odds rank the answer, more of both are looked for, and those of greatest approximate log odds stay.
+    """
+    few = FEW * len(places) < len(entries.shapes)
+
+    def nearest(distances: Callable[[NDArray[Any]], NDArray[Any]], of: NDArray[Any], count: int) -> Ints:
+        # If most shapes match the filter, gathering their signatures takes longer than measuring all.
+        found = distances(of[places]) if few else distances(of)[places]
+        return places[least(found, entries.shapes[places], count)]
+
+    by_signature = partial(signature_distances, query.embedding.signature)
+    length, view = options.shortlist_length, query.view_signature
+    if not view.size:
+        return nearest(by_signature, entries.signatures, length)
+    by_views = partial(signature_distance, view)
+    both = length + views_of(length)
+    if not ranks_by_log_odds(query, options):
+        chosen = nearest(by_signature, entries.signatures, length)
+        alike = nearest(by_views, entries.view_signatures, both - length)
+        return np.concatenate([chosen, alike[~np.isin(alike, chosen)]])
+    found = np.union1d(
+        nearest(by_signature, entries.signatures, WIDE * length),
+        nearest(by_views, entries.view_signatures, WIDE * length),
+    )
+    return found[likeliest(query, entries.only(found), length)]

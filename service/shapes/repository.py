@@ -228,6 +228,8 @@ def add_embedding(
     beside = {
         "data": embedded.sketch,
         "signature": embedded.signature.astype("<f4").tobytes(),
+        "view_signature": embedded.view_signature,
+        "reliability": embedded.reliability,
         "checksum": checksum_of(embedded.sketch),
     }
     session.insert(SketchRow, {"embedding_number": number, **beside})

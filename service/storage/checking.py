@@ -14,6 +14,8 @@ from typing import Any
 
 import numpy as np
 
+from core.descriptors.reliability import intrinsic_reliability
+from core.descriptors.view_signature import view_signature
 from core.embedding import Embedding
 from core.errors import BadRecordError
 from core.serialization import embedding_from_bytes
@@ -124,6 +126,12 @@ def _file(connection: sqlite3.Connection, report: CheckReport) -> None:
     for (message,) in connection.execute(f"PRAGMA integrity_check({MOST_INTEGRITY_FAULTS})"):
         if message != "ok":
             report.faults.append(f"the file: {message}")
+    # SQLite reads the statement of each table and index, and not the name of the table beside it.
+    schema = connection.execute("SELECT type, name, tbl_name FROM sqlite_master").fetchall()
+    tables = {name for kind, name, _ in schema if kind == "table"}
+    for kind, name, table in schema:
+        if table not in tables or (kind == "table" and name != table):
+            report.faults.append(f"the file: the schema names another table beside the {kind} {name}")
     for table, row, parent, _ in connection.execute("PRAGMA foreign_key_check"):
         report.faults.append(f"{table} row {row} refers to a row of {parent} that is not there")
 
@@ -157,14 +165,27 @@ def _embeddings(connection: sqlite3.Connection, report: CheckReport) -> None:
     dimensions: dict[str, object] = {}
 
     def check_embedding(
-        number: int, fingerprint: str, signature: bytes, record: bytes, checksum: str | None = None
+        number: int,
+        fingerprint: str,
+        signature: bytes,
+        record: bytes,
+        views: bytes | None,
+        reliability: float | None,
+        checksum: str | None,
     ) -> Iterator[str]:
-        own = list(faults_of_embedding(number, fingerprint, signature, record))
+        own = list(faults_of_embedding(number, fingerprint, signature, record, views, reliability))
         if not own and sealed and checksum != checksum_of(record):
             own.append(f"embedding {number} does not have its checksum")
         yield from own
 
-    def faults_of_embedding(number: int, fingerprint: str, signature: bytes, record: bytes) -> Iterator[str]:
+    def faults_of_embedding(
+        number: int,
+        fingerprint: str,
+        signature: bytes,
+        record: bytes,
+        views: bytes | None,
+        reliability: float | None,
+    ) -> Iterator[str]:
         report.embeddings += 1
         report.pipelines[fingerprint] = report.pipelines.get(fingerprint, 0) + 1
         try:
@@ -176,16 +197,23 @@ def _embeddings(connection: sqlite3.Connection, report: CheckReport) -> None:
             yield f"embedding {number} is of {embedding.fingerprint}, and stored as one of {fingerprint}"
         if not np.array_equal(np.frombuffer(signature, np.uint8), embedding.signature.view(np.uint8)):
             yield f"embedding {number} has a signature beside it that is not its own"
+        if (views, reliability) not in {(None, None), _views_of(embedding)}:
+            yield f"embedding {number} has a view signature beside its sketch that is not its own"
         if dimensions.setdefault(fingerprint, _dimensions(embedding)) != _dimensions(embedding):
             yield f"embedding {number} has other dimensions than the first of {fingerprint}"
 
-    sealed = _is_sealed(connection, "embeddings")
-    columns = "fingerprint, signature, record" + (", checksum" if sealed else "")
+    sealed = _has_column(connection, "embeddings")
+    described = _has_column(connection, "sketches", "view_signature")
+    beside = "SELECT {} FROM sketches WHERE embedding_number = number"
+    views, reliability = (
+        f"({beside.format(name)})" if described else "NULL" for name in ("view_signature", "reliability")
+    )
+    columns = f"fingerprint, signature, record, {views}, {reliability}, {'checksum' if sealed else 'NULL'}"
     _check_rows(connection, "embeddings", columns, EMBEDDINGS_AT_ONCE, check_embedding, report)
 
 
 def _shapes(connection: sqlite3.Connection, report: CheckReport) -> None:
-    if not _is_sealed(connection, "shapes"):
+    if not _has_column(connection, "shapes"):
         return
     names = (*SHAPE_COLUMNS, *SHAPE_TIMES)
 
@@ -203,7 +231,7 @@ def _shapes(connection: sqlite3.Connection, report: CheckReport) -> None:
 
 
 def _pipelines(connection: sqlite3.Connection, report: CheckReport) -> None:
-    if not _is_sealed(connection, "pipelines"):
+    if not _has_column(connection, "pipelines"):
         return
 
     def check_pipeline(_row: int, checksum: str | None, *pipeline: Any) -> Iterator[str]:  # noqa: ANN401
@@ -217,7 +245,7 @@ def _pipelines(connection: sqlite3.Connection, report: CheckReport) -> None:
 def _others(connection: sqlite3.Connection, report: CheckReport) -> None:
     """Check the bytes of sketches, thumbnails, archives of jobs and deleted shapes."""
     for table, (key, column, checksum) in OTHER_BYTES.items():
-        if not _is_sealed(connection, table, checksum):
+        if not _has_column(connection, table, checksum):
             continue
 
         def check_bytes(
@@ -230,9 +258,16 @@ def _others(connection: sqlite3.Connection, report: CheckReport) -> None:
         _check_rows(connection, table, f"{column}, {checksum}", BLOBS_AT_ONCE, check_bytes, report, key)
 
 
-def _is_sealed(connection: sqlite3.Connection, table: str, column: str = "checksum") -> bool:
-    """Whether a table of this version of the archive has checksums."""
+def _has_column(connection: sqlite3.Connection, table: str, column: str = "checksum") -> bool:
+    """Whether a table of this version of the archive has a column."""
     return any(row[1] == column for row in connection.execute(f"PRAGMA table_info({table})"))
+
+
+def _views_of(embedding: Embedding) -> tuple[bytes | None, float | None]:
+    """The view signature and the reliability that a sketch holds; nothing without views."""
+    if not embedding.views.size:
+        return None, None
+    return view_signature(embedding.views).tobytes(), intrinsic_reliability(embedding.facts)
 
 
 def _dimensions(embedding: Embedding) -> object:

@@ -82,8 +82,37 @@ class Float32Vector(TypeDecorator[NDArray[np.float32]]):
         return np.frombuffer(value, dtype="<f4")
 
 
-def vector_text(vector: NDArray[np.float32]) -> str:
-    """The text of a float32 vector for pgvector, exact to the last bit."""
+class ByteVector(TypeDecorator[NDArray[np.uint8]]):
+    """A vector of bytes, shape (s,), returned as stored."""
+
+    impl = LargeBinary
+    cache_ok = True
+
+    def load_dialect_impl(self, dialect: Dialect) -> TypeEngine[Any]:
+        """The column type of the dialect."""
+        return dialect.type_descriptor(PgVector() if dialect.name == POSTGRESQL else LargeBinary())
+
+    def column_expression(self, column: ColumnElement[Any]) -> ColumnElement[Any]:
+        """The expression that a query selects."""
+        return _AsBytes(column, self)
+
+    def process_bind_param(self, value: NDArray[np.uint8] | None, dialect: Dialect) -> bytes | str | None:
+        """The bytes of the vector, or its text."""
+        if value is None:
+            return None
+        return vector_text(value) if dialect.name == POSTGRESQL else value.tobytes()
+
+    def process_result_value(self, value: bytes | None, dialect: Dialect) -> NDArray[np.uint8] | None:
+        """Decode a vector; pgvector sends big-endian floats after its length and two empty bytes."""
+        if value is None:
+            return None
+        if dialect.name == POSTGRESQL:
+            return np.frombuffer(value, dtype=">f4", offset=4).astype(np.uint8)
+        return np.frombuffer(value, dtype=np.uint8)
+
+
+def vector_text(vector: NDArray[np.float32] | NDArray[np.uint8]) -> str:
+    """The text of a vector for pgvector, exact to the last bit."""
     return f"[{','.join(map(str, vector.tolist()))}]"
 
 

@@ -16,7 +16,7 @@ from sqlalchemy import JSON, ForeignKey, Index, LargeBinary, String, Text, Uniqu
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
 
 from service.storage.checksums import LENGTH
-from service.storage.columns import AnyText, Float32Vector, Number, UtcDateTime
+from service.storage.columns import AnyText, ByteVector, Float32Vector, Number, UtcDateTime
 
 
 class Table(DeclarativeBase):
@@ -132,9 +132,13 @@ class EmbeddingRow(Table):
 
 
 class SketchRow(Table):
-    """The coarse samples of an embedding (`core.ranking.coarse_ranking`) and a copy of its signature.
+    """Short descriptors of an embedding, which a search reads of all.
 
-    A service loads both for all embeddings at its start. This table stores them densely: reading signatures
+    `data` has the coarse samples (`core.ranking.coarse_ranking`), `signature` is a copy of the signature,
+    `view_signature` is that of `core.descriptors.view_signature` and `reliability` that of
+    `core.descriptors.reliability`; both are NULL for embeddings without views.
+
+    A service loads them for all embeddings at its start. This table stores them densely: reading signatures
     from `embeddings` would read a page of each record.
     """
 
@@ -145,6 +149,8 @@ class SketchRow(Table):
     )
     data: Mapped[bytes] = mapped_column(LargeBinary)
     signature: Mapped[bytes] = mapped_column(LargeBinary)
+    view_signature: Mapped[NDArray[np.uint8] | None] = mapped_column(ByteVector)
+    reliability: Mapped[float | None]
     checksum: Mapped[str | None] = mapped_column(String(LENGTH))
 
 

@@ -5,7 +5,7 @@ import pickle
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from functools import lru_cache, partial
 from multiprocessing import get_context
 from pathlib import Path
@@ -16,12 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from core.descriptors.descriptor_distance import DescriptorDistance, descriptor_distance
 from core.embedding import Embedding, Scores
 from core.errors import CoreError
 from core.io import DEFAULT_LIMITS, format_of
 from core.parameters import Parameters
 from core.pipeline import Pipeline
+from core.ranking.evidence import Evidence, descriptors_of, evidence_of
+from core.ranking.local_density import TYPICAL_SPECTRAL, TYPICAL_VIEW, neighbour_distances
+from core.ranking.opinion_pool import pooled_log_odds
 from core.serialization import embedding_from_bytes
 from service.compute.tasks import embed_file
 from service.compute.worker_loop import end_with_parent
@@ -43,22 +45,16 @@ class PairScores:
     cc, ssd, sim : float64
         See `core.embedding.Scores`; the diagonal compares each shape with itself.
     combined : float64
-        See `core.pipeline.Pipeline.combined`.
-    signatures : float32, shape (n, s)
-        Signatures of the shapes.
-    descriptor_distance : float64, shape (n, n)
-        Distances of their descriptors, symmetric; 0 if the parameters disable them.
-    part : bool, shape (n, n)
-        Whether one of the two shapes is incomplete.
+        Log odds of the class probability, or the probability itself if the parameters disable views.
+    evidence : Evidence, optional
+        Of all pairs, each an array of shape (n, n); None if the parameters disable views.
     """
 
     cc: Floats
     ssd: Floats
     sim: Floats
     combined: Floats
-    signatures: NDArray[np.float32]
-    descriptor_distance: Floats
-    part: NDArray[np.bool_]
+    evidence: Evidence | None
 
 
 _pipeline: Pipeline
@@ -90,36 +86,37 @@ def score_pairs(
 ) -> PairScores:
     """Scores of all pairs. Scores are symmetric, so that each pair is scored once."""
     n = len(embeddings)
-    scores = PairScores(
-        cc=np.eye(n),
-        ssd=np.zeros((n, n)),
-        sim=np.eye(n),
-        combined=np.zeros((n, n)),
-        signatures=np.stack([embedding.signature for embedding in embeddings]),
-        descriptor_distance=np.zeros((n, n)),
-        part=np.zeros((n, n), dtype=bool),
-    )
+    cc, ssd, sim, combined = np.eye(n), np.zeros((n, n)), np.eye(n), np.zeros((n, n))
+    evidence = {each.name: np.zeros((n, n)) for each in fields(Evidence)}
     with TemporaryDirectory() as folder:
         # Each worker reads the file of all embeddings once, instead of once per row.
         path = Path(folder) / "embeddings"
         path.write_bytes(pickle.dumps(list(embeddings)))
-        for i, (row, between) in _each(pool, partial(_score_row, path), {i: i for i in range(n - 1)}):
-            for name in ("cc", "ssd", "sim"):
-                matrix = getattr(scores, name)
-                matrix[i, i + 1 :] = matrix[i + 1 :, i] = getattr(row, name)
-            if between is not None:
-                scores.descriptor_distance[i, i + 1 :] = scores.descriptor_distance[i + 1 :, i] = (
-                    between.distance
-                )
-                scores.part[i, i + 1 :] = scores.part[i + 1 :, i] = between.part
+        for i, (row, found) in _each(pool, partial(_score_row, path), {i: i for i in range(n)}):
+            for matrix, values in ((cc, row.cc), (ssd, row.ssd), (sim, row.sim)):
+                matrix[i, i + 1 :] = matrix[i + 1 :, i] = values[1:]
+            named = vars(found).items() if isinstance(found, Evidence) else [("combined", found)]
+            for name, values in named:
+                matrix = evidence.get(name, combined)
+                matrix[i, i:] = matrix[i:, i] = values
             done(n - 1 - i)
-    spin_images = pipeline.parameters.ranking.spin_images
-    for i, signature in enumerate(scores.signatures):
-        between = DescriptorDistance(scores.descriptor_distance[i], scores.part[i]) if spin_images else None
-        scores.combined[i] = pipeline.combined(
-            scores.cc[i], scores.sim[i], signature, scores.signatures, between
-        )
-    return scores
+    if not pipeline.pools_experts:
+        return PairScores(cc, ssd, sim, combined, None)
+    part = evidence.pop("part") > 0.0
+    pairs = Evidence(**evidence, part=part)
+    pairs = replace(
+        pairs,
+        spectral_density=_densities(pairs.spectral, TYPICAL_SPECTRAL),
+        view_density=_densities(pairs.views, TYPICAL_VIEW),
+    )
+    return PairScores(cc, ssd, sim, pooled_log_odds(pairs), pairs)
+
+
+def _densities(distances: Floats, typical: float) -> Floats:
+    """The geometric means of two shapes' distances to their seventh neighbours, shape (n, n)."""
+    others = np.where(np.eye(len(distances), dtype=bool), np.inf, distances)
+    nearest = neighbour_distances(others, typical)
+    return np.asarray(np.sqrt(np.outer(nearest, nearest)))
 
 
 def default_workers() -> int:
@@ -148,12 +145,14 @@ def _embed(path: Path) -> Embedding | str:
         return f"{type(error).__name__}: {error}"
 
 
-def _score_row(path: Path, i: int) -> tuple[Scores, DescriptorDistance | None]:
-    own, *others = _load(path)[i:]
+def _score_row(path: Path, i: int) -> tuple[Scores, Evidence | Floats]:
+    """The scores of an embedding with itself and all later ones, and the evidence or the probability."""
+    others = _load(path)[i:]
+    own = others[0]
     scores = _pipeline.score(own, others)
-    return scores, descriptor_distance(
-        own.spin_images, [other.spin_images for other in others]
-    ) if own.spin_images.size else None
+    if not _pipeline.pools_experts:
+        return scores, _pipeline.combined_with(own, others, scores)
+    return scores, evidence_of(descriptors_of(own), [descriptors_of(other) for other in others], scores)
 
 
 @lru_cache(maxsize=1)

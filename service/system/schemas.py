@@ -5,6 +5,8 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from service.pipelines.reembed_message import REEMBED
+
 VERSION = version("isoshape")
 
 
@@ -30,6 +32,7 @@ class PendingPipeline(BaseModel):
     fingerprint: str = Field(description="A hash of these parameters and of the method's version.")
     embedded: int = Field(description="Files with an embedding by this pipeline.")
     files: int = Field(description="All files; shapes with the same bytes count as one file.")
+    message: str = Field(description="What `isoshape reembed` does to the archive.")
 
 
 class Version(BaseModel):
@@ -48,6 +51,7 @@ class Version(BaseModel):
                     "fingerprint": "9d2be40c17a3f586",
                     "embedded": 40,
                     "files": 190,
+                    "message": REEMBED,
                 },
             }
         }

@@ -8,13 +8,16 @@ import pytest
 from safetensors.numpy import load, save
 
 from core.descriptors.descriptor_distance import ROW_LENGTH
+from core.descriptors.reliability import intrinsic_reliability
 from core.descriptors.spin_images import KEYPOINTS
-from core.embedding import Embedding, Facts, Spectrum
+from core.descriptors.view_bytes import VIEW_BYTES
+from core.embedding import NO_SPIN_IMAGES, NO_VIEWS, Embedding, Facts, Spectrum
 from core.errors import BadRecordError
 from core.gallery import make_shape
 from core.parameters import DEFAULT, PAPER
 from core.pipeline import Pipeline
-from core.serialization import embedding_from_bytes, embedding_to_bytes
+from core.ranking.evidence import descriptors_of
+from core.serialization import descriptors_from_bytes, embedding_from_bytes, embedding_to_bytes
 
 FACTS = Facts(
     vertices=120,
@@ -52,6 +55,7 @@ def embedding(*, samples=12, spectra=2, seed=0):
             for i, name in enumerate(("affinity", "laplace-beltrami")[:spectra])
         ),
         spin_images=rng.integers(0, 255, size=(KEYPOINTS, ROW_LENGTH)).astype(np.uint8),
+        views=rng.integers(0, 255, size=VIEW_BYTES).astype(np.uint8),
     )
 
 
@@ -251,3 +255,41 @@ def test_a_header_with_a_value_of_the_wrong_kind_is_refused(change):
     arrays["header"] = np.frombuffer(json.dumps(header).encode(), dtype=np.uint8)
     with pytest.raises(BadRecordError):
         embedding_from_bytes(save(arrays))
+
+
+def test_descriptors_are_those_of_the_embedding():
+    made = embedding()
+    for one in (
+        made,
+        replace(made, views=NO_VIEWS),
+        replace(made, views=NO_VIEWS, spin_images=NO_SPIN_IMAGES),
+    ):
+        found, expected = descriptors_from_bytes(embedding_to_bytes(one)), descriptors_of(one)
+        for name in ("signature", "spin_images", "views"):
+            assert np.array_equal(getattr(found, name), getattr(expected, name))
+            assert getattr(found, name).dtype == getattr(expected, name).dtype
+        assert found.reliability == intrinsic_reliability(FACTS)
+
+
+@pytest.mark.parametrize("missing", ["header", "signature", "patches", "views"])
+def test_descriptors_of_a_record_without_one_of_them_are_refused(missing):
+    arrays = load(embedding_to_bytes(embedding()))
+    del arrays[missing]
+    with pytest.raises(BadRecordError):
+        descriptors_from_bytes(save(arrays))
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("signature", np.zeros(9)),
+        ("patches", np.zeros((KEYPOINTS + 1, ROW_LENGTH), np.uint8)),
+        ("views", np.zeros(VIEW_BYTES - 1, np.uint8)),
+        ("views", np.zeros(VIEW_BYTES, np.int8)),
+    ],
+)
+def test_descriptors_of_the_wrong_shape_or_type_are_refused(name, value):
+    arrays = load(embedding_to_bytes(embedding()))
+    for read in (descriptors_from_bytes, embedding_from_bytes):
+        with pytest.raises(BadRecordError):
+            read(save(arrays | {name: value}))

@@ -6,23 +6,20 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
 import typer
 from rich import box
 from rich.table import Table
 
-from core.arrays import Floats
 from core.errors import ParameterError
 from core.evaluation.calibration import LabelledPairs
 from core.parameters import DEFAULT
-from core.pipeline import Pipeline
-from core.ranking.class_probability import spin_image_features
+from core.ranking.opinion_pool import features, offset, part_features
 from service.cli.options import Workers
 from service.console import fail, output, progress, say
 from service.datasets import read_collection
 from service.studies.calibration.page import COLUMNS, constants, page, summary
 from service.studies.calibration.part_pairs import LEVELS, part_pairs
-from service.studies.calibration.study import CalibrationStudy, study
+from service.studies.calibration.study import CalibrationStudy, CollectionPairs, study
 from service.studies.pairwise_scores import PairScores, default_workers, worker_pool
 from service.studies.retrieval import score_collection
 from service.studies.robustness.perturbed_queries import clean_gallery
@@ -53,12 +50,12 @@ def command(
 ) -> None:
     """Fit the class probability to labelled collections.
 
-    The command prints the constants of core/ranking/class_probability.py: the coefficients of a logistic
-    regression over all pairs, each collection with the same weight, and of another over pairs of an
-    incomplete shape (with holes, or with a part cut away) and a complete one. Each class is judged by a model
-    fitted without that class. Three classes or more are needed.
+    The command prints the constants of core/ranking/opinion_pool.py: the coefficients of a logistic
+    regression over all pairs of complete shapes, each collection with the same weight, and of another over
+    pairs with an incomplete shape, also of shapes with holes made in them or with a part cut away. Each class
+    is judged by models fitted without that class. Three classes or more are needed.
     """
-    names, collections, chosen, sampled = [], [], [], []
+    names, whole, chosen, sampled = [], [], [], []
     short = 0
     for folder in folders:
         files = read_collection(folder)
@@ -72,12 +69,11 @@ def command(
         labels, scores = score_collection(files, DEFAULT, workers or default_workers())
         short += len(files) - len(labels)
         names.append(folder.resolve().name)
-        complete = ~scores.part if scores.part.any() else None
-        collections.append(LabelledPairs(tuple(labels), _features(scores), complete))
-    _check([collection.labels for collection in collections], "")
-    incomplete = [_incomplete(files, workers or default_workers()) for files in sampled]
+        whole.append((labels, scores))
+    _check([labels for labels, _ in whole], "")
+    perturbed = [_perturbed(files, workers or default_workers()) for files in sampled]
     try:
-        found = study(names, collections, incomplete)
+        found = study(names, [_pairs(*one, pairs) for one, pairs in zip(whole, perturbed, strict=True)])
     except ParameterError as error:
         fail(str(error))
     if out is not None:
@@ -90,14 +86,17 @@ def command(
         fail(f"{short} files could not be used")
 
 
-def _features(scores: PairScores) -> Floats:
-    pipeline = Pipeline(DEFAULT)
-    rows = zip(scores.cc, scores.sim, scores.signatures, strict=True)
-    whole = np.stack([pipeline.features(cc, sim, own, scores.signatures) for cc, sim, own in rows])
-    return spin_image_features(whole, scores.descriptor_distance)
+def _pairs(labels: Sequence[str], scores: PairScores, perturbed: Sequence[LabelledPairs]) -> CollectionPairs:
+    evidence = scores.evidence
+    assert evidence is not None, "the default setting has views"
+    return CollectionPairs(
+        LabelledPairs(tuple(labels), features(evidence), ~evidence.part, offset(evidence)),
+        LabelledPairs(tuple(labels), part_features(evidence), evidence.part),
+        perturbed,
+    )
 
 
-def _incomplete(files: list[tuple[Path, str]], workers: int) -> list[LabelledPairs]:
+def _perturbed(files: list[tuple[Path, str]], workers: int) -> list[LabelledPairs]:
     with worker_pool(DEFAULT, workers) as pool, progress() as bar:
         task = bar.add_task("embedding", total=len(files))
         gallery = clean_gallery(pool, files, lambda _: None, lambda n: bar.advance(task, n))

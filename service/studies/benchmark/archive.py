@@ -10,6 +10,9 @@ from typing import Any
 import numpy as np
 
 from core.arrays import Float32s
+from core.descriptors.descriptor_distance import is_part
+from core.descriptors.reliability import intrinsic_reliability
+from core.descriptors.view_signature import view_signature
 from core.embedding import Embedding, Spectrum
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
@@ -27,6 +30,9 @@ NOISE = 0.2
 """The largest noise of coordinates relative to their root mean square; that of signatures is a quarter."""
 
 AT_ONCE = 2_000
+
+STEP = 7919
+"""The step between the numbers of shapes that are mixed or queried, coprime to all sizes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,15 +54,28 @@ def originals(source: Source) -> list[Original]:
     ]
 
 
-def shaken(embedding: Embedding, number: int) -> Embedding:
-    """The embedding with noise; the number seeds the noise and its strength."""
+def shaken(embedding: Embedding, number: int, other: Embedding | None = None) -> Embedding:
+    """The embedding with noise; the number seeds the noise and its strength.
+
+    The views, and the spin images of a complete surface, are mixed with those of another shape, by twice the
+    strength.
+    """
     rng = np.random.default_rng(number)
     strength = NOISE * rng.random()
     spectra = tuple(
         Spectrum(one.name, one.eigenvalues, _shaken(one.coordinates, strength, rng))
         for one in embedding.spectra
     )
-    return replace(embedding, spectra=spectra, signature=_shaken(embedding.signature, 0.25 * strength, rng))
+    signature = _shaken(embedding.signature, 0.25 * strength, rng)
+    shaken = replace(embedding, spectra=spectra, signature=signature)
+    if other is None or not embedding.views.size:
+        return shaken
+    views = (1.0 - 2.0 * strength) * embedding.views + 2.0 * strength * other.views
+    spin_images = embedding.spin_images.copy()
+    if not is_part(spin_images):
+        rows = rng.random(len(spin_images)) < 2.0 * strength
+        spin_images[rows] = other.spin_images[: len(spin_images)][rows]
+    return replace(shaken, views=np.rint(views).astype(np.uint8), spin_images=spin_images)
 
 
 def _shaken(values: Float32s, strength: float, rng: np.random.Generator) -> Float32s:
@@ -87,7 +106,8 @@ def _rows(source: Sequence[Original], numbers: range) -> Iterator[tuple[dict[str
     for number in numbers:
         original = source[number % len(source)]
         copy = number >= len(source)
-        embedding = shaken(original.embedding, number) if copy else original.embedding
+        other = source[number // len(source) * STEP % len(source)]
+        embedding = shaken(original.embedding, number, other.embedding) if copy else original.embedding
         data = number.to_bytes(8, "big")
         name = f"{original.label}|{original.name}|{number}"
         facts = {field: getattr(embedding.facts, field) for field in embedding.facts.__dataclass_fields__}
@@ -119,6 +139,8 @@ def _rows(source: Sequence[Original], numbers: range) -> Iterator[tuple[dict[str
                 "embedding_number": number + 1,
                 "data": coarse_samples(embedding).tobytes(),
                 "signature": embedding.signature.astype("<f4").tobytes(),
+                "view_signature": view_signature(embedding.views),
+                "reliability": intrinsic_reliability(embedding.facts),
             },
         )
 

@@ -13,9 +13,9 @@ import numpy as np
 from core.io import write_mesh
 from core.mesh.mesh import Mesh
 from service.client import Client, ClientError
-from service.studies.benchmark.archive import Original, fill, shape_id
+from service.studies.benchmark.archive import STEP, Original, fill, shape_id
 from service.studies.benchmark.meshes import Source
-from service.studies.benchmark.searching import STEP, served
+from service.studies.benchmark.searching import served
 
 SHAPES, QUERYING, INGESTING = 380, 8, 2
 CAPACITY_SECONDS, ALONE, SECONDS = 20.0, 60, 60.0

@@ -125,7 +125,7 @@ def page(found: BenchmarkResults, command: str, *, picture: bool) -> str:
             parts += [
                 _markdown(cascade_table(found.kept)),
                 f"The stages of a search against exhaustive search of {found.kept[0].shapes:,} shapes, "
-                f"ranked by CC: {found.kept[0].queries} queries, with their own noisy copies left out of the "
+                f"{found.kept[0].queries} queries, with their own noisy copies left out of the "
                 "answers.",
             ]
     if found.ingest:

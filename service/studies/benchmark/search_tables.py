@@ -46,6 +46,7 @@ def cascade_table(rows: Sequence[CascadeRow]) -> list[list[str]]:
 
     return [
         [
+            "ranked by",
             "shortlist",
             "after coarse ranking",
             "in full, besides the results",
@@ -56,6 +57,7 @@ def cascade_table(rows: Sequence[CascadeRow]) -> list[list[str]]:
         ],
         *(
             [
+                row.rank_by,
                 *(count(of) for of in (row.length, row.reranked, row.finalists)),
                 *(f"{100 * share:.1f} %" for share in (row.first, row.nn, row.ten)),
                 f"{1e3 * row.median:,.0f}",

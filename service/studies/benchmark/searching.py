@@ -9,16 +9,19 @@ from time import perf_counter
 import numpy as np
 
 from service.client import Client
+from service.search.rank_by import RankBy
 from service.server.address import LOOPBACK, bind
 from service.server.child_process import ChildService
 from service.server.uvicorn_server import wait_until_ready
-from service.studies.benchmark.archive import Original, fill, label_of, shape_id
+from service.studies.benchmark.archive import STEP, Original, fill, label_of, shape_id
 
 SIZES = (380, 10_000, 100_000)
 QUERIES, LONG, CHECKED = 100, 20, 40
 """Numbers of queries: of an archive, of a large one searched exhaustively, and of the check of shortlists."""
 EXHAUSTIVE = 10_000
 """The size up to which archives are also searched exhaustively."""
+
+RANKINGS: tuple[RankBy, ...] = ("cc", "combined")
 
 LENGTHS = (
     (250, 50, 10),
@@ -29,9 +32,6 @@ LENGTHS = (
     (4_000, 800, 60),
 )
 """Shapes in coarse ranking, in re-ranking, and compared in full besides the requested results."""
-
-STEP = 7919
-"""The step between the numbers of queried shapes, coprime to all sizes."""
 
 
 @dataclass(frozen=True)
@@ -74,6 +74,8 @@ class CascadeRow:
 
     Attributes
     ----------
+    rank_by : str
+        The score that ranks the answers.
     shapes, queries : int
         Queries are originals; the answers exclude their copies.
     length, reranked, finalists : int or None
@@ -87,6 +89,7 @@ class CascadeRow:
         Median time in seconds.
     """
 
+    rank_by: str
     shapes: int
     queries: int
     length: int | None
@@ -121,7 +124,7 @@ def searching_rows(
         count = min(queries, LONG) if exhaustive and size > 1_000 else queries
         rows.append(_measured(url, size, count, exhaustive=exhaustive))
         if size == checked and size > len(source):
-            kept = cascade_rows(url, source, size)
+            kept = [row for by in RANKINGS for row in cascade_rows(url, source, size, rank_by=by)]
         path.unlink()
     return rows, kept
 
@@ -168,6 +171,7 @@ def cascade_rows(
     source: Sequence[Original],
     size: int,
     *,
+    rank_by: RankBy = "cc",
     queries: int = CHECKED,
     lengths: Sequence[tuple[int, int, int]] = LENGTHS,
 ) -> list[CascadeRow]:
@@ -188,7 +192,7 @@ def cascade_rows(
                 copies = [shape_id(copy) for copy in range(number, size, len(source))]
                 before = perf_counter()
                 answer = client.query_shape(
-                    shape_id(number), exhaustive=length is None, exclude=copies, top_k=10
+                    shape_id(number), rank_by=rank_by, exhaustive=length is None, exclude=copies, top_k=10
                 )
                 seconds.append(perf_counter() - before)
                 answers.append([result.shape.name for result in answer.results])
@@ -202,6 +206,7 @@ def cascade_rows(
         ]
         rows.append(
             CascadeRow(
+                rank_by=rank_by,
                 shapes=size,
                 queries=len(asked),
                 length=None if length is None else length[0],

@@ -18,12 +18,8 @@ COLUMNS = (
 
 
 def constants(study: CalibrationStudy) -> str:
-    """The assignments that `core/ranking/class_probability.py` holds."""
-    models = {
-        "CALIBRATED": study.model,
-        "CALIBRATED_PARTS": study.incomplete.model,
-        "WITHOUT_SPIN_IMAGES": study.without_spin_images,
-    }
+    """The assignments that `core/ranking/opinion_pool.py` holds."""
+    models = {"CALIBRATED_POOL": study.model, "CALIBRATED_PARTS": study.incomplete.model}
     return "\n".join(f"{name} = {_constant(model)}" for name, model in models.items())
 
 
@@ -46,12 +42,13 @@ def page(study: CalibrationStudy, command: str) -> str:
     """The text of calibration.md, beside its picture; `command` is what made it."""
     parts = [
         "# Calibration of `combined`",
-        f"Written by `{command}`. `combined` is the probability that two shapes have the same class. It is a "
-        "logistic model of three features: one of CC, sim and the Laplace-Beltrami eigenvalues, one of the "
-        "global descriptors, one of the distance between spin images. The model is fitted to all pairs of "
-        "these collections, each collection with the same weight. Pairs with an incomplete shape have a "
-        "model of their own, of one feature. A third model serves where spin images are not known, as in the "
-        "coarse stages of a search. The parameters of the three, in `core/ranking/class_probability.py`:",
+        f"Written by `{command}`. `combined` is the probability that two shapes have the same class. The log "
+        "odds are those of two experts, mixed by the reliability of the shapes' intrinsic description "
+        "(`core.descriptors.reliability`): one is linear in logarithms of the differences in CC, sim, global "
+        "descriptors and spin images, which count little between nearly isometric surfaces, the other in the "
+        "differences of views. Both read how near the seventh neighbours are. The models are fitted to all "
+        "pairs of these collections, each collection with the same weight. Pairs with an incomplete shape "
+        "have a model of their own. The parameters, in `core/ranking/opinion_pool.py`:",
         f"```python\n{constants(study)}\n```",
         "The model is judged on classes that it has not seen: the pairs of each class' shapes with all other "
         "shapes are judged by a model fitted to the pairs without any shape of that class, in any "

@@ -7,9 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from core.arrays import Floats
-from core.descriptors.descriptor_distance import descriptor_distance
 from core.evaluation.calibration import LabelledPairs
-from core.ranking.class_probability import part_features
+from core.ranking.opinion_pool import PART_FEATURES, part_features
 from core.studies.robustness import KINDS, Perturbation
 from service.studies.robustness.perturbed_queries import Done, Gallery, Told, on_disk, perturbed_query
 
@@ -25,7 +24,7 @@ def part_pairs(pool: Executor, gallery: Gallery, tell: Told, done: Done) -> list
     found = []
     with on_disk(gallery) as stored:
         for kind, amount in LEVELS:
-            features, asked = np.zeros((count, count, 1)), np.zeros((count, count), dtype=bool)
+            features, asked = np.zeros((count, count, PART_FEATURES)), np.zeros((count, count), dtype=bool)
             rows = pool.map(partial(_features, stored, kind, amount), gallery.files)
             for i, row in enumerate(rows):
                 if isinstance(row, str):
@@ -33,18 +32,13 @@ def part_pairs(pool: Executor, gallery: Gallery, tell: Told, done: Done) -> list
                 elif row is not None:
                     features[i], asked[i] = row, True
                 done(1)
-            found.append(LabelledPairs(gallery.labels, features, asked))
+            found.append(LabelledPairs(gallery.labels, features, asked, weight=1.0 / len(LEVELS)))
     return found
 
 
 def _features(stored: Path, kind: Perturbation, amount: float, path: Path) -> Floats | str | None:
-    """Features of a perturbed file and the gallery, shape (n, 1); None if the shape looks complete."""
+    """Features of a perturbed file and the gallery, shape (n, PART_FEATURES); None if it looks complete."""
     asked = perturbed_query(stored, kind, amount, SEED, path)
     if isinstance(asked, str):
         return asked
-    signatures = np.stack([embedding.signature for embedding in asked.gallery])
-    whole = asked.pipeline.features(asked.scores.cc, asked.scores.sim, asked.query.signature, signatures)
-    between = descriptor_distance(
-        asked.query.spin_images, [embedding.spin_images for embedding in asked.gallery]
-    )
-    return part_features(whole, between.distance) if between.part.all() else None
+    return part_features(asked.evidence) if asked.evidence.part.all() else None

@@ -6,12 +6,18 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 
 from core.arrays import Floats
-from core.evaluation.calibration import LabelledPairs, Reliability, fit, leave_class_out, reliability
+from core.evaluation.calibration import (
+    LabelledPairs,
+    Reliability,
+    fit,
+    leave_class_out,
+    reliability,
+)
 from core.evaluation.retrieval_measures import Evaluation, evaluate
 from core.ranking.class_probability import Calibration
 
-UPPER = 5
-"""The first bin of pairs whose class probability exceeds one half."""
+UPPER = 1
+"""The first bin of pairs whose class probability exceeds 0.1: most of the others clearly have two classes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,21 +63,20 @@ class Incomplete:
 
 @dataclass(frozen=True, eq=False)
 class CalibrationStudy:
-    """The model of all pairs, and the errors of the models fitted without each class.
+    """The models of all pairs, and the errors of the models fitted without each class.
 
     Attributes
     ----------
     model : Calibration
-    without_patches : Calibration
-        The model without the features of spin images.
+        Of complete pairs.
     collections : tuple of Judged
+        By both models, each for its pairs.
     together : Reliability
         Over all collections, each with the same weight.
     incomplete : Incomplete
     """
 
     model: Calibration
-    without_spin_images: Calibration
     collections: tuple[Judged, ...]
     together: Reliability
     incomplete: Incomplete
@@ -80,7 +85,6 @@ class CalibrationStudy:
         """The object that `--json` prints."""
         return {
             **asdict(self.model),
-            "without_patches": asdict(self.without_spin_images),
             "incomplete": {
                 **asdict(self.incomplete.model),
                 "queries": self.incomplete.queries,
@@ -101,50 +105,63 @@ class CalibrationStudy:
         }
 
 
-def study(
-    names: Sequence[str], collections: Sequence[LabelledPairs], incomplete: Sequence[Sequence[LabelledPairs]]
-) -> CalibrationStudy:
-    """Fit the model to all pairs, and judge each class by the model fitted without it.
+@dataclass(frozen=True, eq=False)
+class CollectionPairs:
+    """The pairs of a labelled collection.
 
-    Parameters
+    Attributes
     ----------
-    names : sequence of str
-    collections : sequence of LabelledPairs
-        One per name, with the features of `core.ranking.class_probability.spin_image_features`.
-    incomplete : sequence of sequence of LabelledPairs
-        Several per name, with the features of `core.ranking.class_probability.part_features`.
+    complete : LabelledPairs
+        Of complete shapes, with the features of `core.ranking.opinion_pool.features`.
+    incomplete : LabelledPairs
+        With an incomplete shape, with the features of `core.ranking.opinion_pool.part_features`.
+    perturbed : sequence of LabelledPairs
+        Of shapes that were made incomplete, and complete ones, with the same features.
+    """
+
+    complete: LabelledPairs
+    incomplete: LabelledPairs
+    perturbed: Sequence[LabelledPairs]
+
+
+def study(names: Sequence[str], collections: Sequence[CollectionPairs]) -> CalibrationStudy:
+    """Fit the models to all pairs, and judge each class by models fitted without it.
 
     Raises
     ------
     ParameterError
         Without one of the classes, all pairs have the same label.
     """
-    probabilities = leave_class_out(collections)
+    complete, incomplete = [one.complete for one in collections], [one.incomplete for one in collections]
+    perturbed = [pairs for one in collections for pairs in one.perturbed]
+    of_complete = leave_class_out(complete)
+    of_parts = leave_class_out([*incomplete, *perturbed])
+    whole = [
+        (replace(pairs, asked=None), np.where(parts.both_ways, given, found))
+        for pairs, parts, found, given in zip(complete, incomplete, of_complete, of_parts, strict=False)
+    ]
     return CalibrationStudy(
-        model=fit(collections),
-        without_spin_images=fit([replace(one, features=one.features[..., :-1]) for one in collections]),
-        collections=tuple(
-            _judged(name, collection, given)
-            for name, collection, given in zip(names, collections, probabilities, strict=True)
-        ),
-        together=reliability(collections, probabilities),
-        incomplete=_incomplete([one for several in incomplete for one in several]),
+        model=fit(complete),
+        collections=tuple(_judged(name, *one) for name, one in zip(names, whole, strict=True)),
+        together=reliability([pairs for pairs, _ in whole], [found for _, found in whole]),
+        incomplete=_incomplete(perturbed, of_parts[len(incomplete) :], fit([*incomplete, *perturbed])),
     )
 
 
-def _incomplete(collections: Sequence[LabelledPairs]) -> Incomplete:
-    probabilities = leave_class_out(collections)
+def _incomplete(
+    perturbed: Sequence[LabelledPairs], probabilities: Sequence[Floats], model: Calibration
+) -> Incomplete:
     right: list[bool] = []
-    for collection, given in zip(collections, probabilities, strict=True):
+    for collection, given in zip(perturbed, probabilities, strict=True):
         codes, pairs = collection.codes, collection.both_ways
         asked = np.flatnonzero(pairs.any(axis=1))
         first = np.where(pairs, given, -1.0).argmax(axis=1)
         right += (codes[first[asked]] == codes[asked]).tolist()
     return Incomplete(
-        model=fit(collections),
+        model=model,
         queries=len(right),
         nn=float(np.mean(right)),
-        reliability=reliability(collections, probabilities),
+        reliability=reliability(perturbed, probabilities),
     )
 
 

@@ -23,6 +23,10 @@ from core.mesh.cleaning import clean
 from core.mesh.mesh import Mesh
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
+from core.ranking.density_sample import DensitySample, densities_in, density_sample
+from core.ranking.evidence import Evidence, ShapeDescriptors, descriptors_of, evidence_of
+from core.ranking.local_density import LocalDensities
+from core.ranking.opinion_pool import pooled_log_odds
 from core.studies.robustness import TAU, Level, Perturbation, Retrieval, nearest_neighbour, tau_parameters
 from service.studies.pairwise_scores import embed_files, score_pairs, worker_pool
 
@@ -137,6 +141,26 @@ def seed_of(path: Path, seed: int) -> int:
 
 
 @dataclass(frozen=True, eq=False)
+class GalleryDescriptors:
+    """The clean shapes as perturbed queries are compared with them.
+
+    Attributes
+    ----------
+    embeddings : list of Embedding
+    descriptors : list of ShapeDescriptors
+    sample : DensitySample
+        Of all clean shapes.
+    densities : LocalDensities
+        Of each of them among the others.
+    """
+
+    embeddings: list[Embedding]
+    descriptors: list[ShapeDescriptors]
+    sample: DensitySample
+    densities: LocalDensities
+
+
+@dataclass(frozen=True, eq=False)
 class ScoredQuery:
     """A perturbed shape, and its similarity to each clean shape.
 
@@ -146,15 +170,18 @@ class ScoredQuery:
     mesh : Mesh
     query : Embedding
         Embedding of the mesh.
-    gallery : list of Embedding
+    gallery : GalleryDescriptors
     scores : Scores
+    evidence : Evidence
+        With the local densities among the gallery.
     """
 
     pipeline: Pipeline
     mesh: Mesh
     query: Embedding
-    gallery: list[Embedding]
+    gallery: GalleryDescriptors
     scores: Scores
+    evidence: Evidence
 
 
 def perturbed_query(
@@ -165,7 +192,11 @@ def perturbed_query(
     try:
         mesh = kind.perturb(_clean(path), amount, seed_of(path, seed))
         query = pipeline.embed(mesh)
-        return ScoredQuery(pipeline, mesh, query, gallery, pipeline.score(query, gallery))
+        scores = pipeline.score(query, gallery.embeddings)
+        own = descriptors_of(query)
+        density = densities_in(gallery.sample, [own])
+        evidence = evidence_of(own, gallery.descriptors, scores, density, gallery.densities)
+        return ScoredQuery(pipeline, mesh, query, gallery, scores, evidence)
     except CoreError as error:
         return f"{error.kind}: {error}"
     except Exception as error:
@@ -178,8 +209,8 @@ def _query(stored: Path, kind: Perturbation, amount: float, seed: int, path: Pat
     asked = perturbed_query(stored, kind, amount, seed, path)
     if isinstance(asked, str):
         return asked
-    pipeline, query, gallery = asked.pipeline, asked.query, asked.gallery
-    found = {"cc": asked.scores.cc, "combined": pipeline.combined_with(query, gallery, asked.scores)}
+    pipeline, query, gallery = asked.pipeline, asked.query, asked.gallery.embeddings
+    found = {"cc": asked.scores.cc, "combined": pooled_log_odds(asked.evidence)}
     if kind.part:
         part = (
             query.spin_images[KEYPOINTS:]
@@ -200,6 +231,8 @@ def _pipeline() -> Pipeline:
 
 
 @lru_cache(maxsize=1)
-def _load(stored: Path) -> list[Embedding]:
-    loaded: list[Embedding] = pickle.loads(stored.read_bytes())
-    return loaded
+def _load(stored: Path) -> GalleryDescriptors:
+    embeddings: list[Embedding] = pickle.loads(stored.read_bytes())
+    descriptors = [descriptors_of(embedding) for embedding in embeddings]
+    sample = density_sample(descriptors)
+    return GalleryDescriptors(embeddings, descriptors, sample, densities_in(sample, descriptors))

@@ -1,6 +1,7 @@
-// A card: a shape in 3D with its name and scores.
+// A card: a shape in 3D with its name, its likeness and its scores.
 
 import { make } from "./dom.js";
+import { inWords } from "./likeness.js";
 
 /** @import { Scores } from "./types.js" */
 
@@ -20,7 +21,7 @@ export function card(title, lines, scores, ...more) {
     for (const [name, value] of [["CC", scores.cc], ["SSD", scores.ssd], ["sim", scores.sim], ["combined", scores.combined]]) {
       list.append(make("dt", {}, String(name)), make("dd", {}, Number(value).toFixed(3)));
     }
-    parts.splice(2, 0, list);
+    parts.splice(2, 0, make("p", { className: "likeness" }, inWords(scores)), list);
   }
   return { canvas, item: make("li", {}, ...parts) };
 }

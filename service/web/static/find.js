@@ -45,12 +45,13 @@ function showProgress(share) {
 async function run(name, glb, query) {
   running?.abort();
   const own = (running = new AbortController());
+  const rankBy = byId("find-rank", HTMLSelectElement).value;
   showError(errorBox);
   progress.hidden = false;
   try {
     const answer = await query(own.signal);
     progress.hidden = true;
-    await showResults({ name, glb }, answer, findStored);
+    await showResults({ name, glb }, answer, rankBy, findStored);
   } catch (error) {
     if (!own.signal.aborted) showError(errorBox, error);
   } finally {

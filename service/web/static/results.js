@@ -28,14 +28,15 @@ let shown = null;
 /**
  * @param {Asked} asked
  * @param {Answer} answer
+ * @param {string} rankBy The score that sorts the results.
  * @param {(id: string, name: string) => void} findSimilar
  */
-export async function showResults(asked, answer, findSimilar) {
+export async function showResults(asked, answer, rankBy, findSimilar) {
   const { results } = answer;
   shown = null;
   delete cards.dataset.painted;
   section.hidden = false;
-  byId("results-summary", HTMLElement).textContent = summary(asked.name, answer);
+  byId("results-summary", HTMLElement).textContent = summary(asked.name, answer, rankBy);
   const query = card(asked.name, ["Query"], null);
   const found = results.map((result) => {
     const { shape } = result;
@@ -74,12 +75,14 @@ async function repaint() {
   cards.dataset.painted = how;
 }
 
-/** @param {string} name @param {Answer} answer */
-function summary(name, answer) {
+/** @param {string} name @param {Answer} answer @param {string} rankBy */
+function summary(name, answer, rankBy) {
   if (answer.compared === 0) return `There are no stored shapes to compare ${name} with.`;
   const seconds = (answer.milliseconds.total / 1000).toFixed(2);
-  const matched = answer.matched ? "" : " No stored shape is similar to it; these are the closest.";
-  return `${name} was compared with ${answer.compared} of ${answer.stored} stored shapes in ${seconds} s.${matched}`;
+  const alike = answer.matched || answer.results.some(({ likeness }) => likeness !== "weak");
+  const matched = alike ? "" : " No stored shape is similar to it; these are the closest.";
+  return `${name} was compared with ${answer.compared} of ${answer.stored} stored shapes in ${seconds} s. `
+    + `The results are sorted by ${rankBy}.${matched}`;
 }
 
 /**

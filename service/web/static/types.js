@@ -6,7 +6,7 @@
  * @typedef {{ shapes: Shape[], total: number, next_cursor: string | null }} ShapePage
  * @typedef {{ sample: number, vertex: number, position: number[] }} Point
  * @typedef {{ first: Point, second: Point, distance: number, effective: boolean }} Pair
- * @typedef {{ cc: number, ssd: number, sim: number, combined: number }} Scores
+ * @typedef {{ cc: number, ssd: number, sim: number, combined: number, likeness: string, scale: number | null }} Scores
  * @typedef {Scores & { rank: number, shape: Shape, correspondence: Pair[] }} Result
  * @typedef {{ name: string, eigenvalues: number[], coordinates: number[][] }} Spectrum
  * @typedef {{ positions: number[][], spectra: Spectrum[] }} Embedding

@@ -1,11 +1,20 @@
 """The fit of `combined` against logistic models that are known, and what judging it may not read."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from sklearn.linear_model import LogisticRegression
 
 from core.errors import ParameterError
-from core.evaluation.calibration import BINS, LabelledPairs, fit, fit_logistic, leave_class_out, reliability
+from core.evaluation.calibration import (
+    BINS,
+    LabelledPairs,
+    fit,
+    fit_logistic,
+    leave_class_out,
+    reliability,
+)
 from core.ranking.class_probability import Calibration
 
 TRUE = Calibration(intercept=-3.0, slopes=(-2.0, 0.5))
@@ -118,7 +127,8 @@ def test_no_class_is_both_fitted_and_judged():
     assert fit(spoilt, without="A") == model
     for collection, probabilities in zip(spoilt, leave_class_out(spoilt), strict=True):
         own = collection.codes == "a"
-        np.testing.assert_array_equal(probabilities[own], model.class_probability(collection.features[own]))
+        expected = model.class_probability(collection.features[own])
+        np.testing.assert_allclose(probabilities[own], expected, rtol=1e-7)
         other = collection.codes != "a"
         assert (probabilities[other] != model.class_probability(collection.features[other])).any()
 
@@ -154,3 +164,32 @@ def test_classes_alike_in_kind_are_judged_calibrated():
     found = reliability(collections, probabilities)
     assert found.error < 0.02
     assert found.base_rate == pytest.approx(9.0 / 79.0)
+
+
+def test_an_offset_is_not_fitted():
+    """Points whose chances have a known offset: the fit finds the rest."""
+    points = np.random.default_rng(3).normal(size=(400, 2))
+    offsets = 2.0 * np.sin(np.arange(400.0))
+    chances = TRUE.class_probability(points, offsets)
+    found = fit_logistic(
+        np.concatenate([points, points]),
+        np.repeat([True, False], len(points)),
+        np.concatenate([chances, 1.0 - chances]),
+        np.concatenate([offsets, offsets]),
+    )
+    assert found.slopes == pytest.approx(TRUE.slopes, abs=0.01)
+    assert found.intercept == pytest.approx(TRUE.intercept, abs=0.02)
+
+
+def test_a_collection_of_small_weight_hardly_counts():
+    one, other = made(5, list("aabbcc")), made(6, list("aabbcc"))
+    lightly = replace(other, weight=1e-6)
+    assert fit([one, lightly]).slopes == pytest.approx(fit([one]).slopes, rel=1e-2)
+    assert fit([one, other]).slopes != pytest.approx(fit([one]).slopes, rel=1e-2)
+
+
+def test_the_start_does_not_matter():
+    pairs = made(7, list("aaabbbccc"))
+    found = fit([pairs], start=Calibration(intercept=3.0, slopes=(-9.0, 2.0)))
+    assert found.slopes == pytest.approx(fit([pairs]).slopes, rel=1e-6)
+    assert found.intercept == pytest.approx(fit([pairs]).intercept, rel=1e-6)

@@ -46,7 +46,7 @@ def test_a_pose_is_the_same_surface_bent(made, label):
 @pytest.mark.parametrize("label", CLASSES)
 def test_the_solids_move_as_rigid_bodies(made, label):
     body = made[label]
-    posed = bodies._solids(label, body.seeds, 1)
+    posed = bodies._solids(body, 1)
     assert len(posed) == len(body.solids)
     local = default_rng(0).uniform(-0.5, 0.5, size=(50, 3))
     for before, after in zip(body.solids, posed, strict=True):
@@ -159,3 +159,27 @@ def test_a_class_that_never_comes_out_sound_is_an_error(monkeypatch):
     monkeypatch.setattr(bodies, "handles", lambda faces: 9)
     with pytest.raises(MeshError, match="pliers"):
         make_body("pliers", vertices=500)
+
+
+def test_individuals_of_small_variation_are_alike_and_not_equal():
+    """Root mean square relative differences of distances between joints, at rest."""
+    drawn = [make_body("person", number, vertices=500) for number in range(4)]
+    alike, again = (
+        [make_body("person", number, vertices=500, variation=0.05) for number in range(4)] for _ in range(2)
+    )
+    assert all(
+        np.array_equal(one.rest.vertices, other.rest.vertices)
+        for one, other in zip(alike, again, strict=True)
+    )
+    assert not np.array_equal(alike[0].solids[-1].frame.origin, drawn[0].solids[-1].frame.origin)
+    assert len({tuple(one.solids[-1].frame.origin) for one in alike}) == len(alike)
+
+
+def test_a_variation_is_that_of_the_proportions():
+    """Normal about the middle of the range, which a pose's numbers do not change."""
+    seeds = [SeedSequence(number) for number in range(2000)]
+    draws = [BodyDraws(Draws("bp"), seed, SeedSequence(0), 0.05) for seed in seeds]
+    numbers = np.array([[one.uniform(1.0, 3.0), one.uniform(-1.0, 1.0)] for one in draws])
+    assert numbers[:, 0].mean() == pytest.approx(2.0, abs=0.01)
+    assert numbers[:, 0].std() == pytest.approx(0.1, rel=0.1)
+    assert np.ptp(numbers[:, 1]) == 0.0

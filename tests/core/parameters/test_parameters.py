@@ -60,6 +60,7 @@ OTHER = {
     "patches": False,
     "smooth_refined": False,
     "match_threshold": 0.8,
+    "views": False,
 }
 
 OUT_OF_RANGE = [
@@ -214,10 +215,14 @@ def test_flat_keys_and_back(parameters):
 
 
 def test_fingerprints_are_those_that_archives_hold():
-    assert (DEFAULT.fingerprint, PAPER.fingerprint) == ("2d613f0cec486b3d", "96d291f5f86ee06d")
+    assert (DEFAULT.fingerprint, PAPER.fingerprint) == ("b305565604f61fe5", "96d291f5f86ee06d")
+    # Archives of before views.
+    assert DEFAULT.with_values(views=False).fingerprint == "2d613f0cec486b3d"
 
 
-@pytest.mark.parametrize("values", [{"fill_holes": 0.0}, {"smooth_refined": False}, {"patches": False}])
+@pytest.mark.parametrize(
+    "values", [{"fill_holes": 0.0}, {"smooth_refined": False}, {"patches": False}, {"views": False}]
+)
 def test_a_parameter_that_stands_for_the_method_before_it_is_not_in_the_fingerprint(values):
     flat = DEFAULT.with_values(**values).flat()
     text = json.dumps(

@@ -36,7 +36,7 @@ def test_alone_is_the_paper_but_for_one_change() -> None:
     alone = [row for row in rows() if row.block == "alone"]
     assert [row.title for row in alone] == ["paper", *(change.title for change in changes())]
     assert alone[0].parameters == alone[-len(LAST)].parameters == PAPER
-    assert [row.rank_by for row in alone] == ["cc"] * (len(alone) - 2) + ["combined"] * 2
+    assert [row.rank_by for row in alone] == ["cc"] * (len(alone) - len(LAST)) + ["combined"] * len(LAST)
     for row, change in zip(alone[1:], changes(), strict=True):
         changed = differing(row.parameters, PAPER)
         assert changed == differing(PAPER, DEFAULT) & set(change.fields)
@@ -50,8 +50,8 @@ def test_together_goes_from_the_paper_to_the_default() -> None:
         assert differing(before.parameters, after.parameters) == differing(PAPER, DEFAULT) & set(
             change.fields
         )
-    assert [row.rank_by for row in together[-3:]] == ["cc", "combined", "combined"]
-    assert together[-3].parameters == together[-2].parameters
+    assert [row.rank_by for row in together[-4:]] == ["cc", "combined", "combined", "combined"]
+    assert together[-4].parameters == together[-3].parameters
     assert together[-1].parameters.fingerprint == DEFAULT.fingerprint
 
 

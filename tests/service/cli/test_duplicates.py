@@ -18,15 +18,15 @@ def test_a_larger_copy_and_another_shape(archive: Client, run: Run) -> None:
     done = run("duplicates", "--url", archive.url)
     assert done.status == 0
     lines = [line.split() for line in done.stdout.splitlines() if line.strip(" ─")]
-    assert lines[0] == ["group", "name", "kinship", "scale", "cc", "residual"]
+    assert lines[0] == ["group", "name", "likeness", "scale", "cc", "residual"]
     assert lines[1] == ["1", "a", "cup.off", "same", "1", "1.0000", "0.0000"]
     assert lines[2] == ["1", "larger.off", "scaled", "2", "1.0000", "0.0000"]
     assert len(lines) == 3
     assert "2 of 3 shapes in 1 groups" in done.stderr
     rows = list(csv.DictReader(io.StringIO(run("duplicates", "--csv", "--url", archive.url).stdout)))
-    assert [(row["name"], row["kinship"]) for row in rows] == [
-        ("a cup.off", "same"),
-        ("larger.off", "scaled"),
+    assert [(row["name"], row["kinship"], row["likeness"]) for row in rows] == [
+        ("a cup.off", "same", "same"),
+        ("larger.off", "scaled", "scaled"),
     ]
     few = run("duplicates", "--tag", "first", "--csv", "--url", archive.url)
-    assert few.stdout == "group,id,name,kinship,scale,cc,residual\n"
+    assert few.stdout == "group,id,name,kinship,scale,cc,residual,likeness\n"

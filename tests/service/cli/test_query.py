@@ -34,10 +34,10 @@ def test_table(archive: Client, cup: Path, run: Run) -> None:
     done = run("query", cup, "--url", archive.url)
     assert done.status == 0
     lines = [line.split() for line in done.stdout.splitlines() if line.strip(" ─")]
-    assert lines[0] == ["rank", "name", "tags", "cc", "ssd", "sim", "combined"]
-    assert lines[1][:7] == ["1", "[bold]the", "same", "cup", "1.0000", "0.0000", "1.0000"]
+    assert lines[0] == ["rank", "name", "likeness", "tags", "cc", "ssd", "sim", "combined"]
+    assert lines[1][:9] == ["1", "[bold]the", "same", "Same", "part", "cup", "1.0000", "0.0000", "1.0000"]
     assert lines[2][:2] == ["2", "octopus.off"]
-    assert "2 of 2 stored shapes compared" in done.stderr
+    assert "2 of 2 stored shapes compared; sorted by combined" in done.stderr
     assert "embed" in done.stderr
 
 

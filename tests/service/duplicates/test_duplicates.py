@@ -69,7 +69,7 @@ def test_every_copy_is_found_and_no_pose_is_taken_for_one(planted: Running) -> N
     assert set(found) == {(f"{of}.off", f"{name}.off") for name, (of, *_) in PLANTED.items()}
     for name, (of, _, kinship, scale) in PLANTED.items():
         one = found[f"{of}.off", f"{name}.off"]
-        assert one.kinship == kinship
+        assert one.likeness == kinship
         assert one.scale == pytest.approx(scale, rel=0.01)
         assert one.residual <= RESIDUAL
         assert one.cc >= 0.98

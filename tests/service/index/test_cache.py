@@ -3,7 +3,7 @@
 import re
 import shutil
 import sqlite3
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from pathlib import Path
 from threading import Thread
@@ -12,18 +12,22 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from core.descriptors.descriptor_distance import descriptor_distance
 from core.descriptors.spin_images import KEYPOINTS
+from core.descriptors.view_signature import signature_distance, view_signature
+from core.embedding import Scores
 from core.matching.match_records import match_record, score_match_records
 from core.parameters import DEFAULT
+from core.ranking.coarse_evidence import TYPICAL_SIM, CoarseDescriptors, coarse_evidence
 from core.ranking.coarse_ranking import coarse_ranking, coarse_samples
+from core.ranking.density_sample import densities_in, density_sample
+from core.ranking.evidence import ShapeDescriptors, descriptors_of, evidence_of
+from core.ranking.opinion_pool import pooled_log_odds
 from core.ranking.reranking import rerank
 from core.serialization import embedding_from_bytes, points_from_bytes
 from service.index.cache import ABOUT, EmbeddingCache
 from service.search import cache_warmer, match_records
 from tests.service.support import (
     Running,
-    pipeline_in_use,
     query,
     serving,
     settings_in,
@@ -187,13 +191,13 @@ def test_what_comes_is_made_ready_whatever_was_deleted_before(running: Running) 
     wait_until(lambda: len(cache) == STORED + 2, seconds=30)
     before = set(cache.missing(range(1000)))
     query(running.client, small_file(0), rank_by="combined")
-    assert len(running.container.spin_images) == STORED + 2
+    assert len(running.container.descriptors) == STORED + 2
     for shape in gone:
         running.client.delete(f"/shapes/{shape}")
     late = running.store(small_file(33), "late.off")
     wait_until(lambda: len(cache) == STORED + 1, seconds=30)
     assert len(before - set(cache.missing(range(1000)))) == 1
-    wait_until(lambda: len(running.container.spin_images) == STORED, seconds=30)
+    wait_until(lambda: len(running.container.descriptors) == STORED, seconds=30)
     running.client.delete(f"/shapes/{late['id']}")
 
 
@@ -222,6 +226,14 @@ def test_without_room_answers_are_the_same(running: Running, roomy: dict[str, di
     assert len(cache_of(running)) <= 3
 
 
+def coarse(shapes: Sequence[ShapeDescriptors]) -> CoarseDescriptors:
+    return CoarseDescriptors(
+        np.stack([shape.signature for shape in shapes]),
+        np.stack([view_signature(shape.views) for shape in shapes]),
+        np.array([shape.reliability for shape in shapes], dtype=np.float32),
+    )
+
+
 @pytest.mark.parametrize("rank_by", ["cc", "combined"])
 @pytest.mark.parametrize("running", [SHORT], indirect=True)
 def test_finalists_are_those_that_coarse_ranking_and_reranking_put_first(
@@ -229,7 +241,6 @@ def test_finalists_are_those_that_coarse_ranking_and_reranking_put_first(
 ) -> None:
     client = running.client
     shapes = client.get("/shapes").json()["shapes"]
-    pipeline = pipeline_in_use(running)
     with running.container.database.read() as session:
         entries = running.container.pipelines.current(session).index.current(session)
         records = match_records.repository.embedding_records(session, entries.embeddings.tolist())
@@ -240,31 +251,53 @@ def test_finalists_are_those_that_coarse_ranking_and_reranking_put_first(
     wanted = embeddings.pop("3.off")
     own = match_record(wanted, DEFAULT)
 
-    def likeliest(
-        names: list[str], rough: NDArray[np.float32], count: int, *, spin_images: bool
-    ) -> list[str]:
-        likeness = rough.astype(np.float64)
-        if rank_by == "combined":
-            unknown = np.zeros(len(names))
-            signatures = np.stack([embeddings[name].signature for name in names])
-            between = descriptor_distance(
-                wanted.spin_images, [embeddings[name].spin_images for name in names]
-            )
-            likeness = pipeline.combined(
-                likeness, unknown, wanted.signature, signatures, between if spin_images else None
-            )
-        return [names[place] for place in np.argsort(-likeness, kind="stable")[:count]]
+    def first(names: list[str], likeness: NDArray[np.floating], count: int) -> list[str]:
+        return [names[place] for place in np.argsort(-likeness.astype(np.float64), kind="stable")[:count]]
 
-    names = sorted(
-        embeddings, key=lambda name: np.linalg.norm(embeddings[name].signature - wanted.signature)
-    )[:9]
+    def near(distance: Callable[[str], float], count: int) -> list[str]:
+        return sorted(embeddings, key=distance)[:count]
+
+    shapes_of = {name: descriptors_of(embedding) for name, embedding in embeddings.items()}
+    query_shape = descriptors_of(wanted)
+    by_log_odds = rank_by == "combined" and len(wanted.spin_images) == KEYPOINTS
+    own_views = view_signature(wanted.views)
+    by_signature = near(
+        lambda name: np.linalg.norm(embeddings[name].signature - wanted.signature), 12 if by_log_odds else 9
+    )
+    by_views = near(
+        lambda name: signature_distance(own_views, view_signature(embeddings[name].views)[None])[0],
+        12 if by_log_odds else 5,
+    )
+    names = [*by_signature, *(name for name in by_views if name not in by_signature)]
+    if by_log_odds:
+        typical = coarse_evidence(coarse([query_shape]), coarse([shapes_of[name] for name in names]))
+        names = first(names, pooled_log_odds(typical), 9)
     samples = np.stack([coarse_samples(embeddings[name]) for name in names])
     # By class probability, a sheet, which looks incomplete, is compared with all by its spin images.
     if rank_by == "cc" or len(wanted.spin_images) == KEYPOINTS:
-        names = likeliest(names, coarse_ranking(own, samples, DEFAULT), 6, spin_images=False)
+        rough = coarse_ranking(own, samples, DEFAULT).astype(np.float64)
+        if rank_by == "combined":
+            rough = pooled_log_odds(
+                coarse_evidence(coarse([query_shape]), coarse([shapes_of[name] for name in names]), rough)
+            )
+        names = first(names, rough, 6)
     numbers = {shape["name"]: int(number) for shape, number in zip(shapes, entries.embeddings, strict=True)}
     points = [points_from_bytes(records[numbers[name]]) for name in names]
-    names = likeliest(names, rerank(own, points, DEFAULT), 3, spin_images=True)
+    rough = rerank(own, points, DEFAULT).astype(np.float64)
+    if rank_by == "combined":
+        sample = density_sample([query_shape, *shapes_of.values()])
+        chosen = [shapes_of[name] for name in names]
+        sim = np.full(len(names), TYPICAL_SIM)
+        rough = pooled_log_odds(
+            evidence_of(
+                query_shape,
+                chosen,
+                Scores(rough, sim, sim),
+                densities_in(sample, [query_shape]),
+                densities_in(sample, chosen),
+            )
+        )
+    names = first(names, rough, 3)
     body = {
         "shape_id": next(s["id"] for s in shapes if s["name"] == "3.off"),
         "top_k": 1,

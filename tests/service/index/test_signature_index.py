@@ -35,7 +35,7 @@ def database(tmp_path: Path) -> Iterator[Database]:
 def store(database: Database, content: int, name: str, fingerprint: str = FINGERPRINT) -> None:
     """Store a shape whose signature tells its content and its fingerprint."""
     signature = np.array([content, int(fingerprint, 16) % 97, 0.5], dtype=np.float32)
-    embedded = Embedded(b"record", signature, bytes([content, 1]), {}, {})
+    embedded = Embedded(b"record", signature, bytes([content, 1]), None, None, {}, {})
     new = NewShape(str(content).encode(), "off", DEFAULT_COLLECTION.number, name, (), {})
     with database.write() as session:
         blob = repository.blob_number(session, new.sha256)

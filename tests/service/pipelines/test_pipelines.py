@@ -14,6 +14,7 @@ from service.collection import DEFAULT_COLLECTION
 from service.errors import PipelineUnavailableError
 from service.pipelines import repository
 from service.pipelines.active import Pipelines, keep
+from service.pipelines.reembed_message import REEMBED
 from service.pipelines.starting import begin
 from service.shapes import repository as shapes_repository
 from service.shapes.records import NewShape
@@ -49,7 +50,13 @@ def test_an_archive_of_another_pipeline_is_served_as_it_is(service: Running) -> 
         client = running.client
         assert client.get("/version").json() == {
             **before,
-            "pending": {"name": "paper", "fingerprint": PAPER.fingerprint, "embedded": 0, "files": 2},
+            "pending": {
+                "name": "paper",
+                "fingerprint": PAPER.fingerprint,
+                "embedded": 0,
+                "files": 2,
+                "message": REEMBED,
+            },
         }
         for shape in (first, second):
             assert client.get(f"/shapes/{shape['id']}").json() == shape

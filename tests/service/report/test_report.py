@@ -128,6 +128,7 @@ def test_a_page_is_whole_and_holds_nothing_from_elsewhere() -> None:
     assert {"a<b, c", '{"<k>": ["</td>", 1]}', "0.9810", "0.1420", "0.8740", "0.940"} <= set(parsed.texts)
     assert {"top_k", "3", "scale", "respect", "</table>", "ab" * 32, "default, 3f1c"} <= set(parsed.texts)
     assert not {"tag", "min_cc", "part distance"} & set(parsed.texts)
+    assert "Another pose" in parsed.texts
     assert "Compared with 5 of 9 stored shapes." in parsed.texts
 
 
@@ -139,7 +140,9 @@ def test_a_page_says_what_there_is_to_know() -> None:
     nothing = Parsed(page(report(results=[], matched=False, warnings=["a <hole>"])))
     assert nothing.pictures == [b"query"]
     assert {"No shape is among the results.", "a <hole>"} <= set(nothing.texts)
-    assert any("The nearest shapes follow" in text for text in Parsed(page(report(matched=False))).texts)
+    weak = Parsed(page(report(matched=False, results=[{**RESULT, "likeness": "weak"}])))
+    assert any("The nearest shapes follow" in text for text in weak.texts)
+    assert not any("The nearest shapes" in text for text in Parsed(page(report(matched=False))).texts)
     part = {**RESULT, "part_distance": 0.25}
     told = Parsed(page(report(results=[part])))
     assert "part distance" in told.texts

@@ -8,6 +8,7 @@ import pytest
 
 from service.search import database_shortlist as stored_module
 from service.search import pgvector_repository as repository
+from service.search import shortlist
 from tests.service.engines import on_postgresql
 from tests.service.support import Running, query, serving, settings_in, small_file, wait_until
 
@@ -49,9 +50,10 @@ def answers(running: Running, data: bytes, **options: Any) -> dict[str, Any]:
     ],
 )
 def test_answers_are_those_of_memory(
-    both: tuple[Running, Running], options: dict[str, Any], compared: int
+    both: tuple[Running, Running], options: dict[str, Any], compared: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     memory, database = both
+    monkeypatch.setattr(shortlist, "WIDE", 1)
     for number in (3, 7, 100, 101):
         expected = answers(memory, small_file(number), **options)
         assert answers(database, small_file(number), **options) == expected

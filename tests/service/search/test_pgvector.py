@@ -9,17 +9,18 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from sqlalchemy import insert, text
+from sqlalchemy import insert, select, text
 
+from core.descriptors.view_signature import SIGNATURE_BYTES, signature_distance
 from core.parameters import DEFAULT
 from service.collection import DEFAULT_COLLECTION
-from service.search.pgvector_repository import Nearest, nearest
+from service.search.pgvector_repository import Nearest, nearest, nearest_views
 from service.shapes import repository
 from service.shapes.records import NewShape, ShapeFilter
 from service.storage.database import Database, ReadSession
 from service.storage.hnsw import ensure_hnsw, index_name
 from service.storage.hnsw_parameters import HnswParameters
-from service.storage.tables import BlobRow, EmbeddingRow, ShapeRow, TagRow
+from service.storage.tables import BlobRow, EmbeddingRow, ShapeRow, SketchRow, TagRow
 from tests.service.archives import embedded
 from tests.service.engines import empty_database, on_postgresql
 
@@ -35,11 +36,15 @@ EVERYTHING = ShapeFilter(DEFAULT_COLLECTION.number)
 
 @dataclass(frozen=True, eq=False)
 class Stored:
-    """Shapes 1 to `SHAPES`: the signature of each, and queries near some of them."""
+    """Shapes 1 to `SHAPES`: their signatures and view signatures, and queries near some of them.
+
+    View signatures of queries come last.
+    """
 
     database: Database
     signatures: NDArray[np.float32]
     queries: NDArray[np.float32]
+    view_signatures: NDArray[np.uint8]
 
     def truth(self, query: NDArray[np.float32], among: NDArray[np.int64] | None = None) -> NDArray[np.int64]:
         """The numbers of the shapes, nearest first."""
@@ -61,6 +66,9 @@ def stored(engine: str) -> Iterator[Stored]:
     middles = rng.normal(size=(GROUPS, LENGTH))
     points = middles[rng.integers(GROUPS, size=SHAPES + 20)] + 0.4 * rng.normal(size=(SHAPES + 20, LENGTH))
     signatures, queries = np.split(points.astype(np.float32), [SHAPES])
+    groups = rng.integers(0, 40, size=(GROUPS, SIGNATURE_BYTES))
+    noise = rng.integers(0, 20, size=(SHAPES + 20, SIGNATURE_BYTES))
+    view_signatures = (groups[rng.integers(GROUPS, size=SHAPES + 20)] + noise).astype(np.uint8)
     numbers = range(1, SHAPES + 1)
     url = empty_database(migrated=True)
     with closing(Database(url, lock_seconds=60, hnsw=HnswParameters(m=12, ef_construction=50))) as database:
@@ -93,11 +101,18 @@ def stored(engine: str) -> Iterator[Stored]:
                 )
             tagged = [(n, "third") for n in numbers if n % 3 == 0] + [(n, "few") for n in range(200, 230)]
             rows.execute(insert(TagRow), [{"shape_number": n, "tag": tag, "place": 0} for n, tag in tagged])
+            own = [n for (n,) in rows.execute(select(EmbeddingRow.number).order_by(EmbeddingRow.number))]
+            sketches = zip(own, view_signatures[:SHAPES], strict=False)
+            sketch = {"data": b"", "signature": b"", "reliability": 1.0}
+            rows.execute(
+                insert(SketchRow),
+                [{**sketch, "embedding_number": n, "view_signature": each} for n, each in sketches],
+            )
             assert ensure_hnsw(session, FINGERPRINT)
             assert ensure_hnsw(session, OTHER)
         with database.connect() as connection:
             connection.execute(text("ANALYZE"))
-        yield Stored(database, signatures, queries)
+        yield Stored(database, signatures, queries, view_signatures)
 
 
 def recall(found: Nearest, truth: NDArray[np.int64]) -> float:
@@ -111,6 +126,26 @@ def test_the_exact_search_finds_what_a_plain_one_does(stored: Stored) -> None:
         distances = np.linalg.norm(stored.signatures[truth - 1].astype(float) - query, axis=1)
         np.testing.assert_allclose(found.distances, distances, rtol=1e-5)
         np.testing.assert_array_equal(found.embeddings, truth)
+
+
+@pytest.mark.parametrize("ef", [None, 200])
+@pytest.mark.parametrize("tag", [None, "third"])
+def test_the_nearest_views_are_those_of_a_plain_search(
+    stored: Stored, ef: int | None, tag: str | None
+) -> None:
+    shapes = ShapeFilter(DEFAULT_COLLECTION.number, tags=() if tag is None else (tag,))
+    numbers = np.arange(1, SHAPES + 1) if tag is None else np.arange(3, SHAPES + 1, 3)
+    for query in stored.view_signatures[SHAPES:]:
+        distances = signature_distance(query, stored.view_signatures[numbers - 1])
+        truth = numbers[np.lexsort((numbers, distances))][:WANTED]
+        with stored.database.read() as session:
+            found = nearest_views(session, FINGERPRINT, query, WANTED, shapes=shapes, ef_search=ef)
+        np.testing.assert_array_equal(found.embeddings, found.shapes)
+        if ef is None:
+            np.testing.assert_array_equal(found.shapes, truth)
+            np.testing.assert_array_equal(found.distances, np.sort(distances)[:WANTED])
+        else:
+            assert recall(found, truth) >= 0.9
 
 
 def test_the_graph_misses_next_to_nothing(stored: Stored) -> None:
@@ -234,18 +269,23 @@ def test_a_graph_is_made_with_the_first_signature_and_anew_for_other_parameters(
                 NewShape(b"%d" % number, "off", DEFAULT_COLLECTION.number, "x", (), {}),
                 embedded(number),
             )
-            assert len(graphs(few, make=True)) == number - 1
+            assert len(graphs(few, make=True)) == 2 * (number - 1)
             with database.write() as session:
                 blob = repository.add_blob(session, new.data, new.sha256)
                 repository.add_embedding(session, blob, "off", DEFAULT.fingerprint, made)
                 repository.add_shape(session, blob, new, {})
-            (graph,) = graphs(few)
-            assert f"vector({len(made.signature)})" in graph
-            assert "m='4'" in graph
-            assert DEFAULT.fingerprint in graph
+            signatures, views = graphs(few)
+            assert f"vector({len(made.signature)})" in signatures
+            assert DEFAULT.fingerprint in signatures
+            assert f"vector({SIGNATURE_BYTES})) vector_l1_ops" in views
+            assert all("m='4'" in graph for graph in (signatures, views))
         with database.read() as session:
             found = nearest(session, DEFAULT.fingerprint, made.signature, 5, shapes=EVERYTHING, ef_search=40)
+            alike = nearest_views(
+                session, DEFAULT.fingerprint, made.view_signature, 5, shapes=EVERYTHING, ef_search=40
+            )
         assert found.shapes.tolist() == [2, 1]
         assert found.distances[0] == 0
-    (graph,) = graphs(many, make=True)
-    assert "m='20', ef_construction='90'" in graph
+    assert alike.shapes.tolist() == [2, 1]
+    assert alike.distances[0] == 0
+    assert all("m='20', ef_construction='90'" in graph for graph in graphs(many, make=True))

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from core.embedding import Scores
+from core.ranking.density_sample import densities_in, density_sample
+from core.ranking.evidence import descriptors_of
 from core.serialization import embedding_from_bytes
 from service.search.repository import embedding_records
 from tests.service.engines import either_engine
@@ -13,7 +15,18 @@ from tests.service.support import Running, pipeline_in_use, query, small_file
 
 pytestmark = either_engine
 
-RESULT = {"rank", "cc", "ssd", "sim", "combined", "part_distance", "shape", "correspondence"}
+RESULT = {
+    "rank",
+    "cc",
+    "ssd",
+    "sim",
+    "combined",
+    "likeness",
+    "scale",
+    "part_distance",
+    "shape",
+    "correspondence",
+}
 
 
 @pytest.fixture(scope="module")
@@ -45,7 +58,7 @@ def test_an_answer_has_the_names_that_scripts_rely_on(stocked: Running) -> None:
         assert result["correspondence"] is None
         assert stocked.client.get(f"/shapes/{result['shape']['id']}").json() == result["shape"]
     stages = body["milliseconds"]
-    assert set(stages) == {"read", "embed", "shortlist", "compare", "results", "total"}
+    assert set(stages) == {"read", "embed", "shortlist", "compare", "results", "likeness", "total"}
     assert all(value >= 0 for value in stages.values())
     assert sum(stages.values()) - stages["total"] <= stages["total"] + 0.01
 
@@ -78,7 +91,7 @@ def test_a_query_by_id_is_the_query_by_its_file(stocked: Running) -> None:
     by_file = query(stocked.client, small_file(4), top_k=8).json()
     assert by_id["results"] == by_file["results"]
     assert by_id["results"][0]["shape"] == shape
-    assert set(by_id["milliseconds"]) == {"read", "shortlist", "compare", "results", "total"}
+    assert set(by_id["milliseconds"]) == {"read", "shortlist", "compare", "results", "likeness", "total"}
 
 
 @pytest.mark.parametrize(
@@ -150,10 +163,14 @@ def test_combined_is_the_pipelines_and_the_same_in_every_answer(stocked: Running
     body = {"shape_id": bird, "top_k": 100, "exclude_self": False, "rank_by": "combined"}
     results = stocked.client.post("/query", json=body).json()["results"]
     assert results[0]["shape"]["id"] == bird
+    described = {shape_id: descriptors_of(embedding) for shape_id, embedding in embeddings.items()}
+    sample = density_sample(list(described.values()))
+    own = densities_in(sample, [described[bird]])
     for result in results:
         scores = Scores(*(np.array([result[name]]) for name in ("cc", "ssd", "sim")))
         other = result["shape"]["id"]
-        (expected,) = pipeline.combined_with(embeddings[bird], [embeddings[other]], scores)
+        densities = densities_in(sample, [described[other]])
+        (expected,) = pipeline.combined_with(embeddings[bird], [embeddings[other]], scores, own, densities)
         pair = {"first": other, "second": bird}
         compared = stocked.client.post("/compare", json=pair).json()
         assert compared["combined"] == pytest.approx(expected, abs=1e-9)
@@ -184,7 +201,11 @@ def test_a_comparison_gives_both_ends_of_each_pair(stocked: Running) -> None:
     shapes = {s["name"]: s for s in stocked.client.get("/shapes").json()["shapes"]}
     first, second = shapes["bird-first.off"]["id"], shapes["bird-second.off"]["id"]
     answer = stocked.client.post("/compare", json={"first": first, "second": second}).json()
-    assert set(answer) == {"cc", "ssd", "sim", "combined", "correspondence", "pipeline", "milliseconds"}
+    relation = {"likeness", "scale"}
+    assert (
+        set(answer)
+        == {"cc", "ssd", "sim", "combined", "correspondence", "pipeline", "milliseconds"} | relation
+    )
     assert answer["correspondence"]
     for end, shape_id in (("first", first), ("second", second)):
         embedding = stocked.client.get(f"/shapes/{shape_id}/embedding").json()

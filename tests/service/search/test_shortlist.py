@@ -5,6 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
+from core.descriptors.view_signature import signature_distance
 from core.ranking.shortlist import signature_distances
 from service.search.rank_by import RankBy
 from service.search.ranking import Compared, ranked
@@ -26,21 +27,33 @@ def small_shortlist(tmp_path_factory: pytest.TempPathFactory, engine: str) -> It
         yield running
 
 
-def test_a_large_collection_is_compared_by_its_nearest_signatures(small_shortlist: Running) -> None:
+def test_a_large_collection_is_compared_by_its_nearest_signatures_and_views(
+    small_shortlist: Running,
+) -> None:
     client = small_shortlist.client
     shapes = {shape["name"]: shape["id"] for shape in client.get("/shapes").json()["shapes"]}
-    body = {"shape_id": shapes["3.off"], "top_k": 100, "exclude_self": False}
-    answer = client.post("/query", json=body).json()
-    assert (answer["compared"], answer["stored"]) == (4, STORED)
+    with small_shortlist.container.database.read() as session:
+        entries = small_shortlist.container.pipelines.current(session).index.current(session)
+    views = dict(zip(shapes, entries.view_signatures, strict=True))
     signatures = {
         name: np.array(client.get(f"/shapes/{shape_id}/embedding").json()["signature"], dtype=np.float32)
         for name, shape_id in shapes.items()
     }
     stacked = np.array(list(signatures.values()))
-    distances = signature_distances(signatures["3.off"], stacked)
-    nearest = sorted(zip(distances, signatures, strict=True))[:4]
-    assert {result["shape"]["name"] for result in answer["results"]} == {name for _, name in nearest}
-    assert answer["results"][0]["shape"]["name"] == "3.off"
+    unions = set()
+    for name, shape_id in shapes.items():
+        distances = signature_distances(signatures[name], stacked)
+        view_distances = signature_distance(views[name], np.stack(list(views.values())))
+        nearest = sorted(zip(distances, range(STORED), shapes, strict=True))[:4]
+        alike = sorted(zip(view_distances, range(STORED), shapes, strict=True))[:2]
+        union = {one for _, _, one in nearest + alike}
+        unions.add(len(union))
+        body = {"shape_id": shape_id, "top_k": 100, "exclude_self": False}
+        answer = client.post("/query", json=body).json()
+        assert (answer["compared"], answer["stored"]) == (len(union), STORED)
+        assert {result["shape"]["name"] for result in answer["results"]} == union
+        assert answer["results"][0]["shape"]["name"] == name
+    assert max(unions) > 4
 
 
 def test_all_are_compared_when_asked_or_when_few(small_shortlist: Running) -> None:

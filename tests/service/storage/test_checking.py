@@ -108,6 +108,14 @@ def test_a_spoilt_embedding_is_named(
             "UPDATE sketches SET signature = x'00000000' WHERE embedding_number = 2",
             ["embedding 2 has another signature beside its sketch"],
         ),
+        (
+            "UPDATE sketches SET view_signature = x'00' WHERE embedding_number = 2",
+            ["embedding 2 has a view signature beside its sketch"],
+        ),
+        (
+            "UPDATE sketches SET reliability = 0.25 WHERE embedding_number = 1",
+            ["embedding 1 has a view signature beside its sketch"],
+        ),
         ("DELETE FROM sketches WHERE embedding_number = 2", ["embedding 2 has no sketch"]),
         ("UPDATE blobs SET data = x'00' WHERE number = 1", ["blob 1 has 1 bytes", "blob 1 does not have"]),
         (

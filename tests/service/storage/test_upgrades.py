@@ -9,6 +9,8 @@ from typing import Any
 import pytest
 from sqlalchemy import text
 
+from core.descriptors.reliability import intrinsic_reliability
+from core.descriptors.view_signature import view_signature
 from core.parameters import DEFAULT
 from core.ranking.coarse_ranking import coarse_samples
 from core.serialization import embedding_from_bytes
@@ -101,14 +103,22 @@ def test_an_archive_of_several_pipelines_is_searched_by_the_one_that_embedded_mo
     assert active(tmp_path) == told("0.1.0")["version"]["fingerprint"]
 
 
+SKETCHES = "SELECT embedding_number, data, signature, view_signature, reliability FROM sketches"
+
+
 def test_embeddings_that_had_no_sketches_get_those_and_their_signatures(tmp_path: Path) -> None:
     path = make_archive(tmp_path / "archive.sqlite3", 1, 2, 3)
     with opened(path) as connection:
-        made = {row[0]: row[1:3] for row in connection.execute("SELECT * FROM sketches")}
+        made = {row[0]: row[1:] for row in connection.execute(SKETCHES)}
         records = dict(connection.execute("SELECT number, record FROM embeddings"))
         for number, record in records.items():
             embedding = embedding_from_bytes(record)
-            assert made[number] == (coarse_samples(embedding).tobytes(), embedding.signature.tobytes())
+            assert made[number] == (
+                coarse_samples(embedding).tobytes(),
+                embedding.signature.tobytes(),
+                view_signature(embedding.views).tobytes(),
+                intrinsic_reliability(embedding.facts),
+            )
         connection.execute("UPDATE embeddings SET record = x'00' WHERE number = 2")
     older = tmp_path / "older.sqlite3"
     begin_at(f"sqlite:///{older}", "0005")
@@ -123,5 +133,7 @@ def test_embeddings_that_had_no_sketches_get_those_and_their_signatures(tmp_path
     migrate(database)
     database.close()
     with opened(older) as connection:
-        found = {row[0]: row[1:3] for row in connection.execute("SELECT * FROM sketches")}
-    assert found == {**made, 2: (b"", made[2][1])}
+        found = {row[0]: row[1:] for row in connection.execute(SKETCHES)}
+    # Archives of that time have no views.
+    without_views = {number: (*row[:2], None, None) for number, row in made.items()}
+    assert found == {**without_views, 2: (b"", made[2][1], None, None)}

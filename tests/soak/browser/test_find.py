@@ -5,6 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from core.io import read_mesh, write_mesh
+from core.mesh.mesh import Mesh
+from service.search.likeness_words import in_words
 from tests.soak.browser.support import Visit, drawn, file_in, hues, made, picture, settled
 
 
@@ -17,15 +20,30 @@ def test_a_file_finds_the_three_most_alike(visit: Visit, tmp_path: Path) -> None
     assert titles[1].split(". ")[1].startswith("fish-")
     asked = page.request.post(
         f"{visit.here}/query",
-        multipart={"file": {"name": "q.ply", "mimeType": "x/y", "buffer": made("fish", 3)}},
+        multipart={
+            "file": {"name": "q.ply", "mimeType": "x/y", "buffer": made("fish", 3)},
+            "rank_by": "combined",
+        },
     ).json()
     shown = page.locator("#cards .scores").all_inner_texts()
     for text, result in zip(shown, asked["results"], strict=True):
         numbers = [part for part in text.split() if part[-1].isdigit()]
         assert numbers == [f"{result[name]:.3f}" for name in ("cc", "ssd", "sim", "combined")]
+    likenesses = page.locator("#cards .likeness").all_inner_texts()
+    assert likenesses == [in_words(result["likeness"], result["scale"]) for result in asked["results"]]
     terms = page.locator(".scores-explained dt").all_inner_texts()
-    assert terms == ["CC", "SSD", "sim", "combined"]
-    assert "6 of 6 stored shapes" in page.inner_text("#results-summary")
+    assert terms == ["Same part", "Another pose", "Similar", "Weak", "CC", "SSD", "sim", "combined"]
+    summary = page.inner_text("#results-summary")
+    assert "6 of 6 stored shapes" in summary
+    assert "sorted by combined" in summary
+
+
+def test_a_larger_copy_is_named_in_words(visit: Visit, tmp_path: Path) -> None:
+    mesh = read_mesh(made("fish", 0), "ply")
+    path = tmp_path / "larger.ply"
+    path.write_bytes(write_mesh(Mesh(2.0 * mesh.vertices, mesh.faces), "ply"))
+    page = visit.find(path)
+    assert page.locator("#cards .likeness").first.inner_text() == "Same part, 0.5 times as large"
 
 
 def test_points_that_correspond_have_one_colour(visit: Visit, tmp_path: Path) -> None:

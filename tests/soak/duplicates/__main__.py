@@ -99,7 +99,7 @@ def main(poses: int, seed: int) -> bool:
 
 
 def row(kind: str, planted: int, found: list[dict[str, Any]]) -> str:
-    told = [sum(one["kinship"] == each for one in found) for each in ("same", "scaled", "mirrored")]
+    told = [sum(one["likeness"] == each for one in found) for each in ("same", "scaled", "mirrored")]
     residual = max((one["residual"] for one in found), default=float("nan"))
     cc = min((one["cc"] for one in found), default=float("nan"))
     counts = " | ".join(map(str, (planted, len(found), *told)))

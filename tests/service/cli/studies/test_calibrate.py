@@ -9,7 +9,6 @@ import pytest
 
 from core.arrays import Floats
 from core.descriptors.completeness import INCOMPLETE
-from core.descriptors.descriptor_distance import descriptor_distance
 from core.embedding import Embedding
 from core.evaluation.calibration import LabelledPairs, fit, leave_class_out, reliability
 from core.evaluation.retrieval_measures import evaluate
@@ -17,7 +16,11 @@ from core.io import format_of, read_mesh
 from core.mesh.cleaning import clean
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
-from core.ranking.class_probability import Calibration, part_features, spin_image_features
+from core.ranking.class_probability import Calibration
+from core.ranking.density_sample import densities_in, density_sample
+from core.ranking.evidence import Evidence, descriptors_of, evidence_of
+from core.ranking.local_density import ENOUGH, TYPICAL_SPECTRAL, TYPICAL_VIEW
+from core.ranking.opinion_pool import PART_FEATURES, features, offset, part_features
 from service.cli.studies import calibrate
 from service.datasets import read_collection
 from service.studies.calibration import part_pairs
@@ -37,21 +40,40 @@ def one_amount(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(module, "LEVELS", LEVELS)
 
 
+def densities(distances: Floats, typical: float) -> Floats:
+    """The distance of each of n shapes to its seventh neighbour, or to the last, shape (n,)."""
+    others = len(distances) - 1
+    nearest = np.sort(distances, axis=1)[:, min(7, others)]
+    weight = min(1.0, others / ENOUGH)
+    return np.asarray(nearest**weight * typical ** (1.0 - weight))
+
+
+def evidence(pipeline: Pipeline, one: Embedding, other: Embedding) -> Evidence:
+    """Of one pair; without densities."""
+    return evidence_of(descriptors_of(one), [descriptors_of(other)], pipeline.score(one, [other]))
+
+
 def plain(folder: Path) -> LabelledPairs:
     """All pairs of a folder, one at a time."""
     pipeline = Pipeline(DEFAULT)
     files = read_collection(folder)
     embeddings = [pipeline.embed(read_mesh(path.read_bytes(), format_of(path.name))) for path, _ in files]
-
-    def features(one: Embedding, other: Embedding) -> Floats:
-        scores = pipeline.score(one, [other])
-        whole = pipeline.features(scores.cc, scores.sim, one.signature, other.signature[None])
-        return spin_image_features(whole, descriptor_distance(one.spin_images, [other.spin_images]).distance)[
-            0
-        ]
-
-    rows = [[features(one, other) for other in embeddings] for one in embeddings]
-    return LabelledPairs(tuple(label for _, label in files), np.array(rows))
+    pairs = [[evidence(pipeline, one, other) for other in embeddings] for one in embeddings]
+    spectral, views = (
+        densities(np.array([[getattr(pair, name)[0] for pair in row] for row in pairs]), typical)
+        for name, typical in (("spectral", TYPICAL_SPECTRAL), ("views", TYPICAL_VIEW))
+    )
+    found = np.zeros((len(files), len(files), 14))
+    offsets = np.zeros((len(files), len(files)))
+    for i, row in enumerate(pairs):
+        for j, pair in enumerate(row):
+            dense = replace(
+                pair,
+                spectral_density=np.sqrt(spectral[i] * spectral[j])[None],
+                view_density=np.sqrt(views[i] * views[j])[None],
+            )
+            found[i, j], offsets[i, j] = features(dense)[0], offset(dense)[0]
+    return LabelledPairs(tuple(label for _, label in files), found, offsets=offsets)
 
 
 def plain_parts(folder: Path, count: int) -> list[LabelledPairs]:
@@ -60,21 +82,27 @@ def plain_parts(folder: Path, count: int) -> list[LabelledPairs]:
     files = spread(read_collection(folder), count)
     meshes = [clean(read_mesh(path.read_bytes(), format_of(path.name))).mesh for path, _ in files]
     wholes = [pipeline.embed(mesh) for mesh in meshes]
+    described = [descriptors_of(whole) for whole in wholes]
+    sample = density_sample(described)
+    around = densities_in(sample, described)
     found = []
     for kind, amount in LEVELS:
-        features, asked = np.zeros((count, count, 1)), np.zeros((count, count), dtype=bool)
+        told, asked = np.zeros((count, count, PART_FEATURES)), np.zeros((count, count), dtype=bool)
         for i, (path, _) in enumerate(files):
             query = pipeline.embed(kind.perturb(meshes[i], amount, seed_of(path, SEED)))
             if query.facts.openness <= INCOMPLETE:
                 continue
             asked[i] = True
+            own = densities_in(sample, [descriptors_of(query)])
             for j, other in enumerate(wholes):
-                scores = pipeline.score(query, [other])
-                whole = pipeline.features(scores.cc, scores.sim, query.signature, other.signature[None])
-                features[i, j] = part_features(
-                    whole, descriptor_distance(query.spin_images, [other.spin_images]).distance
-                )[0]
-        found.append(LabelledPairs(tuple(label for _, label in files), features, asked))
+                pair = replace(
+                    evidence(pipeline, query, other),
+                    spectral_density=np.sqrt(own.spectral * around.spectral[j]),
+                    view_density=np.sqrt(own.view * around.view[j]),
+                )
+                told[i, j] = part_features(pair)[0]
+        labels = tuple(label for _, label in files)
+        found.append(LabelledPairs(labels, told, asked, weight=1.0 / len(LEVELS)))
     return found
 
 
@@ -98,8 +126,6 @@ def test_the_fit_and_how_it_is_judged(collection: Path, second: Path, run: Run, 
     model = fit(collections)
     assert found["intercept"] == pytest.approx(model.intercept, rel=1e-3)
     assert found["slopes"] == pytest.approx(model.slopes, rel=1e-3)
-    bare = fit([replace(one, features=one.features[..., :2]) for one in collections])
-    assert found["without_patches"]["slopes"] == pytest.approx(bare.slopes, rel=1e-3)
     incomplete = [*plain_parts(collection, 9), *plain_parts(second, 4)]
     assert found["incomplete"]["queries"] == sum(one.both_ways.any(axis=1).sum() for one in incomplete) > 20
     part = fit(incomplete)
@@ -126,13 +152,12 @@ def test_the_fit_and_how_it_is_judged(collection: Path, second: Path, run: Run, 
     code = page.split("```python\n")[1].split("```")[0]
     names: dict[str, object] = {"Calibration": Calibration}
     exec(code, names)
-    told_of = {"CALIBRATED": found, "CALIBRATED_PARTS": found["incomplete"]}
-    told_of["WITHOUT_SPIN_IMAGES"] = found["without_patches"]
+    told_of = {"CALIBRATED_POOL": found, "CALIBRATED_PARTS": found["incomplete"]}
     for name, numbers in told_of.items():
-        given = names[name]
-        assert isinstance(given, Calibration)
-        assert given.intercept == pytest.approx(numbers["intercept"], abs=1e-4)
-        assert given.slopes == pytest.approx(numbers["slopes"], abs=1e-4)
+        held = names[name]
+        assert isinstance(held, Calibration)
+        assert held.intercept == pytest.approx(numbers["intercept"], abs=1e-4)
+        assert held.slopes == pytest.approx(numbers["slopes"], abs=1e-4)
     assert "](calibration.png)" in page
     assert (out / "calibration.png").read_bytes().startswith(PNG)
 
@@ -153,4 +178,4 @@ def test_too_few_classes_and_files_that_cannot_be_used(run: Run, tmp_path: Path)
     done = run("calibrate", tmp_path, "--limit", 9)
     assert done.status == 1
     assert done.stderr.splitlines()[-1] == "isoshape: 1 files could not be used"
-    assert "CALIBRATED = Calibration(" in done.stdout
+    assert "CALIBRATED_POOL = Calibration(" in done.stdout

@@ -5,17 +5,19 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from concurrent.futures import Executor
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from core.descriptors.descriptor_distance import descriptor_distance
 from core.embedding import Embedding
 from core.evaluation.retrieval_measures import evaluate
 from core.io import format_of, read_mesh
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
+from core.ranking.evidence import descriptors_of, evidence_of
+from core.ranking.opinion_pool import pooled_log_odds
 from service.datasets import read_collection
 from service.studies.pairwise_scores import embed_files, score_pairs, worker_pool
 from service.studies.subset import spread
@@ -79,17 +81,31 @@ def test_pairs_are_scored_once_and_mirrored(pool: Executor, embeddings: list[Emb
     steps: list[int] = []
     pipeline = Pipeline(DEFAULT)
     scores = score_pairs(pool, pipeline, chosen, steps.append)
+    described = [descriptors_of(one) for one in chosen]
     assert sum(steps) == 6
     for i, embedding in enumerate(chosen):
         row = pipeline.score(embedding, chosen)
         assert scores.cc[i] == pytest.approx(row.cc, abs=1e-9)
         assert scores.ssd[i] == pytest.approx(row.ssd, abs=1e-9)
         assert scores.sim[i] == pytest.approx(row.sim, abs=1e-9)
-        chances = pipeline.combined_with(embedding, chosen, row)
-        between = descriptor_distance(embedding.spin_images, [other.spin_images for other in chosen])
-        assert np.array_equal(scores.descriptor_distance[i], between.distance)
-        assert np.array_equal(scores.part[i], between.part)
-        assert scores.combined[i] == pytest.approx(chances, abs=1e-6)
+        evidence = evidence_of(descriptors_of(embedding), described, row)
+        assert scores.evidence is not None
+        for name in (
+            "spectral",
+            "global_distance",
+            "spin_images",
+            "part",
+            "part_distance",
+            "views",
+            "reliability",
+        ):
+            assert getattr(scores.evidence, name)[i] == pytest.approx(getattr(evidence, name), abs=1e-9)
+        around = replace(
+            evidence,
+            spectral_density=scores.evidence.spectral_density[i],
+            view_density=scores.evidence.view_density[i],
+        )
+        assert scores.combined[i] == pytest.approx(pooled_log_odds(around), abs=1e-6)
     assert (scores.combined == scores.combined.T).all()
 
 

@@ -1,0 +1,130 @@
+"""Class probability from two experts: intrinsic evidence, and the outside of the shapes.
+
+Two shapes are of one class because one is the other in another pose (CC, eigenvalues, spin images), or
+because they look alike from outside (views). Each expert gives log odds that are linear in logarithms of
+differences. The log odds of a pair are the mean of both experts', weighted by the reliability of the pair's
+intrinsic description: a logarithmic opinion pool (C. Genest, J. V. Zidek, "Combining probability
+distributions", Statistical Science 1, 1986).
+"""
+
+import numpy as np
+from scipy.special import expit
+
+from core.arrays import Floats
+from core.ranking.class_probability import SPIN_IMAGE_FLOOR, Calibration
+from core.ranking.evidence import Evidence
+
+GATE = 0.05
+"""Spectral distance (root mean square difference of log eigenvalues) at which other differences count half.
+Below it the surfaces are nearly isometric: poses of one body differ in the map that matching finds, in their
+hull and in their views, and not in their eigenvalues."""
+
+FLOORS = (0.01, 0.05, 0.1, 0.05, 0.05)
+"""Added before logarithms of 1 - CC, 1 - sim, and of the differences of global descriptors, spin images and
+views. Smaller differences occur between meshes of one shape."""
+
+FINEST, FINE = 0.002, 0.05
+"""The eigenvalues of nearly isometric surfaces tell individuals apart down to the spectral distance `FINEST`;
+beyond `FINE` the other features do."""
+
+LEAST_SPECTRAL_DENSITY, LEAST_VIEW_DENSITY = 0.02, 0.6
+"""Smaller distances to the seventh neighbour count as these: many stored copies of a shape would make its
+poses unlikely otherwise."""
+
+SPECTRAL_FLOOR = 0.03
+"""Added to a spectral distance before its logarithm."""
+
+CALIBRATED_POOL = Calibration(
+    intercept=3.4314,
+    slopes=(
+        *(-1.8474, -2.0674, -0.8002, -0.9175, -7.6800),
+        *(-4.8343, 1.6863, 0.1722, 0.4994, 0.8849, -5.3848),
+        *(11.9056, 12.4044, 5.2363),
+    ),
+)
+CALIBRATED_PARTS = Calibration(
+    intercept=-0.6696,
+    slopes=(
+        *(-3.4865, -0.6487, -5.9082, -0.5585, -0.9034, -6.0545, 0.4522),
+        *(-2.1442, 3.5115, 0.0317, 1.6080, 0.4150, 1.6249, -7.5697, -1.0991),
+        20.7952,
+    ),
+)
+"""The models of pairs of complete surfaces and of pairs with an incomplete surface.
+`isoshape calibrate psb shrec11 webmodels` fitted them; see docs/calibration.md."""
+
+PART_FEATURES = 16
+"""Number of features of pairs with an incomplete surface."""
+
+
+def features(evidence: Evidence) -> Floats:
+    """Features of the pairs, shape (..., 14), linear in the log odds of both experts.
+
+    With R the reliability and the weight w = 1 - R GATE^3 / (s^3 + GATE^3) of the spectral distance s, the
+    first five are log(w d + floor) of each difference d of `FLOORS`. Then follow 1 - R, its products with the
+    first five, and the logarithms of the densities, by views for both kinds of shapes and by eigenvalues for
+    reliable ones.
+    """
+    s, reliability = evidence.spectral, evidence.reliability
+    weight = 1.0 - reliability * GATE**3 / (s**3 + GATE**3)
+    logs = _logs(evidence, weight)
+    soup = 1.0 - reliability
+    views = _log_view_density(evidence)
+    spectral = np.log(np.maximum(evidence.spectral_density, LEAST_SPECTRAL_DENSITY) + SPECTRAL_FLOOR)
+    densities = [reliability * views, soup * views, reliability * spectral]
+    return np.stack([*logs, soup, *(soup * each for each in logs), *densities], axis=-1)
+
+
+def part_features(evidence: Evidence) -> Floats:
+    """Features of pairs with an incomplete surface, shape (..., PART_FEATURES), linear in their log odds.
+
+    First log(part_distance + floor); then those of `features` with weight 1, with log(s + SPECTRAL_FLOOR)
+    beside the differences, and of the densities that of the views alone.
+    """
+    logs = [
+        np.log(evidence.part_distance + SPIN_IMAGE_FLOOR),
+        *_logs(evidence, 1.0),
+        np.log(evidence.spectral + SPECTRAL_FLOOR),
+    ]
+    soup = 1.0 - evidence.reliability
+    return np.stack([*logs, soup, *(soup * each for each in logs), _log_view_density(evidence)], axis=-1)
+
+
+def _log_view_density(evidence: Evidence) -> Floats:
+    return np.asarray(np.log(np.maximum(evidence.view_density, LEAST_VIEW_DENSITY)))
+
+
+def _logs(evidence: Evidence, weight: Floats | float) -> list[Floats]:
+    """log(weight d + floor) of each difference d of `FLOORS`."""
+    differences = (
+        np.maximum(1.0 - evidence.cc, 0.0),
+        1.0 - evidence.sim,
+        evidence.global_distance,
+        evidence.spin_images,
+        evidence.views,
+    )
+    return [np.log(weight * each + floor) for each, floor in zip(differences, FLOORS, strict=True)]
+
+
+def offset(evidence: Evidence) -> Floats:
+    """The part of the log odds that is not fitted, shape (...): at most 3.3, and 0 where spectra differ.
+
+    Among nearly isometric surfaces the order follows the eigenvalues. Collections of classes do not show
+    this, since all these surfaces are of one class there.
+    """
+    s = evidence.spectral
+    return np.asarray(-evidence.reliability * np.log((s + FINEST) / (s + FINE)))
+
+
+def pooled_log_odds(evidence: Evidence) -> Floats:
+    """Log odds that pairs are of one class, shape (...). Unlike probabilities they do not saturate."""
+    return np.where(
+        evidence.part,
+        CALIBRATED_PARTS.log_odds(part_features(evidence)),
+        CALIBRATED_POOL.log_odds(features(evidence)) + offset(evidence),
+    )
+
+
+def pooled_probability(evidence: Evidence) -> Floats:
+    """Class probabilities of pairs of surfaces with views, shape (...), in [0, 1]."""
+    return np.asarray(expit(pooled_log_odds(evidence)))

@@ -1,0 +1,21 @@
+"""The spectral distance of signatures: how far the logarithms of their eigenvalues are apart."""
+
+import numpy as np
+
+from core.arrays import Float32s, Floats
+from core.descriptors.global_descriptors import GLOBAL_DESCRIPTORS
+
+
+def spectral_distances(query: Float32s, signatures: Float32s, *, global_descriptors: bool) -> Floats:
+    """Euclidean distances between the log eigenvalues of one signature and of c others, shape (c,), >= 0.
+
+    Parameters
+    ----------
+    query : float32, shape (s,)
+    signatures : float32, shape (c, s)
+    global_descriptors : bool
+        Whether signatures end with global descriptors, which do not count here.
+    """
+    values = len(query) - GLOBAL_DESCRIPTORS if global_descriptors else len(query)
+    steps = signatures[:, :values].astype(np.float64) - query[:values]
+    return np.asarray(np.linalg.norm(steps, axis=1))

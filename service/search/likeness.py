@@ -1,0 +1,176 @@
+"""By what stored shapes are like a query: rigid copies are confirmed by registration."""
+
+import asyncio
+from collections.abc import Awaitable, Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+from starlette.concurrency import run_in_threadpool
+
+from core.embedding import Embedding
+from core.errors import BadRecordError, MeshError
+from core.mesh.mesh import Mesh
+from core.parameters import Parameters
+from core.ranking.likeness import likeness
+from core.ranking.spectral_distance import spectral_distances
+from core.registration.rigid_copy import may_be_copy, scale_by_samples
+from core.serialization import embedding_from_bytes
+from service.collection import CollectionNumber
+from service.container import Container
+from service.errors import FileTimeLimitError, NotEmbeddedError, ShapeNotFoundError
+from service.observability.logging import get_logger
+from service.search import tasks
+from service.search.records import Comparison, Query, Relation, SearchResult
+from service.shapes import repository as shapes_repository
+from service.shapes import service as shapes_service
+
+log = get_logger("likeness")
+
+MOST_FACES = 20_000
+"""Most faces of a mesh that is registered; larger meshes are copies by the samples of their records alone."""
+
+ReadMesh = Callable[[], Awaitable[Mesh]]
+
+
+@dataclass(frozen=True, eq=False)
+class _Side:
+    """A shape that may be a copy: its embedding, the record of this, and its mesh, if it may be read."""
+
+    embedding: Embedding
+    record: bytes
+    mesh: ReadMesh | None
+
+    @property
+    def radius(self) -> float:
+        """Root mean square distance of the surface from its centroid over the root of its area."""
+        return float(self.embedding.facts.scale / self.embedding.facts.area**0.5)
+
+    @property
+    def is_small(self) -> bool:
+        """Whether the mesh is registered."""
+        return self.embedding.facts.faces <= MOST_FACES
+
+
+async def stored_mesh(container: Container, collection: CollectionNumber, shape_id: str) -> Mesh:
+    """The mesh of a shape, read from its file.
+
+    Raises
+    ------
+    ShapeNotFoundError
+        The collection has no such shape.
+    """
+
+    def read() -> tuple[bytes, str]:
+        with container.database.read() as session:
+            shape = shapes_repository.by_id(session, "", collection, shape_id)
+            if shape is None:
+                raise ShapeNotFoundError(shape_id)
+            return shapes_service.get_file(session, collection, shape_id), shape.format
+
+    return await container.work.read(*await run_in_threadpool(read))
+
+
+async def relations_of(
+    container: Container, query: Query, collection: CollectionNumber, found: Sequence[SearchResult]
+) -> list[Relation]:
+    """The relation of each result to the query.
+
+    Only results whose eigenvalues and area allow it are registered. The file of the query is read once.
+    """
+    parameters = query.active_pipeline.pipeline.parameters
+    first = _Side(query.embedding, query.record, None if query.mesh is None else _once(query.mesh))
+    relations = []
+    for one in found:
+        scale = None
+        if may_be_copy(one.spectral, first.radius, one.shape.facts["scale"] / one.shape.facts["area"] ** 0.5):
+            second = await _stored(container, query, collection, one.shape.id)
+            scale = None if second is None else await _scale(container, first, second, parameters)
+        probability = max(one.combined, one.by_itself)
+        told = likeness(spectral=one.spectral, cc=one.cc, probability=probability, scale=scale)
+        relations.append(Relation(told, scale))
+    return relations
+
+
+async def relation_of(
+    container: Container,
+    comparison: Comparison,
+    by_itself: float,
+    records: Sequence[bytes],
+    meshes: Sequence[ReadMesh],
+) -> Relation:
+    """The relation of the second of two compared shapes to the first.
+
+    Parameters
+    ----------
+    container : Container
+    comparison : Comparison
+    by_itself : float
+        Their class probability at the typical density of shapes.
+    records : sequence of bytes
+        The records of both embeddings.
+    meshes : sequence of callables
+        They read the two meshes.
+    """
+    parameters = comparison.pipeline.parameters
+    first = _Side(comparison.first, records[0], meshes[0])
+    second = _Side(comparison.second, records[1], meshes[1])
+    spectral = float(
+        spectral_distances(
+            first.embedding.signature,
+            second.embedding.signature[None],
+            global_descriptors=parameters.ranking.global_descriptors,
+        )[0]
+    )
+    scale = None
+    if may_be_copy(spectral, first.radius, second.radius):
+        scale = await _scale(container, first, second, parameters)
+    probability = max(comparison.combined, by_itself)
+    told = likeness(spectral=spectral, cc=comparison.match.cc, probability=probability, scale=scale)
+    return Relation(told, scale)
+
+
+async def _stored(
+    container: Container, query: Query, collection: CollectionNumber, shape_id: str
+) -> _Side | None:
+    """A stored shape; None if it was deleted meanwhile, or its record cannot be read."""
+
+    def read() -> _Side:
+        with container.database.read() as session:
+            record = shapes_service.get_record(
+                session, query.active_pipeline.fingerprint, collection, shape_id
+            )
+        mesh = partial(stored_mesh, container, collection, shape_id)
+        return _Side(embedding_from_bytes(record), record, mesh)
+
+    try:
+        return await run_in_threadpool(read)
+    except (BadRecordError, NotEmbeddedError, ShapeNotFoundError) as error:
+        log.warning("a result is not registered: %s", error)
+        return None
+
+
+async def _scale(container: Container, first: _Side, second: _Side, parameters: Parameters) -> float | None:
+    """The scale of a rigid copy: by the samples of the records, else by the surfaces of small meshes."""
+    scale = scale_by_samples(first.embedding, second.embedding)
+    if scale is not None or first.mesh is None or second.mesh is None:
+        return scale
+    if not (first.is_small and second.is_small):
+        return None
+    try:
+        meshes = await asyncio.gather(first.mesh(), second.mesh())
+        return await container.work.do(tasks.registered, *meshes, first.record, second.record, parameters)
+    except (BadRecordError, FileTimeLimitError, MeshError, ShapeNotFoundError) as error:
+        log.warning("a result is not registered: %s", error)
+        return None
+
+
+def _once(read: ReadMesh) -> ReadMesh:
+    """A function that reads a mesh at its first call and keeps it."""
+    meshes: list[Mesh] = []
+
+    async def kept() -> Mesh:
+        if not meshes:
+            meshes.append(await read())
+        return meshes[0]
+
+    return kept

@@ -1,0 +1,46 @@
+"""Coarse evidence against the evidence of whole embeddings."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from core.descriptors.view_signature import view_signature
+from core.gallery import CLASSES, make_shape
+from core.pipeline import Pipeline
+from core.ranking.coarse_evidence import CoarseDescriptors, coarse_evidence
+from core.ranking.evidence import descriptors_of, evidence_of
+
+
+@cache
+def embeddings():
+    pipeline = Pipeline()
+    return [pipeline.embed(make_shape(label, pose)) for label in CLASSES[:6] for pose in range(2)]
+
+
+def coarse(chosen):
+    shapes = [descriptors_of(one) for one in chosen]
+    return CoarseDescriptors(
+        np.stack([shape.signature for shape in shapes]),
+        np.stack([view_signature(shape.views) for shape in shapes]),
+        np.array([shape.reliability for shape in shapes], dtype=np.float32),
+    )
+
+
+def test_what_signatures_tell_is_exact_and_views_are_nearly_in_order():
+    own, *others = embeddings()
+    scores = Pipeline().score(own, others)
+    exact = evidence_of(descriptors_of(own), [descriptors_of(one) for one in others], scores)
+    found = coarse_evidence(coarse([own]), coarse(others), scores.cc)
+    for name in ("cc", "spectral", "global_distance", "reliability"):
+        assert getattr(found, name) == pytest.approx(getattr(exact, name), rel=1e-6, abs=1e-6)
+    assert np.corrcoef(found.views, exact.views)[0, 1] > 0.75
+    assert found.views == pytest.approx(exact.views, rel=0.5)
+    assert not found.part.any()
+
+
+def test_none_has_no_evidence():
+    whole = coarse(embeddings()[:1])
+    none = CoarseDescriptors(whole.signatures[:0], whole.view_signatures[:0], whole.reliabilities[:0])
+    found = coarse_evidence(whole, none, np.empty(0))
+    assert all(value.shape == (0,) for value in vars(found).values())

@@ -1,0 +1,47 @@
+"""The likeness of two shapes by its thresholds, and the distance that it reads."""
+
+from typing import get_args
+
+import numpy as np
+import pytest
+
+from core.ranking.likeness import (
+    NEAR_ISOMETRIC,
+    POSE_CC,
+    SIMILAR,
+    Likeness,
+    likeness,
+)
+from core.ranking.spectral_distance import spectral_distances
+from core.registration.kinship import Kinship
+
+FAR = 10.0 * NEAR_ISOMETRIC
+
+
+@pytest.mark.parametrize(("scale", "told"), [(1.0, "same"), (0.98, "same"), (1.5, "scaled"), (0.3, "scaled")])
+def test_a_rigid_copy_is_one_whatever_its_scores(scale: float, told: Likeness) -> None:
+    assert likeness(spectral=FAR, cc=0.0, probability=0.0, scale=scale) == told
+
+
+def test_each_threshold_is_the_least_or_the_largest_value_of_its_likeness() -> None:
+    def told(spectral: float, cc: float, probability: float) -> Likeness:
+        return likeness(spectral=spectral, cc=cc, probability=probability, scale=None)
+
+    assert told(NEAR_ISOMETRIC, POSE_CC, 0.0) == "pose"
+    assert told(np.nextafter(NEAR_ISOMETRIC, 1.0), POSE_CC, SIMILAR) == "similar"
+    assert told(0.0, np.nextafter(POSE_CC, 0.0), SIMILAR) == "similar"
+    assert told(FAR, 1.0, np.nextafter(SIMILAR, 0.0)) == "weak"
+    assert told(0.0, 0.0, 0.0) == "weak"
+
+
+def test_the_kinships_of_duplicates_are_likenesses() -> None:
+    assert set(get_args(Kinship)) < set(get_args(Likeness))
+
+
+def test_spectral_distances_leave_out_global_descriptors() -> None:
+    query = np.array([1.0, 2.0, 5.0, 5.0, 5.0], dtype=np.float32)
+    others = np.array([[1.0, 2.0, 0.0, 0.0, 0.0], [4.0, 6.0, 5.0, 5.0, 5.0]], dtype=np.float32)
+    np.testing.assert_allclose(spectral_distances(query, others, global_descriptors=True), [0.0, 5.0])
+    np.testing.assert_allclose(
+        spectral_distances(query, others, global_descriptors=False), [np.sqrt(75.0), 5.0]
+    )

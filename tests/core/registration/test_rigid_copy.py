@@ -1,0 +1,86 @@
+"""Rigid copies of bodies: turned, scaled, on other meshes; and shapes that are no copies."""
+
+import pytest
+
+from core.embedding import Embedding
+from core.gallery.bodies import make_body
+from core.mesh.mesh import Mesh
+from core.pipeline import Pipeline
+from core.ranking.spectral_distance import spectral_distances
+from core.registration.rigid_copy import may_be_copy, scale_by_samples, scale_by_surfaces
+from core.registration.similarity_icp import RESIDUAL
+from core.sampling.surface_samples import surface_samples
+from core.studies.perturbation import subdivide
+from tests.soak.duplicates.copies import moved, simplified
+
+PIPELINE = Pipeline()
+HAND = make_body("hand").posed(0)
+COARSER = make_body("hand", vertices=1800)
+
+
+def embedded(mesh: Mesh) -> Embedding:
+    return PIPELINE.embed(mesh)
+
+
+FIRST = embedded(HAND)
+
+
+def gate(second: Embedding) -> bool:
+    spectral = spectral_distances(FIRST.signature, second.signature[None], global_descriptors=True)[0]
+    radii = [one.facts.scale / one.facts.area**0.5 for one in (FIRST, second)]
+    return may_be_copy(float(spectral), *radii)
+
+
+def by_surfaces(first: Mesh, second: Mesh) -> float | None:
+    one, other = embedded(first), embedded(second)
+    pairs = PIPELINE.match(one, other).correspondence
+    ends = one.positions[pairs[:, 0]].astype(float), other.positions[pairs[:, 1]].astype(float)
+    return scale_by_surfaces(surface_samples(first), surface_samples(second), ends)
+
+
+@pytest.mark.parametrize("scale", [1.0, 1.5, 25.4, 1 / 3])
+def test_the_samples_of_a_turned_copy_tell_its_scale(scale: float) -> None:
+    second = embedded(moved(HAND, 1, scale=scale))
+    assert gate(second)
+    assert scale_by_samples(FIRST, second) == pytest.approx(scale, rel=1e-5)
+    assert scale_by_samples(second, FIRST) == pytest.approx(1.0 / scale, rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    "copy",
+    [
+        moved(subdivide(HAND, 0.4, 1), 2, scale=2.0),
+        moved(simplified(HAND), 3, scale=2.0),
+    ],
+    ids=["split", "simplified"],
+)
+def test_the_surface_of_a_copy_on_another_mesh_tells_its_scale(copy: Mesh) -> None:
+    second = embedded(copy)
+    assert gate(second)
+    assert scale_by_samples(FIRST, second) is None
+    assert by_surfaces(HAND, copy) == pytest.approx(2.0, rel=0.01)
+
+
+def test_a_mirror_image_is_no_copy() -> None:
+    mirrored = moved(HAND, 4, mirrored=True)
+    assert gate(embedded(mirrored))
+    assert scale_by_samples(FIRST, embedded(mirrored)) is None
+    assert by_surfaces(HAND, mirrored) is None
+
+
+def test_a_symmetric_body_is_a_copy_of_its_mirror_image() -> None:
+    cup = make_body("cup").rest
+    assert by_surfaces(cup, moved(cup, 5, scale=3.0, mirrored=True)) == pytest.approx(3.0, rel=0.01)
+
+
+def test_a_pose_and_another_shape_are_no_copies() -> None:
+    pose, octopus = COARSER.posed(1), make_body("octopus").posed(0)
+    assert by_surfaces(HAND, pose) is None
+    assert by_surfaces(HAND, octopus) is None
+    assert not gate(embedded(octopus))
+
+
+def test_other_radii_or_eigenvalues_are_those_of_no_copy() -> None:
+    assert may_be_copy(0.0, 0.5, 0.5 + 0.9 * RESIDUAL)
+    assert not may_be_copy(0.0, 0.5, 0.5 + 1.1 * RESIDUAL)
+    assert not may_be_copy(0.2, 0.5, 0.5)

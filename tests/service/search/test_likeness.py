@@ -1,0 +1,123 @@
+"""The likeness of results and of compared shapes, over HTTP."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import httpx
+import pytest
+from starlette.concurrency import run_in_threadpool
+
+from core.gallery.bodies import make_body
+from core.io import write_mesh
+from core.mesh.mesh import Mesh
+from core.ranking.likeness import SIMILAR
+from service.search import likeness
+from tests.service.support import Running, query, serving, settings_in
+from tests.soak.duplicates.copies import moved, simplified
+
+OCTOPUS = make_body("octopus").posed(0)
+STORED = {
+    "turned": moved(OCTOPUS, 1),
+    "larger": moved(OCTOPUS, 2, scale=1.5),
+    "simplified": moved(simplified(OCTOPUS), 3),
+    "mirrored": moved(OCTOPUS, 4, mirrored=True),
+    "posed": make_body("octopus", vertices=1800).posed(1),
+    "cup": make_body("cup").posed(0),
+    "plane": make_body("plane").posed(0),
+}
+TOLD = {"turned": "same", "larger": "scaled", "simplified": "same", "mirrored": "pose", "posed": "pose"}
+
+
+@pytest.fixture(scope="module")
+def stocked(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
+    with serving(settings_in(tmp_path_factory.mktemp("likeness"))) as running:
+        for name, mesh in STORED.items():
+            running.store(file_of(mesh), f"{name}.off", tags=name)
+        yield running
+
+
+def file_of(mesh: Mesh) -> bytes:
+    return write_mesh(mesh, "off")
+
+
+def by_name(answer: httpx.Response) -> dict[str, dict[str, Any]]:
+    return {result["shape"]["name"].removesuffix(".off"): result for result in answer.json()["results"]}
+
+
+@pytest.fixture(scope="module")
+def found(stocked: Running) -> dict[str, dict[str, Any]]:
+    return by_name(query(stocked.client, file_of(OCTOPUS), top_k="9"))
+
+
+def test_each_result_says_by_what_it_is_alike(found: dict[str, dict[str, Any]]) -> None:
+    assert found.keys() == STORED.keys()
+    assert {name: found[name]["likeness"] for name in TOLD} == TOLD
+    for name in ("cup", "plane"):
+        assert (found[name]["likeness"], found[name]["combined"] < SIMILAR) == ("weak", True)
+
+
+def test_another_individual_is_similar_whatever_else_is_stored(stocked: Running) -> None:
+    """Many copies of a plane make its surroundings so dense that another plane is no neighbour."""
+    data = file_of(make_body("plane", 1, vertices=1800).posed(1))
+    result = by_name(query(stocked.client, data, tag="plane"))["plane"]
+    assert result["likeness"] == "similar"
+    plane = STORED["plane"]
+    copies = [stocked.store(file_of(moved(plane, 10 + k)), f"copy-{k}.off")["id"] for k in range(7)]
+    try:
+        crowded = by_name(query(stocked.client, data, tag="plane"))["plane"]
+    finally:
+        for copy in copies:
+            stocked.client.delete(f"/shapes/{copy}")
+    assert crowded["combined"] < result["combined"]
+    assert crowded["likeness"] == "similar"
+
+
+def test_only_copies_have_a_scale(found: dict[str, dict[str, Any]]) -> None:
+    assert found["turned"]["scale"] == pytest.approx(1.0, rel=1e-5)
+    assert found["larger"]["scale"] == pytest.approx(1.5, rel=1e-5)
+    assert found["simplified"]["scale"] == pytest.approx(1.0, rel=0.01)
+    assert all(found[name]["scale"] is None for name in ("mirrored", "posed", "cup", "plane"))
+
+
+def test_every_way_to_ask_tells_the_same(stocked: Running, found: dict[str, dict[str, Any]]) -> None:
+    own = stocked.store(file_of(OCTOPUS), "octopus.off")["id"]
+    answers = [
+        stocked.client.get(f"/shapes/{own}/similar", params={"top_k": 9}),
+        query(stocked.client, file_of(OCTOPUS), top_k="9", rank_by="combined", exclude=own),
+        query(stocked.client, file_of(OCTOPUS), top_k="9", partial="true", exclude=own),
+    ]
+    for answer in answers:
+        results = by_name(answer)
+        assert {name: results[name]["likeness"] for name in TOLD} == TOLD
+        assert "likeness" in answer.json()["milliseconds"]
+    for result in (found[name] for name in TOLD):
+        pair = {"first": own, "second": result["shape"]["id"]}
+        compared = stocked.client.post("/compare", json=pair).json()
+        assert compared["likeness"] == result["likeness"]
+        assert compared["scale"] == (result["scale"] and pytest.approx(result["scale"], rel=1e-9))
+    stocked.client.delete(f"/shapes/{own}")
+
+
+def test_large_meshes_are_copies_by_their_samples_alone(
+    stocked: Running, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(likeness, "MOST_FACES", len(OCTOPUS.faces) - 1)
+    results = by_name(query(stocked.client, file_of(OCTOPUS), top_k="9"))
+    told = TOLD | {"simplified": "pose"}
+    assert {name: results[name]["likeness"] for name in TOLD} == told
+
+
+def test_a_shape_that_goes_while_it_is_registered_is_no_copy(
+    stocked: Running, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    gone = stocked.store(file_of(STORED["simplified"]), "gone.off", tags="gone")["id"]
+    read = likeness.stored_mesh
+
+    async def late(*given: Any) -> Mesh:
+        await run_in_threadpool(stocked.client.delete, f"/shapes/{gone}")
+        return await read(*given)
+
+    monkeypatch.setattr(likeness, "stored_mesh", late)
+    results = by_name(query(stocked.client, file_of(OCTOPUS), tag="gone"))
+    assert results["gone"]["likeness"] == "pose"
+    assert results["gone"]["scale"] is None

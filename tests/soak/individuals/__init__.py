@@ -1,0 +1,1 @@
+"""Similar individuals in several poses, made by code, as a collection to evaluate."""
