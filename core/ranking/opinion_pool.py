@@ -47,7 +47,7 @@ CALIBRATED_PARTS = Calibration(
     slopes=(
         *(-3.4865, -0.6487, -5.9082, -0.5585, -0.9034, -6.0545, 0.4522),
         *(-2.1442, 3.5115, 0.0317, 1.6080, 0.4150, 1.6249, -7.5697, -1.0991),
-        20.7952,
+        20.7953,
     ),
 )
 """The models of pairs of complete surfaces and of pairs with an incomplete surface.
