@@ -15,7 +15,8 @@ PAGE = Path(__file__).parents[3] / "docs" / "calibration.md"
 
 COLLECTIONS = ("psb", "shrec11", "webmodels")
 
-LARGEST_ERROR = 0.02
+LARGEST_ERROR = 0.03
+"""Of a third of the shapes it is up to 0.023; of all, at most 0.006 (docs/calibration.md)."""
 
 
 def test_the_page_has_the_constants() -> None:
