@@ -10,4 +10,4 @@ Int32s = NDArray[np.int32]
 Int16s = NDArray[np.int16]
 Bytes = NDArray[np.uint8]
 Reals = NDArray[np.floating]
-"""Of single or of double precision."""
+"""Floating-point numbers of single or double precision."""

@@ -20,7 +20,7 @@ from core.gallery.topology import components, handles, is_closed_manifold
 from core.mesh.mesh import Mesh
 
 _FEWEST, _MOST = 900, 3800
-"""Vertices asked for; the result is within a few of what was asked."""
+"""Number of vertices asked for; the result has a few more or fewer."""
 
 _ATTEMPTS = 25
 """Draws of one pose: about one in ten has limbs that touch, so that running out has no practical chance."""
@@ -37,7 +37,7 @@ class GalleryShape:
 
 @dataclass(frozen=True)
 class Kind:
-    """How a class is built, and the handles (genus) of its surface when no limbs touch."""
+    """The builder of a class, and the handles (genus) of its surface when no limbs touch."""
 
     build: Callable[[Generator], list[Part]]
     handles: int = 0
@@ -65,7 +65,7 @@ CLASSES: tuple[str, ...] = tuple(_KINDS)
 
 
 def kind_of(label: str) -> Kind:
-    """How one of `CLASSES` is built."""
+    """The builder of one of `CLASSES`."""
     return _KINDS[label]
 
 

@@ -1,4 +1,4 @@
-"""Which of a builder's random numbers are of the body, and which of its pose.
+"""The random numbers of a builder: those of the body, and those of its pose.
 
 A builder draws its numbers one by one and always in the same order, so a class is described by a string
 with a letter a draw: `b` belongs to the body, `p` to the pose, and `m` is a length that the builder draws

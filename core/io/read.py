@@ -75,7 +75,7 @@ def read_mesh(data: bytes, format: str, *, limits: Limits = DEFAULT_LIMITS) -> M
         if data.startswith(start) and name != "3mf":
             raise MalformedMeshError(f"the file is compressed ({archive}); send the {name.upper()} itself")
     try:
-        # What overflows becomes infinite, and is refused as that.
+        # A number that overflows becomes infinite, and is refused as that.
         with np.errstate(all="ignore"):
             mesh = _read(data, name, limits)
     except CoreError:

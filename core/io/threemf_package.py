@@ -15,7 +15,7 @@ _MEMBERS = 65_536
 _PIECE = 1 << 20
 # An older expat begins again at the start of a tag or a comment whenever more of it comes.
 _TAG_BYTES = 4 << 20
-# What a row of a model takes in text, and what the rest of a package may take.
+# Bytes that a row of a model takes in text, and bytes that the rest of a package may take.
 _ROW_BYTES = 128
 _OTHER_BYTES = 16 << 20
 _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)

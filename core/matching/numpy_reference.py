@@ -130,7 +130,7 @@ def score_pairs_reference(
 def fit_map_reference(
     x: MatchRecord, y: MatchRecord, rounds: SearchRounds
 ) -> tuple[float, Ints, Ints, Floats, Floats, Floats]:
-    """CC, partners' samples there (m,) and back (n,), partners, sources and map: what `fit_map` writes."""
+    """CC, partners' samples there (m,) and back (n,), partners, sources and map: the results of `fit_map`."""
     blocks = len(x.searched)
     points, others = x.points.astype(np.float64), y.points.astype(np.float64)
     mine, yours = points[: len(x.offsets) - 1], others[: len(y.offsets) - 1]
@@ -152,7 +152,7 @@ def fit_map_reference(
 def match_pair_reference(
     x: MatchRecord, y: MatchRecord, rounds: SearchRounds, same: bool
 ) -> tuple[Ints, Ints, Floats, Floats]:
-    """Partners there (m,) and back (n,), map (b k, b k) and scores (3,): what `match_pair` writes."""
+    """Partners there (m,) and back (n,), map (b k, b k) and scores (3,): the results of `match_pair`."""
     if same:
         there = back = np.arange(len(x.offsets) - 1)
         mine, yours = (each.points[: len(there)].astype(np.float64) for each in (x, y))

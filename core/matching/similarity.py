@@ -36,7 +36,7 @@ def effective_distance(first: Floats, second: Floats) -> float:
 
 
 def effective_pairs(distances: Floats, matches: NDArray[np.int64], gamma: float) -> NDArray[np.bool_]:
-    """Which pairs lie within gamma, each target counted for its nearest point alone, shape (p,).
+    """Mask of the pairs within gamma; each target counts for its nearest point alone, shape (p,).
 
     Eq. 20 counts pairs on one side and divides by min(m, n), so many-to-one pairs could take it past 1.
     """

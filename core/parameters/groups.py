@@ -23,7 +23,7 @@ class Group(BaseModel):
 
 
 class MeshParameters(Group):
-    """How a mesh is prepared before it is sampled.
+    """Preparation of a mesh before it is sampled.
 
     Attributes
     ----------
@@ -60,7 +60,7 @@ class MeshParameters(Group):
 
 
 class SamplingParameters(Group):
-    """Which vertices become samples (sections 3.1 and 3.2, Algorithm 1).
+    """Choice of the vertices that become samples (sections 3.1 and 3.2, Algorithm 1).
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Likeness: by what two shapes are alike, in one word.
+"""Likeness: the property in which two shapes are alike, in one word.
 
 Registration confirms rigid copies (`core.registration.rigid_copy`). Nearly isometric surfaces have
 nearly the same Laplace-Beltrami eigenvalues, and correspond in the spectral domain. The class probability

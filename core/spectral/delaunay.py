@@ -34,7 +34,7 @@ def twins(faces: Ints, sides: HalfEdges) -> Ints | None:
 
 
 def mollified_lengths(lengths: Floats) -> Floats:
-    """Side lengths of the faces, shape (f, 3), mollified: all are raised by what the worst triangle needs."""
+    """Side lengths of the faces, shape (f, 3), mollified: all grow by the gap of the worst triangle."""
     needed = MOLLIFIED * float(lengths.mean()) + (2.0 * lengths.max(axis=1) - lengths.sum(axis=1)).max()
     return np.asarray(lengths + max(0.0, needed))
 

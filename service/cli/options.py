@@ -10,4 +10,4 @@ Workers = Annotated[
         min=1, envvar="ISOSHAPE_WORKERS", help="Worker processes. [default: one for each processor]"
     ),
 ]
-"""How many processes compute; `service.studies.pairwise_scores.default_workers` where None."""
+"""Number of processes that compute; `service.studies.pairwise_scores.default_workers` where None."""

@@ -40,7 +40,7 @@ from service.storage.database import WriteSession
 
 log = get_logger("jobs")
 
-# How often the runner looks for jobs of dead services and for records to delete.
+# Interval at which the runner looks for jobs of dead services and for records to delete.
 LOOK_SECONDS = 2.0
 IDLE_SECONDS = 10.0
 BEAT_SECONDS = LEASE.total_seconds() / 4

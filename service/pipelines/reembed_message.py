@@ -1,3 +1,3 @@
-"""What `/version` and the log say of a pipeline that not all files are embedded by yet."""
+"""The message of `/version` and the log about a pipeline that has not embedded all files yet."""
 
 REEMBED = "`isoshape reembed` computes the missing embeddings and activates this pipeline."

@@ -1,4 +1,4 @@
-"""By what stored shapes are like a query: rigid copies are confirmed by registration."""
+"""The likeness of stored shapes to a query: rigid copies are confirmed by registration."""
 
 import asyncio
 from collections.abc import Awaitable, Callable, Sequence

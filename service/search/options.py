@@ -14,7 +14,7 @@ from service.shapes.uploads import MeshUpload
 
 
 class QueryParameters(NamedInAddress, QueryOptions):
-    """How to search, as parameters of the address."""
+    """Options of a search, as query parameters."""
 
 
 class FileQuery(QueryOptions, MeshUpload):
@@ -38,7 +38,7 @@ def merged(body: QueryOptions, address: QueryParameters) -> QueryOptions:
 def search_options(
     given: QueryOptions, collection: CollectionNumber, settings: Settings, *, exclude_self: bool
 ) -> Options:
-    """How to search a collection.
+    """Options of the search of a collection.
 
     Parameters
     ----------

@@ -19,7 +19,7 @@ from service.shapes.records import ShapeFilter, ShapeRecord
 
 @dataclass(frozen=True)
 class Options:
-    """How to search.
+    """Options of a search.
 
     `shortlist_from` candidates or more are cut to the `shortlist_length` nearest by signature and half as
     many by view signature. The `reranked` first of the coarse ranking are re-ranked, and the
@@ -87,7 +87,7 @@ class Query:
 
 @dataclass(frozen=True)
 class Relation:
-    """By what a second shape is like a first one.
+    """The likeness of a second shape to a first one.
 
     Attributes
     ----------

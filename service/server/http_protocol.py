@@ -79,7 +79,7 @@ class _LimitedProtocol(H11Protocol):
             longest.transport.abort()
 
     def data_received(self, data: bytes) -> None:
-        """Read what has arrived; the time of a head begins with its first byte."""
+        """Read the bytes that have arrived; the time of a head begins with its first byte."""
         super().data_received(data)
         if not self.is_idle:
             self._stop_waiting()
@@ -99,7 +99,7 @@ class _LimitedProtocol(H11Protocol):
         super().connection_lost(exc)
 
     def send_400_response(self, msg: str) -> None:
-        """Answer what is no HTTP with a problem document."""
+        """Answer bytes that are no HTTP with a problem document."""
         self._refuse("bad-request", msg)
 
     @property

@@ -1,4 +1,4 @@
-"""The addresses of what a shape is stored as: its file and its embedding."""
+"""The endpoints of a shape's file and embedding."""
 
 from typing import Annotated, Literal
 

@@ -164,17 +164,9 @@ def _blobs(connection: sqlite3.Connection, report: CheckReport) -> None:
 def _embeddings(connection: sqlite3.Connection, report: CheckReport) -> None:
     dimensions: dict[str, object] = {}
 
-    def check_embedding(
-        number: int,
-        fingerprint: str,
-        signature: bytes,
-        record: bytes,
-        views: bytes | None,
-        reliability: float | None,
-        checksum: str | None,
-    ) -> Iterator[str]:
-        own = list(faults_of_embedding(number, fingerprint, signature, record, views, reliability))
-        if not own and sealed and checksum != checksum_of(record):
+    def check_embedding(number: int, checksum: str | None, *columns: Any) -> Iterator[str]:  # noqa: ANN401
+        own = list(faults_of_embedding(number, *columns))
+        if not own and sealed and checksum != checksum_of(columns[2]):
             own.append(f"embedding {number} does not have its checksum")
         yield from own
 
@@ -208,7 +200,7 @@ def _embeddings(connection: sqlite3.Connection, report: CheckReport) -> None:
     views, reliability = (
         f"({beside.format(name)})" if described else "NULL" for name in ("view_signature", "reliability")
     )
-    columns = f"fingerprint, signature, record, {views}, {reliability}, {'checksum' if sealed else 'NULL'}"
+    columns = f"{'checksum' if sealed else 'NULL'}, fingerprint, signature, record, {views}, {reliability}"
     _check_rows(connection, "embeddings", columns, EMBEDDINGS_AT_ONCE, check_embedding, report)
 
 

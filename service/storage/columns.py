@@ -4,7 +4,7 @@ SQLite stores a vector as bytes; PostgreSQL stores it as a `vector` of pgvector,
 """
 
 from datetime import UTC, datetime
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,11 +52,15 @@ def _sent_as_bytes(element: _AsBytes, compiler: Any, **options: object) -> str: 
     return f"vector_send({compiler.process(element.clauses, **options)})"
 
 
-class Float32Vector(TypeDecorator[NDArray[np.float32]]):
-    """A vector of float32, shape (s,), returned bit for bit as stored."""
+_Item = TypeVar("_Item", bound=np.generic)
+
+
+class _Vector(TypeDecorator[NDArray[_Item]]):
+    """A vector of numbers, shape (s,), returned bit for bit as stored."""
 
     impl = LargeBinary
     cache_ok = True
+    item: np.dtype[_Item]
 
     def load_dialect_impl(self, dialect: Dialect) -> TypeEngine[Any]:
         """The column type of the dialect."""
@@ -66,52 +70,37 @@ class Float32Vector(TypeDecorator[NDArray[np.float32]]):
         """The expression that a query selects."""
         return _AsBytes(column, self)
 
-    def process_bind_param(self, value: NDArray[np.float32] | None, dialect: Dialect) -> bytes | str | None:
+    def process_bind_param(self, value: NDArray[_Item] | None, dialect: Dialect) -> bytes | str | None:
         """The little-endian bytes of the vector, or its text."""
         if value is None:
             return None
-        vector = np.ascontiguousarray(value, dtype="<f4")
+        vector = np.ascontiguousarray(value, dtype=self.item)
         return vector_text(vector) if dialect.name == POSTGRESQL else vector.tobytes()
 
-    def process_result_value(self, value: bytes | None, dialect: Dialect) -> NDArray[np.float32] | None:
+    def process_result_value(self, value: bytes | None, dialect: Dialect) -> NDArray[_Item] | None:
         """Decode a vector; pgvector sends big-endian floats after its length and two empty bytes."""
         if value is None:
             return None
         if dialect.name == POSTGRESQL:
-            return np.frombuffer(value, dtype=">f4", offset=4).astype("<f4")
-        return np.frombuffer(value, dtype="<f4")
+            return np.frombuffer(value, dtype=">f4", offset=4).astype(self.item)
+        return np.frombuffer(value, dtype=self.item)
 
 
-class ByteVector(TypeDecorator[NDArray[np.uint8]]):
-    """A vector of bytes, shape (s,), returned as stored."""
+class Float32Vector(_Vector[np.float32]):
+    """A vector of float32."""
 
-    impl = LargeBinary
     cache_ok = True
-
-    def load_dialect_impl(self, dialect: Dialect) -> TypeEngine[Any]:
-        """The column type of the dialect."""
-        return dialect.type_descriptor(PgVector() if dialect.name == POSTGRESQL else LargeBinary())
-
-    def column_expression(self, column: ColumnElement[Any]) -> ColumnElement[Any]:
-        """The expression that a query selects."""
-        return _AsBytes(column, self)
-
-    def process_bind_param(self, value: NDArray[np.uint8] | None, dialect: Dialect) -> bytes | str | None:
-        """The bytes of the vector, or its text."""
-        if value is None:
-            return None
-        return vector_text(value) if dialect.name == POSTGRESQL else value.tobytes()
-
-    def process_result_value(self, value: bytes | None, dialect: Dialect) -> NDArray[np.uint8] | None:
-        """Decode a vector; pgvector sends big-endian floats after its length and two empty bytes."""
-        if value is None:
-            return None
-        if dialect.name == POSTGRESQL:
-            return np.frombuffer(value, dtype=">f4", offset=4).astype(np.uint8)
-        return np.frombuffer(value, dtype=np.uint8)
+    item = np.dtype("<f4")
 
 
-def vector_text(vector: NDArray[np.float32] | NDArray[np.uint8]) -> str:
+class ByteVector(_Vector[np.uint8]):
+    """A vector of bytes."""
+
+    cache_ok = True
+    item = np.dtype(np.uint8)
+
+
+def vector_text(vector: NDArray[Any]) -> str:
     """The text of a vector for pgvector, exact to the last bit."""
     return f"[{','.join(map(str, vector.tolist()))}]"
 

@@ -15,7 +15,7 @@ router = APIRouter(tags=["session"])
 
 
 class Session(BaseModel):
-    """What this browser, or program, may do."""
+    """The rights of this browser or program."""
 
     access: Literal["none", "read", "full"] = Field(
         description="Nothing; read, query and compare; or everything, as all may do where there are no keys."

@@ -1,4 +1,4 @@
-"""How well `combined` is calibrated.
+"""The calibration of `combined`.
 
 Scores of labelled pairs in, a fitted model, a picture and a page out.
 """

@@ -39,7 +39,7 @@ def summary(study: CalibrationStudy) -> list[tuple[str, ...]]:
 
 
 def page(study: CalibrationStudy, command: str) -> str:
-    """The text of calibration.md, beside its picture; `command` is what made it."""
+    """The text of calibration.md, beside its picture; `command` is the command that made it."""
     parts = [
         "# Calibration of `combined`",
         f"Written by `{command}`. `combined` is the probability that two shapes have the same class. The log "

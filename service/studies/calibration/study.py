@@ -136,15 +136,16 @@ def study(names: Sequence[str], collections: Sequence[CollectionPairs]) -> Calib
     perturbed = [pairs for one in collections for pairs in one.perturbed]
     of_complete = leave_class_out(complete)
     of_parts = leave_class_out([*incomplete, *perturbed])
+    of_incomplete, of_perturbed = of_parts[: len(incomplete)], of_parts[len(incomplete) :]
     whole = [
         (replace(pairs, asked=None), np.where(parts.both_ways, given, found))
-        for pairs, parts, found, given in zip(complete, incomplete, of_complete, of_parts, strict=False)
+        for pairs, parts, found, given in zip(complete, incomplete, of_complete, of_incomplete, strict=True)
     ]
     return CalibrationStudy(
         model=fit(complete),
         collections=tuple(_judged(name, *one) for name, one in zip(names, whole, strict=True)),
         together=reliability([pairs for pairs, _ in whole], [found for _, found in whole]),
-        incomplete=_incomplete(perturbed, of_parts[len(incomplete) :], fit([*incomplete, *perturbed])),
+        incomplete=_incomplete(perturbed, of_perturbed, fit([*incomplete, *perturbed])),
     )
 
 

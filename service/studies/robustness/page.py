@@ -39,7 +39,7 @@ _TERMS = (
 
 
 def page(study: RobustnessStudy, command: str) -> str:
-    """The whole page; `command` is what made it."""
+    """The whole page; `command` is the command that made it."""
     found = table(study)
     rules = ["---", *["---:"] * (len(found.columns) - 1)]
     lines = ["| " + " | ".join(row) + " |" for row in (found.columns, rules, *found.rows)]

@@ -39,7 +39,13 @@ def test_the_two_rims_of_a_tube_bound_its_two_ends(scale: float) -> None:
 
 def test_a_closed_surface_has_none_and_a_sheet_no_more_than_its_area() -> None:
     assert open_share(make_shape("cup", 0)) == 0.0
-    assert open_share(Mesh(np.array([[0.0, 0, 0], [2, 0, 0], [1, 2, 0]]), np.array([[0, 1, 2]]))) == 1.0
+    side = 2.0
+    triangle = Mesh(
+        np.array([[0, 0, 0], [side, 0, 0], [side / 2, side * np.sqrt(0.75), 0]]), np.array([[0, 1, 2]])
+    )
+    disc = (3.0 * side) ** 2 / (4.0 * np.pi)
+    assert open_share(triangle) == 1.0
+    assert open_share(triangle, pieces=False) == pytest.approx(disc / (side**2 * np.sqrt(3) / 4))
 
 
 @pytest.mark.parametrize(("smaller", "counts"), [(4.0, False), (0.5, True)])

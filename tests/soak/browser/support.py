@@ -64,7 +64,7 @@ def settled(page: Page) -> None:
 
 
 def stocked_names() -> list[str]:
-    """What the shapes are called that `stock` stores."""
+    """The names of the shapes that `stock` stores."""
     return [f"{label}-{pose}.ply" for label in CLASSES for pose in range(POSES)]
 
 
@@ -83,14 +83,14 @@ def file_in(folder: Path, label: str = "fish", pose: int = POSES) -> Path:
 
 
 def picture(canvas: Locator, folder: Path) -> np.ndarray:
-    """What an element shows: float64, shape (h, w, 3)."""
+    """The pixels of an element: float64, shape (h, w, 3)."""
     path = folder / "shown.png"
     canvas.screenshot(path=path)
     return np.asarray(Image.open(path).convert("RGB")).astype(float)
 
 
 def hues(shown: np.ndarray) -> int:
-    """How many of twelve colours of the wheel are seen on at least 30 pixels."""
+    """The number of twelve colours of the wheel that are seen on at least 30 pixels."""
     low, high = shown.min(axis=2), shown.max(axis=2)
     vivid = (high - low) > 60
     red, green, blue = (shown[vivid] - low[vivid][:, None]).T / (high - low)[vivid]

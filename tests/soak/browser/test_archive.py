@@ -1,4 +1,4 @@
-"""What is stored: looked through, searched, stored in bulk, deleted; and signing in."""
+"""Stored shapes: browsing, search, bulk upload, deletion; and signing in."""
 
 from collections.abc import Iterator
 from pathlib import Path

@@ -110,7 +110,7 @@ def test_eigenmaps_go_from_blue_to_red_on_all(visit: Visit, tmp_path: Path) -> N
     page = visit.find(file_in(tmp_path))
     page.uncheck("#points")
     maps = []
-    # Of the third, one side of fish-3 has all of one sign, and only the other side is seen.
+    # In the third coordinate one side of fish-3 has one sign only, and only the other side is seen.
     for number in ("1", "2"):
         page.select_option("#paint", number)
         settled(page)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 STORED = (201, "")
 """The answer to a file that is strange and yet a mesh."""
 
-# Of each row of the table in docs/hostile.md: a key, and what stands in its first column.
+# Each row of the table in docs/hostile.md: a key, and the text of its first column.
 ROWS = {
     "empty": "empty file",
     "cut": "truncated; wrong extension; bytes that are no mesh",

@@ -41,7 +41,7 @@ AT_A_TIME = 4
 
 @dataclass
 class Tally:
-    """What came of the uploads.
+    """The outcome of the uploads.
 
     Attributes
     ----------
@@ -58,7 +58,7 @@ class Tally:
     seconds: float = 0.0
 
     def count(self, answer: str) -> int:
-        """How many files of any format had an answer."""
+        """The number of files of any format that had an answer."""
         return sum(count for (_, each), count in self.answers.items() if each == answer)
 
     def __str__(self) -> str:
@@ -131,7 +131,7 @@ def _judged(client: httpx.Client, format: str, answer: httpx.Response) -> tuple[
 
 
 def faults_of_archive(path: Path, tally: Tally) -> Iterator[str]:
-    """What `isoshape check` finds in the archive, and whether it has as many shapes as were stored."""
+    """The faults that `isoshape check` finds, and whether the archive has as many shapes as were stored."""
     report = check(path, lock_seconds=10)
     yield from (f"isoshape check: {fault}" for fault in report.faults)
     if report.shapes != tally.count("stored"):

@@ -1,4 +1,4 @@
-"""What is tried in every format: nothing, a part, another format's bytes, odd numbers, odd bodies."""
+"""Cases of every format: no bytes, a part, another format's bytes, odd numbers, odd bodies."""
 
 from functools import partial
 

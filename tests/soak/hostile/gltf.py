@@ -1,4 +1,4 @@
-"""What only a glTF can do: stand for far more than it holds, go round in circles, ask for other files."""
+"""Cases of glTF alone: files that stand for far more than they hold, cycles, references to other files."""
 
 import base64
 import json

@@ -38,7 +38,7 @@ class Memory:
 
     @property
     def total(self) -> float:
-        """Of all of them."""
+        """The number of all."""
         return self.service + self.workers
 
 
@@ -80,7 +80,7 @@ def _answers(process: subprocess.Popen[bytes], client: httpx.Client) -> bool:
 
 
 def memory(pid: int) -> Memory:
-    """What the service of a process id and its workers hold now."""
+    """The resources that the service of a process id and its workers hold now."""
     return Memory(resident(pid), sum(map(resident, children(pid))))
 
 

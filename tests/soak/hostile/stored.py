@@ -12,7 +12,7 @@ def other_format(format: str) -> str:
 
 
 def fault_in_mesh(facts: Mapping[str, float], data: bytes, format: str) -> str:
-    """What is wrong with a stored mesh, as the service writes it in a format of text; "" if nothing is.
+    """The fault of a stored mesh, as the service writes it in a format of text; "" without a fault.
 
     It is read here by the letter, without what the service reads by.
     """
@@ -48,7 +48,7 @@ def _obj(words: list[bytes]) -> tuple[np.ndarray, np.ndarray]:
 
 
 def fault_in_embedding(facts: Mapping[str, float], npz: bytes) -> str:
-    """What is wrong with a stored shape, by its facts and the arrays of its embedding; "" if nothing is."""
+    """The fault of a stored shape, by its facts and the arrays of its embedding; "" without a fault."""
     if not all(np.isfinite(value) and value >= 0 for value in facts.values()):
         return f"facts {facts}"
     if not (facts["area"] > 0 and facts["scale"] > 0 and facts["faces"] >= 1 and facts["vertices"] >= 3):

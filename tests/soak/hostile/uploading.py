@@ -13,7 +13,7 @@ from tests.soak.hostile.serving import Memory, Peak, memory
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of one file.
+    """The outcome of one file.
 
     Attributes
     ----------
@@ -65,7 +65,7 @@ def answer(client: httpx.Client, filename: str, data: bytes) -> tuple[int, str]:
 
 
 def memory_after(pid: int, client: httpx.Client, cases: Iterable[Hostile], rounds: int) -> list[Memory]:
-    """What the service holds after each of some rounds of all the files."""
+    """The resources of the service after each of some rounds of all the files."""
     cases = list(cases)
     after = []
     for _ in range(rounds):

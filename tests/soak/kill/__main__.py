@@ -44,7 +44,7 @@ def main() -> int:
 
 
 def summary(cycles: list[Cycle], ledger: Ledger, seconds: float, seed: int) -> str:
-    """What the cycles came to, as a list."""
+    """The outcome of the cycles, as a list."""
     starts = sorted(cycle.start_seconds for cycle in cycles)
     lines = [
         f"{len(cycles)} kills in {seconds:.0f} s, seed {seed}",

@@ -27,7 +27,7 @@ ORPHAN_SECONDS = 60.0
 
 @dataclass(frozen=True)
 class Cycle:
-    """What came of one.
+    """The outcome of one cycle.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What the service has promised, and whether an archive keeps it."""
+"""The promises of the service, and whether an archive keeps them."""
 
 import hashlib
 import threading
@@ -17,7 +17,7 @@ class Sent:
     metadata: Mapping[str, Any]
 
     def faults(self, shape: Mapping[str, Any]) -> Iterable[str]:
-        """What a stored shape has otherwise."""
+        """The other fields of a stored shape."""
         wanted = {
             "tags": [self.tag],
             "metadata": dict(self.metadata),
@@ -43,7 +43,7 @@ class Ledger:
 
     @property
     def acknowledged(self) -> int:
-        """How many uploads and deletions have been."""
+        """The number of uploads and deletions so far."""
         return self.uploads + self.deletions
 
     def send(self, upload: Sent) -> None:
@@ -79,7 +79,7 @@ class Ledger:
         return self._sent[name].data
 
     def settle(self, shapes: Iterable[Mapping[str, Any]]) -> list[str]:
-        """What is wrong with the shapes that are there, while nothing is being sent; then they are the truth.
+        """Faults of the stored shapes while nothing is being sent; then the stored shapes are the truth.
 
         What was sent and not acknowledged may be there, whole, or not; and no name is there twice.
         """

@@ -83,7 +83,7 @@ def write_files(folder: Path) -> None:
 def table(
     minutes: float, users: int, counts: dict[str, Any], own: Growth, workers: Growth, stored: int
 ) -> str:
-    """How the requests were answered, and how much memory the service and its workers held."""
+    """The answers to the requests, and the memory of the service and its workers."""
     answers = Counter[str]()
     for row in counts["rows"]:
         answers.update(row["statuses"])
@@ -112,7 +112,7 @@ def table(
 
 
 def grown(name: str, growth: Growth) -> list[str]:
-    """What is wrong with how memory grew: faster than `MOST_SLOPE`, and by more than `MOST_GROWTH` in all."""
+    """Faults of the growth of memory: faster than `MOST_SLOPE`, and by more than `MOST_GROWTH` in all."""
     more = growth.last - growth.first
     wrong = growth.slope > MOST_SLOPE and more > MOST_GROWTH
     return [f"{name}: {growth.slope:.2f} MiB a minute, {more:.0f} MiB in all"] if wrong else []

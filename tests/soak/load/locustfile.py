@@ -1,4 +1,4 @@
-"""What one client does. Run by locust, in an environment of its own that has nothing of this project.
+"""The requests of one client. Run by locust, in an environment of its own that has nothing of this project.
 
 ISOSHAPE_LOAD_FILES names a folder of meshes, and the file to which the counts are written at the end.
 """

@@ -1,4 +1,4 @@
-"""How much memory a service and its children take, over time."""
+"""The memory of a service and its children over time."""
 
 import os
 import threading
@@ -16,7 +16,7 @@ PAGE = os.sysconf("SC_PAGE_SIZE")
 
 @dataclass(frozen=True)
 class Growth:
-    """Of resident memory, after the warm-up.
+    """The trend of resident memory after the warm-up.
 
     Attributes
     ----------
@@ -55,13 +55,13 @@ class Watch(threading.Thread):
         self.join()
 
     def growth(self, warm_up: float) -> tuple[Growth, Growth]:
-        """Of the process and of its children, from so many seconds on."""
+        """The trends of the process and of its children, from so many seconds on."""
         kept = np.array([sample for sample in self.samples if sample[0] >= warm_up])
         return growth(kept[:, 0], kept[:, 1]), growth(kept[:, 0], kept[:, 2])
 
 
 def growth(seconds: np.ndarray, mib: np.ndarray) -> Growth:
-    """Of a series; shape (n,) each, n at least 2."""
+    """The trend of a series; shape (n,) each, n at least 2."""
     tenth = max(1, len(mib) // 10)
     return Growth(
         first=float(np.median(mib[:tenth])),

@@ -1,4 +1,4 @@
-"""What the OpenAPI document promises is what the service does, by requests generated from the document."""
+"""The service keeps the promises of the OpenAPI document, by requests generated from the document."""
 
 import re
 from collections import defaultdict
@@ -96,7 +96,7 @@ def test_every_operation(case: Case, running: Running) -> None:
 
 
 def _sent_to(running: Running) -> dict[str, Any]:
-    """What every request is sent with; on a busy machine ten seconds, which are the default, are few."""
+    """The options of every request; on a busy machine ten seconds, which are the default, are few."""
     address = str(running.client.base_url).rstrip("/")
     return {"base_url": address, "headers": {"Authorization": f"Bearer {KEY}"}, "timeout": 120}
 
@@ -147,7 +147,7 @@ def test_what_was_stored_is_what_links_lead_to(running: Running, request: pytest
             self.restored: set[str] = set()
 
         def beyond_the_sequence(self, case: Case) -> list[CheckFunction]:
-            """What was deleted and then restored is there, which the check does not know."""
+            """A shape that was deleted and then restored is there, which the check does not know."""
             return [use_after_free] if self.restored.intersection(case.path_parameters.values()) else []
 
         def before_call(self, case: Case) -> None:

@@ -1,1 +1,1 @@
-"""How long PostgreSQL takes to find the nearest of many signatures, and how many of them its graph misses."""
+"""The time that PostgreSQL takes to find the nearest of many signatures, and the recall of its graph."""

@@ -1,4 +1,4 @@
-"""Which pipeline the archive is searched by, with its parameters.
+"""The pipeline that the archive is searched by, with its parameters.
 
 Archives of 0.1.0 tell of a pipeline by its fingerprint only. The one by which most of their embeddings were
 made is the one in use.

@@ -22,7 +22,7 @@ SAMPLES = 32
 
 
 def upgrade() -> None:
-    """Make their table, and the sketches of what is stored; a record that cannot be read has none."""
+    """Make their table, and the sketches of stored shapes; a record that cannot be read has none."""
     sketches = op.create_table(
         "sketches",
         sa.Column("embedding_number", Number, nullable=False),

@@ -18,7 +18,7 @@ revision = "0010"
 down_revision = "0009"
 
 AT_ONCE = 100
-# Of each table: its primary key, and the column with the bytes.
+# The primary key of each table, and the column with the bytes.
 BYTES = {
     "embeddings": (("number",), "record"),
     "sketches": (("embedding_number",), "data"),
