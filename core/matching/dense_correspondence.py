@@ -67,6 +67,21 @@ def basis(mesh: Mesh, count: int = FUNCTIONS) -> Basis:
 def extend(first: Basis, second: Basis, pairs: Ints) -> Ints:
     """The vertex of the second surface that corresponds to each vertex of the first.
 
+    Parameters and errors are those of `functional_map`.
+
+    Returns
+    -------
+    int64, shape (n,)
+        Several vertices may share one; the given pairs are a start and need not stay.
+    """
+    rotation = functional_map(first, second, pairs)
+    largest = len(rotation)
+    return nearest_rows(first.functions[:, :largest] @ rotation, second.functions[:, :largest])[0]
+
+
+def functional_map(first: Basis, second: Basis, pairs: Ints) -> Floats:
+    """The orthogonal map C between the functions of two surfaces that a few pairs of vertices determine.
+
     Parameters
     ----------
     first, second : Basis
@@ -76,8 +91,9 @@ def extend(first: Basis, second: Basis, pairs: Ints) -> Ints:
 
     Returns
     -------
-    int64, shape (n,)
-        Several vertices may share one; the given pairs are a start and need not stay.
+    float64, shape (k, k)
+        The rows of `first.functions[:, :k] @ C` lie near the rows of `second.functions[:, :k]` of the
+        corresponding vertices; k is the size of the smaller basis.
 
     Raises
     ------
@@ -92,8 +108,7 @@ def extend(first: Basis, second: Basis, pairs: Ints) -> Ints:
     begun = [_start(first, second, pairs, size) for size in starts]
     rotations = [_upsampled(few, others, rotation, largest) for rotation in begun]
     rotations += [_upsampled(others, few, rotation.T, largest).T for rotation in begun]
-    rotation = min(rotations, key=lambda one: _residual(few, others, one))
-    return _nearest(first.functions[:, :largest] @ rotation, second.functions[:, :largest])[0]
+    return min(rotations, key=lambda one: _residual(few, others, one))
 
 
 def _some(side: Basis) -> Basis:
@@ -118,7 +133,7 @@ def _upsampled(first: Basis, second: Basis, rotation: Floats, largest: int) -> F
     """The map grown from its first size to the largest."""
     while len(rotation) < largest:
         size = len(rotation)
-        found, _ = _nearest(first.functions[:, :size] @ rotation, second.functions[:, :size])
+        found, _ = nearest_rows(first.functions[:, :size] @ rotation, second.functions[:, :size])
         size = min(size + STEP, largest)
         weighted = first.areas[:, None] * first.functions[:, :size]
         rotation = _orthogonal(weighted.T @ second.functions[found, :size])
@@ -129,10 +144,10 @@ def _residual(first: Basis, second: Basis, rotation: Floats) -> float:
     """Mean squared distance that a map leaves between the two surfaces' functions, both ways."""
     size = len(rotation)
     one, two = first.functions[:, :size] @ rotation, second.functions[:, :size]
-    return float(first.areas @ _nearest(one, two)[1] + second.areas @ _nearest(two, one)[1])
+    return float(first.areas @ nearest_rows(one, two)[1] + second.areas @ nearest_rows(two, one)[1])
 
 
-def _nearest(points: Floats, targets: Floats) -> tuple[Ints, Floats]:
+def nearest_rows(points: Floats, targets: Floats) -> tuple[Ints, Floats]:
     """The row of `targets` nearest to each row of `points`, and its squared distance.
 
     By products, since a hundred dimensions defeat a tree.
