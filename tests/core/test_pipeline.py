@@ -167,7 +167,7 @@ def test_embeddings_of_other_parameters_are_refused(embedded):
             pipeline.score(pair[0], [pair[1]])
 
 
-def test_what_is_kept_of_met_shapes_is_bounded_and_changes_no_score(embedded):
+def test_the_cache_of_prepared_shapes_is_bounded_and_changes_no_score(embedded):
     pipeline, embeddings = embedded
     expected = pipeline.score(embeddings[0], embeddings)
     one = pipeline.prepared(embeddings[0]).nbytes

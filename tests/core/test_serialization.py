@@ -93,7 +93,7 @@ def test_another_embedding_gives_other_bytes():
     assert embedding_to_bytes(replace(made, facts=replace(FACTS, components=3))) != embedding_to_bytes(made)
 
 
-def test_how_an_array_lies_in_memory_does_not_matter():
+def test_the_memory_layout_of_an_array_does_not_matter():
     made = embedding()
     turned = replace(made, positions=np.asfortranarray(made.positions))
     strided = replace(made, positions=np.repeat(made.positions, 2, axis=0)[::2])

@@ -171,7 +171,7 @@ def test_only_reading_imports_trimesh() -> None:
     assert all(within(module, "core.io") or module == "service.studies.baselines.icp" for module in users)
 
 
-def test_what_only_comparisons_need_is_imported_by_them_alone() -> None:
+def test_libraries_of_comparisons_are_imported_by_comparisons_alone() -> None:
     for package in ("lapy", "sklearn"):
         users = {m for m, imported in imports().items() if any(within(name, package) for name in imported)}
         assert users

@@ -77,7 +77,7 @@ def test_the_browser_is_driven_beside_what_is_tested():
     }
 
 
-def test_what_is_tested_is_what_runs():
+def test_the_tested_versions_are_those_that_run():
     tested = pins(TESTS)
     assert {name: tested.get(name) for name in pins(RUNTIME)} == pins(RUNTIME)
 

@@ -51,7 +51,7 @@ def test_a_part_needs_no_partner_for_what_it_lacks() -> None:
     assert found.distance[0] < found.distance[1]
 
 
-def test_of_two_parts_either_may_be_in_the_other() -> None:
+def test_either_of_two_parts_may_be_in_the_other() -> None:
     small, large = embedded("octopus", 0.5).spin_images, embedded("octopus", 0.2).spin_images
     both = [
         part_distances(a[KEYPOINTS:], [b[:KEYPOINTS, :SPIN_IMAGE_LENGTH]])[0]

@@ -84,7 +84,7 @@ def test_only_the_formats_listed_are_read_or_written(format):
 
 
 @pytest.mark.parametrize("format", ["step", "stp"])
-def test_what_is_only_read_is_not_written(format):
+def test_formats_without_a_writer_are_refused(format):
     with pytest.raises(UnknownFormatError, match="written: stl, obj, ply, off, glb, 3mf"):
         write_mesh(sphere(0), format)
 
@@ -149,7 +149,7 @@ class TestEveryFormat:
         assert area(read) == pytest.approx(4 * np.pi, rel=3e-3)
         assert volume(read) == pytest.approx(4 / 3 * np.pi, rel=5e-3)
 
-    def test_what_another_writer_wrote(self, format):
+    def test_files_of_other_writers(self, format):
         """trimesh's own files, and its own area and volume."""
         torus = trimesh.creation.torus(major_radius=2, minor_radius=0.5)
         exported = torus.export(file_type=format)

@@ -100,7 +100,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("name", REFUSED)
-def test_what_is_wrong_is_refused_by_its_cause(name):
+def test_a_faulty_file_is_refused_by_its_cause(name):
     data, error = REFUSED[name]
     with pytest.raises(error) as caught:
         read_mesh(data, "step")

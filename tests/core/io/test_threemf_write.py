@@ -34,7 +34,7 @@ def parts(data):
     [Mesh(CUBE, TRIANGLES), Mesh(FULL, [[0, 1, 2], [2, 1, 0]]), bumpy(50)],
     ids=["cube", "every kind of number", "bumpy"],
 )
-def test_what_is_read_back_is_the_very_mesh(mesh):
+def test_a_mesh_is_read_back_exactly(mesh):
     again = read_mesh(write_mesh(mesh, "3MF"), "3mf")
     assert np.array_equal(again.vertices, mesh.vertices)
     assert np.array_equal(again.faces, mesh.faces)

@@ -197,7 +197,7 @@ def test_one_correspondence_has_to_suit_every_domain():
         assert match(*alone, DEFAULT).cc == pytest.approx(1.0, abs=1e-6)
 
 
-def test_what_is_prepared_is_the_spectra_and_their_splines(prepared):
+def test_a_prepared_shape_holds_spectra_and_splines(prepared):
     parameters, clouds = prepared
     for cloud in clouds:
         m = samples(cloud, parameters)

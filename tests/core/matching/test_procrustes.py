@@ -59,7 +59,7 @@ def test_arrays_are_of_one_type_and_layout_whatever_the_embedding_s(blocks, layo
 
 @pytest.mark.parametrize("blocks", [1, 2, 3])
 @pytest.mark.parametrize(("m", "d"), [(12, 12), (20, 20), (32, 50), (70, 200)])
-def test_what_is_packed_is_the_points_their_regions_and_their_splines(m, d, blocks):
+def test_a_pack_holds_points_regions_and_splines(m, d, blocks):
     """Of 12 and 20 samples the search asks for more than there are."""
     embedding = made(1, m, d, blocks)
     found = record_of(embedding)

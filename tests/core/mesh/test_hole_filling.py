@@ -27,7 +27,7 @@ def open_edges(mesh: Mesh) -> int:
 BALL = icosphere(3)
 
 
-def test_what_is_closed_stays_the_same_object():
+def test_a_closed_mesh_stays_the_same_object():
     assert fill_holes(BALL, 10.0) is BALL
 
 

@@ -58,7 +58,7 @@ def test_no_edge_is_longer_than_asked_and_the_area_stays(mesh, part):
 
 
 @pytest.mark.parametrize("mesh", CLOSED.values(), ids=CLOSED)
-def test_what_is_closed_stays_closed_with_its_volume(mesh):
+def test_a_closed_mesh_stays_closed_with_its_volume(mesh):
     cut = split_long_edges(mesh, 0.11 * edge_lengths(mesh).max(), 10**6)
     assert as_trimesh(cut).is_watertight
     assert as_trimesh(cut).is_winding_consistent

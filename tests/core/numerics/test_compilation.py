@@ -78,7 +78,7 @@ def test_a_source_that_is_added_changes_it_and_another_file_does_not(copied):
     assert of_one_more not in (before, of_another)
 
 
-def test_how_kernels_are_compiled_changes_it(copied):
+def test_compiler_options_change_the_key(copied):
     first, second = names(copied, [(copied / "numerics" / "compilation.py", "# Changed.\n")])
     assert first != second
 
@@ -116,5 +116,5 @@ def assert_compiled_and_loaded_alike(program, folder, kernel, *arguments):
     assert printed() == first
 
 
-def test_who_compiles_a_kernel_and_who_loads_it_find_the_same_bits(tmp_path):
+def test_a_compiled_and_a_loaded_kernel_have_the_same_bits(tmp_path):
     assert_compiled_and_loaded_alike(NEAREST, tmp_path, "nearest_both_ways")

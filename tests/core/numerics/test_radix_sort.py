@@ -35,7 +35,7 @@ def test_nothing_is_in_order():
     assert lexical_order(np.empty(0, dtype=np.int64)).shape == (0,)
 
 
-def test_what_is_sorted_stays():
+def test_a_sorted_array_stays():
     column = COLUMNS["floats"](500)
     before = column.copy()
     lexical_order(column)

@@ -288,13 +288,13 @@ def test_a_whole_number_past_all_floats_is_refused():
 
 
 @pytest.mark.parametrize("text", ["", "{", "degree: 4", '{"degree": }', "\x00"])
-def test_what_is_not_json_is_refused(text):
+def test_text_that_is_not_json_is_refused(text):
     with pytest.raises(ParameterError, match="not JSON"):
         Parameters.from_json(text)
 
 
 @pytest.mark.parametrize("text", ["[]", '[{"degree": 4}]', "3", "null", '"degree"', "true"])
-def test_what_is_no_object_is_refused(text):
+def test_json_that_is_no_object_is_refused(text):
     with pytest.raises(ParameterError, match="JSON object"):
         Parameters.from_json(text)
 
@@ -324,7 +324,7 @@ FLOATS = [key for key, value in DEFAULT.flat().items() if isinstance(value, floa
 
 @pytest.mark.parametrize("field", FLOATS)
 @pytest.mark.parametrize("value", ["NaN", "Infinity", "-Infinity"])
-def test_what_is_not_a_number_is_refused(field, value):
+def test_a_value_that_is_not_a_number_is_refused(field, value):
     with pytest.raises(ParameterError):
         Parameters.from_json(f'{{"{field}": {value}}}')
 

@@ -47,7 +47,7 @@ MODELS = {
 
 @pytest.mark.parametrize("model", MODELS)
 @pytest.mark.parametrize("place", range(5), ids=["cc", "sim", "spectral", "form", "patches"])
-def test_what_differs_more_is_never_more_likely_of_one_class(model, place):
+def test_a_larger_difference_is_never_more_probable(model, place):
     grids = [1.0 - CC, 1.0 - SIM, DISTANCES, DISTANCES, DISTANCES]
     order = np.argsort(grids[place])
     *grid, distance = np.meshgrid(CC, SIM, DISTANCES, DISTANCES, DISTANCES[::4], indexing="ij")

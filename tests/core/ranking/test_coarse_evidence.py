@@ -27,7 +27,7 @@ def coarse(chosen):
     )
 
 
-def test_what_signatures_tell_is_exact_and_views_are_nearly_in_order():
+def test_spectral_differences_are_exact_and_views_nearly_in_order():
     own, *others = embeddings()
     scores = Pipeline().score(own, others)
     exact = evidence_of(descriptors_of(own), [descriptors_of(one) for one in others], scores)

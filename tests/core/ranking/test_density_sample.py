@@ -66,7 +66,7 @@ def test_without_a_sample_densities_are_typical():
     assert found.view.tolist() == [TYPICAL_VIEW] * 2
 
 
-def test_of_many_shapes_the_nearest_views_are_mostly_found():
+def test_the_nearest_views_of_many_shapes_are_mostly_found():
     """Noise makes a sample of 400; only view distances to the nearest by signature are computed."""
     rng = np.random.default_rng(0)
     sample = [noisy(shape, rng) for shape in shapes() for _ in range(33)]

@@ -114,7 +114,7 @@ def changed(record, old, new):
     return record.replace(old, new)
 
 
-def test_what_is_no_record_has_no_points(embeddings):
+def test_bytes_that_are_no_record_have_no_points(embeddings):
     record = embedding_to_bytes(embeddings[0])
     for broken in (
         b"",

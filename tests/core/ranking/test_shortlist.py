@@ -21,7 +21,7 @@ def test_distances_are_the_plain_ones(n, s):
     assert signature_distances(matrix[0], matrix)[0] == 0.0
 
 
-def test_of_no_signatures_there_are_no_distances():
+def test_no_signatures_have_no_distances():
     assert signature_distances(np.zeros(5, np.float32), np.empty((0, 0), np.float32)).shape == (0,)
 
 

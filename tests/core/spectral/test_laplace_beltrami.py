@@ -125,7 +125,7 @@ def test_the_same_mesh_gives_the_same_bytes():
 
 
 @pytest.mark.parametrize("change", [None, *SAME_SHAPE])
-def test_of_equal_eigenvalues_none_is_missed(change):
+def test_no_multiple_eigenvalue_is_missed(change):
     """Two balls, linked, have each ball's seven and nine times; an eigensolver may end before the last."""
     pair = joined(shifted(icosphere(3), (2.0, 0.0, 0.0)), shifted(icosphere(3), (-2.0, 0.0, 0.0)))
     pair = clean(pair if change is None else SAME_SHAPE[change](pair)).mesh

@@ -22,7 +22,7 @@ def test_the_changes_part_the_whole_difference() -> None:
         assert differing(PAPER, DEFAULT) & set(change.fields), f"{change.title}: nothing changes"
 
 
-def test_what_no_change_names_is_one_more(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_parameter_that_no_row_names_is_one_more_row(monkeypatch: pytest.MonkeyPatch) -> None:
     left_out = next(change for change in NAMED if change.fields == ("stiffness",))
     monkeypatch.setattr(ablation, "NAMED", tuple(change for change in NAMED if change is not left_out))
     last = changes()[-1 - len(LAST)]

@@ -137,7 +137,7 @@ def test_the_share_of_the_area_is_gone(perturb, share, mesh):
 
 
 @pytest.mark.parametrize("perturb", [remove_discs, cut_part])
-def test_what_is_left_is_part_of_the_same_faces(perturb):
+def test_the_remaining_faces_are_faces_of_the_mesh(perturb):
     mesh = MESHES["person"]
     own = {face.tobytes() for face in corners(mesh)}
     left = [face.tobytes() for face in corners(perturb(mesh, 0.2, 4))]

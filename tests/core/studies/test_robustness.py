@@ -37,7 +37,7 @@ def test_rows_are_queries_and_the_diagonal_is_not_read():
     )
 
 
-def test_what_is_not_scored_is_no_answer():
+def test_a_shape_without_a_score_is_no_answer():
     scored = EVERYWHERE.copy()
     scored[3] = False
     assert nearest_neighbour({"cc": FINDS_ALL, "combined": FINDS_ALL}, scored, LABELS) == Retrieval(

@@ -147,7 +147,7 @@ def test_pages_of_other_sites_are_known(headers: dict[str, str], foreign: bool) 
     assert from_another_site(Headers({"host": "here:8000", **headers})) is foreign
 
 
-def test_what_is_not_named_is_closed() -> None:
+def test_an_operation_that_no_rule_names_is_closed() -> None:
     assert needed("GET", "/new") == "read"
     assert needed("HEAD", "/new") == "read"
     for method in ("POST", "PUT", "PATCH", "DELETE", "TRACE", "ANYTHING"):

@@ -86,7 +86,7 @@ def test_an_archive_is_stored_by_a_job(archive: Client, tmp_path: Path, run: Run
     assert run("ingest", path).stdout == "0 stored, 3 already there, 0 refused\n"
 
 
-def test_what_is_called_an_archive_and_is_none(archive: Client, tmp_path: Path, run: Run) -> None:
+def test_a_file_with_the_name_of_an_archive_that_is_none(archive: Client, tmp_path: Path, run: Run) -> None:
     (tmp_path / "words.zip").write_text("hello", encoding="utf-8")
     (tmp_path / "half.tar").write_bytes(pack({"a.off": mesh_bytes("cup", 0), "b.off": b"x"}, "tar")[:9000])
     done = run("ingest", tmp_path / "words.zip", tmp_path / "half.tar")

@@ -165,7 +165,7 @@ def test_only_an_empty_collection_is_deleted(running: Running) -> None:
             assert set(session.scalars(select(row.collection_number))) <= set(numbers)
 
 
-def test_what_arrives_when_its_collection_has_gone_is_refused(running: Running) -> None:
+def test_an_upload_to_a_deleted_collection_is_refused(running: Running) -> None:
     with working_in(running, "gone") as own:
         gate = running.container.work.embed
 

@@ -64,7 +64,7 @@ def test_a_key_sees_its_collections(running: Running, key: str, listed: list[str
                 assert "insufficient_scope" in answer.headers["www-authenticate"]
 
 
-def test_what_a_call_without_a_name_works_in(running: Running) -> None:
+def test_the_collection_of_a_call_without_a_name(running: Running) -> None:
     with client_of(running, ONE) as one, client_of(running, READER) as reader, client_of(running, TWO) as two:
         assert names(one) == ["in-a.off"]
         assert names(reader) == []
@@ -107,7 +107,9 @@ def test_a_signed_in_browser_has_the_limits_of_its_key(running: Running) -> None
         ({"a", "b"}, None, BadRequestFieldsError),
     ],
 )
-def test_what_is_allowed(limits: set[str] | None, named: str | None, found: str | type[Exception]) -> None:
+def test_the_collections_that_a_key_allows(
+    limits: set[str] | None, named: str | None, found: str | type[Exception]
+) -> None:
     frozen = None if limits is None else frozenset(limits)
     if isinstance(found, str):
         assert allowed(frozen, named) == found
@@ -125,7 +127,7 @@ def test_entries_are_read_as_they_are_written() -> None:
             KeyEntry.read(wrong)
 
 
-def test_of_a_key_in_both_lists_the_full_one_counts() -> None:
+def test_a_key_in_both_lists_is_full() -> None:
     both = digest_of("both")
     ring = KeyRing(full=[f"{both}:a"], read=[both])
     assert ring.grant("both") == Grant("full", both, collections=frozenset({"a"}))

@@ -59,7 +59,7 @@ def url(tmp_path: Path, engine: str) -> str:
     return url
 
 
-def test_what_was_stored_lies_in_the_default_collection(url: str) -> None:
+def test_stored_shapes_are_in_the_default_collection(url: str) -> None:
     with bare(url) as connection:
         found = connection.execute(text("SELECT number, name FROM collections")).all()
         assert [tuple(row) for row in found] == [(DEFAULT_COLLECTION.number, DEFAULT_COLLECTION.name)]

@@ -26,7 +26,7 @@ def test_it_waits_until_nothing_is_at_work() -> None:
     assert asyncio.run(run()) == ["one is left", "went on"]
 
 
-def test_what_fails_is_no_longer_at_work() -> None:
+def test_a_failed_task_is_no_longer_at_work() -> None:
     async def run() -> None:
         at_work = ActivityGate()
         try:

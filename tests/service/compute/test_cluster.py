@@ -24,7 +24,7 @@ from tests.service.tasks import add, nap
 __all__ = ["made", "on_cluster", "pool", "service"]
 
 
-def test_what_a_call_in_a_worker_raises_is_raised_here(pool: ClusterPool) -> None:
+def test_an_error_in_a_worker_is_raised_here(pool: ClusterPool) -> None:
     owner = str(pool.owners(np.zeros(1, dtype=np.int64))[0])
     with pytest.raises(TypeError):
         pool.submit_to(owner, add, 1, "one").result(timeout=60)

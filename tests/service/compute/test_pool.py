@@ -124,7 +124,7 @@ def test_a_fork_server_that_is_killed_costs_nothing(pool: LocalPool) -> None:
     wait_until(lambda: len(pool.pids()) == 2 and set(pool.pids()) != set(old), seconds=60)
 
 
-def test_what_does_not_pickle_is_an_error_of_that_task(workers: Workers) -> None:
+def test_a_result_that_does_not_pickle_is_an_error_of_its_task(workers: Workers) -> None:
     with pytest.raises((TypeError, AttributeError)):
         workers.submit(add, threading.Lock(), 1).result()
     with pytest.raises(TypeError, match="pickle"):
@@ -151,7 +151,7 @@ def test_a_cancelled_task_lets_go_of_its_arguments(pool: LocalPool) -> None:
     wait(blocking)
 
 
-def test_what_was_begun_and_is_cancelled_holds_up_nothing(workers: Workers) -> None:
+def test_a_cancelled_task_that_has_begun_holds_up_nothing(workers: Workers) -> None:
     napping = [workers.submit(nap, 600) for _ in range(2)]
     wait_until(lambda: workers.busy() == 2, seconds=30)
     for each in napping:

@@ -238,7 +238,7 @@ def test_nothing_is_asked_of_the_network_or_started(readers: LocalPool) -> None:
                 readers.submit(call, argument).result()
 
 
-def test_what_takes_more_memory_than_there_is_is_refused(readers: LocalPool) -> None:
+def test_a_file_that_takes_more_memory_than_there_is_is_refused(readers: LocalPool) -> None:
     with pytest.raises(MemoryError):
         readers.submit(bytes, MEMORY).result()
     pids = readers.pids()
@@ -274,7 +274,7 @@ def test_processor_time_is_counted_file_by_file(readers: LocalPool) -> None:
     assert readers.pids() != pids
 
 
-def test_what_never_ends_is_ended(readers: LocalPool) -> None:
+def test_a_task_that_never_ends_is_ended(readers: LocalPool) -> None:
     with pytest.raises(TaskTimeLimitError, match="processor time"):
         read(readers, ENDLESS, "step", 1)
     assert read(readers, step_box(), "step").mesh is not None

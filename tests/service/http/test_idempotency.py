@@ -148,7 +148,7 @@ def test_no_header_is_no_key() -> None:
     assert read_key([]) is None
 
 
-def test_what_was_not_stored_is_tried_anew(service: Running) -> None:
+def test_an_upload_that_was_not_stored_is_tried_again(service: Running) -> None:
     refused = send(service.client, small_file(0)[:100])
     assert refused.status_code == 422
     again = send(service.client, small_file(0)[:100])

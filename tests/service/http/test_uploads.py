@@ -241,7 +241,7 @@ def test_a_signature_of_another_length_is_not_stored(
     assert [result["shape"]["id"] for result in results] == [kept["id"]]
 
 
-def test_what_looks_incomplete_is_stored_and_searched_with_a_warning(service: Running) -> None:
+def test_an_incomplete_shape_is_stored_and_searched_with_a_warning(service: Running) -> None:
     whole = read_mesh(small_file(1), "off")
     part = write_mesh(cut_part(whole, 0.4, 0), "off")
     assert service.store(small_file(1), "whole.off")["warnings"] == []

@@ -46,7 +46,7 @@ def array(value: float, length: int = 100) -> np.ndarray:
     return np.full(length, value, dtype=np.float32)
 
 
-def test_what_was_not_asked_for_longest_goes_first() -> None:
+def test_the_least_recently_used_goes_first() -> None:
     cache = EmbeddingCache(1200)
     for number in (1, 2, 3):
         cache.put(number, array(number))
@@ -183,7 +183,7 @@ def test_match_records_are_ready_soon_after_the_start_and_after_an_upload(
 
 
 @pytest.mark.parametrize("running", [PLAIN], indirect=True)
-def test_what_comes_is_made_ready_whatever_was_deleted_before(running: Running) -> None:
+def test_new_shapes_are_prepared_after_any_deletion(running: Running) -> None:
     """Rows of what is gone would fill the room, and be counted for those that lack."""
     cache = cache_of(running)
     wait_until(lambda: len(cache) == STORED, seconds=30)
@@ -210,7 +210,7 @@ def test_a_record_that_cannot_be_read_is_left_out_and_stops_nothing(folder: Path
         assert set(answer(other)) == {f"{number}.off" for number in range(STORED) if number != 2}
 
 
-def test_what_no_one_foresaw_does_not_keep_the_service_from_answering(
+def test_an_unexpected_error_does_not_keep_the_service_from_answering(
     folder: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     with monkeypatch.context() as patch:

@@ -141,7 +141,7 @@ def test_links_devices_and_holes_in_a_tar() -> None:
     assert len(found) == len(kinds) + 1
 
 
-def test_what_a_zip_holds_encrypted_or_packed_by_other_methods() -> None:
+def test_zip_members_that_are_encrypted_or_packed_by_other_methods() -> None:
     lzma_packed, bzip2_packed = zipfile.ZipInfo("lzma.off"), zipfile.ZipInfo("bzip2.off")
     lzma_packed.compress_type, bzip2_packed.compress_type = zipfile.ZIP_LZMA, zipfile.ZIP_BZIP2
     data = zipped([(lzma_packed, NOISE), (bzip2_packed, NOISE), (zipfile.ZipInfo("a.off"), NOISE)])
@@ -284,7 +284,7 @@ def test_an_xz_stream_that_asks_for_too_much_memory() -> None:
     "data",
     [b"", b"OFF\n0 0 0\n", bytes(10240), NOISE, gzip.compress(NOISE), b"\x1f\x8b" + NOISE, b"BZh9" + NOISE],
 )
-def test_what_is_no_archive(data: bytes) -> None:
+def test_bytes_that_are_no_archive(data: bytes) -> None:
     with pytest.raises(UnknownArchiveError):
         archive_format(io.BytesIO(data), LIMITS)
 

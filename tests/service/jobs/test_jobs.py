@@ -108,7 +108,7 @@ def test_files_that_cannot_be_stored_are_named_and_hold_up_nothing(clean: Runnin
 
 
 @on_both
-def test_what_is_stored_already_is_found(clean: Running) -> None:
+def test_a_shape_that_is_stored_already_is_found(clean: Running) -> None:
     shape = clean.store(small_file(0), "0.off", tags="before")
     data = pack({"a/0.off": small_file(0), "b/1.off": small_file(1), "c/1.off": small_file(1)})
     job_id = begun(clean.client, data, tags="after")
@@ -146,7 +146,7 @@ def test_an_archive_that_ends_in_the_middle_fails_and_gives_what_came_before(cle
         (b"\x1f\x8b" + bytes(40), 415, "unknown-archive"),
     ],
 )
-def test_what_is_no_archive_is_refused_at_once(
+def test_bytes_that_are_no_archive_are_refused_at_once(
     clean: Running, archive: bytes, status: int, kind: str
 ) -> None:
     assert_problem(send(clean.client, archive), status, kind)
@@ -274,7 +274,7 @@ def at_work(running: Running) -> int:
     return int(float(line.split()[1]))
 
 
-def test_what_a_cancelled_job_has_stored_stays(clean: Running) -> None:
+def test_shapes_that_a_cancelled_job_has_stored_stay(clean: Running) -> None:
     job_id = begun(clean.client, pack(meshes(range(40))))
     wait_until(lambda: job(clean.client, job_id)["counts"]["stored"] >= 3, seconds=180)
     cancelled = clean.client.post(f"/jobs/{job_id}/cancel").json()
@@ -339,7 +339,7 @@ def failing(monkeypatch: pytest.MonkeyPatch, number: int, *errors: Exception) ->
 
 
 @pytest.mark.parametrize("error", [StorageFullError("full"), StorageUnavailableError("away")])
-def test_what_is_no_files_fault_has_the_job_wait(
+def test_the_job_waits_for_errors_that_are_no_fault_of_a_file(
     clean: Running, monkeypatch: pytest.MonkeyPatch, error: Exception
 ) -> None:
     failing(monkeypatch, 1, error, error)

@@ -51,7 +51,7 @@ def test_an_archive_that_unpacks_to_too_much_fails_and_nothing_of_it_is_stored(s
     assert_too_large(strict, pack({f"{number}.off": b"x" * 2 * MEMBER for number in range(3)}))
 
 
-def test_what_is_seen_to_be_too_large_at_once_is_refused_at_once(strict: Running) -> None:
+def test_an_archive_that_says_that_it_is_too_large_is_refused_at_once(strict: Running) -> None:
     archive = pack({"0.off": b"x" * 4 * MEMBER}, "tar.gz")
     assert_problem(send(strict.client, archive), 422, "archive-too-large")
 

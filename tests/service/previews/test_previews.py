@@ -102,7 +102,7 @@ def test_a_ball_is_drawn_as_a_disc(size: int) -> None:
     assert drawn[at, at, :3].sum() > drawn[-at, -at, :3].sum()
 
 
-def test_what_is_in_front_hides_what_is_behind() -> None:
+def test_faces_in_front_hide_faces_behind() -> None:
     towards = camera()[2] @ upright("off")
     inner = ball(20, 20)
     # A larger ball, nearer to the eye, hides the small one.
@@ -218,7 +218,7 @@ def test_a_browser_that_has_a_picture_is_not_sent_it_again(service: Running, wha
 
 
 @pytest.mark.parametrize("what", ["thumbnail.png", "preview.glb", "view"])
-def test_of_a_shape_that_is_not_there_there_is_no_picture(service: Running, what: str) -> None:
+def test_a_shape_that_is_not_there_has_no_picture(service: Running, what: str) -> None:
     assert_problem(service.client.get(f"/shapes/no-such-shape/{what}"), 404, "shape-not-found")
 
 

@@ -69,7 +69,7 @@ def test_a_stored_shape_is_left_out_or_found_as_with_memory(both: tuple[Running,
         assert (shape["id"] in {result["shape"]["id"] for result in told[1]["results"]}) != itself
 
 
-def test_what_comes_and_goes_is_seen_by_the_next_query(both: tuple[Running, Running]) -> None:
+def test_the_next_query_sees_stored_and_deleted_shapes(both: tuple[Running, Running]) -> None:
     memory, database = both
     new = memory.store(small_file(200), "new.off")
     first = answers(database, small_file(200))["results"][0]

@@ -30,7 +30,7 @@ def part_of(label: str) -> bytes:
 
 
 @pytest.mark.parametrize("label", CLASSES)
-def test_what_a_part_is_of_comes_first(stocked: Running, label: str) -> None:
+def test_the_original_of_a_part_comes_first(stocked: Running, label: str) -> None:
     answer = query(stocked.client, part_of(label), partial="true").json()
     found = answer["results"]
     assert found[0]["shape"]["name"] == f"{label}.off"

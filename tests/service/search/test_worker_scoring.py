@@ -30,7 +30,7 @@ def truth(records):
     return np.stack([found.cc, found.ssd, found.sim])
 
 
-def test_what_is_not_here_is_told_and_what_was_sent_is_kept(records):
+def test_a_worker_names_the_records_that_it_lacks_and_keeps_the_records_sent(records):
     scores, missing = asked(NUMBERS, {}, user=1)
     assert np.isnan(scores).all()
     np.testing.assert_array_equal(missing, NUMBERS)
@@ -53,7 +53,7 @@ def test_the_numbers_of_several_services_are_their_own(records):
     np.testing.assert_array_equal(other, truth(records)[:, 1:2])
 
 
-def test_what_has_no_room_is_matched_and_not_kept(records):
+def test_a_record_without_room_is_matched_and_not_kept(records):
     length = match_record(embedding_from_bytes(records[1]), DEFAULT).nbytes
     scores, missing = asked(NUMBERS, records, user=4, room=2 * length + length // 2)
     np.testing.assert_array_equal(scores, truth(records))

@@ -81,7 +81,7 @@ def test_a_shape_that_was_stored_again_is_not_restored_beside_it(service: Runnin
     assert service.client.get("/shapes").json()["total"] == 2
 
 
-def test_what_is_purged_or_too_old_cannot_be_restored(service: Running) -> None:
+def test_a_purged_or_too_old_shape_cannot_be_restored(service: Running) -> None:
     with Client(str(service.client.base_url)) as client:
         ids = [service.store(small_file(number), name=f"{number}")["id"] for number in (1, 2)]
         for number in ids:

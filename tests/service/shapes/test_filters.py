@@ -143,7 +143,7 @@ def test_a_bolt_of_another_size_is_another_bolt(service: Running) -> None:
     ],
     ids=str,
 )
-def test_what_cannot_be_a_filter_is_refused(stocked: Running, wrong: dict[str, Any], field: str) -> None:
+def test_a_wrong_filter_is_refused(stocked: Running, wrong: dict[str, Any], field: str) -> None:
     problem = assert_problem(query(stocked.client, small_file(9), **wrong), 422, "bad-request-fields")
     assert [error["field"] for error in problem["errors"]] == [field]
 

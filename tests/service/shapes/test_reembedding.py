@@ -131,7 +131,7 @@ def sha_of(running: Running, name: str) -> str:
     return shape["sha256"]
 
 
-def test_what_was_done_is_not_done_again(stocked: tuple[Running, Path], few: Parameters) -> None:
+def test_finished_embeddings_are_not_computed_again(stocked: tuple[Running, Path], few: Parameters) -> None:
     running, folder = stocked
     old = pipeline_in_use(running).fingerprint
     begun = []
@@ -156,7 +156,7 @@ def test_what_was_done_is_not_done_again(stocked: tuple[Running, Path], few: Par
     assert (outcome.made, work.embedded, outcome.active) == (0, [], True)
 
 
-def test_what_is_stored_or_deleted_meanwhile_is_so_afterwards(
+def test_shapes_stored_or_deleted_meanwhile_are_so_afterwards(
     stocked: tuple[Running, Path], few: Parameters
 ) -> None:
     running, folder = stocked
@@ -300,7 +300,7 @@ def test_a_cluster_that_is_away_is_waited_for(
     assert (len(away), len(work.embedded)) == (20, STORED)
 
 
-def test_what_lacks_an_embedding_of_the_pipeline_in_use_gets_it(stocked: tuple[Running, Path]) -> None:
+def test_a_shape_without_an_embedding_of_the_pipeline_in_use_gets_it(stocked: tuple[Running, Path]) -> None:
     running, _ = stocked
     assert query(running.client, small_file(1)).json()["compared"] == STORED + 1
     with running.container.database.write() as session:

@@ -81,7 +81,7 @@ def test_only_the_file_that_is_meant_is_replaced(service: Running) -> None:
         assert put(service, shape.id, small_file(3), **{"If-Match": "*"}).status_code == 200
 
 
-def test_what_cannot_be_used_changes_nothing(service: Running) -> None:
+def test_a_file_that_cannot_be_used_changes_nothing(service: Running) -> None:
     shape = service.store(small_file(1), name="bird.off")
     assert_problem(put(service, shape["id"], b"OFF\n"), 422, "malformed-mesh")
     assert_problem(put(service, shape["id"], small_file(1), "a.txt"), 415, "unknown-format")

@@ -54,7 +54,7 @@ def test_nothing_is_replaced_unasked(archive: Path, target: Path) -> None:
     assert sorted(path.name for path in target.parent.iterdir()) == [target.name]
 
 
-def test_what_is_not_whole_is_neither_backed_up_nor_restored(archive: Path, target: Path) -> None:
+def test_a_damaged_archive_is_neither_backed_up_nor_restored(archive: Path, target: Path) -> None:
     shutil.copy(archive, target)
     change(target, "UPDATE blobs SET data = x'00', size = 1 WHERE number = 2")
     bad = target.rename(target.with_name("bad.sqlite3"))
@@ -139,7 +139,7 @@ def half_done(archive: Path, folder: Path) -> Path:
     return left
 
 
-def test_what_a_killed_process_left_is_made_whole_and_then_checked(archive: Path, tmp_path: Path) -> None:
+def test_the_archive_of_a_killed_process_is_recovered_and_then_checked(archive: Path, tmp_path: Path) -> None:
     left = half_done(archive, tmp_path)
     assert check(left, lock_seconds=1).faults == []
     assert left.read_bytes() == archive.read_bytes()
@@ -214,7 +214,7 @@ def text(path: Path) -> None:
         (Path.unlink, ArchiveError, "there is no"),
     ],
 )
-def test_what_is_no_archive_of_this_version_is_refused(
+def test_a_file_that_is_no_archive_of_this_version_is_refused(
     archive: Path, target: Path, spoil: Callable[[Path], None], error: type[Exception], message: str
 ) -> None:
     other = Path(shutil.copy(archive, archive.with_name("other.sqlite3")))

@@ -34,7 +34,7 @@ def faults(path: Path) -> list[str]:
     return check(path, lock_seconds=1).faults
 
 
-def test_what_is_whole_has_no_faults_and_is_counted(whole: Path) -> None:
+def test_a_whole_archive_has_no_faults_and_is_counted(whole: Path) -> None:
     assert check(whole, lock_seconds=1) == CheckReport(
         shapes=3,
         blobs=3,
@@ -191,7 +191,7 @@ def test_a_file_cut_short_is_found(archive: Path) -> None:
         assert found_out(archive)
 
 
-def test_what_is_no_archive_is_refused_and_left_alone(tmp_path: Path, archive: Path) -> None:
+def test_a_file_that_is_no_archive_is_refused_and_left_alone(tmp_path: Path, archive: Path) -> None:
     missing, other, empty = tmp_path / "missing", tmp_path / "text", tmp_path / "empty"
     other.write_text("no database " * 1000)
     empty.touch()

@@ -114,7 +114,7 @@ def test_a_number_that_was_given_is_not_given_again(archive: Path, tmp_path: Pat
             assert session.scalars(select(ShapeRow.blob_number).where(ShapeRow.number == 71)).one() == 5
 
 
-def test_what_is_not_empty_is_left_alone(archive: Path, tmp_path: Path) -> None:
+def test_a_target_that_is_not_empty_is_left_alone(archive: Path, tmp_path: Path) -> None:
     other = make_archive(tmp_path / "other.sqlite3", 7)
     before = content(other)
     with pytest.raises(ArchiveError, match="not empty"):
@@ -170,7 +170,7 @@ def test_an_archive_of_another_version_is_not_copied(archive: Path, tmp_path: Pa
         copied(file(archive), empty_database())
 
 
-def test_what_is_no_archive_is_not_copied(archive: Path, tmp_path: Path) -> None:
+def test_a_file_that_is_no_archive_is_not_copied(archive: Path, tmp_path: Path) -> None:
     with pytest.raises(ArchiveError, match="no Isoshape archive"):
         copied(empty_database(), file(tmp_path / "copy.sqlite3"))
     change(archive, "CREATE TABLE notes (number INTEGER PRIMARY KEY)")

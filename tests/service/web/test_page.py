@@ -63,7 +63,7 @@ def test_the_wheel_has_every_file_that_is_sent() -> None:
         assert any(fnmatch(f"static/{name}", p) for p in patterns if p.count("/") + 1 == depth), name
 
 
-def test_what_others_wrote_is_licensed_and_named() -> None:
+def test_vendored_files_are_licensed_and_named() -> None:
     told = (STATIC / "vendor" / "README.md").read_text()
     for name in assets.names():
         if name.startswith("vendor/") and not name.endswith(".txt"):

@@ -120,7 +120,7 @@ def test_a_shape_is_deleted_only_when_that_is_confirmed(visit: Visit, service: R
     assert len(names) == 5
 
 
-def test_what_was_deleted_is_restored(visit: Visit, service: Running) -> None:
+def test_a_deleted_shape_is_restored(visit: Visit, service: Running) -> None:
     before = {shape["name"]: shape for shape in service.client.get("/shapes").json()["shapes"]}
     page = visit.open()
     for name in ("fish-1.ply", "glasses-2.ply", "fish-2.ply"):
@@ -151,7 +151,7 @@ def test_what_was_deleted_is_restored(visit: Visit, service: Running) -> None:
     assert len(after) == 5
 
 
-def test_what_cannot_be_restored_is_told_of(visit: Visit, service: Running) -> None:
+def test_the_page_names_shapes_that_cannot_be_restored(visit: Visit, service: Running) -> None:
     visit.expected = ["409"]
     page = visit.open()
     page.get_by_role("button", name="Delete fish-1.ply").click()

@@ -44,7 +44,7 @@ def ledger() -> Ledger:
 @pytest.mark.parametrize(
     "there", [{"stored"}, {"stored", "going"}, {"stored", "unknown"}, {"stored", "going", "unknown"}]
 )
-def test_what_was_not_acknowledged_may_be_there_or_not(ledger: Ledger, there: set[str]) -> None:
+def test_a_shape_without_acknowledgement_may_be_there_or_not(ledger: Ledger, there: set[str]) -> None:
     assert ledger.settle([shape(name) for name in there]) == []
     assert ledger.found == ("unknown" in there)
     # From then on it is known.

@@ -37,7 +37,7 @@ while amount := input():
 """
 
 
-def test_what_a_process_holds_and_whose_child_it_is() -> None:
+def test_the_memory_and_the_parent_of_a_process() -> None:
     with subprocess.Popen(
         [sys.executable, "-c", HOLD], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     ) as process:

@@ -135,7 +135,7 @@ def _beyond_words(problem: dict[str, Any]) -> bool:
     return bool(faults) and all(WRITTEN.intersection(field.split(".")) for field in faults)
 
 
-def test_what_was_stored_is_what_links_lead_to(running: Running, request: pytest.FixtureRequest) -> None:
+def test_links_lead_to_stored_shapes(running: Running, request: pytest.FixtureRequest) -> None:
     """Sequences of requests along the links: upload, then read, change, query and delete."""
     first = int(request.config.getoption("hypothesis_seed") or 0) * ROUNDS
     reached: dict[str, set[int]] = defaultdict(set)

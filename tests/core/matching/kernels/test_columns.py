@@ -58,7 +58,7 @@ def test_so_many_targets_that_their_numbers_take_up_to_fourteen_bits(low):
     assert np.array_equal(found[separate], nearest_columns_reference(points, targets, 3)[separate])
 
 
-def test_of_equally_near_targets_the_first_is_taken():
+def test_the_first_of_equally_near_targets_is_taken():
     targets = np.repeat(columns(3, 10, 4), 3, axis=1)
     assert np.array_equal(nearest(targets, targets, 4, 128), np.repeat(np.arange(0, 30, 3), 3))
     one = np.zeros((4, 20), dtype=np.float32)

@@ -38,7 +38,7 @@ def precision(low):
 @pytest.mark.parametrize("low", [128, 512, 16384])
 @pytest.mark.parametrize(("m", "n"), [(2, 2), (100, 100), (37, 90), (120, 12)])
 @pytest.mark.parametrize("k", [2, 3, 7, 12, 20])
-def test_what_is_nearest_both_ways_is_the_plain_one_but_for_the_bits_that_are_left_out(k, m, n, low):
+def test_mutual_neighbours_are_the_plain_ones_but_for_the_bits_that_are_left_out(k, m, n, low):
     points, targets = random_cloud(k, m, k), random_cloud(50 + k, n, k)
     squares = squared(points, targets)
     relative, absolute = precision(low)
@@ -68,7 +68,7 @@ def test_every_point_is_its_own_neighbour():
         assert np.array_equal(matches, np.arange(100))
 
 
-def test_of_points_that_coincide_the_first_is_taken():
+def test_the_first_of_coincident_points_is_taken():
     points = np.repeat(random_cloud(4, 10, 6), 3, axis=0)
     for matches in both(points, points, 128):
         assert np.array_equal(matches, np.repeat(np.arange(0, 30, 3), 3))
@@ -98,7 +98,7 @@ def test_the_closest_of_a_region_is_the_plain_one(k, scale):
             assert found in members[start:stop]
 
 
-def test_of_points_equally_close_the_first_member_is_taken():
+def test_the_first_of_equally_close_members_is_taken():
     points = np.ones((6, 3), dtype=np.float32)
     members = np.int32([4, 2, 5, 0])
     ends = np.float32([[0, 0, 0], [1, 1, 1]])

@@ -126,7 +126,7 @@ def test_a_singular_matrix_determines_the_factor_on_its_range_and_the_rest_goes_
 
 
 @pytest.mark.parametrize("k", [1, 3, 10])
-def test_of_nothing_the_factor_is_nothing(k):
+def test_the_factor_of_a_zero_matrix_is_zero(k):
     trace, found = factor(np.zeros((k, k)))
     assert trace == 0.0
     assert not found.any()
@@ -144,7 +144,7 @@ def test_rows_that_are_equal_or_nothing(equal):
     assert svdvals(found) == pytest.approx((sigma > 1e-6).astype(float), abs=0.02)
 
 
-def test_what_a_matrix_does_not_determine_hardly_depends_on_rounding():
+def test_undetermined_directions_hardly_depend_on_rounding():
     for seed in range(10):
         matrix = of_singular_values(seed, np.array([3, 2, 1, 1e-6, 0.0, 0.0]))
         shaken = matrix + 1e-7 * np.random.default_rng(seed).normal(size=matrix.shape)

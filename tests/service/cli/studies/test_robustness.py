@@ -133,7 +133,7 @@ def test_files_and_queries_that_cannot_be_used(run: Run, tmp_path: Path) -> None
     assert study["levels"][0]["runs"][0]["cc"] <= 0.75
 
 
-def test_what_is_asked_wrongly(collection: Path, run: Run, tmp_path: Path) -> None:
+def test_wrong_options_are_refused(collection: Path, run: Run, tmp_path: Path) -> None:
     done = run("robustness", collection, "--only", "dust")
     assert (done.status, done.stdout) == (2, "")
     assert "dust is none of noise, holes" in done.stderr
