@@ -13,17 +13,29 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from core.dense.records import DenseCorrespondence
     from core.embedding import Embedding, Match
     from core.io import read_mesh
     from core.mesh.mesh import Mesh
     from core.parameters import DEFAULT, PAPER, Parameters
     from core.pipeline import Pipeline
 
-__all__ = ["DEFAULT", "PAPER", "Embedding", "Match", "Mesh", "Parameters", "Pipeline", "read_mesh"]
+__all__ = [
+    "DEFAULT",
+    "PAPER",
+    "DenseCorrespondence",
+    "Embedding",
+    "Match",
+    "Mesh",
+    "Parameters",
+    "Pipeline",
+    "read_mesh",
+]
 
 _MODULES = {
     "DEFAULT": "core.parameters",
     "PAPER": "core.parameters",
+    "DenseCorrespondence": "core.dense.records",
     "Embedding": "core.embedding",
     "Match": "core.embedding",
     "Mesh": "core.mesh.mesh",

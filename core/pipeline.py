@@ -10,6 +10,9 @@ from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
 from core.arrays import Bytes, Floats, Ints
+from core.dense.dense_correspondence import correspond
+from core.dense.records import DenseCorrespondence
+from core.dense.working_surface import WorkingSurface, working_surface
 from core.descriptors.boundary_ratio import boundary_ratio
 from core.descriptors.completeness import INCOMPLETE
 from core.descriptors.descriptor_distance import DescriptorDistance, describe, descriptor_distance
@@ -341,6 +344,46 @@ class Pipeline:
             distances=found.distances.astype(np.float32),
             effective=found.effective,
         )
+
+    def correspond(
+        self, first: Mesh, second: Mesh, embeddings: tuple[Embedding, Embedding] | None = None
+    ) -> DenseCorrespondence:
+        """The vertex of the second mesh that corresponds to each vertex of the first.
+
+        Parameters are those of `correspond_both`.
+        """
+        return self.correspond_both(first, second, embeddings)[0]
+
+    def correspond_both(
+        self, first: Mesh, second: Mesh, embeddings: tuple[Embedding, Embedding] | None = None
+    ) -> tuple[DenseCorrespondence, DenseCorrespondence]:
+        """The dense correspondence from the first mesh to the second, and from the second to the first.
+
+        Parameters
+        ----------
+        first, second : Mesh
+            Above `core.dense.working_surface.MOST_VERTICES` vertices, the correspondence is computed on
+            simplified copies.
+        embeddings : two Embedding, optional
+            Of the two meshes by this pipeline; they are computed unless given.
+
+        Raises
+        ------
+        DegenerateMeshError
+            A mesh has no area, or too few vertices for the dimensions.
+        CannotBeEmbeddedError
+            The method fails on a mesh.
+        IncompatibleEmbeddingsError
+            An embedding was made with other parameters.
+        """
+        one, other = embeddings or (self.embed(first), self.embed(second))
+        pairs = self.match(one, other).correspondence
+        with guarded():
+            return correspond(self._working(first, one), self._working(second, other), pairs.astype(np.int64))
+
+    def _working(self, mesh: Mesh, embedding: Embedding) -> WorkingSurface:
+        surface, _, frame = self.normalise(mesh)
+        return working_surface(mesh, surface, frame, embedding.positions.astype(np.float64))
 
     def features(
         self, cc: Floats, sim: Floats, query: NDArray[np.float32], signatures: NDArray[np.float32]

@@ -1,0 +1,3 @@
+"""Dense correspondence: two meshes and a few pairs in; a vertex for each vertex, and differences, out."""
+
+__all__ = ["dense_correspondence", "records", "working_surface"]

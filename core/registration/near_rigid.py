@@ -1,0 +1,115 @@
+"""The best similarity transform between surfaces that are rigid copies in large part.
+
+A part that is missing, added or bent must not pull the rest: of the closest pairs only the nearest share
+counts (trimmed ICP; D. Chetverikov, D. Svirko, D. Stepanov and P. Krsek, "The trimmed iterative closest point
+algorithm", ICPR 2002). Reflections are left out.
+"""
+
+from itertools import product
+
+import numpy as np
+
+from core.arrays import Floats
+from core.registration.similarity_icp import RESIDUAL, Similarity, best_similarity
+from core.sampling.surface_samples import SurfaceSamples, closest_points
+
+SHARE = 0.7
+"""Share of either surface that must lie on the other."""
+
+FEW, COARSE_ROUNDS, ROUNDS = 200, 20, 8
+"""Sample points of a coarse iteration, and the largest numbers of coarse and of fine iterations."""
+
+PROMISING = 0.02
+"""Largest residual of a coarse alignment, between sample points, that is refined."""
+
+NEAR = 3.0 * RESIDUAL
+"""Distance over the root of the area within which a point lies on the other surface."""
+
+
+def near_rigid(
+    first: SurfaceSamples, second: SurfaceSamples, pairs: tuple[Floats, Floats], same_units: float
+) -> Similarity | None:
+    """The similarity transform of the first surface, at unit area, onto the second, at unit area.
+
+    Parameters
+    ----------
+    first, second : SurfaceSamples
+    pairs : two of float64, shape (m, 3)
+        Corresponding points of both surfaces, in the units of the sampled meshes; some may be wrong. They
+        give one initial rotation, the principal axes four more.
+    same_units : float
+        Scale of the transform if both files have one unit. The other initial scale makes the areas equal:
+        a part that is missing changes the area, another unit changes the lengths.
+
+    Returns
+    -------
+    Similarity or None
+        None unless `SHARE` of either surface lies on the other, with a root mean square distance of at most
+        `RESIDUAL` over the root of the area.
+    """
+    ends = first.to_unit(pairs[0]), second.to_unit(pairs[1])
+    rotations = [best_similarity(*ends, sign=1, scaled=False).rotation] + [
+        second.axes.T * signs @ first.axes for signs in product((1.0, -1.0), repeat=3) if np.prod(signs) > 0
+    ]
+    scales = [1.0] if abs(same_units - 1.0) < RESIDUAL else [1.0, same_units]
+    starts = [Similarity(scale, turn, np.zeros(3)) for scale in scales for turn in rotations]
+    coarse = [_coarse(first, second, start) for start in starts]
+    least = min(residual for residual, _ in coarse)
+    if least > PROMISING:
+        return None
+    fine = [_fine(first, second, motion) for residual, motion in coarse if residual <= 1.5 * least]
+    found = [motion for motion in fine if motion is not None]
+    return min(found, key=lambda motion: _clipped(first, second, motion), default=None)
+
+
+def _coarse(first: SurfaceSamples, second: SurfaceSamples, motion: Similarity) -> tuple[float, Similarity]:
+    """The trimmed residual and the transform after coarse iterations at a given scale."""
+    few = first.points[:: len(first.points) // FEW]
+    kept = round(SHARE * len(few))
+    before = np.empty(0, dtype=np.intp)
+    for _ in range(COARSE_ROUNDS):
+        gaps, near = second.tree.query(motion.apply(few))
+        order = np.argsort(gaps)[:kept]
+        if np.array_equal(near[order], before):
+            break
+        before = near[order]
+        turned = best_similarity(motion.scale * few[order], second.points[before], sign=1, scaled=False)
+        motion = Similarity(motion.scale, turned.rotation, turned.shift)
+    gaps = np.sort(second.tree.query(motion.apply(few))[0])[:kept]
+    return float(np.sqrt((gaps**2).mean())), motion
+
+
+def _fine(first: SurfaceSamples, second: SurfaceSamples, motion: Similarity) -> Similarity | None:
+    """The transform refined in both directions; None if too little of one surface is on the other."""
+    for _ in range(ROUNDS):
+        ours, theirs = _closest(first, second, motion)
+        sources, targets = [], []
+        for source, target in (ours, theirs):
+            gaps = np.linalg.norm(motion.apply(source) - target, axis=1)
+            order = np.argsort(gaps)
+            # The share grows to all points that lie on the other surface.
+            kept = order[: max(round(SHARE * len(gaps)), int((gaps <= NEAR).sum()))]
+            sources.append(source[kept])
+            targets.append(target[kept])
+        motion = best_similarity(np.concatenate(sources), np.concatenate(targets), sign=1, scaled=True)
+    for source, target in _closest(first, second, motion):
+        gaps = np.sort(np.linalg.norm(motion.apply(source) - target, axis=1))[: round(SHARE * len(source))]
+        if np.sqrt((gaps**2).mean()) > RESIDUAL:
+            return None
+    return motion
+
+
+def _closest(
+    first: SurfaceSamples, second: SurfaceSamples, motion: Similarity
+) -> tuple[tuple[Floats, Floats], tuple[Floats, Floats]]:
+    """Points of the first and of the second, paired: from the first to the second, and back."""
+    ours, theirs = first.representatives, second.representatives
+    ahead = ours, closest_points(second, motion.apply(ours))
+    behind = closest_points(first, motion.invert(theirs)), theirs
+    return ahead, behind
+
+
+def _clipped(first: SurfaceSamples, second: SurfaceSamples, motion: Similarity) -> float:
+    """Mean distance both ways, of which no point gives more than some times `NEAR`."""
+    gaps = [np.linalg.norm(motion.apply(a) - b, axis=1) for a, b in _closest(first, second, motion)]
+    return float(np.minimum(np.concatenate(gaps), 5.0 * NEAR).mean())
