@@ -82,14 +82,11 @@ class SignatureIndex:
         larger. The operating system provides memory only for pages that are written.
         """
         start, end = self._length, self._length + len(added.shapes)
-        width = max(self._allocated.coarse_samples.shape[1], added.coarse_samples.shape[1])
-        added = replace(added, coarse_samples=_padded(added.coarse_samples, width))
+        added = _widened(added, self._allocated)
         if start == 0:
             self._allocated = IndexEntries(*(array[:0] for array in _arrays(added)))
         if end > start:
-            self._allocated = replace(
-                self._allocated, coarse_samples=_padded(self._allocated.coarse_samples, width)
-            )
+            self._allocated = _widened(self._allocated, added)
             if end > len(self._allocated.shapes):
                 capacity = max(end + end // 4, expected + expected // 4)
                 self._allocated = IndexEntries(
@@ -105,12 +102,21 @@ def _arrays(entries: IndexEntries) -> list[NDArray[Any]]:
     return [getattr(entries, field.name) for field in fields(entries)]
 
 
-def _padded(coarse_samples: NDArray[np.uint8], width: int) -> NDArray[np.uint8]:
-    """Coarse samples in rows of `width` bytes; a batch without any has rows of length 0."""
-    if coarse_samples.shape[1] == width:
-        return coarse_samples
-    padded = np.zeros((len(coarse_samples), width), dtype=np.uint8)
-    padded[:, : coarse_samples.shape[1]] = coarse_samples
+def _widened(entries: IndexEntries, others: IndexEntries) -> IndexEntries:
+    """Entries with rows of bytes at least as long as those of others; rows of no bytes have length 0."""
+    return replace(
+        entries,
+        coarse_samples=_padded(entries.coarse_samples, others.coarse_samples.shape[1]),
+        view_signatures=_padded(entries.view_signatures, others.view_signatures.shape[1]),
+    )
+
+
+def _padded(rows: NDArray[np.uint8], width: int) -> NDArray[np.uint8]:
+    """Rows of at least `width` bytes, zeros at their ends."""
+    if rows.shape[1] >= width:
+        return rows
+    padded = np.zeros((len(rows), width), dtype=np.uint8)
+    padded[:, : rows.shape[1]] = rows
     return padded
 
 

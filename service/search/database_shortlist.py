@@ -29,7 +29,7 @@ def entries_in_database(
     *,
     ef_search: int,
 ) -> tuple[IndexEntries, bool]:
-    """The candidates of a query, and whether they are a shortlist; a shortlist has the nearest first.
+    """The candidates of a query, and whether they are a shortlist.
 
     The HNSW index finds the shortlist if there is no filter and the collection has at least half of all
     shapes; otherwise exact search does, because most neighbours in the index would not match. Coarse samples

@@ -8,7 +8,7 @@ from functools import partial
 from starlette.concurrency import run_in_threadpool
 
 from core.embedding import Embedding
-from core.errors import BadRecordError, MeshError
+from core.errors import BadRecordError, CoreError
 from core.mesh.mesh import Mesh
 from core.parameters import Parameters
 from core.ranking.likeness import likeness
@@ -17,7 +17,7 @@ from core.registration.rigid_copy import may_be_copy, scale_by_samples
 from core.serialization import embedding_from_bytes
 from service.collection import CollectionNumber
 from service.container import Container
-from service.errors import FileTimeLimitError, NotEmbeddedError, ShapeNotFoundError
+from service.errors import NotEmbeddedError, ServiceError, ShapeNotFoundError
 from service.observability.logging import get_logger
 from service.search import tasks
 from service.search.records import Comparison, Query, Relation, SearchResult
@@ -159,7 +159,7 @@ async def _scale(container: Container, first: _Side, second: _Side, parameters: 
     try:
         meshes = await asyncio.gather(first.mesh(), second.mesh())
         return await container.work.do(tasks.registered, *meshes, first.record, second.record, parameters)
-    except (BadRecordError, FileTimeLimitError, MeshError, ShapeNotFoundError) as error:
+    except (CoreError, ServiceError) as error:
         log.warning("a result is not registered: %s", error)
         return None
 

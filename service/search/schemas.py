@@ -39,13 +39,16 @@ SSD = (
 )
 COMBINED = (
     "The probability that the two shapes belong to one class, in [0, 1], from cc, the Laplace-Beltrami "
-    "spectra, global descriptors, and spin images, by which one surface may be a part of the other. Higher "
-    "is more similar, and values of different answers are comparable. Calibrated for the default pipeline, "
-    "on collections with about one pair in 25 of one class; with fewer such pairs the value is too high."
+    "spectra, global descriptors, spin images, by which one surface may be a part of the other, views, the "
+    "reliability of both meshes and the local densities of the collection. Higher is more similar. The value "
+    "of a pair depends on the other stored shapes: it is comparable within a collection. Calibrated for the "
+    "default pipeline, on collections with about one pair in 32 of one class; with fewer such pairs it is "
+    "too high."
 )
 LIKENESS = (
-    f"By what the shapes are alike. same: a rigid copy of one size (to {100 * SIZE:.0f} %), on any mesh; "
-    "scaled: a rigid copy of another size; registration confirms both. pose: nearly isometric, as two "
+    "The property in which the shapes are alike. same: a rigid copy of one size "
+    f"(to {100 * SIZE:.0f} %), on any mesh; scaled: a rigid copy of another size; "
+    "registration, of the samples or else of the surfaces, confirms both. pose: nearly isometric, as two "
     f"poses of one body (the distance of the log eigenvalues is at most {NEAR_ISOMETRIC}, and cc at least "
     f"{POSE_CC}), or a mirror image. similar: the class probability is at least "
     f"{SIMILAR}, by combined or at the typical density of stored shapes. weak: none of these. mirrored "

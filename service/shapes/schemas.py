@@ -45,10 +45,10 @@ def warnings_of(openness: float) -> list[str]:
     """Warnings for comparisons with a surface."""
     if openness <= INCOMPLETE:
         return []
+    share = min(openness, 1.0)
     return [
-        "the surface looks incomplete: its open rims would bound "
-        f"{100 * openness:.0f} % of its area. A query finds what it is a part of with rank_by=combined or "
-        "partial=true"
+        f"the surface looks incomplete: its open rims would bound {100 * share:.0f} % of its area. A query "
+        "finds what it is a part of with rank_by=combined or partial=true"
     ]
 
 
@@ -68,7 +68,9 @@ class MeshFacts(BaseModel):
     openness: float = Field(
         default=0.0,
         description="The boundary ratio: the areas of discs with the lengths of the boundary loops, over "
-        "the surface area; 0 for a closed surface, and for one embedded by a version without this measure.",
+        "the surface area, at most 1; 0 for a closed surface, for a surface of several pieces none of which "
+        "has 3/4 of the area, and for one embedded by a version without this measure. Embeddings of versions "
+        "without views have other values, also above 1.",
     )
 
 

@@ -177,6 +177,7 @@ def _embeddings(connection: sqlite3.Connection, report: CheckReport) -> None:
         record: bytes,
         views: bytes | None,
         reliability: float | None,
+        sketch: int | None,
     ) -> Iterator[str]:
         report.embeddings += 1
         report.pipelines[fingerprint] = report.pipelines.get(fingerprint, 0) + 1
@@ -189,18 +190,19 @@ def _embeddings(connection: sqlite3.Connection, report: CheckReport) -> None:
             yield f"embedding {number} is of {embedding.fingerprint}, and stored as one of {fingerprint}"
         if not np.array_equal(np.frombuffer(signature, np.uint8), embedding.signature.view(np.uint8)):
             yield f"embedding {number} has a signature beside it that is not its own"
-        if (views, reliability) not in {(None, None), _views_of(embedding)}:
-            yield f"embedding {number} has a view signature beside its sketch that is not its own"
+        if described and sketch is not None and (views, reliability) != _views_of(embedding):
+            yield f"embedding {number} has views beside its sketch that are not its own"
         if dimensions.setdefault(fingerprint, _dimensions(embedding)) != _dimensions(embedding):
             yield f"embedding {number} has other dimensions than the first of {fingerprint}"
 
     sealed = _has_column(connection, "embeddings")
     described = _has_column(connection, "sketches", "view_signature")
     beside = "SELECT {} FROM sketches WHERE embedding_number = number"
-    views, reliability = (
-        f"({beside.format(name)})" if described else "NULL" for name in ("view_signature", "reliability")
+    of_sketch = ", ".join(
+        f"({beside.format(name)})" if described else "NULL"
+        for name in ("view_signature", "reliability", "embedding_number")
     )
-    columns = f"{'checksum' if sealed else 'NULL'}, fingerprint, signature, record, {views}, {reliability}"
+    columns = f"{'checksum' if sealed else 'NULL'}, fingerprint, signature, record, {of_sketch}"
     _check_rows(connection, "embeddings", columns, EMBEDDINGS_AT_ONCE, check_embedding, report)
 
 
@@ -256,7 +258,7 @@ def _has_column(connection: sqlite3.Connection, table: str, column: str = "check
 
 
 def _views_of(embedding: Embedding) -> tuple[bytes | None, float | None]:
-    """The view signature and the reliability that a sketch holds; nothing without views."""
+    """The view signature and the reliability that a sketch holds; None without views."""
     if not embedding.views.size:
         return None, None
     return view_signature(embedding.views).tobytes(), intrinsic_reliability(embedding.facts)

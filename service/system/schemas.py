@@ -32,7 +32,7 @@ class PendingPipeline(BaseModel):
     fingerprint: str = Field(description="A hash of these parameters and of the method's version.")
     embedded: int = Field(description="Files with an embedding by this pipeline.")
     files: int = Field(description="All files; shapes with the same bytes count as one file.")
-    message: str = Field(description="What `isoshape reembed` does to the archive.")
+    message: str = Field(description="The change that `isoshape reembed` makes to the archive.")
 
 
 class Version(BaseModel):

@@ -32,10 +32,16 @@ def database(tmp_path: Path) -> Iterator[Database]:
     database.close()
 
 
-def store(database: Database, content: int, name: str, fingerprint: str = FINGERPRINT) -> None:
+def store(
+    database: Database,
+    content: int,
+    name: str,
+    fingerprint: str = FINGERPRINT,
+    views: NDArray[np.uint8] | None = None,
+) -> None:
     """Store a shape whose signature tells its content and its fingerprint."""
     signature = np.array([content, int(fingerprint, 16) % 97, 0.5], dtype=np.float32)
-    embedded = Embedded(b"record", signature, bytes([content, 1]), None, None, {}, {})
+    embedded = Embedded(b"record", signature, bytes([content, 1]), views, None, {}, {})
     new = NewShape(str(content).encode(), "off", DEFAULT_COLLECTION.number, name, (), {})
     with database.write() as session:
         blob = repository.blob_number(session, new.sha256)
@@ -145,3 +151,14 @@ def test_an_index_that_holds_nothing_does_not_read_what_was_removed(
     remove(database, 2, "name")
     assert current(database, index).signatures[:, 0].tolist() == [0]
     assert len(asked) == 1
+
+
+@pytest.mark.parametrize("first", [True, False])
+def test_a_batch_without_views_has_rows_of_zeros(database: Database, *, first: bool) -> None:
+    index = SignatureIndex(FINGERPRINT)
+    views = np.array([7, 8], dtype=np.uint8)
+    store(database, 1, "one", views=views if first else None)
+    current(database, index)
+    store(database, 2, "two", views=None if first else views)
+    found = current(database, index).view_signatures.tolist()
+    assert found == ([[7, 8], [0, 0]] if first else [[0, 0], [7, 8]])

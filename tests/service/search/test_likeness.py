@@ -7,10 +7,12 @@ import httpx
 import pytest
 from starlette.concurrency import run_in_threadpool
 
+from core.errors import CannotBeEmbeddedError
 from core.gallery.bodies import make_body
 from core.io import write_mesh
 from core.mesh.mesh import Mesh
 from core.ranking.likeness import SIMILAR
+from service.errors import WorkerLostError
 from service.search import likeness
 from tests.service.support import Running, query, serving, settings_in
 from tests.soak.duplicates.copies import moved, simplified
@@ -121,3 +123,16 @@ def test_a_shape_that_goes_while_it_is_registered_is_no_copy(
     results = by_name(query(stocked.client, file_of(OCTOPUS), tag="gone"))
     assert results["gone"]["likeness"] == "pose"
     assert results["gone"]["scale"] is None
+
+
+@pytest.mark.parametrize("error", [WorkerLostError("a worker"), CannotBeEmbeddedError("the method fails")])
+def test_a_registration_that_fails_costs_the_answer_nothing_else(
+    stocked: Running, monkeypatch: pytest.MonkeyPatch, error: Exception
+) -> None:
+    async def fails(*_given: Any) -> Mesh:
+        raise error
+
+    monkeypatch.setattr(likeness, "stored_mesh", fails)
+    answer = query(stocked.client, file_of(OCTOPUS), tag="simplified")
+    assert answer.status_code == 200
+    assert [result["likeness"] for result in answer.json()["results"]] == ["pose"]

@@ -110,11 +110,15 @@ def test_a_spoilt_embedding_is_named(
         ),
         (
             "UPDATE sketches SET view_signature = x'00' WHERE embedding_number = 2",
-            ["embedding 2 has a view signature beside its sketch"],
+            ["embedding 2 has views beside its sketch"],
         ),
         (
             "UPDATE sketches SET reliability = 0.25 WHERE embedding_number = 1",
-            ["embedding 1 has a view signature beside its sketch"],
+            ["embedding 1 has views beside its sketch"],
+        ),
+        (
+            "UPDATE sketches SET view_signature = NULL, reliability = NULL WHERE embedding_number = 1",
+            ["embedding 1 has views beside its sketch"],
         ),
         ("DELETE FROM sketches WHERE embedding_number = 2", ["embedding 2 has no sketch"]),
         ("UPDATE blobs SET data = x'00' WHERE number = 1", ["blob 1 has 1 bytes", "blob 1 does not have"]),
