@@ -20,10 +20,14 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.stats import skew
 
 from core.errors import ParameterError
 
 E_MEASURE_RANKS = 32
+
+OCCURRENCE_RANKS = 10
+"""Number of first ranks in which the occurrences of each shape are counted."""
 
 
 @dataclass(frozen=True)
@@ -56,6 +60,13 @@ class Evaluation:
         ranking 1, as it must when the query is left out.)
     map : float
         Mean average precision: the mean, over the relevant shapes, of the precision at each one's rank.
+    occurrence_skewness : float
+        Skewness of the 10-occurrence, the number of shapes that have a shape among their first 10. Hubs make
+        it large (Radovanovic, Nanopoulos, Ivanovic, "Hubs in Space", 2010). 0 where all shapes occur equally
+        often.
+    most_often_wrong : float
+        The largest share of the queries that have one and the same shape of another class as their first
+        neighbour.
     per_class : dict of str to ClassFigures
         By class name, in sorted order.
     classes : tuple of str
@@ -73,6 +84,8 @@ class Evaluation:
     e: float
     dcg: float
     map: float
+    occurrence_skewness: float
+    most_often_wrong: float
     per_class: dict[str, ClassFigures]
     classes: tuple[str, ...]
     confusion: NDArray[np.int64]
@@ -103,7 +116,8 @@ def evaluate(scores: ArrayLike, labels: Sequence[str], *, larger_is_closer: bool
     if len(queries) == 0:
         raise ParameterError("no class has two shapes, so there is nothing to find")
 
-    ranked = codes[_rankings(distances, codes)[queries]]
+    order = _rankings(distances, codes)
+    ranked = codes[order[queries]]
     own = codes[queries]
     relevant = ranked == own[:, None]
     wanted = sizes[own] - 1
@@ -112,6 +126,8 @@ def evaluate(scores: ArrayLike, labels: Sequence[str], *, larger_is_closer: bool
     st = _recall_within(relevant, 2 * wanted, wanted)
     confusion = np.zeros((len(classes), len(classes)), dtype=np.int64)
     np.add.at(confusion, (own, ranked[:, 0]), 1)
+    occurrences = np.bincount(order[:, :OCCURRENCE_RANKS].ravel(), minlength=len(codes))
+    wrong = np.bincount(order[queries, 0][nn == 0.0], minlength=len(codes))
     return Evaluation(
         shapes=len(codes),
         queries=len(queries),
@@ -121,6 +137,8 @@ def evaluate(scores: ArrayLike, labels: Sequence[str], *, larger_is_closer: bool
         e=float(_e_measure(relevant, wanted).mean()),
         dcg=float(_discounted_gain(relevant, wanted).mean()),
         map=float(_average_precision(relevant, wanted).mean()),
+        occurrence_skewness=float(skew(occurrences)) if np.ptp(occurrences) else 0.0,
+        most_often_wrong=float(wrong.max() / len(queries)),
         per_class={
             str(classes[c]): ClassFigures(*(float(figure[own == c].mean()) for figure in (nn, ft, st)))
             for c in np.unique(own)

@@ -27,6 +27,7 @@ from core.ranking.opinion_pool import pooled_log_odds
 from core.serialization import embedding_from_bytes
 from service.compute.tasks import embed_file
 from service.compute.worker_loop import end_with_parent
+from service.index.density_samples import sampled
 
 Floats = NDArray[np.float64]
 A = TypeVar("A")
@@ -106,15 +107,25 @@ def score_pairs(
     pairs = Evidence(**evidence, part=part)
     pairs = replace(
         pairs,
-        spectral_density=_densities(pairs.spectral, TYPICAL_SPECTRAL),
-        view_density=_densities(pairs.views, TYPICAL_VIEW),
+        spectral_density=pair_densities(pairs.spectral, TYPICAL_SPECTRAL),
+        view_density=pair_densities(pairs.views, TYPICAL_VIEW),
     )
     return PairScores(cc, ssd, sim, pooled_log_odds(pairs), pairs)
 
 
-def _densities(distances: Floats, typical: float) -> Floats:
-    """The geometric means of two shapes' distances to their seventh neighbours, shape (n, n)."""
-    others = np.where(np.eye(len(distances), dtype=bool), np.inf, distances)
+def pair_densities(distances: Floats, typical: float) -> Floats:
+    """The geometric means of two shapes' distances to their seventh neighbours, shape (n, n).
+
+    As in the service, neighbours are looked for in a sample of large collections.
+
+    Parameters
+    ----------
+    distances : float64, shape (n, n)
+    typical : float
+        `TYPICAL_SPECTRAL` or `TYPICAL_VIEW`.
+    """
+    sample = sampled(np.arange(1, len(distances) + 1))
+    others = np.where(np.eye(len(distances), dtype=bool), np.inf, distances)[:, sample]
     nearest = neighbour_distances(others, typical)
     return np.asarray(np.sqrt(np.outer(nearest, nearest)))
 

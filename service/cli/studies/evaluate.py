@@ -24,6 +24,8 @@ from service.studies.subset import spread
 
 MEASURES = ("nn", "ft", "st", "e", "dcg", "map")
 
+HUBNESS = ("occurrence_skewness", "most_often_wrong")
+
 
 class RankBy(StrEnum):
     """A score that ranks the answers, or all of them."""
@@ -52,7 +54,7 @@ class RetrievalReport:
             "rank_by": self.rank_by,
             "shapes": self.figures.shapes,
             "classes": len(self.figures.classes),
-            **{name: getattr(self.figures, name) for name in MEASURES},
+            **{name: getattr(self.figures, name) for name in (*MEASURES, *HUBNESS)},
             "per_class": {name: asdict(row) for name, row in self.figures.per_class.items()},
         }
 
@@ -88,7 +90,9 @@ def command(
 
     Each shape is a query against all others. The measures are NN (nearest neighbour), FT and ST (first and
     second tier), E (E-measure of the first 32), DCG (discounted cumulative gain) and MAP (mean average
-    precision), as in Shilane et al. 2004. Ties count against the ranking.
+    precision), as in Shilane et al. 2004. Ties count against the ranking. Two more measure hubs: the skewness
+    of the 10-occurrence (Radovanovic et al. 2010), and the share of the queries that have one and the same
+    wrong first answer.
 
     The other methods run on the same meshes: ShapeDNA (Reuter et al. 2006) by LaPy, ICP (Besl and McKay 1992)
     by trimesh, MDS (Elad and Kimmel 2003) by scikit-learn, the shape distribution D2 (Osada et al. 2002), and
@@ -139,10 +143,11 @@ def _print(console: Console, reports: list[RetrievalReport]) -> None:
         collapse_padding=True,
     )
     overall.add_column("rank by")
-    for name in MEASURES:
-        overall.add_column(name.upper(), justify="right")
+    for name in (*map(str.upper, MEASURES), "skewness", "one wrong"):
+        overall.add_column(name, justify="right")
     for report in reports:
-        overall.add_row(report.rank_by, *(f"{getattr(report.figures, name):.3f}" for name in MEASURES))
+        figures = (f"{getattr(report.figures, name):.3f}" for name in (*MEASURES, *HUBNESS))
+        overall.add_row(report.rank_by, *figures)
     console.print(overall)
     for report in reports:
         console.print(_class_table(report))

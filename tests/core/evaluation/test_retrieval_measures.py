@@ -92,6 +92,23 @@ def test_equals_the_plain_reference(seed: int, levels: int) -> None:
     assert np.trace(found.confusion) / found.confusion.sum() == pytest.approx(found.nn)
 
 
+def test_a_hub_is_the_first_answer_of_many_queries_and_occurs_often() -> None:
+    n, wrong = 40, 12
+    labels = ["hub"] * 2 + ["a"] * (n - 2)
+    distances = 1.0 + np.random.default_rng(0).random((n, n))
+    even = evaluate(distances, labels, larger_is_closer=False)
+    distances[2:, 0] = 0.5
+    distances[n - wrong :, 0] = 3.0
+    found = evaluate(distances, labels, larger_is_closer=False)
+    assert found.most_often_wrong == (n - 2 - wrong) / n
+    nearest = np.argsort(np.where(np.eye(n, dtype=bool), np.inf, distances), axis=1)[:, :10]
+    counts = np.bincount(nearest.ravel(), minlength=n) - 10.0
+    assert found.occurrence_skewness == pytest.approx((counts**3).mean() / (counts**2).mean() ** 1.5)
+    assert found.occurrence_skewness > even.occurrence_skewness
+    all_alike = evaluate(np.ones((4, 4)), ["a"] * 4, larger_is_closer=False)
+    assert all_alike.most_often_wrong == all_alike.occurrence_skewness == 0.0
+
+
 def test_perfect_ranking_is_one_and_its_reverse_finds_nothing_first() -> None:
     labels = ["a"] * 4 + ["b"] * 4 + ["c"] * 4
     descriptor_distance = (np.asarray(labels)[:, None] != np.asarray(labels)[None, :]).astype(float)

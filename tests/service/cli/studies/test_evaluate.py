@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.distance import cdist
 
 from core.embedding import Embedding
 from core.evaluation.retrieval_measures import evaluate
@@ -19,14 +20,16 @@ from core.pipeline import Pipeline
 from core.ranking.evidence import descriptors_of, evidence_of
 from core.ranking.opinion_pool import pooled_log_odds
 from service.datasets import read_collection
-from service.studies.pairwise_scores import embed_files, score_pairs, worker_pool
+from service.index.density_samples import SAMPLE, sampled
+from service.studies.pairwise_scores import embed_files, pair_densities, score_pairs, worker_pool
 from service.studies.subset import spread
 from tests.service.cli.conftest import CLASSES, Run, mesh_bytes
 from tests.service.support import wait_until
 from tests.soak.kill.cycles import runs
 
 KEYS = [
-    "collection", "setting", "rank_by", "shapes", "classes", "nn", "ft", "st", "e", "dcg", "map", "per_class",
+    "collection", "setting", "rank_by", "shapes", "classes", "nn", "ft", "st", "e", "dcg", "map",
+    "occurrence_skewness", "most_often_wrong", "per_class",
 ]  # fmt: skip
 
 
@@ -70,10 +73,20 @@ def test_every_ranking_from_one_run(collection: Path, embeddings: list[Embedding
             3,
         ]
         expected = evaluate(matrices[report["rank_by"]], labels, larger_is_closer=True)
-        for name in ("nn", "ft", "st", "e", "dcg", "map"):
+        for name in KEYS[5:-1]:
             assert report[name] == pytest.approx(getattr(expected, name), abs=1e-9)
         assert list(report["per_class"]) == list(CLASSES)
         assert report["per_class"]["cup"]["st"] == pytest.approx(expected.per_class["cup"].st)
+
+
+def test_the_densities_of_a_large_collection_are_those_in_its_sample() -> None:
+    points = np.random.default_rng(0).random((SAMPLE + 100, 2))
+    distances = cdist(points, points)
+    sample = sampled(np.arange(1, len(points) + 1))
+    found = pair_densities(distances, 1.0)
+    for i in (sample[0], np.setdiff1d(np.arange(len(points)), sample)[0]):
+        own = np.sort(distances[i, sample[sample != i]])[6]
+        assert found[i, i] == pytest.approx(own)
 
 
 def test_pairs_are_scored_once_and_mirrored(pool: Executor, embeddings: list[Embedding]) -> None:
@@ -146,7 +159,7 @@ def test_tables_of_the_paper_setting_uncapped(collection: Path, run: Run) -> Non
     assert (done.status, done.stderr) == (0, "")
     assert "made, setting paper: 4 shapes, 2 classes" in done.stdout
     lines = [line.split() for line in done.stdout.splitlines()]
-    assert [line[0] for line in lines if len(line) == 7 and line[0] in {"cc", "ssd", "sim"}] == ["cc", "ssd"]
+    assert [line[0] for line in lines if len(line) == 9 and line[0] in {"cc", "ssd", "sim"}] == ["cc", "ssd"]
     per_class = [line[:2] for line in lines if line and line[0] in CLASSES]
     assert per_class == 2 * [[label, "2"] for label in CLASSES[:2]]
 
