@@ -41,6 +41,7 @@ from service.pipelines.active import Pipelines
 from service.pipelines.starting import begin
 from service.previews.endpoints import router as pictures_router
 from service.search.cache_warmer import CacheWarmer
+from service.search.compare_endpoint import router as compare_router
 from service.search.endpoints import router as search_router
 from service.settings import Settings, load_parameters, load_settings
 from service.shapes.deleted.endpoints import router as deleted_router
@@ -109,6 +110,7 @@ def create_app(settings: Settings) -> FastAPI:
     )
     app.state.settings = settings
     app.include_router(search_router)
+    app.include_router(compare_router)
     app.include_router(duplicates_router)
     app.include_router(shapes_router)
     app.include_router(files_router)
@@ -123,7 +125,7 @@ def create_app(settings: Settings) -> FastAPI:
     app.add_middleware(
         BodyLimit,
         file_bytes=settings.max_upload_bytes,
-        larger={JOBS_ADDRESS: settings.max_archive_bytes},
+        larger={JOBS_ADDRESS: settings.max_archive_bytes, "/compare": 2 * settings.max_upload_bytes},
         # More could not wait for a worker.
         arrivals=Arrivals(settings.workers + settings.queue_length),
         seconds=settings.receive_seconds,

@@ -48,6 +48,8 @@ class Call(Generic[T]):
         The JSON body, if any.
     file : File, optional
         The file of the form.
+    files : dict
+        Files of the form by the names of other fields.
     streamed : bool
         Whether the file is sent in pieces, because it may be too large for memory.
     """
@@ -60,6 +62,7 @@ class Call(Generic[T]):
     headers: Mapping[str, str] = field(default_factory=dict)
     json: object = None
     file: File | None = None
+    files: Mapping[str, File] = field(default_factory=dict)
     streamed: bool = False
 
     def prepared(self, stack: ExitStack) -> dict[str, Any]:
@@ -80,6 +83,9 @@ class Call(Generic[T]):
             path = Path(self.file)
             content = stack.enter_context(path.open("rb")) if self.streamed else path.read_bytes()
             given |= {"data": self.data, "files": {"file": (path.name, content)}}
+        if self.files:
+            parts = {name: _part(file) for name, file in self.files.items()}
+            given |= {"data": self.data, "files": parts}
         return given
 
     def then(self, change: Callable[[T], U]) -> "Call[U]":
@@ -114,6 +120,14 @@ def pages(one: Callable[[str | None], Call[APage]], items: Callable[[APage], Seq
         return Step(items(page), None if page.next_cursor is None else after(page.next_cursor))
 
     return after(None)
+
+
+def _part(file: File) -> tuple[str, bytes]:
+    """The name and the bytes of a file."""
+    if isinstance(file, tuple):
+        return file
+    path = Path(file)
+    return path.name, path.read_bytes()
 
 
 def parsed(model: type[Model]) -> Callable[[httpx.Response], Model]:

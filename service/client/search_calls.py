@@ -1,13 +1,18 @@
 """The calls that search and compare."""
 
-from collections.abc import Sequence
-from typing import Any, Literal, TypedDict, Unpack
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, Literal, TypedDict, TypeVar, Unpack
 
-from service.client.calls import Call, File, given, parsed, segment
+import httpx
+
+from service.client.calls import Call, File, content, given, parsed, segment
 from service.duplicates.schemas import DuplicatesAnswer
 from service.search.rank_by import RankBy
 from service.search.schemas import CompareAnswer, QueryAnswer
 from service.system.schemas import Version
+
+T = TypeVar("T")
 
 
 class QueryArguments(TypedDict, total=False):
@@ -47,9 +52,44 @@ def query_shape(shape_id: str, **options: Unpack[QueryArguments]) -> Call[QueryA
     return Call("POST", "/query", parsed(QueryAnswer), json=body)
 
 
-def compare(first: str, second: str) -> Call[CompareAnswer]:
-    """Compare two stored shapes, given by their ids, point by point."""
-    return Call("POST", "/compare", parsed(CompareAnswer), json={"first": first, "second": second})
+Compared = str | Path | tuple[str, bytes]
+"""A shape to compare: the id of a stored shape, or a file as its path or as its name and bytes."""
+
+
+def compare(first: Compared, second: Compared, *, dense: bool = False) -> Call[CompareAnswer]:
+    """Compare two shapes point by point, with `dense` vertex by vertex.
+
+    A text is the id of a stored shape; a `Path`, or a name with bytes, is a file.
+    """
+    return _compared(first, second, parsed(CompareAnswer), {"dense": dense}, {})
+
+
+def dense_file(
+    first: Compared,
+    second: Compared,
+    format: Literal["npz", "glb"],
+    paint: Literal["correspondence", "difference"] = "correspondence",
+) -> Call[bytes]:
+    """The dense correspondence of two shapes as a NumPy archive, or as a GLB with both painted."""
+    options = {"format": format, "paint": paint}
+    return _compared(first, second, content, {"dense": True}, options)
+
+
+def _compared(
+    first: Compared,
+    second: Compared,
+    read: Callable[[httpx.Response], T],
+    options: dict[str, bool],
+    params: dict[str, str],
+) -> Call[T]:
+    """JSON with two ids, or a form if one of the shapes is a file."""
+    shapes = {"first": first, "second": second}
+    files = {name: shape for name, shape in shapes.items() if not isinstance(shape, str)}
+    ids = {name: shape for name, shape in shapes.items() if isinstance(shape, str)}
+    if not files:
+        return Call("POST", "/compare", read, params=params, json={**ids, **options})
+    fields = {name: _field(value) for name, value in options.items()}
+    return Call("POST", "/compare", read, params=params, data={**ids, **fields}, files=files)
 
 
 def duplicates(

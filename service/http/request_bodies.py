@@ -1,4 +1,4 @@
-"""Request bodies as dependencies: a form with one file, or JSON, in; a pydantic model out."""
+"""Request bodies as dependencies: a form with files, or JSON, in; a pydantic model out."""
 
 import errno
 from collections.abc import AsyncIterator
@@ -43,11 +43,13 @@ class RequestBody(Generic[Model]):
     Parameters
     ----------
     form : type of model
-        The form. Its field `file` is the one file; a field that is a list may be repeated.
+        The form. Its field `file` is the one file, unless `either` names others; a list may be repeated.
     json : type of model, optional
         The JSON object that the operation takes as well.
     limit : str
-        The setting that has the largest size of the file, in bytes.
+        The setting that has the largest size of a file, in bytes.
+    either : tuple of str
+        Fields of the form that hold a file or text, in the place of the one file.
     """
 
     def __init__(
@@ -56,8 +58,10 @@ class RequestBody(Generic[Model]):
         *,
         json: type[Model] | None = None,
         limit: Literal["max_upload_bytes", "max_archive_bytes"] = "max_upload_bytes",
+        either: tuple[str, ...] = (),
     ) -> None:
         self._form = form
+        self._either = either
         self._json = json
         self._limit = limit
 
@@ -80,9 +84,9 @@ class RequestBody(Generic[Model]):
         if media_type == FORM:
             _check_charset(content_type)
             settings: Settings = request.app.state.settings
-            form = await _form_of(request, settings.max_form_fields)
+            form = await _form_of(request, settings.max_form_fields, len(self._either) or 1)
             try:
-                values = _values(form, self._form, getattr(settings, self._limit))
+                values = _values(form, self._form, self._either, getattr(settings, self._limit))
                 # In a thread: other requests go on meanwhile.
                 yield await run_in_threadpool(_validated, self._form, values)
             finally:
@@ -91,7 +95,9 @@ class RequestBody(Generic[Model]):
             yield _validated(self._json, await _object_of(request))
         else:
             others = "" if self._json is None else ", or JSON"
-            raise UnsupportedBodyError(f"the body must be {FORM} with the file in the field {FILE!r}{others}")
+            fields = " and ".join(repr(name) for name in self._either)
+            files = f"a file or text in {fields}" if fields else f"the file in the field {FILE!r}"
+            raise UnsupportedBodyError(f"the body must be {FORM} with {files}{others}")
 
     @property
     def openapi(self) -> dict[str, Any]:
@@ -128,17 +134,23 @@ def _check_charset(content_type: str) -> None:
         raise UnsupportedBodyError(f"forms are read as UTF-8, not as {charset.decode('latin-1')[:40]!r}")
 
 
-async def _form_of(request: Request, max_fields: int) -> FormData:
+async def _form_of(request: Request, max_fields: int, max_files: int) -> FormData:
     try:
-        return await request.form(max_files=1, max_fields=max_fields, max_part_size=FIELD_BYTES)
+        return await request.form(max_files=max_files, max_fields=max_fields, max_part_size=FIELD_BYTES)
     except OSError as error:
         if error.errno in {errno.ENOSPC, errno.EDQUOT}:
             raise StorageFullError("there is no room for the upload in the temporary folder") from error
         raise
 
 
-def _values(form: FormData, model: type[BaseModel], max_bytes: int) -> dict[str, Any]:
-    """The values of a form's fields, of which lists alone may be repeated."""
+def _values(
+    form: FormData, model: type[BaseModel], either: tuple[str, ...], max_bytes: int
+) -> dict[str, Any]:
+    """The values of a form's fields, of which lists alone may be repeated.
+
+    The fields `either` hold a file or text; if there are none, the field `file` holds the one file.
+    """
+    files = either or (FILE,)
     characters = 0
     for name, value in form.multi_items():
         if isinstance(value, str):
@@ -146,11 +158,12 @@ def _values(form: FormData, model: type[BaseModel], max_bytes: int) -> dict[str,
             if characters > TEXT_CHARACTERS:
                 raise FileTooLargeError(f"at most {TEXT_CHARACTERS} characters of text are taken in a form")
             continue
-        if name != FILE:
-            raise BadRequestFieldsError(FieldFault(name, f"a file is expected in the field {FILE!r} only"))
+        if name not in files:
+            places = " or ".join(repr(each) for each in files)
+            raise BadRequestFieldsError(FieldFault(name, f"a file is expected in the field {places} only"))
         if (value.size or 0) > max_bytes:
             raise FileTooLargeError(f"the file has {value.size} bytes; at most {max_bytes} bytes are taken")
-    if isinstance(form.get(FILE, ""), str):
+    if not either and isinstance(form.get(FILE, ""), str):
         raise BadRequestFieldsError(FieldFault(FILE, "a file, with its name, is required"))
     lists = {name for name, field in model.model_fields.items() if get_origin(field.annotation) is list}
     values = {name: form.getlist(name) for name in form}

@@ -14,10 +14,11 @@ class Timings:
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
-        """Measure the block."""
+        """Measure the block, and add its time to that of earlier blocks of the stage."""
         start = time.perf_counter()
         yield
-        self.milliseconds[name] = 1e3 * (time.perf_counter() - start)
+        taken = 1e3 * (time.perf_counter() - start)
+        self.milliseconds[name] = self.milliseconds.get(name, 0.0) + taken
 
     def so_far(self) -> dict[str, float]:
         """The times of the stages and their "total" up to now, rounded to a microsecond."""

@@ -4,11 +4,20 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import KDTree
 
+from core.arrays import Floats
+from core.dense.records import DenseCorrespondence
 from core.mesh.cleaning import merge_vertices
 from core.mesh.mesh import Mesh
-from core.mesh.simplification import decimate
+from core.mesh.simplification import decimate, diagonal
 from service.rendering.colours import colours_of_points, interpolate_colours
+from service.rendering.dense_colours import (
+    Paint,
+    correspondence_colours,
+    difference_colours,
+    differences,
+)
 from service.rendering.glb import GlbPart, write_glb
 from service.rendering.viewpoint import upright
 
@@ -35,6 +44,25 @@ class ComparedMesh:
     points: NDArray[np.float64]
 
 
+@dataclass(frozen=True, eq=False)
+class PaintedMesh:
+    """One of two meshes that are painted vertex by vertex.
+
+    Attributes
+    ----------
+    name, format : str
+        Name of the shape and format of its file.
+    mesh : Mesh
+    way : DenseCorrespondence
+        To the other mesh.
+    """
+
+    name: str
+    format: str
+    mesh: Mesh
+    way: DenseCorrespondence
+
+
 def preview(mesh: Mesh, format: str, faces: int) -> bytes:
     """A mesh as a GLB of at most about `faces` faces."""
     return write_glb([_part("shape", mesh, format, faces)])
@@ -48,6 +76,48 @@ def coloured(first: ComparedMesh, second: ComparedMesh, faces: int) -> bytes:
         part = _part(side.name, side.mesh, side.format, faces)
         parts.append(replace(part, colours=interpolate_colours(side.points, colours, part.vertices)))
     return write_glb(parts)
+
+
+def painted(first: PaintedMesh, second: PaintedMesh, faces: int, paint: Paint) -> bytes:
+    """Both meshes as one GLB, painted by their dense correspondence.
+
+    With "difference" the extras of each node have the `quantity` that is shown, the `maximum` of the scale,
+    in units of the mesh, and the share of vertices `without_partner`.
+    """
+    sides = first, second
+    told: list[dict[str, object]] = [{}, {}]
+    if paint == "difference":
+        ends = differences((first.way, second.way), (diagonal(first.mesh), diagonal(second.mesh)))
+        colours = tuple(
+            difference_colours(end, side.way.partnered) for end, side in zip(ends, sides, strict=True)
+        )
+        told = [
+            {
+                "quantity": end.quantity,
+                "maximum": end.maximum,
+                "without_partner": float(1.0 - side.way.partnered.mean()),
+            }
+            for end, side in zip(ends, sides, strict=True)
+        ]
+    else:
+        colours = correspondence_colours(first.mesh.vertices, upright(first.format), second.way)
+    parts = []
+    for side, own, facts in zip(sides, colours, told, strict=True):
+        part = _part(side.name, side.mesh, side.format, faces)
+        shown = own if part.vertices is side.mesh.vertices else _nearest(side.mesh, own, part.vertices)
+        parts.append(replace(part, colours=_opaque(shown), facts={**part.facts, **facts}))
+    return write_glb(parts)
+
+
+def _nearest(mesh: Mesh, colours: Floats, vertices: Floats) -> Floats:
+    """The colours of the vertices of a mesh at the nearest ones of a simplified mesh."""
+    return np.asarray(colours[KDTree(mesh.vertices).query(vertices)[1]])
+
+
+def _opaque(colours: Floats) -> NDArray[np.uint8]:
+    """Red, green, blue and opacity 255, shape (n, 4)."""
+    whole = np.hstack([colours, np.ones((len(colours), 1))])
+    return np.asarray(np.rint(255.0 * whole), dtype=np.uint8)
 
 
 def _part(name: str, mesh: Mesh, format: str, faces: int) -> GlbPart:

@@ -2,6 +2,8 @@
 
 __all__ = [
     "cache_warmer",
+    "compare_endpoint",
+    "compare_schemas",
     "endpoints",
     "likeness_words",
     "rank_by",

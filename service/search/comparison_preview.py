@@ -1,25 +1,42 @@
-"""Previews of comparisons, in which corresponding points have the same colour."""
+"""Previews of comparisons: both meshes as a GLB, painted."""
 
-from service.collection import CollectionNumber
+import asyncio
+
+from core.dense.records import DenseCorrespondence
 from service.container import Container
-from service.previews.service import record, stored_file
 from service.rendering import tasks
-from service.rendering.tasks import FACES, ComparedMesh
+from service.rendering.dense_colours import Paint
+from service.rendering.tasks import FACES, ComparedMesh, PaintedMesh
+from service.search.compared_shapes import ComparedShape
 from service.search.records import Comparison
 
 
 async def coloured(
-    container: Container, collection: CollectionNumber, first_id: str, second_id: str, comparison: Comparison
+    container: Container, first: ComparedShape, second: ComparedShape, comparison: Comparison
 ) -> bytes:
-    """Both shapes of a comparison as a GLB, coloured so that corresponding points have the same colour."""
+    """Both shapes, coloured so that corresponding points have the same colour."""
     pairs = comparison.match.correspondence
     meshes = []
-    for shape_id, embedding, samples in (
-        (first_id, comparison.first, pairs[:, 0]),
-        (second_id, comparison.second, pairs[:, 1]),
+    for shape, embedding, samples in (
+        (first, comparison.first, pairs[:, 0]),
+        (second, comparison.second, pairs[:, 1]),
     ):
-        shape = await record(container, collection, shape_id)
         points = embedding.positions[samples].astype("float64")
-        mesh = await container.work.read(await stored_file(container, collection, shape_id), shape.format)
-        meshes.append(ComparedMesh(shape.name, shape.format, mesh, points))
+        meshes.append(ComparedMesh(shape.name, shape.format, await shape.mesh(), points))
     return await container.work.do(tasks.coloured, meshes[0], meshes[1], FACES)
+
+
+async def painted(
+    container: Container,
+    first: ComparedShape,
+    second: ComparedShape,
+    ways: tuple[DenseCorrespondence, DenseCorrespondence],
+    paint: Paint,
+) -> bytes:
+    """Both shapes, painted vertex by vertex from their dense correspondence."""
+    meshes = await asyncio.gather(first.mesh(), second.mesh())
+    one, other = (
+        PaintedMesh(shape.name, shape.format, mesh, way)
+        for shape, mesh, way in zip((first, second), meshes, ways, strict=True)
+    )
+    return await container.work.do(tasks.painted, one, other, FACES, paint)

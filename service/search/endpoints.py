@@ -1,9 +1,9 @@
-"""The addresses /query, /shapes/{shape_id}/similar and /compare."""
+"""The addresses /query and /shapes/{shape_id}/similar."""
 
 from collections.abc import Awaitable, Callable
-from typing import Annotated, Literal
+from typing import Annotated
 
-from fastapi import APIRouter, Depends, Query, Request, Response
+from fastapi import APIRouter, Depends, Query, Request
 
 from core.io import format_of
 from service.collection import CollectionRecord
@@ -11,20 +11,17 @@ from service.collections.dependencies import InCollection
 from service.container import Container
 from service.dependencies import Service
 from service.http.disconnects import while_connected
-from service.http.duplicate_parameters import once, once_each
+from service.http.duplicate_parameters import once_each
 from service.http.problems import documented
 from service.http.request_bodies import RequestBody
 from service.observability.timings import Timings
 from service.pipelines.active import ActivePipeline
-from service.rendering.glb import MEDIA_TYPE
 from service.search import partial_queries, records, service
-from service.search.comparison_preview import coloured
 from service.search.options import FileQuery, QueryParameters, StoredQuery, merged, search_options
-from service.search.records import Answer, Comparison, Relation
-from service.search.schemas import CompareAnswer, CompareRequest, QueryAnswer, QueryOptions
+from service.search.records import Answer
+from service.search.schemas import QueryAnswer, QueryOptions
 from service.shapes.documentation import FILE_PROBLEMS
 from service.shapes.endpoints import ShapeId
-from service.web.answers import comparing_page
 
 router = APIRouter(tags=["search"])
 
@@ -98,75 +95,6 @@ async def similar(
 ) -> QueryAnswer:
     """Search with a stored shape: the same as `POST /query` with the shape's id and these options."""
     return await _similar_to_stored(request, container, collection, shape_id, options)
-
-
-@router.post(
-    "/compare",
-    summary="Compare two stored shapes",
-    response_model=CompareAnswer,
-    dependencies=[once("format")],
-    responses={
-        200: {
-            "description": "The scores and the corresponding points; or a GLB with both meshes; or a page "
-            "with them.",
-            "content": {
-                MEDIA_TYPE: {"schema": {"type": "string", "contentMediaType": MEDIA_TYPE}},
-                "text/html": {"schema": {"type": "string"}},
-            },
-        },
-        **documented(
-            "bad-request",
-            "bad-request-fields",
-            "body-too-large",
-            "shape-not-found",
-            "not-embedded",
-            "cannot-be-embedded",
-            "busy",
-            "shutting-down",
-            "worker-lost",
-            "cluster-unavailable",
-            "time-limit",
-            "file-time-limit",
-            "pipeline-unavailable",
-            "storage-unavailable",
-        ),
-    },
-)
-async def compare(
-    pair: CompareRequest,
-    request: Request,
-    container: Service,
-    collection: InCollection,
-    format: Annotated[
-        Literal["json", "glb", "html"],
-        Query(
-            description="glb: both meshes side by side, with corresponding points in equal colours. html: a "
-            "page with the two shapes, for a browser that may read them from this service."
-        ),
-    ] = "json",
-) -> CompareAnswer | Response:
-    """The scores of two stored shapes, and their corresponding points."""
-    timings, own = Timings(), collection.number
-
-    async def compared(active_pipeline: ActivePipeline) -> tuple[Comparison, Relation, bytes]:
-        found, relation = await service.compare(
-            container, own, pair.first, pair.second, active_pipeline, timings
-        )
-        if format != "glb":
-            return found, relation, b""
-        with timings.stage("draw"):
-            return found, relation, await coloured(container, own, pair.first, pair.second, found)
-
-    with container.work.admitted():
-        comparison, relation, glb = await while_connected(
-            request, service.in_one_pipeline(container, compared)
-        )
-    container.metrics.stages("compare", timings.milliseconds)
-    if format == "glb":
-        return Response(glb, media_type=MEDIA_TYPE)
-    if format == "html":
-        return comparing_page(pair.first, pair.second, collection.name)
-    return CompareAnswer.of(comparison, relation, milliseconds=timings.so_far())
 
 
 async def _similar_to_stored(

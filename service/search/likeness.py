@@ -78,7 +78,7 @@ async def relations_of(
     Only results whose eigenvalues and area allow it are registered. The file of the query is read once.
     """
     parameters = query.active_pipeline.pipeline.parameters
-    first = _Side(query.embedding, query.record, None if query.mesh is None else _once(query.mesh))
+    first = _Side(query.embedding, query.record, None if query.mesh is None else once(query.mesh))
     relations = []
     for one in found:
         scale = None
@@ -164,7 +164,7 @@ async def _scale(container: Container, first: _Side, second: _Side, parameters: 
         return None
 
 
-def _once(read: ReadMesh) -> ReadMesh:
+def once(read: ReadMesh) -> ReadMesh:
     """A function that reads a mesh at its first call and keeps it."""
     meshes: list[Mesh] = []
 

@@ -6,6 +6,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 from core.ranking.likeness import NEAR_ISOMETRIC, POSE_CC, SIMILAR, Likeness
 from core.registration.kinship import SIZE
+from service.search.dense_schemas import DenseFields
 from service.search.rank_by import RankBy
 from service.shapes.fields import ListedTags, split_tags
 from service.shapes.filters import Filters
@@ -227,6 +228,9 @@ class QueryAnswer(BaseModel):
         )
 
 
+DENSE = "Add the vertex of the second shape for each vertex of the first, and where the two shapes differ."
+
+
 class CompareRequest(BaseModel):
     """Two stored shapes to compare."""
 
@@ -239,9 +243,10 @@ class CompareRequest(BaseModel):
 
     first: str = Field(description="The id of a shape.", max_length=64)
     second: str = Field(description="The id of another shape, or of the same one.", max_length=64)
+    dense: bool | None = Field(default=None, description=DENSE)
 
 
-class CompareAnswer(BaseModel):
+class CompareAnswer(DenseFields):
     """The scores of two shapes, and their corresponding points."""
 
     model_config = ConfigDict(

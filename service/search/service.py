@@ -2,7 +2,6 @@
 
 from collections.abc import Awaitable, Callable
 from dataclasses import replace
-from functools import partial
 from typing import TypeVar
 
 import numpy as np
@@ -23,6 +22,7 @@ from service.observability.timings import Timings
 from service.pipelines.active import ActivePipeline
 from service.search import repository
 from service.search.class_probability import class_scores, probabilities
+from service.search.compared_shapes import ComparedShape
 from service.search.descriptors import collection_sample
 from service.search.likeness import relation_of, relations_of, stored_mesh
 from service.search.ranking import Compared, ranked
@@ -135,34 +135,32 @@ async def search(container: Container, query: Query, options: Options, timings: 
 async def compare(
     container: Container,
     collection: CollectionNumber,
-    first_id: str,
-    second_id: str,
+    first: ComparedShape,
+    second: ComparedShape,
     active_pipeline: ActivePipeline,
     timings: Timings,
 ) -> tuple[Comparison, Relation]:
-    """Two shapes of a collection compared, and the relation of the second to the first."""
-    fingerprint = active_pipeline.fingerprint
+    """Two shapes compared, and the relation of the second to the first.
 
-    def read() -> tuple[bytes, bytes, CollectionSample | None]:
+    Their class probability depends on how dense the shapes of the collection are.
+    """
+
+    def read() -> CollectionSample | None:
         with container.database.read() as session:
-            return (
-                shapes_service.get_record(session, fingerprint, collection, first_id),
-                shapes_service.get_record(session, fingerprint, collection, second_id),
-                collection_sample(container, session, active_pipeline, collection),
-            )
+            return collection_sample(container, session, active_pipeline, collection)
 
     with timings.stage("read"):
-        first, second, sample = await run_in_threadpool(read)
+        sample = await run_in_threadpool(read)
     with timings.stage("compare"):
-        query = Query(active_pipeline, first, frozenset())
-        match = await container.work.match(first, second, active_pipeline.pipeline)
-        other = embedding_from_bytes(second)
+        query = Query(active_pipeline, first.record, frozenset())
+        match = await container.work.match(first.record, second.record, active_pipeline.pipeline)
+        other = embedding_from_bytes(second.record)
         combined = await run_in_threadpool(_combined, query, other, match, sample)
         by_itself = await run_in_threadpool(_combined, query, other, match, None)
         found = Comparison(active_pipeline.pipeline, query.embedding, other, match, combined)
     with timings.stage("likeness"):
-        meshes = [partial(stored_mesh, container, collection, each) for each in (first_id, second_id)]
-        return found, await relation_of(container, found, by_itself, (first, second), meshes)
+        records, meshes = (first.record, second.record), (first.mesh, second.mesh)
+        return found, await relation_of(container, found, by_itself, records, meshes)
 
 
 async def results(
@@ -232,7 +230,7 @@ async def _compared(work: Work, query: Query, record: bytes, combined: float) ->
 
 
 def _combined(query: Query, other: Embedding, match: Match, sample: CollectionSample | None) -> float:
-    """The class probability of two stored shapes; local densities are those in a collection's sample."""
+    """The class probability of two shapes; local densities are those in a collection's sample."""
     pipeline = query.active_pipeline.pipeline
     scores = Scores(*(np.array([score]) for score in (match.cc, match.ssd, match.sim)))
     own = others = None

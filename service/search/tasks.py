@@ -1,5 +1,11 @@
-"""Registration of two surfaces, in the workers."""
+"""Registration and dense correspondence of two surfaces, in the workers."""
 
+from io import BytesIO
+from typing import Any
+
+import numpy as np
+
+from core.dense.records import DenseCorrespondence
 from core.mesh.mesh import Mesh
 from core.numerics.guarding import guarded
 from core.parameters import Parameters
@@ -18,3 +24,26 @@ def registered(
         pairs = Pipeline(parameters).match(one, other).correspondence
         ends = one.positions[pairs[:, 0]].astype("float64"), other.positions[pairs[:, 1]].astype("float64")
         return scale_by_surfaces(surface_samples(first), surface_samples(second), ends)
+
+
+def dense_correspondence(
+    first: Mesh, second: Mesh, first_record: bytes, second_record: bytes, parameters: Parameters
+) -> tuple[DenseCorrespondence, DenseCorrespondence]:
+    """Both ways; see `core.pipeline.Pipeline.correspond_both`."""
+    embeddings = embedding_from_bytes(first_record), embedding_from_bytes(second_record)
+    return Pipeline(parameters).correspond_both(first, second, embeddings)
+
+
+def archive(way: DenseCorrespondence) -> bytes:
+    """A correspondence as a NumPy archive (npz)."""
+    arrays: dict[str, Any] = {
+        "vertices": way.vertices,
+        "confidence": way.confidence,
+        "stretch": way.stretch,
+        "partnered": way.partnered,
+    }
+    if way.displacement is not None:
+        arrays["displacement"] = way.displacement
+    file = BytesIO()
+    np.savez_compressed(file, **arrays)
+    return file.getvalue()

@@ -62,7 +62,7 @@ CALLS: list[tuple[str, tuple[object, ...], dict[str, Any], str]] = [
     ("query_file", (FILE,), SEARCH, "POST /query"),
     ("query_shape", ("id",), SEARCH, "POST /query"),
     ("similar", ("id",), SEARCH, "GET /shapes/{shape_id}/similar"),
-    ("compare", ("id", "other"), {}, "POST /compare"),
+    ("compare", ("id", "other"), {"dense": True}, "POST /compare"),
     (
         "duplicates",
         (),
@@ -89,7 +89,7 @@ NOT_CALLED = {
 # Forms that are not models, and an answer that is kept for who sends again without knowing what became of it.
 NOT_SENT = {
     "GET /duplicates": {"format"},
-    "POST /compare": {"format"},
+    "POST /compare": {"format", "paint", "dense"},
     "GET /shapes/{shape_id}/embedding": {"format"},
     "POST /shapes": {"Idempotency-Key"},
 }

@@ -1,0 +1,112 @@
+"""Colours of vertices from a dense correspondence: of corresponding places, and of differences."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.arrays import Floats
+from core.dense.records import DenseCorrespondence
+from service.rendering.colours import colours_of_points
+
+Paint = Literal["correspondence", "difference"]
+
+SCALE = (
+    np.array(
+        [
+            (0, 34, 78),
+            (26, 56, 111),
+            (67, 78, 108),
+            (97, 101, 111),
+            (125, 124, 120),
+            (155, 148, 118),
+            (188, 174, 108),
+            (222, 201, 88),
+            (254, 232, 56),
+        ]
+    )
+    / 255.0
+)
+"""The colour map cividis (Nunez, Anderton and Renslow 2018), which looks alike to people with and without
+colour blindness: dark blue for no difference, yellow for the largest."""
+
+NO_PARTNER = np.array((255, 95, 210)) / 255.0
+"""Pink: to people who do not see red, or green, it is a light blue that the scale does not have."""
+
+LEAST_DISPLACEMENT = 0.01
+"""Smallest end of the scale of displacements, over the diagonal of the bounding box: differences that are
+rounding stay blue."""
+
+LARGEST_STRETCH = 1.0
+"""End of the scale of stretch: twice as long, or half as long."""
+
+
+@dataclass(frozen=True, eq=False)
+class Difference:
+    """How much two shapes differ at each vertex of one of them.
+
+    Attributes
+    ----------
+    quantity : "displacement" or "stretch"
+        The magnitude of the displacement in units of the mesh, or of the binary logarithm of the stretch.
+    values : float64, shape (n,)
+    maximum : float
+        The end of the colour scale, > 0.
+    """
+
+    quantity: Literal["displacement", "stretch"]
+    values: Floats
+    maximum: float
+
+
+def differences(
+    ways: tuple[DenseCorrespondence, DenseCorrespondence], extents: tuple[float, float]
+) -> tuple[Difference, Difference]:
+    """The differences of both shapes, on one scale.
+
+    Parameters
+    ----------
+    ways : two DenseCorrespondence
+        From the first shape to the second, and back.
+    extents : two float
+        Diagonals of the bounding boxes.
+    """
+    first, second = (way.displacement for way in ways)
+    if first is None or second is None:
+        one, other = (np.abs(np.log2(way.stretch.astype(np.float64))) for way in ways)
+        return Difference("stretch", one, LARGEST_STRETCH), Difference("stretch", other, LARGEST_STRETCH)
+    scale = ways[0].scale
+    least = LEAST_DISPLACEMENT * max(extents[0], extents[1] / scale)
+    maximum = max(float(first.max()), float(second.max()) / scale, least)
+    return (
+        Difference("displacement", first.astype(np.float64), maximum),
+        Difference("displacement", second.astype(np.float64), maximum * scale),
+    )
+
+
+def difference_colours(difference: Difference, partnered: NDArray[np.bool_]) -> Floats:
+    """The colours of n vertices on the scale; places without a partner are pink, shape (n, 3)."""
+    place = np.clip(difference.values / difference.maximum, 0.0, 1.0) * (len(SCALE) - 1)
+    channels = [np.interp(place, np.arange(len(SCALE)), channel) for channel in SCALE.T]
+    return np.where(partnered[:, None], np.stack(channels, axis=1), NO_PARTNER)
+
+
+def correspondence_colours(
+    points: Floats, format_up: Floats, back: DenseCorrespondence
+) -> tuple[Floats, Floats]:
+    """Colours of the n vertices of the first shape by position, and of the m of the second by its partners.
+
+    Places of the second shape without a partner are grey.
+
+    Parameters
+    ----------
+    points : float64, shape (n, 3)
+        Vertices of the first shape.
+    format_up : float64, shape (3, 3)
+        The rotation after which y is up.
+    back : DenseCorrespondence
+        From the second shape to the first.
+    """
+    first = colours_of_points(points, format_up)
+    return first, np.where(back.partnered[:, None], first[back.vertices], 0.6)

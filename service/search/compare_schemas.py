@@ -1,0 +1,67 @@
+"""Comparisons of two shapes as clients write them."""
+
+from typing import Annotated, Literal
+
+from fastapi import UploadFile
+from pydantic import BaseModel, ConfigDict, Field
+
+from core.io import READABLE
+from service.collections.dependencies import NamedInAddress
+from service.errors import BadRequestFieldsError, FieldFault
+from service.rendering.dense_colours import Paint
+from service.search.schemas import DENSE, CompareRequest
+
+IdOrFile = Annotated[
+    UploadFile | Annotated[str, Field(max_length=64)],
+    Field(
+        description="A mesh file, or the id of a stored shape. The ending of the file's name is its format: "
+        f"{', '.join(sorted(READABLE))}; step and stp where the service has the extra for them."
+    ),
+]
+
+
+class CompareForm(BaseModel):
+    """Two shapes to compare, each a file or the id of a stored shape."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    first: IdOrFile
+    second: IdOrFile
+    dense: bool | None = Field(default=None, description=DENSE)
+
+
+class CompareParameters(NamedInAddress):
+    """How to compare, as parameters of the address."""
+
+    format: Literal["json", "glb", "html", "npz"] = Field(
+        default="json",
+        description="glb: both meshes side by side, with corresponding points in equal colours. html: a "
+        "page with the two shapes, for a browser that may read them from this service. npz, with dense: a "
+        "NumPy archive of the arrays vertices and confidence, and stretch, partnered and, where there is "
+        "one, displacement.",
+    )
+    dense: bool = Field(default=False, description=DENSE)
+    paint: Paint = Field(
+        default="correspondence",
+        description="With dense, the colours of the GLB. correspondence: by position on the first shape; "
+        "places of the second without a partner are grey. difference: from blue over grey to yellow by how "
+        "far each place has moved or how much it is stretched; places without a partner are pink.",
+    )
+
+
+def dense_options(body: CompareForm | CompareRequest, address: CompareParameters) -> bool:
+    """Whether the dense correspondence is asked for: by the body, or, if this does not say, by the address.
+
+    Raises
+    ------
+    BadRequestFieldsError
+        A format or a painting needs it, and it is not asked for; or a page, which has none.
+    """
+    dense = address.dense if body.dense is None else body.dense
+    if address.format == "npz" and not dense:
+        raise BadRequestFieldsError(FieldFault("format", "npz needs dense=true"))
+    if address.paint != "correspondence" and not dense:
+        raise BadRequestFieldsError(FieldFault("paint", f"{address.paint} needs dense=true"))
+    if address.format == "html" and dense:
+        raise BadRequestFieldsError(FieldFault("format", "html has no dense correspondence"))
+    return dense

@@ -1,0 +1,197 @@
+"""Dense correspondences over HTTP: of ids, of files and of both; as JSON, as an archive and as a GLB."""
+
+import io
+from typing import Any
+
+import httpx
+import numpy as np
+import pytest
+
+from core.dense.records import DenseCorrespondence
+from core.errors import CannotBeEmbeddedError
+from core.io import read_mesh, write_mesh
+from core.mesh.mesh import Mesh
+from service.rendering import dense_colours
+from service.search import compared_shapes
+from tests.core.dense.solids import chair
+from tests.core.shapes import scaled, turned
+from tests.service.previews.test_previews import read_glb
+from tests.service.support import Running, assert_problem, small_file
+
+OTHER = write_mesh(scaled(turned(read_mesh(small_file(1), "off"), 3), 25.4), "off")
+COUNT = 122
+
+
+@pytest.fixture(scope="module")
+def ids(shared: Running) -> tuple[str, str]:
+    """A ball, and the same turned and 25.4 times as large; nothing here changes them."""
+    shared.clear()
+    return shared.store(small_file(1), "one.off")["id"], shared.store(OTHER, "turned.off")["id"]
+
+
+def dense(running: Running, first: Any, second: Any, **params: Any) -> httpx.Response:
+    """POST /compare with dense: a form if one of the two is a file, given as (name, bytes)."""
+    given = {"first": first, "second": second}
+    options = {"dense": "true", **params}
+    files = {name: value for name, value in given.items() if isinstance(value, tuple)}
+    if not files:
+        return running.client.post("/compare", params=options, json=given)
+    data = {name: value for name, value in given.items() if name not in files}
+    return running.client.post("/compare", params=options, data=data, files=files)
+
+
+@pytest.fixture(scope="module")
+def answer(shared: Running, ids: tuple[str, str]) -> dict[str, Any]:
+    found = dense(shared, *ids)
+    assert found.status_code == 200, found.text
+    return found.json()
+
+
+def test_two_ids_have_a_vertex_for_each_vertex(
+    shared: Running, ids: tuple[str, str], answer: dict[str, Any]
+) -> None:
+    assert answer["vertices"] == list(range(COUNT))
+    assert len(answer["confidence"]) == COUNT
+    assert 0.9 < min(answer["confidence"]) <= max(answer["confidence"]) <= 1.0
+    assert answer["length_ratio"] == pytest.approx(25.4, rel=1e-3)
+    assert answer["simplified"] is False
+    for side in ("first_difference", "second_difference"):
+        assert all(answer[side]["partnered"])
+        assert max(answer[side]["displacement"]) < 1e-2
+        np.testing.assert_allclose(answer[side]["stretch"], 1.0, atol=0.01)
+    assert "dense" in answer["milliseconds"]
+    sparse = shared.client.post("/compare", json={"first": ids[0], "second": ids[1]}).json()
+    only_dense = {name for name in answer if sparse[name] is None and answer[name] is not None}
+    assert only_dense == {
+        "vertices",
+        "confidence",
+        "length_ratio",
+        "simplified",
+        "first_difference",
+        "second_difference",
+    }
+    same = set(answer) - only_dense - {"milliseconds"}
+    assert {name: answer[name] for name in same} == {name: sparse[name] for name in same}
+
+
+def test_files_give_the_same_as_ids(shared: Running, ids: tuple[str, str], answer: dict[str, Any]) -> None:
+    one, other = ("one.off", small_file(1)), ("turned.off", OTHER)
+    before = shared.client.get("/shapes").json()["total"]
+    for first, second in ((one, other), (ids[0], other)):
+        found = dense(shared, first, second)
+        assert found.status_code == 200, found.text
+        for name in ("vertices", "confidence", "cc", "likeness", "first_difference", "correspondence"):
+            assert found.json()[name] == answer[name], name
+    assert shared.client.get("/shapes").json()["total"] == before
+
+
+def test_files_are_compared_by_their_scores_alone(
+    shared: Running, ids: tuple[str, str], answer: dict[str, Any]
+) -> None:
+    found = shared.client.post("/compare", data={"first": ids[0]}, files={"second": ("x.off", OTHER)})
+    assert found.status_code == 200, found.text
+    assert found.json()["cc"] == answer["cc"]
+    assert found.json()["vertices"] is None
+
+
+def test_the_option_is_taken_in_the_body_too(shared: Running, ids: tuple[str, str]) -> None:
+    body = {"first": ids[0], "second": ids[1], "dense": True}
+    assert shared.client.post("/compare", json=body).json()["vertices"]
+    off = {**body, "dense": False}
+    assert shared.client.post("/compare?dense=true", json=off).json()["vertices"] is None
+    form = {"data": {"first": ids[0], "dense": "true"}, "files": {"second": ("x.off", OTHER)}}
+    assert shared.client.post("/compare", **form).json()["vertices"]
+
+
+def test_an_archive_has_the_arrays(shared: Running, ids: tuple[str, str], answer: dict[str, Any]) -> None:
+    found = dense(shared, *ids, format="npz")
+    assert found.status_code == 200
+    assert found.headers["content-type"] == "application/zip"
+    with np.load(io.BytesIO(found.content)) as arrays:
+        assert set(arrays) == {"vertices", "confidence", "stretch", "partnered", "displacement"}
+        assert arrays["vertices"].dtype == np.int32
+        assert arrays["vertices"].tolist() == answer["vertices"]
+        np.testing.assert_allclose(arrays["confidence"], answer["confidence"], atol=1e-4)
+
+
+def test_both_meshes_are_painted_alike(shared: Running, ids: tuple[str, str]) -> None:
+    found = dense(shared, *ids, format="glb")
+    assert found.headers["content-type"] == "model/gltf-binary"
+    tree, _, (one, two) = read_glb(found.content)
+    assert [node["name"] for node in tree["nodes"]] == ["one.off", "turned.off"]
+    np.testing.assert_array_equal(one, two)
+    assert np.ptp(one[:, :3], axis=0).min() > 150
+
+
+def test_a_missing_leg_is_painted_pink(shared: Running) -> None:
+    files = [("three.off", write_mesh(chair(3), "off")), ("four.off", write_mesh(chair(4), "off"))]
+    found = dense(shared, *files, format="glb", paint="difference")
+    assert found.status_code == 200, found.text
+    tree, _, (one, two) = read_glb(found.content)
+    pink = np.rint(255 * dense_colours.NO_PARTNER)
+    extras = [node["extras"] for node in tree["nodes"]]
+    assert [each["quantity"] for each in extras] == ["displacement", "displacement"]
+    assert extras[0]["maximum"] == pytest.approx(extras[1]["maximum"], rel=0.02)
+    assert extras[1]["without_partner"] > 0.05 > extras[0]["without_partner"]
+    missing = (two[:, :3] == pink).all(axis=1)
+    assert 60 < missing.sum() < 90
+    whole = chair(4).vertices
+    assert (whole[missing][:, 0] > 0.95).all()
+    assert (whole[missing][:, 1] > 0.85).all()
+    # The rest has not moved: dark blue.
+    assert (np.abs(two[~missing][:, :3].astype(int) - [0, 34, 78]).max(axis=1) < 40).mean() > 0.98
+    assert not (one[:, :3] == pink).all(axis=1).any()
+
+
+@pytest.mark.parametrize(
+    ("params", "field"),
+    [
+        ({"format": "npz", "dense": "false"}, "format"),
+        ({"format": "glb", "dense": "false", "paint": "difference"}, "paint"),
+        ({"format": "html"}, "format"),
+        ({"paint": "rainbow"}, "paint"),
+        ({"dense": "perhaps"}, "dense"),
+    ],
+)
+def test_options_that_do_not_fit_are_refused(
+    shared: Running, ids: tuple[str, str], params: dict[str, str], field: str
+) -> None:
+    problem = assert_problem(dense(shared, *ids, **params), 422, "bad-request-fields")
+    assert [each["field"] for each in problem["errors"]] == [field]
+
+
+def test_bodies_that_do_not_fit_are_refused(shared: Running, ids: tuple[str, str]) -> None:
+    post = shared.client.post
+    mesh = ("x.off", OTHER)
+    assert_problem(post("/compare", files={"first": mesh}), 422, "bad-request-fields")
+    assert_problem(post("/compare", files={"first": mesh, "file": mesh}), 422, "bad-request-fields")
+    assert_problem(post("/compare?dense=true", content=b"x"), 415, "unsupported-media-type")
+    files = {"first": mesh, "second": mesh}
+    assert_problem(post("/compare?format=html", files=files), 422, "bad-request-fields")
+    assert_problem(dense(shared, ids[0], "no-such-shape"), 404, "shape-not-found")
+    assert_problem(dense(shared, mesh, "no-such-shape"), 404, "shape-not-found")
+    assert_problem(dense(shared, mesh, ("x.txt", OTHER)), 415, "unknown-format")
+    assert_problem(dense(shared, mesh, ("x.off", b"OFF\n1 1 0\n")), 422, "malformed-mesh")
+
+
+def test_a_file_of_two_faces_and_an_open_file_are_answered(shared: Running, ids: tuple[str, str]) -> None:
+    square = Mesh([[0, 0, 0], [1, 0, 0], [1, 2, 0], [0, 2, 0]], [[0, 1, 2], [0, 2, 3]])
+    found = dense(shared, ("two.off", write_mesh(square, "off")), ids[0])
+    assert found.status_code == 200, found.text
+    assert len(found.json()["vertices"]) == 4
+    ball = read_mesh(small_file(1), "off")
+    low = ball.vertices[ball.faces].mean(axis=1)[:, 2] < -0.5
+    half = dense(shared, ("open.off", write_mesh(Mesh(ball.vertices, ball.faces[~low]), "off")), ids[0])
+    assert half.status_code == 200, half.text
+    assert len(half.json()["vertices"]) == COUNT
+
+
+def test_a_failing_correspondence_is_a_problem(
+    shared: Running, ids: tuple[str, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(compared_shapes.tasks, "dense_correspondence", _failing)
+    assert_problem(dense(shared, *ids), 422, "cannot-be-embedded")
+
+
+def _failing(*_given: object) -> tuple[DenseCorrespondence, DenseCorrespondence]:
+    raise CannotBeEmbeddedError("the method fails on this surface")
