@@ -31,6 +31,7 @@ COMMANDS = {
     "demo": Command("Use", "Make shapes, store them and query them with unseen poses."),
     "ingest": Command("Use", "Store mesh files, folders of meshes and archives."),
     "query": Command("Use", "Find the stored shapes most similar to a mesh file."),
+    "compare": Command("Use", "Compare two shapes, vertex by vertex with --out."),
     "duplicates": Command("Use", "Find groups of near-identical stored shapes."),
     "collections": Command("Use", "List, create and delete collections of shapes."),
     "key": Command("Use", "Make an API key and print it with its SHA-256."),

@@ -31,4 +31,5 @@ __all__ = [
     "UnreachableError",
     "Upload",
     "concurrent_uploads",
+    "search_calls",
 ]

@@ -67,10 +67,10 @@ def compare(first: Compared, second: Compared, *, dense: bool = False) -> Call[C
 def dense_file(
     first: Compared,
     second: Compared,
-    format: Literal["npz", "glb"],
+    format: Literal["npz", "glb", "png"],
     paint: Literal["correspondence", "difference"] = "correspondence",
 ) -> Call[bytes]:
-    """The dense correspondence of two shapes as a NumPy archive, or as a GLB with both painted."""
+    """The dense correspondence of two shapes: a NumPy archive, or both painted, as a GLB or a picture."""
     options = {"format": format, "paint": paint}
     return _compared(first, second, content, {"dense": True}, options)
 

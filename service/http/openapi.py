@@ -21,7 +21,7 @@ along surfaces, so two poses of one body are similar.
 * **POST /shapes** stores a mesh file with a name, tags and metadata.
 * **POST /query** finds the stored shapes most similar to a file.
 * **GET /shapes/{shape_id}/similar** finds the stored shapes most similar to a stored one.
-* **POST /compare** compares two stored shapes point by point.
+* **POST /compare** compares two shapes point by point, or vertex by vertex.
 * **GET /duplicates** finds stored shapes of the same form: rotated, scaled, mirrored or remeshed copies.
 * **POST /jobs** stores every mesh of an archive.
 * **GET /collections** lists the named sets of shapes. Every request works in one collection: the header

@@ -1,9 +1,11 @@
-"""Tasks of workers that render meshes: meshes in, GLB files out."""
+"""Tasks of workers that render meshes: meshes in, GLB files and pictures out."""
 
 from dataclasses import dataclass, replace
+from io import BytesIO
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 from scipy.spatial import KDTree
 
 from core.arrays import Floats
@@ -19,6 +21,7 @@ from service.rendering.dense_colours import (
     differences,
 )
 from service.rendering.glb import GlbPart, write_glb
+from service.rendering.thumbnail import draw_painted
 from service.rendering.viewpoint import upright
 
 FACES = 20_000
@@ -84,6 +87,23 @@ def painted(first: PaintedMesh, second: PaintedMesh, faces: int, paint: Paint) -
     With "difference" the extras of each node have the `quantity` that is shown, the `maximum` of the scale,
     in units of the mesh, and the share of vertices `without_partner`.
     """
+    return write_glb(_painted_parts(first, second, faces, paint))
+
+
+def painted_picture(first: PaintedMesh, second: PaintedMesh, faces: int, paint: Paint, size: int) -> bytes:
+    """Both meshes as one PNG, side by side on a transparent background, `2 size` by `size` pixels."""
+    picture = Image.new("RGBA", (2 * size, size))
+    for place, part in enumerate(_painted_parts(first, second, faces, paint)):
+        mesh = Mesh(part.vertices, part.faces)
+        drawn = draw_painted(mesh, part.format, size, part.vertices, part.colours[:, :3] / 255.0)
+        picture.paste(Image.open(BytesIO(drawn)).convert("RGBA"), (place * size, 0))
+    file = BytesIO()
+    picture.save(file, "PNG")
+    return file.getvalue()
+
+
+def _painted_parts(first: PaintedMesh, second: PaintedMesh, faces: int, paint: Paint) -> list[GlbPart]:
+    """Both meshes, simplified for display, with their colours."""
     sides = first, second
     told: list[dict[str, object]] = [{}, {}]
     if paint == "difference":
@@ -106,7 +126,7 @@ def painted(first: PaintedMesh, second: PaintedMesh, faces: int, paint: Paint) -
         part = _part(side.name, side.mesh, side.format, faces)
         shown = own if part.vertices is side.mesh.vertices else _nearest(side.mesh, own, part.vertices)
         parts.append(replace(part, colours=_opaque(shown), facts={**part.facts, **facts}))
-    return write_glb(parts)
+    return parts
 
 
 def _nearest(mesh: Mesh, colours: Floats, vertices: Floats) -> Floats:

@@ -8,6 +8,7 @@ from starlette.concurrency import run_in_threadpool
 
 from core.dense.records import DenseCorrespondence
 from service.collections.dependencies import InCollection
+from service.container import Container
 from service.dependencies import Service
 from service.errors import BadRequestFieldsError, FieldFault
 from service.http.disconnects import while_connected
@@ -23,7 +24,7 @@ from service.search.compare_schemas import (
     CompareParameters,
     dense_options,
 )
-from service.search.compared_shapes import compared_shape, correspondences
+from service.search.compared_shapes import ComparedShape, compared_shape, correspondences
 from service.search.comparison_preview import coloured, painted
 from service.search.dense_schemas import dense_fields
 from service.search.endpoints import WORK_PROBLEMS
@@ -34,7 +35,7 @@ from service.web.answers import comparing_page
 
 router = APIRouter(tags=["search"])
 
-ZIP = "application/zip"
+ZIP, PNG = "application/zip", "image/png"
 BODY = RequestBody[CompareForm | CompareRequest](CompareForm, json=CompareRequest, either=("first", "second"))
 
 
@@ -45,11 +46,12 @@ BODY = RequestBody[CompareForm | CompareRequest](CompareForm, json=CompareReques
     dependencies=[once_each(CompareParameters)],
     responses={
         200: {
-            "description": "The scores and the corresponding points, with `dense` of all vertices; or a GLB "
-            "with both meshes, or a page with them, or a NumPy archive.",
+            "description": "The scores and the corresponding points, with `dense` of all vertices; or a GLB, "
+            "a page or a picture with both shapes, or a NumPy archive.",
             "content": {
                 MEDIA_TYPE: {"schema": {"type": "string", "contentMediaType": MEDIA_TYPE}},
                 "text/html": {"schema": {"type": "string"}},
+                PNG: {"schema": {"type": "string", "contentMediaType": PNG}},
                 ZIP: {"schema": {"type": "string", "contentMediaType": ZIP}},
             },
         },
@@ -83,16 +85,11 @@ async def compare(
             container, collection.number, first, second, active_pipeline, timings
         )
         ways = await correspondences(container, first, second, active_pipeline, timings) if dense else None
-        if address.format == "npz" and ways is not None:
-            archive = await container.work.do(tasks.archive, ways[0])
-            return Response(archive, media_type=ZIP)
+        if ways is not None and address.format != "json":
+            return await _dense_file(container, first, second, ways, address, timings)
         if address.format == "glb":
             with timings.stage("draw"):
-                glb = (
-                    await coloured(container, first, second, found)
-                    if ways is None
-                    else await painted(container, first, second, ways, address.paint)
-                )
+                glb = await coloured(container, first, second, found)
             return Response(glb, media_type=MEDIA_TYPE)
         if ways is None:
             return CompareAnswer.of(found, relation, milliseconds=timings.so_far())
@@ -104,6 +101,23 @@ async def compare(
     if address.format == "html" and isinstance(body.first, str) and isinstance(body.second, str):
         return comparing_page(body.first, body.second, collection.name)
     return answer
+
+
+async def _dense_file(
+    container: Container,
+    first: ComparedShape,
+    second: ComparedShape,
+    ways: tuple[DenseCorrespondence, DenseCorrespondence],
+    address: CompareParameters,
+    timings: Timings,
+) -> Response:
+    """A dense correspondence as a NumPy archive, a GLB or a picture."""
+    if address.format == "npz":
+        return Response(await container.work.do(tasks.archive, ways[0]), media_type=ZIP)
+    picture = address.format == "png"
+    with timings.stage("draw"):
+        drawn = await painted(container, first, second, ways, address.paint, picture=picture)
+    return Response(drawn, media_type=PNG if picture else MEDIA_TYPE)
 
 
 def _dense_json(

@@ -33,19 +33,20 @@ class CompareForm(BaseModel):
 class CompareParameters(NamedInAddress):
     """How to compare, as parameters of the address."""
 
-    format: Literal["json", "glb", "html", "npz"] = Field(
+    format: Literal["json", "glb", "html", "npz", "png"] = Field(
         default="json",
         description="glb: both meshes side by side, with corresponding points in equal colours. html: a "
         "page with the two shapes, for a browser that may read them from this service. npz, with dense: a "
         "NumPy archive of the arrays vertices and confidence, and stretch, partnered and, where there is "
-        "one, displacement.",
+        "one, displacement. png, with dense: a picture of both shapes.",
     )
     dense: bool = Field(default=False, description=DENSE)
     paint: Paint = Field(
         default="correspondence",
-        description="With dense, the colours of the GLB. correspondence: by position on the first shape; "
-        "places of the second without a partner are grey. difference: from blue over grey to yellow by how "
-        "far each place has moved or how much it is stretched; places without a partner are pink.",
+        description="With dense, the colours of the GLB and of the picture. correspondence: by position on "
+        "the first shape; places of the second without a partner are grey. difference: from blue over grey "
+        "to yellow by how far each place has moved or how much it is stretched; places without a partner "
+        "are pink.",
     )
 
 
@@ -58,8 +59,8 @@ def dense_options(body: CompareForm | CompareRequest, address: CompareParameters
         A format or a painting needs it, and it is not asked for; or a page, which has none.
     """
     dense = address.dense if body.dense is None else body.dense
-    if address.format == "npz" and not dense:
-        raise BadRequestFieldsError(FieldFault("format", "npz needs dense=true"))
+    if address.format in {"npz", "png"} and not dense:
+        raise BadRequestFieldsError(FieldFault("format", f"{address.format} needs dense=true"))
     if address.paint != "correspondence" and not dense:
         raise BadRequestFieldsError(FieldFault("paint", f"{address.paint} needs dense=true"))
     if address.format == "html" and dense:

@@ -1,4 +1,4 @@
-"""Previews of comparisons: both meshes as a GLB, painted."""
+"""Previews of comparisons: both meshes painted, as a GLB or a picture."""
 
 import asyncio
 
@@ -9,6 +9,9 @@ from service.rendering.dense_colours import Paint
 from service.rendering.tasks import FACES, ComparedMesh, PaintedMesh
 from service.search.compared_shapes import ComparedShape
 from service.search.records import Comparison
+
+PICTURE_SIZE = 512
+"""Height of the picture of a comparison, in pixels."""
 
 
 async def coloured(
@@ -32,11 +35,15 @@ async def painted(
     second: ComparedShape,
     ways: tuple[DenseCorrespondence, DenseCorrespondence],
     paint: Paint,
+    *,
+    picture: bool,
 ) -> bytes:
-    """Both shapes, painted vertex by vertex from their dense correspondence."""
+    """Both shapes, painted vertex by vertex from their dense correspondence: a GLB, or a picture."""
     meshes = await asyncio.gather(first.mesh(), second.mesh())
     one, other = (
         PaintedMesh(shape.name, shape.format, mesh, way)
         for shape, mesh, way in zip((first, second), meshes, ways, strict=True)
     )
+    if picture:
+        return await container.work.do(tasks.painted_picture, one, other, FACES, paint, PICTURE_SIZE)
     return await container.work.do(tasks.painted, one, other, FACES, paint)

@@ -6,6 +6,7 @@ from typing import Any
 import httpx
 import numpy as np
 import pytest
+from PIL import Image
 
 from core.dense.records import DenseCorrespondence
 from core.errors import CannotBeEmbeddedError
@@ -143,10 +144,23 @@ def test_a_missing_leg_is_painted_pink(shared: Running) -> None:
     assert not (one[:, :3] == pink).all(axis=1).any()
 
 
+def test_a_picture_shows_both_side_by_side(shared: Running, ids: tuple[str, str]) -> None:
+    found = dense(shared, *ids, format="png", paint="difference")
+    assert found.headers["content-type"] == "image/png"
+    pixels = np.asarray(Image.open(io.BytesIO(found.content)).convert("RGBA")).astype(int)
+    assert pixels.shape == (512, 1024, 4)
+    for half in (pixels[:, :512], pixels[:, 512:]):
+        seen = half[half[..., 3] == 255]
+        assert len(seen) > 20_000
+        # Nothing has moved: dark blue, in light and in shade.
+        assert (seen[:, 2] >= seen[:, 0]).mean() > 0.99
+
+
 @pytest.mark.parametrize(
     ("params", "field"),
     [
         ({"format": "npz", "dense": "false"}, "format"),
+        ({"format": "png", "dense": "false"}, "format"),
         ({"format": "glb", "dense": "false", "paint": "difference"}, "paint"),
         ({"format": "html"}, "format"),
         ({"paint": "rainbow"}, "paint"),

@@ -1,0 +1,64 @@
+"""`isoshape compare`: files and ids, scores, arrays and a picture."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from core.io import read_mesh
+from service.client import Client
+from tests.service.cli.conftest import Run, mesh_bytes
+from tests.service.support import small_file
+
+
+@pytest.fixture
+def ball(tmp_path: Path) -> Path:
+    path = tmp_path / "ball.off"
+    path.write_bytes(small_file(1))
+    return path
+
+
+def test_a_file_and_a_stored_shape(archive: Client, ball: Path, run: Run, tmp_path: Path) -> None:
+    stored = archive.upload(("stored.off", small_file(1))).shape
+    out = tmp_path / "map.npz"
+    done = run("compare", ball, stored.id, "--out", out, "--picture", "--url", archive.url)
+    assert done.status == 0
+    assert done.stdout.strip() == "Same part: cc 1.0000, ssd 0.0000, sim 1.0000, combined 1.0000"
+    assert f"wrote {out}" in done.stderr
+    count = len(read_mesh(small_file(1), "off").vertices)
+    with np.load(out) as arrays:
+        assert arrays["vertices"].tolist() == list(range(count))
+        assert arrays["confidence"].shape == (count,)
+    with Image.open(tmp_path / "map.png") as picture:
+        assert picture.size == (1024, 512)
+
+
+def test_json_is_the_services_answer(archive: Client, ball: Path, run: Run, tmp_path: Path) -> None:
+    other = tmp_path / "cup.off"
+    other.write_bytes(mesh_bytes("cup", 0))
+    told = json.loads(run("compare", ball, other, "--json", "--url", archive.url).stdout)
+    direct = archive.compare(ball, other)
+    assert told["cc"] == direct.cc
+    assert "vertices" not in told
+    assert archive.page().total == 0
+
+
+def test_the_client_gives_the_vertices(archive: Client, ball: Path) -> None:
+    found = archive.compare(ball, ("same.off", small_file(1)), dense=True)
+    assert found.vertices == list(range(len(found.vertices or [])))
+    assert found.first_difference is not None
+    assert all(found.first_difference.partnered)
+
+
+def test_a_picture_needs_a_place(ball: Path, run: Run) -> None:
+    done = run("compare", ball, ball, "--picture")
+    assert done.status == 2
+    assert "--out" in done.stderr
+
+
+def test_an_unknown_id_is_told(archive: Client, ball: Path, run: Run) -> None:
+    done = run("compare", ball, "no-such-shape", "--url", archive.url)
+    assert done.status == 1
+    assert "no-such-shape" in done.stderr
