@@ -61,7 +61,7 @@ def compare(first: Compared, second: Compared, *, dense: bool = False) -> Call[C
 
     A text is the id of a stored shape; a `Path`, or a name with bytes, is a file.
     """
-    return _compared(first, second, parsed(CompareAnswer), {"dense": dense}, {})
+    return _compared(first, second, parsed(CompareAnswer), {"dense": True} if dense else {}, {})
 
 
 def dense_file(
@@ -71,8 +71,8 @@ def dense_file(
     paint: Literal["correspondence", "difference"] = "correspondence",
 ) -> Call[bytes]:
     """The dense correspondence of two shapes: a NumPy archive, or both painted, as a GLB or a picture."""
-    options = {"format": format, "paint": paint}
-    return _compared(first, second, content, {"dense": True}, options)
+    params: dict[str, str] = {"format": format, "paint": paint}
+    return _compared(first, second, content, {"dense": True}, params)
 
 
 def _compared(
