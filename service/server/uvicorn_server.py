@@ -1,6 +1,7 @@
 """The server of this process: in the foreground, or in a thread for one command."""
 
 import gc
+import os
 import socket
 import threading
 import time
@@ -109,6 +110,8 @@ def _config(app: ASGIApp, shutdown_seconds: int, head_seconds: float) -> uvicorn
         http=http_protocol(head_seconds),
         # Connections are accepted so many at a time, before their number is limited.
         backlog=max(1, most_connections() // 4),
+        # Otherwise any program of this machine could name another address as its own.
+        proxy_headers="FORWARDED_ALLOW_IPS" in os.environ,
         lifespan="on",
         log_config=None,
         log_level="critical",
