@@ -8,6 +8,9 @@ from service.auth.keys import Level
 
 SAFE_METHODS = frozenset({"GET", "HEAD", "OPTIONS"})
 
+# Probes know an address of the service, and no name.
+PROBES = frozenset({"/healthz", "/readyz"})
+
 # Health probes, the documentation, and the addresses that a browser needs before it signs in.
 PUBLIC = frozenset(
     {

@@ -10,6 +10,7 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.requests import ClientDisconnect
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from service.auth.rules import PROBES
 from service.errors import ShuttingDownError
 from service.http.access_control import COLLECTION_IN_SCOPE, KEY_IN_SCOPE
 from service.http.problems import KIND_IN_SCOPE, problem_of, problem_response
@@ -17,9 +18,6 @@ from service.observability.logging import get_logger, request_id
 from service.observability.metrics import METHODS, OTHER, Metrics
 
 HEADER = "X-Request-ID"
-
-# Probes come every few seconds; the log has them at the level debug.
-PROBES = frozenset({"/healthz", "/readyz"})
 
 # No answer: the client disconnected. Proxies use the same number.
 CLIENT_GONE = 499
@@ -89,6 +87,7 @@ class RequestContext:
             if KEY_IN_SCOPE in scope:
                 # Enough of the digest to tell keys apart; nobody can compute the key from it.
                 fields["key"] = scope[KEY_IN_SCOPE][:8]
+            # Probes come every few seconds.
             level = logging.DEBUG if scope["path"] in PROBES else logging.INFO
             log.log(level, "request", extra={"fields": fields})
             request_id.reset(token)

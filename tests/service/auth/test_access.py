@@ -159,7 +159,7 @@ def test_an_operation_that_no_rule_names_is_closed() -> None:
 
 def gate(**settings: object) -> Gate:
     chosen = Settings(**{"api_keys": (digest_of("full"),), "read_keys": (digest_of("read"),), **settings})
-    hosts = Hosts({*chosen.hosts, chosen.host}, any=True)
+    hosts = Hosts({*chosen.hosts, chosen.host}, any=not chosen.hosts)
     return Gate(KeyRing(chosen.api_keys, chosen.read_keys), chosen.rate_limit, hosts)
 
 
@@ -177,6 +177,17 @@ def test_the_gate() -> None:
     with pytest.raises(ForbiddenError):
         one.admit("POST", "/shapes", Headers({"x-api-key": "read"}))
     assert one.admit("GET", "/healthz", Headers({"x-api-key": "wrong"})) is None
+
+
+def test_probes_need_no_name_of_a_service_with_keys() -> None:
+    named, unkeyed = gate(hosts=("parts.example",)), gate(hosts=("parts.example",), api_keys=(), read_keys=())
+    by_address = Headers({"host": "10.0.0.7:8000", "x-api-key": "full"})
+    for path in ("/healthz", "/readyz"):
+        assert named.admit("GET", path, by_address) is None
+        with pytest.raises(MisdirectedRequestError):
+            unkeyed.admit("GET", path, by_address)
+    with pytest.raises(MisdirectedRequestError):
+        named.admit("GET", "/shapes", by_address)
 
 
 def test_a_cookie_is_a_key_for_its_own_site_alone() -> None:
