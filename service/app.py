@@ -25,7 +25,7 @@ from service.compute.workers_interface import Workers
 from service.container import Container
 from service.duplicates.endpoints import router as duplicates_router
 from service.http.access_control import AccessControl
-from service.http.body_limits import Arrivals, BodyLimit
+from service.http.body_limits import BodyLimit, ClientQuotas
 from service.http.idempotency.keys import InFlight
 from service.http.middleware import RequestContext
 from service.http.openapi import DESCRIPTION, TAGS, describe
@@ -127,7 +127,10 @@ def create_app(settings: Settings) -> FastAPI:
         file_bytes=settings.max_upload_bytes,
         larger={JOBS_ADDRESS: settings.max_archive_bytes, "/compare": 2 * settings.max_upload_bytes},
         # More could not wait for a worker.
-        arrivals=Arrivals(settings.workers + settings.queue_length),
+        quotas=ClientQuotas(
+            settings.workers + settings.queue_length,
+            max(settings.max_upload_bytes, settings.max_archive_bytes),
+        ),
         seconds=settings.receive_seconds,
     )
     app.add_middleware(RequestContext, metrics=metrics)

@@ -3,6 +3,7 @@
 import asyncio
 import shutil
 import tempfile
+import time
 from collections import Counter
 from collections.abc import Mapping
 
@@ -14,27 +15,35 @@ from service.http.access_control import client_of
 from service.http.problems import RefusedBodyError, problem_of
 
 FORM_OVERHEAD = 1024 * 1024
-SMALL_BODY_BYTES = 1024 * 1024
+# The longest text of a shape, and the longest query, each with its characters written as \uXXXX. The time to
+# validate a larger object would delay other requests.
+SMALL_BODY_BYTES = 64 * 1024
 # Starlette writes a file to disk when it is larger.
 IN_MEMORY_BYTES = 1024 * 1024
+# The least that must arrive in each further period of a body that takes longer than one period.
+LEAST_BYTES = 64 * 1024
 # The server reads the rest of a body after the answer, if there is no more of it.
 DRAINED_BYTES = 64 * 1024
 
 
-class Arrivals:
+class ClientQuotas:
     """The bodies that are arriving, and the forms on disk, of each client.
 
-    A client has a number of bodies. Its forms may occupy as much of the temporary folder as stays free: one
-    client fills half of the folder at most, and the next half of the rest. Use it in the event loop only.
+    A client has a number of bodies. Its forms may occupy the size of the largest file, or a third of the
+    temporary folder if that is less, and more only while as much stays free for each of two other clients.
+    Use it in the event loop only.
 
     Parameters
     ----------
     bodies : int
         The most bodies of one client that may arrive at a time.
+    largest : int
+        The size of the largest file.
     """
 
-    def __init__(self, bodies: int) -> None:
+    def __init__(self, bodies: int, largest: int) -> None:
         self._most = bodies
+        self._largest = largest + FORM_OVERHEAD
         self._bodies: Counter[str] = Counter()
         self._bytes: Counter[str] = Counter()
 
@@ -62,9 +71,11 @@ class Arrivals:
         Raises
         ------
         StorageFullError
-            The client would have more there than stays free.
+            The folder is full, or the client has its share.
         """
-        if self._bytes[client] + size > shutil.disk_usage(tempfile.gettempdir()).free:
+        free = shutil.disk_usage(tempfile.gettempdir()).free
+        share = min(self._largest, (free + self._bytes.total()) // 3)
+        if size > free or (self._bytes[client] + size > share and free - size < 2 * share):
             raise StorageFullError("there is no room for the upload in the temporary folder")
         self._bytes[client] += size
 
@@ -86,18 +97,18 @@ class BodyLimit:
         The size of the largest file.
     larger : mapping of str to int
         The paths with another size of the largest file.
-    arrivals : Arrivals
+    quotas : ClientQuotas
     seconds : float
-        The longest wait for the next bytes of a body.
+        The longest wait for the next bytes of a body, and the period of `LEAST_BYTES`.
     """
 
     def __init__(
-        self, app: ASGIApp, file_bytes: int, larger: Mapping[str, int], arrivals: Arrivals, seconds: float
+        self, app: ASGIApp, file_bytes: int, larger: Mapping[str, int], quotas: ClientQuotas, seconds: float
     ) -> None:
         self._app = app
         self._file_bytes = file_bytes
         self._larger = larger
-        self._arrivals = arrivals
+        self._quotas = quotas
         self._seconds = seconds
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -110,12 +121,14 @@ class BodyLimit:
         file_bytes = self._larger.get(scope["path"], self._file_bytes)
         limit = file_bytes + FORM_OVERHEAD if is_form else SMALL_BODY_BYTES
         too_large = FileTooLargeError(f"at most {file_bytes if is_form else limit} bytes are taken")
-        body = _Body(scope, headers, receive, self._arrivals, self._seconds, limit, too_large, is_form)
+        body = _Body(scope, headers, receive, self._quotas, self._seconds, limit, too_large, is_form)
 
         async def send_and_close(message: Message) -> None:
-            if message["type"] == "http.response.start" and body.goes_on:
-                # Otherwise the server reads the rest of the body, which may have no end.
-                MutableHeaders(scope=message)["Connection"] = "close"
+            if message["type"] == "http.response.start":
+                body.answered = True
+                if body.goes_on:
+                    # Otherwise the server reads the rest of the body, which may have no end.
+                    MutableHeaders(scope=message)["Connection"] = "close"
             await send(message)
 
         if body.declared > limit:
@@ -135,7 +148,7 @@ class _Body:
         scope: Scope,
         headers: Headers,
         receive: Receive,
-        arrivals: Arrivals,
+        quotas: ClientQuotas,
         seconds: float,
         limit: int,
         too_large: ServiceError,
@@ -143,7 +156,7 @@ class _Body:
     ) -> None:
         self._scope = scope
         self._receive = receive
-        self._arrivals = arrivals
+        self._quotas = quotas
         self._seconds = seconds
         self._limit = limit
         self._too_large = too_large
@@ -153,8 +166,11 @@ class _Body:
         self._chunked = "transfer-encoding" in headers
         self._client = ""
         self._received = 0
+        self._waited = 0.0
         self._on_disk = 0
         self._arriving = False
+        self._refused = False
+        self.answered = False
         self._whole = not (self.declared or self._chunked)
 
     @property
@@ -162,7 +178,7 @@ class _Body:
         """Whether more of the body may follow than the server should read and drop."""
         if self._whole:
             return False
-        return self._chunked or self.declared - self._received > DRAINED_BYTES
+        return self._refused or self._chunked or self.declared - self._received > DRAINED_BYTES
 
     async def receive(self) -> Message:
         """The next message of the server."""
@@ -171,26 +187,34 @@ class _Body:
         try:
             return await self._next()
         except ServiceError as error:
+            if self.answered:
+                # There is no second answer: the stream of the first one ends.
+                return {"type": "http.disconnect"}
+            self._refused = True
             raise RefusedBodyError(error) from error
 
     async def _next(self) -> Message:
         if not self._arriving:
             # The key is known by now.
             self._client = client_of(self._scope)
-            self._arrivals.begin(self._client)
+            self._quotas.begin(self._client)
             self._arriving = True
+        start = time.monotonic()
         try:
             async with asyncio.timeout(self._seconds):
                 message = await self._receive()
         except TimeoutError:
             raise StalledBodyError(f"nothing of the body arrived in {self._seconds:g} s") from None
-        size = len(message.get("body", b""))
-        self._received += size
+        # Only the time that the service waits counts, not the time in which it works.
+        self._waited += time.monotonic() - start
+        self._received += len(message.get("body", b""))
+        if self._received < LEAST_BYTES * (self._waited / self._seconds - 1):
+            raise StalledBodyError(f"{self._received} bytes of the body arrived in {self._waited:.0f} s")
         if self._received > self._limit:
             raise self._too_large
         if self._is_form and self._received > IN_MEMORY_BYTES:
             more = self._received - self._on_disk
-            self._arrivals.take(self._client, more)
+            self._quotas.take(self._client, more)
             self._on_disk += more
         if not message.get("more_body", False):
             self._whole = True
@@ -200,12 +224,12 @@ class _Body:
     def _end(self) -> None:
         if self._arriving:
             self._arriving = False
-            self._arrivals.end(self._client)
+            self._quotas.end(self._client)
 
     def close(self) -> None:
         """Free the client's room: the request is over, and its files are closed."""
         self._end()
-        self._arrivals.free(self._client, self._on_disk)
+        self._quotas.free(self._client, self._on_disk)
 
 
 def _subtract(counter: Counter[str], client: str, number: int) -> None:

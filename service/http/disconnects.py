@@ -10,7 +10,7 @@ Answer = TypeVar("Answer")
 
 
 async def while_connected(request: Request, work: Coroutine[Any, Any, Answer]) -> Answer:
-    """The result of the work. The body of the request must have been read.
+    """The result of the work. A body that has not been read by now is dropped.
 
     The work is cancelled when the client disconnects, and when the server stops. A transaction goes on in its
     thread, and is committed whole or not at all.
@@ -19,12 +19,15 @@ async def while_connected(request: Request, work: Coroutine[Any, Any, Answer]) -
     ------
     ClientDisconnect
         The client disconnected.
+    RefusedBodyError
+        The request has a body, which nobody reads, and the body is refused.
     """
     doing = asyncio.ensure_future(work)
     leaving = asyncio.ensure_future(_left(request))
     try:
         await asyncio.wait({doing, leaving}, return_when=asyncio.FIRST_COMPLETED)
         if not doing.done():
+            leaving.result()
             raise ClientDisconnect
         return doing.result()
     finally:

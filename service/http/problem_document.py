@@ -10,6 +10,8 @@ from service.errors import PROBLEMS, FieldFault
 MEDIA_TYPE = "application/problem+json"
 TYPE_PREFIX = "urn:isoshape:problem:"
 INSTANCE_PREFIX = "urn:isoshape:request:"
+# The most faults of an answer.
+FAULTS = 100
 
 
 class Fault(BaseModel):
@@ -37,9 +39,9 @@ class Problem(BaseModel):
 
 
 def faults_of(errors: Sequence[Any]) -> list[FieldFault]:
-    """Pydantic's errors as faults, each with the name of the field as the client wrote it."""
+    """The first `FAULTS` of pydantic's errors, each with the name of the field as the client wrote it."""
     faults = []
-    for error in errors:
+    for error in errors[:FAULTS]:
         location = [str(part) for part in error["loc"]]
         if (
             location

@@ -92,7 +92,7 @@ class RequestBody(Generic[Model]):
             finally:
                 await form.close()
         elif media_type == JSON and self._json is not None:
-            yield _validated(self._json, await _object_of(request))
+            yield await run_in_threadpool(_validated, self._json, await _object_of(request))
         else:
             others = "" if self._json is None else ", or JSON"
             fields = " and ".join(repr(name) for name in self._either)

@@ -238,6 +238,8 @@ def test_uploads_in_the_container_fit_its_temporary_folder(monkeypatch: pytest.M
     largest = settings.max_upload_bytes / 2**20
     archive = settings.max_archive_bytes / 2**20
     assert inside * largest + ARRIVING * archive <= int(room)
+    # The share of a client that sends uploads alone; each has some overhead.
+    assert inside * (largest + 1) + 2 * (archive + 1) <= int(room)
     assert int(room) + (inside + 22 * settings.workers) * largest + 1000 <= 1024 * int(memory)
 
 
