@@ -15,28 +15,27 @@ Paint = Literal["correspondence", "difference"]
 SCALE = (
     np.array(
         [
-            (0, 34, 78),
-            (26, 56, 111),
-            (67, 78, 108),
-            (97, 101, 111),
-            (125, 124, 120),
-            (155, 148, 118),
-            (188, 174, 108),
-            (222, 201, 88),
-            (254, 232, 56),
+            (228, 229, 232),
+            (253, 217, 138),
+            (254, 196, 79),
+            (254, 153, 41),
+            (236, 112, 20),
+            (204, 76, 2),
+            (153, 52, 4),
+            (102, 37, 6),
         ]
     )
     / 255.0
 )
-"""The colour map cividis (Nunez, Anderton and Renslow 2018), which looks alike to people with and without
-colour blindness: dark blue for no difference, yellow for the largest."""
+"""Light grey for no difference, over orange, to brown for the largest: after YlOrBr of ColorBrewer (Harrower
+and Brewer 2003). It grows darker evenly, which people with and without colour blindness see alike."""
 
-NO_PARTNER = np.array((255, 95, 210)) / 255.0
-"""Pink: to people who do not see red, or green, it is a light blue that the scale does not have."""
+NO_PARTNER = np.array((31, 91, 255)) / 255.0
+"""Blue, which people who do not see red, or green, tell from orange and brown."""
 
 LEAST_DISPLACEMENT = 0.01
 """Smallest end of the scale of displacements, over the diagonal of the bounding box: differences that are
-rounding stay blue."""
+rounding stay grey."""
 
 LARGEST_STRETCH = 1.0
 """End of the scale of stretch: twice as long, or half as long."""
@@ -86,7 +85,7 @@ def differences(
 
 
 def difference_colours(difference: Difference, partnered: NDArray[np.bool_]) -> Floats:
-    """The colours of n vertices on the scale; places without a partner are pink, shape (n, 3)."""
+    """The colours of n vertices on the scale; places without a partner are blue, shape (n, 3)."""
     place = np.clip(difference.values / difference.maximum, 0.0, 1.0) * (len(SCALE) - 1)
     channels = [np.interp(place, np.arange(len(SCALE)), channel) for channel in SCALE.T]
     return np.where(partnered[:, None], np.stack(channels, axis=1), NO_PARTNER)

@@ -44,9 +44,9 @@ class CompareParameters(NamedInAddress):
     paint: Paint = Field(
         default="correspondence",
         description="With dense, the colours of the GLB and of the picture. correspondence: by position on "
-        "the first shape; places of the second without a partner are grey. difference: from blue over grey "
-        "to yellow by how far each place has moved or how much it is stretched; places without a partner "
-        "are pink.",
+        "the first shape; places of the second without a partner are grey. difference: from grey over orange "
+        "to brown by how far each place has moved or how much it is stretched; places without a partner "
+        "are blue.",
     )
 
 

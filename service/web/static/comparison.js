@@ -1,6 +1,7 @@
 // A query and its results in 3D, with their correspondences.
 
 import { address, ask } from "./api.js";
+import { differences, told } from "./difference.js";
 import { readGlb } from "./glb.js";
 import { placesOf, queryEnds, resultEnds } from "./matching.js";
 import { PLAIN, eigenfunction, heat, sameSign, spreadColours } from "./paint.js";
@@ -18,6 +19,8 @@ import { Stage } from "./stage.js";
  * @property {HTMLCanvasElement} canvas
  * @property {() => Promise<ArrayBuffer>} glb
  * @property {() => Promise<Embedding | null>} embedding
+ * @property {string | File} [given] Its id, or its file, for the difference from the query.
+ * @property {(text: string) => void} [explain] Shows the text on its difference; empty for none.
  * @property {Pair[]} pairs Correspondences with the query; empty for the query itself.
  */
 
@@ -52,6 +55,8 @@ export class Comparison {
     this.sides = sides;
     this.tell = tell;
     this.row = -1;
+    /** How the shapes are to be painted. */
+    this.how = "";
     for (const [number, { view, ends }] of sides.entries()) {
       view.setPoints(ends.points, ends.colours, ends.effective);
       view.canvas.addEventListener("pointermove", (event) => {
@@ -99,14 +104,33 @@ export class Comparison {
     for (const { view } of this.sides) view.showPoints(shown);
   }
 
-  /** @param {string} how "plain", "correspondence", or the number of an eigenmap. */
+  /** @param {string} how "plain", "correspondence", "difference", or the number of an eigenmap. */
   async paint(how) {
-    if (how === "plain") {
+    this.how = how;
+    for (const { shown } of this.sides) shown.explain?.("");
+    if (how === "difference") {
+      await this.paintDifference();
+    } else if (how === "plain") {
       for (const { view } of this.sides) view.paint(PLAIN);
     } else if (how === "correspondence") {
       for (const { view, ends } of this.sides) view.paint(spreadColours(view.model, ends.points, ends.colours));
     } else {
       await this.paintEigenmap(Number(how));
+    }
+  }
+
+  /** Paint each result by its difference from the query, and the query by that from the first result. */
+  async paintDifference() {
+    const [query, ...results] = this.sides;
+    for (const { view } of this.sides) view.paint(PLAIN);
+    for (const [i, { view, shown }] of results.entries()) {
+      if (query.shown.given === undefined || shown.given === undefined) continue;
+      const [one, other] = await differences(query.shown.given, shown.given);
+      // Another colouring may have been chosen meanwhile.
+      if (this.how !== "difference") return;
+      if (i === 0) query.view.paint(one.colours);
+      view.paint(other.colours);
+      shown.explain?.(told(other));
     }
   }
 

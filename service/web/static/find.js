@@ -39,10 +39,11 @@ function showProgress(share) {
 
 /**
  * @param {string} name
+ * @param {string | File} given The id of a stored shape, or a file.
  * @param {() => Promise<ArrayBuffer>} glb
  * @param {(signal: AbortSignal) => Promise<Answer>} query
  */
-async function run(name, glb, query) {
+async function run(name, given, glb, query) {
   running?.abort();
   const own = (running = new AbortController());
   const rankBy = byId("find-rank", HTMLSelectElement).value;
@@ -51,7 +52,7 @@ async function run(name, glb, query) {
   try {
     const answer = await query(own.signal);
     progress.hidden = true;
-    await showResults({ name, glb }, answer, rankBy, findStored);
+    await showResults({ name, given, glb }, answer, rankBy, findStored);
   } catch (error) {
     if (!own.signal.aborted) showError(errorBox, error);
   } finally {
@@ -65,6 +66,7 @@ export function findFile(file) {
   form.append("file", file);
   return run(
     file.name,
+    file,
     async () => (await ask(address("preview"), { method: "POST", body: form })).arrayBuffer(),
     async (signal) => {
       showProgress(0);
@@ -75,7 +77,7 @@ export function findFile(file) {
 
 /** @param {string} id @param {string} name */
 export function findStored(id, name) {
-  return run(name, () => storedGlb(id), (signal) => {
+  return run(name, id, () => storedGlb(id), (signal) => {
     showProgress(1);
     return askWith(address("query", options()), { shape_id: id }, signal);
   });

@@ -15,18 +15,9 @@
  * @returns {Model}
  */
 export function readGlb(data) {
-  const view = new DataView(data);
-  if (view.getUint32(0, true) !== 0x46546c67) throw new Error("The service sent no mesh.");
-  const length = view.getUint32(12, true);
-  const tree = JSON.parse(new TextDecoder().decode(new Uint8Array(data, 20, length)));
-  const start = 28 + length;
+  const { tree, bytes } = opened(data);
   const node = tree.nodes[0];
   const primitive = tree.meshes[node.mesh].primitives[0];
-  /** @param {number} number @returns {[number, number]} First byte and length of an accessor. */
-  const bytes = (number) => {
-    const { byteOffset, byteLength } = tree.bufferViews[tree.accessors[number].bufferView];
-    return [start + byteOffset, byteLength];
-  };
   const [points, pointBytes] = bytes(primitive.attributes.POSITION);
   const [faces, faceBytes] = bytes(primitive.indices);
   return {
@@ -36,6 +27,46 @@ export function readGlb(data) {
     middle: node.extras.middle,
     half: node.extras.half,
   };
+}
+
+/**
+ * The painting of one mesh of a comparison.
+ * @typedef {object} Painting
+ * @property {Float32Array} colours Red, green and blue of each vertex, from 0 to 1.
+ * @property {{ quantity: string, maximum: number, without_partner: number }} extras
+ */
+
+/**
+ * Read the colours of all meshes of a comparison; their vertices are those of the previews.
+ * @param {ArrayBuffer} data
+ * @returns {Painting[]}
+ */
+export function readPaintings(data) {
+  const { tree, bytes } = opened(data);
+  return tree.nodes.map((/** @type {any} */ node) => {
+    const [start, length] = bytes(tree.meshes[node.mesh].primitives[0].attributes.COLOR_0);
+    const stored = new Uint8Array(data, start, length);
+    const colours = new Float32Array((length / 4) * 3);
+    for (let i = 0; i < colours.length; i++) colours[i] = stored[4 * Math.floor(i / 3) + (i % 3)] / 255;
+    return { colours, extras: node.extras };
+  });
+}
+
+/**
+ * The tree of a file, and a function that finds the first byte and the length of an accessor.
+ * @param {ArrayBuffer} data
+ */
+function opened(data) {
+  const view = new DataView(data);
+  if (view.getUint32(0, true) !== 0x46546c67) throw new Error("The service sent no mesh.");
+  const length = view.getUint32(12, true);
+  const tree = JSON.parse(new TextDecoder().decode(new Uint8Array(data, 20, length)));
+  /** @param {number} number @returns {[number, number]} */
+  const bytes = (number) => {
+    const { byteOffset, byteLength } = tree.bufferViews[tree.accessors[number].bufferView];
+    return [28 + length + byteOffset, byteLength];
+  };
+  return { tree, bytes };
 }
 
 /**

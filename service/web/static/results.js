@@ -13,6 +13,7 @@ import { button, byId, make, showError } from "./dom.js";
  * @typedef {object} Asked
  * @property {string} name
  * @property {() => Promise<ArrayBuffer>} glb
+ * @property {string | File} given Its id or its file.
  */
 
 const section = byId("results", HTMLElement);
@@ -38,30 +39,37 @@ export async function showResults(asked, answer, rankBy, findSimilar) {
   section.hidden = false;
   byId("results-summary", HTMLElement).textContent = summary(asked.name, answer, rankBy);
   const query = card(asked.name, ["Query"], null);
+  byId("legend-text", HTMLElement).textContent = results.length === 0 ? ""
+    : `Each result shows its difference from the query; the query shows its difference from ${results[0].shape.name}.`;
+  /** @type {HTMLElement[]} */
+  const notes = [];
   const found = results.map((result) => {
     const { shape } = result;
     const details = make("a", { href: address(`shapes/${shape.id}/view`), ariaLabel: `Details of ${shape.name}` }, "Details");
     const similar = button("Find similar", () => findSimilar(shape.id, shape.name), `Find similar to ${shape.name}`);
     const line = make("div", { className: "buttons" }, similar, details);
-    return card(`${result.rank}. ${shape.name}`, [shape.tags.join(", ")].filter(Boolean), result, line);
+    const note = make("p", { className: "difference" });
+    notes.push(note);
+    return card(`${result.rank}. ${shape.name}`, [shape.tags.join(", ")].filter(Boolean), result, note, line);
   });
   cards.replaceChildren(query.item, ...found.map(({ item }) => item));
   section.focus();
   try {
     shown = await compare(
       [
-        { name: asked.name, canvas: query.canvas, glb: asked.glb, embedding: async () => answer.embedding, pairs: [] },
+        { ...asked, canvas: query.canvas, embedding: async () => answer.embedding, pairs: [] },
         ...results.map((result, i) => ({
           name: result.shape.name,
           canvas: found[i].canvas,
           glb: () => storedGlb(result.shape.id),
           embedding: cached(() => storedEmbedding(result.shape.id)),
           pairs: result.correspondence,
+          given: result.shape.id,
+          explain: (/** @type {string} */ text) => (notes[i].textContent = text),
         })),
       ],
       (text) => (status.textContent = text),
     );
-    shown.showPoints(points.checked);
     await repaint();
   } catch (error) {
     showError(errorBox, error);
@@ -71,8 +79,11 @@ export async function showResults(asked, answer, rankBy, findSimilar) {
 /** Colour the shapes as selected; `data-painted` names the colouring when it is done. */
 async function repaint() {
   const how = paint.value;
+  byId("legend", HTMLElement).hidden = how !== "difference";
+  // Dots in the colours of the correspondence would hide the difference.
+  shown?.showPoints(points.checked && how !== "difference");
   await shown?.paint(how);
-  cards.dataset.painted = how;
+  if (paint.value === how) cards.dataset.painted = how;
 }
 
 /** @param {string} name @param {Answer} answer @param {string} rankBy */
@@ -96,7 +107,7 @@ function cached(load) {
 }
 
 paint.addEventListener("change", () => repaint().catch((error) => showError(errorBox, error)));
-points.addEventListener("change", () => shown?.showPoints(points.checked));
+points.addEventListener("change", () => shown?.showPoints(points.checked && paint.value !== "difference"));
 byId("previous-point", HTMLButtonElement).addEventListener("click", () => shown?.step(-1));
 byId("next-point", HTMLButtonElement).addEventListener("click", () => shown?.step(1));
 byId("zoom-in", HTMLButtonElement).addEventListener("click", () => theStage().zoomBy(1.2));
