@@ -1,7 +1,8 @@
-"""How far geodesics and Laplace-Beltrami eigenfunctions of a mesh describe its shape.
+"""Reliability of the intrinsic description: whether geodesics and eigenfunctions of a mesh tell its shape.
 
-On a closed manifold surface of one piece they do. On a polygon soup they follow the gaps and joints of its
-pieces, and two soups of one shape have other spectra.
+Geodesics and Laplace-Beltrami eigenfunctions describe the shape of a closed manifold surface of one piece.
+On a polygon soup they follow the gaps and joints of the pieces, so two soups of one shape have different
+spectra.
 """
 
 from core.embedding import Facts

@@ -20,6 +20,11 @@ COARSE_DISTANCES = 4
 ALIGNED = 3
 """A normal is along the line between two points from this bin of `ANGLE_BINS` on: a cosine of 0.6."""
 
+LARGER, SMALLER = np.tril_indices(ANGLE_BINS)
+ALONG = np.eye(3)[(LARGER >= ALIGNED).astype(int) + (SMALLER >= ALIGNED)]
+"""Weights, shape (ANGLE_PAIRS, 3), that add up the bins of two angles: neither normal is along the line
+between two points, one is, or both are."""
+
 SIGNATURE_BYTES = 3 * CHANNELS * int(LOWEST.sum()) + COARSE_DISTANCES * NORMAL_BINS * 3
 
 LOW_SCALE, COARSE_SCALE = 1000.0, 400.0
@@ -29,12 +34,7 @@ LOW_SCALE, COARSE_SCALE = 1000.0, 400.0
 def view_signature(descriptor: Bytes) -> Bytes:
     """The signature, shape (SIGNATURE_BYTES,), of a descriptor, shape (VIEW_BYTES,)."""
     low = magnitudes_of(descriptor).mean(axis=0)[..., LOWEST]
-    larger, smaller = np.tril_indices(ANGLE_BINS)
-    # Three bins in place of ANGLE_PAIRS: neither normal is along the line, one is, or both are.
-    aligned = np.eye(3)[(larger >= ALIGNED).astype(int) + (smaller >= ALIGNED)]
-    shares = (
-        shares_of(descriptor).reshape(COARSE_DISTANCES, -1, NORMAL_BINS, len(aligned)).sum(axis=1) @ aligned
-    )
+    shares = shares_of(descriptor).reshape(COARSE_DISTANCES, -1, NORMAL_BINS, len(ALONG)).sum(axis=1) @ ALONG
     values = np.concatenate([LOW_SCALE * low.ravel(), COARSE_SCALE * np.sqrt(shares).ravel()])
     return np.asarray(np.minimum(np.rint(values), 255.0).astype(np.uint8))
 

@@ -8,7 +8,7 @@ from scipy.special import expit
 
 from core.arrays import Floats
 from core.descriptors.descriptor_distance import DescriptorDistance
-from core.descriptors.global_descriptors import GLOBAL_DESCRIPTORS, GLOBAL_WEIGHT
+from core.ranking.spectral_distance import global_distances, spectral_distances
 
 HALF_SATURATION = 0.1
 """Spectral distance (root mean square difference of log eigenvalues) at which the weight f is 1/2."""
@@ -54,8 +54,8 @@ CALIBRATED = Calibration(intercept=-13.8067, slopes=(-4.9825, -0.2797, -2.7157))
 CALIBRATED_PARTS = Calibration(intercept=-3.1062, slopes=(-5.8367,))
 WITHOUT_SPIN_IMAGES = Calibration(intercept=-16.4318, slopes=(-4.9656, -0.9755))
 """The models of pairs of complete surfaces, of pairs with an incomplete surface, and of pairs without spin
-images. `isoshape calibrate psb shrec11` fitted them to every second model of each collection; see
-docs/calibration.md."""
+images. They rank archives whose embeddings have no views. An earlier version of `isoshape calibrate` fitted
+them to psb and shrec11, to every second model of each; the present one fits `core.ranking.opinion_pool`."""
 
 
 def class_probability(whole: Floats, descriptor_distance: DescriptorDistance | None) -> Floats:
@@ -148,9 +148,8 @@ def signature_features(
     signatures : float32, shape (c, s)
         Signatures of the others: log eigenvalues, and with `global_descriptors` the global descriptors last.
     global_descriptors : bool
-        Whether signatures end with global descriptors.
+        Whether signatures end with global descriptors; their distances count as 0 otherwise.
     """
-    steps = np.asarray(signatures, dtype=np.float64) - np.asarray(query, dtype=np.float64)
-    values = steps.shape[1] - GLOBAL_DESCRIPTORS if global_descriptors else steps.shape[1]
-    spectral = np.linalg.norm(steps[:, :values], axis=1)
-    return features(cc, sim, spectral, np.linalg.norm(steps[:, values:], axis=1) / GLOBAL_WEIGHT)
+    spectral = spectral_distances(query, signatures, global_descriptors=global_descriptors)
+    whole = global_distances(query, signatures) if global_descriptors else np.zeros(len(signatures))
+    return features(cc, sim, spectral, whole)

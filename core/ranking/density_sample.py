@@ -60,12 +60,12 @@ def density_sample(shapes: list[ShapeDescriptors]) -> DensitySample:
 
 
 def densities_in(sample: DensitySample, shapes: list[ShapeDescriptors]) -> LocalDensities:
-    """The local densities of c shapes, arrays of shape (c,), in a sample.
+    """The local densities of c shapes, c at least 1, arrays of shape (c,), in a sample.
 
     A shape of the sample with the same eigenvalues, to their last bit, is the shape itself or a copy of it,
     and no neighbour. A density depends on the shape and the sample alone.
     """
-    if not len(sample.views) or not shapes:
+    if not len(sample.views):
         return typical_densities(len(shapes))
     spectral = cdist(_eigenvalues(shapes), sample.eigenvalues)
     spectral[spectral == 0.0] = np.inf

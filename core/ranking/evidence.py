@@ -1,4 +1,4 @@
-"""What speaks for or against one class: the differences between one shape and several others."""
+"""Evidence for or against one class: the differences between one shape and several others."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,12 +8,12 @@ from numpy.typing import NDArray
 
 from core.arrays import Bytes, Floats
 from core.descriptors.descriptor_distance import descriptor_distance, whole_spin_images
-from core.descriptors.global_descriptors import GLOBAL_DESCRIPTORS, GLOBAL_WEIGHT
 from core.descriptors.reliability import intrinsic_reliability
 from core.descriptors.spin_images import spin_image_distances
 from core.descriptors.view_descriptor import view_distance
 from core.embedding import Embedding, Scores
 from core.ranking.local_density import LocalDensities, typical_densities
+from core.ranking.spectral_distance import global_distances, spectral_distances
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,8 +103,7 @@ def evidence_of(
     """
     own = typical_densities(1) if own is None else own
     densities = typical_densities(len(others)) if densities is None else densities
-    signatures = np.array([other.signature for other in others], dtype=np.float64)
-    steps = signatures.reshape(len(others), -1) - query.signature
+    signatures = np.stack([other.signature for other in others])
     between = descriptor_distance(query.spin_images, [other.spin_images for other in others])
     whole = between.distance.copy()
     whole[between.part] = spin_image_distances(
@@ -114,8 +113,8 @@ def evidence_of(
     return Evidence(
         cc=scores.cc,
         sim=scores.sim,
-        spectral=np.linalg.norm(steps[:, :-GLOBAL_DESCRIPTORS], axis=1),
-        global_distance=np.linalg.norm(steps[:, -GLOBAL_DESCRIPTORS:], axis=1) / GLOBAL_WEIGHT,
+        spectral=spectral_distances(query.signature, signatures, global_descriptors=True),
+        global_distance=global_distances(query.signature, signatures),
         spin_images=whole,
         part=between.part,
         part_distance=between.distance,

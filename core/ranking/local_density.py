@@ -1,4 +1,4 @@
-"""Local density: how near the neighbours of a shape are among the stored shapes.
+"""Local density: the distance of a shape to its nearest neighbours among the stored shapes.
 
 A shape that is near to everything is a hub: it is the first answer to many queries, mostly wrongly. Local
 scaling divides a distance by the root of the product of both shapes' distances to their seventh neighbours
@@ -44,8 +44,8 @@ def typical_densities(count: int) -> LocalDensities:
 def neighbour_distances(distances: Floats, typical: float) -> Floats:
     """The distance of each of c shapes to its seventh neighbour among n others, shape (c,).
 
-    Of fewer than `ENOUGH` others, the result is the geometric mean of the last possible neighbour's distance
-    and the typical one, weighted by n / `ENOUGH`.
+    With n below `ENOUGH`, the result is the geometric mean of the typical distance and of that to the seventh
+    neighbour, or to the last one of fewer; the weight of the latter is n / `ENOUGH`.
 
     Parameters
     ----------
@@ -61,5 +61,5 @@ def neighbour_distances(distances: Floats, typical: float) -> Floats:
     last = np.clip(others, 1, NEIGHBOUR) - 1
     found = nearest[np.arange(len(distances)), last]
     weight = np.minimum(others / ENOUGH, 1.0)
-    known = np.where(others > 0, np.maximum(np.where(np.isfinite(found), found, typical), 1e-6), typical)
+    known = np.where(others > 0, np.maximum(found, 1e-6), typical)
     return np.asarray(known**weight * typical ** (1.0 - weight))
