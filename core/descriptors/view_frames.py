@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from core.arrays import Floats, Ints
+from core.descriptors.plane_axes import directed
 from core.errors import DegenerateMeshError
 from core.mesh.face_normals import face_normals
 
@@ -27,6 +28,10 @@ SWEEPS, TURNED = 30, 1e-9
 
 FLAT = 1e-12
 """Differences of the integral below which all angles in a plane are equally good."""
+
+TIED = 0.005
+"""Two axes are tied if the second moments of points and of normals along them differ by less than this share
+of the sum of all three; all angles in a plane are equally good if the fourth moments differ by less."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,11 +82,38 @@ def normalised_surface(vertices: Floats, faces: Ints) -> NormalisedSurface:
     spread = _second_moments(corners, areas)
     scale = np.sqrt(np.trace(spread))
     tilt = (normals * areas[:, None]).T @ normals
-    points = np.linalg.eigh(spread / scale**2 - TIE_BREAK * tilt)[1].T[::-1]
-    flattest = np.linalg.eigh(tilt - TIE_BREAK * spread / scale**2)[1].T
+    corners, spread = corners / scale, spread / scale**2
+    points = np.linalg.eigh(spread - TIE_BREAK * tilt)[1].T[::-1]
+    flattest = np.linalg.eigh(tilt - TIE_BREAK * spread)[1].T
     square = _rectilinear(normals, areas, (points, flattest))
-    order = np.argsort(-np.einsum("ai,ij,aj->a", square, spread, square), kind="stable")
-    return NormalisedSurface(corners / scale, areas, normals, np.stack([points, flattest, square[order]]))
+    square = square[np.argsort(-_along(square, spread), kind="stable")]
+    frames = [points, flattest, square]
+    for frame, axes in enumerate(frames):
+        ties = [all(_are_tied(axes[i : i + 2], tensor) for tensor in (spread, tilt)) for i in (0, 1)]
+        if sum(ties) == 1:
+            i = ties.index(True)
+            plane = axes[i : i + 2]
+            found = directed(plane, corners, areas)
+            if frame == FRAMES - 1 and not _is_round(normals @ plane.T, areas):
+                found = plane if abs(found[0] @ plane[0]) >= abs(found[0] @ plane[1]) else plane[::-1]
+            frames[frame] = np.concatenate([axes[:i], found, axes[i + 2 :]])
+    return NormalisedSurface(corners, areas, normals, np.stack(frames))
+
+
+def _along(axes: Floats, tensor: Floats) -> Floats:
+    """The second moments along axes, rows."""
+    return np.asarray(np.einsum("ai,ij,aj->a", axes, tensor, axes))
+
+
+def _are_tied(plane: Floats, tensor: Floats) -> bool:
+    """Whether the second moments along two axes are nearly equal."""
+    one, other = _along(plane, tensor)
+    return bool(abs(one - other) < TIED)
+
+
+def _is_round(normals: Floats, areas: Floats) -> bool:
+    """Whether the fourth moments hardly depend on the angle in a plane; normals in it, shape (f, 2)."""
+    return bool(abs(areas @ (normals[:, 0] + 1j * normals[:, 1]) ** 4) < TIED)
 
 
 def _second_moments(corners: Floats, areas: Floats) -> Floats:

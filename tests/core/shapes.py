@@ -37,6 +37,21 @@ def rectangle(width, height, columns, rows):
     return Mesh(np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1), faces)
 
 
+def star(tips, height=0.4):
+    """A prism over a star with tips at radius 1, centred at the origin."""
+    n = 2 * tips
+    angle, radius = np.arange(n) * np.pi / tips, np.where(np.arange(n) % 2 == 0, 1.0, 0.45)
+    ring = np.stack([radius * np.cos(angle), radius * np.sin(angle), np.full(n, -height / 2)], axis=1)
+    vertices = np.concatenate(
+        [ring, ring + np.array([0, 0, height]), [[0, 0, -height / 2], [0, 0, height / 2]]]
+    )
+    i = np.arange(n)
+    j = (i + 1) % n
+    bottom, top = np.full(n, 2 * n), np.full(n, 2 * n + 1)
+    faces = [(i, j, n + i), (j, n + j, n + i), (j, i, bottom), (n + i, n + j, top)]
+    return Mesh(vertices, np.concatenate([np.stack(corners, axis=1) for corners in faces]))
+
+
 def joined(*meshes):
     """Several meshes as one, each part with its own vertices."""
     starts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])

@@ -28,6 +28,7 @@ from tests.core.shapes import (
     mesh_of,
     rectangle,
     soup,
+    star,
     subdivided,
     turned,
 )
@@ -117,6 +118,9 @@ DEGENERATE = {
     "a square bar": box(3, 1, 1),
     "a plate": box(2, 2, 0.1),
     "a sphere": icosphere(3),
+    "a star of three tips": star(3),
+    "a star of five tips": star(5),
+    "a star of eight tips": star(8),
 }
 
 

@@ -5,9 +5,10 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
+from core.descriptors.plane_axes import moments_of_plane
 from core.descriptors.view_frames import FRAMES, normalised_surface
 from core.errors import DegenerateMeshError
-from tests.core.shapes import blob, box, rectangle, rotation, soup, subdivided, turned
+from tests.core.shapes import blob, box, rectangle, rotation, soup, star, subdivided, turned
 
 
 def same_axes(some, others):
@@ -73,6 +74,39 @@ def test_frames_turn_with_the_surface():
     other = turned(mesh, 9)
     for axes, moved in zip(own, normalised_surface(other.vertices, other.faces).frames, strict=True):
         assert same_axes(axes, moved @ rotation(9))
+
+
+@pytest.mark.parametrize("tips", [3, 5, 6, 8])
+def test_the_frames_of_a_star_point_to_a_tip(tips):
+    corners = np.stack(
+        [np.cos(np.arange(tips) * 2 * np.pi / tips), np.sin(np.arange(tips) * 2 * np.pi / tips)]
+    )
+    for seed in range(4):
+        mesh = turned(star(tips), seed)
+        for axes in normalised_surface(mesh.vertices, mesh.faces).frames:
+            own = axes @ rotation(seed)
+            in_plane = [axis for axis in own if abs(axis[2]) < 1e-6]
+            assert len(in_plane) == 2
+            assert np.abs(in_plane[0][:2] @ corners).max() == pytest.approx(1.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("order", [2, 5, 12])
+def test_moments_of_a_plane_are_those_of_many_points(order):
+    """The direction in closed form against a sum over small triangles."""
+    mesh = blob(2)
+    corners = mesh.vertices[mesh.faces]
+    areas = np.full(len(corners), 1.0 / len(corners))
+    plane = np.eye(3)[:2]
+    fine = corners
+    for _ in range(4):
+        a, b, c = fine[:, 0], fine[:, 1], fine[:, 2]
+        ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
+        parts = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
+        fine = np.concatenate([np.stack(part, axis=1) for part in parts])
+    middles = fine.mean(axis=1) @ plane.T @ [1, 1j]
+    size = (np.abs(corners @ plane.T @ [1, 1j]) ** order).mean()
+    found = moments_of_plane(corners @ plane[0] + 1j * (corners @ plane[1]), areas)[order - 2]
+    assert found == pytest.approx((middles**order).mean() / size, rel=5e-3)
 
 
 @pytest.mark.parametrize("vertices", [[[1, 1, 1]] * 3, [[0, 0, 0], [1, 0, 0], [3, 0, 0]]])
