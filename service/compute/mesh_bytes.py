@@ -7,28 +7,34 @@ from safetensors import SafetensorError
 from safetensors.numpy import load, save
 
 from core.errors import CoreError, MalformedMeshError
+from core.io import Limits
 from core.mesh.mesh import Mesh
 
 
 @dataclass(frozen=True)
-class Readable:
+class ReadMesh:
     """A mesh, and the wall time of reading it in milliseconds."""
 
     mesh: Mesh
     milliseconds: float
 
 
-def to_bytes(readable: Readable) -> bytes:
+def largest_size(limits: Limits) -> int:
+    """The most bytes of `to_bytes`: three numbers of 64 bits for each vertex and face, and names."""
+    return 24 * (limits.vertices + limits.faces) + 64 * 1024
+
+
+def to_bytes(read: ReadMesh) -> bytes:
     """The bytes of `from_bytes`."""
     arrays = {
-        "vertices": np.ascontiguousarray(readable.mesh.vertices, dtype=np.float64),
-        "faces": np.ascontiguousarray(readable.mesh.faces, dtype=np.int64),
-        "milliseconds": np.array([readable.milliseconds]),
+        "vertices": np.ascontiguousarray(read.mesh.vertices, dtype=np.float64),
+        "faces": np.ascontiguousarray(read.mesh.faces, dtype=np.int64),
+        "milliseconds": np.array([read.milliseconds]),
     }
     return bytes(save(arrays))
 
 
-def from_bytes(data: bytes) -> Readable:
+def from_bytes(data: bytes) -> ReadMesh:
     """A mesh from an untrusted process, checked as any mesh.
 
     Raises
@@ -41,6 +47,6 @@ def from_bytes(data: bytes) -> Readable:
         vertices, faces, milliseconds = (arrays[name] for name in ("vertices", "faces", "milliseconds"))
         if vertices.dtype != np.float64 or faces.dtype != np.int64:
             raise TypeError("arrays of another type")
-        return Readable(Mesh(vertices, faces), float(milliseconds.item()))
+        return ReadMesh(Mesh(vertices, faces), float(milliseconds.item()))
     except (SafetensorError, CoreError, KeyError, TypeError, ValueError) as error:
         raise MalformedMeshError("a reader returned no mesh") from error

@@ -7,8 +7,10 @@ from core import errors
 from core.errors import CoreError
 
 BYTES, VALUE, ERROR = b"B", b"V", b"E"
-LARGEST = 1 << 31
-"""The most bytes of an answer."""
+JSON_BYTES = 64 * 1024
+"""The most bytes of an answer that is JSON."""
+TEXT = JSON_BYTES // 16
+"""The most characters of an error's message, and of its note; JSON may take six bytes for each."""
 
 # Errors by name: those of the core, and those that a task may raise besides.
 _ERRORS: dict[str, type[Exception]] = {
@@ -31,7 +33,7 @@ def encode(result: object) -> bytes:
 
 def encode_error(error: Exception, note: str) -> bytes:
     """The answer with an error: the name of its class, its message and a note."""
-    return ERROR + json.dumps([type(error).__name__, str(error), note]).encode()
+    return ERROR + json.dumps([type(error).__name__, str(error)[:TEXT], note[-TEXT:]]).encode()
 
 
 def decode(answer: bytes) -> Any:  # noqa: ANN401
@@ -45,6 +47,8 @@ def decode(answer: bytes) -> Any:  # noqa: ANN401
     form, content = answer[:1], answer[1:]
     if form == BYTES:
         return content
+    if len(answer) > JSON_BYTES:
+        raise AnswerFormError(f"the answer has {len(answer)} bytes")
     try:
         value = json.loads(content)
         if form == ERROR:

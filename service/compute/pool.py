@@ -37,8 +37,8 @@ class LocalPool(Workers):
         "died", "time-limit" or "given-up".
     tasks_each : int or None
         The number of tasks after which a new process, already warm, replaces an old one; None for no limit.
-    untrusted : bool
-        Whether nothing that the processes send is unpickled: their results are bytes, or values of JSON.
+    answer_bytes : int, optional
+        The processes are not trusted: their results are bytes, at most so many, or values of JSON.
     """
 
     def __init__(
@@ -49,7 +49,7 @@ class LocalPool(Workers):
         warm: Callable[[], object],
         replaced: Callable[[str], object] = lambda cause: None,
         tasks_each: int | None = None,
-        untrusted: bool = False,
+        answer_bytes: int | None = None,
     ) -> None:
         self._tasks: SimpleQueue[Task | None] = SimpleQueue()
         self._closing = threading.Event()
@@ -64,7 +64,7 @@ class LocalPool(Workers):
                 warm,
                 replaced,
                 tasks_each,
-                untrusted=untrusted,
+                answer_bytes=answer_bytes,
             )
             for _ in range(workers)
         ]

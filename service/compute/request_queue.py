@@ -9,16 +9,17 @@ from typing import ParamSpec, TypeVar
 from starlette.concurrency import run_in_threadpool
 
 from core.embedding import Match, Scores
-from core.errors import CannotBeEmbeddedError, MalformedMeshError, MeshTooComplexError
+from core.errors import CannotBeEmbeddedError, MalformedMeshError, MeshError, MeshTooComplexError
 from core.io import Limits
 from core.mesh.mesh import Mesh
 from core.pipeline import Pipeline
-from service.compute.mesh_bytes import Readable, from_bytes
+from service.compute.mesh_bytes import ReadMesh, from_bytes
 from service.compute.sandbox import read_file
 from service.compute.tasks import Embedded, embed_mesh, match_embeddings, score_embeddings
 from service.errors import (
     BusyError,
     FileTimeLimitError,
+    ServiceError,
     TaskTimeLimitError,
     WorkerCrashedError,
     WorkerLostError,
@@ -124,17 +125,22 @@ class Work:
         with _at_fault():
             return await asyncio.wrap_future(self._executor.submit(function, *arguments, **named))
 
-    async def _reading(self, data: bytes, format: str) -> Readable:
+    async def _reading(self, data: bytes, format: str) -> ReadMesh:
+        reading = self._readers.submit(read_file, data, format, self._limits, self._read_seconds)
         try:
-            answer = await asyncio.wrap_future(
-                self._readers.submit(read_file, data, format, self._limits, self._read_seconds)
-            )
+            answer = await asyncio.wrap_future(reading)
         except WorkerCrashedError as error:
             # Another attempt would end another reader, so the client is not told to try again.
-            raise MalformedMeshError("what reads such files broke down over this one") from error
+            raise MalformedMeshError("the reader of such files broke down over this one") from error
+        except (MeshError, MemoryError, ServiceError):
+            raise
+        except Exception as error:
+            # A reader is not trusted, and may send any error that the service knows.
+            log.error("a reader failed on a file", exc_info=error)
+            raise MalformedMeshError("the reader of such files failed on this one") from error
         return await run_in_threadpool(from_bytes, answer)
 
-    def _embedding(self, read: Readable, pipeline: Pipeline) -> asyncio.Future[Embedded]:
+    def _embedding(self, read: ReadMesh, pipeline: Pipeline) -> asyncio.Future[Embedded]:
         return asyncio.wrap_future(
             self._executor.submit(embed_mesh, read.mesh, pipeline.parameters, read.milliseconds)
         )

@@ -22,7 +22,7 @@ from pathlib import Path
 from core.errors import MeshError
 from core.io import FORMATS, Limits, read_mesh, write_mesh
 from core.mesh.mesh import Mesh
-from service.compute.mesh_bytes import Readable, to_bytes
+from service.compute.mesh_bytes import ReadMesh, to_bytes
 from service.compute.system_calls import allow_calls, forbid_files
 from service.compute.worker_loop import end_with_parent
 
@@ -38,8 +38,7 @@ _FORBIDDEN = (
 _CONVERTED_BYTES = 256 * 1024**2
 _WRITES = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_TRUNC
 
-
-_held: dict[str, bool] = {}
+_confinement: dict[str, bool] = {}
 
 
 def read_file(data: bytes, format: str, limits: Limits, seconds: float) -> bytes:
@@ -61,7 +60,7 @@ def read_file(data: bytes, format: str, limits: Limits, seconds: float) -> bytes
     start = time.perf_counter()
     with _converting(format):
         mesh = read_mesh(data, format, limits=limits)
-    return to_bytes(Readable(mesh, 1e3 * (time.perf_counter() - start)))
+    return to_bytes(ReadMesh(mesh, 1e3 * (time.perf_counter() - start)))
 
 
 def enter(memory: int) -> None:
@@ -106,12 +105,12 @@ def enter(memory: int) -> None:
     end_with_parent()
     # STEP is converted through files in memory, which are opened.
     no_calls = allow_calls(opening=no_files or find_spec("cascadio") is not None)
-    _held.update(landlock=no_files, seccomp=no_calls)
+    _confinement.update(landlock=no_files, seccomp=no_calls)
 
 
-def held() -> dict[str, bool]:
+def confinement() -> dict[str, bool]:
     """Whether the system confines this process, by the name of its part; empty before `enter`."""
-    return dict(_held)
+    return dict(_confinement)
 
 
 @contextmanager
@@ -123,7 +122,7 @@ def _converting(format: str) -> Iterator[None]:
     _, most = resource.getrlimit(resource.RLIMIT_FSIZE)
     kept = [(stream, os.dup(stream)) for stream in (1, 2)]
     for stream, _ in kept:
-        os.dup2(_nowhere(), stream)
+        os.dup2(_null_device(), stream)
     resource.setrlimit(resource.RLIMIT_FSIZE, (most, most))
     try:
         yield
@@ -135,7 +134,7 @@ def _converting(format: str) -> Iterator[None]:
 
 
 @cache
-def _nowhere() -> int:
+def _null_device() -> int:
     """A descriptor of the null device, which a confined process cannot open."""
     return os.open(os.devnull, os.O_WRONLY)
 

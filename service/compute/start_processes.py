@@ -6,6 +6,7 @@ from functools import partial
 
 from core.parameters import Parameters
 from service.compute import sandbox
+from service.compute.mesh_bytes import largest_size
 from service.compute.pool import LocalPool
 from service.compute.tasks import warm
 from service.compute.workers_interface import Workers
@@ -43,15 +44,18 @@ def start(
         warm=partial(sandbox.enter, settings.read_memory_bytes),
         replaced=replaced,
         tasks_each=sandbox.FILES_EACH,
-        untrusted=True,
+        answer_bytes=largest_size(settings.limits),
     )
-    readers.submit(sandbox.held).add_done_callback(_log_confinement)
+    readers.submit(sandbox.confinement).add_done_callback(_log_confinement)
     return workers, readers
 
 
 def _log_confinement(answer: "Future[dict[str, bool]]") -> None:
     """Log whether the system confines the readers."""
-    if answer.cancelled() or answer.exception() is not None:
+    if answer.cancelled():
+        return
+    if answer.exception() is not None:
+        log.warning("it is unknown whether this system confines readers of uploads: %s", answer.exception())
         return
     missing = [name for name, holds in answer.result().items() if not holds]
     if missing:

@@ -54,7 +54,8 @@ def forbid_files() -> bool:
         return False
     try:
         landlock.Ruleset().apply()
-    except (OSError, landlock.LandlockError):
+    except (OSError, ValueError, landlock.LandlockError):
+        # ValueError: where the kernel refuses, the package reads its version, which may be 5.15.133+.
         return False
     return True
 
@@ -85,6 +86,9 @@ def allow_calls(*, opening: bool) -> bool:
             try:
                 number = seccomp.resolve_syscall(seccomp.Arch.NATIVE, name)
             except OSError:
+                continue
+            if number < 0:
+                # Such a rule would be refused, and the whole filter with it.
                 continue
             conditions = [seccomp.Arg(0, seccomp.EQ, own[name])] if name in own else []
             rules.add_rule(seccomp.ALLOW, number, *conditions)

@@ -2,18 +2,22 @@
 
 import resource
 import signal
+import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
 from service.compute.fork_server import fork_server
-from service.compute.plain_answers import LARGEST, AnswerFormError, decode
+from service.compute.plain_answers import AnswerFormError, decode
 from service.compute.worker_loop import serve
 from service.errors import TaskGivenUpError, TaskTimeLimitError, WorkerCrashedError, WorkerLostError
 
 ASK_SECONDS = 0.25
+# Idle processes take a call at once; the largest takes a second.
+SEND_SECONDS = 30.0
 # A process that has closed its end of the pipe ends soon, but on a busy machine not at once.
 END_SECONDS = 10.0
 # A worker that stands still so long, as a debugger or an operator may have it, is replaced.
@@ -27,17 +31,18 @@ class WorkerProcess:
 
     Parameters
     ----------
-    untrusted : bool
-        Whether nothing that the process sends is unpickled: see `service.compute.plain_answers`.
+    answer_bytes : int, optional
+        The process is not trusted: nothing that it sends is unpickled (`service.compute.plain_answers`), and
+        its answers have at most so many bytes.
     """
 
-    def __init__(self, *, untrusted: bool = False) -> None:
-        self._untrusted = untrusted
+    def __init__(self, *, answer_bytes: int | None = None) -> None:
+        self._answer_bytes = answer_bytes
         self._connection: Connection[Any, Any]
         context = fork_server()
         self._connection, theirs = context.Pipe()
         self._process = context.Process(
-            target=serve, args=(theirs,), kwargs={"untrusted": untrusted}, daemon=True
+            target=serve, args=(theirs,), kwargs={"untrusted": answer_bytes is not None}, daemon=True
         )
         self._process.start()
         theirs.close()
@@ -48,7 +53,7 @@ class WorkerProcess:
         assert self._process.pid is not None
         return self._process.pid
 
-    def held(self) -> int:
+    def resident_bytes(self) -> int:
         """Resident memory of the process in bytes; 0 on systems without /proc."""
         try:
             return int(Path(f"/proc/{self.pid}/statm").read_text().split()[1]) * resource.getpagesize()
@@ -73,10 +78,11 @@ class WorkerProcess:
         Raises
         ------
         WorkerLostError
-            The process was dead, and the call has not begun.
+            The process was dead or takes no call, and the call has not begun.
         """
         try:
-            self._connection.send((function, arguments))
+            with self._killed_after(SEND_SECONDS):
+                self._connection.send((function, arguments))
         except OSError as error:
             raise WorkerLostError("the worker process had died") from error
 
@@ -104,18 +110,24 @@ class WorkerProcess:
                     raise WorkerLostError("the worker process was stopped; try again")
                 if given_up():
                     raise TaskGivenUpError("no one waits for the work any more")
-            if self._untrusted:
-                received: Any = self._connection.recv_bytes(LARGEST)
-            else:
-                received = self._connection.recv()
+            # The process may stop in the middle of its answer.
+            with self._killed_after(end - time.monotonic()):
+                if self._answer_bytes is not None:
+                    received: Any = self._connection.recv_bytes(self._answer_bytes)
+                else:
+                    received = self._connection.recv()
         except (EOFError, OSError) as error:
+            late = time.monotonic() >= end
             self._process.join(END_SECONDS)
+            if late:
+                raise TaskTimeLimitError(f"the answer took longer than the limit of {seconds:g} s") from error
             if self._process.exitcode == -signal.SIGXCPU:
                 raise TaskTimeLimitError("the work took more processor time than the limit") from error
-            if -(self._process.exitcode or 0) in CRASHES:
+            # A process that goes on has sent no answer of the allowed size.
+            if self._process.exitcode is None or -self._process.exitcode in CRASHES:
                 raise WorkerCrashedError("the worker process broke down over the work") from error
             raise WorkerLostError("the worker process died before it had answered; try again") from error
-        if self._untrusted:
+        if self._answer_bytes is not None:
             return self._decoded(received)
         done, answer = received
         if not done:
@@ -127,6 +139,17 @@ class WorkerProcess:
             return decode(answer)
         except AnswerFormError as error:
             raise WorkerCrashedError("the worker process sent no answer") from error
+
+    @contextmanager
+    def _killed_after(self, seconds: float) -> Iterator[None]:
+        """Kill the process if the block takes longer: a read or a write of the pipe then fails."""
+        timer = threading.Timer(seconds, self.kill)
+        timer.daemon = True
+        timer.start()
+        try:
+            yield
+        finally:
+            timer.cancel()
 
     def kill(self) -> None:
         """Kill the process; the thread that waits for an answer sees its death."""

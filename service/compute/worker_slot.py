@@ -16,7 +16,7 @@ log = get_logger("compute")
 
 RESTART_SECONDS = 1.0
 # Three times the memory of a warm process. Fragmented free memory does not return to the system by itself.
-HELD_BYTES = 768 * 1024**2
+MEMORY_BYTES = 768 * 1024**2
 # About the time that a new process takes to start.
 GIVEN_UP_SECONDS = 2.0
 # The next process starts when the current process has this share of its tasks left.
@@ -73,7 +73,7 @@ class WorkerSlot(threading.Thread):
         replaced: Callable[[str], object],
         tasks_each: int | None,
         *,
-        untrusted: bool,
+        answer_bytes: int | None,
     ) -> None:
         super().__init__(daemon=True, name="isoshape-worker")
         self.pid: int | None = None
@@ -85,7 +85,7 @@ class WorkerSlot(threading.Thread):
         self._warm = warm
         self._replaced = replaced
         self._tasks_each = tasks_each
-        self._untrusted = untrusted
+        self._answer_bytes = answer_bytes
         self._last_alone = tasks_each and tasks_each - max(1, round(AHEAD * tasks_each))
         self._tasks_done = 0
         self._process: WorkerProcess | None = None
@@ -114,17 +114,17 @@ class WorkerSlot(threading.Thread):
             del task
 
     def _renew(self) -> None:
-        """End a process that has run its number of tasks, or holds more memory than `HELD_BYTES`.
+        """End a process that has run its number of tasks, or holds more memory than `MEMORY_BYTES`.
 
         The next process starts before the current process has run all its tasks, so the slot is rarely empty.
         """
         process = self._process
         if process is None:
             return
-        if self._tasks_done == self._tasks_each or process.held() > HELD_BYTES:
+        if self._tasks_done == self._tasks_each or process.resident_bytes() > MEMORY_BYTES:
             self._empty()
         elif self._next is None and self._tasks_done == self._last_alone:
-            self._next = Starting(self._warm, self._abandoned, untrusted=self._untrusted)
+            self._next = Starting(self._warm, self._abandoned, answer_bytes=self._answer_bytes)
 
     def stop_starting(self) -> None:
         """Kill a process that is still warming up."""
@@ -176,7 +176,7 @@ class WorkerSlot(threading.Thread):
     def _fill(self) -> bool:
         """Fill the slot with a warm process; False if none started."""
         if self._next is None:
-            self._next = Starting(self._warm, self._abandoned, untrusted=self._untrusted)
+            self._next = Starting(self._warm, self._abandoned, answer_bytes=self._answer_bytes)
         self._process = self._next.take()
         self._next = None
         if self._process is None:

@@ -20,15 +20,17 @@ class Starting(threading.Thread):
         Called in the new process; the result is dropped.
     abandoned : threading.Event
         Set when the pool wants no process any more.
-    untrusted : bool
+    answer_bytes : int or None
         As for `WorkerProcess`.
     """
 
-    def __init__(self, warm: Callable[[], object], abandoned: threading.Event, *, untrusted: bool) -> None:
+    def __init__(
+        self, warm: Callable[[], object], abandoned: threading.Event, *, answer_bytes: int | None
+    ) -> None:
         super().__init__(daemon=True, name="isoshape-starting")
         self._warm = warm
         self._abandoned = abandoned
-        self._untrusted = untrusted
+        self._answer_bytes = answer_bytes
         self._process: WorkerProcess | None = None
         self._warmed = False
         self._killed = False
@@ -39,7 +41,7 @@ class Starting(threading.Thread):
         if self._unwanted():
             return
         try:
-            self._process = WorkerProcess(untrusted=self._untrusted)
+            self._process = WorkerProcess(answer_bytes=self._answer_bytes)
             # A call of `kill` from now on sees the process; an earlier call did not.
             if self._unwanted():
                 self._process.kill()

@@ -246,6 +246,17 @@ def _never_warm() -> None:
     time.sleep(600)
 
 
+def test_a_process_that_takes_no_call_is_replaced(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A call larger than the buffer of the pipe waits for a process that stands still."""
+    monkeypatch.setattr(worker_process, "SEND_SECONDS", 0.5)
+    with LocalPool(1, seconds=60, warm=warm) as pool:
+        wait_until(pool.pids, seconds=60)
+        (stopped,) = pool.pids()
+        os.kill(stopped, signal.SIGSTOP)
+        assert pool.submit(len, b"x" * 1_000_000).result(timeout=60) == 1_000_000
+        assert pool.submit(os.getpid).result() != stopped
+
+
 def test_a_worker_that_stands_still_costs_its_call_a_repetition(monkeypatch: pytest.MonkeyPatch) -> None:
     """It is not its call that takes too long, so that the call may be repeated."""
     monkeypatch.setattr(worker_process, "STOPPED_SECONDS", 0.5)

@@ -2,8 +2,10 @@
 
 import ctypes
 import errno
+import multiprocessing
 import os
 import pickle
+import platform
 import socket
 import stat
 import struct
@@ -15,19 +17,20 @@ from concurrent.futures import Future
 from contextlib import suppress
 from pathlib import Path
 
+import landlock
 import numpy as np
 import pytest
 from safetensors.numpy import save
 
 from core.errors import EmptyFileError, MalformedMeshError, MeshTooComplexError
-from core.io import DEFAULT_LIMITS, FORMATS, READABLE, read_mesh
-from service.compute import sandbox, system_calls
-from service.compute.mesh_bytes import Readable, from_bytes
-from service.compute.plain_answers import AnswerFormError, decode, encode, encode_error
+from core.io import DEFAULT_LIMITS, FORMATS, READABLE, Limits, read_mesh
+from service.compute import sandbox, system_calls, worker_process
+from service.compute.mesh_bytes import ReadMesh, from_bytes, largest_size, to_bytes
+from service.compute.plain_answers import JSON_BYTES, AnswerFormError, decode, encode, encode_error
 from service.compute.pool import LocalPool
 from service.compute.start_processes import _log_confinement
-from service.compute.worker_slot import HELD_BYTES
-from service.errors import TaskTimeLimitError, WorkerLostError
+from service.compute.worker_slot import MEMORY_BYTES
+from service.errors import TaskTimeLimitError, WorkerCrashedError, WorkerLostError
 from service.observability.logging import LOGGER
 from service.settings import Settings
 from tests.core.io.files import glb
@@ -46,11 +49,11 @@ def enter() -> None:
 
 @pytest.fixture(scope="module")
 def readers() -> Iterator[LocalPool]:
-    with LocalPool(1, seconds=60, warm=enter, untrusted=True) as pool:
+    with LocalPool(1, seconds=60, warm=enter, answer_bytes=largest_size(DEFAULT_LIMITS)) as pool:
         yield pool
 
 
-def read(pool: LocalPool, data: bytes, format: str, seconds: float = 30) -> Readable:
+def read(pool: LocalPool, data: bytes, format: str, seconds: float = 30) -> ReadMesh:
     return from_bytes(pool.submit(sandbox.read_file, data, format, DEFAULT_LIMITS, seconds).result())
 
 
@@ -122,7 +125,7 @@ def attempt(name: str, folder: str) -> list[int]:
 def test_the_kernel_refuses_native_code(readers: LocalPool, tmp_path: Path, name: str) -> None:
     """On a kernel with Landlock and seccomp, as that of every Linux from 5.13 may be."""
     (tmp_path / "kept").touch()
-    assert readers.submit(sandbox.held).result() == {"landlock": True, "seccomp": True}
+    assert readers.submit(sandbox.confinement).result() == {"landlock": True, "seccomp": True}
     result, number = readers.submit(attempt, name, str(tmp_path)).result()
     assert result == -1
     assert number in {errno.EPERM, errno.EACCES}
@@ -130,19 +133,55 @@ def test_the_kernel_refuses_native_code(readers: LocalPool, tmp_path: Path, name
 
 
 def test_a_log_line_says_what_confines_readers(caplog: pytest.LogCaptureFixture) -> None:
-    for held in (
+    for found in (
         {"landlock": True, "seccomp": True},
         {"landlock": False, "seccomp": False},
         {"landlock": False, "seccomp": True},
     ):
         answer: Future[dict[str, bool]] = Future()
-        answer.set_result(held)
+        answer.set_result(found)
         with caplog.at_level("INFO", logger=LOGGER):
             _log_confinement(answer)
     both, neither, one = (record.getMessage() for record in caplog.records)
     assert both == "readers of uploads are confined by Landlock and seccomp"
     assert "not confine readers of uploads by landlock and seccomp" in neither
     assert "not confine readers of uploads by landlock:" in one
+
+
+def test_a_question_for_the_confinement_that_fails_is_logged(caplog: pytest.LogCaptureFixture) -> None:
+    answer: Future[dict[str, bool]] = Future()
+    answer.set_exception(WorkerLostError("no worker process could be started"))
+    _log_confinement(answer)
+    (record,) = caplog.records
+    assert "unknown whether this system confines readers" in record.getMessage()
+    assert "could be started" in record.getMessage()
+
+
+@pytest.mark.parametrize("release", ["5.15.133+", "", "5.10.0-28-amd64", "6.18.44"])
+def test_no_version_of_a_kernel_keeps_readers_from_starting(
+    monkeypatch: pytest.MonkeyPatch, release: str
+) -> None:
+    """The package asks for the version where the kernel refuses its system call."""
+    monkeypatch.setattr(platform, "release", lambda: release)
+
+    def refused() -> None:
+        ctypes.set_errno(errno.ENOSYS)
+        landlock.plumbing.syscall_errcheck(-1, refused, ())
+
+    monkeypatch.setattr(landlock, "Ruleset", refused)
+    assert not system_calls.forbid_files()
+
+
+def _filtered(name: str) -> None:
+    system_calls.ALLOWED = (*system_calls.ALLOWED, name)
+    sys.exit(0 if system_calls.allow_calls(opening=False) else 3)
+
+
+def test_an_unknown_system_call_does_not_end_the_filter() -> None:
+    process = multiprocessing.get_context("fork").Process(target=_filtered, args=("no_such_call",))
+    process.start()
+    process.join()
+    assert process.exitcode == 0
 
 
 def test_without_the_packages_readers_are_confined_by_python_alone(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -178,7 +217,41 @@ def test_nothing_that_a_reader_sends_is_unpickled(readers: LocalPool, tmp_path: 
     assert read(readers, small_file(0), "off").mesh is not None
 
 
-@pytest.mark.parametrize("answer", [b"", b"X1", b"V{", b"E[1]", b"E{}", b"V" + b"[" * 100_000])
+def send_half() -> None:
+    """Begin an answer by the pipe itself, and never end it."""
+    for descriptor in range(3, 64):
+        with suppress(OSError):
+            if stat.S_ISSOCK(os.fstat(descriptor).st_mode):
+                os.write(descriptor, struct.pack("!i", 1000) + b"V")
+                time.sleep(600)
+
+
+def test_half_an_answer_has_the_time_limit_of_the_call() -> None:
+    with LocalPool(1, seconds=5, warm=warm, answer_bytes=1000) as pool:
+        with pytest.raises(TaskTimeLimitError, match="answer"):
+            pool.submit(send_half).result(timeout=60)
+        assert pool.submit(nap, 0).result(timeout=60) is None
+
+
+def test_an_answer_has_a_largest_size(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(worker_process, "END_SECONDS", 0.2)
+    with LocalPool(1, seconds=60, warm=warm, answer_bytes=1000) as pool:
+        assert pool.submit(bytes, 999).result(timeout=60) == bytes(999)
+        with pytest.raises(WorkerCrashedError):
+            pool.submit(bytes, 1000).result(timeout=60)
+    assert len(to_bytes(ReadMesh(read_mesh(small_file(0), "off"), 1.0))) < largest_size(Limits(122, 240, 1))
+
+
+def test_the_text_of_an_error_is_cut() -> None:
+    with pytest.raises(EmptyFileError) as caught:
+        decode(encode_error(EmptyFileError("\0" * 10**6), "ж" * 10**6))
+    assert 1000 < len(str(caught.value)) < JSON_BYTES
+
+
+@pytest.mark.parametrize(
+    "answer",
+    [b"V" + b'"' + b"x" * JSON_BYTES + b'"', b"", b"X1", b"V{", b"E[1]", b"E{}", b"V" + b"[" * 100_000],
+)
 def test_an_answer_of_another_form_is_no_answer(answer: bytes) -> None:
     with pytest.raises(AnswerFormError):
         decode(answer)
@@ -326,9 +399,9 @@ _HELD: list[bytearray] = []
 def test_a_process_that_holds_on_to_memory_is_replaced() -> None:
     with LocalPool(1, seconds=60, warm=warm) as pool:
         first = pool.submit(os.getpid).result()
-        pool.submit(hold, HELD_BYTES // 8).result()
+        pool.submit(hold, MEMORY_BYTES // 8).result()
         assert pool.submit(os.getpid).result() == first
-        pool.submit(hold, HELD_BYTES).result()
+        pool.submit(hold, MEMORY_BYTES).result()
         assert pool.submit(os.getpid).result() != first
 
 

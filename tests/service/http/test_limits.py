@@ -93,6 +93,16 @@ def test_a_form_has_as_many_fields_as_set(strict: Running) -> None:
     assert_problem(answer, 400, "bad-request")
 
 
+def test_an_unexpected_error_of_a_reader_is_a_refusal_of_its_file(
+    strict: Running, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Here a TypeError: `len` takes one argument."""
+    with monkeypatch.context() as patch:
+        patch.setattr(work_module, "read_file", len)
+        assert_problem(upload(strict.client, small_file(1), "odd.off"), 422, "malformed-mesh")
+    assert "a reader failed on a file" in caplog.messages
+
+
 def test_work_that_takes_too_long_is_stopped_and_the_worker_replaced(
     strict: Running, monkeypatch: pytest.MonkeyPatch
 ) -> None:
