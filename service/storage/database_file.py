@@ -9,7 +9,7 @@ from pathlib import Path
 from service.errors import StorageUnavailableError
 
 RESERVE_BYTES = 2 * 1024**2
-ENDING = "-reserve"
+RESERVE_SUFFIX = "-reserve"
 
 
 class DatabaseFile:
@@ -28,7 +28,7 @@ class DatabaseFile:
     def __init__(self, path: Path, *, keeps_reserve: bool = True) -> None:
         self._path = path
         self._keeps_reserve = keeps_reserve
-        self._reserve = path.with_name(path.name + ENDING)
+        self._reserve = path.with_name(path.name + RESERVE_SUFFIX)
         self._identity: tuple[int, int] | None = None
 
     def check(self, *, writable: bool = False) -> None:
@@ -57,22 +57,25 @@ class DatabaseFile:
     @contextmanager
     def room_to_delete(self) -> Iterator[None]:
         """Release the reserve for the duration of the block if the disk is full."""
+        released = False
         with suppress(OSError):
             if self._free() < RESERVE_BYTES:
                 os.truncate(self._reserve, 0)
+                released = True
         try:
             yield
         finally:
-            self.keep_reserve()
+            # Its own room comes back to it, before another write takes it.
+            self.keep_reserve(RESERVE_BYTES if released else 2 * RESERVE_BYTES)
 
-    def keep_reserve(self) -> None:
-        """Occupy the reserve, if it is not there and the disk has twice its room."""
+    def keep_reserve(self, least: int = 2 * RESERVE_BYTES) -> None:
+        """Occupy the reserve, if it is not there and the disk has `least` bytes free."""
         if not self._keeps_reserve:
             return
         with suppress(OSError):
             if self._reserve.exists() and self._reserve.stat().st_size >= RESERVE_BYTES:
                 return
-            if self._free() < 2 * RESERVE_BYTES:
+            if self._free() < least:
                 return
             descriptor = os.open(self._reserve, os.O_WRONLY | os.O_CREAT, 0o600)
             try:

@@ -86,9 +86,15 @@ def test_a_deletion_has_the_room_of_the_reserve(tmp_path: Path, monkeypatch: pyt
     assert reserve.stat().st_blocks * 512 >= RESERVE_BYTES
     with file.room_to_delete():
         assert reserve.stat().st_size == RESERVE_BYTES
+    # One deletion after another: a deletion frees pages of the file, and nothing of the disk.
     disk.free = RESERVE_BYTES
+    for _ in range(3):
+        with file.room_to_delete():
+            assert reserve.stat().st_size == 0
+        assert reserve.stat().st_size == RESERVE_BYTES
+    # A deletion that fills the reserve leaves none, until there is room for more than the reserve.
     with file.room_to_delete():
-        assert reserve.stat().st_size == 0
+        disk.free = RESERVE_BYTES // 2
     assert reserve.stat().st_size == 0
     disk.free = 3 * RESERVE_BYTES
     file.keep_reserve()
