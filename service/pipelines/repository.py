@@ -7,7 +7,7 @@ from typing import Any
 from sqlalchemy import delete, func, select, update
 from sqlalchemy.orm import aliased
 
-from service.storage.checksums import pipeline_checksum
+from service.storage.checksums import pipeline_checksum, whole_file
 from service.storage.database import ReadSession, WriteSession
 from service.storage.revisions import next_revision
 from service.storage.tables import ArchiveRow, BlobRow, EmbeddingRow, PipelineRow, ShapeRow
@@ -83,9 +83,15 @@ def unembedded(session: ReadSession, fingerprint: str) -> list[tuple[int, str]]:
 
 
 def blob(session: ReadSession, number: int) -> tuple[str, bytes] | None:
-    """The SHA-256 and the bytes of a blob, or None if it was deleted."""
+    """The SHA-256 and the bytes of a blob, or None if it was deleted.
+
+    Raises
+    ------
+    BadRecordError
+        The bytes are damaged.
+    """
     row = session.execute(select(BlobRow.sha256, BlobRow.data).where(BlobRow.number == number)).one_or_none()
-    return None if row is None else (row[0], row[1])
+    return None if row is None else (row.sha256, whole_file(row.data, row.sha256))
 
 
 def names(session: ReadSession, blob_number: int, format: str) -> list[str]:

@@ -2,15 +2,15 @@
 
 from sqlalchemy import select
 
-from service.storage.checksums import checksum_of
+from service.storage.checksums import checksum_of, is_whole
 from service.storage.database import ReadSession, WriteSession
 from service.storage.tables import BlobRow, ThumbnailRow
 
 
 def thumbnail(session: ReadSession, sha256: str, format: str, size: int, drawing: int) -> bytes | None:
-    """The stored thumbnail of a file by one version of the renderer."""
-    return session.scalar(
-        select(ThumbnailRow.data)
+    """The stored thumbnail of a file by one version of the renderer; None for a damaged one."""
+    row = session.execute(
+        select(ThumbnailRow.data, ThumbnailRow.checksum)
         .join(BlobRow, BlobRow.number == ThumbnailRow.blob_number)
         .where(
             BlobRow.sha256 == sha256,
@@ -18,7 +18,8 @@ def thumbnail(session: ReadSession, sha256: str, format: str, size: int, drawing
             ThumbnailRow.size == size,
             ThumbnailRow.drawing == drawing,
         )
-    )
+    ).one_or_none()
+    return row.data if row is not None and is_whole(row.data, row.checksum) else None
 
 
 def store_thumbnail(

@@ -11,7 +11,7 @@ from core.arrays import Bytes
 from core.descriptors.descriptor_distance import whole_spin_images
 from core.descriptors.partial_matching import part_distances
 from core.descriptors.spin_images import KEYPOINTS
-from core.errors import MeshError
+from core.errors import BadRecordError, MeshError
 from core.parameters import Parameters
 from core.ranking.shortlist import least
 from service.compute.tasks import part_of_mesh, spin_images_of_mesh
@@ -137,11 +137,11 @@ async def _spin_images_of_file(container: Container, embedding: int, parameters:
         with container.database.read() as session:
             return repository.file_of(session, embedding)
 
-    file = await run_in_threadpool(read)
-    if file is None:
-        return None
     try:
+        file = await run_in_threadpool(read)
+        if file is None:
+            return None
         return await container.work.do(spin_images_of_mesh, await container.work.read(*file), parameters)
-    except (FileTimeLimitError, MeshError) as error:
+    except (BadRecordError, FileTimeLimitError, MeshError) as error:
         log.warning("a stored shape is left out of a partial query: %s", error)
         return None

@@ -6,16 +6,24 @@ from sqlalchemy import select
 
 from service.collection import CollectionNumber
 from service.index.density_samples import FIRST, PRIME, SAMPLE, SECOND
-from service.storage.checksums import is_whole
+from service.observability.logging import get_logger
+from service.storage.checksums import is_whole, whole_file
 from service.storage.database import ReadSession
 from service.storage.tables import BlobRow, EmbeddingRow, ShapeRow
 
+log = get_logger("search")
+
 
 def embedding_records(session: ReadSession, numbers: Sequence[int]) -> dict[int, bytes]:
-    """The records of embeddings by number; deleted and damaged ones are left out."""
+    """The records of embeddings by number; deleted ones are left out, and damaged ones, which are logged."""
     columns = EmbeddingRow.number, EmbeddingRow.record, EmbeddingRow.checksum
-    rows = session.execute(select(*columns).where(EmbeddingRow.number.in_(numbers)))
-    return {row.number: row.record for row in rows if is_whole(row.record, row.checksum)}
+    records = {}
+    for row in session.execute(select(*columns).where(EmbeddingRow.number.in_(numbers))):
+        if is_whole(row.record, row.checksum):
+            records[row.number] = row.record
+        else:
+            log.error("embedding %d is damaged: it does not have its checksum", row.number)
+    return records
 
 
 def sampled_embeddings(session: ReadSession, fingerprint: str, collection: CollectionNumber) -> list[int]:
@@ -45,10 +53,16 @@ def numbers_of_bytes(session: ReadSession, collection: CollectionNumber, sha256:
 
 
 def file_of(session: ReadSession, embedding: int) -> tuple[bytes, str] | None:
-    """The bytes of an embedding's file, and their format."""
+    """The bytes of an embedding's file, and their format.
+
+    Raises
+    ------
+    BadRecordError
+        The bytes are damaged.
+    """
     row = session.execute(
-        select(BlobRow.data, EmbeddingRow.format)
+        select(BlobRow.data, BlobRow.sha256, EmbeddingRow.format)
         .join(EmbeddingRow, EmbeddingRow.blob_number == BlobRow.number)
         .where(EmbeddingRow.number == embedding)
     ).first()
-    return None if row is None else (row.data, row.format)
+    return None if row is None else (whole_file(row.data, row.sha256), row.format)

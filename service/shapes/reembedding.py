@@ -7,7 +7,7 @@ import asyncio
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
-from core.errors import CoreError
+from core.errors import BadRecordError, CoreError
 from core.parameters import Parameters
 from core.pipeline import Pipeline
 from service.compute.request_queue import Work
@@ -129,7 +129,11 @@ class Reembedding:
     async def _embed(self, file: File) -> bool:
         """Embed a file unless it was deleted; whether it was embedded."""
         number, format = file
-        read = await asyncio.to_thread(self._read, number)
+        try:
+            read = await asyncio.to_thread(self._read, number)
+        except BadRecordError as error:
+            self._refused[file] = str(error)
+            return False
         if read is None:
             return False
         sha256, data = read

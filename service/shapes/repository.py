@@ -14,7 +14,14 @@ from service.compute.tasks import Embedded
 from service.errors import SignatureLengthError
 from service.shapes.fields import plain_values
 from service.shapes.records import Changes, NewShape, ShapeFilter, ShapeRecord, StoredFile
-from service.storage.checksums import SHAPE_COLUMNS, SHAPE_TIMES, checksum_of, is_whole, shape_checksum
+from service.storage.checksums import (
+    SHAPE_COLUMNS,
+    SHAPE_TIMES,
+    checksum_of,
+    is_whole,
+    shape_checksum,
+    whole_file,
+)
 from service.storage.columns import UtcDateTime
 from service.storage.database import ReadSession, WriteSession
 from service.storage.hnsw import ensure_hnsw
@@ -127,12 +134,19 @@ def records(
 
 
 def file_of(session: ReadSession, collection: CollectionNumber, shape_id: str) -> bytes | None:
-    """The uploaded bytes of a shape."""
-    return session.scalar(
-        select(BlobRow.data)
+    """The uploaded bytes of a shape.
+
+    Raises
+    ------
+    BadRecordError
+        The bytes are damaged.
+    """
+    row = session.execute(
+        select(BlobRow.data, BlobRow.sha256)
         .join(ShapeRow, ShapeRow.blob_number == BlobRow.number)
         .where(ShapeRow.id == shape_id, ShapeRow.collection_number == collection)
-    )
+    ).one_or_none()
+    return None if row is None else whole_file(row.data, row.sha256)
 
 
 def embedding_of(

@@ -6,8 +6,10 @@ The checksum is BLAKE2b (RFC 7693) with 128 bits, in hexadecimal digits.
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC, datetime
-from hashlib import blake2b
+from hashlib import blake2b, sha256
 from typing import Any
+
+from core.errors import BadRecordError
 
 LENGTH = 32
 """Hexadecimal digits of a checksum."""
@@ -25,6 +27,19 @@ def checksum_of(data: bytes) -> str:
 def is_whole(data: bytes, checksum: str | None) -> bool:
     """Whether bytes have their checksum; rows that another program stored without one pass."""
     return checksum is None or checksum_of(data) == checksum
+
+
+def whole_file(data: bytes, digest: str) -> bytes:
+    """The bytes of a stored file.
+
+    Raises
+    ------
+    BadRecordError
+        The bytes do not have the SHA-256 that is stored with them.
+    """
+    if sha256(data).hexdigest() != digest:
+        raise BadRecordError(f"the stored file is damaged: it does not have the SHA-256 {digest}")
+    return data
 
 
 def shape_checksum(columns: Mapping[str, Any], tags: Sequence[str], values: Iterable[tuple[str, str]]) -> str:

@@ -84,8 +84,7 @@ def copy_archive(source: Database, target: Database, advance: Advance) -> CopyCo
             copied = _Content()
             for rows in _batches(origin, table):
                 for row in rows:
-                    if table.name == BlobRow.__tablename__:
-                        _check_bytes(row)
+                    _check_bytes(table, row)
                     copied = copied.with_row(row)
                 copy.execute(insert(table), [dict(row._mapping) for row in rows])
                 advance(table.name, copied.rows, total)
@@ -140,10 +139,14 @@ def _at_once(connection: Connection, table: Table) -> int:
     return max(1, min(ROWS_AT_ONCE, BYTES_AT_ONCE // max(1, sum(length or 0 for length in longest))))
 
 
-def _check_bytes(blob: Row[Any]) -> None:
-    """Raise unless a blob has its SHA-256. SQLite could also return text."""
-    if not isinstance(blob.data, bytes) or hashlib.sha256(blob.data).hexdigest() != blob.sha256:
-        raise ArchiveError(f"blob {blob.number} of the source does not have the SHA-256 {blob.sha256}")
+def _check_bytes(table: Table, row: Row[Any]) -> None:
+    """Raise unless the bytes of a row have their SHA-256. SQLite could also return text."""
+    if not {"data", "sha256"} <= set(table.columns.keys()):
+        return
+    if not isinstance(row.data, bytes) or hashlib.sha256(row.data).hexdigest() != row.sha256:
+        raise ArchiveError(
+            f"{table.name} row {row.number} of the source does not have the SHA-256 {row.sha256}"
+        )
 
 
 def _check_same(copy: Connection, table: Table, copied: _Content) -> None:

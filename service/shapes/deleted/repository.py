@@ -7,6 +7,7 @@ from sqlalchemy import ColumnElement, delete, func, select, update
 from service.collection import CollectionNumber
 from service.shapes.deleted.records import DeletedRecord
 from service.shapes.records import ShapeRecord
+from service.storage.checksums import whole_file
 from service.storage.database import ReadSession, WriteSession
 from service.storage.tables import BlobRow, DeletedRow
 
@@ -60,8 +61,16 @@ def by_id(
 
 
 def data_of(session: ReadSession, number: int) -> bytes | None:
-    """The bytes of a deleted shape's file."""
-    return session.scalar(select(DeletedRow.data).where(DeletedRow.number == number))
+    """The bytes of a deleted shape's file.
+
+    Raises
+    ------
+    BadRecordError
+        The bytes are damaged.
+    """
+    own = DeletedRow.number == number
+    row = session.execute(select(DeletedRow.data, DeletedRow.sha256).where(own)).one_or_none()
+    return None if row is None else whole_file(row.data, row.sha256)
 
 
 def remove(session: WriteSession, number: int) -> bool:

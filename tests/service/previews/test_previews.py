@@ -18,6 +18,7 @@ from service.rendering.tasks import FACES
 from service.rendering.tasks import preview as make_preview
 from service.rendering.thumbnail import SIZES, draw
 from service.rendering.viewpoint import camera, upright
+from service.storage.checksums import checksum_of
 from service.storage.tables import ThumbnailRow
 from tests.service.engines import on_both
 from tests.service.support import Running, assert_problem, small_file
@@ -182,13 +183,16 @@ def test_a_thumbnail_is_drawn_once_and_kept(service: Running) -> None:
     assert answer.headers["content-type"] == "image/png"
     assert answer.content == draw(read_mesh(small_file(1), "off"), "off", 128)
     with service.container.database.write() as session:
-        session.execute(update(ThumbnailRow).values(data=b"kept"))
+        session.execute(update(ThumbnailRow).values(data=b"kept", checksum=checksum_of(b"kept")))
     assert service.client.get(address, params={"size": 128}).content == b"kept"
     # Another shape on the same bytes has the same picture, and another size is another picture.
     twin = service.store(small_file(1), name="twin.off")
     assert service.client.get(f"/shapes/{twin['id']}/thumbnail.png?size=128").content == b"kept"
     assert pixels(service.client.get(address).content).shape == (256, 256, 4)
-    # One that an older version drew is drawn anew.
+    # A damaged one is drawn anew, and one that an older version drew.
+    with service.container.database.write() as session:
+        session.execute(update(ThumbnailRow).values(data=b"damaged"))
+    assert service.client.get(address, params={"size": 128}).content == answer.content
     with service.container.database.write() as session:
         session.execute(update(ThumbnailRow).values(drawing=0))
     assert service.client.get(address, params={"size": 128}).content == answer.content

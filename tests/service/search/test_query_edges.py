@@ -5,7 +5,7 @@ import pytest
 from sqlalchemy import select
 
 from service.search import repository
-from service.storage.tables import EmbeddingRow
+from service.storage.tables import BlobRow, EmbeddingRow
 from tests.service.engines import either_engine
 from tests.service.support import Running, assert_problem, query, small_file
 
@@ -97,11 +97,8 @@ def test_a_bad_filter_is_refused_before_the_file_is_read(service: Running, path:
 def test_a_bad_object_is_refused_by_its_field(service: Running, body: str, field: str) -> None:
     for path in ("/query", "/compare") if field == "body" else ("/query",):
         answer = service.client.post(path, content=body, headers={"content-type": "application/json"})
-        if path == "/compare" and body.startswith("[["):
-            assert_problem(answer, 400, "bad-request")
-        else:
-            problem = assert_problem(answer, 422, "bad-request-fields")
-            assert problem["errors"][0]["field"] == field or path == "/compare"
+        problem = assert_problem(answer, 422, "bad-request-fields")
+        assert problem["errors"][0]["field"] == field
 
 
 def test_a_bad_option_in_the_address_is_refused_though_the_body_overrides_it(service: Running) -> None:
@@ -133,7 +130,9 @@ def test_a_bad_pair_is_refused(service: Running) -> None:
     assert problem["errors"][0]["field"] == "third"
 
 
-def test_a_damaged_embedding_is_left_out_and_not_given_out(service: Running) -> None:
+def test_a_damaged_embedding_is_left_out_and_not_given_out(
+    service: Running, caplog: pytest.LogCaptureFixture
+) -> None:
     """The last bit of a coordinate leaves a record readable."""
     damaged, _ = (service.store(small_file(number), name=str(number))["id"] for number in (1, 2))
     numbers = select(EmbeddingRow.number).order_by(EmbeddingRow.number)
@@ -143,5 +142,17 @@ def test_a_damaged_embedding_is_left_out_and_not_given_out(service: Running) -> 
         row.record = row.record[:-1] + bytes([row.record[-1] ^ 1])
     with service.container.database.read() as session:
         assert list(repository.embedding_records(session, [first, second])) == [second]
+    assert caplog.messages == [f"embedding {first} is damaged: it does not have its checksum"]
     assert_problem(service.client.get(f"/shapes/{damaged}/embedding"), 500, "bad-record")
     assert service.client.get(f"/shapes/{damaged}/file").content == small_file(1)
+
+
+def test_a_damaged_file_is_not_given_out(service: Running) -> None:
+    damaged = service.store(small_file(1))["id"]
+    with service.container.database.write() as session:
+        row = session.scalars(select(BlobRow)).one()
+        row.data = row.data[:-1] + bytes([row.data[-1] ^ 1])
+    for path in ("file", "file?format=stl", "thumbnail.png"):
+        detail = assert_problem(service.client.get(f"/shapes/{damaged}/{path}"), 500, "bad-record")["detail"]
+        assert "the stored file is damaged" in detail
+    assert service.client.get(f"/shapes/{damaged}/embedding").status_code == 200

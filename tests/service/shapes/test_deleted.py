@@ -68,6 +68,15 @@ def test_a_deleted_shape_is_gone_until_it_is_restored(service: Running) -> None:
     assert_problem(client.post(f"/shapes/{shape['id']}/restore"), 404, "shape-not-found")
 
 
+def test_a_damaged_file_is_not_restored(service: Running) -> None:
+    shape = service.store(small_file(1))["id"]
+    service.client.delete(f"/shapes/{shape}")
+    with service.container.database.write() as session:
+        session.execute(update(DeletedRow).values(data=b"OFF"))
+    assert_problem(service.client.post(f"/shapes/{shape}/restore"), 500, "bad-record")
+    assert service.client.get("/shapes").json()["total"] == 0
+
+
 def test_a_shape_that_was_stored_again_is_not_restored_beside_it(service: Running) -> None:
     first = service.store(small_file(1), name="bird.off")
     service.client.delete(f"/shapes/{first['id']}")

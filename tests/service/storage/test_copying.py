@@ -136,10 +136,13 @@ def test_an_archive_that_a_service_began_is_empty(archive: Path, tmp_path: Path)
 
 
 @pytest.mark.parametrize("data", ["x'00ff'", "'text'", "x''"])
-def test_a_file_that_is_not_what_its_hash_says_stops_the_copy(archive: Path, data: str) -> None:
-    change(archive, f"UPDATE blobs SET data = {data} WHERE number = 2")
+@pytest.mark.parametrize(("table", "number"), [("blobs", 2), ("deleted_shapes", 1)])
+def test_a_file_that_is_not_what_its_hash_says_stops_the_copy(
+    archive: Path, table: str, number: int, data: str
+) -> None:
+    change(archive, f"UPDATE {table} SET data = {data} WHERE number = {number}")
     url = empty_database()
-    with pytest.raises(ArchiveError, match="blob 2 of the source does not have the SHA-256"):
+    with pytest.raises(ArchiveError, match=f"{table} row {number} of the source does not have the SHA-256"):
         copied(file(archive), url)
     with opened(url) as database, database.read() as session:
         assert session.scalars(select(ShapeRow.number)).all() == []
