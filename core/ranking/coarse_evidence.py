@@ -1,7 +1,7 @@
-"""Coarse evidence: `core.ranking.evidence` from what is known of many shapes without their embeddings.
+"""Coarse evidence: an estimate of `core.ranking.evidence` from short descriptors of many shapes.
 
-Signatures, view signatures and reliabilities give some differences exactly and the view distance roughly.
-The others are typical ones.
+Signatures and reliabilities give exact differences; view signatures give approximate view distances. Typical
+values stand for all other differences.
 """
 
 from dataclasses import dataclass
@@ -10,16 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.arrays import Bytes, Float32s, Floats
-from core.descriptors.global_descriptors import GLOBAL_DESCRIPTORS, GLOBAL_WEIGHT
 from core.descriptors.view_signature import signature_distance
 from core.ranking.evidence import Evidence
 from core.ranking.local_density import TYPICAL_SPECTRAL, TYPICAL_VIEW
+from core.ranking.spectral_distance import global_distances, spectral_distances
 
 VIEW_SCALE = 1.0 / 1900.0
 """View distance over the distance of view signatures, the mean of pairs of many kinds."""
 
 TYPICAL_SIM, TYPICAL_SPIN_IMAGES = 0.5, 2.0
-"""Of shapes that are near by eigenvalues or by views."""
+"""The typical sim, and the typical spin image distance, of shapes that are near by eigenvalues or views."""
 
 LEAST_DISSIMILARITY, SLOPE = 0.02, 0.15
 """1 - CC of shapes with equal eigenvalues, and its typical growth with the spectral distance."""
@@ -43,9 +43,9 @@ class CoarseDescriptors:
 
 
 def coarse_evidence(
-    query: CoarseDescriptors, others: CoarseDescriptors, cc: Floats | None = None
+    query: CoarseDescriptors, others: CoarseDescriptors, cc: Floats | None = None, *, part: bool = False
 ) -> Evidence:
-    """The differences between one shape and c others, roughly.
+    """Approximate differences between one shape and c others.
 
     Parameters
     ----------
@@ -55,19 +55,20 @@ def coarse_evidence(
         Of c shapes.
     cc : float64, shape (c,), optional
         Approximate CC; typical ones for the spectral distances unless given.
+    part : bool
+        Whether the one shape is incomplete; the others count as complete.
     """
     count = len(others.signatures)
-    steps = others.signatures.astype(np.float64) - query.signatures[0]
     views = signature_distance(query.view_signatures[0], others.view_signatures)
-    spectral = np.linalg.norm(steps[:, :-GLOBAL_DESCRIPTORS], axis=1)
+    spectral = spectral_distances(query.signatures[0], others.signatures, global_descriptors=True)
     typical = np.full(count, TYPICAL_SPIN_IMAGES)
     return Evidence(
         cc=1.0 - np.minimum(LEAST_DISSIMILARITY + SLOPE * spectral, 1.0) if cc is None else cc,
         sim=np.full(count, TYPICAL_SIM),
         spectral=spectral,
-        global_distance=np.linalg.norm(steps[:, -GLOBAL_DESCRIPTORS:], axis=1) / GLOBAL_WEIGHT,
+        global_distance=global_distances(query.signatures[0], others.signatures),
         spin_images=typical,
-        part=np.zeros(count, dtype=bool),
+        part=np.full(count, part),
         part_distance=typical,
         views=VIEW_SCALE * views.astype(np.float64),
         reliability=np.sqrt(query.reliabilities[0] * others.reliabilities.astype(np.float64)),

@@ -13,9 +13,8 @@ from service.search.records import Options, Query
 
 
 def ranks_by_log_odds(query: Query, options: Options) -> bool:
-    """Whether approximate log odds choose the shortlist; for incomplete queries, spin images tell most."""
-    pools = query.active_pipeline.pipeline.pools_experts
-    return options.rank_by == "combined" and pools and not is_part(query.spin_images)
+    """Whether approximate log odds choose the shortlist."""
+    return options.rank_by == "combined" and query.active_pipeline.pipeline.pools_experts
 
 
 def likeliest(query: Query, entries: IndexEntries, count: int) -> NDArray[np.intp]:
@@ -49,5 +48,6 @@ def coarse_log_odds(
             CoarseDescriptors(own.signature[None], query.view_signature[None], reliability),
             CoarseDescriptors(signatures, view_signatures, reliabilities),
             cc,
+            part=is_part(query.spin_images),
         )
     )

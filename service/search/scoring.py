@@ -1,9 +1,11 @@
 """The scores of a query with its candidates."""
 
+import math
 from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 from starlette.concurrency import run_in_threadpool
 
 from core.arrays import Floats, Ints
@@ -27,6 +29,13 @@ log = get_logger("search")
 
 THREAD_BATCH, COARSE_BATCH, PROCESS_BATCH = 32, 256, 256
 """Embeddings that a thread scores in full, or ranks coarsely, or that a worker process scores, at a time."""
+
+DESCRIBED = 0.5
+"""Share of the re-ranked candidates whose descriptors are read, if class scores rank the answer."""
+
+PART_FACTOR = 2
+"""Factor of the number of re-ranked candidates of an incomplete query. Descriptors of all of them are read,
+since the class score depends mostly on spin images."""
 
 
 async def compare_with(
@@ -70,31 +79,39 @@ async def _finalists(
     """The candidates that are scored in full: the first after the coarse ranking and the re-ranking.
 
     Each step keeps the candidates of greatest approximate CC, or of greatest class score if the answer
-    is ranked by it. The class probability of an incomplete query depends mostly on spin images, which the
-    coarse ranking does not read: all of its candidates are re-ranked.
+    is ranked by it. Approximate class scores choose the re-ranked candidates whose descriptors are read.
+    Without views they tell little about an incomplete query: then all of its candidates are re-ranked.
     """
-    by_probability = rank_by == "combined"
-    coarsely = not (by_probability and is_part(query.spin_images))
-    if coarsely and candidates.reranked is not None and candidates.reranked < len(candidates.shapes):
+    by_probability, pools = rank_by == "combined", query.active_pipeline.pipeline.pools_experts
+    part = by_probability and is_part(query.spin_images)
+    reranked = candidates.reranked
+    if part and reranked is not None:
+        reranked = PART_FACTOR * reranked if pools else None
+    if reranked is not None and reranked < len(candidates.shapes):
         score = by_threads(container, scorer.rank_coarsely)
         workers = container.settings.workers
         rough = (await in_batches(candidates.coarse_samples, COARSE_BATCH, workers, 1, score))[0]
         if by_probability:
             rough = await run_in_threadpool(coarse_class_scores, query, candidates, rough)
-        candidates = _greatest(candidates, rough, candidates.reranked)
-    if candidates.finalists is not None and candidates.finalists < len(candidates.shapes):
+        candidates = candidates.only(_greatest(candidates, rough, reranked))
+    finalists = candidates.finalists
+    if finalists is not None and finalists < len(candidates.shapes):
         score = by_threads(container, scorer.rerank)
         rough = (await by_embedding(container, candidates, THREAD_BATCH, 1, score))[0]
+        if by_probability and pools and not part:
+            described = max(finalists, math.ceil(len(rough) * DESCRIBED))
+            first = _greatest(candidates, coarse_class_scores(query, candidates, rough), described)
+            candidates, rough = candidates.only(first), rough[first]
         if by_probability:
             sim = unknown_sim(query.active_pipeline.pipeline, len(rough))
             rough = await class_scores(container, query, candidates, rough, sim)
-        candidates = _greatest(candidates, rough, candidates.finalists)
+        candidates = candidates.only(_greatest(candidates, rough, finalists))
     return candidates
 
 
-def _greatest(candidates: Candidates, scores: Floats, count: int) -> Candidates:
-    """The candidates of greatest score; deleted ones come last."""
-    return candidates.only(least(np.nan_to_num(-scores, nan=np.inf), candidates.shapes, count))
+def _greatest(candidates: Candidates, scores: Floats, count: int) -> NDArray[np.intp]:
+    """Indices of the candidates of greatest score; deleted ones come last."""
+    return least(np.nan_to_num(-scores, nan=np.inf), candidates.shapes, count)
 
 
 async def _by_worker(container: Container, query: Query, embeddings: Ints) -> Floats:

@@ -37,6 +37,7 @@ def test_spectral_differences_are_exact_and_views_nearly_in_order():
     assert np.corrcoef(found.views, exact.views)[0, 1] > 0.75
     assert found.views == pytest.approx(exact.views, rel=0.5)
     assert not found.part.any()
+    assert coarse_evidence(coarse([own]), coarse(others), part=True).part.all()
 
 
 def test_none_has_no_evidence():

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from core.arrays import Floats
 from core.descriptors.spin_images import KEYPOINTS
 from core.descriptors.view_signature import signature_distance, view_signature
 from core.embedding import Scores
@@ -259,7 +260,7 @@ def test_finalists_are_those_that_coarse_ranking_and_reranking_put_first(
 
     shapes_of = {name: descriptors_of(embedding) for name, embedding in embeddings.items()}
     query_shape = descriptors_of(wanted)
-    by_log_odds = rank_by == "combined" and len(wanted.spin_images) == KEYPOINTS
+    by_log_odds, part = rank_by == "combined", len(wanted.spin_images) > KEYPOINTS
     own_views = view_signature(wanted.views)
     by_signature = near(
         lambda name: np.linalg.norm(embeddings[name].signature - wanted.signature), 12 if by_log_odds else 9
@@ -269,22 +270,26 @@ def test_finalists_are_those_that_coarse_ranking_and_reranking_put_first(
         12 if by_log_odds else 5,
     )
     names = [*by_signature, *(name for name in by_views if name not in by_signature)]
+
+    def coarse_log_odds(names: list[str], cc: Floats | None = None) -> Floats:
+        stored = coarse([shapes_of[name] for name in names])
+        return pooled_log_odds(coarse_evidence(coarse([query_shape]), stored, cc, part=part))
+
     if by_log_odds:
-        typical = coarse_evidence(coarse([query_shape]), coarse([shapes_of[name] for name in names]))
-        names = first(names, pooled_log_odds(typical), 9)
-    samples = np.stack([coarse_samples(embeddings[name]) for name in names])
-    # By class probability, a sheet, which looks incomplete, is compared with all by its spin images.
-    if rank_by == "cc" or len(wanted.spin_images) == KEYPOINTS:
+        names = first(names, coarse_log_odds(names), 9)
+    # By class probability, twice as many candidates of an incomplete shape are re-ranked: here all.
+    if not (by_log_odds and part):
+        samples = np.stack([coarse_samples(embeddings[name]) for name in names])
         rough = coarse_ranking(own, samples, DEFAULT).astype(np.float64)
-        if rank_by == "combined":
-            rough = pooled_log_odds(
-                coarse_evidence(coarse([query_shape]), coarse([shapes_of[name] for name in names]), rough)
-            )
-        names = first(names, rough, 6)
+        names = first(names, coarse_log_odds(names, rough) if by_log_odds else rough, 6)
     numbers = {shape["name"]: int(number) for shape, number in zip(shapes, entries.embeddings, strict=True)}
     points = [points_from_bytes(records[numbers[name]]) for name in names]
     rough = rerank(own, points, DEFAULT).astype(np.float64)
-    if rank_by == "combined":
+    if by_log_odds and not part:
+        half = first(names, coarse_log_odds(names, rough), 3)
+        rough = rough[[names.index(name) for name in half]]
+        names = half
+    if by_log_odds:
         sample = density_sample([query_shape, *shapes_of.values()])
         chosen = [shapes_of[name] for name in names]
         sim = np.full(len(names), TYPICAL_SIM)
