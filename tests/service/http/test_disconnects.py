@@ -19,6 +19,7 @@ from service.compute import request_queue as work_module
 from service.compute.pool import LocalPool
 from service.search import match_records
 from service.search import scoring as comparing
+from service.search import tasks as search_tasks
 from service.shapes import service as shapes_service
 from tests.service.support import (
     Running,
@@ -75,6 +76,7 @@ def names(running: Running) -> list[str]:
         ("embed_mesh", "/shapes"),
         ("embed_mesh", "/query"),
         ("match_embeddings", "/compare"),
+        ("dense_correspondence", "/compare?dense=true"),
     ],
 )
 def test_the_work_of_a_client_that_goes_away_is_stopped(
@@ -85,11 +87,13 @@ def test_the_work_of_a_client_that_goes_away_is_stopped(
     body = {
         "embed_mesh": file_form(small_file(1), "gone.off"),
         "match_embeddings": {"json": {"first": first["id"], "second": first["id"]}},
+        "dense_correspondence": {"json": {"first": first["id"], "second": first["id"]}},
     }[task]
+    module = search_tasks if task == "dense_correspondence" else work_module
     wait_until(pool.pids, seconds=60)
     before = pool.pids()
     with monkeypatch.context() as patch:
-        patch.setattr(work_module, task, nap_instead)
+        patch.setattr(module, task, nap_instead)
         with send(single, path, **body):
             wait_until(lambda: at_work(pool), seconds=60)
         wait_until(lambda: not work._inside, seconds=5)
