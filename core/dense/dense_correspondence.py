@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from core.arrays import Floats, Ints
+from core.dense.nearest_pairs import nearest_both_ways
 from core.dense.records import DenseCorrespondence
 from core.dense.stretch import stretch
 from core.dense.working_surface import WorkingSurface
-from core.matching.dense_correspondence import Basis, basis, functional_map, nearest_rows
+from core.matching.dense_correspondence import Basis, basis, functional_map
 from core.mesh.cleaning import vertex_areas
 from core.registration.near_rigid import NEAR, near_rigid
 from core.registration.similarity_icp import Similarity
@@ -107,17 +108,17 @@ def _both_ways(first: Basis, second: Basis, pairs: Ints) -> tuple[_Way, _Way]:
     rotation = functional_map(first, second, pairs)
     size = len(rotation)
     ours, theirs = first.functions[:, :size] @ rotation, second.functions[:, :size]
-    there, gaps = nearest_rows(ours, theirs)
-    back, gaps_back = nearest_rows(theirs, ours)
+    there, back = nearest_both_ways(ours, theirs)
     return (
-        _Way(there, _confidence(gaps, ours, theirs[there]), back),
-        _Way(back, _confidence(gaps_back, theirs, ours[back]), there),
+        _Way(there, _confidence(ours, theirs[there]), back),
+        _Way(back, _confidence(theirs, ours[back]), there),
     )
 
 
-def _confidence(squares: Floats, rows: Floats, found: Floats) -> Floats:
+def _confidence(rows: Floats, found: Floats) -> Floats:
     """1 where the two rows coincide, 0 where they are orthogonal or worse: half their distance squared."""
     lengths = np.einsum("ij,ij->i", rows, rows) + np.einsum("ij,ij->i", found, found)
+    squares = ((rows - found) ** 2).sum(axis=1)
     return np.asarray(np.clip(1.0 - squares / lengths, 0.0, 1.0))
 
 

@@ -15,7 +15,8 @@ import numpy as np
 from core.arrays import Floats, Ints
 from core.errors import ParameterError
 from core.mesh.mesh import Mesh
-from core.spectral.laplace_beltrami import laplace_beltrami, laplacian
+from core.spectral.laplace_beltrami import laplacian
+from core.spectral.subspace_eigenpairs import approximate_laplace_beltrami
 
 FUNCTIONS = 100
 """Size of the last map, the constant function counted."""
@@ -59,7 +60,7 @@ def basis(mesh: Mesh, count: int = FUNCTIONS) -> Basis:
     """
     areas = laplacian(mesh)[1]
     total = float(areas.sum())
-    _, functions = laplace_beltrami(mesh, min(count, len(mesh.vertices)) - 1)
+    _, functions = approximate_laplace_beltrami(mesh, min(count, len(mesh.vertices)) - 1)
     constant = np.ones((len(areas), 1))
     return Basis(np.hstack([constant, np.sqrt(total) * functions]), areas / total)
 
