@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from core.arrays import Float32s, Floats, Ints
+from core.arrays import Floats, Ints
 
 _ROWS = 1024
 """Rows of the first set whose products are held at a time."""
@@ -24,24 +24,26 @@ def nearest_both_ways(ours: Floats, theirs: Floats) -> tuple[Ints, Ints]:
     """
     # The unit of length, so that squares stay within single precision.
     scale = 1.0 / max(float(np.abs(ours).max()), float(np.abs(theirs).max()), np.finfo(np.float64).tiny)
-    first, second = (np.ascontiguousarray(scale * rows, dtype=np.float32) for rows in (ours, theirs))
-    lengths, other_lengths = _squares(first), _squares(second)
-    there = np.empty(len(first), dtype=np.int64)
-    back = np.zeros(len(second), dtype=np.int64)
-    best = np.full(len(second), np.inf, dtype=np.float32)
-    for start in range(0, len(first), _ROWS):
-        part = slice(start, start + _ROWS)
-        gaps = first[part] @ second.T
-        gaps *= np.float32(-2.0)
-        gaps += other_lengths
-        there[part] = gaps.argmin(axis=1)
-        gaps += lengths[part, None]
-        rows = gaps.argmin(axis=0)
-        least = gaps[rows, np.arange(len(second))]
-        nearer = least < best
-        best[nearer], back[nearer] = least[nearer], start + rows[nearer]
+    first, second = scale * ours, scale * theirs
+    # The product of these rows is the squared distance.
+    left = np.hstack([-2.0 * first, _squares(first), np.ones((len(first), 1))]).astype(np.float32)
+    right = np.hstack([second, np.ones((len(second), 1)), _squares(second)]).astype(np.float32)
+    there = np.empty(len(left), dtype=np.int64)
+    block = np.zeros(len(right), dtype=np.int64)
+    least = np.full(len(right), np.inf, dtype=np.float32)
+    for start in range(0, len(left), _ROWS):
+        gaps = left[start : start + _ROWS] @ right.T
+        there[start : start + _ROWS] = gaps.argmin(axis=1)
+        lowest = gaps.min(axis=0)
+        nearer = lowest < least
+        least[nearer], block[nearer] = lowest[nearer], start
+    # The minimum of a column is fast, its place is not: it is looked for in the one block that has it.
+    back = np.empty(len(right), dtype=np.int64)
+    for start in range(0, len(left), _ROWS):
+        own = np.flatnonzero(block == start)
+        back[own] = start + (right[own] @ left[start : start + _ROWS].T).argmin(axis=1)
     return there, back
 
 
-def _squares(rows: Float32s) -> Float32s:
-    return np.asarray(np.einsum("ij,ij->i", rows, rows))
+def _squares(rows: Floats) -> Floats:
+    return np.asarray(np.einsum("ij,ij->i", rows, rows)[:, None])

@@ -16,8 +16,13 @@ from core.sampling.surface_samples import SurfaceSamples, closest_points
 SHARE = 0.7
 """Share of either surface that must lie on the other."""
 
-FEW, COARSE_ROUNDS, ROUNDS = 200, 20, 8
-"""Sample points of a coarse iteration, and the largest numbers of coarse and of fine iterations."""
+FEW, FIRST_ROUNDS, COARSE_ROUNDS, ROUNDS = 200, 5, 20, 8
+"""Sample points of a coarse iteration, and the largest numbers of first coarse iterations, of further
+ones and of fine iterations."""
+
+HOPELESS, BESIDE = 0.025, 2.0
+"""Alignments are given up after the first coarse iterations above the first residual, and after all coarse
+iterations above `PROMISING`; both times also above so many times the least residual."""
 
 PROMISING = 0.02
 """Largest residual of a coarse alignment, between sample points, that is refined."""
@@ -53,21 +58,27 @@ def near_rigid(
     ]
     scales = [1.0] if abs(same_units - 1.0) < RESIDUAL else [1.0, same_units]
     starts = [Similarity(scale, turn, np.zeros(3)) for scale in scales for turn in rotations]
-    coarse = [_coarse(first, second, start) for start in starts]
-    least = min(residual for residual, _ in coarse)
-    if least > PROMISING:
-        return None
-    fine = [_fine(first, second, motion) for residual, motion in coarse if residual <= 1.5 * least]
+    begun = [_coarse(first, second, start, FIRST_ROUNDS) for start in starts]
+    coarse = [_coarse(first, second, motion, COARSE_ROUNDS) for motion in _best(begun, HOPELESS)]
+    fine = [_fine(first, second, motion) for motion in _best(coarse, PROMISING)]
     found = [motion for motion in fine if motion is not None]
     return min(found, key=lambda motion: _clipped(first, second, motion), default=None)
 
 
-def _coarse(first: SurfaceSamples, second: SurfaceSamples, motion: Similarity) -> tuple[float, Similarity]:
+def _best(found: list[tuple[float, Similarity]], most: float) -> list[Similarity]:
+    """Transforms with a residual of at most `most`, and not far above the least."""
+    least = min((residual for residual, _ in found), default=np.inf)
+    return [motion for residual, motion in found if residual <= min(most, BESIDE * least)]
+
+
+def _coarse(
+    first: SurfaceSamples, second: SurfaceSamples, motion: Similarity, rounds: int
+) -> tuple[float, Similarity]:
     """The trimmed residual and the transform after coarse iterations at a given scale."""
     few = first.points[:: len(first.points) // FEW]
     kept = round(SHARE * len(few))
     before = np.empty(0, dtype=np.intp)
-    for _ in range(COARSE_ROUNDS):
+    for _ in range(rounds):
         gaps, near = second.tree.query(motion.apply(few))
         order = np.argsort(gaps)[:kept]
         if np.array_equal(near[order], before):

@@ -15,9 +15,12 @@ from core.arrays import Floats
 from core.mesh.mesh import Mesh
 from core.spectral.laplace_beltrami import laplace_beltrami, laplacian
 
-COARSE, GUARD, STEPS, SPREAD = 700, 30, 2, 3
-"""Bumps of the coarse space, functions that are computed beyond those asked for, steps of inverse iteration,
-and steps of diffusion that widen a bump."""
+COARSE, GUARD, SPREAD = 500, 30, 3
+"""Bumps of the coarse space, functions that are computed beyond those asked for, and steps of diffusion that
+widen a bump."""
+
+_SETTLED = 1e-7
+"""Least norm of the change of a function in the second step: below it the function is exact."""
 
 _REGULAR = 1e-10
 """Added to the mass of the bumps, relative to its mean: two bumps may nearly coincide."""
@@ -57,12 +60,23 @@ def _by_subspace(stiffness: csc_array, areas: Floats, count: int) -> tuple[Float
     mass += _REGULAR * float(np.trace(mass)) / COARSE * np.eye(COARSE)
     energy = (bumps.T @ scaled @ bumps).toarray()
     values, mixed = eigh(energy, mass, subset_by_index=(0, count + GUARD - 1), check_finite=False)
-    vectors = np.asarray(bumps @ mixed)
-    for _ in range(STEPS):
-        vectors = factor.solve(vectors) * (values + shift)
-        values, mixed = eigh(vectors.T @ (scaled @ vectors), vectors.T @ vectors, check_finite=False)
-        vectors = vectors @ mixed
-    return values[:count], vectors[:, :count] / root[:, None]
+    values, vectors = _ritz(scaled, factor.solve(np.asarray(bumps @ mixed)) * (values + shift), count + GUARD)
+    # The second step keeps the space of the first one: a block Krylov space of depth 2.
+    change = factor.solve(vectors) * (values + shift)
+    change -= vectors @ (vectors.T @ change)
+    norms = np.sqrt(np.einsum("ij,ij->j", change, change))
+    moving = norms > _SETTLED
+    space = np.hstack([vectors, change[:, moving] / norms[moving]])
+    values, vectors = _ritz(scaled, space, count)
+    return values, vectors / root[:, None]
+
+
+def _ritz(matrix: csc_array, space: Floats, count: int) -> tuple[Floats, Floats]:
+    """The least eigenvalues of a matrix in the span of columns, and orthonormal vectors (Rayleigh-Ritz)."""
+    values, mixed = eigh(
+        space.T @ (matrix @ space), space.T @ space, subset_by_index=(0, count - 1), check_finite=False
+    )
+    return values, space @ mixed
 
 
 def _bumps(stiffness: csc_array, areas: Floats) -> csr_array:
