@@ -19,7 +19,7 @@ class Hostile:
     sent : bytes
         Everything that is sent; the connection then stays open.
     statuses : set of int
-        The statuses of which its answer has one; an empty set allows no answer too.
+        The statuses of which its answer has one; an empty set means that there is no answer.
     """
 
     name: str
@@ -207,6 +207,25 @@ def headers() -> Iterator[Hostile]:
         kind = b"Content-Type: application/json"
         sent = head("POST", "/compare", HOST.strip(), kind, b"Content-Length: %d" % len(body)) + body
         yield Hostile(f"JSON {body[:12]!r}", sent, REFUSED | {404})
+
+
+def reads(shape: str) -> Iterator[Hostile]:
+    """Requests that need no body, with a body that stops, is too large or is broken."""
+    paths = (
+        f"/shapes/{shape}/similar",
+        f"/shapes/{shape}/file?format=stl",
+        f"/shapes/{shape}/thumbnail.png",
+        "/duplicates",
+        "/shapes",
+    )
+    chunked = b"Transfer-Encoding: chunked"
+    for path in paths:
+        alone = head("GET", path, HOST.strip(), b"Content-Length: 5")
+        yield Hostile(f"GET {path[-13:]} without its body", alone, frozenset({200, 408}))
+        large = head("GET", path, HOST.strip(), chunked) + (b"10000\r\n" + b"x" * 65536 + b"\r\n") * 17
+        yield Hostile(f"GET {path[-13:]} with a large body", large, frozenset({200, 413}))
+        broken = head("GET", path, HOST.strip(), chunked) + b"x\r\n"
+        yield Hostile(f"GET {path[-13:]} with a broken chunk", broken, frozenset({400}))
 
 
 def stalls() -> Iterator[Hostile]:

@@ -1,6 +1,7 @@
 """Hostile requests to a service that runs as a process of its own, many at a time."""
 
 import socket
+import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -11,11 +12,12 @@ import pytest
 from service.http.problem_document import MEDIA_TYPE
 from tests.service.http.responsiveness import assert_others_are_served
 from tests.service.support import small_file, upload
-from tests.soak.hostile.raw_requests import Hostile, forms, headers, stalls
+from tests.soak.hostile.raw_requests import Hostile, forms, headers, reads, stalls
 from tests.soak.hostile.serving import server
 
-SECONDS, AT_A_TIME = 2, 8
-RETRIED = {503, 507}
+SECONDS, AT_A_TIME, TRIES = 2, 8, 100
+# A service that closes the connection before it has read all of a request resets it: the answer may be lost.
+READ_WHOLE_BYTES = 16 * 1024
 
 
 @pytest.fixture(scope="module")
@@ -53,21 +55,28 @@ def answer(client: httpx.Client, sent: bytes) -> tuple[int, dict[str, str], byte
 def fault(client: httpx.Client, case: Hostile) -> str:
     """What is wrong with the answer to a request; "" if nothing is."""
     status, given, _ = answer(client, case.sent)
-    if status in RETRIED:
-        return "" if "retry-after" in given else f"{case.name}: {status} without Retry-After"
-    if status == 0 and (not case.statuses or 413 in case.statuses):
+    for _ in range(TRIES):
+        if status != 503 or not case.name.startswith("/jobs"):
+            break
+        # Two archives of a client arrive at a time.
+        if "retry-after" not in given:
+            return f"{case.name}: 503 without Retry-After"
+        time.sleep(0.1)
+        status, given, _ = answer(client, case.sent)
+    if status == 0 and (not case.statuses or len(case.sent) > READ_WHOLE_BYTES):
         return ""
-    if case.statuses and status not in case.statuses:
+    if status not in case.statuses:
         return f"{case.name}: {status}, not one of {sorted(case.statuses)}"
     if status >= 400 and given.get("content-type") != MEDIA_TYPE:
         return f"{case.name}: {status} without a problem document"
     return ""
 
 
-@pytest.mark.parametrize("kind", [forms, headers, stalls])
+@pytest.mark.parametrize("kind", [forms, headers, stalls, reads])
 def test_each_request_is_answered_by_a_problem(running: tuple[httpx.Client, Path], kind: object) -> None:
     client, _ = running
-    cases = list(kind())  # type: ignore[operator]
+    stored = upload(client, small_file(1), "stored.off")
+    cases = list(reads(stored.json()["id"]) if kind is reads else kind())  # type: ignore[operator]
     with ThreadPoolExecutor(AT_A_TIME) as threads:
         faults = [found for found in threads.map(lambda case: fault(client, case), cases) if found]
     assert faults == []
@@ -76,10 +85,9 @@ def test_each_request_is_answered_by_a_problem(running: tuple[httpx.Client, Path
 
 def test_others_are_served_meanwhile(running: tuple[httpx.Client, Path]) -> None:
     client, _ = running
-    hostile = iter([*forms(), *headers()])
 
     def load() -> None:
-        for case in hostile:
+        for case in (*forms(), *headers()):
             answer(client, case.sent)
 
     assert_others_are_served(client, load)
