@@ -31,8 +31,8 @@ class Sessions:
         The oldest session of the same key ends if the key has too many; those of other keys go on.
         """
         now = self._clock()
-        self._open = {name: held for name, held in self._open.items() if held[0] > now}
-        own = [name for name, held in self._open.items() if held[1].digest == grant.digest]
+        self._open = {name: session for name, session in self._open.items() if session[0] > now}
+        own = [name for name, session in self._open.items() if session[1].digest == grant.digest]
         for name in own[: max(0, len(own) + 1 - MOST_EACH)]:
             del self._open[name]
         token = secrets.token_urlsafe(32)

@@ -79,8 +79,8 @@ class EmbeddingCache(Generic[Value]):
     def keep(self, numbers: Ints) -> None:
         """Evict all values but those of these embeddings, shape (n,): no query asks for a deleted one."""
         with self._lock:
-            held = np.fromiter(self._values, dtype=np.int64, count=len(self._values))
-            for number in held[~np.isin(held, numbers)].tolist():
+            cached = np.fromiter(self._values, dtype=np.int64, count=len(self._values))
+            for number in cached[~np.isin(cached, numbers)].tolist():
                 del self._values[number]
 
     def resize(self, room: int) -> None:

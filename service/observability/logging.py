@@ -6,8 +6,8 @@ from contextvars import ContextVar
 from datetime import UTC, datetime
 
 LOGGER = "isoshape"
-# Libraries whose errors belong in the log; what they say about a request is dropped.
-OTHERS = ("asyncio", "python_multipart", "uvicorn.error")
+# Libraries whose errors belong in the log; their other messages are dropped.
+LIBRARIES = ("asyncio", "python_multipart", "uvicorn.error")
 
 request_id: ContextVar[str | None] = ContextVar("request_id", default=None)
 
@@ -41,7 +41,7 @@ def configure(level: str) -> None:
     """Log to standard error as lines of JSON, from severity `level` up; errors of the server too."""
     handler = logging.StreamHandler()
     handler.setFormatter(JsonFormatter())
-    for name in (LOGGER, *OTHERS):
+    for name in (LOGGER, *LIBRARIES):
         logger = logging.getLogger(name)
         logger.setLevel(level.upper() if name == LOGGER else logging.ERROR)
         if not any(isinstance(each.formatter, JsonFormatter) for each in logger.handlers):

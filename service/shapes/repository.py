@@ -255,7 +255,7 @@ def mark_changed(session: WriteSession, blob_number: int, format: str, facts: Ma
     """Have every process read the shapes on a newly embedded blob again."""
     own = ShapeRow.blob_number == blob_number, ShapeRow.format == format
     session.execute(update(ShapeRow).where(*own).values(revision=next_revision(session), facts=facts))
-    _seal(session, session.scalars(select(ShapeRow.number).where(*own)).all())
+    _store_checksums(session, session.scalars(select(ShapeRow.number).where(*own)).all())
 
 
 def add_shape(
@@ -295,7 +295,7 @@ def add_shape(
     )
     _write_tags(session, number, new.tags)
     _write_plain_values(session, number, new.metadata)
-    _seal(session, [number])
+    _store_checksums(session, [number])
     return replace(record, number=number)
 
 
@@ -319,7 +319,7 @@ def change(session: WriteSession, number: int, changes: Changes) -> None:
         session.execute(delete(TagRow).where(TagRow.shape_number == number))
         _write_tags(session, number, changes.tags)
     session.execute(update(ShapeRow).where(ShapeRow.number == number).values(values))
-    _seal(session, [number])
+    _store_checksums(session, [number])
 
 
 def is_name_taken(session: ReadSession, collection: CollectionNumber, record: ShapeRecord, name: str) -> bool:
@@ -353,7 +353,7 @@ def replace_file(session: WriteSession, record: ShapeRecord, format: str, file: 
             }
         )
     )
-    _seal(session, [record.number])
+    _store_checksums(session, [record.number])
     _drop_unused(session, record.sha256)
 
 
@@ -377,7 +377,7 @@ def _drop_unused(session: WriteSession, sha256: str) -> None:
         session.execute(delete(BlobRow).where(BlobRow.number == blob_number))
 
 
-def _seal(session: WriteSession, numbers: Sequence[int]) -> None:
+def _store_checksums(session: WriteSession, numbers: Sequence[int]) -> None:
     """Store the checksums of shapes whose rows, tags or metadata this transaction has written."""
     session.flush()
     columns = [ShapeRow.__table__.c[name] for name in (*SHAPE_COLUMNS, *SHAPE_TIMES)]

@@ -166,7 +166,7 @@ def _embeddings(connection: sqlite3.Connection, report: CheckReport) -> None:
 
     def check_embedding(number: int, checksum: str | None, *columns: Any) -> Iterator[str]:  # noqa: ANN401
         own = list(faults_of_embedding(number, *columns))
-        if not own and sealed and checksum != checksum_of(columns[2]):
+        if not own and has_checksums and checksum != checksum_of(columns[2]):
             own.append(f"embedding {number} does not have its checksum")
         yield from own
 
@@ -195,14 +195,14 @@ def _embeddings(connection: sqlite3.Connection, report: CheckReport) -> None:
         if dimensions.setdefault(fingerprint, _dimensions(embedding)) != _dimensions(embedding):
             yield f"embedding {number} has other dimensions than the first of {fingerprint}"
 
-    sealed = _has_column(connection, "embeddings")
+    has_checksums = _has_column(connection, "embeddings")
     described = _has_column(connection, "sketches", "view_signature")
     beside = "SELECT {} FROM sketches WHERE embedding_number = number"
     of_sketch = ", ".join(
         f"({beside.format(name)})" if described else "NULL"
         for name in ("view_signature", "reliability", "embedding_number")
     )
-    columns = f"{'checksum' if sealed else 'NULL'}, fingerprint, signature, record, {of_sketch}"
+    columns = f"{'checksum' if has_checksums else 'NULL'}, fingerprint, signature, record, {of_sketch}"
     _check_rows(connection, "embeddings", columns, EMBEDDINGS_AT_ONCE, check_embedding, report)
 
 

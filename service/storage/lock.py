@@ -11,7 +11,7 @@ from typing import Self
 
 from service.errors import StorageUnavailableError
 
-ENDING = "-lock"
+LOCK_SUFFIX = "-lock"
 
 
 class ArchiveLock:
@@ -33,7 +33,9 @@ class ArchiveLock:
     def __init__(self, path: Path, *, alone: bool = False) -> None:
         path = path.resolve()
         try:
-            self._descriptor = os.open(path.with_name(path.name + ENDING), os.O_RDONLY | os.O_CREAT, 0o644)
+            self._descriptor = os.open(
+                path.with_name(path.name + LOCK_SUFFIX), os.O_RDONLY | os.O_CREAT, 0o644
+            )
         except OSError as error:
             raise StorageUnavailableError(f"the archive's lock cannot be made: {error.strerror}") from error
         try:
