@@ -111,7 +111,7 @@ class Settings(BaseSettings):
         gt=0,
         allow_inf_nan=False,
         description="The longest time for the head of a request, and the longest wait for the next bytes of "
-        "its body; after it the answer is 408.",
+        "its body; after it the answer is 408. Also the time for 64 KiB of a longer body or answer.",
     )
     task_seconds: float = Field(
         default=120.0,
