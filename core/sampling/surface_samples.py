@@ -9,6 +9,7 @@ from core.arrays import Floats, Ints
 from core.mesh.cleaning import clean, face_areas
 from core.mesh.mesh import Mesh
 from core.mesh.normal_frame import normal_frame
+from core.sampling.closest_on_triangles import closest_on_triangles
 
 POINTS, MOST, REPRESENTATIVES, NEIGHBOURS = 4000, 40_000, 500, 8
 """Least and largest number of sample points, number of representatives, and number of candidate faces.
@@ -90,35 +91,7 @@ def closest_points(surface: SurfaceSamples, points: Floats) -> Floats:
         At unit area.
     """
     near = surface.faces[surface.tree.query(points, k=NEIGHBOURS)[1]]
-    on_faces = closest_on_triangles(surface.corners[near], points[:, None, :])
-    squares = ((on_faces - points[:, None, :]) ** 2).sum(axis=-1)
-    return np.asarray(on_faces[np.arange(len(points)), squares.argmin(axis=1)])
-
-
-def closest_on_triangles(corners: Floats, points: Floats) -> Floats:
-    """The point of a triangle closest to a point, shape (..., 3).
-
-    It is the projection onto the plane if that lies inside, else the closest point on the three edges.
-
-    Parameters
-    ----------
-    corners : float64, shape (..., 3, 3)
-    points : float64, shape (..., 3)
-        Broadcast against the triangles.
-    """
-    corners, points = np.broadcast_arrays(corners, points[..., None, :])
-    sides = np.roll(corners, -1, axis=-2) - corners
-    along = ((points - corners) * sides).sum(axis=-1)
-    lengths = np.maximum((sides**2).sum(axis=-1), np.finfo(np.float64).tiny)
-    on_sides = corners + np.clip(along / lengths, 0.0, 1.0)[..., None] * sides
-    nearest = ((on_sides - points) ** 2).sum(axis=-1).argmin(axis=-1)
-    best = np.take_along_axis(on_sides, nearest[..., None, None], axis=-2)[..., 0, :]
-    normals = np.cross(sides[..., 0, :], sides[..., 1, :])
-    left = np.cross(sides, points - corners)
-    inside = ((left * normals[..., None, :]).sum(axis=-1) > 0.0).all(axis=-1)
-    squares = np.maximum((normals**2).sum(axis=-1), np.finfo(np.float64).tiny)
-    heights = ((points[..., 0, :] - corners[..., 0, :]) * normals).sum(axis=-1) / squares
-    return np.where(inside[..., None], points[..., 0, :] - heights[..., None] * normals, best)
+    return closest_on_triangles(surface.corners, near, points)
 
 
 def evenly_spread(corners: Floats, areas: Floats, count: int) -> tuple[Floats, Ints]:

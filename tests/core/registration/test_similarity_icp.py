@@ -13,7 +13,8 @@ from core.mesh.mesh import Mesh
 from core.mesh.normal_frame import normal_frame
 from core.mesh.simplification import simplify
 from core.registration.similarity_icp import RESIDUAL, Alignment, align, best_similarity
-from core.sampling.surface_samples import closest_on_triangles, closest_points, surface_samples
+from core.sampling.closest_on_triangles import closest_on_triangles
+from core.sampling.surface_samples import closest_points, surface_samples
 from core.studies.perturbation import subdivide
 
 PERSON = make_person(0, 0)
@@ -71,7 +72,7 @@ def test_the_determinant_is_the_one_asked_for_and_no_rotation_nearby_is_better()
 def test_the_closest_point_of_a_triangle_is_that_of_a_search_over_its_inside() -> None:
     draws = np.random.default_rng(4)
     for corners, point in zip(draws.normal(size=(40, 3, 3)), draws.normal(size=(40, 3)), strict=True):
-        found = closest_on_triangles(corners, point)
+        (found,) = closest_on_triangles(corners[None], np.zeros((1, 1), dtype=np.int64), point[None])
         searched = minimize(
             lambda shares, corners=corners, point=point: float(((shares @ corners - point) ** 2).sum()),
             np.full(3, 1.0 / 3.0),
