@@ -88,6 +88,17 @@ def test_a_mesh_above_the_limit_is_refused(strict: Running) -> None:
     assert str(VERTICES) in problem["detail"]
 
 
+def test_compared_files_have_the_limits_of_uploads(strict: Running) -> None:
+    small = ("small.off", small_file(0))
+    many = ("many.off", b"OFF\n300 1 0\n" + b"0 1 2\n" * 300 + b"3 0 1 2\n")
+    for files in ({"first": small, "second": many}, {"first": many, "second": small}):
+        answer = strict.client.post("/compare?dense=true", files=files)
+        assert_problem(answer, 422, "mesh-too-complex")
+    large = ("large.off", b"x" * (strict.container.settings.max_upload_bytes + 1))
+    answer = strict.client.post("/compare?dense=true", files={"first": small, "second": large})
+    assert_problem(answer, 413, "body-too-large")
+
+
 def test_a_form_has_as_many_fields_as_set(strict: Running) -> None:
     answer = upload(strict.client, small_file(0), "a.off", tags=["a", "b", "c", "d"])
     assert_problem(answer, 400, "bad-request")
