@@ -13,7 +13,6 @@ import pytest
 from numpy.typing import NDArray
 
 from core.arrays import Floats
-from core.descriptors.spin_images import KEYPOINTS
 from core.descriptors.view_signature import signature_distance, view_signature
 from core.embedding import Scores
 from core.matching.match_records import match_record, score_match_records
@@ -260,7 +259,7 @@ def test_finalists_are_those_that_coarse_ranking_and_reranking_put_first(
 
     shapes_of = {name: descriptors_of(embedding) for name, embedding in embeddings.items()}
     query_shape = descriptors_of(wanted)
-    by_log_odds, part = rank_by == "combined", len(wanted.spin_images) > KEYPOINTS
+    by_log_odds = rank_by == "combined"
     own_views = view_signature(wanted.views)
     by_signature = near(
         lambda name: np.linalg.norm(embeddings[name].signature - wanted.signature), 12 if by_log_odds else 9
@@ -273,23 +272,20 @@ def test_finalists_are_those_that_coarse_ranking_and_reranking_put_first(
 
     def coarse_log_odds(names: list[str], cc: Floats | None = None) -> Floats:
         stored = coarse([shapes_of[name] for name in names])
-        return pooled_log_odds(coarse_evidence(coarse([query_shape]), stored, cc, part=part))
+        return pooled_log_odds(coarse_evidence(coarse([query_shape]), stored, cc))
 
     if by_log_odds:
         names = first(names, coarse_log_odds(names), 9)
-    # By class probability, twice as many candidates of an incomplete shape are re-ranked: here all.
-    if not (by_log_odds and part):
-        samples = np.stack([coarse_samples(embeddings[name]) for name in names])
-        rough = coarse_ranking(own, samples, DEFAULT).astype(np.float64)
-        names = first(names, coarse_log_odds(names, rough) if by_log_odds else rough, 6)
+    samples = np.stack([coarse_samples(embeddings[name]) for name in names])
+    rough = coarse_ranking(own, samples, DEFAULT).astype(np.float64)
+    names = first(names, coarse_log_odds(names, rough) if by_log_odds else rough, 6)
     numbers = {shape["name"]: int(number) for shape, number in zip(shapes, entries.embeddings, strict=True)}
     points = [points_from_bytes(records[numbers[name]]) for name in names]
     rough = rerank(own, points, DEFAULT).astype(np.float64)
-    if by_log_odds and not part:
+    if by_log_odds:
         half = first(names, coarse_log_odds(names, rough), 3)
         rough = rough[[names.index(name) for name in half]]
         names = half
-    if by_log_odds:
         sample = density_sample([query_shape, *shapes_of.values()])
         chosen = [shapes_of[name] for name in names]
         sim = np.full(len(names), TYPICAL_SIM)

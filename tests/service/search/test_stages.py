@@ -1,0 +1,49 @@
+"""How many candidates each stage of a search by class probability passes on."""
+
+from pathlib import Path
+
+import pytest
+
+from core.arrays import Floats, Ints
+from core.gallery import make_shape
+from core.io import write_mesh
+from core.studies.perturbation import cut_part
+from service.container import Container
+from service.search import scoring
+from service.search.match_records import QueryScorer
+from service.search.records import Query
+from service.search.shortlist import Candidates
+from tests.service.support import query, serving, settings_in, small_file
+
+LENGTHS = {"shortlist_from": 5, "shortlist_length": 9, "reranked": 6, "finalists": 2}
+STORED = 12
+
+
+def test_more_candidates_of_an_incomplete_query_are_reranked_and_described(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    reranked: list[int] = []
+    described: list[int] = []
+    rerank, class_scores = QueryScorer.rerank, scoring.class_scores
+
+    def counted(scorer: QueryScorer, embeddings: Ints) -> Floats:
+        reranked.append(len(embeddings))
+        return rerank(scorer, embeddings)
+
+    async def scored(container: Container, asked: Query, candidates: Candidates, *scores: Floats) -> Floats:
+        described.append(len(candidates.shapes))
+        return await class_scores(container, asked, candidates, *scores)
+
+    monkeypatch.setattr(QueryScorer, "rerank", counted)
+    monkeypatch.setattr(scoring, "class_scores", scored)
+    cup = make_shape("cup", 0)
+    with serving(settings_in(tmp_path, **LENGTHS)) as running:
+        for number in range(STORED):
+            running.store(small_file(number), f"{number}.off")
+        # Of an incomplete query, twice as many candidates would be re-ranked as there are.
+        for mesh, counts in ((cup, (6, 3)), (cut_part(cup, 0.5, 1), (9, 9))):
+            reranked.clear()
+            described.clear()
+            answer = query(running.client, write_mesh(mesh, "off"), rank_by="combined", top_k=1).json()
+            assert answer["compared"] == LENGTHS["finalists"] + 1
+            assert (sum(reranked), described[0]) == counts
