@@ -5,10 +5,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from core.arrays import Float32s, Int32s
+from core.arrays import Float32s, Int8s, Int32s
 
 NO_SPIN_IMAGES: NDArray[np.uint8] = np.empty((0, 0), dtype=np.uint8)
 NO_VIEWS: NDArray[np.uint8] = np.empty(0, dtype=np.uint8)
+NO_ORIENTATION: Int8s = np.empty((0, 0), dtype=np.int8)
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,6 +101,9 @@ class Embedding:
     views : uint8, shape (v,)
         The view descriptor from `core.descriptors.view_descriptor`. The shape is (0,) if the parameters ask
         for none.
+    orientation : int8, shape (m, p)
+        Signed areas of the samples' regions from `core.spectral.orientation.quantised_areas`. The shape is
+        (0, 0) if the parameters ask for none, or the surface's faces are turned every way.
     """
 
     fingerprint: str
@@ -114,6 +118,7 @@ class Embedding:
     spectra: tuple[Spectrum, ...]
     spin_images: NDArray[np.uint8] = field(default_factory=lambda: NO_SPIN_IMAGES)
     views: NDArray[np.uint8] = field(default_factory=lambda: NO_VIEWS)
+    orientation: Int8s = field(default_factory=lambda: NO_ORIENTATION)
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,6 +157,10 @@ class Match:
         uses.
     effective : bool, shape (p,)
         Whether that distance is at most gamma (below Eq. 19) and the pair one-to-one.
+    mirrored : bool or None
+        Whether the correspondence reverses orientation: the second shape is like the mirror image of the
+        first, and no correspondence that fits about as well preserves orientation. None if an embedding has
+        no orientation; left and right may then be exchanged.
     """
 
     cc: float
@@ -160,6 +169,7 @@ class Match:
     correspondence: Int32s
     distances: Float32s = field(repr=False)
     effective: NDArray[np.bool_] = field(repr=False)
+    mirrored: bool | None = None
 
 
 EmbeddedPoints = tuple[tuple[Float32s, ...], Int32s]

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
-from core.arrays import Bytes, Floats, Ints
+from core.arrays import Bytes, Floats, Int8s, Ints
 from core.dense.dense_correspondence import correspond
 from core.dense.records import DenseCorrespondence
 from core.dense.working_surface import WorkingSurface, working_surface
@@ -45,6 +45,17 @@ from core.spectral.spectral_embedding import SampledSurface, spectra_of
 
 PREPARED_BYTES = 128 * 1024 * 1024
 """The most bytes of prepared shapes that a pipeline caches, unless another number is given."""
+
+
+MAPS = 2
+"""The most maps of samples that a dense correspondence begins from."""
+
+
+def _orientations(first: Embedding, second: Embedding) -> tuple[Int8s, Int8s] | None:
+    """The orientations of two embeddings, if both have one."""
+    if not (first.orientation.size and second.orientation.size):
+        return None
+    return first.orientation, second.orientation
 
 
 def measure(mesh: Mesh, cleaned: Cleaned, frame: NormalFrame, *, pieces: bool) -> Facts:
@@ -263,9 +274,10 @@ class Pipeline:
                 vertices=points,
                 distances=self.distances(graph, points, samples, sparse),
                 areas=areas / areas.sum(),
+                regions=sparse.regions,
             )
             check_finite(embedded.distances, embedded.areas)
-            spectra, signature = spectra_of(surface, embedded, self.parameters.spectral)
+            spectra, signature, orientation = spectra_of(surface, embedded, self.parameters.spectral)
             if self.parameters.ranking.global_descriptors:
                 signature = np.concatenate([signature, GLOBAL_WEIGHT * global_descriptors(surface)])
             facts = self._facts(mesh, cleaned, frame)
@@ -293,6 +305,7 @@ class Pipeline:
             spectra=spectra,
             spin_images=spin_images,
             views=views,
+            orientation=orientation,
         )
 
     def prepared(self, embedding: Embedding) -> Prepared:
@@ -334,7 +347,8 @@ class Pipeline:
             An embedding was made with other parameters.
         """
         with guarded():
-            found = self.matcher.match(self._checked(first), self._checked(second))
+            orientations = _orientations(first, second)
+            found = self.matcher.match(self._checked(first), self._checked(second), orientations)
             check_finite(found.cc, found.ssd, found.sim, found.distances)
         return Match(
             cc=found.cc,
@@ -343,7 +357,31 @@ class Pipeline:
             correspondence=found.pairs.astype(np.int32),
             distances=found.distances.astype(np.float32),
             effective=found.effective,
+            mirrored=found.mirrored,
         )
+
+    def correspondences(self, first: Embedding, second: Embedding) -> tuple[list[Ints], bool | None]:
+        """Several correspondences of samples that fit about equally well, at most `MAPS`, best first.
+
+        Returns
+        -------
+        list of int64, shape (p, 2)
+            Pairs (sample of the first shape, sample of the second); a sample may be in several pairs.
+        bool or None
+            Whether they reverse orientation: see `core.embedding.Match`.
+
+        Raises
+        ------
+        IncompatibleEmbeddingsError
+            An embedding was made with other parameters.
+        """
+        match = self.match(first, second)
+        orientations = _orientations(first, second)
+        if orientations is None or match.mirrored is None:
+            return [match.correspondence.astype(np.int64)], None
+        with guarded():
+            prepared = self._checked(first), self._checked(second)
+            return self.matcher.candidates(*prepared, orientations, MAPS), match.mirrored
 
     def correspond(
         self, first: Mesh, second: Mesh, embeddings: tuple[Embedding, Embedding] | None = None
@@ -377,9 +415,9 @@ class Pipeline:
             An embedding was made with other parameters.
         """
         one, other = embeddings or (self.embed(first), self.embed(second))
-        pairs = self.match(one, other).correspondence
+        pairs, mirrored = self.correspondences(one, other)
         with guarded():
-            return correspond(self._working(first, one), self._working(second, other), pairs.astype(np.int64))
+            return correspond(self._working(first, one), self._working(second, other), pairs, mirrored)
 
     def _working(self, mesh: Mesh, embedding: Embedding) -> WorkingSurface:
         surface, _, frame = self.normalise(mesh)

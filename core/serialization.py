@@ -16,9 +16,18 @@ from safetensors.numpy import load, save
 from core.descriptors.descriptor_distance import ROW_COUNTS, ROW_LENGTH
 from core.descriptors.reliability import intrinsic_reliability
 from core.descriptors.view_bytes import VIEW_BYTES
-from core.embedding import NO_SPIN_IMAGES, NO_VIEWS, EmbeddedPoints, Embedding, Facts, Spectrum
+from core.embedding import (
+    NO_ORIENTATION,
+    NO_SPIN_IMAGES,
+    NO_VIEWS,
+    EmbeddedPoints,
+    Embedding,
+    Facts,
+    Spectrum,
+)
 from core.errors import BadRecordError
 from core.ranking.evidence import ShapeDescriptors
+from core.spectral.orientation import ORIENTED, ORIENTING
 
 
 def embedding_to_bytes(embedding: Embedding) -> bytes:
@@ -43,6 +52,9 @@ def embedding_to_bytes(embedding: Embedding) -> bytes:
     if embedding.views.size:
         header["views"] = True
         arrays["views"] = embedding.views
+    if embedding.orientation.size:
+        header["orientation"] = True
+        arrays["orientation"] = embedding.orientation
     for i, spectrum in enumerate(embedding.spectra):
         arrays[f"eigenvalues_{i}"] = spectrum.eigenvalues
         arrays[f"coordinates_{i}"] = spectrum.coordinates
@@ -78,6 +90,7 @@ def embedding_from_bytes(data: bytes) -> Embedding:
             ),
             spin_images=arrays["patches"] if header.get("patches") else NO_SPIN_IMAGES,
             views=arrays["views"] if header.get("views") else NO_VIEWS,
+            orientation=arrays["orientation"] if header.get("orientation") else NO_ORIENTATION,
         )
     except (SafetensorError, KeyError, TypeError, ValueError, RecursionError) as error:
         raise BadRecordError(f"not an embedding: {error}") from error
@@ -198,6 +211,7 @@ def _faults(embedding: Embedding) -> Iterator[str]:
         yield from _array_faults(f"{spectrum.name} coordinates", spectrum.coordinates, np.float32, (d, None))
     yield from _spin_image_faults(embedding.spin_images)
     yield from _view_faults(embedding.views)
+    yield from _orientation_faults(embedding, m)
     for name, indices, end in (
         ("vertices", embedding.vertices, embedding.facts.vertices),
         ("graph_edges", embedding.graph_edges, m),
@@ -233,6 +247,13 @@ def _spin_image_faults(spin_images: NDArray[Any]) -> Iterator[str]:
 def _view_faults(views: NDArray[Any]) -> Iterator[str]:
     if views is not NO_VIEWS:
         yield from _array_faults("views", views, np.uint8, (VIEW_BYTES,))
+
+
+def _orientation_faults(embedding: Embedding, m: int) -> Iterator[str]:
+    if embedding.orientation is not NO_ORIENTATION:
+        widths = [one.coordinates.shape[1] for one in embedding.spectra if one.name == ORIENTING]
+        k = min(ORIENTED, max(widths, default=0))
+        yield from _array_faults("orientation", embedding.orientation, np.int8, (m, k * (k - 1) // 2))
 
 
 def _array_faults(

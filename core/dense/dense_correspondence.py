@@ -5,6 +5,7 @@ there and back ends far away has no partner: the other surface lacks the place. 
 surfaces are rigid copies, the nearest point after registration is the more exact partner.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -75,18 +76,22 @@ class _Seen:
 
 
 def correspond(
-    first: WorkingSurface, second: WorkingSurface, pairs: Ints
+    first: WorkingSurface, second: WorkingSurface, pairs: Sequence[Ints], mirrored: bool | None
 ) -> tuple[DenseCorrespondence, DenseCorrespondence]:
     """The correspondence from the first shape to the second, and from the second to the first.
 
     Parameters
     ----------
     first, second : WorkingSurface
-    pairs : int, shape (p, 2)
-        Samples of the first and of the second that correspond, p >= 1.
+    pairs : sequence of int, shape (p, 2)
+        Samples of the first and of the second that correspond, p >= 1, in several ways, best first.
+    mirrored : bool or None
+        Whether they reverse orientation, if that is known.
     """
-    known = np.stack([first.samples[pairs[:, 0]], second.samples[pairs[:, 1]]], axis=1)
-    ways = _both_ways(basis(first.mesh), basis(second.mesh), known)
+    ways = _both_ways(
+        basis(first.mesh), basis(second.mesh), [_vertices(first, second, one) for one in pairs], mirrored
+    )
+    known = _vertices(first, second, pairs[0])
     sides = surface_samples(first.mesh), surface_samples(second.mesh)
     ends = first.mesh.vertices[known[:, 0]], second.mesh.vertices[known[:, 1]]
     same_units = first.unit * sides[0].unit / (second.unit * sides[1].unit)
@@ -104,8 +109,15 @@ def correspond(
     return _of_given(ahead, first, second, scale), _of_given(behind, second, first, 1.0 / scale)
 
 
-def _both_ways(first: Basis, second: Basis, pairs: Ints) -> tuple[_Way, _Way]:
-    rotation = functional_map(first, second, pairs)
+def _vertices(first: WorkingSurface, second: WorkingSurface, pairs: Ints) -> Ints:
+    """The vertices of paired samples, shape (p, 2)."""
+    return np.stack([first.samples[pairs[:, 0]], second.samples[pairs[:, 1]]], axis=1)
+
+
+def _both_ways(
+    first: Basis, second: Basis, pairs: Sequence[Ints], mirrored: bool | None
+) -> tuple[_Way, _Way]:
+    rotation = functional_map(first, second, pairs, mirrored)
     size = len(rotation)
     ours, theirs = first.functions[:, :size] @ rotation, second.functions[:, :size]
     there, back = nearest_both_ways(ours, theirs)

@@ -5,25 +5,36 @@ eigenfunctions of two surfaces; nearest neighbours under it pair all vertices, t
 and so on: spectral upsampling (Melzi, Ren, Rodola, Sharma, Wonka and Ovsjanikov, "ZoomOut", 2019). A few
 wrong pairs are outvoted, and what the six dimensions of the embedding cannot tell apart, such as the places
 around a limb, the higher eigenfunctions can. The search is run both ways from several sizes of the first map,
-and the one is kept whose last map brings the two surfaces' functions closest.
+and from several correspondences of samples, which may be mirror images of each other. The map is kept whose
+orientation is that of the samples, which brings the two surfaces' functions closest and nearly commutes with
+their Laplacians, as isometries do.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from core.arrays import Floats, Ints
 from core.errors import ParameterError
+from core.mesh.cleaning import face_areas
 from core.mesh.mesh import Mesh
 from core.spectral.laplace_beltrami import laplacian
+from core.spectral.orientation import ORIENTED, face_signs, orientation_agreement, signed_areas
 from core.spectral.subspace_eigenpairs import approximate_laplace_beltrami
 
 FUNCTIONS = 100
 """Size of the last map, the constant function counted."""
 
-STARTS, STEP = (4, 6, 8, 12, 20, 30), 5
+STARTS, STEP = (6, 8, 12, 20, 30), 5
 """Sizes of first maps that are tried: small ones forgive wrong pairs, large ones read more from right
 pairs."""
+
+ISOMETRIC, COMMUTING = 100.0, 60
+"""Weight of the commutator of map and Laplacians beside the residual, and the number of functions in it."""
+
+PRESERVING = 20.0
+"""Weight of the agreement of orientation, beside them."""
 
 SEARCHED = 600
 """Vertices of each surface that the search reads; the last map then pairs all."""
@@ -40,12 +51,19 @@ class Basis:
     ----------
     functions : float64, shape (n, k)
         Laplace-Beltrami eigenfunctions, the constant one first, of unit norm when the whole area is 1.
+    eigenvalues : float64, shape (k,)
+        Ascending from 0, when the whole area is 1.
     areas : float64, shape (n,)
         Share of each vertex in the area; the sum is 1.
+    orientation : float64, shape (n, e), or None
+        Signed areas (`core.spectral.orientation`) of the first functions after the constant one about each
+        vertex, over its area; None if the faces are turned every way.
     """
 
     functions: Floats
+    eigenvalues: Floats
     areas: Floats
+    orientation: Floats | None
 
 
 def basis(mesh: Mesh, count: int = FUNCTIONS) -> Basis:
@@ -60,12 +78,22 @@ def basis(mesh: Mesh, count: int = FUNCTIONS) -> Basis:
     """
     areas = laplacian(mesh)[1]
     total = float(areas.sum())
-    _, functions = approximate_laplace_beltrami(mesh, min(count, len(mesh.vertices)) - 1)
+    values, functions = approximate_laplace_beltrami(mesh, min(count, len(mesh.vertices)) - 1)
     constant = np.ones((len(areas), 1))
-    return Basis(np.hstack([constant, np.sqrt(total) * functions]), areas / total)
+    functions = np.hstack([constant, np.sqrt(total) * functions])
+    orientation = _orientation(mesh, functions[:, 1 : ORIENTED + 1], areas / total)
+    return Basis(functions, np.concatenate([[0.0], total * values]), areas / total, orientation)
 
 
-def extend(first: Basis, second: Basis, pairs: Ints) -> Ints:
+def _orientation(mesh: Mesh, functions: Floats, areas: Floats) -> Floats | None:
+    signs = face_signs(mesh, face_areas(mesh.vertices, mesh.faces))
+    if signs is None:
+        return None
+    vertices = np.arange(len(mesh.vertices))
+    return signed_areas(functions, mesh.faces, signs, vertices, len(vertices)) / areas[:, None]
+
+
+def extend(first: Basis, second: Basis, pairs: Ints | Sequence[Ints], mirrored: bool | None = None) -> Ints:
     """The vertex of the second surface that corresponds to each vertex of the first.
 
     Parameters and errors are those of `functional_map`.
@@ -75,20 +103,25 @@ def extend(first: Basis, second: Basis, pairs: Ints) -> Ints:
     int64, shape (n,)
         Several vertices may share one; the given pairs are a start and need not stay.
     """
-    rotation = functional_map(first, second, pairs)
+    rotation = functional_map(first, second, pairs, mirrored)
     largest = len(rotation)
     return nearest_rows(first.functions[:, :largest] @ rotation, second.functions[:, :largest])[0]
 
 
-def functional_map(first: Basis, second: Basis, pairs: Ints) -> Floats:
+def functional_map(
+    first: Basis, second: Basis, pairs: Ints | Sequence[Ints], mirrored: bool | None = None
+) -> Floats:
     """The orthogonal map C between the functions of two surfaces that a few pairs of vertices determine.
 
     Parameters
     ----------
     first, second : Basis
         Of n and m vertices.
-    pairs : int, shape (p, 2)
-        Vertices of the first and of the second that are known to correspond, p >= 1.
+    pairs : int, shape (p, 2), or several such arrays
+        Vertices of the first and of the second that are known to correspond, p >= 1; of several arrays one is
+        near the truth.
+    mirrored : bool or None
+        Whether the map reverses orientation, if that is known.
 
     Returns
     -------
@@ -101,22 +134,50 @@ def functional_map(first: Basis, second: Basis, pairs: Ints) -> Floats:
     ParameterError
         No pair, or of wrong shape.
     """
-    if pairs.ndim != 2 or pairs.shape[1] != 2 or len(pairs) == 0:
-        raise ParameterError(f"pairs must have shape (p, 2) with p at least 1, not {pairs.shape}")
+    known = [pairs] if isinstance(pairs, np.ndarray) else pairs
+    for one in known:
+        if one.ndim != 2 or one.shape[1] != 2 or len(one) == 0:
+            raise ParameterError(f"pairs must have shape (p, 2) with p at least 1, not {one.shape}")
     largest = min(first.functions.shape[1], second.functions.shape[1])
-    starts = [size for size in STARTS if size <= min(largest, len(pairs))] or [min(largest, STARTS[0])]
     few, others = _some(first), _some(second)
-    begun = [_start(first, second, pairs, size) for size in starts]
+    begun = [
+        _start(first, second, one, size)
+        for one in known
+        for size in [size for size in STARTS if size <= min(largest, len(one))] or [min(largest, STARTS[0])]
+    ]
     rotations = [_upsampled(few, others, rotation, largest) for rotation in begun]
     rotations += [_upsampled(others, few, rotation.T, largest).T for rotation in begun]
-    return min(rotations, key=lambda one: _residual(few, others, one))
+    return min(rotations, key=lambda one: _cost(few, others, one, mirrored))
+
+
+def _cost(first: Basis, second: Basis, rotation: Floats, mirrored: bool | None) -> float:
+    """How badly a map brings the functions together, keeps the Laplacian, and has its orientation."""
+    size = len(rotation)
+    found, _ = nearest_rows(first.functions[:, :size] @ rotation, second.functions[:, :size])
+    low = min(size, COMMUTING)
+    paired = (first.areas[:, None] * first.functions[:, :low]).T @ second.functions[found, :low]
+    ours, theirs = first.eigenvalues[:low], second.eigenvalues[:low]
+    commutator = np.linalg.norm((ours[:, None] - theirs) * paired) / np.linalg.norm(ours)
+    cost = _residual(first, second, rotation) + ISOMETRIC * float(commutator)
+    if mirrored is None or first.orientation is None or second.orientation is None:
+        return cost
+    width = first.functions[:, 1 : ORIENTED + 1].shape[1]
+    weights = np.sqrt(first.areas)[:, None]
+    (agreement,) = orientation_agreement(
+        weights * first.orientation,
+        weights * second.orientation[found][None],
+        rotation[None, 1 : width + 1, 1 : width + 1],
+    )
+    return cost + PRESERVING * float(agreement if mirrored else -agreement)
 
 
 def _some(side: Basis) -> Basis:
     """The surface at `SEARCHED` of its vertices, the same for as many vertices."""
     count = len(side.areas)
     chosen = np.random.default_rng(count).permutation(count)[:SEARCHED]
-    return Basis(side.functions[chosen], side.areas[chosen] / side.areas[chosen].sum())
+    orientation = None if side.orientation is None else side.orientation[chosen]
+    areas = side.areas[chosen] / side.areas[chosen].sum()
+    return Basis(side.functions[chosen], side.eigenvalues, areas, orientation)
 
 
 def _start(first: Basis, second: Basis, pairs: Ints, size: int) -> Floats:

@@ -8,7 +8,7 @@ from typing import Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from core.arrays import Floats, Ints
+from core.arrays import Floats, Int8s, Ints
 from core.embedding import Embedding, Scores
 
 
@@ -25,6 +25,8 @@ class PairMatch:
     distances : float64, shape (p,)
     effective : bool, shape (p,)
         As in `core.embedding.Match`.
+    mirrored : bool or None
+        As in `core.embedding.Match`.
     """
 
     cc: float
@@ -33,6 +35,7 @@ class PairMatch:
     pairs: Ints
     distances: Floats
     effective: NDArray[np.bool_]
+    mirrored: bool | None = None
 
     def swapped(self) -> "PairMatch":
         """The same match seen from the other shape."""
@@ -77,8 +80,23 @@ class Matcher(Protocol[Shape]):
     def score(self, query: Shape, candidates: Iterable[Shape]) -> Scores:
         """CC, SSD and sim of one shape with each of c others: arrays of shape (c,)."""
 
-    def match(self, first: Shape, second: Shape) -> PairMatch:
-        """The scores of two shapes and their correspondence."""
+    def match(
+        self, first: Shape, second: Shape, orientations: tuple[Int8s, Int8s] | None = None
+    ) -> PairMatch:
+        """The scores of two shapes and their correspondence.
+
+        With the orientations of both embeddings, int8 of shapes (m, p) and (n, p), the correspondence
+        preserves orientation if a map that fits about as well as the best one does. Scores do not depend on
+        them.
+        """
+
+    def candidates(
+        self, first: Shape, second: Shape, orientations: tuple[Int8s, Int8s], most: int
+    ) -> list[Ints]:
+        """Correspondences that fit about equally well, at most `most`, best first, each of shape (p, 2).
+
+        All preserve orientation, or none that fits about as well does. A sample may be in several pairs.
+        """
 
 
 def embedding_key(embedding: Embedding) -> bytes:

@@ -11,15 +11,17 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
-from core.arrays import Float32s, Floats, Int16s, Ints
+from core.arrays import Float32s, Floats, Int8s, Int16s, Ints
 from core.embedding import Embedding, Scores
 from core.matching.kernels.match_record import ONE, MatchRecord, decoded, dequantised, encoded
 from core.matching.kernels.one_to_many import match_many, precedes
 from core.matching.kernels.pair_matching import SearchRounds, match_pair
 from core.matching.matcher import PairMatch
+from core.matching.oriented_map import CandidateMaps, candidate_maps
 from core.matching.similarity import EFFECTIVE
 from core.matching.spline_operators import compiled_spline_operators
 from core.parameters import Parameters
+from core.spectral.orientation import ORIENTING
 
 TOGETHER = 32
 """Match records that are copied into one array for one call of the kernel."""
@@ -197,18 +199,59 @@ class ProcrustesMatcher:
             )
         return Scores(cc=scores[:, 0].copy(), ssd=scores[:, 1].copy(), sim=scores[:, 2].copy())
 
-    def match(self, first: Float32s, second: Float32s) -> PairMatch:
-        """The scores of two shapes, and one-to-one pairs of their samples."""
+    def match(
+        self, first: Float32s, second: Float32s, orientations: tuple[Int8s, Int8s] | None = None
+    ) -> PairMatch:
+        """The scores of two shapes, and one-to-one pairs of their samples.
+
+        With orientations the pairs are those of a map that preserves orientation, if one fits about as well
+        as the best map.
+        """
         x, y = decoded(first), decoded(second)
         order = precedes(x, y)
         if order < 0:
             x, y = y, x
         found = procrustes_match(x, y, self._parameters, same=order == 0)
-        matches, distances, effective = one_to_one_pairs(x, y, found.rotation, same=order == 0)
+        rotation, mirrored = found.rotation, None if orientations is None else False
+        # A mirror image with the same triangles has the same samples, in the same order.
+        same = order == 0 and not (orientations is not None and _opposite(*orientations))
+        if orientations is not None and not same:
+            ordered = (orientations[1], orientations[0]) if order < 0 else orientations
+            maps = self._candidates(x, y, ordered, 1)
+            rotation, mirrored = maps.rotations[0], maps.mirrored
+        matches, distances, effective = one_to_one_pairs(x, y, rotation, same=same)
         cc, ssd, sim = found.scores.tolist()
         pairs = np.stack([np.arange(len(matches)), matches], axis=1)
-        match = PairMatch(cc, ssd, sim, pairs, distances, effective)
+        match = PairMatch(cc, ssd, sim, pairs, distances, effective, mirrored)
         return match.swapped() if order < 0 else match
+
+    def candidates(
+        self, first: Float32s, second: Float32s, orientations: tuple[Int8s, Int8s], most: int
+    ) -> list[Ints]:
+        """Pairs of samples under each of several maps, at most `most`, best first.
+
+        Each has the nearest neighbours both ways, shape (m + n, 2); all maps have one orientation.
+        """
+        x, y = decoded(first), decoded(second)
+        if precedes(x, y) == 0 and not _opposite(*orientations):
+            return [np.repeat(np.arange(len(x.offsets) - 1)[:, None], 2, axis=1)]
+        maps = self._candidates(x, y, orientations, most)
+        here, there = np.arange(len(x.offsets) - 1), np.arange(len(y.offsets) - 1)
+        return [
+            np.concatenate([np.stack([here, forth], axis=1), np.stack([back, there], axis=1)])
+            for forth, back in zip(maps.there, maps.back, strict=True)
+        ]
+
+    def _candidates(
+        self, x: MatchRecord, y: MatchRecord, orientations: tuple[Int8s, Int8s], most: int
+    ) -> CandidateMaps:
+        block = self._parameters.spectral.operators.index(ORIENTING)
+        return candidate_maps(x, y, orientations, block, search_rounds(self._parameters), most)
+
+
+def _opposite(first: Int8s, second: Int8s) -> bool:
+    """Whether the signed areas of the same samples have opposite signs in the mean."""
+    return bool((first.astype(np.int64) * second).sum() < 0)
 
 
 def _own(query: Float32s) -> Float32s:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from core.arrays import Float32s, Floats, Ints
+from core.arrays import Float32s, Floats, Int8s, Ints
 from core.embedding import Embedding, Scores
 from core.matching.correspondence import spline_search
 from core.matching.matcher import PairMatch
@@ -101,8 +101,19 @@ class TpsMatcher:
         )
         return Scores(cc=cc, ssd=ssd, sim=sim)
 
-    def match(self, first: Domains, second: Domains) -> PairMatch:
-        """The scores, and the pairs of the smaller cloud's samples in the first domain."""
+    def candidates(
+        self, first: Domains, second: Domains, orientations: tuple[Int8s, Int8s], most: int
+    ) -> list[Ints]:
+        """The pairs of `match` alone; neither orientations nor `most` are used."""
+        return [self.match(first, second).pairs]
+
+    def match(
+        self, first: Domains, second: Domains, orientations: tuple[Int8s, Int8s] | None = None
+    ) -> PairMatch:
+        """The scores, and the pairs of the smaller cloud's samples in the first domain.
+
+        Orientations are not used.
+        """
         swapped = (first.samples, first.key) > (second.samples, second.key)
         x, y = (second, first) if swapped else (first, second)
         there = [self.match_one_way(*pair) for pair in zip(x.domains, y.domains, strict=True)]

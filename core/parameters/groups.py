@@ -127,6 +127,9 @@ class SpectralParameters(Group):
         `core.spectral.coordinates.spectral_coordinates`.
     affinity_values, laplacian_values : int
         The numbers of eigenvalues of each operator in the signature; at least one is above 0.
+    orientation : bool
+        Whether an embedding with Laplace-Beltrami coordinates holds the signed areas that tell a map from its
+        mirror image (`core.spectral.orientation`); pairs "both-ways" use them.
     """
 
     distances: Distances = "geodesic"
@@ -141,6 +144,7 @@ class SpectralParameters(Group):
     taper: bool = True
     affinity_values: SignatureLength = 0
     laplacian_values: SignatureLength = 30
+    orientation: bool = True
 
     @model_validator(mode="after")
     def _has_operators_and_values(self) -> Self:

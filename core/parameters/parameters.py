@@ -25,6 +25,7 @@ EARLIER_VALUES: dict[str, float] = {
     "smooth_refined": False,
     "patches": False,
     "views": False,
+    "orientation": False,
 }
 """Flat keys that were added later, with the value that stands for the method before. A parameter with this
 value is not part of the fingerprint."""
@@ -217,6 +218,7 @@ PAPER = Parameters(
         taper=False,
         affinity_values=20,
         laplacian_values=0,
+        orientation=False,
     ),
     matching=MatchingParameters(
         search_samples=0,

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from core.arrays import Floats, Ints
-from core.embedding import Spectrum
+from core.arrays import Float32s, Floats, Int8s, Ints
+from core.embedding import NO_ORIENTATION, Spectrum
 from core.mesh.cleaning import face_areas
 from core.mesh.mesh import Mesh
 from core.parameters import SpectralParameters
@@ -14,6 +14,7 @@ from core.spectral.coordinates import spectral_coordinates
 from core.spectral.eigenpairs import leading_eigenpairs, oriented, sampled_eigenpairs
 from core.spectral.eigenvalue_signature import affinity_signature, laplacian_signature
 from core.spectral.laplace_beltrami import laplace_beltrami
+from core.spectral.orientation import ORIENTED, ORIENTING, face_signs, quantised_areas, signed_areas
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,17 +29,20 @@ class SampledSurface:
         Distance from each point to each sample.
     areas : float64, shape (m,)
         Share of the surface in each sample's region, of sum 1.
+    regions : int64, shape (n,)
+        The sample nearest to each vertex of the surface.
     """
 
     vertices: Ints
     distances: Floats
     areas: Floats
+    regions: Ints
 
 
 def spectra_of(
     surface: Mesh, points: SampledSurface, wanted: SpectralParameters
-) -> tuple[tuple[Spectrum, ...], Floats]:
-    """The spectral embeddings that the parameters name, and the signature.
+) -> tuple[tuple[Spectrum, ...], Floats, Int8s]:
+    """The spectral embeddings that the parameters name, the signature and the orientation.
 
     Parameters
     ----------
@@ -53,7 +57,10 @@ def spectra_of(
         In the order of `wanted.operators`.
     float64, shape (affinity_values + laplacian_values,)
         The signature of eigenvalues.
+    int8, shape (m, p)
+        See `core.embedding.Embedding.orientation`.
     """
+    orientation = NO_ORIENTATION
     spectra: list[Spectrum] = []
     signature: list[Floats] = []
     if "affinity" in wanted.operators or wanted.affinity_values:
@@ -67,16 +74,38 @@ def spectra_of(
         spectra.append(Spectrum("affinity", values.astype(np.float32), coordinates))
     if "laplace-beltrami" in wanted.operators or wanted.laplacian_values:
         values, functions = laplace_beltrami(surface, max(wanted.dimensions + 1, wanted.laplacian_values))
-        area = float(face_areas(surface.vertices, surface.faces).sum())
+        areas = face_areas(surface.vertices, surface.faces)
+        area = float(areas.sum())
         signature.append(laplacian_signature(values[: wanted.laplacian_values], area))
         chosen = oriented(values, functions[points.vertices], wanted.dimensions)
         coordinates = spectral_coordinates(
             values, chosen, -wanted.eigenvalue_power, taper=wanted.taper
         ).astype(np.float32)
         spectra.append(Spectrum("laplace-beltrami", values.astype(np.float32), coordinates))
+        signs = face_signs(surface, areas) if wanted.orientation and ORIENTING in wanted.operators else None
+        if signs is not None:
+            everywhere = _at_all_vertices(functions, points.vertices, coordinates[:, :ORIENTED])
+            turns = signed_areas(everywhere, surface.faces, signs, points.regions, len(points.areas))
+            orientation = quantised_areas(turns)
     spectra = [spectrum for spectrum in spectra if spectrum.name in wanted.operators]
     spectra.sort(key=lambda spectrum: wanted.operators.index(spectrum.name))
-    return tuple(spectra), np.concatenate(signature)
+    return tuple(spectra), np.concatenate(signature), orientation
+
+
+def _at_all_vertices(functions: Floats, points: Ints, coordinates: Float32s) -> Floats:
+    """Coordinates of the embedded points, linear in the eigenfunctions, at all vertices, shape (n, k).
+
+    Parameters
+    ----------
+    functions : float64, shape (n, s)
+        Eigenfunctions.
+    points : int64, shape (d,)
+        Vertices.
+    coordinates : float32, shape (d, k)
+        Up to a constant, which signed areas do not depend on.
+    """
+    centred = functions[points] - functions[points].mean(axis=0)
+    return np.asarray(functions @ np.linalg.lstsq(centred, coordinates.astype(np.float64))[0])
 
 
 def _affinity_pairs(points: SampledSurface, wanted: SpectralParameters) -> tuple[Floats, Floats]:

@@ -34,6 +34,8 @@ class PairErrors:
         square root of the area; each is the least over the body's symmetries.
     symmetry : int
         The symmetry of the least error of the dense correspondence: a row of `Body.partners`.
+    direct : float
+        The error of the dense correspondence where the body's own left must stay left: of symmetry 0.
     """
 
     first: int
@@ -42,6 +44,7 @@ class PairErrors:
     samples: float
     vertices: float
     symmetry: int
+    direct: float
 
 
 @dataclass(frozen=True)
@@ -61,6 +64,11 @@ class BodyErrors:
     def vertices(self) -> float:
         """Mean over the pairs."""
         return float(np.mean([pair.vertices for pair in self.pairs]))
+
+    @property
+    def direct(self) -> float:
+        """Mean over the pairs."""
+        return float(np.mean([pair.direct for pair in self.pairs]))
 
 
 REMESHED = 2100
@@ -123,13 +131,20 @@ def study_body(
     for first, second in permutations(range(poses), 2):
         one, two = here.embeddings[first], there.embeddings[second]
         match = pipeline.match(one, two)
-        i, j = match.correspondence.T
-        known = np.stack([one.vertices[i], two.vertices[j]], axis=1).astype(np.int64)
+        known = _vertices(one, two, match.correspondence.astype(np.int64))
         samples, _ = symmetric_error(distances, truth, known[:, 0], known[:, 1])
-        found = extend(here.bases[first], there.bases[second], known)
-        vertices, symmetry = symmetric_error(distances, truth, everywhere, found)
-        errors.append(PairErrors(first, second, match.cc, samples, vertices, symmetry))
+        found, mirrored = pipeline.correspondences(one, two)
+        pairs = [_vertices(one, two, each) for each in found]
+        ends = extend(here.bases[first], there.bases[second], pairs, mirrored)
+        vertices, symmetry = symmetric_error(distances, truth, everywhere, ends)
+        direct, _ = symmetric_error(distances, truth[:1], everywhere, ends)
+        errors.append(PairErrors(first, second, match.cc, samples, vertices, symmetry, direct))
     return BodyErrors(label, number, tuple(errors))
+
+
+def _vertices(first: Embedding, second: Embedding, pairs: Ints) -> Ints:
+    """The vertices of paired samples, shape (p, 2)."""
+    return np.stack([first.vertices[pairs[:, 0]], second.vertices[pairs[:, 1]]], axis=1).astype(np.int64)
 
 
 @dataclass(frozen=True, eq=False)

@@ -99,9 +99,10 @@ def known_mesh(mesh: Mesh, truth: Ints, pipeline: Pipeline) -> KnownMesh:
 
 def corresponding_vertices(first: KnownMesh, second: KnownMesh, pipeline: Pipeline) -> Ints:
     """The vertex of the second mesh for each vertex of the first, by the dense correspondence."""
-    i, j = pipeline.match(first.embedding, second.embedding).correspondence.T
-    pairs = np.stack([first.embedding.vertices[i], second.embedding.vertices[j]], axis=1)
-    return extend(first.basis, second.basis, pairs.astype(np.int64))
+    found, mirrored = pipeline.correspondences(first.embedding, second.embedding)
+    vertices = first.embedding.vertices.astype(np.int64), second.embedding.vertices.astype(np.int64)
+    pairs = [np.stack([vertices[0][one[:, 0]], vertices[1][one[:, 1]]], axis=1) for one in found]
+    return extend(first.basis, second.basis, pairs, mirrored)
 
 
 def truth_errors(first: KnownMesh, second: KnownMesh, found: Ints) -> TruthErrors:

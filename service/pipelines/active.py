@@ -21,6 +21,7 @@ log = get_logger("pipelines")
 REMEDY = "run `isoshape reembed` on the archive"
 
 ADDS_VIEWS = " It adds views, by which web and CAD models are found, to the embeddings."
+ADDS_ORIENTATION = " It adds orientation, by which correspondences tell left from right, to the embeddings."
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +115,10 @@ class Pipelines:
             return None
         embedded, files = repository.count_embedded(session, self.wanted.fingerprint)
         active = self.current(session).pipeline.parameters
-        adds = ADDS_VIEWS if self.wanted.ranking.views and not active.ranking.views else ""
+        wanted = self.wanted
+        adds = ADDS_VIEWS if wanted.ranking.views and not active.ranking.views else ""
+        if wanted.spectral.orientation and not active.spectral.orientation:
+            adds += ADDS_ORIENTATION
         return Pending(self.wanted.name, self.wanted.fingerprint, embedded, files, REEMBED + adds)
 
     @property

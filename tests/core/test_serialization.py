@@ -11,7 +11,7 @@ from core.descriptors.descriptor_distance import ROW_LENGTH
 from core.descriptors.reliability import intrinsic_reliability
 from core.descriptors.spin_images import KEYPOINTS
 from core.descriptors.view_bytes import VIEW_BYTES
-from core.embedding import NO_SPIN_IMAGES, NO_VIEWS, Embedding, Facts, Spectrum
+from core.embedding import NO_ORIENTATION, NO_SPIN_IMAGES, NO_VIEWS, Embedding, Facts, Spectrum
 from core.errors import BadRecordError
 from core.gallery import make_shape
 from core.parameters import DEFAULT, PAPER
@@ -56,6 +56,10 @@ def embedding(*, samples=12, spectra=2, seed=0):
         ),
         spin_images=rng.integers(0, 255, size=(KEYPOINTS, ROW_LENGTH)).astype(np.uint8),
         views=rng.integers(0, 255, size=VIEW_BYTES).astype(np.uint8),
+        # Of the five Laplace-Beltrami coordinates.
+        orientation=rng.integers(-127, 128, size=(samples, 10)).astype(np.int8)
+        if spectra == 2
+        else NO_ORIENTATION,
     )
 
 
@@ -182,7 +186,7 @@ def changed(name, change):
 
 @pytest.mark.parametrize("name", [*ARRAYS, "eigenvalues_0", "coordinates_1"])
 def test_an_array_of_another_type_or_shape_is_refused(name):
-    other = {"float32": np.float64, "int32": np.int64, "uint8": np.int16}
+    other = {"float32": np.float64, "int32": np.int64, "uint8": np.int16, "int8": np.int16}
     with pytest.raises(BadRecordError, match=r"float64|int64|int16"):
         embedding_from_bytes(changed(name, lambda array: array.astype(other[array.dtype.name])))
     for change in (
@@ -293,3 +297,24 @@ def test_descriptors_of_the_wrong_shape_or_type_are_refused(name, value):
     for read in (descriptors_from_bytes, embedding_from_bytes):
         with pytest.raises(BadRecordError):
             read(save(arrays | {name: value}))
+
+
+@pytest.mark.parametrize(
+    "value",
+    [
+        np.zeros((12, 9), np.int8),
+        np.zeros((11, 10), np.int8),
+        np.zeros((12, 10), np.uint8),
+        np.zeros(10, np.int8),
+    ],
+)
+def test_an_orientation_of_the_wrong_shape_or_type_is_refused(value):
+    arrays = load(embedding_to_bytes(embedding()))
+    with pytest.raises(BadRecordError, match="orientation"):
+        embedding_from_bytes(save(arrays | {"orientation": value}))
+
+
+def test_an_orientation_without_its_coordinates_is_refused():
+    made = replace(embedding(spectra=1), orientation=np.zeros((12, 45), np.int8))
+    with pytest.raises(BadRecordError, match="orientation"):
+        embedding_from_bytes(embedding_to_bytes(made))

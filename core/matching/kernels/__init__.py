@@ -11,5 +11,6 @@ __all__ = [
     "orthogonal_procrustes",
     "pair_matching",
     "reranking",
+    "sign_starts",
     "spline_search",
 ]

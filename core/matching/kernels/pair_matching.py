@@ -41,7 +41,7 @@ class SearchRounds(NamedTuple):
 
 
 @kernel
-def _low(n: int) -> int:
+def lowest_bits(n: int) -> int:
     """A power of two above n, at least 128."""
     low = 128
     while low <= n:
@@ -86,7 +86,7 @@ def search_maps(
             rounds.starts,
             rounds.start_iterations,
             rounds.step_iterations,
-            _low(other.searched.shape[2]),
+            lowest_bits(other.searched.shape[2]),
             matches,
         )
         found = np.empty((s, columns), dtype=np.float32)
@@ -136,7 +136,7 @@ def refine_map(
     """
     m, columns = x.shape
     n = y.shape[0]
-    low = _low(max(m, n))
+    low = lowest_bits(max(m, n))
     covariance = np.empty((columns, columns), dtype=np.float32)
     first = np.empty(blocks, dtype=np.float32)
     second = np.empty(blocks, dtype=np.float32)

@@ -56,7 +56,7 @@ def command(
     The shapes are bodies made by code, whose poses have the same vertices in the same order. The error is the
     mean geodesic distance between the vertex found and the true vertex, over the square root of the area, up
     to the symmetries of the class. It is measured for the matched samples, and for all vertices by the dense
-    correspondence.
+    correspondence; there the direct error, without symmetries, stands beside it.
 
     With --truth the meshes are those of a folder. Line i of NAME.vts is the number, from 1, of the vertex of
     NAME that is vertex i of the template; NAME.sym.vts has its mirror image. The error of the dense
@@ -131,12 +131,20 @@ def _mean(studies: list[BodyErrors]) -> float:
     return sum(study.vertices for study in studies) / len(studies)
 
 
+def _direct(studies: list[BodyErrors]) -> float:
+    return sum(study.direct for study in studies) / len(studies)
+
+
 def _object(by_class: dict[str, list[BodyErrors]]) -> dict[str, object]:
     return {
         "most_error": MOST_ERROR,
         "mean": sum(map(_mean, by_class.values())) / len(by_class),
         "classes": {
-            label: {"mean": _mean(studies), "bodies": [asdict(study) for study in studies]}
+            label: {
+                "mean": _mean(studies),
+                "direct": _direct(studies),
+                "bodies": [asdict(study) for study in studies],
+            }
             for label, studies in by_class.items()
         },
     }
@@ -149,7 +157,7 @@ def _table(by_class: dict[str, list[BodyErrors]], poses: int) -> Table:
         collapse_padding=True,
     )
     table.add_column("class")
-    for name in ("pairs", "samples", "all vertices", "worst pair", f"pairs within {MOST_ERROR}"):
+    for name in ("pairs", "samples", "all vertices", "direct", "worst pair", f"pairs within {MOST_ERROR}"):
         table.add_column(name, justify="right")
     means = []
     for label, studies in by_class.items():
@@ -161,10 +169,12 @@ def _table(by_class: dict[str, list[BodyErrors]], poses: int) -> Table:
             str(len(pairs)),
             f"{samples:.3f}",
             f"{_mean(studies):.3f}",
+            f"{_direct(studies):.3f}",
             f"{max(pair.vertices for pair in pairs):.3f}",
             str(sum(pair.vertices <= MOST_ERROR for pair in pairs)),
         )
     table.add_section()
     samples, vertices = (sum(values) / len(means) for values in zip(*means, strict=True))
-    table.add_row("mean", "", f"{samples:.3f}", f"{vertices:.3f}", "", "")
+    direct = sum(map(_direct, by_class.values())) / len(by_class)
+    table.add_row("mean", "", f"{samples:.3f}", f"{vertices:.3f}", f"{direct:.3f}", "", "")
     return table

@@ -61,6 +61,7 @@ OTHER = {
     "smooth_refined": False,
     "match_threshold": 0.8,
     "views": False,
+    "orientation": False,
 }
 
 OUT_OF_RANGE = [
@@ -215,13 +216,21 @@ def test_flat_keys_and_back(parameters):
 
 
 def test_fingerprints_are_those_that_archives_hold():
-    assert (DEFAULT.fingerprint, PAPER.fingerprint) == ("b305565604f61fe5", "96d291f5f86ee06d")
-    # Archives of before views.
-    assert DEFAULT.with_values(views=False).fingerprint == "2d613f0cec486b3d"
+    assert (DEFAULT.fingerprint, PAPER.fingerprint) == ("c9065d54299484e4", "96d291f5f86ee06d")
+    # Archives of before orientation, and of before views.
+    assert DEFAULT.with_values(orientation=False).fingerprint == "b305565604f61fe5"
+    assert DEFAULT.with_values(orientation=False, views=False).fingerprint == "2d613f0cec486b3d"
 
 
 @pytest.mark.parametrize(
-    "values", [{"fill_holes": 0.0}, {"smooth_refined": False}, {"patches": False}, {"views": False}]
+    "values",
+    [
+        {"fill_holes": 0.0},
+        {"smooth_refined": False},
+        {"patches": False},
+        {"views": False},
+        {"orientation": False},
+    ],
 )
 def test_a_parameter_that_stands_for_the_method_before_it_is_not_in_the_fingerprint(values):
     flat = DEFAULT.with_values(**values).flat()

@@ -36,5 +36,11 @@ def test_poses_of_pliers_are_matched_rightly(remeshed):
     assert [(pair.first, pair.second) for pair in found.pairs] == [(0, 1), (1, 0)]
     assert found.vertices == pytest.approx(np.mean([pair.vertices for pair in found.pairs]))
     assert found.samples == pytest.approx(np.mean([pair.samples for pair in found.pairs]))
+    assert found.direct == pytest.approx(np.mean([pair.direct for pair in found.pairs]))
+    for pair in found.pairs:
+        if pair.symmetry == 0:
+            assert pair.direct == pytest.approx(pair.vertices)
+        else:
+            assert pair.direct > pair.vertices
     assert max(pair.vertices for pair in found.pairs) <= MOST_ERROR
     assert all(pair.cc > 0.9 for pair in found.pairs)

@@ -36,7 +36,7 @@ def assert_answers_as_before(running: Running) -> None:
 
 
 def test_no_fingerprint_of_before_changes_its_meaning() -> None:
-    assert DEFAULT.with_values(views=False).fingerprint == FINGERPRINT
+    assert DEFAULT.with_values(views=False, orientation=False).fingerprint == FINGERPRINT
     assert DEFAULT.fingerprint != FINGERPRINT
 
 

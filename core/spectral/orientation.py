@@ -1,0 +1,136 @@
+"""Orientation of a surface in its spectral domain: what tells a map from its mirror image.
+
+Two functions f, g map a surface into a plane. The signed area of the image of a region is the integral of
+n . (grad f x grad g) over the region, n the outward normal. Over all pairs of coordinates these areas are an
+antisymmetric matrix; a map between two surfaces turns it, and a map that reverses orientation also changes
+its sign (the orientation operators of Ren, Poulenard, Wonka and Ovsjanikov, "Continuous and
+orientation-preserving correspondences via functional maps", 2018).
+"""
+
+import numpy as np
+
+from core.arrays import Floats, Int8s, Ints
+from core.mesh.edges import component_labels, half_edges
+from core.mesh.mesh import Mesh
+from core.numerics.compilation import compiled, constant
+
+ORIENTED = 6
+"""Number of coordinates whose signed areas are computed; the lowest are the most stable ones."""
+
+ORIENTING = "laplace-beltrami"
+"""The operator whose coordinates they are: its eigenfunctions are known at all vertices."""
+
+ORIENTED_AREA = 0.9
+"""Least share of a surface's area in components whose faces are turned alike."""
+
+
+def face_signs(mesh: Mesh, areas: Floats) -> Floats | None:
+    """The sign that turns the normal of each face outward, shape (f,): 1, -1, or 0 where there is none.
+
+    The faces of a component are turned alike if the two faces at an edge pass it in opposite directions. A
+    closed component has its normals outward: its volume is positive. An open one keeps its faces as they are.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    areas : float64, shape (f,)
+        Areas of the faces.
+
+    Returns
+    -------
+    float64, shape (f,), or None
+        None for a surface whose faces are turned every way: components without an orientation have more than
+        1 - `ORIENTED_AREA` of its area.
+    """
+    faces = mesh.faces
+    sides = half_edges(faces)
+    count, labels = component_labels(len(mesh.vertices), faces)
+    component = labels[faces[:, 0]]
+    edge_of = np.repeat(np.arange(len(sides.first)), sides.face_counts)
+    forward = (faces.ravel() == np.minimum(faces, faces[:, [1, 2, 0]]).ravel())[sides.order]
+    balance = np.bincount(edge_of, np.where(forward, 1.0, -1.0), minlength=len(sides.first))
+    here = component[sides.order[sides.first] // 3]
+    turned = np.bincount(here[(sides.face_counts == 2) & (balance != 0.0)], minlength=count) == 0
+    closed = np.bincount(here[balance != 0.0], minlength=count) == 0
+    corners = mesh.vertices[faces]
+    volumes = np.einsum("fi,fi->f", corners[:, 0], np.cross(corners[:, 1], corners[:, 2]))
+    inward = closed & (np.bincount(component, volumes, minlength=count) < 0.0)
+    if areas[turned[component]].sum() < ORIENTED_AREA * areas.sum():
+        return None
+    signs = np.where(turned, np.where(inward, -1.0, 1.0), 0.0)
+    return np.asarray(signs[component])
+
+
+def signed_areas(functions: Floats, faces: Ints, signs: Floats, regions: Ints, count: int) -> Floats:
+    """Signed areas of the images of regions in the planes of all pairs of functions.
+
+    Parameters
+    ----------
+    functions : float64, shape (n, k)
+        At the vertices.
+    faces : int64, shape (f, 3)
+    signs : float64, shape (f,)
+        From `face_signs`.
+    regions : int64, shape (n,)
+        The region of each vertex; a third of each face belongs to the region of each corner.
+    count : int
+        Number of regions.
+
+    Returns
+    -------
+    float64, shape (count, k (k - 1) / 2)
+        For each region the entries below the diagonal of its antisymmetric matrix, row by row.
+    """
+    return _signed_areas(constant(functions), constant(faces), constant(signs), constant(regions), count)
+
+
+@compiled
+def _signed_areas(functions: Floats, faces: Ints, signs: Floats, regions: Ints, count: int) -> Floats:
+    k = functions.shape[1]
+    found = np.zeros((count, k * (k - 1) // 2))
+    for f in range(len(faces)):
+        a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+        share = signs[f] / 6.0
+        at = 0
+        for i in range(k):
+            one, other = functions[b, i] - functions[a, i], functions[c, i] - functions[a, i]
+            for j in range(i):
+                area = share * (
+                    one * (functions[c, j] - functions[a, j]) - other * (functions[b, j] - functions[a, j])
+                )
+                for corner in range(3):
+                    found[regions[faces[f, corner]], at] += area
+                at += 1
+    return found
+
+
+def quantised_areas(areas: Floats) -> Int8s:
+    """Signed areas in bytes, int8, of the same shape; the largest magnitude is 127.
+
+    A scale does not change the agreement.
+    """
+    largest = float(np.abs(areas).max(initial=0.0))
+    return np.rint(areas * (127.0 / largest if largest > 0.0 else 0.0)).astype(np.int8)
+
+
+def orientation_agreement(first: Floats, second: Floats, rotations: Floats) -> Floats:
+    """Whether maps preserve orientation: cosines between matched signed areas, shape (r,), in [-1, 1].
+
+    A cosine is positive for a map that preserves orientation, and negative for one that reverses it.
+
+    Parameters
+    ----------
+    first : float64, shape (p, e)
+        Signed areas at p places of the first surface, e = k (k - 1) / 2.
+    second : float64, shape (r, p, e)
+        Those of their partners under each map.
+    rotations : float64, shape (r, k, k)
+        Coordinates of the first surface times them lie on those of the second.
+    """
+    i, j = np.tril_indices(rotations.shape[1], -1)
+    # The second compound matrix turns the entries of an antisymmetric matrix.
+    straight = rotations[:, i[:, None], i] * rotations[:, j[:, None], j]
+    crossed = rotations[:, j[:, None], i] * rotations[:, i[:, None], j]
+    turned = first @ (straight - crossed)
+    sizes = np.sqrt((turned**2).sum(axis=(1, 2)) * (second**2).sum(axis=(1, 2)))
+    return np.asarray((turned * second).sum(axis=(1, 2)) / np.where(sizes > 0.0, sizes, 1.0))

@@ -1,0 +1,94 @@
+"""Correspondences of symmetric shapes keep left and right; those of mirror images are told."""
+
+import numpy as np
+import pytest
+
+from core.gallery.bodies import make_body
+from core.mesh.mesh import Mesh
+from core.parameters import DEFAULT
+from core.pipeline import Pipeline
+from tests.core.shapes import icosphere
+
+PIPELINE = Pipeline()
+MIRROR = np.diag([1.0, 1.0, -1.0])
+
+
+def mirror_image(mesh):
+    return Mesh(mesh.vertices @ MIRROR, mesh.faces[:, [0, 2, 1]])
+
+
+def chiral(size=4):
+    """A ball with bumps that no reflection maps onto itself."""
+    ball = icosphere(size)
+    x, y, z = ball.vertices.T
+    radii = 1.0 + 0.25 * x + 0.3 * x * y + 0.3 * y * z**2 + 0.35 * x * y * z
+    return Mesh(ball.vertices * radii[:, None], ball.faces)
+
+
+@pytest.fixture(scope="module")
+def quadruped():
+    """A body and its poses, embedded."""
+    body = make_body("quadruped", 0)
+    return body, [PIPELINE.embed(body.posed(pose)) for pose in range(4)]
+
+
+def errors(body, one, other, match):
+    """Mean distances at rest of the found partners from the true ones, and from their mirror images."""
+    truth = body.partners(body)
+    i, j = match.correspondence.T
+    ends = body.rest.vertices[other.vertices[j]]
+    return [np.linalg.norm(ends - body.rest.vertices[row[one.vertices[i]]], axis=1).mean() for row in truth]
+
+
+def test_poses_of_a_symmetric_body_keep_left_and_right(quadruped):
+    body, poses = quadruped
+    for a in range(4):
+        for b in range(4):
+            if a != b:
+                match = PIPELINE.match(poses[a], poses[b])
+                direct, exchanged = errors(body, poses[a], poses[b], match)
+                assert match.mirrored is False
+                assert direct < exchanged
+
+
+def test_scores_do_not_depend_on_orientation(quadruped):
+    body, poses = quadruped
+    without = Pipeline(DEFAULT.with_values(orientation=False))
+    for pose, embedding in enumerate(poses[:2]):
+        plain = without.embed(body.posed(pose))
+        assert plain.orientation.size == 0
+        for one, other in zip(plain.spectra, embedding.spectra, strict=True):
+            np.testing.assert_array_equal(one.coordinates, other.coordinates)
+    plains = [without.embed(body.posed(pose)) for pose in (1, 2)]
+    expected, found = without.match(*plains), PIPELINE.match(*poses[1:3])
+    assert (found.cc, found.ssd, found.sim) == (expected.cc, expected.ssd, expected.sim)
+    assert expected.mirrored is None
+
+
+def test_the_order_of_two_shapes_does_not_matter(quadruped):
+    _, poses = quadruped
+    there, back = PIPELINE.match(poses[0], poses[1]), PIPELINE.match(poses[1], poses[0])
+    pairs = {tuple(pair) for pair in there.correspondence.tolist()}
+    assert {(i, j) for j, i in back.correspondence.tolist()} == pairs
+    assert there.mirrored == back.mirrored
+
+
+def test_the_mirror_image_of_a_chiral_shape_is_told():
+    shape = PIPELINE.embed(chiral())
+    image = PIPELINE.embed(mirror_image(chiral()))
+    assert PIPELINE.match(shape, image).mirrored is True
+    assert PIPELINE.match(shape, PIPELINE.embed(mirror_image(mirror_image(chiral())))).mirrored is False
+
+
+def test_the_mirror_image_of_a_symmetric_shape_is_itself(quadruped):
+    body, poses = quadruped
+    assert PIPELINE.match(poses[0], PIPELINE.embed(mirror_image(body.posed(1)))).mirrored is False
+
+
+def test_faces_turned_every_way_leave_it_open():
+    mesh = chiral()
+    faces = mesh.faces.copy()
+    faces[::2] = faces[::2][:, [0, 2, 1]]
+    mixed = PIPELINE.embed(Mesh(mesh.vertices, faces))
+    assert mixed.orientation.size == 0
+    assert PIPELINE.match(PIPELINE.embed(mesh), mixed).mirrored is None
