@@ -31,7 +31,7 @@ LOCKS := requirements.lock tests/requirements.lock tests/soak/browser/requiremen
 	tests/soak/supply/requirements.lock
 
 SOAK := kill-test load-test cluster-test postgresql-test method-test studies-test hostile-test mutation-test \
-	schema-test vector-test duplicates-test likeness-test partial-test
+	schema-test vector-test duplicates-test likeness-test chirality-test partial-test
 
 .PHONY: help environment demo test soak $(SOAK) spread-test capacity-test collections-test lint types openapi lock lock-check image-test page-lint page-vendor \
 	browser-test screenshots sbom audit clean
@@ -58,6 +58,7 @@ help:
 	@echo 'make vector-test         the nearest of a million signatures by PostgreSQL: times and recall (SIGNATURES=20000: of 20,000)'
 	@echo 'make duplicates-test     find 40 copies planted in a gallery of poses (POSES=2: 2 poses of each body)'
 	@echo 'make likeness-test       the likeness of 200 pairs made by code, by a running service (EACH=3: 3 pairs of each kind; SEED=)'
+	@echo 'make chirality-test      which of 60 parts made by code are mirror images, by a running service (CHIRAL=4 SYMMETRIC=2: fewer)'
 	@echo 'make partial-test        cut parts of models in ISOSHAPE_DATA/psb and search for them (MODELS=10: 10 models)'
 	@echo
 	@echo 'make spread-test         ingest and queries on a cluster of one and of two workers (SHAPES=2000: of 2,000 shapes)'
@@ -231,6 +232,11 @@ duplicates-test: $(DEV)
 
 likeness-test: $(DEV)
 	OMP_NUM_THREADS=1 $(BIN)/python -m tests.soak.likeness $(if $(EACH),--each $(EACH)) $(if $(SEED),--seed $(SEED))
+
+CHIRAL ?= 40
+SYMMETRIC ?= 20
+chirality-test: $(DEV)
+	OMP_NUM_THREADS=1 $(BIN)/python -m tests.soak.chirality --chiral $(CHIRAL) --symmetric $(SYMMETRIC)
 
 MODELS ?= 95
 partial-test: $(DEV)

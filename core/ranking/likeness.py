@@ -35,7 +35,9 @@ SIMILAR = 0.5
 """Least class probability of two similar shapes: one class is as probable as two."""
 
 
-def likeness(*, spectral: float, cc: float, probability: float, scale: float | None) -> Likeness:
+def likeness(
+    *, spectral: float, cc: float, probability: float, scale: float | None, mirrored: bool = False
+) -> Likeness:
     """The likeness of a second shape to a first one; its thresholds suit the default setting.
 
     Parameters
@@ -48,9 +50,11 @@ def likeness(*, spectral: float, cc: float, probability: float, scale: float | N
         That they are of one class, in [0, 1].
     scale : float or None
         Length in the second over length in the first, if the second is a rigid copy.
+    mirrored : bool
+        Whether it is a rigid copy of the mirror image, and not of the first.
     """
     if scale is not None:
-        return kinship(scale, mirrored=False)
+        return kinship(scale, mirrored=mirrored)
     if spectral <= NEAR_ISOMETRIC and cc >= POSE_CC:
         return "pose"
     return "similar" if probability >= SIMILAR else "weak"

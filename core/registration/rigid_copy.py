@@ -1,9 +1,10 @@
-"""Whether one surface is a rigid copy of another, and its scale, in some milliseconds.
+"""Whether one surface is a rigid copy of another or of its mirror image, and its scale, in some milliseconds.
 
 Copies with one tessellation have the same samples in the same order, so their records suffice. Other copies
-are registered by ICP from the correspondence and the principal axes, without reflections.
+are registered by ICP from the correspondence and the principal axes, first by rotations, then by reflections.
 """
 
+from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
@@ -23,13 +24,32 @@ COPY_SPECTRAL = 0.05
 """Largest spectral distance of two rigid copies; another mesh of a surface moves the eigenvalues. Copies with
 half of the vertices have at most 0.005, thin wings on a coarse mesh 0.039."""
 
-STARTING, ROUNDS = 6, 5
+STARTING, ROUNDS = 6, 20
 """Largest numbers of coarse iterations from each initial alignment, and of fine iterations."""
+
+GAIN = 0.98
+"""Fine iterations end when the residual exceeds this fraction of the one before."""
 
 STRAIGHT, PROMISING, FINE, HOPELESS = 0.01, 0.02, 0.0015, 3.0 * RESIDUAL
 """A coarse alignment with a residual of at most `STRAIGHT`, about the spacing of the sample points, ends the
 search for initial alignments; one above `PROMISING` is no copy. Fine iterations end at `FINE`,
 or without a copy above `HOPELESS`."""
+
+
+@dataclass(frozen=True)
+class RigidCopy:
+    """A surface that is a rigid copy of another one, or of its mirror image.
+
+    Attributes
+    ----------
+    scale : float
+        Length in the copy over length in the other surface, > 0.
+    mirrored : bool
+        Whether it is a copy of the mirror image and not of the surface: a symmetric surface is both.
+    """
+
+    scale: float
+    mirrored: bool
 
 
 def may_be_copy(spectral: float, first_radius: float, second_radius: float) -> bool:
@@ -46,24 +66,26 @@ def may_be_copy(spectral: float, first_radius: float, second_radius: float) -> b
     return spectral <= COPY_SPECTRAL and abs(first_radius - second_radius) <= RESIDUAL
 
 
-def scale_by_samples(first: Embedding, second: Embedding) -> float | None:
-    """Length in the second surface over length in the first, by the samples of two embeddings.
+def copy_by_samples(first: Embedding, second: Embedding) -> RigidCopy | None:
+    """The second surface as a copy of the first, by the samples of two embeddings.
 
     None unless the samples coincide, in their order, after a rotation and a scaling: surfaces with other
-    tessellations have other samples.
+    tessellations have other samples. Samples that coincide after a reflection tell nothing, as the surface
+    may be symmetric.
     """
     if len(first.positions) != len(second.positions):
         return None
     source, target = (one.positions.astype(np.float64) for one in (first, second))
     motion = best_similarity(source, target, sign=1, scaled=True)
     gaps = np.linalg.norm(target - motion.apply(source), axis=1)
-    return motion.scale if gaps.max() <= RESIDUAL * np.sqrt(second.facts.area) else None
+    near = gaps.max() <= RESIDUAL * np.sqrt(second.facts.area)
+    return RigidCopy(motion.scale, mirrored=False) if near else None
 
 
-def scale_by_surfaces(
+def copy_by_surfaces(
     first: SurfaceSamples, second: SurfaceSamples, pairs: tuple[Floats, Floats]
-) -> float | None:
-    """Length in the second surface over length in the first, by registration; None if they are no copies.
+) -> RigidCopy | None:
+    """The second surface as a copy of the first, by registration; None if it is none.
 
     Parameters
     ----------
@@ -72,35 +94,48 @@ def scale_by_surfaces(
         Corresponding points of both surfaces, in the files' units: the first initial alignment. The principal
         axes give four more.
     """
-    motion = _initial(first, second, pairs)
+    for sign in (1, -1):
+        motion = _registered(first, second, pairs, sign)
+        if motion is not None:
+            return RigidCopy(motion.scale * second.unit / first.unit, mirrored=sign < 0)
+    return None
+
+
+def _registered(
+    first: SurfaceSamples, second: SurfaceSamples, pairs: tuple[Floats, Floats], sign: int
+) -> Similarity | None:
+    """The transform of a copy, of one sign of the determinant; None if there is none."""
+    motion = _initial(first, second, pairs, sign)
     if motion is None:
         return None
     residual, ours, theirs = closest_pairs(first, second, motion)
+    before = np.inf
     for _ in range(ROUNDS):
-        if residual > HOPELESS:
-            return None
-        motion = best_similarity(ours, theirs, sign=1, scaled=True)
+        if residual > min(HOPELESS, GAIN * before):
+            break
+        before = residual
+        motion = best_similarity(ours, theirs, sign=sign, scaled=True)
         residual, ours, theirs = closest_pairs(first, second, motion)
         if residual <= FINE:
             break
-    return motion.scale * second.unit / first.unit if residual <= RESIDUAL else None
+    return motion if residual <= RESIDUAL else None
 
 
 def _initial(
-    first: SurfaceSamples, second: SurfaceSamples, pairs: tuple[Floats, Floats]
+    first: SurfaceSamples, second: SurfaceSamples, pairs: tuple[Floats, Floats], sign: int
 ) -> Similarity | None:
     """The coarse alignment of least residual, or the first that is near enough; None if none promises."""
     starts = [
-        best_similarity(first.to_unit(pairs[0]), second.to_unit(pairs[1]), sign=1, scaled=False),
+        best_similarity(first.to_unit(pairs[0]), second.to_unit(pairs[1]), sign=sign, scaled=False),
         *(
             Similarity(1.0, second.axes.T * signs @ first.axes, np.zeros(3))
             for signs in product((1.0, -1.0), repeat=3)
-            if np.prod(signs) > 0.0
+            if np.prod(signs) * sign > 0.0
         ),
     ]
     best, chosen = PROMISING, None
     for start in starts:
-        residual, motion = rough_alignment(first, second, start, 1, STARTING)
+        residual, motion = rough_alignment(first, second, start, sign, STARTING)
         if residual <= best:
             best, chosen = residual, motion
         if residual <= STRAIGHT:

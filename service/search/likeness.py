@@ -13,7 +13,7 @@ from core.mesh.mesh import Mesh
 from core.parameters import Parameters
 from core.ranking.likeness import likeness
 from core.ranking.spectral_distance import spectral_distances
-from core.registration.rigid_copy import may_be_copy, scale_by_samples
+from core.registration.rigid_copy import RigidCopy, copy_by_samples, may_be_copy
 from core.serialization import embedding_from_bytes
 from service.collection import CollectionNumber
 from service.container import Container
@@ -81,13 +81,12 @@ async def relations_of(
     first = _Side(query.embedding, query.record, None if query.mesh is None else once(query.mesh))
     relations = []
     for one in found:
-        scale = None
+        copy = None
         if may_be_copy(one.spectral, first.radius, one.shape.facts["scale"] / one.shape.facts["area"] ** 0.5):
             second = await _stored(container, query, collection, one.shape.id)
-            scale = None if second is None else await _scale(container, first, second, parameters)
+            copy = None if second is None else await _copy(container, first, second, parameters)
         probability = max(one.combined, one.by_itself)
-        told = likeness(spectral=one.spectral, cc=one.cc, probability=probability, scale=scale)
-        relations.append(Relation(told, scale))
+        relations.append(_relation(one.spectral, one.cc, probability, copy))
     return relations
 
 
@@ -121,12 +120,11 @@ async def relation_of(
             global_descriptors=parameters.ranking.global_descriptors,
         )[0]
     )
-    scale = None
+    copy = None
     if may_be_copy(spectral, first.radius, second.radius):
-        scale = await _scale(container, first, second, parameters)
+        copy = await _copy(container, first, second, parameters)
     probability = max(comparison.combined, by_itself)
-    told = likeness(spectral=spectral, cc=comparison.match.cc, probability=probability, scale=scale)
-    return Relation(told, scale)
+    return _relation(spectral, comparison.match.cc, probability, copy)
 
 
 async def _stored(
@@ -149,11 +147,13 @@ async def _stored(
         return None
 
 
-async def _scale(container: Container, first: _Side, second: _Side, parameters: Parameters) -> float | None:
-    """The scale of a rigid copy: by the samples of the records, else by the surfaces of small meshes."""
-    scale = scale_by_samples(first.embedding, second.embedding)
-    if scale is not None or first.mesh is None or second.mesh is None:
-        return scale
+async def _copy(
+    container: Container, first: _Side, second: _Side, parameters: Parameters
+) -> RigidCopy | None:
+    """A rigid copy: by the samples of the records, else by the surfaces of small meshes."""
+    copy = copy_by_samples(first.embedding, second.embedding)
+    if copy is not None or first.mesh is None or second.mesh is None:
+        return copy
     if not (first.is_small and second.is_small):
         return None
     try:
@@ -162,6 +162,12 @@ async def _scale(container: Container, first: _Side, second: _Side, parameters: 
     except (CoreError, ServiceError) as error:
         log.warning("a result is not registered: %s", error)
         return None
+
+
+def _relation(spectral: float, cc: float, probability: float, copy: RigidCopy | None) -> Relation:
+    scale, mirrored = (None, False) if copy is None else (copy.scale, copy.mirrored)
+    told = likeness(spectral=spectral, cc=cc, probability=probability, scale=scale, mirrored=mirrored)
+    return Relation(told, scale)
 
 
 def once(read: ReadMesh) -> ReadMesh:

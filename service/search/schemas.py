@@ -51,11 +51,12 @@ LIKENESS = (
     f"(to {100 * SIZE:.0f} %), on any mesh; scaled: a rigid copy of another size; "
     "registration, of the samples or else of the surfaces, confirms both. pose: nearly isometric, as two "
     f"poses of one body (the distance of the log eigenvalues is at most {NEAR_ISOMETRIC}, and cc at least "
-    f"{POSE_CC}), or a mirror image. similar: the class probability is at least "
-    f"{SIMILAR}, by combined or at the typical density of stored shapes. weak: none of these. mirrored "
-    "and variant (a rigid copy but for a local difference) are reserved: neither occurs yet."
+    f"{POSE_CC}). similar: the class probability is at least "
+    f"{SIMILAR}, by combined or at the typical density of stored shapes. weak: none of these. mirrored: a "
+    "rigid copy of the mirror image alone, of any size, confirmed by the surfaces. variant (a rigid copy but "
+    "for a local difference) is reserved: it does not occur yet."
 )
-SCALE = "The size of the {second} over that of the {first}, if likeness is same or scaled."
+SCALE = "The size of the {second} over that of the {first}, if likeness is same, scaled or mirrored."
 PAIR: dict[str, Any] = {
     "first": {"sample": 0, "vertex": 17, "position": [0.1, 0.2, 0.3]},
     "second": {"sample": 4, "vertex": 231, "position": [0.0, 0.3, 0.2]},

@@ -23,6 +23,11 @@ def test_a_rigid_copy_is_one_whatever_its_scores(scale: float, told: Likeness) -
     assert likeness(spectral=FAR, cc=0.0, probability=0.0, scale=scale) == told
 
 
+@pytest.mark.parametrize("scale", [1.0, 1.5])
+def test_a_copy_of_the_mirror_image_is_mirrored_at_any_size(scale: float) -> None:
+    assert likeness(spectral=0.0, cc=1.0, probability=1.0, scale=scale, mirrored=True) == "mirrored"
+
+
 def test_each_threshold_is_the_least_or_the_largest_value_of_its_likeness() -> None:
     def told(spectral: float, cc: float, probability: float) -> Likeness:
         return likeness(spectral=spectral, cc=cc, probability=probability, scale=None)

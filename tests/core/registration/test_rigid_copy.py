@@ -7,7 +7,7 @@ from core.gallery.bodies import make_body
 from core.mesh.mesh import Mesh
 from core.pipeline import Pipeline
 from core.ranking.spectral_distance import spectral_distances
-from core.registration.rigid_copy import may_be_copy, scale_by_samples, scale_by_surfaces
+from core.registration.rigid_copy import RigidCopy, copy_by_samples, copy_by_surfaces, may_be_copy
 from core.registration.similarity_icp import RESIDUAL
 from core.sampling.surface_samples import surface_samples
 from core.studies.perturbation import subdivide
@@ -31,19 +31,20 @@ def gate(second: Embedding) -> bool:
     return may_be_copy(float(spectral), *radii)
 
 
-def by_surfaces(first: Mesh, second: Mesh) -> float | None:
+def by_surfaces(first: Mesh, second: Mesh) -> RigidCopy | None:
     one, other = embedded(first), embedded(second)
     pairs = PIPELINE.match(one, other).correspondence
     ends = one.positions[pairs[:, 0]].astype(float), other.positions[pairs[:, 1]].astype(float)
-    return scale_by_surfaces(surface_samples(first), surface_samples(second), ends)
+    return copy_by_surfaces(surface_samples(first), surface_samples(second), ends)
 
 
 @pytest.mark.parametrize("scale", [1.0, 1.5, 25.4, 1 / 3])
 def test_the_samples_of_a_turned_copy_tell_its_scale(scale: float) -> None:
     second = embedded(moved(HAND, 1, scale=scale))
     assert gate(second)
-    assert scale_by_samples(FIRST, second) == pytest.approx(scale, rel=1e-5)
-    assert scale_by_samples(second, FIRST) == pytest.approx(1.0 / scale, rel=1e-5)
+    for pair, expected in (((FIRST, second), scale), ((second, FIRST), 1.0 / scale)):
+        found = copy_by_samples(*pair)
+        assert found == RigidCopy(pytest.approx(expected, rel=1e-5), mirrored=False)
 
 
 @pytest.mark.parametrize(
@@ -57,20 +58,23 @@ def test_the_samples_of_a_turned_copy_tell_its_scale(scale: float) -> None:
 def test_the_surface_of_a_copy_on_another_mesh_tells_its_scale(copy: Mesh) -> None:
     second = embedded(copy)
     assert gate(second)
-    assert scale_by_samples(FIRST, second) is None
-    assert by_surfaces(HAND, copy) == pytest.approx(2.0, rel=0.01)
+    assert copy_by_samples(FIRST, second) is None
+    assert by_surfaces(HAND, copy) == RigidCopy(pytest.approx(2.0, rel=0.01), mirrored=False)
 
 
-def test_a_mirror_image_is_no_copy() -> None:
-    mirrored = moved(HAND, 4, mirrored=True)
-    assert gate(embedded(mirrored))
-    assert scale_by_samples(FIRST, embedded(mirrored)) is None
-    assert by_surfaces(HAND, mirrored) is None
+def test_a_mirror_image_is_told_by_surfaces() -> None:
+    image = moved(HAND, 4, scale=1.5, mirrored=True)
+    told = RigidCopy(pytest.approx(1.5, rel=0.01), mirrored=True)
+    assert gate(embedded(image))
+    assert copy_by_samples(FIRST, embedded(image)) is None
+    assert by_surfaces(HAND, image) == told
+    assert by_surfaces(HAND, moved(simplified(HAND), 6, scale=1.5, mirrored=True)) == told
 
 
 def test_a_symmetric_body_is_a_copy_of_its_mirror_image() -> None:
     cup = make_body("cup").rest
-    assert by_surfaces(cup, moved(cup, 5, scale=3.0, mirrored=True)) == pytest.approx(3.0, rel=0.01)
+    found = by_surfaces(cup, moved(cup, 5, scale=3.0, mirrored=True))
+    assert found == RigidCopy(pytest.approx(3.0, rel=0.01), mirrored=False)
 
 
 def test_a_pose_and_another_shape_are_no_copies() -> None:

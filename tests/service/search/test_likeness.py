@@ -27,7 +27,7 @@ STORED = {
     "cup": make_body("cup").posed(0),
     "plane": make_body("plane").posed(0),
 }
-TOLD = {"turned": "same", "larger": "scaled", "simplified": "same", "mirrored": "pose", "posed": "pose"}
+TOLD = {"turned": "same", "larger": "scaled", "simplified": "same", "mirrored": "mirrored", "posed": "pose"}
 
 
 @pytest.fixture(scope="module")
@@ -78,7 +78,8 @@ def test_only_copies_have_a_scale(found: dict[str, dict[str, Any]]) -> None:
     assert found["turned"]["scale"] == pytest.approx(1.0, rel=1e-5)
     assert found["larger"]["scale"] == pytest.approx(1.5, rel=1e-5)
     assert found["simplified"]["scale"] == pytest.approx(1.0, rel=0.01)
-    assert all(found[name]["scale"] is None for name in ("mirrored", "posed", "cup", "plane"))
+    assert all(found[name]["scale"] is None for name in ("posed", "cup", "plane"))
+    assert found["mirrored"]["scale"] == pytest.approx(1.0, rel=0.01)
 
 
 def test_every_way_to_ask_tells_the_same(stocked: Running, found: dict[str, dict[str, Any]]) -> None:
@@ -105,7 +106,7 @@ def test_large_meshes_are_copies_by_their_samples_alone(
 ) -> None:
     monkeypatch.setattr(likeness, "MOST_FACES", len(OCTOPUS.faces) - 1)
     results = by_name(query(stocked.client, file_of(OCTOPUS), top_k="9"))
-    told = TOLD | {"simplified": "pose"}
+    told = TOLD | {"simplified": "pose", "mirrored": "pose"}
     assert {name: results[name]["likeness"] for name in TOLD} == told
 
 

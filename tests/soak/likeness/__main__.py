@@ -16,7 +16,7 @@ from tests.service.support import Running, serving, settings_in
 from tests.soak.likeness.planted import KINDS, PlantedPair, planted_pairs
 
 SHARES = dict.fromkeys(KINDS, 30) | {"mirrored": 20}
-LIKENESSES = ("same", "scaled", "pose", "similar", "weak")
+LIKENESSES = ("same", "scaled", "mirrored", "pose", "similar", "weak")
 RIGHT = 0.95
 SCALE = 0.02
 """Largest relative error of a scale; the scale of a coarse mesh is less exact."""

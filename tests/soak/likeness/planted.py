@@ -66,10 +66,10 @@ def remeshed(label: str, body: int) -> PlantedPair:
 
 
 def mirrored(label: str, body: int) -> PlantedPair:
-    """The mirror image, turned. A body that is its own mirror image is the same; others count as poses."""
+    """The mirror image, turned. A body that is its own mirror image is the same."""
     first = make_body(label, body).posed(0)
     second = moved(first, body, mirrored=True)
-    return PlantedPair("mirrored", f"{label}-{body}", first, second, frozenset({"pose", "same"}))
+    return PlantedPair("mirrored", f"{label}-{body}", first, second, frozenset({"mirrored", "same"}))
 
 
 def posed(label: str, body: int) -> PlantedPair:

@@ -1,0 +1,1 @@
+"""The likeness of chiral and of symmetric parts to their mirror images."""
