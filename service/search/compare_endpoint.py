@@ -1,4 +1,4 @@
-"""The address /compare."""
+"""The endpoint /compare."""
 
 from typing import Annotated
 
@@ -63,7 +63,7 @@ async def compare(
     request: Request,
     container: Service,
     collection: InCollection,
-    address: Annotated[CompareParameters, Query()],
+    options: Annotated[CompareParameters, Query()],
     body: Annotated[CompareForm | CompareRequest, Depends(BODY, scope="function")],
 ) -> Response | BaseModel:
     """The scores of two shapes, stored or sent, and their corresponding points.
@@ -71,8 +71,8 @@ async def compare(
     With `dense`, also the vertex of the second shape that corresponds to each vertex of the first, and where
     the two shapes differ. A shape is given by its id, or, in a form, by a file in the place of the id.
     """
-    dense = dense_options(body, address)
-    if address.format == "html" and not (isinstance(body.first, str) and isinstance(body.second, str)):
+    dense = dense_options(body, options)
+    if options.format == "html" and not (isinstance(body.first, str) and isinstance(body.second, str)):
         raise BadRequestFieldsError(FieldFault("format", "html shows stored shapes, given by their ids"))
     timings = Timings()
 
@@ -85,9 +85,9 @@ async def compare(
             container, collection.number, first, second, active_pipeline, timings
         )
         ways = await correspondences(container, first, second, active_pipeline, timings) if dense else None
-        if ways is not None and address.format != "json":
-            return await _dense_file(container, first, second, ways, address, timings)
-        if address.format == "glb":
+        if ways is not None and options.format != "json":
+            return await _dense_file(container, first, second, ways, options, timings)
+        if options.format == "glb":
             with timings.stage("draw"):
                 glb = await coloured(container, first, second, found)
             return Response(glb, media_type=MEDIA_TYPE)
@@ -98,7 +98,7 @@ async def compare(
     with container.work.admitted():
         answer = await while_connected(request, service.in_one_pipeline(container, compared))
     container.metrics.stages("compare", timings.milliseconds)
-    if address.format == "html" and isinstance(body.first, str) and isinstance(body.second, str):
+    if options.format == "html" and isinstance(body.first, str) and isinstance(body.second, str):
         return comparing_page(body.first, body.second, collection.name)
     return answer
 
@@ -108,15 +108,15 @@ async def _dense_file(
     first: ComparedShape,
     second: ComparedShape,
     ways: tuple[DenseCorrespondence, DenseCorrespondence],
-    address: CompareParameters,
+    options: CompareParameters,
     timings: Timings,
 ) -> Response:
     """A dense correspondence as a NumPy archive, a GLB or a picture."""
-    if address.format == "npz":
+    if options.format == "npz":
         return Response(await container.work.do(tasks.archive, ways[0]), media_type=ZIP)
-    picture = address.format == "png"
+    picture = options.format == "png"
     with timings.stage("draw"):
-        drawn = await painted(container, first, second, ways, address.paint, picture=picture)
+        drawn = await painted(container, first, second, ways, options.paint, picture=picture)
     return Response(drawn, media_type=PNG if picture else MEDIA_TYPE)
 
 

@@ -31,7 +31,7 @@ class CompareForm(BaseModel):
 
 
 class CompareParameters(NamedInAddress):
-    """How to compare, as parameters of the address."""
+    """Options of a comparison, as query parameters."""
 
     format: Literal["json", "glb", "html", "npz", "png"] = Field(
         default="json",
@@ -50,19 +50,19 @@ class CompareParameters(NamedInAddress):
     )
 
 
-def dense_options(body: CompareForm | CompareRequest, address: CompareParameters) -> bool:
-    """Whether the dense correspondence is asked for: by the body, or, if this does not say, by the address.
+def dense_options(body: CompareForm | CompareRequest, options: CompareParameters) -> bool:
+    """Whether the dense correspondence is asked for: by the body, or else by the query parameters.
 
     Raises
     ------
     BadRequestFieldsError
         A format or a painting needs it, and it is not asked for; or a page, which has none.
     """
-    dense = address.dense if body.dense is None else body.dense
-    if address.format in {"npz", "png"} and not dense:
-        raise BadRequestFieldsError(FieldFault("format", f"{address.format} needs dense=true"))
-    if address.paint != "correspondence" and not dense:
-        raise BadRequestFieldsError(FieldFault("paint", f"{address.paint} needs dense=true"))
-    if address.format == "html" and dense:
+    dense = options.dense if body.dense is None else body.dense
+    if options.format in {"npz", "png"} and not dense:
+        raise BadRequestFieldsError(FieldFault("format", f"{options.format} needs dense=true"))
+    if options.paint != "correspondence" and not dense:
+        raise BadRequestFieldsError(FieldFault("paint", f"{options.paint} needs dense=true"))
+    if options.format == "html" and dense:
         raise BadRequestFieldsError(FieldFault("format", "html has no dense correspondence"))
     return dense
