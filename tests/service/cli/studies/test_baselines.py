@@ -14,7 +14,8 @@ from service.studies.baselines.methods import BaselineName, MissingPeerError, lo
 from tests.service.cli.conftest import Run
 
 KEYS = [
-    "collection", "setting", "rank_by", "shapes", "classes", "nn", "ft", "st", "e", "dcg", "map", "per_class",
+    "collection", "setting", "rank_by", "shapes", "classes", "nn", "ft", "st", "e", "dcg", "map",
+    "occurrence_skewness", "most_often_wrong", "per_class",
 ]  # fmt: skip
 
 
