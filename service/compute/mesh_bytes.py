@@ -20,8 +20,11 @@ class ReadMesh:
 
 
 def largest_size(limits: Limits) -> int:
-    """The most bytes of `to_bytes`: three numbers of 64 bits for each vertex and face, and names."""
-    return 24 * (limits.vertices + limits.faces) + 64 * 1024
+    """The most bytes of `to_bytes`: three numbers of 64 bits for each vertex and face, and names.
+
+    An STL file has three vertices for each face, which are counted once they are merged.
+    """
+    return 24 * (max(limits.vertices, 3 * limits.faces) + limits.faces) + 64 * 1024
 
 
 def to_bytes(read: ReadMesh) -> bytes:

@@ -240,7 +240,11 @@ def test_an_answer_has_a_largest_size(monkeypatch: pytest.MonkeyPatch) -> None:
         assert pool.submit(bytes, 999).result(timeout=60) == bytes(999)
         with pytest.raises(WorkerCrashedError):
             pool.submit(bytes, 1000).result(timeout=60)
-    assert len(to_bytes(ReadMesh(read_mesh(small_file(0), "off"), 1.0))) < largest_size(Limits(122, 240, 1))
+    for format in ("off", "stl"):
+        whole = ReadMesh(read_mesh(small_file(0, format), format), 1.0)
+        assert len(to_bytes(whole)) < largest_size(Limits(122, 240, 1))
+    # An STL of a million faces has three million vertices before they are merged.
+    assert largest_size(Limits(500_000, 1_000_000, 1)) > 24 * 4_000_000
 
 
 def test_the_text_of_an_error_is_cut() -> None:
