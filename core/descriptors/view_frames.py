@@ -23,6 +23,9 @@ TIE_BREAK = 1e-3
 """Weight of the normals' tensor in the frame of the points, and of the points' in the frame of the normals:
 the axes in the plane of a flat sheet are those of its points, although all its normals agree."""
 
+CHUNK = 2**18
+"""Number of faces whose moments are computed at a time, for less memory."""
+
 SWEEPS, TURNED = 30, 1e-9
 """Largest number of sweeps to the rectilinear frame, and the angle that none of the last sweep exceeds."""
 
@@ -78,11 +81,12 @@ def normalised_surface(vertices: Floats, faces: Ints) -> NormalisedSurface:
         raise DegenerateMeshError("the surface has no area")
     areas = lengths / lengths.sum()
     normals = normals / np.maximum(lengths, np.finfo(np.float64).tiny)[:, None]
-    corners = corners - areas @ corners.mean(axis=1)
+    corners -= areas @ corners.mean(axis=1)
     spread = _second_moments(corners, areas)
     scale = np.sqrt(np.trace(spread))
     tilt = (normals * areas[:, None]).T @ normals
-    corners, spread = corners / scale, spread / scale**2
+    corners /= scale
+    spread /= scale**2
     points = np.linalg.eigh(spread - TIE_BREAK * tilt)[1].T[::-1]
     flattest = np.linalg.eigh(tilt - TIE_BREAK * spread)[1].T
     square = _rectilinear(normals, areas, (points, flattest))
@@ -116,11 +120,19 @@ def _is_round(normals: Floats, areas: Floats) -> bool:
     return bool(abs(areas @ (normals[:, 0] + 1j * normals[:, 1]) ** 4) < TIED)
 
 
+def _chunks(count: int) -> list[slice]:
+    """Slices of `CHUNK` faces."""
+    return [slice(start, start + CHUNK) for start in range(0, count, CHUNK)]
+
+
 def _second_moments(corners: Floats, areas: Floats) -> Floats:
     """Integral of x x^T over the surface, shape (3, 3): closed form over each triangle."""
-    sums = corners.sum(axis=1)
-    weighted = (corners * areas[:, None, None]).reshape(-1, 3)
-    return np.asarray((weighted.T @ corners.reshape(-1, 3) + (sums * areas[:, None]).T @ sums) / 12.0)
+    found = np.zeros((3, 3))
+    for some in _chunks(len(corners)):
+        sums = corners[some].sum(axis=1)
+        weighted = (corners[some] * areas[some, None, None]).reshape(-1, 3)
+        found += weighted.T @ corners[some].reshape(-1, 3) + (sums * areas[some, None]).T @ sums
+    return found / 12.0
 
 
 def _rectilinear(normals: Floats, areas: Floats, starts: tuple[Floats, ...]) -> Floats:
@@ -129,8 +141,10 @@ def _rectilinear(normals: Floats, areas: Floats, starts: tuple[Floats, ...]) -> 
     Jacobi sweeps: each pair of axes turns in its plane to the best angle, which is known in closed form (P.
     Comon, "Independent component analysis, a new concept?", Signal Processing 36, 1994).
     """
-    pairs = np.einsum("fi,fj->fij", normals, normals).reshape(-1, 9)
-    moments = (pairs * areas[:, None]).T @ pairs
+    moments = np.zeros((9, 9))
+    for some in _chunks(len(normals)):
+        pairs = np.einsum("fi,fj->fij", normals[some], normals[some]).reshape(-1, 9)
+        moments += (pairs * areas[some, None]).T @ pairs
     best, found = -np.inf, starts[0]
     for start in starts:
         axes = start.copy()
