@@ -75,12 +75,12 @@ def normalised_surface(vertices: Floats, faces: Ints) -> NormalisedSurface:
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     extent = max(float((high - low).max()), float(np.finfo(np.float64).tiny))
     corners = ((vertices - 0.5 * (low + high)) / extent)[faces]
-    normals = face_normals(corners, unit=False)
+    normals = np.concatenate([face_normals(corners[some], unit=False) for some in _chunks(len(corners))])
     lengths = np.linalg.norm(normals, axis=1)
     if not lengths.sum() > 0.0:
         raise DegenerateMeshError("the surface has no area")
     areas = lengths / lengths.sum()
-    normals = normals / np.maximum(lengths, np.finfo(np.float64).tiny)[:, None]
+    normals /= np.maximum(lengths, np.finfo(np.float64).tiny)[:, None]
     corners -= areas @ corners.mean(axis=1)
     spread = _second_moments(corners, areas)
     scale = np.sqrt(np.trace(spread))
