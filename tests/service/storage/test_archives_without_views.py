@@ -1,53 +1,39 @@
 """An archive of before embeddings had views: it answers as before, until `isoshape reembed` adds them."""
 
-import asyncio
-import json
-import shutil
 from pathlib import Path
-from typing import Any
 
 import pytest
-from sqlalchemy import text
 
 from core.parameters import DEFAULT
 from core.serialization import descriptors_from_bytes
-from service.shapes.reembedding import Reembedding
-from service.storage.checking import check
 from tests.service.archives import opened
-from tests.service.pipeline_files import active, fingerprints
-from tests.service.storage.archives.before_views.make import SCORES, answers, queries
-from tests.service.support import Running, query, serving, settings_in
+from tests.service.pipeline_files import fingerprints
+from tests.service.storage.archives.before_views.make import SCORES, queries
+from tests.service.storage.earlier_archives import EarlierArchive, assert_sound, records
+from tests.service.support import query, serving, settings_in
 
-ARCHIVE = Path(__file__).with_name("archives") / "before_views" / "without_views.sqlite3"
-BEFORE: dict[str, Any] = json.loads(ARCHIVE.with_suffix(".json").read_text(encoding="utf-8"))
-FINGERPRINT = BEFORE["version"]["fingerprint"]
+ARCHIVE = EarlierArchive(Path(__file__).with_name("archives") / "before_views" / "without_views.sqlite3")
 
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    shutil.copy(ARCHIVE, tmp_path / "archive.sqlite3")
+    ARCHIVE.copy_to(tmp_path)
     return tmp_path
 
 
-def assert_answers_as_before(running: Running) -> None:
-    now = answers(running)
-    assert now["answers"] == BEFORE["answers"]
-    assert now["compared"] == BEFORE["compared"]
-
-
-def test_no_fingerprint_of_before_changes_its_meaning() -> None:
-    assert DEFAULT.with_values(views=False, orientation=False).fingerprint == FINGERPRINT
-    assert DEFAULT.fingerprint != FINGERPRINT
+def test_its_fingerprint_keeps_its_meaning() -> None:
+    assert DEFAULT.with_values(views=False, orientation=False).fingerprint == ARCHIVE.fingerprint
+    assert DEFAULT.fingerprint != ARCHIVE.fingerprint
 
 
 def test_it_answers_as_before_and_says_what_reembed_adds(
     folder: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     with serving(settings_in(folder, workers=1, log_level="warning")) as running:
-        assert_answers_as_before(running)
+        ARCHIVE.assert_answers_as_before(running)
         told = running.client.get("/version").json()
         pending = told.pop("pending")
-        assert told == {name: value for name, value in BEFORE["version"].items() if name != "pending"}
+        assert told == {name: value for name, value in ARCHIVE.before["version"].items() if name != "pending"}
         assert (pending["fingerprint"], pending["embedded"], pending["files"]) == (DEFAULT.fingerprint, 0, 3)
         assert "isoshape reembed" in pending["message"]
         assert "views" in pending["message"]
@@ -58,7 +44,7 @@ def test_it_answers_as_before_and_says_what_reembed_adds(
         assert query(running.client, data, rank_by="combined").json()["results"][0]["cc"] == pytest.approx(
             1.0
         )
-    assert set(fingerprints(folder)) == {FINGERPRINT}
+    assert set(fingerprints(folder)) == {ARCHIVE.fingerprint}
     with opened(folder / "archive.sqlite3") as connection:
         found = connection.execute("SELECT DISTINCT view_signature, reliability FROM sketches").fetchall()
     assert found == [(None, None)]
@@ -66,31 +52,15 @@ def test_it_answers_as_before_and_says_what_reembed_adds(
 
 def test_reembed_adds_the_views_while_the_service_answers(folder: Path) -> None:
     with serving(settings_in(folder, workers=1)) as running:
-        container = running.container
-        reembedding = Reembedding(container.database, container.work, DEFAULT)
-        seen = []
-
-        def look(_done: int, _total: int) -> None:
-            answer = query(running.client, queries()["small"], rank_by="combined").json()
-            seen.append(answer["pipeline"])
-            assert answer["results"][0]["combined"] == BEFORE["answers"][2]["results"][0]["combined"]
-
-        outcome = asyncio.run(reembedding.run(at_once=1, leave_out=False, advance=look))
-        assert (outcome.made, outcome.refused, outcome.active) == (3, [], True)
-        assert set(seen) == {FINGERPRINT}
-        assert running.client.get("/version").json()["pending"] is None
+        before = ARCHIVE.before["answers"]
+        for answer in ARCHIVE.reembed(running):
+            assert answer["results"][0]["combined"] == before[2]["results"][0]["combined"]
         answer = query(running.client, queries()["small"], rank_by="combined", top_k=10).json()
         assert (answer["pipeline"], answer["compared"]) == (DEFAULT.fingerprint, 3)
-        was = {result["name"]: result for result in BEFORE["answers"][0]["results"]}
+        was = {result["name"]: result for result in before[0]["results"]}
         for result in answer["results"]:
             expected = was[result["shape"]["name"]]
             assert [result[score] for score in SCORES[:3]] == [expected[score] for score in SCORES[:3]]
             assert result["combined"] != expected["combined"]
-        with container.database.read() as session:
-            records = session.execute(
-                text("SELECT record FROM embeddings WHERE fingerprint = :one"), {"one": DEFAULT.fingerprint}
-            ).scalars()
-            assert all(descriptors_from_bytes(record).views.size for record in records)
-        assert reembedding.prune() == 3
-    assert set(fingerprints(folder)) == {active(folder)} == {DEFAULT.fingerprint}
-    assert check(folder / "archive.sqlite3", lock_seconds=1).faults == []
+        assert all(descriptors_from_bytes(record).views.size for record in records(running))
+    assert_sound(folder)

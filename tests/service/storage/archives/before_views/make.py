@@ -19,7 +19,6 @@ from core.io import write_mesh
 from core.studies.perturbation import cut_part
 from tests.service.support import Running, query, serving, settings_in, small_file
 
-HERE = Path(__file__).parent
 SCORES = ("cc", "ssd", "sim", "combined")
 
 
@@ -53,19 +52,19 @@ def answers(running: Running) -> dict[str, Any]:
     }
 
 
-def main() -> None:
+def write_archive(target: Path) -> None:
+    """Writes an archive of three shapes, and beside it, as JSON, its answers."""
     with tempfile.TemporaryDirectory() as folder:
         with serving(settings_in(Path(folder), workers=1)) as running:
             for number in range(3):
                 running.store(small_file(number), f"{number}.off")
             told = answers(running)
-        target = HERE / "without_views.sqlite3"
         target.unlink(missing_ok=True)
         with sqlite3.connect(Path(folder) / "archive.sqlite3") as connection:
             connection.execute("VACUUM INTO ?", (str(target),))
         connection.close()
-    (HERE / "without_views.json").write_text(json.dumps(told, indent=2) + "\n", encoding="utf-8")
+    target.with_suffix(".json").write_text(json.dumps(told, indent=2) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":
-    main()
+    write_archive(Path(__file__).with_name("without_views.sqlite3"))
