@@ -7,41 +7,28 @@ import numpy as np
 from cachetools import LRUCache
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
-from scipy.spatial import cKDTree
 
+from core import sparse_embedding
 from core.arrays import Bytes, Floats, Int8s, Ints
 from core.dense.dense_correspondence import correspond
 from core.dense.records import DenseCorrespondence
 from core.dense.working_surface import WorkingSurface, working_surface
-from core.descriptors.boundary_ratio import boundary_ratio
-from core.descriptors.completeness import INCOMPLETE
-from core.descriptors.descriptor_distance import DescriptorDistance, describe, descriptor_distance
-from core.descriptors.global_descriptors import GLOBAL_WEIGHT, global_descriptors, signed_volume
-from core.descriptors.view_descriptor import view_descriptor
-from core.embedding import NO_SPIN_IMAGES, NO_VIEWS, Embedding, Facts, Match, Scores
-from core.errors import DegenerateMeshError, IncompatibleEmbeddingsError
-from core.graph.edge_graph import edge_graph
-from core.graph.geodesics import geodesics
-from core.graph.minimum_spanning_tree import tree_distances
-from core.graph.sparse_graph import SparseGraph, graph_distances, sparse_graph
+from core.descriptors.descriptor_distance import DescriptorDistance
+from core.embedding import Embedding, Match, Scores
+from core.errors import IncompatibleEmbeddingsError
+from core.graph.sample_distances import sample_distances
+from core.graph.sparse_graph import SparseGraph
 from core.matching.matcher import Prepared, embedding_key
 from core.matching.matcher_choice import matcher_of
-from core.mesh.cleaning import Cleaned, clean, face_areas, vertex_areas
-from core.mesh.denoising import roughness, taubin_smoothing
-from core.mesh.hole_filling import fill_holes
+from core.mesh.cleaning import Cleaned, clean
 from core.mesh.mesh import Mesh
-from core.mesh.normal_frame import NormalFrame, normal_frame
-from core.mesh.simplification import simplify
-from core.mesh.subdivision import refine
+from core.mesh.normal_frame import NormalFrame
 from core.numerics.guarding import check_finite, guarded
 from core.parameters import DEFAULT, Parameters
 from core.ranking.class_probability import class_probability, signature_features
-from core.ranking.evidence import descriptors_of, evidence_of
+from core.ranking.combined import combined_scores, pools_experts
 from core.ranking.local_density import LocalDensities
-from core.ranking.opinion_pool import pooled_probability
-from core.sampling.lewis_weights import lewis_weights
-from core.sampling.sampling import keyed_uniform, random_draw, sort_and_cut, weighted_farthest_points
-from core.spectral.spectral_embedding import SampledSurface, spectra_of
+from core.sampling.embedded_points import embedded_points
 
 PREPARED_BYTES = 128 * 1024 * 1024
 """The most bytes of prepared shapes that a pipeline caches, unless another number is given."""
@@ -56,30 +43,6 @@ def _orientations(first: Embedding, second: Embedding) -> tuple[Int8s, Int8s] | 
     if not (first.orientation.size and second.orientation.size):
         return None
     return first.orientation, second.orientation
-
-
-def measure(mesh: Mesh, cleaned: Cleaned, frame: NormalFrame, *, pieces: bool) -> Facts:
-    """Measurements of a mesh, from the mesh as read, the cleaned mesh and its normal frame.
-
-    `pieces` is that of `core.descriptors.boundary_ratio`.
-    """
-    faces = cleaned.mesh.faces
-    volume = signed_volume(frame.apply(cleaned.mesh.vertices), faces)
-    face_counts = cleaned.sides.face_counts
-    area = float(face_areas(cleaned.mesh.vertices, faces).sum())
-    return Facts(
-        vertices=len(mesh.vertices),
-        faces=len(mesh.faces),
-        area=area,
-        volume=float(abs(volume) * frame.scale**3),
-        scale=frame.scale,
-        components=cleaned.components,
-        merged_vertices=cleaned.merged_vertices,
-        dropped_faces=cleaned.dropped_faces,
-        boundary_edges=int((face_counts == 1).sum()),
-        nonmanifold_edges=int((face_counts > 2).sum()),
-        openness=boundary_ratio(cleaned.mesh, cleaned.sides, area, pieces=pieces),
-    )
 
 
 class Pipeline:
@@ -104,40 +67,9 @@ class Pipeline:
     def normalise(self, mesh: Mesh) -> tuple[Mesh, Cleaned, NormalFrame]:
         """The mesh that is sampled, the cleaned mesh and the normal frame.
 
-        The sampled mesh is clean, has its holes filled, is in its normal frame, and is simplified, smoothed
-        and refined as the parameters ask.
-
-        Raises
-        ------
-        DegenerateMeshError
-            The mesh has no area.
+        See `core.mesh.preparation.prepared_surface`.
         """
-        wanted = self.parameters.mesh
-        cleaned = clean(mesh)
-        surface = cleaned.mesh
-        if wanted.fill_holes:
-            surface = fill_holes(surface, wanted.fill_holes, cleaned.sides)
-        frame = normal_frame(surface)
-        normal = self._simplified_and_smoothed(Mesh(frame.apply(surface.vertices), surface.faces))
-        return self._refined(normal), cleaned, frame
-
-    def _simplified_and_smoothed(self, normal: Mesh) -> Mesh:
-        """Simplify a large mesh and smooth a rough one; the mesh is in its normal frame."""
-        wanted = self.parameters.mesh
-        if wanted.decimate_above and len(normal.vertices) > wanted.decimate_above:
-            normal = simplify(normal, wanted.decimate_to)
-        return taubin_smoothing(normal, wanted.smooth_rounds) if self._is_rough(normal) else normal
-
-    def _is_rough(self, normal: Mesh) -> bool:
-        most = self.parameters.mesh.smooth_above
-        if not most or roughness(normal) <= most:
-            return False
-        return not self.parameters.mesh.smooth_refined or roughness(self._refined(normal)) > most
-
-    def _refined(self, normal: Mesh) -> Mesh:
-        """Split long edges of a mesh with too few vertices."""
-        needed = max(self.parameters.mesh.refine_vertices, self._least_vertices())
-        return refine(normal, needed) if len(normal.vertices) < needed else normal
+        return sparse_embedding.normalised(mesh, self.parameters)
 
     def open_surface(self, mesh: Mesh) -> Mesh:
         """The mesh, clean, simplified and smoothed, in its normal frame, with its boundary loops open.
@@ -148,108 +80,19 @@ class Pipeline:
             The mesh has no area.
         """
         with guarded():
-            return self._open_surface(clean(mesh))
-
-    def _open_surface(self, cleaned: Cleaned) -> Mesh:
-        frame = normal_frame(cleaned.mesh)
-        return self._simplified_and_smoothed(Mesh(frame.apply(cleaned.mesh.vertices), cleaned.mesh.faces))
+            return sparse_embedding.opened(clean(mesh), self.parameters)
 
     def spin_images_of(self, mesh: Mesh) -> Bytes:
-        """The spin images of a mesh, also if the parameters leave them out of embeddings.
-
-        Returns
-        -------
-        uint8, shape (r, ROW_LENGTH)
-            From `core.descriptors.descriptor_distance.describe`.
-
-        Raises
-        ------
-        DegenerateMeshError
-            The mesh has no area.
-        """
-        with guarded():
-            surface, cleaned, frame = self.normalise(mesh)
-            return self._spin_images(surface, cleaned, self._facts(mesh, cleaned, frame))
-
-    def _facts(self, mesh: Mesh, cleaned: Cleaned, frame: NormalFrame) -> Facts:
-        return measure(mesh, cleaned, frame, pieces=self.parameters.ranking.views)
-
-    def _spin_images(self, surface: Mesh, cleaned: Cleaned, facts: Facts) -> Bytes:
-        """Spin images; incomplete surfaces are described without filling their holes."""
-        if facts.openness > INCOMPLETE:
-            surface = self._open_surface(cleaned)
-        return describe(surface, boundary_ratio=facts.openness)
-
-    def _least_vertices(self) -> int:
-        """Least number of vertices for the samples, and for the eigenvalues of the signature.
-
-        `refine` leaves edges up to 1.5 times the even side, so it may make 2.25 times fewer vertices than
-        asked.
-        """
-        wanted, spectral = self.parameters.sampling, self.parameters.spectral
-        samples = max(spectral.dimensions + 2, spectral.affinity_values)
-        asked = wanted.samples or int(np.ceil(samples / wanted.tau))
-        return int(np.ceil(2.5 * max(asked, samples, spectral.laplacian_values + 2)))
+        """The spin images of a mesh: see `core.sparse_embedding.spin_images_of`."""
+        return sparse_embedding.spin_images_of(mesh, self.parameters)
 
     def sample(self, mesh: Mesh, graph: csr_array) -> tuple[Ints, int]:
-        """The vertices that are embedded, int64, shape (d,), and the number m of samples, which come first.
-
-        Parameters
-        ----------
-        mesh : Mesh
-            In its normal frame, with n vertices.
-        graph : csr_array, shape (n, n)
-            Its edge graph.
-
-        Raises
-        ------
-        DegenerateMeshError
-            The mesh has too few vertices for the dimensions.
-        """
-        wanted, spectral = self.parameters.sampling, self.parameters.spectral
-        count = wanted.samples or round(wanted.tau * len(mesh.vertices))
-        count = min(count, wanted.sample_cap or count, len(mesh.vertices))
-        if count < spectral.dimensions + 2:
-            raise DegenerateMeshError(f"only {count} samples for {spectral.dimensions} dimensions")
-        drawn = wanted.selection == "random-draw"
-        weights = lewis_weights(
-            mesh.vertices,
-            degree=wanted.degree,
-            epsilon=wanted.epsilon,
-            normalise=wanted.normalise_weights,
-            random=keyed_uniform(mesh.vertices, wanted.seed + 1) if drawn else None,
-        ).weights
-        if wanted.selection == "sort-and-cut":
-            return sort_and_cut(weights, count), count
-        if drawn:
-            return random_draw(weights, count, keyed_uniform(mesh.vertices, wanted.seed)), count
-        more = spectral.distances == "geodesic" and spectral.affinity == "gaussian"
-        points = min(max(wanted.points if more else 0, count), len(mesh.vertices))
-        return weighted_farthest_points(graph, mesh.vertices, weights, points, wanted.coverage_power), count
+        """The embedded vertices and the number of samples: see `core.sampling.embedded_points`."""
+        return embedded_points(mesh, graph, self.parameters)
 
     def distances(self, graph: csr_array, points: Ints, samples: Ints, sparse: SparseGraph) -> Floats:
-        """Distances from the d points to the m samples, shape (d, m), by the parameter `distances`.
-
-        Distances along the minimum spanning tree or the sparse graph exist between samples only (d = m).
-
-        Parameters
-        ----------
-        graph : csr_array, shape (n, n)
-            The edge graph.
-        points : int64, shape (d,)
-            Vertices; the samples come first.
-        samples : int64, shape (m,)
-            Vertices.
-        sparse : SparseGraph
-            The sparse graph of the samples.
-        """
-        if self.parameters.spectral.distances == "geodesic":
-            between = geodesics(graph, samples, points)
-            core = between[: len(samples)]
-            core[:] = np.minimum(core, core.T)
-            return between
-        along = tree_distances if self.parameters.spectral.distances == "tree" else graph_distances
-        return along(sparse, len(samples))
+        """Distances from the points to the samples: see `core.graph.sample_distances`."""
+        return sample_distances(graph, points, samples, sparse, self.parameters.spectral.distances)
 
     def embed(self, mesh: Mesh) -> Embedding:
         """The sparse spectral embedding of a mesh (section 3 of the paper).
@@ -261,52 +104,7 @@ class Pipeline:
         CannotBeEmbeddedError
             The method fails on the mesh, for example by a division by zero.
         """
-        with guarded():
-            surface, cleaned, frame = self.normalise(mesh)
-            graph = edge_graph(surface, unfold=self.parameters.spectral.unfold)
-            points, count = self.sample(surface, graph)
-            samples = points[:count]
-            sparse = sparse_graph(graph, samples)
-            areas = np.bincount(
-                sparse.regions, weights=vertex_areas(surface.vertices, surface.faces), minlength=count
-            )
-            embedded = SampledSurface(
-                vertices=points,
-                distances=self.distances(graph, points, samples, sparse),
-                areas=areas / areas.sum(),
-                regions=sparse.regions,
-            )
-            check_finite(embedded.distances, embedded.areas)
-            spectra, signature, orientation = spectra_of(surface, embedded, self.parameters.spectral)
-            if self.parameters.ranking.global_descriptors:
-                signature = np.concatenate([signature, GLOBAL_WEIGHT * global_descriptors(surface)])
-            facts = self._facts(mesh, cleaned, frame)
-            spin_images = (
-                self._spin_images(surface, cleaned, facts)
-                if self.parameters.ranking.spin_images
-                else NO_SPIN_IMAGES
-            )
-            views = (
-                view_descriptor(cleaned.mesh.vertices, cleaned.mesh.faces)
-                if self.parameters.ranking.views
-                else NO_VIEWS
-            )
-        positions = frame.invert(surface.vertices[samples])
-        return Embedding(
-            fingerprint=self.fingerprint,
-            facts=facts,
-            positions=positions.astype(np.float32),
-            vertices=np.asarray(cKDTree(mesh.vertices).query(positions)[1]).astype(np.int32),
-            graph_edges=sparse.edges.astype(np.int32),
-            graph_lengths=sparse.lengths.astype(np.float32),
-            tree_edges=sparse.edges[sparse.tree].astype(np.int32),
-            regions=sparse.regions[points].astype(np.int32),
-            signature=signature.astype(np.float32),
-            spectra=spectra,
-            spin_images=spin_images,
-            views=views,
-            orientation=orientation,
-        )
+        return sparse_embedding.embed(mesh, self.parameters)
 
     def prepared(self, embedding: Embedding) -> Prepared:
         """The embedding as the matcher reads it, its splines factored; cached."""
@@ -459,9 +257,8 @@ class Pipeline:
 
     @property
     def pools_experts(self) -> bool:
-        """Whether `combined` reads all evidence (`core.ranking.evidence`): embeddings then hold all of it."""
-        ranking = self.parameters.ranking
-        return ranking.views and ranking.spin_images and ranking.global_descriptors
+        """Whether `combined` reads all evidence: see `core.ranking.combined`."""
+        return pools_experts(self.parameters.ranking)
 
     def combined_with(
         self,
@@ -471,24 +268,5 @@ class Pipeline:
         own: LocalDensities | None = None,
         densities: LocalDensities | None = None,
     ) -> Floats:
-        """`combined` of one embedding with c others, shape (c,), from their scores of `score`.
-
-        Parameters
-        ----------
-        query : Embedding
-        others : sequence of Embedding
-        scores : Scores
-        own, densities : LocalDensities, optional
-            Of the query, arrays of shape (1,), and of the others, shape (c,), among the stored shapes; the
-            typical ones unless given. Only pipelines that pool experts use them.
-        """
-        if self.pools_experts:
-            described = [descriptors_of(other) for other in others]
-            return pooled_probability(evidence_of(descriptors_of(query), described, scores, own, densities))
-        signatures = np.array([other.signature for other in others]).reshape(-1, len(query.signature))
-        between = (
-            descriptor_distance(query.spin_images, [other.spin_images for other in others])
-            if query.spin_images.size
-            else None
-        )
-        return self.combined(scores.cc, scores.sim, query.signature, signatures, between)
+        """`combined` of one embedding with c others, shape (c,): see `core.ranking.combined`."""
+        return combined_scores(query, others, scores, self.parameters.ranking, own, densities)

@@ -8,6 +8,7 @@ __all__ = [
     "boundary_ratio",
     "completeness",
     "descriptor_distance",
+    "facts",
     "global_descriptors",
     "partial_matching",
     "reliability",

@@ -13,6 +13,7 @@ __all__ = [
     "mesh",
     "normal_frame",
     "ordering",
+    "preparation",
     "simplification",
     "subdivision",
 ]

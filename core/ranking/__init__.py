@@ -7,6 +7,7 @@ __all__ = [
     "class_probability",
     "coarse_evidence",
     "coarse_ranking",
+    "combined",
     "density_sample",
     "evidence",
     "likeness",

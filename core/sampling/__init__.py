@@ -3,4 +3,11 @@
 A mesh and its graph in; selected vertices or points out.
 """
 
-__all__ = ["farthest_point", "lewis_weights", "poisson_disk", "sampling", "surface_samples"]
+__all__ = [
+    "embedded_points",
+    "farthest_point",
+    "lewis_weights",
+    "poisson_disk",
+    "sampling",
+    "surface_samples",
+]

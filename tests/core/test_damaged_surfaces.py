@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from core import sparse_embedding
 from core.errors import CannotBeEmbeddedError, CoreError, DegenerateMeshError
 from core.gallery import make_shape
 from core.graph.edge_graph import bridges
@@ -74,7 +75,7 @@ def raising(error):
 )
 def test_an_error_that_nobody_expects_says_that_the_mesh_cannot_be_embedded(monkeypatch, error):
     pipeline = Pipeline(DEFAULT)
-    monkeypatch.setattr(pipeline, "sample", raising(error))
+    monkeypatch.setattr(sparse_embedding, "embedded_points", raising(error))
     with pytest.raises(CannotBeEmbeddedError) as caught:
         pipeline.embed(box(1, 1, 1))
     assert caught.value.__cause__ is error
@@ -83,7 +84,7 @@ def test_an_error_that_nobody_expects_says_that_the_mesh_cannot_be_embedded(monk
 @pytest.mark.parametrize("error", [DegenerateMeshError("flat"), MemoryError(), KeyboardInterrupt()])
 def test_expected_errors_keep_their_names(monkeypatch, error):
     pipeline = Pipeline(DEFAULT)
-    monkeypatch.setattr(pipeline, "sample", raising(error))
+    monkeypatch.setattr(sparse_embedding, "embedded_points", raising(error))
     with pytest.raises(type(error)) as caught:
         pipeline.embed(box(1, 1, 1))
     assert caught.value is error

@@ -15,7 +15,7 @@ ORDER = (
     "core.io",
     "core.sampling", "core.graph", "core.spectral", "core.descriptors", "core.registration",
     "core.matching.kernels", "core.matching", "core.dense", "core.ranking", "core.serialization",
-    "core.pipeline",
+    "core.sparse_embedding", "core.pipeline",
     "core.evaluation", "core.gallery", "core.studies", "core.studies.sampling", "core",
     "service.errors", "service.collection", "service.observability", "service.storage",
     "service.storage.migrations.versions", "service.storage.migrations", "service.auth", "service.settings",

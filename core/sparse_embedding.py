@@ -1,0 +1,115 @@
+"""The sparse spectral embedding of a mesh, step by step (section 3 of the paper)."""
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from core.arrays import Bytes
+from core.descriptors.completeness import INCOMPLETE
+from core.descriptors.descriptor_distance import describe
+from core.descriptors.facts import measure
+from core.descriptors.global_descriptors import GLOBAL_WEIGHT, global_descriptors
+from core.descriptors.view_descriptor import view_descriptor
+from core.embedding import NO_SPIN_IMAGES, NO_VIEWS, Embedding, Facts
+from core.graph.edge_graph import edge_graph
+from core.graph.sample_distances import sample_distances
+from core.graph.sparse_graph import sparse_graph
+from core.mesh.cleaning import Cleaned, vertex_areas
+from core.mesh.mesh import Mesh
+from core.mesh.normal_frame import NormalFrame
+from core.mesh.preparation import open_surface, prepared_surface
+from core.numerics.guarding import check_finite, guarded
+from core.parameters import Parameters
+from core.sampling.embedded_points import embedded_points, least_vertices
+from core.spectral.spectral_embedding import SampledSurface, spectra_of
+
+
+def normalised(mesh: Mesh, parameters: Parameters) -> tuple[Mesh, Cleaned, NormalFrame]:
+    """The mesh that is sampled, the cleaned mesh and the normal frame.
+
+    See `core.mesh.preparation.prepared_surface`.
+    """
+    return prepared_surface(mesh, parameters.mesh, least_vertices(parameters))
+
+
+def opened(cleaned: Cleaned, parameters: Parameters) -> Mesh:
+    """A cleaned mesh with its boundary loops open: see `core.mesh.preparation.open_surface`."""
+    return open_surface(cleaned, parameters.mesh, least_vertices(parameters))
+
+
+def spin_images_of(mesh: Mesh, parameters: Parameters) -> Bytes:
+    """The spin images of a mesh, also if the parameters leave them out of embeddings.
+
+    Returns
+    -------
+    uint8, shape (r, ROW_LENGTH)
+        From `core.descriptors.descriptor_distance.describe`.
+
+    Raises
+    ------
+    DegenerateMeshError
+        The mesh has no area.
+    """
+    with guarded():
+        surface, cleaned, frame = normalised(mesh, parameters)
+        facts = measure(mesh, cleaned, frame, pieces=parameters.ranking.views)
+        return _spin_images(surface, cleaned, facts, parameters)
+
+
+def embed(mesh: Mesh, parameters: Parameters) -> Embedding:
+    """The sparse spectral embedding of a mesh.
+
+    Raises
+    ------
+    DegenerateMeshError
+        The mesh has no area, or too few vertices for the dimensions.
+    CannotBeEmbeddedError
+        The method fails on the mesh, for example by a division by zero.
+    """
+    ranking = parameters.ranking
+    with guarded():
+        surface, cleaned, frame = normalised(mesh, parameters)
+        graph = edge_graph(surface, unfold=parameters.spectral.unfold)
+        points, count = embedded_points(surface, graph, parameters)
+        samples = points[:count]
+        sparse = sparse_graph(graph, samples)
+        areas = np.bincount(
+            sparse.regions, weights=vertex_areas(surface.vertices, surface.faces), minlength=count
+        )
+        embedded = SampledSurface(
+            vertices=points,
+            distances=sample_distances(graph, points, samples, sparse, parameters.spectral.distances),
+            areas=areas / areas.sum(),
+            regions=sparse.regions,
+        )
+        check_finite(embedded.distances, embedded.areas)
+        spectra, signature, orientation = spectra_of(surface, embedded, parameters.spectral)
+        if ranking.global_descriptors:
+            signature = np.concatenate([signature, GLOBAL_WEIGHT * global_descriptors(surface)])
+        facts = measure(mesh, cleaned, frame, pieces=ranking.views)
+        spin_images = (
+            _spin_images(surface, cleaned, facts, parameters) if ranking.spin_images else NO_SPIN_IMAGES
+        )
+        views = view_descriptor(cleaned.mesh.vertices, cleaned.mesh.faces) if ranking.views else NO_VIEWS
+    positions = frame.invert(surface.vertices[samples])
+    return Embedding(
+        fingerprint=parameters.fingerprint,
+        facts=facts,
+        positions=positions.astype(np.float32),
+        vertices=np.asarray(cKDTree(mesh.vertices).query(positions)[1]).astype(np.int32),
+        graph_edges=sparse.edges.astype(np.int32),
+        graph_lengths=sparse.lengths.astype(np.float32),
+        tree_edges=sparse.edges[sparse.tree].astype(np.int32),
+        regions=sparse.regions[points].astype(np.int32),
+        signature=signature.astype(np.float32),
+        spectra=spectra,
+        spin_images=spin_images,
+        views=views,
+        orientation=orientation,
+    )
+
+
+def _spin_images(surface: Mesh, cleaned: Cleaned, facts: Facts, parameters: Parameters) -> Bytes:
+    """Spin images; incomplete surfaces are described without filling their holes."""
+    if facts.openness > INCOMPLETE:
+        surface = opened(cleaned, parameters)
+    return describe(surface, boundary_ratio=facts.openness)
