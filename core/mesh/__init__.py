@@ -5,6 +5,7 @@ Vertices and faces in; a clean, closed and evenly meshed surface in its normal f
 
 __all__ = [
     "boundary",
+    "bounding_box",
     "cleaning",
     "denoising",
     "edges",

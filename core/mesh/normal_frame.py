@@ -80,7 +80,7 @@ def _power_sum(values: Complexes, faces: Ints, areas: Floats, order: int) -> np.
     return total
 
 
-def _second_moments(vertices: Floats, faces: Ints, areas: Floats) -> Floats:
+def second_moments(vertices: Floats, faces: Ints, areas: Floats) -> Floats:
     """Mean of p p^T over the surface, exact on planar faces, shape (3, 3)."""
     upper = _second_sum(constant(vertices), constant(faces), areas)
     return np.asarray((upper + upper.T - np.diag(np.diag(upper))) / (12.0 * areas.sum()))
@@ -134,7 +134,7 @@ def _tied_axis(mesh: Mesh, areas: Floats, normal: Floats) -> Floats:
     u = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
     u /= np.linalg.norm(u)
     v = np.cross(normal, u)
-    radius = float(np.sqrt(np.trace(_second_moments(across, mesh.faces, areas))))
+    radius = float(np.sqrt(np.trace(second_moments(across, mesh.faces, areas))))
     plane = (across @ u + 1j * (across @ v)) / radius
     for order in ORDERS:
         moment = _mean_power(plane, mesh.faces, areas, order)
@@ -165,7 +165,7 @@ def normal_frame(mesh: Mesh) -> NormalFrame:
     """
     areas = face_areas(mesh.vertices, mesh.faces)
     centre = centroid(mesh.vertices, mesh.faces, areas)
-    second = _second_moments(mesh.vertices - centre, mesh.faces, areas)
+    second = second_moments(mesh.vertices - centre, mesh.faces, areas)
     scale = float(np.sqrt(np.trace(second)))
     unit = Mesh((mesh.vertices - centre) / scale, mesh.faces)
     values, vectors = np.linalg.eigh(second)

@@ -13,7 +13,7 @@ from service.client import Client, QueryArguments
 from service.console import output, progress, say
 from service.search.likeness_words import in_words
 from service.search.rank_by import RankBy
-from service.search.schemas import QueryAnswer
+from service.search.schemas import LARGEST_SIZE_TOLERANCE, SIZE_TOLERANCE, QueryAnswer
 
 # Correspondences are asked for the page; the JSON leaves them out.
 UNASKED = {"results": {"__all__": {"correspondence"}}}
@@ -51,6 +51,22 @@ def command(
     scale: Annotated[
         Literal["ignore", "respect"], typer.Option(help="respect: only shapes of about the size of the file.")
     ] = "ignore",
+    size_tolerance: Annotated[
+        float | None,
+        typer.Option(
+            min=0.0,
+            max=LARGEST_SIZE_TOLERANCE,
+            help="With --scale respect: the largest relative difference of two sizes.",
+            show_default=f"{SIZE_TOLERANCE:g}",
+        ),
+    ] = None,
+    area: Annotated[str | None, typer.Option(metavar="MIN..MAX", help="Only this surface area.")] = None,
+    volume: Annotated[
+        str | None, typer.Option(metavar="MIN..MAX", help="Only closed surfaces of this volume.")
+    ] = None,
+    length: Annotated[
+        str | None, typer.Option(metavar="MIN..MAX", help="Only this length of the bounding box.")
+    ] = None,
     exhaustive: Annotated[
         bool, typer.Option("--exhaustive", help="Compare with every stored shape, without a shortlist.")
     ] = False,
@@ -80,6 +96,14 @@ def command(
         asked["name"] = name
     if min_cc is not None:
         asked["min_cc"] = min_cc
+    if size_tolerance is not None:
+        asked["size_tolerance"] = size_tolerance
+    if area is not None:
+        asked["area"] = area
+    if volume is not None:
+        asked["volume"] = volume
+    if length is not None:
+        asked["length"] = length
     drawn: QueryArguments = {**asked, "correspondences": html is not None}
     with service_at(url, key, collection) as client:
         answer = client.query_file(mesh, **drawn)

@@ -9,13 +9,17 @@ from typing import Any, Generic, Protocol, TypeVar, get_args, get_type_hints
 from urllib.parse import quote
 
 import httpx
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel, JsonValue, ValidationError
 
 from service.client.errors import ClientError, UnexpectedAnswerError, UnreachableError
 from service.collection import is_name
+from service.shapes.fields import plain_values
 
 File = str | Path | tuple[str, bytes]
 """A mesh to send: its path, or its name (with the ending of its format) and its bytes."""
+
+Conditions = Mapping[str, JsonValue] | Sequence[str]
+"""Metadata that shapes must have: keys with their values, or texts of the form key=value."""
 
 T = TypeVar("T")
 U = TypeVar("U")
@@ -159,6 +163,28 @@ def segment(shape_id: str) -> str:
 def given(**values: object) -> dict[str, Any]:
     """The values that are not None, by name."""
     return {name: value for name, value in values.items() if value is not None}
+
+
+def conditions(metadata: Conditions) -> list[str]:
+    """Conditions on metadata in the form key=value, which the service compares with the stored values.
+
+    Parameters
+    ----------
+    metadata : mapping or sequence of str
+        Keys with the values that shapes were uploaded with, or conditions that are already written.
+
+    Raises
+    ------
+    ClientError
+        A key has an equals sign, or a value is a list or an object; no filter can name these.
+    """
+    if not isinstance(metadata, Mapping):
+        return list(metadata)
+    values = plain_values(dict(metadata))
+    for key in metadata:
+        if "=" in key or key not in values:
+            raise ClientError(f"no filter can name the metadata {key!r}: {metadata[key]!r}")
+    return [f"{key}={value}" for key, value in values.items()]
 
 
 def headers_with(key: str | None, collection: str | None) -> dict[str, str]:

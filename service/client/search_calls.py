@@ -6,7 +6,7 @@ from typing import Any, Literal, TypedDict, TypeVar, Unpack
 
 import httpx
 
-from service.client.calls import Call, File, content, given, parsed, segment
+from service.client.calls import Call, Conditions, File, conditions, content, given, parsed, segment
 from service.duplicates.schemas import DuplicatesAnswer
 from service.search.rank_by import RankBy
 from service.search.schemas import CompareAnswer, QueryAnswer
@@ -24,11 +24,15 @@ class QueryArguments(TypedDict, total=False):
     exhaustive: bool
     tag: Sequence[str]
     name: str
-    metadata: Sequence[str]
+    metadata: Conditions
+    area: str
+    volume: str
+    length: str
     filter: Sequence[str]
     exclude: Sequence[str]
     min_cc: float
     scale: Literal["ignore", "respect"]
+    size_tolerance: float
     exclude_self: bool
     correspondences: bool
     embedding: bool
@@ -47,8 +51,10 @@ def similar(shape_id: str, **options: Unpack[QueryArguments]) -> Call[QueryAnswe
 def query_shape(shape_id: str, **options: Unpack[QueryArguments]) -> Call[QueryAnswer]:
     """The same answer as that of `similar`; the options are in the body, so a long list of ids fits."""
     body: dict[str, Any] = {"shape_id": shape_id, **options}
-    for name in {"exclude", "filter", "metadata", "tag"} & set(body):
+    for name in {"exclude", "filter", "tag"} & set(body):
         body[name] = list(body[name])
+    if "metadata" in options:
+        body["metadata"] = conditions(options["metadata"])
     return Call("POST", "/query", parsed(QueryAnswer), json=body)
 
 
@@ -98,15 +104,19 @@ def duplicates(
     max_residual: float | None = None,
     tag: Sequence[str] = (),
     name: str | None = None,
-    metadata: Sequence[str] = (),
+    metadata: Conditions = (),
+    area: str | None = None,
+    volume: str | None = None,
+    length: str | None = None,
 ) -> Call[DuplicatesAnswer]:
     """Find groups of near-identical shapes among the shapes that pass the filters.
 
-    `metadata` holds conditions of the form key=value.
+    `metadata` holds keys with values, or conditions of the form key=value; `area`, `volume` and `length` are
+    ranges of the form min..max.
     """
-    wanted = given(
-        min_cc=min_cc, max_residual=max_residual, tag=list(tag), name=name, metadata=list(metadata)
-    )
+    sizes = {"area": area, "volume": volume, "length": length}
+    limits = {"min_cc": min_cc, "max_residual": max_residual}
+    wanted = given(**limits, tag=list(tag), name=name, metadata=conditions(metadata), **sizes)
     return Call("GET", "/duplicates", parsed(DuplicatesAnswer), params=wanted)
 
 
@@ -116,7 +126,10 @@ def version() -> Call[Version]:
 
 
 def _fields(options: QueryArguments) -> dict[str, str | list[str]]:
-    return {name: _field(value) for name, value in options.items()}
+    fields = {name: _field(value) for name, value in options.items()}
+    if "metadata" in options:
+        fields["metadata"] = conditions(options["metadata"])
+    return fields
 
 
 def _field(value: object) -> str | list[str]:

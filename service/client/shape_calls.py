@@ -11,8 +11,10 @@ from pydantic import JsonValue
 from service.client.calls import (
     LONGEST_PAGE,
     Call,
+    Conditions,
     File,
     Step,
+    conditions,
     content,
     given,
     nothing,
@@ -62,22 +64,46 @@ def page(
     *,
     tags: Sequence[str] = (),
     name: str | None = None,
-    metadata: Sequence[str] = (),
+    metadata: Conditions = (),
+    area: str | None = None,
+    volume: str | None = None,
+    length: str | None = None,
     limit: int = 50,
     cursor: str | None = None,
 ) -> Call[ShapePage]:
-    """Get one page of the stored shapes, oldest first; `metadata` holds conditions of the form key=value."""
-    wanted = given(tag=list(tags), metadata=list(metadata), limit=limit, name=name, cursor=cursor)
+    """Get one page of the stored shapes, oldest first.
+
+    `metadata` holds keys with values, or conditions of the form key=value; `area`, `volume` and `length` are
+    ranges of the form min..max.
+    """
+    sizes = {"area": area, "volume": volume, "length": length}
+    wanted = given(tag=list(tags), metadata=conditions(metadata), name=name, **sizes)
+    wanted |= given(limit=limit, cursor=cursor)
     return Call("GET", "/shapes", parsed(ShapePage), params=wanted)
 
 
 def shapes(
-    *, tags: Sequence[str] = (), name: str | None = None, metadata: Sequence[str] = ()
+    *,
+    tags: Sequence[str] = (),
+    name: str | None = None,
+    metadata: Conditions = (),
+    area: str | None = None,
+    volume: str | None = None,
+    length: str | None = None,
 ) -> Call[Step[Shape]]:
-    """Get all stored shapes that pass the filters, page by page."""
+    """Get all stored shapes that pass the filters, page by page; the filters are those of `page`."""
 
     def one(cursor: str | None) -> Call[ShapePage]:
-        return page(tags=tags, name=name, metadata=metadata, limit=LONGEST_PAGE, cursor=cursor)
+        return page(
+            tags=tags,
+            name=name,
+            metadata=metadata,
+            area=area,
+            volume=volume,
+            length=length,
+            limit=LONGEST_PAGE,
+            cursor=cursor,
+        )
 
     return pages(one, lambda found: found.shapes)
 

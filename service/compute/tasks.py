@@ -20,6 +20,7 @@ from core.errors import BadRecordError, CannotBeEmbeddedError, DegenerateMeshErr
 from core.io import Limits, read_mesh
 from core.matching.match_records import match_record, score_match_records
 from core.matching.matcher_choice import matcher_of
+from core.mesh.bounding_box import bounding_box
 from core.mesh.mesh import Mesh
 from core.numerics.guarding import guarded
 from core.parameters import Parameters
@@ -47,7 +48,7 @@ class Embedded:
     reliability : float or None
         See `core.descriptors.reliability`; None likewise.
     facts : dict
-        Measurements of the mesh, by name.
+        Measurements of the mesh, by name: `core.embedding.Facts` and the bounding box.
     milliseconds : dict
         Wall time of the stages "read" and "embed".
     """
@@ -97,7 +98,7 @@ def embed_mesh(mesh: Mesh, parameters: Parameters, read: float) -> Embedded:
             sketch=coarse_samples(embedding).tobytes(),
             view_signature=view_signature(embedding.views) if embedding.views.size else None,
             reliability=intrinsic_reliability(embedding.facts) if embedding.views.size else None,
-            facts=asdict(embedding.facts),
+            facts={**asdict(embedding.facts), "bounding_box": list(bounding_box(mesh))},
             milliseconds={"read": read, "embed": embed},
         )
 

@@ -20,6 +20,7 @@ from service.search import partial_queries, records, service
 from service.search.options import FileQuery, QueryParameters, StoredQuery, merged, search_options
 from service.search.records import Answer
 from service.search.schemas import QueryAnswer, QueryOptions
+from service.search.unit_mistakes import with_unit_mistake
 from service.shapes.documentation import FILE_PROBLEMS
 from service.shapes.endpoints import ShapeId
 
@@ -124,7 +125,8 @@ async def _similar(
     async def found(active_pipeline: ActivePipeline) -> Answer:
         wanted = await embedded(active_pipeline, timings)
         search = partial_queries.search if partial else service.search
-        return await search(container, wanted, options, timings)
+        answer = await search(container, wanted, options, timings)
+        return await with_unit_mistake(container, wanted, options, answer, timings)
 
     answer = await while_connected(request, service.in_one_pipeline(container, found))
     container.metrics.stages("query", timings.milliseconds)

@@ -7,7 +7,7 @@ from pydantic import ConfigDict, Field
 from service.collection import CollectionNumber
 from service.collections.dependencies import NamedInAddress
 from service.search.records import Options
-from service.search.schemas import SAME_SIZE, QueryOptions
+from service.search.schemas import QueryOptions
 from service.settings import Settings
 from service.shapes.schemas import SHAPE
 from service.shapes.uploads import MeshUpload
@@ -62,7 +62,7 @@ def search_options(
         filter=replace(shapes, tags=(*given.tag, *given.filter), excluded=tuple(given.exclude)),
         exclude_self=exclude_self if given.exclude_self is None else given.exclude_self,
         min_cc=-1.0 if given.min_cc is None else given.min_cc,
-        sizes=SAME_SIZE if given.scale == "respect" else None,
+        sizes=1.0 + given.size_tolerance if given.scale == "respect" else None,
         correspondences=given.correspondences,
         embedding=given.embedding,
         shortlist_from=settings.shortlist_from,

@@ -1,7 +1,7 @@
 """A query, its options and its answer."""
 
 from collections.abc import Awaitable, Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 from core.arrays import Bytes
@@ -40,6 +40,15 @@ class Options:
     shortlist_length: int
     reranked: int
     finalists: int
+
+    def sized(self, area: float) -> ShapeFilter:
+        """The filter, with the sizes that a query of some area asks for."""
+        if self.sizes is None:
+            return self.filter
+        least, greatest = area / self.sizes**2, area * self.sizes**2
+        if self.filter.area is not None:
+            least, greatest = max(least, self.filter.area[0]), min(greatest, self.filter.area[1])
+        return replace(self.filter, area=(least, greatest))
 
 
 @dataclass(frozen=True)
@@ -120,7 +129,8 @@ class SearchResult:
 
     `by_itself` is the class probability at the typical density of shapes, which does not depend on other
     stored shapes as `combined` does. `spectral` is the distance of its log eigenvalues from the query's;
-    `part_distance` is set if the query is a part.
+    `size_ratio` is the root of the ratio of its area to the query's; `part_distance` is set if the query is a
+    part.
     """
 
     shape: ShapeRecord
@@ -130,8 +140,28 @@ class SearchResult:
     combined: float
     by_itself: float
     spectral: float
+    size_ratio: float
     comparison: Comparison | None
     part_distance: float | None = None
+
+
+@dataclass(frozen=True)
+class UnitMistake:
+    """Shapes that would pass the filter of a search if files had another unit.
+
+    Attributes
+    ----------
+    factor : float
+        The factor at which the most similar shape is, times the sizes that were asked for.
+    count : int
+        Number of shapes at that factor.
+    nearest : SearchResult
+        The most similar shape.
+    """
+
+    factor: float
+    count: int
+    nearest: SearchResult
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,7 +170,7 @@ class Answer:
 
     `relations` are those of the found shapes to the query; `best_cc` is the highest CC of all compared
     shapes, if there are any; `boundary_ratio` is of the query's surface; `embedding` is the query's, if asked
-    for.
+    for; `unit_mistake` is set if only shapes of other units pass the filter.
     """
 
     pipeline: Pipeline
@@ -151,3 +181,4 @@ class Answer:
     stored: int
     boundary_ratio: float
     embedding: Embedding | None
+    unit_mistake: UnitMistake | None = None

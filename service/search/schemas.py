@@ -13,7 +13,7 @@ from service.shapes.filters import Filters
 from service.shapes.schemas import SHAPE, EmbeddingArrays, Shape, warnings_of
 
 if TYPE_CHECKING:
-    from service.search.records import Answer, Comparison, Relation, SearchResult
+    from service.search.records import Answer, Comparison, Relation, SearchResult, UnitMistake
 
 PIPELINE = "3f1c9a7be2d40586"
 MILLISECONDS: dict[str, Any] = {
@@ -32,6 +32,7 @@ RESULT: dict[str, Any] = {
     "sim": 0.874,
     "combined": 0.94,
     "likeness": "pose",
+    "size_ratio": 1.02,
     "shape": SHAPE,
 }
 SSD = (
@@ -65,7 +66,8 @@ PAIR: dict[str, Any] = {
 }
 
 EXCLUDED = 500
-SAME_SIZE = 1.1
+SIZE_TOLERANCE = 0.1
+LARGEST_SIZE_TOLERANCE = 10.0
 
 
 def _split(value: object) -> object:
@@ -114,7 +116,14 @@ class QueryOptions(Filters):
         default="ignore",
         description="The scores do not depend on size. respect: compare only with shapes of about the "
         "query's size, for files that share one unit: the square roots of the areas differ by at most "
-        f"{100 * (SAME_SIZE - 1):.0f} %.",
+        "`size_tolerance`. If there is none, `warnings` tells of shapes that are 10, 25.4 or 1,000 times as "
+        "large or as small.",
+    )
+    size_tolerance: float = Field(
+        default=SIZE_TOLERANCE,
+        gt=0,
+        le=LARGEST_SIZE_TOLERANCE,
+        description="With scale=respect: the largest relative difference of two sizes, 0.1 for 10 %.",
     )
     exclude_self: bool | None = Field(
         default=None,
@@ -171,6 +180,11 @@ class Result(BaseModel):
         description="With partial: the distance of the query's spin images from the nearest spin images of "
         "the shape, 0 or more. Only its order among shapes has a meaning.",
     )
+    size_ratio: float | None = Field(
+        default=None,
+        description="The size of the shape over that of the query: `scale` if the shape is a rigid copy, and "
+        "otherwise the square root of the ratio of the areas.",
+    )
     shape: Shape
     correspondence: list[Pair] | None = Field(
         default=None,
@@ -203,7 +217,11 @@ class QueryAnswer(BaseModel):
     stored: int = Field(description="The number of shapes of the collection.")
     pipeline: str = Field(description="Fingerprint of the pipeline that made and compared the embeddings.")
     milliseconds: dict[str, float] = Field(description="The time of each stage, and the total.")
-    warnings: list[str] = Field(default=[], description="Warnings about the surface of the query.")
+    warnings: list[str] = Field(
+        default=[],
+        description="Warnings about the surface of the query, and about shapes of another unit, if none "
+        "passes the filter by size.",
+    )
     embedding: EmbeddingArrays | None = Field(
         default=None, description="The embedding of the query, with the option embedding."
     )
@@ -224,7 +242,7 @@ class QueryAnswer(BaseModel):
             stored=answer.stored,
             pipeline=answer.pipeline.fingerprint,
             milliseconds=milliseconds,
-            warnings=warnings_of(answer.boundary_ratio),
+            warnings=[*warnings_of(answer.boundary_ratio), *_unit_warning(answer.unit_mistake)],
             embedding=None if answer.embedding is None else EmbeddingArrays.of(answer.embedding),
         )
 
@@ -321,6 +339,18 @@ def pairs(comparison: "Comparison") -> list[Pair]:
     ]
 
 
+def _unit_warning(mistake: "UnitMistake | None") -> list[str]:
+    if mistake is None:
+        return []
+    factor, count = mistake.factor, mistake.count
+    times = f"{factor:g}" if factor > 1.0 else f"1/{1.0 / factor:g}"
+    are = "1 shape is" if count == 1 else f"{count} shapes are"
+    return [
+        f"no shape has the size that was asked for, but {are} at {times} times it, most similar "
+        f"{mistake.nearest.shape.name!r} (cc {mistake.nearest.cc:.4f}): the units of the files may differ"
+    ]
+
+
 def _result(rank: int, found: "SearchResult", relation: "Relation") -> Result:
     return Result(
         rank=rank,
@@ -331,6 +361,7 @@ def _result(rank: int, found: "SearchResult", relation: "Relation") -> Result:
         likeness=relation.likeness,
         scale=relation.scale,
         part_distance=found.part_distance,
+        size_ratio=found.size_ratio if relation.scale is None else relation.scale,
         shape=Shape.of(found.shape),
         correspondence=None if found.comparison is None else pairs(found.comparison),
     )

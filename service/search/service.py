@@ -214,6 +214,7 @@ async def results(
                 combined=probability,
                 by_itself=by_itself_of[place],
                 spectral=spectral_of[place],
+                size_ratio=float((shape.facts["area"] / query.embedding.facts.area) ** 0.5),
                 comparison=None
                 if record is None
                 else await _compared(container.work, query, record, probability),

@@ -84,10 +84,7 @@ class Candidates:
 def candidates(container: Container, query: Query, options: Options) -> Candidates:
     """The shapes that match the filter, without the query itself, or a shortlist of them."""
     embedding = query.embedding
-    wanted = options.filter
-    if options.sizes is not None:
-        area, most = embedding.facts.area, options.sizes**2
-        wanted = replace(wanted, area=(area / most, area * most))
+    wanted = options.sized(embedding.facts.area)
     with container.database.read() as session:
         stored = shapes_repository.stored(session, wanted.collection)
         sample = collection_sample(container, session, query.active_pipeline, wanted.collection)

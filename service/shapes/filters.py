@@ -1,5 +1,7 @@
 """Filters of shapes as clients write them: the same for lists, searches and duplicates."""
 
+import math
+import re
 from typing import Annotated
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
@@ -7,9 +9,41 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 from service.collection import CollectionNumber
 from service.errors import BadRequestFieldsError, FieldFault
 from service.shapes.fields import ListedTags, clean_text
-from service.shapes.records import ShapeFilter
+from service.shapes.records import Range, ShapeFilter
 
 METADATA_FILTERS = 32
+
+NUMBER = r"[0-9]+(\.[0-9]+)?([eE][+-]?[0-9]{1,3})?"
+RANGE = rf"^({NUMBER}\.\.({NUMBER})?|\.\.{NUMBER})$"
+
+
+def range_of(text: str) -> Range:
+    """The least and the greatest value of a range, written min..max.
+
+    Raises
+    ------
+    ValueError
+        It is written otherwise, has no side, or its least value exceeds its greatest.
+    """
+    if re.search(RANGE, text) is None or text.endswith("\n"):
+        raise ValueError("must be written min..max, with numbers of 0 or more; one of them may be left out")
+    least, greatest = text.split("..")
+    values = float(least or 0.0), float(greatest or math.inf)
+    if values[0] > values[1]:
+        raise ValueError(f"the least value {least} exceeds the greatest value {greatest}")
+    return values
+
+
+def _checked_range(text: str) -> str:
+    range_of(text)
+    return text
+
+
+SizeRange = Annotated[
+    str,
+    AfterValidator(_checked_range),
+    Field(max_length=64, json_schema_extra={"pattern": RANGE}),
+]
 
 
 class Filters(BaseModel):
@@ -34,6 +68,24 @@ class Filters(BaseModel):
         "repeated. Values other than text are written as JSON.",
         examples=[["source=scan"]],
     )
+    area: SizeRange | None = Field(
+        default=None,
+        description="Only shapes whose surface area is in this range, written min..max, in squared units of "
+        "the files; one side may be left out.",
+        examples=["100..250"],
+    )
+    volume: SizeRange | None = Field(
+        default=None,
+        description="Only shapes whose volume is in this range, in cubed units of the files. Open surfaces "
+        "have no volume.",
+        examples=["1000.."],
+    )
+    length: SizeRange | None = Field(
+        default=None,
+        description="Only shapes whose bounding box has a largest extent in this range, in units of the "
+        "files. A shape whose bounding box is unknown is left out.",
+        examples=["..60"],
+    )
 
     def filtered(self, collection: CollectionNumber) -> ShapeFilter:
         """The filter of the shapes of a collection.
@@ -49,4 +101,15 @@ class Filters(BaseModel):
             if not (key and equals):
                 raise BadRequestFieldsError(FieldFault("metadata", "must be written key=value"))
             metadata.append((key, value))
-        return ShapeFilter(collection, tuple(self.tag), self.name, tuple(metadata))
+        area, volume, length = (
+            None if text is None else range_of(text) for text in (self.area, self.volume, self.length)
+        )
+        return ShapeFilter(
+            collection,
+            tuple(self.tag),
+            self.name,
+            tuple(metadata),
+            area=area,
+            volume=volume,
+            length=length,
+        )

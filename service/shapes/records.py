@@ -2,12 +2,15 @@
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 from functools import cached_property
 from typing import Any
 
 from service.collection import CollectionNumber
+
+Range = tuple[float, float]
+"""Least and greatest value of a measurement; infinite where a side is open."""
 
 
 @dataclass(frozen=True)
@@ -93,8 +96,9 @@ class ShapeFilter:
         Keys and values of the shape's metadata.
     excluded : tuple of str
         Ids of other shapes.
-    area : tuple of (float, float) or None
-        Least and largest surface area, in squared units of the file.
+    area, volume, length : Range or None
+        Surface area, volume and the largest extent of the bounding box, in units of the file. Open surfaces
+        have no volume, and shapes without a bounding box no length.
     """
 
     collection: CollectionNumber
@@ -102,12 +106,29 @@ class ShapeFilter:
     name: str | None = None
     metadata: tuple[tuple[str, str], ...] = ()
     excluded: tuple[str, ...] = ()
-    area: tuple[float, float] | None = None
+    area: Range | None = None
+    volume: Range | None = None
+    length: Range | None = None
 
     @property
     def is_empty(self) -> bool:
         """Whether every shape of the collection matches."""
         return self == ShapeFilter(self.collection)
+
+    @property
+    def has_sizes(self) -> bool:
+        """Whether a condition is about size."""
+        return not self.area is self.volume is self.length is None
+
+    def scaled(self, factor: float) -> "ShapeFilter":
+        """The same conditions on shapes that are `factor` times as large."""
+
+        def times(values: Range | None, power: int) -> Range | None:
+            return None if values is None else (values[0] * factor**power, values[1] * factor**power)
+
+        return replace(
+            self, area=times(self.area, 2), volume=times(self.volume, 3), length=times(self.length, 1)
+        )
 
 
 @dataclass(frozen=True)

@@ -52,6 +52,11 @@ def matching(shapes: ShapeFilter) -> Select[int]:
         query = query.where(ShapeRow.id.not_in(shapes.excluded))
     if shapes.area is not None:
         query = query.where(ShapeRow.facts["area"].as_float().between(*shapes.area))
+    if shapes.volume is not None:
+        closed = ShapeRow.facts["boundary_edges"].as_integer() == 0
+        query = query.where(closed, ShapeRow.facts["volume"].as_float().between(*shapes.volume))
+    if shapes.length is not None:
+        query = query.where(ShapeRow.facts[("bounding_box", 0)].as_float().between(*shapes.length))
     return query
 
 

@@ -1,7 +1,7 @@
 """Shapes as JSON."""
 
 from datetime import datetime
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, JsonValue
 
@@ -33,6 +33,8 @@ SHAPE: dict[str, Any] = {
         "boundary_edges": 0,
         "nonmanifold_edges": 0,
         "openness": 0.0,
+        "bounding_box": [1.213, 0.954, 0.318],
+        "closed": True,
     },
     "warnings": [],
     "embedded": True,
@@ -58,7 +60,7 @@ class MeshFacts(BaseModel):
     vertices: int = Field(description="Vertices in the file.")
     faces: int = Field(description="Faces in the file.")
     area: float = Field(description="Surface area.")
-    volume: float = Field(description="Volume; it has little meaning for an open mesh.")
+    volume: float = Field(description="Volume; it has a meaning only if `closed` is true.")
     scale: float = Field(description="Root mean square distance of the surface from its centroid.")
     components: int = Field(description="Number of connected components.")
     merged_vertices: int = Field(description="Vertices merged with another at the same position.")
@@ -71,6 +73,15 @@ class MeshFacts(BaseModel):
         "the surface area, at most 1; 0 for a closed surface, for a surface of several pieces none of which "
         "has 3/4 of the area, and for one embedded by a version without this measure. Embeddings of versions "
         "without views have other values, also above 1.",
+    )
+    bounding_box: Annotated[list[float], Field(min_length=3, max_length=3)] | None = Field(
+        default=None,
+        description="Length, width and height along the principal axes of the surface, the largest first; "
+        "null for a shape of an earlier version whose file has not been measured yet.",
+    )
+    closed: bool = Field(
+        default=False,
+        description="Whether the surface has no boundary edges, so that it encloses its volume.",
     )
 
 
@@ -106,7 +117,7 @@ class Shape(BaseModel):
             format=record.format,
             bytes=record.size,
             sha256=record.sha256,
-            facts=MeshFacts.model_validate(record.facts),
+            facts=MeshFacts.model_validate({**record.facts, "closed": record.facts["boundary_edges"] == 0}),
             warnings=warnings_of(record.facts.get("openness", 0.0)),
             embedded=record.embedded,
             created_at=record.created_at,

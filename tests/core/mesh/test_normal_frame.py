@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from core.mesh.cleaning import clean, face_areas
 from core.mesh.mesh import Mesh
-from core.mesh.normal_frame import _mean_power, _second_moments, normal_frame
+from core.mesh.normal_frame import _mean_power, normal_frame, second_moments
 from tests.core.shapes import (
     SAME_SHAPE,
     blob,
@@ -43,7 +43,7 @@ def prism(sides, height, *, radii=(1.0,)):
     )
 
 
-def second_moments(mesh):
+def midpoint_second_moments(mesh):
     """Centre and second moments about it by the edge midpoints' rule, which is exact for both."""
     corners = mesh.vertices[mesh.faces]
     areas = 0.5 * np.linalg.norm(
@@ -58,7 +58,7 @@ def second_moments(mesh):
 def with_moments(mesh, *wanted):
     """The mesh stretched along its principal axes until its second moments are as wanted."""
     for _ in range(60):
-        centre, second = second_moments(mesh)
+        centre, second = midpoint_second_moments(mesh)
         found, axes = np.linalg.eigh(second)
         mesh = Mesh((mesh.vertices - centre) @ axes * np.sqrt(np.sort(wanted) / found), mesh.faces)
     return mesh
@@ -87,7 +87,7 @@ def test_the_normal_frame_is_centred_of_unit_radius_and_ordered_by_spread(seed):
     mesh = shifted(scaled(turned(blob(seed), seed), 42.0), (300, -200, 100))
     frame = normal_frame(mesh)
     inside = Mesh(frame.apply(mesh.vertices), mesh.faces)
-    centre, second = second_moments(inside)
+    centre, second = midpoint_second_moments(inside)
     np.testing.assert_allclose(centre, 0.0, atol=1e-12)
     spread = np.diag(second)
     np.testing.assert_allclose(second, np.diag(spread), atol=1e-12)
@@ -201,6 +201,6 @@ def test_compiled_powers_are_the_plain_ones(order):
 def test_compiled_second_moments_are_by_the_midpoints_rule():
     mesh = shifted(blob(), (0.3, -0.2, 0.5))
     areas = face_areas(mesh.vertices, mesh.faces)
-    centre, wanted = second_moments(mesh)
-    found = _second_moments(mesh.vertices - centre, mesh.faces, areas)
+    centre, wanted = midpoint_second_moments(mesh)
+    found = second_moments(mesh.vertices - centre, mesh.faces, areas)
     np.testing.assert_allclose(found, wanted, rtol=1e-12, atol=1e-15)

@@ -17,7 +17,8 @@ from tests.service.cli.awaited import Awaited
 
 DOCUMENT = document()
 FILE = ("bird.off", b"OFF")
-LISTED = {"tags": ["a", "b"], "name": "x", "metadata": ["k=1", "l=2"]}
+SIZES = {"area": "1..2", "volume": "..3", "length": "4.."}
+LISTED = {"tags": ["a", "b"], "name": "x", "metadata": ["k=1", "l=2"], **SIZES}
 SEARCH = {
     "top_k": 2,
     "rank_by": "sim",
@@ -30,6 +31,8 @@ SEARCH = {
     "exclude": ["id"],
     "min_cc": 0.5,
     "scale": "respect",
+    "size_tolerance": 0.2,
+    **SIZES,
     "exclude_self": False,
     "correspondences": True,
     "embedding": True,
@@ -66,7 +69,7 @@ CALLS: list[tuple[str, tuple[object, ...], dict[str, Any], str]] = [
     (
         "duplicates",
         (),
-        {"min_cc": 0.9, "max_residual": 0.1, "tag": ["a"], "name": "x", "metadata": ["k=1"]},
+        {"min_cc": 0.9, "max_residual": 0.1, "tag": ["a"], "name": "x", "metadata": ["k=1"], **SIZES},
         "GET /duplicates",
     ),
     ("collections", (), {}, "GET /collections"),

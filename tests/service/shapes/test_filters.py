@@ -8,7 +8,7 @@ import pytest
 from core.io import read_mesh, write_mesh
 from core.mesh.mesh import Mesh
 from service.client import Client
-from service.search.schemas import EXCLUDED, SAME_SIZE
+from service.search.schemas import EXCLUDED, SIZE_TOLERANCE
 from tests.service.engines import on_both
 from tests.service.support import Running, assert_problem, query, small_file
 
@@ -117,10 +117,11 @@ def test_a_bolt_of_another_size_is_another_bolt(service: Running) -> None:
         assert answer["compared"] == len(expected)
         assert all(result["cc"] > 0.999 for result in answer["results"])
     # Of a stored shape too, and on both sides of the limit.
+    same_size = 1.0 + SIZE_TOLERANCE
     for factor, found in (
-        (SAME_SIZE - 0.001, True),
-        (SAME_SIZE + 0.001, False),
-        (1 / SAME_SIZE + 0.001, True),
+        (same_size - 0.001, True),
+        (same_size + 0.001, False),
+        (1 / same_size + 0.001, True),
     ):
         data = write_mesh(Mesh(12 * factor * mesh.vertices, mesh.faces), "off")
         assert ("m12.off" in names(query(service.client, data, scale="respect").json())) == found

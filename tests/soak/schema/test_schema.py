@@ -31,7 +31,7 @@ EXCLUDED = re.compile(r"^(format|paint): (\S+ needs dense=true|html (has no dens
 """Formats and colours of a comparison that only a dense correspondence, or only stored shapes, can have."""
 
 # Text that people write follows rules that a schema does not tell: see `service.shapes.fields`.
-WRITTEN = {"name", "tag", "tags", "filter", "metadata"}
+WRITTEN = {"name", "tag", "tags", "filter", "metadata", "area", "volume", "length"}
 # In it everything is text: any may be a tag, and true is written in many ways.
 FORM = "multipart/form-data"
 QUIET = settings(
@@ -131,8 +131,8 @@ def _breaks_a_pattern(case: Case) -> bool:
 
 
 def _beyond_words(problem: dict[str, Any]) -> bool:
-    """Whether a request was refused for text that people write, a key of another request, or two fields that
-    exclude one another."""
+    """Whether a request was refused for text that people write, ranges among it, a key of another request, or
+    two fields that exclude one another."""
     if problem["type"] == f"{TYPE_PREFIX}idempotency-key-reused":
         return True
     if EXCLUDED.search(problem["detail"]):
