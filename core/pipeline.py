@@ -20,9 +20,9 @@ from core.graph.sample_distances import sample_distances
 from core.graph.sparse_graph import SparseGraph
 from core.matching.matcher import Prepared, embedding_key
 from core.matching.matcher_choice import matcher_of
-from core.mesh.cleaning import Cleaned, clean
+from core.mesh.cleaning import clean
 from core.mesh.mesh import Mesh
-from core.mesh.normal_frame import NormalFrame
+from core.mesh.preparation import PreparedSurface
 from core.numerics.guarding import check_finite, guarded
 from core.parameters import DEFAULT, Parameters
 from core.ranking.class_probability import class_probability, signature_features
@@ -64,11 +64,8 @@ class Pipeline:
         self.matcher = matcher_of(parameters)
         self._prepared: LRUCache[bytes, Prepared] = LRUCache(memory, getsizeof=attrgetter("nbytes"))
 
-    def normalise(self, mesh: Mesh) -> tuple[Mesh, Cleaned, NormalFrame]:
-        """The mesh that is sampled, the cleaned mesh and the normal frame.
-
-        See `core.mesh.preparation.prepared_surface`.
-        """
+    def normalise(self, mesh: Mesh) -> PreparedSurface:
+        """The mesh that is sampled: see `core.mesh.preparation.prepared_surface`."""
         return sparse_embedding.normalised(mesh, self.parameters)
 
     def open_surface(self, mesh: Mesh) -> Mesh:
@@ -218,8 +215,8 @@ class Pipeline:
             return correspond(self._working(first, one), self._working(second, other), pairs, mirrored)
 
     def _working(self, mesh: Mesh, embedding: Embedding) -> WorkingSurface:
-        surface, _, frame = self.normalise(mesh)
-        return working_surface(mesh, surface, frame, embedding.positions.astype(np.float64))
+        prepared = self.normalise(mesh)
+        return working_surface(mesh, prepared.surface, prepared.frame, embedding.positions.astype(np.float64))
 
     def features(
         self, cc: Floats, sim: Floats, query: NDArray[np.float32], signatures: NDArray[np.float32]

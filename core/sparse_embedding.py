@@ -15,19 +15,15 @@ from core.graph.sample_distances import sample_distances
 from core.graph.sparse_graph import sparse_graph
 from core.mesh.cleaning import Cleaned, vertex_areas
 from core.mesh.mesh import Mesh
-from core.mesh.normal_frame import NormalFrame
-from core.mesh.preparation import open_surface, prepared_surface
+from core.mesh.preparation import PreparedSurface, open_surface, prepared_surface
 from core.numerics.guarding import check_finite, guarded
 from core.parameters import Parameters
 from core.sampling.embedded_points import embedded_points, least_vertices
 from core.spectral.spectral_embedding import SampledSurface, spectra_of
 
 
-def normalised(mesh: Mesh, parameters: Parameters) -> tuple[Mesh, Cleaned, NormalFrame]:
-    """The mesh that is sampled, the cleaned mesh and the normal frame.
-
-    See `core.mesh.preparation.prepared_surface`.
-    """
+def normalised(mesh: Mesh, parameters: Parameters) -> PreparedSurface:
+    """The mesh that is sampled: see `core.mesh.preparation.prepared_surface`."""
     return prepared_surface(mesh, parameters.mesh, least_vertices(parameters))
 
 
@@ -50,7 +46,7 @@ def spin_images_of(mesh: Mesh, parameters: Parameters) -> Bytes:
         The mesh has no area.
     """
     with guarded():
-        surface, cleaned, frame = normalised(mesh, parameters)
+        surface, cleaned, frame, _ = normalised(mesh, parameters)
         facts = measure(mesh, cleaned, frame, pieces=parameters.ranking.views)
         return _spin_images(surface, cleaned, facts, parameters)
 
@@ -67,7 +63,7 @@ def embed(mesh: Mesh, parameters: Parameters) -> Embedding:
     """
     ranking = parameters.ranking
     with guarded():
-        surface, cleaned, frame = normalised(mesh, parameters)
+        surface, cleaned, frame, smoothed = normalised(mesh, parameters)
         graph = edge_graph(surface, unfold=parameters.spectral.unfold)
         points, count = embedded_points(surface, graph, parameters)
         samples = points[:count]
@@ -89,7 +85,7 @@ def embed(mesh: Mesh, parameters: Parameters) -> Embedding:
         spin_images = (
             _spin_images(surface, cleaned, facts, parameters) if ranking.spin_images else NO_SPIN_IMAGES
         )
-        views = view_descriptor(cleaned.mesh.vertices, cleaned.mesh.faces) if ranking.views else NO_VIEWS
+        views = _views(cleaned, parameters, smoothed=smoothed) if ranking.views else NO_VIEWS
     positions = frame.invert(surface.vertices[samples])
     return Embedding(
         fingerprint=parameters.fingerprint,
@@ -113,3 +109,9 @@ def _spin_images(surface: Mesh, cleaned: Cleaned, facts: Facts, parameters: Para
     if facts.openness > INCOMPLETE:
         surface = opened(cleaned, parameters)
     return describe(surface, boundary_ratio=facts.openness)
+
+
+def _views(cleaned: Cleaned, parameters: Parameters, *, smoothed: bool) -> Bytes:
+    """Views of the surface as it is; noise turns normals, so rough surfaces are smoothed before."""
+    surface = opened(cleaned, parameters) if smoothed else cleaned.mesh
+    return view_descriptor(surface.vertices, surface.faces)

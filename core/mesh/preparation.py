@@ -1,5 +1,7 @@
 """Preparation of a mesh before it is sampled: clean, closed, in its normal frame, bounded in size, smooth."""
 
+from typing import NamedTuple
+
 from core.mesh.cleaning import Cleaned, clean
 from core.mesh.denoising import roughness, taubin_smoothing
 from core.mesh.hole_filling import fill_holes
@@ -10,13 +12,28 @@ from core.mesh.subdivision import refine
 from core.parameters import MeshParameters
 
 
-def prepared_surface(
-    mesh: Mesh, wanted: MeshParameters, least_vertices: int
-) -> tuple[Mesh, Cleaned, NormalFrame]:
-    """The mesh that is sampled, the cleaned mesh and the normal frame.
+class PreparedSurface(NamedTuple):
+    """A mesh that is ready to be sampled.
 
-    The sampled mesh is clean, has its holes filled, is in its normal frame, and is simplified, smoothed
-    and refined as the parameters ask.
+    Attributes
+    ----------
+    surface : Mesh
+        Clean, with its holes filled, in its normal frame; simplified, smoothed and refined as the parameters
+        ask.
+    cleaned : Cleaned
+    frame : NormalFrame
+    smoothed : bool
+        Whether the mesh was rough.
+    """
+
+    surface: Mesh
+    cleaned: Cleaned
+    frame: NormalFrame
+    smoothed: bool
+
+
+def prepared_surface(mesh: Mesh, wanted: MeshParameters, least_vertices: int) -> PreparedSurface:
+    """Prepare a mesh.
 
     Parameters
     ----------
@@ -36,8 +53,11 @@ def prepared_surface(
         surface = fill_holes(surface, wanted.fill_holes, cleaned.sides)
     frame = normal_frame(surface)
     needed = max(wanted.refine_vertices, least_vertices)
-    normal = _simplified_and_smoothed(Mesh(frame.apply(surface.vertices), surface.faces), wanted, needed)
-    return _refined(normal, needed), cleaned, frame
+    normal = _simplified(Mesh(frame.apply(surface.vertices), surface.faces), wanted)
+    rough = _is_rough(normal, wanted, needed)
+    if rough:
+        normal = taubin_smoothing(normal, wanted.smooth_rounds)
+    return PreparedSurface(_refined(normal, needed), cleaned, frame, rough)
 
 
 def open_surface(cleaned: Cleaned, wanted: MeshParameters, least_vertices: int) -> Mesh:
@@ -46,15 +66,15 @@ def open_surface(cleaned: Cleaned, wanted: MeshParameters, least_vertices: int) 
     Parameters are those of `prepared_surface`.
     """
     frame = normal_frame(cleaned.mesh)
-    normal = Mesh(frame.apply(cleaned.mesh.vertices), cleaned.mesh.faces)
-    return _simplified_and_smoothed(normal, wanted, max(wanted.refine_vertices, least_vertices))
+    normal = _simplified(Mesh(frame.apply(cleaned.mesh.vertices), cleaned.mesh.faces), wanted)
+    rough = _is_rough(normal, wanted, max(wanted.refine_vertices, least_vertices))
+    return taubin_smoothing(normal, wanted.smooth_rounds) if rough else normal
 
 
-def _simplified_and_smoothed(normal: Mesh, wanted: MeshParameters, needed: int) -> Mesh:
-    """Simplify a large mesh and smooth a rough one; the mesh is in its normal frame."""
-    if wanted.decimate_above and len(normal.vertices) > wanted.decimate_above:
-        normal = simplify(normal, wanted.decimate_to)
-    return taubin_smoothing(normal, wanted.smooth_rounds) if _is_rough(normal, wanted, needed) else normal
+def _simplified(normal: Mesh, wanted: MeshParameters) -> Mesh:
+    """Simplify a large mesh; the mesh is in its normal frame."""
+    large = wanted.decimate_above and len(normal.vertices) > wanted.decimate_above
+    return simplify(normal, wanted.decimate_to) if large else normal
 
 
 def _is_rough(normal: Mesh, wanted: MeshParameters, needed: int) -> bool:

@@ -14,13 +14,16 @@ import trimesh
 from scipy.spatial import cKDTree
 
 from core.descriptors.global_descriptors import GLOBAL_DESCRIPTORS
+from core.descriptors.view_descriptor import view_descriptor, view_distance
 from core.embedding import Embedding
 from core.errors import DegenerateMeshError, IncompatibleEmbeddingsError
 from core.gallery import make_shape
+from core.mesh.cleaning import clean
 from core.mesh.mesh import Mesh
 from core.parameters import DEFAULT, PAPER
 from core.pipeline import Pipeline
 from core.serialization import embedding_to_bytes
+from core.studies.perturbation import add_noise
 from tests.core.shapes import blob, box, folded, icosphere, joined, rectangle, shifted, soup
 
 SETTINGS = {"default": DEFAULT, "paper": PAPER}
@@ -350,3 +353,12 @@ def test_a_mesh_above_the_limit_is_simplified_and_one_below_is_not():
 def test_a_pipeline_can_be_sent_to_another_process():
     copied = pickle.loads(pickle.dumps(Pipeline(PAPER)))
     assert copied.fingerprint == PAPER.fingerprint
+
+
+def test_views_of_a_noisy_mesh_are_near_to_the_clean_mesh_since_it_is_smoothed() -> None:
+    mesh = make_shape("hand", 0)
+    noisy = clean(add_noise(mesh, 0.01, 1)).mesh
+    unsmoothed = view_descriptor(noisy.vertices, noisy.faces)
+    views = np.stack([Pipeline().embed(noisy).views, unsmoothed])
+    smoothed, direct = view_distance(Pipeline().embed(mesh).views, views)
+    assert smoothed < 0.6 * direct

@@ -84,7 +84,7 @@ class Surface:
         DegenerateMeshError
             The mesh has no area.
         """
-        normal, cleaned, frame = Pipeline(STUDY_PARAMETERS).normalise(mesh)
+        normal, cleaned, frame, _ = Pipeline(STUDY_PARAMETERS).normalise(mesh)
         return cls(normal, cleaned.mesh, frame)
 
     @cached_property

@@ -79,7 +79,7 @@ def test_amounts_are_certain_where_the_seed_changes_nothing(kind):
 def test_samples_are_the_share_tau_of_about_so_many_vertices(tau, mesh):
     parameters = tau_parameters(tau)
     pipeline = Pipeline(parameters)
-    surface, _, _ = pipeline.normalise(mesh)
+    surface = pipeline.normalise(mesh).surface
     assert 0.5 * TAU_VERTICES <= len(surface.vertices) <= 1.5 * TAU_VERTICES
     wanted = min(TAU_CAP, round(tau * len(surface.vertices)))
     assert len(pipeline.embed(mesh).positions) == wanted
