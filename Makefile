@@ -51,7 +51,7 @@ help:
 	@echo 'make cluster-test        a Dask cluster that loses its workers and its scheduler'
 	@echo 'make postgresql-test     the tests of the service that depend on the database, on PostgreSQL'
 	@echo 'make method-test         the method on every class of the gallery, and its machine code'
-	@echo 'make studies-test        benchmarks against running services'
+	@echo 'make studies-test        every study on small collections, and benchmarks against running services'
 	@echo 'make hostile-test        upload every hostile file over HTTP'
 	@echo 'make mutation-test       upload 10,000 mutated files over HTTP (COUNT=, SEED=)'
 	@echo 'make schema-test         requests generated from the OpenAPI document (SEED=)'
@@ -109,7 +109,7 @@ PYTEST := OMP_NUM_THREADS=1 $(BIN)/python -m pytest
 COMPILE_KERNELS := from core.parameters import DEFAULT; from service.compute.tasks import warm; warm(DEFAULT)
 test: $(DEV)
 	@OMP_NUM_THREADS=1 $(BIN)/python -c '$(COMPILE_KERNELS)'
-	$(PYTEST) $(AT_A_TIME) -p no:schemathesis
+	$(PYTEST) $(AT_A_TIME) -p no:schemathesis -m 'not studies'
 
 soak: $(SOAK)
 
@@ -141,6 +141,7 @@ method-test: $(DEV)
 	$(PYTEST) $(AT_A_TIME) tests/soak/method
 
 studies-test: $(DEV)
+	$(PYTEST) $(AT_A_TIME) -m studies tests/service
 	$(PYTEST) tests/soak/studies tests/soak/test_no_skips.py tests/soak/test_pages.py
 
 # locust brings a web server: it stays out of the environment that runs the service and its tests.

@@ -12,6 +12,8 @@ from service.cli.studies import ablation
 from service.cli.studies.ablation import Finding, table
 from tests.service.cli.conftest import CLASSES, Run, mesh_bytes
 
+pytestmark = pytest.mark.studies
+
 FEW = (
     Row("alone", "paper", PAPER, "cc"),
     Row("alone", "ranked", PAPER, "combined"),

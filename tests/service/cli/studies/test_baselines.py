@@ -13,6 +13,8 @@ from service.datasets import read_collection
 from service.studies.baselines.methods import BaselineName, MissingPeerError, load
 from tests.service.cli.conftest import Run
 
+pytestmark = pytest.mark.studies
+
 KEYS = [
     "collection", "setting", "rank_by", "shapes", "classes", "nn", "ft", "st", "e", "dcg", "map",
     "occurrence_skewness", "most_often_wrong", "per_class",

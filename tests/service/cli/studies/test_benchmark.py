@@ -12,6 +12,8 @@ from service.studies.benchmark import ingesting, pictures
 from service.studies.benchmark.page import BenchmarkResults, page
 from service.studies.benchmark.timing import Spread
 
+pytestmark = pytest.mark.studies
+
 
 @pytest.fixture(autouse=True)
 def small(monkeypatch):

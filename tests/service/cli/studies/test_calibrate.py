@@ -117,6 +117,7 @@ def second(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.studies
 def test_the_fit_and_how_it_is_judged(collection: Path, second: Path, run: Run, tmp_path: Path) -> None:
     out = tmp_path / "new" / "out"
     done = run("calibrate", collection, second, "--parts", 9, "--json", "--out", out)

@@ -12,6 +12,8 @@ from core.parameters import DEFAULT
 from core.studies.correspondence import study_body
 from service.cli.studies import correspondence
 
+pytestmark = pytest.mark.studies
+
 
 @pytest.fixture(scope="module")
 def expected():

@@ -11,6 +11,8 @@ from service.rendering.drawing import SURFACE, Panel, draw_grid
 from service.studies.figures.classes import UNMATCHED, class_colour, thumbnail
 from service.studies.figures.spectral import match_figure
 
+pytestmark = pytest.mark.studies
+
 NAMES = {f"figures-{name}.png" for name in ("samples", "eigenmap", "match", "top", "confusion", "classes")}
 PNG = b"\x89PNG\r\n\x1a\n"
 

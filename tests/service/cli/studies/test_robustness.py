@@ -22,6 +22,8 @@ from service.studies.subset import spread
 from tests.core.shapes import icosphere
 from tests.service.cli.conftest import Run, mesh_bytes
 
+pytestmark = pytest.mark.studies
+
 PNG = b"\x89PNG\r\n\x1a\n"
 
 

@@ -11,6 +11,8 @@ from core.io import write_mesh
 from core.studies.sampling import surface as sampling_surface
 from core.studies.sampling.surface import METHODS
 
+pytestmark = pytest.mark.studies
+
 PNG = b"\x89PNG\r\n\x1a\n"
 
 

@@ -12,6 +12,8 @@ from service.studies.benchmark.table1 import table1_rows
 from service.studies.benchmark.timing import Spread
 from tests.core.shapes import icosphere
 
+pytestmark = pytest.mark.studies
+
 
 @pytest.fixture(scope="module")
 def source():
