@@ -254,7 +254,7 @@ class Pipeline:
 
     @property
     def pools_experts(self) -> bool:
-        """Whether `combined` reads all evidence: see `core.ranking.combined`."""
+        """Whether `combined` reads all descriptors: see `core.ranking.combined`."""
         return pools_experts(self.parameters.ranking)
 
     def combined_with(

@@ -26,7 +26,7 @@ from core.embedding import (
     Spectrum,
 )
 from core.errors import BadRecordError
-from core.ranking.evidence import ShapeDescriptors
+from core.ranking.pair_differences import ShapeDescriptors
 from core.spectral.orientation import ORIENTED, ORIENTING
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from threading import Event
 
 from core.arrays import Bytes
-from core.ranking.evidence import ShapeDescriptors
+from core.ranking.pair_differences import ShapeDescriptors
 from service.auth.gate import Gate
 from service.compute.activity_gate import ActivityGate
 from service.compute.pool import LocalPool

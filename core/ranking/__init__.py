@@ -5,14 +5,14 @@ Signatures, coarse samples or scores in; a shortlist, approximate scores or clas
 
 __all__ = [
     "class_probability",
-    "coarse_evidence",
+    "coarse_differences",
     "coarse_ranking",
     "combined",
     "density_sample",
-    "evidence",
     "likeness",
     "local_density",
     "opinion_pool",
+    "pair_differences",
     "reranking",
     "shortlist",
     "spectral_distance",

@@ -9,13 +9,13 @@ from core.descriptors.descriptor_distance import descriptor_distance
 from core.embedding import Embedding, Scores
 from core.parameters import RankingParameters
 from core.ranking.class_probability import class_probability, signature_features
-from core.ranking.evidence import descriptors_of, evidence_of
 from core.ranking.local_density import LocalDensities
 from core.ranking.opinion_pool import pooled_probability
+from core.ranking.pair_differences import descriptors_of, differences_of
 
 
 def pools_experts(ranking: RankingParameters) -> bool:
-    """Whether embeddings hold all evidence (`core.ranking.evidence`), and `combined_scores` reads it."""
+    """Whether embeddings hold all descriptors of `core.ranking.pair_differences`."""
     return ranking.views and ranking.spin_images and ranking.global_descriptors
 
 
@@ -43,7 +43,7 @@ def combined_scores(
     """
     if pools_experts(ranking):
         described = [descriptors_of(other) for other in others]
-        return pooled_probability(evidence_of(descriptors_of(query), described, scores, own, densities))
+        return pooled_probability(differences_of(descriptors_of(query), described, scores, own, densities))
     signatures = np.array([other.signature for other in others]).reshape(-1, len(query.signature))
     between = (
         descriptor_distance(query.spin_images, [other.spin_images for other in others])

@@ -14,7 +14,6 @@ from core.descriptors.global_descriptors import GLOBAL_DESCRIPTORS
 from core.descriptors.view_bytes import VIEW_BYTES
 from core.descriptors.view_descriptor import view_distance
 from core.descriptors.view_signature import SIGNATURE_BYTES, signature_distance, view_signature
-from core.ranking.evidence import ShapeDescriptors
 from core.ranking.local_density import (
     TYPICAL_SPECTRAL,
     TYPICAL_VIEW,
@@ -22,6 +21,7 @@ from core.ranking.local_density import (
     neighbour_distances,
     typical_densities,
 )
+from core.ranking.pair_differences import ShapeDescriptors
 from core.ranking.shortlist import least
 
 NEAR_VIEWS = 16

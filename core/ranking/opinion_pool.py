@@ -1,4 +1,4 @@
-"""Class probability from two experts: intrinsic evidence, and the outside of the shapes.
+"""Class probability from two experts: intrinsic and extrinsic similarity.
 
 Two shapes are of one class because one is the other in another pose (CC, eigenvalues, spin images), or
 because they look alike from outside (views). Each expert gives log odds that are linear in logarithms of
@@ -12,7 +12,7 @@ from scipy.special import expit
 
 from core.arrays import Floats
 from core.ranking.class_probability import SPIN_IMAGE_FLOOR, Calibration
-from core.ranking.evidence import Evidence
+from core.ranking.pair_differences import PairDifferences
 
 GATE = 0.05
 """Spectral distance (root mean square difference of log eigenvalues) at which other differences count half.
@@ -57,7 +57,7 @@ PART_FEATURES = 16
 """Number of features of pairs with an incomplete surface."""
 
 
-def features(evidence: Evidence) -> Floats:
+def features(differences: PairDifferences) -> Floats:
     """Features of the pairs, shape (..., 14), linear in the log odds of both experts.
 
     With R the reliability and the weight w = 1 - R GATE^3 / (s^3 + GATE^3) of the spectral distance s, the
@@ -65,66 +65,66 @@ def features(evidence: Evidence) -> Floats:
     first five, and the logarithms of the densities, by views for both kinds of shapes and by eigenvalues for
     reliable ones.
     """
-    s, reliability = evidence.spectral, evidence.reliability
+    s, reliability = differences.spectral, differences.reliability
     weight = 1.0 - reliability * GATE**3 / (s**3 + GATE**3)
-    logs = _logs(evidence, weight)
+    logs = _logs(differences, weight)
     soup = 1.0 - reliability
-    views = _log_view_density(evidence)
-    spectral = np.log(np.maximum(evidence.spectral_density, LEAST_SPECTRAL_DENSITY) + SPECTRAL_FLOOR)
+    views = _log_view_density(differences)
+    spectral = np.log(np.maximum(differences.spectral_density, LEAST_SPECTRAL_DENSITY) + SPECTRAL_FLOOR)
     densities = [reliability * views, soup * views, reliability * spectral]
     return np.stack([*logs, soup, *(soup * each for each in logs), *densities], axis=-1)
 
 
-def part_features(evidence: Evidence) -> Floats:
+def part_features(differences: PairDifferences) -> Floats:
     """Features of pairs with an incomplete surface, shape (..., PART_FEATURES), linear in their log odds.
 
     First log(part_distance + floor); then those of `features` with weight 1, with log(s + SPECTRAL_FLOOR)
     beside the differences, and of the densities that of the views alone.
     """
     logs = [
-        np.log(evidence.part_distance + SPIN_IMAGE_FLOOR),
-        *_logs(evidence, 1.0),
-        np.log(evidence.spectral + SPECTRAL_FLOOR),
+        np.log(differences.part_distance + SPIN_IMAGE_FLOOR),
+        *_logs(differences, 1.0),
+        np.log(differences.spectral + SPECTRAL_FLOOR),
     ]
-    soup = 1.0 - evidence.reliability
-    return np.stack([*logs, soup, *(soup * each for each in logs), _log_view_density(evidence)], axis=-1)
+    soup = 1.0 - differences.reliability
+    return np.stack([*logs, soup, *(soup * each for each in logs), _log_view_density(differences)], axis=-1)
 
 
-def _log_view_density(evidence: Evidence) -> Floats:
-    return np.asarray(np.log(np.maximum(evidence.view_density, LEAST_VIEW_DENSITY)))
+def _log_view_density(differences: PairDifferences) -> Floats:
+    return np.asarray(np.log(np.maximum(differences.view_density, LEAST_VIEW_DENSITY)))
 
 
-def _logs(evidence: Evidence, weight: Floats | float) -> list[Floats]:
+def _logs(differences: PairDifferences, weight: Floats | float) -> list[Floats]:
     """log(weight d + floor) of each difference d of `FLOORS`."""
-    differences = (
-        np.maximum(1.0 - evidence.cc, 0.0),
-        1.0 - evidence.sim,
-        evidence.global_distance,
-        evidence.spin_images,
-        evidence.views,
+    each = (
+        np.maximum(1.0 - differences.cc, 0.0),
+        1.0 - differences.sim,
+        differences.global_distance,
+        differences.spin_images,
+        differences.views,
     )
-    return [np.log(weight * each + floor) for each, floor in zip(differences, FLOORS, strict=True)]
+    return [np.log(weight * one + floor) for one, floor in zip(each, FLOORS, strict=True)]
 
 
-def offset(evidence: Evidence) -> Floats:
+def offset(differences: PairDifferences) -> Floats:
     """The part of the log odds that is not fitted, shape (...): at most 3.3, and 0 where spectra differ.
 
     Among nearly isometric surfaces the order follows the eigenvalues. Collections of classes do not show
     this, since all these surfaces are of one class there.
     """
-    s = evidence.spectral
-    return np.asarray(-evidence.reliability * np.log((s + FINEST) / (s + FINE)))
+    s = differences.spectral
+    return np.asarray(-differences.reliability * np.log((s + FINEST) / (s + FINE)))
 
 
-def pooled_log_odds(evidence: Evidence) -> Floats:
+def pooled_log_odds(differences: PairDifferences) -> Floats:
     """Log odds that pairs are of one class, shape (...). Unlike probabilities they do not saturate."""
     return np.where(
-        evidence.part,
-        CALIBRATED_PARTS.log_odds(part_features(evidence)),
-        CALIBRATED_POOL.log_odds(features(evidence)) + offset(evidence),
+        differences.part,
+        CALIBRATED_PARTS.log_odds(part_features(differences)),
+        CALIBRATED_POOL.log_odds(features(differences)) + offset(differences),
     )
 
 
-def pooled_probability(evidence: Evidence) -> Floats:
+def pooled_probability(differences: PairDifferences) -> Floats:
     """Class probabilities of pairs of surfaces with views, shape (...), in [0, 1]."""
-    return np.asarray(expit(pooled_log_odds(evidence)))
+    return np.asarray(expit(pooled_log_odds(differences)))

@@ -10,7 +10,7 @@ import numpy as np
 from cachetools import LRUCache
 
 from core.arrays import Ints
-from core.ranking.evidence import ShapeDescriptors
+from core.ranking.pair_differences import ShapeDescriptors
 
 Value = TypeVar("Value")
 

@@ -8,8 +8,8 @@ from cachetools import LRUCache
 
 from core.arrays import Ints
 from core.ranking.density_sample import DensitySample, densities_in
-from core.ranking.evidence import ShapeDescriptors
 from core.ranking.local_density import LocalDensities
+from core.ranking.pair_differences import ShapeDescriptors
 from service.collection import CollectionNumber
 
 SAMPLE = 512

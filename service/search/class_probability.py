@@ -8,9 +8,9 @@ from core.arrays import Floats, Ints
 from core.descriptors.descriptor_distance import DescriptorDistance, descriptor_distance
 from core.embedding import Scores
 from core.pipeline import Pipeline
-from core.ranking.coarse_evidence import TYPICAL_SIM
-from core.ranking.evidence import evidence_of
+from core.ranking.coarse_differences import TYPICAL_SIM
 from core.ranking.opinion_pool import pooled_log_odds
+from core.ranking.pair_differences import differences_of
 from service.container import Container
 from service.search.batches import by_embedding, by_threads
 from service.search.coarse_log_odds import coarse_log_odds
@@ -72,7 +72,7 @@ async def _log_odds(
             densities = None if sample is None else sample.of_stored([numbers[p] for p in present], shapes)
             places = first[np.searchsorted(unique, embeddings[present])]
             scores = Scores(cc[places], np.zeros(len(places)), sim[places])
-            found[0, present] = pooled_log_odds(evidence_of(own, shapes, scores, query_density, densities))
+            found[0, present] = pooled_log_odds(differences_of(own, shapes, scores, query_density, densities))
         return found
 
     score = by_threads(container, log_odds)

@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from core.arrays import Bytes, Float32s, Floats
 from core.descriptors.descriptor_distance import is_part
-from core.ranking.coarse_evidence import CoarseDescriptors, coarse_evidence
+from core.ranking.coarse_differences import CoarseDescriptors, coarse_differences
 from core.ranking.opinion_pool import pooled_log_odds
 from core.ranking.shortlist import least
 from service.index.repository import IndexEntries
@@ -44,7 +44,7 @@ def coarse_log_odds(
     own = query.descriptors
     reliability = np.array([own.reliability], dtype=np.float32)
     return pooled_log_odds(
-        coarse_evidence(
+        coarse_differences(
             CoarseDescriptors(own.signature[None], query.view_signature[None], reliability),
             CoarseDescriptors(signatures, view_signatures, reliabilities),
             cc,

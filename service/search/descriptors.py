@@ -7,7 +7,7 @@ import numpy as np
 from core.arrays import Ints
 from core.errors import BadRecordError
 from core.ranking.density_sample import density_sample
-from core.ranking.evidence import ShapeDescriptors
+from core.ranking.pair_differences import ShapeDescriptors
 from core.serialization import descriptors_from_bytes
 from service.collection import CollectionNumber
 from service.container import Container

@@ -9,8 +9,8 @@ from core.descriptors.view_signature import view_signature
 from core.embedding import Embedding, Match
 from core.mesh.mesh import Mesh
 from core.pipeline import Pipeline
-from core.ranking.evidence import ShapeDescriptors, descriptors_of
 from core.ranking.likeness import Likeness
+from core.ranking.pair_differences import ShapeDescriptors, descriptors_of
 from core.serialization import embedding_from_bytes
 from service.pipelines.active import ActivePipeline
 from service.search.rank_by import RankBy

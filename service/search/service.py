@@ -10,7 +10,7 @@ from starlette.concurrency import run_in_threadpool
 
 from core.embedding import Embedding, Match, Scores
 from core.mesh.mesh import Mesh
-from core.ranking.evidence import descriptors_of
+from core.ranking.pair_differences import descriptors_of
 from core.ranking.spectral_distance import spectral_distances
 from core.serialization import embedding_from_bytes
 from service.collection import CollectionNumber

@@ -21,9 +21,9 @@ from core.errors import CoreError
 from core.io import DEFAULT_LIMITS, format_of
 from core.parameters import Parameters
 from core.pipeline import Pipeline
-from core.ranking.evidence import Evidence, descriptors_of, evidence_of
 from core.ranking.local_density import TYPICAL_SPECTRAL, TYPICAL_VIEW, neighbour_distances
 from core.ranking.opinion_pool import pooled_log_odds
+from core.ranking.pair_differences import PairDifferences, descriptors_of, differences_of
 from core.serialization import embedding_from_bytes
 from service.compute.tasks import embed_file
 from service.compute.worker_loop import end_with_parent
@@ -47,7 +47,7 @@ class PairScores:
         See `core.embedding.Scores`; the diagonal compares each shape with itself.
     combined : float64
         Log odds of the class probability, or the probability itself if the parameters disable views.
-    evidence : Evidence, optional
+    differences : PairDifferences, optional
         Of all pairs, each an array of shape (n, n); None if the parameters disable views.
     """
 
@@ -55,7 +55,7 @@ class PairScores:
     ssd: Floats
     sim: Floats
     combined: Floats
-    evidence: Evidence | None
+    differences: PairDifferences | None
 
 
 _pipeline: Pipeline
@@ -88,7 +88,7 @@ def score_pairs(
     """Scores of all pairs. Scores are symmetric, so that each pair is scored once."""
     n = len(embeddings)
     cc, ssd, sim, combined = np.eye(n), np.zeros((n, n)), np.eye(n), np.zeros((n, n))
-    evidence = {each.name: np.zeros((n, n)) for each in fields(Evidence)}
+    differences = {each.name: np.zeros((n, n)) for each in fields(PairDifferences)}
     with TemporaryDirectory() as folder:
         # Each worker reads the file of all embeddings once, instead of once per row.
         path = Path(folder) / "embeddings"
@@ -96,15 +96,15 @@ def score_pairs(
         for i, (row, found) in _each(pool, partial(_score_row, path), {i: i for i in range(n)}):
             for matrix, values in ((cc, row.cc), (ssd, row.ssd), (sim, row.sim)):
                 matrix[i, i + 1 :] = matrix[i + 1 :, i] = values[1:]
-            named = vars(found).items() if isinstance(found, Evidence) else [("combined", found)]
+            named = vars(found).items() if isinstance(found, PairDifferences) else [("combined", found)]
             for name, values in named:
-                matrix = evidence.get(name, combined)
+                matrix = differences.get(name, combined)
                 matrix[i, i:] = matrix[i:, i] = values
             done(n - 1 - i)
     if not pipeline.pools_experts:
         return PairScores(cc, ssd, sim, combined, None)
-    part = evidence.pop("part") > 0.0
-    pairs = Evidence(**evidence, part=part)
+    part = differences.pop("part") > 0.0
+    pairs = PairDifferences(**differences, part=part)
     pairs = replace(
         pairs,
         spectral_density=pair_densities(pairs.spectral, TYPICAL_SPECTRAL),
@@ -156,14 +156,14 @@ def _embed(path: Path) -> Embedding | str:
         return f"{type(error).__name__}: {error}"
 
 
-def _score_row(path: Path, i: int) -> tuple[Scores, Evidence | Floats]:
-    """The scores of an embedding with itself and all later ones, and the evidence or the probability."""
+def _score_row(path: Path, i: int) -> tuple[Scores, PairDifferences | Floats]:
+    """The scores of an embedding with itself and all later ones, and the differences or the probability."""
     others = _load(path)[i:]
     own = others[0]
     scores = _pipeline.score(own, others)
     if not _pipeline.pools_experts:
         return scores, _pipeline.combined_with(own, others, scores)
-    return scores, evidence_of(descriptors_of(own), [descriptors_of(other) for other in others], scores)
+    return scores, differences_of(descriptors_of(own), [descriptors_of(other) for other in others], scores)
 
 
 @lru_cache(maxsize=1)

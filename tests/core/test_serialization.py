@@ -16,7 +16,7 @@ from core.errors import BadRecordError
 from core.gallery import make_shape
 from core.parameters import DEFAULT, PAPER
 from core.pipeline import Pipeline
-from core.ranking.evidence import descriptors_of
+from core.ranking.pair_differences import descriptors_of
 from core.serialization import descriptors_from_bytes, embedding_from_bytes, embedding_to_bytes
 
 FACTS = Facts(

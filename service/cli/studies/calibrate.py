@@ -87,11 +87,11 @@ def command(
 
 
 def _pairs(labels: Sequence[str], scores: PairScores, perturbed: Sequence[LabelledPairs]) -> CollectionPairs:
-    evidence = scores.evidence
-    assert evidence is not None, "the default setting has views"
+    differences = scores.differences
+    assert differences is not None, "the default setting has views"
     return CollectionPairs(
-        LabelledPairs(tuple(labels), features(evidence), ~evidence.part, offset(evidence)),
-        LabelledPairs(tuple(labels), part_features(evidence), evidence.part),
+        LabelledPairs(tuple(labels), features(differences), ~differences.part, offset(differences)),
+        LabelledPairs(tuple(labels), part_features(differences), differences.part),
         perturbed,
     )
 

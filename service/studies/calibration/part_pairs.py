@@ -41,4 +41,4 @@ def _features(stored: Path, kind: Perturbation, amount: float, path: Path) -> Fl
     asked = perturbed_query(stored, kind, amount, SEED, path)
     if isinstance(asked, str):
         return asked
-    return part_features(asked.evidence) if asked.evidence.part.all() else None
+    return part_features(asked.differences) if asked.differences.part.all() else None

@@ -24,9 +24,9 @@ from core.mesh.mesh import Mesh
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
 from core.ranking.density_sample import DensitySample, densities_in, density_sample
-from core.ranking.evidence import Evidence, ShapeDescriptors, descriptors_of, evidence_of
 from core.ranking.local_density import LocalDensities
 from core.ranking.opinion_pool import pooled_log_odds
+from core.ranking.pair_differences import PairDifferences, ShapeDescriptors, descriptors_of, differences_of
 from core.studies.robustness import TAU, Level, Perturbation, Retrieval, nearest_neighbour, tau_parameters
 from service.studies.pairwise_scores import embed_files, score_pairs, worker_pool
 
@@ -172,7 +172,7 @@ class ScoredQuery:
         Embedding of the mesh.
     gallery : GalleryDescriptors
     scores : Scores
-    evidence : Evidence
+    differences : PairDifferences
         With the local densities among the gallery.
     """
 
@@ -181,7 +181,7 @@ class ScoredQuery:
     query: Embedding
     gallery: GalleryDescriptors
     scores: Scores
-    evidence: Evidence
+    differences: PairDifferences
 
 
 def perturbed_query(
@@ -195,8 +195,8 @@ def perturbed_query(
         scores = pipeline.score(query, gallery.embeddings)
         own = descriptors_of(query)
         density = densities_in(gallery.sample, [own])
-        evidence = evidence_of(own, gallery.descriptors, scores, density, gallery.densities)
-        return ScoredQuery(pipeline, mesh, query, gallery, scores, evidence)
+        differences = differences_of(own, gallery.descriptors, scores, density, gallery.densities)
+        return ScoredQuery(pipeline, mesh, query, gallery, scores, differences)
     except CoreError as error:
         return f"{error.kind}: {error}"
     except Exception as error:
@@ -210,7 +210,7 @@ def _query(stored: Path, kind: Perturbation, amount: float, seed: int, path: Pat
     if isinstance(asked, str):
         return asked
     pipeline, query, gallery = asked.pipeline, asked.query, asked.gallery.embeddings
-    found = {"cc": asked.scores.cc, "combined": pooled_log_odds(asked.evidence)}
+    found = {"cc": asked.scores.cc, "combined": pooled_log_odds(asked.differences)}
     if kind.part:
         part = (
             query.spin_images[KEYPOINTS:]

@@ -11,8 +11,8 @@ from core.descriptors.view_descriptor import view_distance
 from core.gallery import CLASSES, make_shape
 from core.pipeline import Pipeline
 from core.ranking.density_sample import densities_in, density_sample
-from core.ranking.evidence import ShapeDescriptors, descriptors_of
 from core.ranking.local_density import TYPICAL_SPECTRAL, TYPICAL_VIEW, neighbour_distances
+from core.ranking.pair_differences import ShapeDescriptors, descriptors_of
 
 
 @cache

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from core.ranking.evidence import Evidence
 from core.ranking.opinion_pool import (
     FINE,
     FINEST,
@@ -16,11 +15,12 @@ from core.ranking.opinion_pool import (
     pooled_log_odds,
     pooled_probability,
 )
+from core.ranking.pair_differences import PairDifferences
 
 DIFFERENCES = ("global_distance", "spin_images", "views")
 
 
-def evidence(count: int = 1, **given: object) -> Evidence:
+def differences(count: int = 1, **given: object) -> PairDifferences:
     """Pairs of closed surfaces that differ as two of one class do, but for what is given."""
     usual = {
         "cc": 0.99,
@@ -35,10 +35,10 @@ def evidence(count: int = 1, **given: object) -> Evidence:
         "spectral_density": 0.14,
         "view_density": 0.76,
     }
-    return Evidence(**{name: np.full(count, value) for name, value in usual.items()} | given)  # type: ignore[arg-type]
+    return PairDifferences(**{name: np.full(count, value) for name, value in usual.items()} | given)  # type: ignore[arg-type]
 
 
-def plain_features(pair: Evidence) -> list[float]:
+def plain_features(pair: PairDifferences) -> list[float]:
     """`features` of one pair, a number at a time."""
     s, r = pair.spectral[0], pair.reliability[0]
     w = 1 - r * 0.05**3 / (s**3 + 0.05**3)
@@ -58,7 +58,7 @@ def plain_features(pair: Evidence) -> list[float]:
 @pytest.mark.parametrize("reliability", [0.01, 0.4, 1.0])
 @pytest.mark.parametrize("spectral", [0.0, 0.05, 0.4])
 def test_the_features_are_those_of_the_formula(reliability: float, spectral: float) -> None:
-    pair = evidence(reliability=np.array([reliability]), spectral=np.array([spectral]))
+    pair = differences(reliability=np.array([reliability]), spectral=np.array([spectral]))
     assert features(pair)[0] == pytest.approx(plain_features(pair))
     assert part_features(pair).shape == (1, PART_FEATURES)
 
@@ -66,9 +66,9 @@ def test_the_features_are_those_of_the_formula(reliability: float, spectral: flo
 def test_soups_are_told_by_views_and_not_by_spectra() -> None:
     soup = np.full(20, 0.02)
     views = np.linspace(0.3, 1.3, 20)
-    assert (np.diff(pooled_probability(evidence(20, reliability=soup, views=views))) < 0.0).all()
+    assert (np.diff(pooled_probability(differences(20, reliability=soup, views=views))) < 0.0).all()
     near, far = (
-        pooled_log_odds(evidence(reliability=soup[:1], spectral=np.array([value])))[0]
+        pooled_log_odds(differences(reliability=soup[:1], spectral=np.array([value])))[0]
         for value in (0.05, 0.5)
     )
     assert abs(near - far) < 0.5
@@ -76,15 +76,15 @@ def test_soups_are_told_by_views_and_not_by_spectra() -> None:
 
 def test_poses_of_one_body_are_told_by_spectra_and_not_by_views() -> None:
     spectral = np.geomspace(1e-4, 0.02, 20)
-    order = pooled_log_odds(evidence(20, spectral=spectral, views=np.linspace(1.2, 0.4, 20)))
+    order = pooled_log_odds(differences(20, spectral=spectral, views=np.linspace(1.2, 0.4, 20)))
     assert (np.diff(order) < 0.0).all()
-    far = pooled_log_odds(evidence(2, spectral=np.full(2, 0.3), views=np.array([0.4, 1.2])))
-    near = pooled_log_odds(evidence(2, spectral=np.full(2, 0.005), views=np.array([0.4, 1.2])))
+    far = pooled_log_odds(differences(2, spectral=np.full(2, 0.3), views=np.array([0.4, 1.2])))
+    near = pooled_log_odds(differences(2, spectral=np.full(2, 0.005), views=np.array([0.4, 1.2])))
     assert near[0] - near[1] < 0.1 * (far[0] - far[1])
 
 
 def test_log_odds_order_pairs_of_equal_probability() -> None:
-    pairs = evidence(2, spectral=np.array([1e-6, 2e-6]), cc=np.ones(2), sim=np.ones(2))
+    pairs = differences(2, spectral=np.array([1e-6, 2e-6]), cc=np.ones(2), sim=np.ones(2))
     odds = pooled_log_odds(pairs)
     assert odds[0] > odds[1]
     assert pooled_probability(pairs) == pytest.approx(1.0 / (1.0 + np.exp(-odds)))
@@ -92,7 +92,7 @@ def test_log_odds_order_pairs_of_equal_probability() -> None:
 
 def test_the_offset_is_bounded_and_vanishes() -> None:
     found = offset(
-        evidence(4, spectral=np.array([0.0, 0.05, 10.0, 0.0]), reliability=np.array([1, 1, 1, 0.0]))
+        differences(4, spectral=np.array([0.0, 0.05, 10.0, 0.0]), reliability=np.array([1, 1, 1, 0.0]))
     )
     assert found[0] == pytest.approx(np.log(FINE / FINEST))
     assert (np.diff(found[:3]) < 0.0).all()
@@ -103,7 +103,7 @@ def test_the_offset_is_bounded_and_vanishes() -> None:
 @pytest.mark.parametrize("part", [False, True])
 @pytest.mark.parametrize("name", DIFFERENCES)
 def test_a_hub_needs_more_and_differences_count(part: bool, name: str) -> None:
-    pairs = evidence(2, part=np.full(2, part), reliability=np.full(2, 0.5))
+    pairs = differences(2, part=np.full(2, part), reliability=np.full(2, 0.5))
     dense, sparse = pooled_log_odds(replace(pairs, view_density=np.array([0.65, 0.9])))
     assert dense < sparse - 1.0
     larger = replace(pairs, **{name: getattr(pairs, name) * 2.0, "part_distance": pairs.part_distance * 2.0})
@@ -112,14 +112,14 @@ def test_a_hub_needs_more_and_differences_count(part: bool, name: str) -> None:
 
 def test_an_incomplete_shape_is_told_by_its_part_distance() -> None:
     distances = np.geomspace(0.1, 5.0, 20)
-    pairs = evidence(20, part=np.ones(20, dtype=bool), part_distance=distances)
+    pairs = differences(20, part=np.ones(20, dtype=bool), part_distance=distances)
     assert (np.diff(pooled_probability(pairs)) < 0.0).all()
     assert np.ptp(pooled_probability(replace(pairs, part=np.zeros(20, dtype=bool)))) == 0.0
 
 
 def test_copies_of_a_shape_do_not_make_its_poses_unlikely() -> None:
     """Among many copies of a shape, its seventh neighbour is a copy."""
-    pose = evidence(
+    pose = differences(
         spectral=np.array([0.02]), view_density=np.array([1e-4]), spectral_density=np.array([1e-4])
     )
     assert pooled_probability(pose)[0] > 0.9

@@ -17,11 +17,11 @@ from core.descriptors.view_signature import signature_distance, view_signature
 from core.embedding import Scores
 from core.matching.match_records import match_record, score_match_records
 from core.parameters import DEFAULT
-from core.ranking.coarse_evidence import TYPICAL_SIM, CoarseDescriptors, coarse_evidence
+from core.ranking.coarse_differences import TYPICAL_SIM, CoarseDescriptors, coarse_differences
 from core.ranking.coarse_ranking import coarse_ranking, coarse_samples
 from core.ranking.density_sample import densities_in, density_sample
-from core.ranking.evidence import ShapeDescriptors, descriptors_of, evidence_of
 from core.ranking.opinion_pool import pooled_log_odds
+from core.ranking.pair_differences import ShapeDescriptors, descriptors_of, differences_of
 from core.ranking.reranking import rerank
 from core.serialization import embedding_from_bytes, points_from_bytes
 from service.index.cache import ABOUT, EmbeddingCache
@@ -272,7 +272,7 @@ def test_finalists_are_those_that_coarse_ranking_and_reranking_put_first(
 
     def coarse_log_odds(names: list[str], cc: Floats | None = None) -> Floats:
         stored = coarse([shapes_of[name] for name in names])
-        return pooled_log_odds(coarse_evidence(coarse([query_shape]), stored, cc))
+        return pooled_log_odds(coarse_differences(coarse([query_shape]), stored, cc))
 
     if by_log_odds:
         names = first(names, coarse_log_odds(names), 9)
@@ -290,7 +290,7 @@ def test_finalists_are_those_that_coarse_ranking_and_reranking_put_first(
         chosen = [shapes_of[name] for name in names]
         sim = np.full(len(names), TYPICAL_SIM)
         rough = pooled_log_odds(
-            evidence_of(
+            differences_of(
                 query_shape,
                 chosen,
                 Scores(rough, sim, sim),

@@ -7,7 +7,7 @@ import pytest
 
 from core.embedding import Scores
 from core.ranking.density_sample import densities_in, density_sample
-from core.ranking.evidence import descriptors_of
+from core.ranking.pair_differences import descriptors_of
 from core.serialization import embedding_from_bytes
 from service.search.repository import embedding_records
 from tests.service.engines import either_engine

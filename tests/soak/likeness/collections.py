@@ -37,13 +37,13 @@ def poses(spectral: NDArray[np.float64], scores: PairScores, near: float, cc: fl
 
 def rows(name: str, labels: list[str], scores: PairScores) -> tuple[list[str], list[str], list[str]]:
     """Two rows of each table: pairs of one class, and of two classes."""
-    assert scores.evidence is not None
-    spectral, classes = scores.evidence.spectral, np.array(labels)
+    assert scores.differences is not None
+    spectral, classes = scores.differences.spectral, np.array(labels)
     once = np.triu(np.ones_like(spectral, dtype=bool), 1)
     one_class = classes[:, None] == classes[None, :]
     densities = typical_densities(1)
     alone = replace(
-        scores.evidence,
+        scores.differences,
         spectral_density=np.full_like(spectral, densities.spectral[0]),
         view_density=np.full_like(spectral, densities.view[0]),
     )

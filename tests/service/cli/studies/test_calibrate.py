@@ -18,9 +18,9 @@ from core.parameters import DEFAULT
 from core.pipeline import Pipeline
 from core.ranking.class_probability import Calibration
 from core.ranking.density_sample import densities_in, density_sample
-from core.ranking.evidence import Evidence, descriptors_of, evidence_of
 from core.ranking.local_density import ENOUGH, TYPICAL_SPECTRAL, TYPICAL_VIEW
 from core.ranking.opinion_pool import PART_FEATURES, features, offset, part_features
+from core.ranking.pair_differences import PairDifferences, descriptors_of, differences_of
 from service.cli.studies import calibrate
 from service.datasets import read_collection
 from service.studies.calibration import part_pairs
@@ -48,9 +48,9 @@ def densities(distances: Floats, typical: float) -> Floats:
     return np.asarray(nearest**weight * typical ** (1.0 - weight))
 
 
-def evidence(pipeline: Pipeline, one: Embedding, other: Embedding) -> Evidence:
+def differences(pipeline: Pipeline, one: Embedding, other: Embedding) -> PairDifferences:
     """Of one pair; without densities."""
-    return evidence_of(descriptors_of(one), [descriptors_of(other)], pipeline.score(one, [other]))
+    return differences_of(descriptors_of(one), [descriptors_of(other)], pipeline.score(one, [other]))
 
 
 def plain(folder: Path) -> LabelledPairs:
@@ -58,7 +58,7 @@ def plain(folder: Path) -> LabelledPairs:
     pipeline = Pipeline(DEFAULT)
     files = read_collection(folder)
     embeddings = [pipeline.embed(read_mesh(path.read_bytes(), format_of(path.name))) for path, _ in files]
-    pairs = [[evidence(pipeline, one, other) for other in embeddings] for one in embeddings]
+    pairs = [[differences(pipeline, one, other) for other in embeddings] for one in embeddings]
     spectral, views = (
         densities(np.array([[getattr(pair, name)[0] for pair in row] for row in pairs]), typical)
         for name, typical in (("spectral", TYPICAL_SPECTRAL), ("views", TYPICAL_VIEW))
@@ -96,7 +96,7 @@ def plain_parts(folder: Path, count: int) -> list[LabelledPairs]:
             own = densities_in(sample, [descriptors_of(query)])
             for j, other in enumerate(wholes):
                 pair = replace(
-                    evidence(pipeline, query, other),
+                    differences(pipeline, query, other),
                     spectral_density=np.sqrt(own.spectral * around.spectral[j]),
                     view_density=np.sqrt(own.view * around.view[j]),
                 )

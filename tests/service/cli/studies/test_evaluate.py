@@ -17,8 +17,8 @@ from core.evaluation.retrieval_measures import evaluate
 from core.io import format_of, read_mesh
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
-from core.ranking.evidence import descriptors_of, evidence_of
 from core.ranking.opinion_pool import pooled_log_odds
+from core.ranking.pair_differences import descriptors_of, differences_of
 from service.datasets import read_collection
 from service.index.density_samples import SAMPLE, sampled
 from service.studies.pairwise_scores import embed_files, pair_densities, score_pairs, worker_pool
@@ -101,8 +101,8 @@ def test_pairs_are_scored_once_and_mirrored(pool: Executor, embeddings: list[Emb
         assert scores.cc[i] == pytest.approx(row.cc, abs=1e-9)
         assert scores.ssd[i] == pytest.approx(row.ssd, abs=1e-9)
         assert scores.sim[i] == pytest.approx(row.sim, abs=1e-9)
-        evidence = evidence_of(descriptors_of(embedding), described, row)
-        assert scores.evidence is not None
+        differences = differences_of(descriptors_of(embedding), described, row)
+        assert scores.differences is not None
         for name in (
             "spectral",
             "global_distance",
@@ -112,11 +112,11 @@ def test_pairs_are_scored_once_and_mirrored(pool: Executor, embeddings: list[Emb
             "views",
             "reliability",
         ):
-            assert getattr(scores.evidence, name)[i] == pytest.approx(getattr(evidence, name), abs=1e-9)
+            assert getattr(scores.differences, name)[i] == pytest.approx(getattr(differences, name), abs=1e-9)
         around = replace(
-            evidence,
-            spectral_density=scores.evidence.spectral_density[i],
-            view_density=scores.evidence.view_density[i],
+            differences,
+            spectral_density=scores.differences.spectral_density[i],
+            view_density=scores.differences.view_density[i],
         )
         assert scores.combined[i] == pytest.approx(pooled_log_odds(around), abs=1e-6)
     assert (scores.combined == scores.combined.T).all()

@@ -1,4 +1,4 @@
-"""Coarse evidence against the evidence of whole embeddings."""
+"""Coarse differences against the differences of whole embeddings."""
 
 from functools import cache
 
@@ -8,8 +8,8 @@ import pytest
 from core.descriptors.view_signature import view_signature
 from core.gallery import CLASSES, make_shape
 from core.pipeline import Pipeline
-from core.ranking.coarse_evidence import CoarseDescriptors, coarse_evidence
-from core.ranking.evidence import descriptors_of, evidence_of
+from core.ranking.coarse_differences import CoarseDescriptors, coarse_differences
+from core.ranking.pair_differences import descriptors_of, differences_of
 
 
 @cache
@@ -30,18 +30,18 @@ def coarse(chosen):
 def test_spectral_differences_are_exact_and_views_nearly_in_order():
     own, *others = embeddings()
     scores = Pipeline().score(own, others)
-    exact = evidence_of(descriptors_of(own), [descriptors_of(one) for one in others], scores)
-    found = coarse_evidence(coarse([own]), coarse(others), scores.cc)
+    exact = differences_of(descriptors_of(own), [descriptors_of(one) for one in others], scores)
+    found = coarse_differences(coarse([own]), coarse(others), scores.cc)
     for name in ("cc", "spectral", "global_distance", "reliability"):
         assert getattr(found, name) == pytest.approx(getattr(exact, name), rel=1e-6, abs=1e-6)
     assert np.corrcoef(found.views, exact.views)[0, 1] > 0.75
     assert found.views == pytest.approx(exact.views, rel=0.5)
     assert not found.part.any()
-    assert coarse_evidence(coarse([own]), coarse(others), part=True).part.all()
+    assert coarse_differences(coarse([own]), coarse(others), part=True).part.all()
 
 
-def test_none_has_no_evidence():
+def test_an_empty_collection_has_no_differences():
     whole = coarse(embeddings()[:1])
     none = CoarseDescriptors(whole.signatures[:0], whole.view_signatures[:0], whole.reliabilities[:0])
-    found = coarse_evidence(whole, none, np.empty(0))
+    found = coarse_differences(whole, none, np.empty(0))
     assert all(value.shape == (0,) for value in vars(found).values())

@@ -1,4 +1,4 @@
-"""Coarse evidence: an estimate of `core.ranking.evidence` from short descriptors of many shapes.
+"""Coarse differences: estimates of `core.ranking.pair_differences` from short descriptors of many shapes.
 
 Signatures and reliabilities give exact differences; view signatures give approximate view distances. Typical
 values stand for all other differences.
@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from core.arrays import Bytes, Float32s, Floats
 from core.descriptors.view_signature import signature_distance
-from core.ranking.evidence import Evidence
 from core.ranking.local_density import TYPICAL_SPECTRAL, TYPICAL_VIEW
+from core.ranking.pair_differences import PairDifferences
 from core.ranking.spectral_distance import global_distances, spectral_distances
 
 VIEW_SCALE = 1.0 / 1900.0
@@ -42,9 +42,9 @@ class CoarseDescriptors:
     reliabilities: Float32s
 
 
-def coarse_evidence(
+def coarse_differences(
     query: CoarseDescriptors, others: CoarseDescriptors, cc: Floats | None = None, *, part: bool = False
-) -> Evidence:
+) -> PairDifferences:
     """Approximate differences between one shape and c others.
 
     Parameters
@@ -62,7 +62,7 @@ def coarse_evidence(
     views = signature_distance(query.view_signatures[0], others.view_signatures)
     spectral = spectral_distances(query.signatures[0], others.signatures, global_descriptors=True)
     typical = np.full(count, TYPICAL_SPIN_IMAGES)
-    return Evidence(
+    return PairDifferences(
         cc=1.0 - np.minimum(LEAST_DISSIMILARITY + SLOPE * spectral, 1.0) if cc is None else cc,
         sim=np.full(count, TYPICAL_SIM),
         spectral=spectral,

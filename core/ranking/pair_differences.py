@@ -1,4 +1,4 @@
-"""Evidence for or against one class: the differences between one shape and several others."""
+"""Differences between one shape and several others, from all descriptors of their embeddings."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -46,7 +46,7 @@ def descriptors_of(embedding: Embedding) -> ShapeDescriptors:
 
 
 @dataclass(frozen=True, eq=False)
-class Evidence:
+class PairDifferences:
     """Differences between one shape and c others.
 
     Attributes
@@ -83,13 +83,13 @@ class Evidence:
     view_density: Floats
 
 
-def evidence_of(
+def differences_of(
     query: ShapeDescriptors,
     others: Sequence[ShapeDescriptors],
     scores: Scores,
     own: LocalDensities | None = None,
     densities: LocalDensities | None = None,
-) -> Evidence:
+) -> PairDifferences:
     """The differences between one shape and c others.
 
     Parameters
@@ -110,7 +110,7 @@ def evidence_of(
         whole_spin_images(query.spin_images),
         [whole_spin_images(others[place].spin_images) for place in np.flatnonzero(between.part).tolist()],
     ).max(axis=1)
-    return Evidence(
+    return PairDifferences(
         cc=scores.cc,
         sim=scores.sim,
         spectral=spectral_distances(query.signature, signatures, global_descriptors=True),
