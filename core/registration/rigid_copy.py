@@ -2,6 +2,8 @@
 
 Copies with one tessellation have the same samples in the same order, so their records suffice. Other copies
 are registered by ICP from the correspondence and the principal axes, first by rotations, then by reflections.
+Where two principal moments are nearly equal, as of a screw or a ring, their axes mean nothing: ICP then also
+begins from turns about the third axis.
 """
 
 from dataclasses import dataclass
@@ -31,9 +33,13 @@ GAIN = 0.98
 """Fine iterations end when the residual exceeds this fraction of the one before."""
 
 STRAIGHT, PROMISING, FINE, HOPELESS = 0.01, 0.02, 0.0015, 3.0 * RESIDUAL
-"""A coarse alignment with a residual of at most `STRAIGHT`, about the spacing of the sample points, ends the
-search for initial alignments; one above `PROMISING` is no copy. Fine iterations end at `FINE`,
-or without a copy above `HOPELESS`."""
+"""A coarse alignment with a residual of at most `STRAIGHT`, about the spacing of the sample points, gets fine
+iterations at once; of the others the best one does, unless it is above `PROMISING`. Fine iterations end at
+`FINE`, or without a copy above `HOPELESS`."""
+
+TIED, TURNS, TURNED = 1.1, 20, 3
+"""Largest ratio of two nearly equal principal moments; turns about the third axis, for each of its two
+directions; and the number of them, best first, that get fine iterations."""
 
 
 @dataclass(frozen=True)
@@ -105,9 +111,33 @@ def _registered(
     first: SurfaceSamples, second: SurfaceSamples, pairs: tuple[Floats, Floats], sign: int
 ) -> Similarity | None:
     """The transform of a copy, of one sign of the determinant; None if there is none."""
-    motion = _initial(first, second, pairs, sign)
-    if motion is None:
-        return None
+    best, chosen = PROMISING, None
+    for start in _starts(first, second, pairs, sign):
+        residual, motion = rough_alignment(first, second, start, sign, STARTING)
+        if residual <= STRAIGHT:
+            found = _refined(first, second, motion, sign)
+            if found is not None:
+                return found
+        elif residual <= best:
+            best, chosen = residual, motion
+    found = None if chosen is None else _refined(first, second, chosen, sign)
+    if found is not None:
+        return found
+    ends = [
+        rough_alignment(first, second, turn, sign, STARTING) for turn in _turned_starts(first, second, sign)
+    ]
+    ends.sort(key=lambda end: end[0])
+    for residual, motion in ends[:TURNED]:
+        found = _refined(first, second, motion, sign) if residual <= PROMISING else None
+        if found is not None:
+            return found
+    return None
+
+
+def _refined(
+    first: SurfaceSamples, second: SurfaceSamples, motion: Similarity, sign: int
+) -> Similarity | None:
+    """The transform after fine iterations, if it is that of a copy."""
     residual, ours, theirs = closest_pairs(first, second, motion)
     before = np.inf
     for _ in range(ROUNDS):
@@ -121,11 +151,11 @@ def _registered(
     return motion if residual <= RESIDUAL else None
 
 
-def _initial(
+def _starts(
     first: SurfaceSamples, second: SurfaceSamples, pairs: tuple[Floats, Floats], sign: int
-) -> Similarity | None:
-    """The coarse alignment of least residual, or the first that is near enough; None if none promises."""
-    starts = [
+) -> list[Similarity]:
+    """The alignments of the pairs and of the principal axes."""
+    return [
         best_similarity(first.to_unit(pairs[0]), second.to_unit(pairs[1]), sign=sign, scaled=False),
         *(
             Similarity(1.0, second.axes.T * signs @ first.axes, np.zeros(3))
@@ -133,11 +163,26 @@ def _initial(
             if np.prod(signs) * sign > 0.0
         ),
     ]
-    best, chosen = PROMISING, None
-    for start in starts:
-        residual, motion = rough_alignment(first, second, start, sign, STARTING)
-        if residual <= best:
-            best, chosen = residual, motion
-        if residual <= STRAIGHT:
-            break
-    return chosen
+
+
+def _turned_starts(first: SurfaceSamples, second: SurfaceSamples, sign: int) -> list[Similarity]:
+    """Alignments of the principal axes, turned about one if the moments of the other two are nearly equal."""
+    moments = (second.points @ second.axes.T).var(axis=0)
+    order = np.argsort(moments)
+    ratios = moments[order[1:]] / np.maximum(moments[order[:-1]], np.finfo(np.float64).tiny)
+    if ratios.min() > TIED:
+        return []
+    axis = int(order[2] if ratios[0] <= ratios[1] else order[0])
+    one, other = (axis + 1) % 3, (axis + 2) % 3
+    starts = []
+    for direction, angle in product((1.0, -1.0), 2.0 * np.pi / TURNS * np.arange(TURNS)):
+        turn = np.eye(3)
+        turn[axis, axis] = direction
+        turn[one, one], turn[one, other] = np.cos(angle), -np.sin(angle)
+        turn[other, one], turn[other, other] = np.sin(angle), np.cos(angle)
+        rotation = second.axes.T @ turn @ first.axes
+        if np.linalg.det(rotation) * sign < 0.0:
+            turn[:, one] *= -1.0
+            rotation = second.axes.T @ turn @ first.axes
+        starts.append(Similarity(1.0, rotation, np.zeros(3)))
+    return starts

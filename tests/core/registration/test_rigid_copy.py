@@ -1,9 +1,13 @@
 """Rigid copies of bodies: turned, scaled, on other meshes; and shapes that are no copies."""
 
+import numpy as np
 import pytest
 
 from core.embedding import Embedding
 from core.gallery.bodies import make_body
+from core.gallery.frames import Frame
+from core.gallery.parts import ellipsoid, tube
+from core.gallery.surface import surface
 from core.mesh.mesh import Mesh
 from core.pipeline import Pipeline
 from core.ranking.spectral_distance import spectral_distances
@@ -11,6 +15,7 @@ from core.registration.rigid_copy import RigidCopy, copy_by_samples, copy_by_sur
 from core.registration.similarity_icp import RESIDUAL
 from core.sampling.surface_samples import surface_samples
 from core.studies.perturbation import subdivide
+from tests.soak.chirality.parts import part, screw
 from tests.soak.duplicates.copies import moved, simplified
 
 PIPELINE = Pipeline()
@@ -75,6 +80,25 @@ def test_a_symmetric_body_is_a_copy_of_its_mirror_image() -> None:
     cup = make_body("cup").rest
     found = by_surfaces(cup, moved(cup, 5, scale=3.0, mirrored=True))
     assert found == RigidCopy(pytest.approx(3.0, rel=0.01), mirrored=False)
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_a_thread_on_another_mesh_turns_left_or_right(mirrored: bool) -> None:
+    copy = moved(part(screw, 2, 2600), 7, mirrored=mirrored)
+    assert by_surfaces(part(screw, 2), copy) == RigidCopy(pytest.approx(1.0, rel=0.01), mirrored=mirrored)
+
+
+@pytest.mark.parametrize(("high", "chiral"), [(0.0, False), (0.2, True)])
+def test_a_ring_with_two_studs_is_chiral_if_one_is_off_its_plane(high: float, chiral: bool) -> None:
+    angles = np.linspace(0.0, 2.0 * np.pi, 61)
+    circle = np.stack([np.cos(angles), np.sin(angles), np.zeros(61)], axis=1)
+    studs = [(1.2, 0.0, 0.0), (float(np.cos(2.0)), float(np.sin(2.0)), high)]
+    parts = [tube(circle, [0.15] * 61, blend=0.01)]
+    parts += [ellipsoid(Frame().move(*stud), (0.12, 0.12, 0.12), blend=0.02) for stud in studs]
+    ring, other = (Mesh(*surface(parts, vertices)) for vertices in (2000, 2600))
+    assert by_surfaces(ring, moved(other, 3)) == RigidCopy(pytest.approx(1.0, rel=0.01), mirrored=False)
+    image = moved(other, 4, mirrored=True)
+    assert by_surfaces(ring, image) == RigidCopy(pytest.approx(1.0, rel=0.01), mirrored=chiral)
 
 
 def test_a_pose_and_another_shape_are_no_copies() -> None:
