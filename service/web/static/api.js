@@ -33,12 +33,12 @@ export const signedOut = new EventTarget();
 /**
  * The address of a resource, in the page's collection.
  * @param {string} path
- * @param {Record<string, string | string[]>} [parameters]
+ * @param {URLSearchParams | Record<string, string>} [parameters] Empty ones are left out.
  */
 export function address(path, parameters = {}) {
   const url = new URL(path, ROOT);
-  for (const [name, value] of Object.entries({ ...parameters, collection })) {
-    for (const each of [value].flat()) if (each !== "") url.searchParams.append(name, each);
+  for (const [name, value] of [...new URLSearchParams(parameters), ["collection", collection]]) {
+    if (value !== "") url.searchParams.append(name, value);
   }
   return url.href;
 }

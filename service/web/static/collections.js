@@ -2,17 +2,17 @@
 
 import { address, ask, collection } from "./api.js";
 import { byId, make } from "./dom.js";
+import { current } from "./state.js";
 
 /** @import { Collections } from "./types.js" */
 
 const form = byId("collections", HTMLFormElement);
 const choice = byId("collection", HTMLSelectElement);
 
-/** @param {string} name */
+/** The address of the view in another collection. @param {string} name */
 const addressOf = (name) => {
-  const url = new URL(location.href);
-  url.searchParams.set("collection", name);
-  return url.href;
+  const { view } = current();
+  return `${location.pathname}?${new URLSearchParams({ view, collection: name })}`;
 };
 
 /** Show the collections; true if the page reloads for the first of them, because there is no default one. */

@@ -49,28 +49,3 @@ export function showError(place, error) {
   place.hidden = error === undefined;
   place.textContent = error === undefined ? "" : error instanceof Error ? error.message : String(error);
 }
-
-/**
- * Call a function with files that are dropped on an element.
- * @param {HTMLElement} place
- * @param {(files: File[]) => void} take
- */
-export function onDrop(place, take) {
-  place.addEventListener("dragover", (event) => {
-    event.preventDefault();
-    place.classList.add("over");
-  });
-  place.addEventListener("dragleave", () => place.classList.remove("over"));
-  place.addEventListener("drop", (event) => {
-    event.preventDefault();
-    place.classList.remove("over");
-    const files = [...(event.dataTransfer?.files ?? [])];
-    if (files.length > 0) take(files);
-  });
-}
-
-/**
- * The parts of a text that is separated by commas.
- * @param {string} text
- */
-export const splitList = (text) => text.split(",").map((part) => part.trim()).filter(Boolean);

@@ -1,29 +1,62 @@
-// Search for similar shapes, by a file or by a stored shape.
+// Search for similar shapes, by a file or by a stored shape. A change of an option searches again.
 
 import { address, ask, askWith, send } from "./api.js";
-import { storedGlb } from "./comparison.js";
-import { byId, onDrop, showError, splitList } from "./dom.js";
-import { showResults } from "./results.js";
+import { byId, showError } from "./dom.js";
+import { changedIn, fill, parametersOf } from "./fields.js";
+import { openStart } from "./start.js";
+import { go, opensElsewhere } from "./state.js";
 
+/** @import { Asked } from "./results.js" */
+/** @import { State } from "./state.js" */
 /** @import { Answer } from "./types.js" */
 
+const form = byId("find-form", HTMLFormElement);
 const chosen = byId("find-file", HTMLInputElement);
+const queryLine = byId("find-query", HTMLElement);
 const progress = byId("find-progress", HTMLElement);
 const stage = byId("find-stage", HTMLElement);
 const bar = byId("find-bar", HTMLProgressElement);
+const results = byId("results", HTMLElement);
+const start = byId("find-start", HTMLElement);
 const errorBox = byId("find-error", HTMLElement);
 
 /** @type {AbortController | null} */
 let running = null;
+/** The query that is shown or runs: its id or file, and its options. @type {{ given: string | File | null, options: string }} */
+let asked = { given: null, options: "" };
 
-function options() {
-  return {
-    top_k: byId("find-count", HTMLSelectElement).value,
-    rank_by: byId("find-rank", HTMLSelectElement).value,
-    filter: splitList(byId("find-tags", HTMLInputElement).value),
-    correspondences: "true",
-    embedding: "true",
-  };
+/** The results are loaded with the first query, because they need the 3D library. */
+const loadResults = () => import("./results.js");
+
+/**
+ * Show the query of the address.
+ * @param {State} state
+ */
+export function openFind({ parameters, file, fileName }) {
+  fill(form, parameters);
+  showFilterCount();
+  const given = file ?? parameters.get("shape_id");
+  const options = parametersOf(form).toString();
+  if (given !== null && given === asked.given && options === asked.options) return;
+  const isNew = given !== asked.given;
+  asked = { given, options };
+  running?.abort();
+  progress.hidden = true;
+  showError(errorBox);
+  if (given === null) return clear(fileName);
+  run(given, isNew);
+}
+
+/** @param {string} fileName The file of the query, if the page has been loaded again since it was chosen. */
+function clear(fileName) {
+  queryLine.hidden = results.hidden = true;
+  showStart();
+  if (fileName) showError(errorBox, `Choose ${fileName} again: the address keeps the filters of a search, but not its file.`);
+}
+
+function showStart() {
+  start.hidden = false;
+  openStart();
 }
 
 /** @param {number} share Uploaded share of the file, 0 to 1. */
@@ -38,60 +71,131 @@ function showProgress(share) {
 }
 
 /**
- * @param {string} name
  * @param {string | File} given The id of a stored shape, or a file.
- * @param {() => Promise<ArrayBuffer>} glb
- * @param {(signal: AbortSignal) => Promise<Answer>} query
+ * @param {boolean} isNew Whether another query was shown before.
  */
-async function run(name, given, glb, query) {
-  running?.abort();
+async function run(given, isNew) {
   const own = (running = new AbortController());
-  const rankBy = byId("find-rank", HTMLSelectElement).value;
-  showError(errorBox);
   progress.hidden = false;
+  start.hidden = true;
+  if (isNew) results.hidden = queryLine.hidden = true;
+  const rankBy = parametersOf(form).get("rank_by") ?? "";
   try {
-    const answer = await query(own.signal);
+    const [query, answer, { showResults }] = await Promise.all([
+      given instanceof File ? ofFile(given) : ofStored(given, own.signal),
+      given instanceof File ? queryFile(given, own.signal) : queryStored(given, own.signal),
+      loadResults(),
+    ]);
+    if (own.signal.aborted) return;
     progress.hidden = true;
-    await showResults({ name, given, glb }, answer, rankBy, findStored);
+    byId("find-name", HTMLElement).textContent = query.name;
+    byId("find-share", HTMLElement).textContent = given instanceof File
+      ? "The link of this page keeps the filters, but not the file." : "The link of this page leads to these results.";
+    queryLine.hidden = false;
+    await showResults(query, answer, rankBy, isNew);
   } catch (error) {
-    if (!own.signal.aborted) showError(errorBox, error);
+    if (own.signal.aborted) return;
+    results.hidden = true;
+    showStart();
+    showError(errorBox, error);
   } finally {
     if (running === own) progress.hidden = true;
   }
 }
 
-/** @param {File} file */
-export function findFile(file) {
-  const form = new FormData();
-  form.append("file", file);
-  return run(
-    file.name,
-    file,
-    async () => (await ask(address("preview"), { method: "POST", body: form })).arrayBuffer(),
-    async (signal) => {
-      showProgress(0);
-      return (await send(address("query", options()), form, showProgress, signal)).body;
-    },
-  );
+/** The options of a search, and fields of the answer that the page shows. */
+function options() {
+  const parameters = parametersOf(form);
+  parameters.set("correspondences", "true");
+  parameters.set("embedding", "true");
+  return parameters;
 }
 
-/** @param {string} id @param {string} name */
-export function findStored(id, name) {
-  return run(name, id, () => storedGlb(id), (signal) => {
-    showProgress(1);
-    return askWith(address("query", options()), { shape_id: id }, signal);
-  });
+/** @type {WeakMap<File, Asked>} */
+const previews = new WeakMap();
+
+/** @param {File} file @returns {Asked} */
+function ofFile(file) {
+  const known = previews.get(file);
+  if (known) return known;
+  /** @type {Promise<ArrayBuffer> | null} */
+  let loaded = null;
+  const form = new FormData();
+  form.append("file", file);
+  const load = async () => (await ask(address("preview"), { method: "POST", body: form })).arrayBuffer();
+  const made = { name: file.name, given: file, glb: () => (loaded ??= load()) };
+  previews.set(file, made);
+  return made;
+}
+
+/** @param {string} id @param {AbortSignal} signal @returns {Promise<Asked>} */
+async function ofStored(id, signal) {
+  const { name } = await (await ask(address(`shapes/${id}`), { signal })).json();
+  return { name, given: id, glb: async () => (await ask(address(`shapes/${id}/preview.glb`))).arrayBuffer() };
+}
+
+/** @param {File} file @param {AbortSignal} signal @returns {Promise<Answer>} */
+async function queryFile(file, signal) {
+  const form = new FormData();
+  form.append("file", file);
+  showProgress(0);
+  return (await send(address("query", options()), form, showProgress, signal)).body;
+}
+
+/** @param {string} id @param {AbortSignal} signal @returns {Promise<Answer>} */
+function queryStored(id, signal) {
+  showProgress(1);
+  return askWith(address("query", options()), { shape_id: id }, signal);
+}
+
+/** @param {File[]} files */
+export function findFile(files) {
+  if (files.length === 1) return go("find", changedIn(form), files[0]);
+  go("find", changedIn(form));
+  showError(errorBox, "A search takes one file. Upload stores many.");
+}
+
+/** Search again with the options of the form. */
+function searchAgain() {
+  const parameters = changedIn(form);
+  if (typeof asked.given === "string") parameters.set("shape_id", asked.given);
+  go("find", parameters, asked.given instanceof File ? asked.given : null);
+}
+
+function showFilterCount() {
+  const filters = byId("find-filters", HTMLDetailsElement);
+  const inside = [...changedIn(form).keys()].filter((name) => filters.querySelector(`[name="${name}"]`));
+  byId("find-filter-count", HTMLElement).textContent = inside.length > 0 ? `(${inside.length})` : "";
 }
 
 chosen.addEventListener("change", () => {
-  const file = chosen.files?.[0];
-  if (file) findFile(file);
+  const given = [...(chosen.files ?? [])];
   // Allows the user to choose the same file again.
   chosen.value = "";
+  if (given.length > 0) findFile(given);
 });
-onDrop(byId("find-drop", HTMLElement), (files) => findFile(files[0]));
-byId("find-form", HTMLFormElement).addEventListener("submit", (event) => event.preventDefault());
+form.addEventListener("change", (event) => {
+  if (event.target !== chosen) searchAgain();
+});
+form.addEventListener("submit", (event) => {
+  event.preventDefault();
+  searchAgain();
+});
 byId("find-stop", HTMLButtonElement).addEventListener("click", () => {
   running?.abort();
   progress.hidden = true;
+  asked.options = "";
+});
+byId("find-clear", HTMLButtonElement).addEventListener("click", () => {
+  go("find", changedIn(form));
+  chosen.focus();
+});
+// "Find similar" keeps the options of the form.
+document.addEventListener("click", (event) => {
+  const link = event.target instanceof Element ? event.target.closest("a[data-shape]") : null;
+  if (!(link instanceof HTMLAnchorElement) || opensElsewhere(event)) return;
+  event.preventDefault();
+  const parameters = changedIn(form);
+  parameters.set("shape_id", link.dataset.shape ?? "");
+  go("find", parameters);
 });

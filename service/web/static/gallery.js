@@ -1,10 +1,13 @@
-// The list of stored shapes: filtered by name and tag, extended by scrolling.
+// The stored shapes: filtered, extended by scrolling.
 
 import { address, ask } from "./api.js";
 import { deleted, restorePeriod } from "./deleted.js";
-import { button, byId, make, showError, splitList } from "./dom.js";
-import { findStored } from "./find.js";
+import { button, byId, showError } from "./dom.js";
+import { changedIn, fill, parametersOf } from "./fields.js";
+import { shapeCard } from "./shape_card.js";
+import { keep } from "./state.js";
 
+/** @import { State } from "./state.js" */
 /** @import { Shape, ShapePage } from "./types.js" */
 
 const PAGE = "60";
@@ -13,12 +16,12 @@ const list = byId("gallery", HTMLUListElement);
 const status = byId("gallery-status", HTMLElement);
 const errorBox = byId("gallery-error", HTMLElement);
 const more = byId("gallery-more", HTMLButtonElement);
-const named = byId("gallery-name", HTMLInputElement);
-const tagged = byId("gallery-tags", HTMLInputElement);
-const known = byId("tags", HTMLDataListElement);
+const form = byId("gallery-form", HTMLFormElement);
 const dialog = byId("deletion", HTMLDialogElement);
 
 let changes = false;
+/** The parameters of the current list. @type {string | null} */
+let shown = null;
 let total = 0;
 /** @type {string | null} */
 let cursor = null;
@@ -27,13 +30,21 @@ let generation = 0;
 let loading = false;
 
 /** @param {boolean} mayChange Whether shapes may be deleted. */
-export function openGallery(mayChange) {
-  changes = mayChange;
-  return reload();
+export const allowChanges = (mayChange) => (changes = mayChange);
+
+/**
+ * Show the list of the address.
+ * @param {State} state
+ */
+export function openGallery({ parameters }) {
+  fill(form, parameters);
+  const wanted = parametersOf(form).toString();
+  if (wanted !== shown) reload();
 }
 
 /** Reload the list. */
 export function reload() {
+  shown = parametersOf(form).toString();
   generation++;
   cursor = null;
   loading = false;
@@ -45,7 +56,9 @@ async function load() {
   if (loading) return;
   loading = true;
   const own = generation;
-  const wanted = { limit: PAGE, name: named.value.trim(), tag: splitList(tagged.value), cursor: cursor ?? "" };
+  const wanted = parametersOf(form);
+  wanted.set("limit", PAGE);
+  if (cursor) wanted.set("cursor", cursor);
   try {
     /** @type {ShapePage} */
     const page = await (await ask(address("shapes", wanted))).json();
@@ -54,7 +67,6 @@ async function load() {
     cursor = page.next_cursor;
     total = page.total;
     list.append(...page.shapes.map(item));
-    for (const shape of page.shapes) shape.tags.forEach(addTag);
   } catch (error) {
     if (own !== generation) return;
     cursor = null;
@@ -69,36 +81,15 @@ async function load() {
 
 function showCount() {
   more.hidden = cursor === null;
-  const empty = named.value || tagged.value ? "No stored shape matches." : "No shapes are stored yet.";
+  const empty = changedIn(form).size > 0 ? "No stored shape matches." : "No shapes are stored yet.";
   status.textContent = total === 0 ? empty : `${list.children.length} of ${total} shown`;
 }
 
 /** @param {Shape} shape */
 function item(shape) {
-  const picture = make("img", {
-    src: address(`shapes/${shape.id}/thumbnail.png`), alt: "", loading: "lazy", decoding: "async", width: 256, height: 256,
-  });
-  // A busy service may refuse; try again once after three seconds.
-  picture.addEventListener("error", () => setTimeout(() => (picture.src = picture.src), 3000), { once: true });
-  const tags = shape.tags.map((tag) => button(tag, () => {
-    tagged.value = tag;
-    reload();
-  }, `Show only shapes with the tag ${tag}`));
-  const made = make(
-    "li", {},
-    picture,
-    make("a", { className: "name", href: address(`shapes/${shape.id}/view`) }, shape.name),
-    make("div", { className: "tags" }, ...tags),
-    make("div", { className: "buttons" },
-      button("Find similar", () => findStored(shape.id, shape.name), `Find similar to ${shape.name}`),
-      ...(changes ? [button("Delete", () => remove(shape, made), `Delete ${shape.name}`)] : [])),
-  );
+  const own = button("Delete", () => removeShape(shape, made), `Delete ${shape.name}`);
+  const made = shapeCard(shape, ...(changes ? [own] : []));
   return made;
-}
-
-/** @param {string} tag */
-function addTag(tag) {
-  if (![...known.options].some((option) => option.value === tag)) known.append(make("option", { value: tag }));
 }
 
 /**
@@ -106,7 +97,7 @@ function addTag(tag) {
  * @param {Shape} shape
  * @param {HTMLLIElement} own
  */
-async function remove(shape, own) {
+async function removeShape(shape, own) {
   byId("deletion-text", HTMLElement).textContent = `${shape.name} will no longer be found. ${restorePeriod()}`;
   dialog.returnValue = "cancel";
   dialog.showModal();
@@ -131,14 +122,12 @@ const watcher = new IntersectionObserver((entries) => {
 }, { rootMargin: "800px" });
 
 let typing = 0;
-for (const field of [named, tagged]) {
-  field.addEventListener("input", () => {
-    clearTimeout(typing);
-    typing = setTimeout(reload, 250);
-  });
-}
-more.addEventListener("click", load);
-byId("gallery-form", HTMLFormElement).addEventListener("submit", (event) => {
-  event.preventDefault();
-  reload();
+form.addEventListener("input", () => {
+  clearTimeout(typing);
+  typing = setTimeout(() => {
+    keep(changedIn(form));
+    reload();
+  }, 250);
 });
+more.addEventListener("click", load);
+form.addEventListener("submit", (event) => event.preventDefault());

@@ -1,37 +1,72 @@
-// The main page: signs in, then opens all sections.
+// The main page: signs in, then shows the view of the address.
 
 import { session, signIn, signOut, signedOut } from "./api.js";
 import { openCollections } from "./collections.js";
 import { byId, showError } from "./dom.js";
 import { openDeleted } from "./deleted.js";
-import { openGallery, reload } from "./gallery.js";
+import { dropAnywhere } from "./drop.js";
+import { findFile, openFind } from "./find.js";
+import { allowChanges, openGallery, reload } from "./gallery.js";
 import { openJobs } from "./jobs.js";
-import "./upload.js";
+import { current, go, linkTo, moved, opensElsewhere } from "./state.js";
+import { store } from "./upload.js";
 
+/** @import { State } from "./state.js" */
 /** @import { Session } from "./types.js" */
 
 const form = byId("sign-in", HTMLElement);
 const content = byId("signed-in", HTMLElement);
 const key = byId("key", HTMLInputElement);
+const views = byId("views", HTMLElement);
 const signOutButton = byId("sign-out", HTMLButtonElement);
 const errorBox = byId("error", HTMLElement);
+
+/** @type {Record<string, (state: State) => void>} */
+const OPEN = { find: openFind, browse: openGallery, upload: () => {} };
+
+/** The last state of each view, to which its link leads back. @type {Record<string, State>} */
+const left = {};
 
 /** @param {Session} own */
 async function enter(own) {
   const may = own.access !== "none";
   form.hidden = may;
-  content.hidden = !may;
+  content.hidden = views.hidden = !may;
   signOutButton.hidden = !own.signed_in;
+  const full = own.access === "full";
   for (const part of document.querySelectorAll("[data-needs=full]")) {
-    /** @type {HTMLElement} */ (part).hidden = own.access !== "full";
+    /** @type {HTMLElement} */ (part).hidden = !full;
   }
   if (!may) return key.focus();
   if (await openCollections()) return;
-  const full = own.access === "full";
+  allowChanges(full);
   // First, because the deletion dialog says how long a shape can be restored.
   if (full) await openDeleted(reload);
-  await openGallery(full);
+  moved.addEventListener("moved", show);
+  show();
   if (full) await openJobs();
+}
+
+/** The view of the address, or the first one. */
+function shownView() {
+  const { view } = current();
+  const link = views.querySelector(`a[data-view="${CSS.escape(view)}"]`);
+  return link instanceof HTMLElement && !link.hidden ? view : "find";
+}
+
+/** Show the view of the address. */
+function show() {
+  const view = shownView();
+  const state = current();
+  left[view] = state;
+  for (const part of content.children) /** @type {HTMLElement} */ (part).hidden = part.id !== `view-${view}`;
+  for (const link of views.querySelectorAll("a")) {
+    const own = link.dataset.view ?? "";
+    link.href = linkTo(own, left[own]?.parameters);
+    if (own === view) link.setAttribute("aria-current", "page");
+    else link.removeAttribute("aria-current");
+  }
+  OPEN[view](state);
 }
 
 async function begin() {
@@ -63,7 +98,22 @@ signOutButton.addEventListener("click", async () => {
 });
 signedOut.addEventListener("signed-out", () => {
   form.hidden = false;
-  content.hidden = true;
+  content.hidden = views.hidden = true;
   signOutButton.hidden = true;
+});
+document.addEventListener("click", (event) => {
+  const link = event.target instanceof Element ? event.target.closest("a[data-view]") : null;
+  if (!(link instanceof HTMLAnchorElement) || opensElsewhere(event)) return;
+  event.preventDefault();
+  const view = link.dataset.view ?? "find";
+  const parameters = new URL(link.href).searchParams;
+  for (const name of ["view", "collection"]) parameters.delete(name);
+  go(view, parameters, views.contains(link) ? left[view]?.file : null);
+  scrollTo(0, 0);
+});
+dropAnywhere((files) => {
+  if (content.hidden) return;
+  if (shownView() === "upload") store(files);
+  else findFile(files);
 });
 begin();

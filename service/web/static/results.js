@@ -1,9 +1,10 @@
 // Results of a query.
 
 import { address } from "./api.js";
-import { card } from "./card.js";
+import { card, details } from "./card.js";
 import { compare, storedEmbedding, storedGlb, theStage } from "./comparison.js";
-import { button, byId, make, showError } from "./dom.js";
+import { byId, make, showError } from "./dom.js";
+import { measures, similarLink } from "./shape_card.js";
 
 /** @import { Comparison } from "./comparison.js" */
 /** @import { Answer, Embedding } from "./types.js" */
@@ -30,9 +31,9 @@ let shown = null;
  * @param {Asked} asked
  * @param {Answer} answer
  * @param {string} rankBy The score that sorts the results.
- * @param {(id: string, name: string) => void} findSimilar
+ * @param {boolean} isNew Whether another query was shown before; then the results get the focus.
  */
-export async function showResults(asked, answer, rankBy, findSimilar) {
+export async function showResults(asked, answer, rankBy, isNew) {
   const { results } = answer;
   shown = null;
   delete cards.dataset.painted;
@@ -45,15 +46,15 @@ export async function showResults(asked, answer, rankBy, findSimilar) {
   const notes = [];
   const found = results.map((result) => {
     const { shape } = result;
-    const details = make("a", { href: address(`shapes/${shape.id}/view`), ariaLabel: `Details of ${shape.name}` }, "Details");
-    const similar = button("Find similar", () => findSimilar(shape.id, shape.name), `Find similar to ${shape.name}`);
-    const line = make("div", { className: "buttons" }, similar, details);
+    const more = details(shape.name, result, measures(shape));
+    const open = make("a", { href: address(`shapes/${shape.id}/view`), ariaLabel: `Open ${shape.name}` }, "Open");
+    const line = make("div", { className: "buttons" }, similarLink(shape), open);
     const note = make("p", { className: "difference" });
     notes.push(note);
-    return card(`${result.rank}. ${shape.name}`, [shape.tags.join(", ")].filter(Boolean), result, note, line);
+    return card(`${result.rank}. ${shape.name}`, [shape.tags.join(", ")].filter(Boolean), result, note, more, line);
   });
   cards.replaceChildren(query.item, ...found.map(({ item }) => item));
-  section.focus();
+  if (isNew) section.focus();
   try {
     shown = await compare(
       [
@@ -115,3 +116,5 @@ byId("zoom-out", HTMLButtonElement).addEventListener("click", () => theStage().z
 byId("reset-view", HTMLButtonElement).addEventListener("click", () => theStage().reset());
 const rotate = byId("auto-rotate", HTMLInputElement);
 rotate.addEventListener("change", () => theStage().setAutoRotate(rotate.checked));
+// On a small screen the shapes come first.
+byId("display", HTMLDetailsElement).open = !matchMedia("(max-width: 40rem)").matches;

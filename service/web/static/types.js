@@ -1,7 +1,7 @@
 // Types of the service's responses; openapi/openapi.json describes them.
 
 /**
- * @typedef {{ vertices: number, faces: number }} Facts
+ * @typedef {{ vertices: number, faces: number, area: number }} Facts
  * @typedef {{ id: string, name: string, tags: string[], format: string, facts: Facts }} Shape
  * @typedef {{ shapes: Shape[], total: number, next_cursor: string | null }} ShapePage
  * @typedef {{ sample: number, vertex: number, position: number[] }} Point

@@ -1,7 +1,7 @@
 // Uploads of many files, each with its own progress and outcome.
 
 import { address, send } from "./api.js";
-import { byId, make, onDrop } from "./dom.js";
+import { byId, make } from "./dom.js";
 import { reload } from "./gallery.js";
 import { isArchive, sendArchive } from "./jobs.js";
 
@@ -17,7 +17,7 @@ let active = 0;
 const outcomes = { stored: 0, there: 0, failed: 0 };
 
 /** @param {File[]} files */
-function store(files) {
+export function store(files) {
   const tags = byId("upload-tags", HTMLInputElement).value.trim();
   for (const file of files) {
     if (isArchive(file)) sendArchive(file, tags);
@@ -73,5 +73,4 @@ chosen.addEventListener("change", () => {
   store([...(chosen.files ?? [])]);
   chosen.value = "";
 });
-onDrop(byId("upload-drop", HTMLElement), store);
 byId("upload-form", HTMLFormElement).addEventListener("submit", (event) => event.preventDefault());

@@ -1,7 +1,7 @@
 // One stored shape in 3D, or two side by side with their correspondence.
 
 import { address, ask, askWith } from "./api.js";
-import { card } from "./card.js";
+import { card, details } from "./card.js";
 import { compare, showSingle, storedEmbedding, storedGlb } from "./comparison.js";
 import { byId, showError } from "./dom.js";
 import { readGlb } from "./glb.js";
@@ -34,7 +34,7 @@ async function showTwo(one, other) {
     read(one), read(other), askWith(address("compare"), { first: one, second: other }),
   ]);
   title.textContent = document.title = `${a.name} and ${b.name}`;
-  const left = card(a.name, [], null), right = card(b.name, [], scores);
+  const left = card(a.name, [], null), right = card(b.name, [], scores, details(b.name, scores));
   cards.append(left.item, right.item);
   const shown = await compare(
     [

@@ -18,27 +18,33 @@ PAGES = ("index.html", "view.html", "docs.html")
 OWN_SCRIPTS = sorted(name for name in assets.names() if name.endswith(".js") and "/" not in name)
 
 
-def needed(name: str) -> set[str]:
-    """A file, and all that it loads, by their names."""
+def needed(name: str, *, later: bool) -> set[str]:
+    """A file, and all that it loads at once, or later too, by their names."""
     text = (STATIC / name).read_text()
     if name.endswith(".html"):
         found = set(re.findall(r'(?:src|href)="(?:\.\./)*page/([^"]+)"', text))
     elif name in OWN_SCRIPTS:
+        text = re.sub(r"/\*\*.*?\*/", "", text, flags=re.DOTALL)
         found = set(re.findall(r'(?:from|import) "\./([^"]+)"', text))
+        if later:
+            found |= set(re.findall(r'import\("\./([^"]+)"\)', text))
     else:
         found = set()
-    return {name}.union(*map(needed, found))
+    return {name}.union(*(needed(each, later=later) for each in found))
 
 
 @pytest.mark.parametrize("page", PAGES)
 def test_every_file_that_a_page_loads_is_sent(page: str) -> None:
-    loaded = needed(page)
+    loaded = needed(page, later=True)
     assert len(loaded) > 3
     assert loaded <= assets.names()
 
 
-def test_the_first_load_is_less_than_a_megabyte() -> None:
-    assert sum((STATIC / name).stat().st_size for name in needed("index.html")) < 1_000_000
+def test_the_first_load_is_small_and_without_the_3d_library() -> None:
+    first = needed("index.html", later=False)
+    assert "vendor/three.js" not in first
+    assert "vendor/three.js" in needed("index.html", later=True)
+    assert sum(len(assets.load(name).packed) for name in first) < 50_000
 
 
 @pytest.mark.parametrize("name", [*PAGES, *OWN_SCRIPTS, "style.css"])

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
+from urllib.parse import urlencode
 
 import numpy as np
 from PIL import Image
@@ -31,10 +32,12 @@ class Visit:
     faults: list[str] = field(default_factory=list)
     expected: list[str] = field(default_factory=list)
 
-    def open(self) -> Page:
-        """The page at /, with its first shapes."""
-        self.page.goto(self.here)
-        self.page.wait_for_selector("#gallery li, #sign-in:not([hidden])")
+    def open(self, view: str = "find", **parameters: str) -> Page:
+        """A view of the page, with its first shapes."""
+        self.page.goto(f"{self.here}/?{urlencode({'view': view, **parameters})}")
+        self.page.wait_for_selector(
+            "#start-shapes li, #gallery li, #view-upload:not([hidden]), #sign-in:not([hidden])"
+        )
         return self.page
 
     def find(self, path: Path) -> Page:

@@ -19,7 +19,7 @@ KEY, READ_KEY = "isoshape_full-key", "isoshape_read-key"
 def test_the_gallery_goes_on_as_one_scrolls(visit: Visit, service: Running) -> None:
     for number in range(MANY):
         service.store(small_file(1), f"ball-{number:03d}.off", tags="ball")
-    page = visit.open()
+    page = visit.open("browse")
     assert page.locator("#gallery li").count() < 200
     for _ in range(200):
         if page.locator("#gallery li").count() == MANY + 6:
@@ -52,7 +52,7 @@ def test_many_files_are_stored_and_a_bad_one_is_told_of(
     bad = tmp_path / "bad.off"
     bad.write_text("not a mesh")
     visit.expected = ["422"]
-    page = visit.open()
+    page = visit.open("upload")
     page.fill("#upload-tags", "new, bulk")
     page.set_input_files("#upload-files", [files[0], bad, *files[1:]])
     outcome = "4 stored, 0 already stored, 1 not stored, 0 waiting"
@@ -76,7 +76,7 @@ def test_an_archive_is_stored_with_progress_and_its_bad_file_told_of(
         for number in range(3):
             packed.writestr(f"new/{number}.off", small_file(number))
         packed.writestr("new/bad.off", "not a mesh")
-    page = visit.open()
+    page = visit.open("upload")
     page.fill("#upload-tags", "packed")
     page.set_input_files("#upload-files", archive)
     row = page.locator("#jobs > li")
@@ -97,13 +97,13 @@ def test_a_file_that_is_no_archive_is_told_of(visit: Visit, tmp_path: Path) -> N
     broken = tmp_path / "broken.zip"
     broken.write_bytes(b"PK no archive")
     visit.expected = ["4"]
-    page = visit.open()
+    page = visit.open("upload")
     page.set_input_files("#upload-files", broken)
     expect(page.locator("#jobs .bad")).to_contain_text("archive")
 
 
 def test_a_shape_is_deleted_only_when_that_is_confirmed(visit: Visit, service: Running) -> None:
-    page = visit.open()
+    page = visit.open("browse")
     button = page.get_by_role("button", name="Delete glasses-1.ply")
     button.click()
     assert "glasses-1.ply" in page.inner_text("#deletion-text")
@@ -122,7 +122,7 @@ def test_a_shape_is_deleted_only_when_that_is_confirmed(visit: Visit, service: R
 
 def test_a_deleted_shape_is_restored(visit: Visit, service: Running) -> None:
     before = {shape["name"]: shape for shape in service.client.get("/shapes").json()["shapes"]}
-    page = visit.open()
+    page = visit.open("browse")
     for name in ("fish-1.ply", "glasses-2.ply", "fish-2.ply"):
         page.get_by_role("button", name=f"Delete {name}").click()
         assert "You can restore it within 7 days." in page.inner_text("#deletion-text")
@@ -153,7 +153,7 @@ def test_a_deleted_shape_is_restored(visit: Visit, service: Running) -> None:
 
 def test_the_page_names_shapes_that_cannot_be_restored(visit: Visit, service: Running) -> None:
     visit.expected = ["409"]
-    page = visit.open()
+    page = visit.open("browse")
     page.get_by_role("button", name="Delete fish-1.ply").click()
     page.locator("#deletion").get_by_role("button", name="Delete").click()
     undo = page.get_by_role("button", name="Undo: restore fish-1.ply")
@@ -165,18 +165,18 @@ def test_the_page_names_shapes_that_cannot_be_restored(visit: Visit, service: Ru
 
 
 def test_a_shape_alone(visit: Visit) -> None:
-    page = visit.open()
-    page.get_by_role("link", name="fish-1.ply").click()
+    page = visit.open("browse")
+    page.get_by_role("link", name="fish-1.ply", exact=True).click()
     page.wait_for_selector("#cards canvas[data-drawn]")
     assert page.title() == "fish-1.ply"
     assert "vertices" in page.inner_text("#cards")
     page.get_by_role("link", name="All shapes").click()
-    page.wait_for_selector("#gallery li")
+    page.wait_for_selector("#start-shapes li")
 
 
 def test_a_comparison_as_a_page(visit: Visit, service: Running) -> None:
     shapes = service.client.get("/shapes", params={"tag": "fish"}).json()["shapes"]
-    page = visit.open()
+    page = visit.open("browse")
     # A form of another kind cannot send JSON, so the page is put in place of this one.
     page.route(
         "**/compare?format=html",
@@ -189,6 +189,7 @@ def test_a_comparison_as_a_page(visit: Visit, service: Running) -> None:
     page.goto(f"{visit.here}/compare?format=html")
     expect(page.locator("#cards canvas[data-drawn]")).to_have_count(2)
     assert page.inner_text("#title") == f"{shapes[0]['name']} and {shapes[1]['name']}"
+    page.locator("#cards summary").click()
     assert "CC" in page.inner_text("#cards")
 
 
@@ -217,7 +218,7 @@ def test_signing_in_with_a_key(
     faults: list[str] = []
     watch(page, faults)
     visit = Visit(page, str(locked.client.base_url))
-    visit.open()
+    visit.open("browse")
     assert page.locator("#gallery li").count() == 0
     assert page.is_hidden("#signed-in")
     page.fill("#key", "isoshape_wrong")
@@ -227,7 +228,7 @@ def test_signing_in_with_a_key(
     page.fill("#key", key)
     page.keyboard.press("Enter")
     page.wait_for_selector("#gallery li")
-    assert page.is_visible("#upload") == may_store
+    assert page.get_by_role("link", name="Upload", exact=True).is_visible() == may_store
     delete = page.get_by_role("button", name="Delete fish-0.ply")
     assert (delete.count() == 1) == may_store
     # This service keeps nothing of what was deleted.
@@ -249,7 +250,7 @@ def test_signing_in_with_a_key(
 def test_the_same_files_again_are_told_to_be_there(visit: Visit, tmp_path: Path) -> None:
     path = tmp_path / "fish-0.ply"
     path.write_bytes(made("fish", 0))
-    page = visit.open()
+    page = visit.open("upload")
     page.set_input_files("#upload-files", [path])
     outcome = "0 stored, 1 already stored, 0 not stored, 0 waiting"
     expect(page.locator("#upload-status")).to_have_text(outcome)

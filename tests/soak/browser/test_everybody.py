@@ -36,6 +36,10 @@ def test_axe_finds_no_serious_problem(visit: Visit, tmp_path: Path) -> None:
     assert serious(page) == []
     visit.find(file_in(tmp_path))
     assert serious(page) == []
+    visit.open("upload")
+    assert serious(page) == []
+    visit.open("browse")
+    assert serious(page) == []
     page.get_by_role("button", name="Delete fish-0.ply").click()
     assert serious(page) == []
     page.locator("#deletion").get_by_role("button", name="Delete").click()
@@ -53,6 +57,8 @@ def test_everything_by_keyboard(visit: Visit) -> None:
     assert page.evaluate("document.activeElement.className") == "skip"
     page.keyboard.press("Enter")
     assert page.evaluate("document.activeElement.id") == "main"
+    tab_to(page, "#find-filters summary")
+    page.keyboard.press("Enter")
     tab_to(page, "#find-tags")
     page.keyboard.type("fish")
     tab_to(page, "[aria-label='Find similar to fish-0.ply']")
@@ -71,6 +77,9 @@ def test_everything_by_keyboard(visit: Visit) -> None:
     page.keyboard.press("ArrowRight")
     page.evaluate("new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
     assert page.evaluate("document.activeElement.toDataURL()") != before
+    tab_to(page, "#views a[data-view=browse]")
+    page.keyboard.press("Enter")
+    page.wait_for_selector("#gallery li")
     tab_to(page, "[aria-label='Delete fish-0.ply']")
     page.keyboard.press("Enter")
     # Enter alone must not delete.
@@ -96,7 +105,10 @@ def test_on_a_phone_nothing_is_wider_than_the_screen(visit: Visit, tmp_path: Pat
         assert box["x"] + box["width"] <= 360
         assert box["width"] > 250
     # Fingers need some room.
-    for button in page.locator("#gallery .buttons button").all():
+    assert serious(page) == []
+    visit.open("browse")
+    assert page.evaluate("document.documentElement.scrollWidth") <= 360
+    for button in page.locator("#gallery .buttons > *").all():
         box = button.bounding_box()
         assert box is not None
         assert box["height"] >= 36

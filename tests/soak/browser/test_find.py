@@ -5,10 +5,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from core.io import read_mesh, write_mesh
+from core.gallery.bodies import make_body
+from core.io import write_mesh
 from core.mesh.mesh import Mesh
-from service.search.likeness_words import in_words
+from tests.service.support import Running
 from tests.soak.browser.support import Visit, drawn, file_in, hues, made, picture, settled
+
+
+def verdict(result: dict) -> str:
+    """The line that a result has on the page."""
+    if result["likeness"] == "pose":
+        return f"Another pose, {result['cc']:.3f}"
+    percent = f"{100 * result['combined']:.0f} %"
+    bounded = (
+        "under 1 %" if result["combined"] < 0.01 else "over 99 %" if result["combined"] > 0.99 else percent
+    )
+    return f"{result['likeness'].capitalize()}: {bounded}"
 
 
 def test_a_file_finds_the_three_most_alike(visit: Visit, tmp_path: Path) -> None:
@@ -25,25 +37,40 @@ def test_a_file_finds_the_three_most_alike(visit: Visit, tmp_path: Path) -> None
             "rank_by": "combined",
         },
     ).json()
-    shown = page.locator("#cards .scores").all_inner_texts()
-    for text, result in zip(shown, asked["results"], strict=True):
-        numbers = [part for part in text.split() if part[-1].isdigit()]
-        assert numbers == [f"{result[name]:.3f}" for name in ("cc", "ssd", "sim", "combined")]
-    likenesses = page.locator("#cards .likeness").all_inner_texts()
-    assert likenesses == [in_words(result["likeness"], result["scale"]) for result in asked["results"]]
-    terms = page.locator(".scores-explained dt").all_inner_texts()
+    for number, result in enumerate(asked["results"], 1):
+        one = page.locator("#cards > li").nth(number)
+        assert one.locator(".likeness").inner_text() == verdict(result)
+        assert one.locator(".scores").is_hidden()
+        one.locator("summary").click()
+        numbers = [float(value) for value in one.locator(".scores dd").all_inner_texts()[:4]]
+        scores = [result[name] for name in ("cc", "ssd", "sim", "combined")]
+        assert numbers == pytest.approx(scores, abs=5e-4)
+    terms = page.locator(".scores-explained dt").all_text_contents()
     assert terms == ["Same part", "Another pose", "Similar", "Weak", "CC", "SSD", "sim", "combined"]
     summary = page.inner_text("#results-summary")
     assert "6 of 6 stored shapes" in summary
     assert "sorted by combined" in summary
 
 
-def test_a_larger_copy_is_named_in_words(visit: Visit, tmp_path: Path) -> None:
-    mesh = read_mesh(made("fish", 0), "ply")
-    path = tmp_path / "larger.ply"
-    path.write_bytes(write_mesh(Mesh(2.0 * mesh.vertices, mesh.faces), "ply"))
+@pytest.mark.parametrize(
+    ("factors", "line"),
+    [
+        ((1, 1, 1), "Same part"),
+        ((2, 2, 2), "Same part, 0.5 times as large"),
+        ((1, 1, -1), "Mirror image"),
+        ((-0.5, 0.5, 0.5), "Mirror image, 2 times as large"),
+    ],
+)
+def test_one_line_says_by_what_a_copy_is_alike(
+    visit: Visit, service: Running, tmp_path: Path, factors: tuple[float, ...], line: str
+) -> None:
+    mesh = make_body("hand").posed(0)
+    service.store(write_mesh(mesh, "ply"), "hand.ply")
+    path = tmp_path / "copy.ply"
+    faces = mesh.faces if np.prod(factors) > 0 else mesh.faces[:, ::-1]
+    path.write_bytes(write_mesh(Mesh(mesh.vertices * np.array(factors), faces), "ply"))
     page = visit.find(path)
-    assert page.locator("#cards .likeness").first.inner_text() == "Same part, 0.5 times as large"
+    assert page.locator("#cards .likeness").first.inner_text() == line
 
 
 def test_points_that_correspond_have_one_colour(visit: Visit, tmp_path: Path) -> None:
@@ -124,9 +151,9 @@ def test_eigenmaps_go_from_blue_to_red_on_all(visit: Visit, tmp_path: Path) -> N
 
 def test_a_stored_shape_finds_others_of_a_tag(visit: Visit) -> None:
     page = visit.open()
+    page.locator("#find-filters summary").click()
     page.fill("#find-tags", "fish")
-    page.select_option("#find-rank", "combined")
-    page.get_by_role("button", name="Find similar to fish-0.ply").click()
+    page.get_by_role("link", name="Find similar to fish-0.ply").click()
     drawn(page, 3)
     titles = page.locator("#cards h3").all_inner_texts()
     assert titles[0] == "fish-0.ply"
@@ -165,10 +192,14 @@ def test_an_error_is_shown_in_the_services_words(visit: Visit, tmp_path: Path) -
     ).json()
     assert told["detail"] in page.inner_text("#find-error")
     assert page.is_hidden("#results")
-    # A good file afterwards takes it away.
+    # A good file afterwards takes it away, and the next error takes away its results.
     page.set_input_files("#find-file", file_in(tmp_path))
     drawn(page, 4)
     assert page.is_hidden("#find-error")
+    page.set_input_files("#find-file", bad)
+    page.wait_for_selector("#find-error:not([hidden])")
+    assert page.is_hidden("#results")
+    assert page.is_hidden("#find-query")
 
 
 @pytest.mark.parametrize("visit", [{"color_scheme": "dark"}, {"color_scheme": "light"}], indirect=True)

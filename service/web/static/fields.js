@@ -1,0 +1,54 @@
+// Fields of a form as parameters of a request; the name of a field is the name of its parameter.
+
+/** @typedef {HTMLInputElement | HTMLSelectElement} Field */
+
+/** @param {HTMLFormElement} form @returns {Field[]} */
+const fieldsOf = (form) => [...form.querySelectorAll("input[name], select[name]")].map((field) => /** @type {Field} */ (field));
+
+/** @param {Field} field */
+const initial = (field) => field instanceof HTMLSelectElement
+  ? ([...field.options].find((option) => option.defaultSelected) ?? field.options[0]).value
+  : field.type === "checkbox" ? "" : field.defaultValue;
+
+/** @param {Field} field */
+const valueOf = (field) => field instanceof HTMLInputElement && field.type === "checkbox"
+  ? (field.checked ? field.value : "") : field.value.trim();
+
+/**
+ * The values of a field: one, or one for each entry of metadata, which are separated by commas.
+ * @param {Field} field
+ */
+const valuesOf = (field) => field.name === "metadata"
+  ? valueOf(field).split(/,\s*(?=[^=,]+=)/).filter(Boolean) : [valueOf(field)].filter(Boolean);
+
+/**
+ * The fields that are not empty.
+ * @param {HTMLFormElement} form
+ * @param {(field: Field) => boolean} [wanted]
+ */
+export function parametersOf(form, wanted = () => true) {
+  const parameters = new URLSearchParams();
+  for (const field of fieldsOf(form).filter(wanted)) {
+    for (const value of valuesOf(field)) parameters.append(field.name, value);
+  }
+  return parameters;
+}
+
+/**
+ * The fields that differ from their initial values.
+ * @param {HTMLFormElement} form
+ */
+export const changedIn = (form) => parametersOf(form, (field) => valueOf(field) !== initial(field));
+
+/**
+ * Fill a form from parameters; fields without a parameter get their initial values.
+ * @param {HTMLFormElement} form
+ * @param {URLSearchParams} parameters
+ */
+export function fill(form, parameters) {
+  for (const field of fieldsOf(form)) {
+    const given = parameters.getAll(field.name);
+    if (field instanceof HTMLInputElement && field.type === "checkbox") field.checked = given.includes(field.value);
+    else field.value = given.length > 0 ? given.join(", ") : initial(field);
+  }
+}

@@ -1,0 +1,69 @@
+// A stored shape as a card with its picture, and what can be done with it.
+
+import { address } from "./api.js";
+import { byId, make } from "./dom.js";
+import { linkTo } from "./state.js";
+
+/** @import { Shape } from "./types.js" */
+
+const known = byId("tags", HTMLDataListElement);
+
+/** @param {string} tag Offered in fields of tags from now on. */
+function offer(tag) {
+  if (![...known.options].some((option) => option.value === tag)) known.append(make("option", { value: tag }));
+}
+
+/**
+ * A link that searches with a stored shape.
+ * @param {Shape} shape
+ */
+export function similarLink({ id, name }) {
+  const link = make("a", { className: "action", href: linkTo("find", { shape_id: id }), ariaLabel: `Find similar to ${name}` }, "Find similar");
+  link.dataset.shape = id;
+  return link;
+}
+
+/**
+ * The picture of a shape.
+ * @param {string} id
+ * @param {string} [size] In pixels, as the service draws them.
+ */
+export function thumbnail(id, size = "256") {
+  const picture = make("img", {
+    src: address(`shapes/${id}/thumbnail.png`, { size }), alt: "", loading: "lazy", decoding: "async", width: 256, height: 256,
+  });
+  // A busy service may refuse; try again once after three seconds.
+  picture.addEventListener("error", () => setTimeout(() => (picture.src = picture.src), 3000), { once: true });
+  return picture;
+}
+
+/**
+ * @param {Shape} shape
+ * @param {...Node} actions Beside "Find similar".
+ */
+export function shapeCard(shape, ...actions) {
+  shape.tags.forEach(offer);
+  const tags = shape.tags.map((tag) => {
+    const link = make("a", { href: linkTo("browse", { tag }), ariaLabel: `Show only shapes with the tag ${tag}` }, tag);
+    link.dataset.view = "browse";
+    return link;
+  });
+  return make(
+    "li", {},
+    thumbnail(shape.id),
+    make("a", { className: "name", href: address(`shapes/${shape.id}/view`) }, shape.name),
+    make("div", { className: "tags" }, ...tags),
+    make("div", { className: "buttons" }, similarLink(shape), ...actions),
+  );
+}
+
+/**
+ * Names and values of the measures of a shape.
+ * @param {Shape} shape
+ * @returns {[string, string][]}
+ */
+export const measures = ({ facts }) => [
+  ["vertices", facts.vertices.toLocaleString("en")],
+  ["faces", facts.faces.toLocaleString("en")],
+  ["area", String(Number(facts.area.toPrecision(4)))],
+];
