@@ -10,6 +10,7 @@ from core.descriptors.facts import measure
 from core.descriptors.global_descriptors import GLOBAL_WEIGHT, global_descriptors
 from core.descriptors.view_descriptor import view_descriptor
 from core.embedding import NO_SPIN_IMAGES, NO_VIEWS, Embedding, Facts
+from core.graph.bridges import component_bridges
 from core.graph.edge_graph import edge_graph
 from core.graph.sample_distances import sample_distances
 from core.graph.sparse_graph import sparse_graph
@@ -64,7 +65,8 @@ def embed(mesh: Mesh, parameters: Parameters) -> Embedding:
     ranking = parameters.ranking
     with guarded():
         surface, cleaned, frame, smoothed = normalised(mesh, parameters)
-        graph = edge_graph(surface, unfold=parameters.spectral.unfold)
+        bridges = component_bridges(surface)
+        graph = edge_graph(surface, bridges, unfold=parameters.spectral.unfold)
         points, count = embedded_points(surface, graph, parameters)
         samples = points[:count]
         sparse = sparse_graph(graph, samples)
@@ -76,6 +78,7 @@ def embed(mesh: Mesh, parameters: Parameters) -> Embedding:
             distances=sample_distances(graph, points, samples, sparse, parameters.spectral.distances),
             areas=areas / areas.sum(),
             regions=sparse.regions,
+            bridges=bridges,
         )
         check_finite(embedded.distances, embedded.areas)
         spectra, signature, orientation = spectra_of(surface, embedded, parameters.spectral)

@@ -3,4 +3,4 @@
 A mesh and its samples in; the sparse graph, its minimum spanning tree and path lengths out.
 """
 
-__all__ = ["edge_graph", "geodesics", "minimum_spanning_tree", "sample_distances", "sparse_graph"]
+__all__ = ["bridges", "edge_graph", "geodesics", "minimum_spanning_tree", "sample_distances", "sparse_graph"]

@@ -6,9 +6,9 @@ from scipy.linalg import eigh
 from scipy.sparse import coo_array, csc_array, diags_array
 from scipy.sparse.linalg import LinearOperator, eigsh, splu
 
-from core.arrays import Floats
-from core.graph.edge_graph import bridges
-from core.mesh.edges import component_labels, half_edges
+from core.arrays import Floats, Ints
+from core.graph.bridges import component_bridges
+from core.mesh.edges import half_edges
 from core.mesh.mesh import Mesh
 from core.spectral.delaunay import intrinsic_delaunay
 
@@ -44,12 +44,19 @@ def _closed(mesh: Mesh) -> tuple[csc_array, Floats] | None:
     return csc_array(stiffness), areas
 
 
-def laplacian(mesh: Mesh) -> tuple[csc_array, Floats]:
+def laplacian(mesh: Mesh, bridges: Ints | None = None) -> tuple[csc_array, Floats]:
     """The cotangent Laplacian of a tufted intrinsic Delaunay cover (Sharp and Crane 2020), and vertex areas.
 
     The mesh may have holes and non-manifold edges or be a triangle soup. Components are joined by links of
     weight 1 (the edge between two equilateral triangles has 1 / sqrt(3)), so that a shape of several
     components has one spectrum.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        Of n vertices.
+    bridges : int64, shape (components - 1, 2), optional
+        The links, from `core.graph.bridges.component_bridges`, if known.
 
     Returns
     -------
@@ -60,9 +67,8 @@ def laplacian(mesh: Mesh) -> tuple[csc_array, Floats]:
     """
     stiffness, areas = _closed(mesh) or tufted(mesh)
     areas = np.maximum(areas, 1e-9 * areas.mean())
-    number, labels = component_labels(len(mesh.vertices), mesh.faces)
-    if number > 1:
-        pairs = bridges(mesh.vertices, labels)
+    pairs = component_bridges(mesh) if bridges is None else bridges
+    if len(pairs):
         rows = np.concatenate([pairs[:, 0], pairs[:, 1], pairs[:, 0], pairs[:, 1]])
         columns = np.concatenate([pairs[:, 1], pairs[:, 0], pairs[:, 0], pairs[:, 1]])
         values = np.repeat([-1.0, -1.0, 1.0, 1.0], len(pairs))
@@ -71,7 +77,7 @@ def laplacian(mesh: Mesh) -> tuple[csc_array, Floats]:
     return csc_array(stiffness), areas
 
 
-def laplace_beltrami(mesh: Mesh, count: int) -> tuple[Floats, Floats]:
+def laplace_beltrami(mesh: Mesh, count: int, bridges: Ints | None = None) -> tuple[Floats, Floats]:
     """The first `count` eigenpairs after the constant one, L phi = lambda M phi.
 
     Parameters
@@ -80,6 +86,8 @@ def laplace_beltrami(mesh: Mesh, count: int) -> tuple[Floats, Floats]:
         Of n vertices.
     count : int
         Less than n.
+    bridges : int64, shape (components - 1, 2), optional
+        As for `laplacian`.
 
     Returns
     -------
@@ -88,7 +96,7 @@ def laplace_beltrami(mesh: Mesh, count: int) -> tuple[Floats, Floats]:
     float64, shape (n, count)
         Eigenfunctions at the vertices; the sum of area * phi^2 is 1.
     """
-    stiffness, areas = laplacian(mesh)
+    stiffness, areas = laplacian(mesh, bridges)
     root = 1.0 / np.sqrt(areas)
     scaled = csc_array(diags_array(root) @ stiffness @ diags_array(root))
     size = scaled.shape[0]

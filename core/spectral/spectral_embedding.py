@@ -31,12 +31,15 @@ class SampledSurface:
         Share of the surface in each sample's region, of sum 1.
     regions : int64, shape (n,)
         The sample nearest to each vertex of the surface.
+    bridges : int64, shape (components - 1, 2)
+        Pairs of vertices that join the components of the surface.
     """
 
     vertices: Ints
     distances: Floats
     areas: Floats
     regions: Ints
+    bridges: Ints
 
 
 def spectra_of(
@@ -73,7 +76,9 @@ def spectra_of(
         ).astype(np.float32)
         spectra.append(Spectrum("affinity", values.astype(np.float32), coordinates))
     if "laplace-beltrami" in wanted.operators or wanted.laplacian_values:
-        values, functions = laplace_beltrami(surface, max(wanted.dimensions + 1, wanted.laplacian_values))
+        values, functions = laplace_beltrami(
+            surface, max(wanted.dimensions + 1, wanted.laplacian_values), points.bridges
+        )
         areas = face_areas(surface.vertices, surface.faces)
         area = float(areas.sum())
         signature.append(laplacian_signature(values[: wanted.laplacian_values], area))

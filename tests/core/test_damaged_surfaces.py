@@ -6,7 +6,7 @@ import pytest
 from core import sparse_embedding
 from core.errors import CannotBeEmbeddedError, CoreError, DegenerateMeshError
 from core.gallery import make_shape
-from core.graph.edge_graph import bridges
+from core.graph.bridges import bridges
 from core.mesh import ordering
 from core.mesh.mesh import Mesh
 from core.numerics.guarding import check_finite, guarded

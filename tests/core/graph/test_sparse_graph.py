@@ -7,7 +7,8 @@ import pytest
 from scipy.sparse.csgraph import connected_components, dijkstra, minimum_spanning_tree
 from scipy.spatial.distance import cdist
 
-from core.graph.edge_graph import bridges, diagonals, edge_graph
+from core.graph.bridges import bridges
+from core.graph.edge_graph import diagonals, edge_graph
 from core.graph.geodesics import geodesic_distances
 from core.graph.minimum_spanning_tree import tree_distances
 from core.graph.sparse_graph import graph_distances, sparse_graph
