@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from core.arrays import Floats, Ints
-from core.dense.nearest_pairs import nearest_both_ways
 from core.dense.records import DenseCorrespondence
 from core.dense.stretch import stretch
 from core.dense.working_surface import WorkingSurface
 from core.matching.dense_correspondence import Basis, basis, functional_map
+from core.matching.nearest_pairs import nearest_both_ways
 from core.mesh.cleaning import vertex_areas
 from core.registration.near_rigid import NEAR, near_rigid
 from core.registration.similarity_icp import Similarity

@@ -4,10 +4,11 @@ The pairs of the spectral correspondence determine a small orthogonal map betwee
 eigenfunctions of two surfaces; nearest neighbours under it pair all vertices, these determine a larger map,
 and so on: spectral upsampling (Melzi, Ren, Rodola, Sharma, Wonka and Ovsjanikov, "ZoomOut", 2019). A few
 wrong pairs are outvoted, and what the six dimensions of the embedding cannot tell apart, such as the places
-around a limb, the higher eigenfunctions can. The search is run both ways from several sizes of the first map,
-and from several correspondences of samples, which may be mirror images of each other. The map is kept whose
-orientation is that of the samples, which brings the two surfaces' functions closest and nearly commutes with
-their Laplacians, as isometries do.
+around a limb, the higher eigenfunctions can. Each map is fitted to the nearest neighbours of both surfaces,
+there and back, as in the bijective ZoomOut (Ren, Melzi, Wonka and Ovsjanikov, "Discrete optimization for
+shape matching", 2021). Maps grow from several first sizes and from several correspondences of samples, which
+may be mirror images of each other. The map is kept whose orientation is that of the samples, which brings the
+two surfaces' functions closest and nearly commutes with their Laplacians, as isometries do.
 """
 
 from collections.abc import Sequence
@@ -17,6 +18,7 @@ import numpy as np
 
 from core.arrays import Floats, Ints
 from core.errors import ParameterError
+from core.matching.nearest_pairs import nearest_both_ways
 from core.mesh.cleaning import face_areas
 from core.mesh.mesh import Mesh
 from core.spectral.laplace_beltrami import laplacian
@@ -27,8 +29,11 @@ FUNCTIONS = 100
 """Size of the last map, the constant function counted."""
 
 STARTS, STEP = (6, 8, 12, 20, 30), 5
-"""Sizes of first maps that are tried: small ones forgive wrong pairs, large ones read more from right
-pairs."""
+"""Sizes of first maps that are tried: small ones forgive wrong pairs, large ones read more from right pairs;
+and by how much they grow."""
+
+EARLY, LATE_STEP = 40, 20
+"""Size at which the best map is chosen, and by how much it then grows."""
 
 ISOMETRIC, COMMUTING = 100.0, 60
 """Weight of the commutator of map and Laplacians beside the residual, and the number of functions in it."""
@@ -36,11 +41,8 @@ ISOMETRIC, COMMUTING = 100.0, 60
 PRESERVING = 20.0
 """Weight of the agreement of orientation, beside them."""
 
-SEARCHED = 600
-"""Vertices of each surface that the search reads; the last map then pairs all."""
-
-_ROWS = 2048
-"""Vertices whose nearest neighbour is looked for at a time."""
+SEARCHED, REFINED = 600, 2000
+"""Vertices of each surface that all maps are fitted to, and the chosen one; the last map then pairs all."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +107,7 @@ def extend(first: Basis, second: Basis, pairs: Ints | Sequence[Ints], mirrored: 
     """
     rotation = functional_map(first, second, pairs, mirrored)
     largest = len(rotation)
-    return nearest_rows(first.functions[:, :largest] @ rotation, second.functions[:, :largest])[0]
+    return nearest_both_ways(first.functions[:, :largest] @ rotation, second.functions[:, :largest])[0]
 
 
 def functional_map(
@@ -139,26 +141,28 @@ def functional_map(
         if one.ndim != 2 or one.shape[1] != 2 or len(one) == 0:
             raise ParameterError(f"pairs must have shape (p, 2) with p at least 1, not {one.shape}")
     largest = min(first.functions.shape[1], second.functions.shape[1])
-    few, others = _some(first), _some(second)
-    begun = [
-        _start(first, second, one, size)
+    few, others = _some(first, SEARCHED), _some(second, SEARCHED)
+    grown = [
+        _upsampled(few, others, _start(first, second, one, size), _sizes(size, min(EARLY, largest), STEP))
         for one in known
         for size in [size for size in STARTS if size <= min(largest, len(one))] or [min(largest, STARTS[0])]
     ]
-    rotations = [_upsampled(few, others, rotation, largest) for rotation in begun]
-    rotations += [_upsampled(others, few, rotation.T, largest).T for rotation in begun]
-    return min(rotations, key=lambda one: _cost(few, others, one, mirrored))
+    best = min(grown, key=lambda one: _cost(few, others, one, mirrored))
+    sizes = _sizes(len(best), largest, LATE_STEP) or [largest]
+    return _upsampled(_some(first, REFINED), _some(second, REFINED), best, sizes)
 
 
 def _cost(first: Basis, second: Basis, rotation: Floats, mirrored: bool | None) -> float:
     """How badly a map brings the functions together, keeps the Laplacian, and has its orientation."""
     size = len(rotation)
-    found, _ = nearest_rows(first.functions[:, :size] @ rotation, second.functions[:, :size])
+    one, two = first.functions[:, :size] @ rotation, second.functions[:, :size]
+    found, back = nearest_both_ways(one, two)
+    residual = first.areas @ _squares(one - two[found]) + second.areas @ _squares(two - one[back])
     low = min(size, COMMUTING)
     paired = (first.areas[:, None] * first.functions[:, :low]).T @ second.functions[found, :low]
     ours, theirs = first.eigenvalues[:low], second.eigenvalues[:low]
     commutator = np.linalg.norm((ours[:, None] - theirs) * paired) / np.linalg.norm(ours)
-    cost = _residual(first, second, rotation) + ISOMETRIC * float(commutator)
+    cost = float(residual + ISOMETRIC * commutator)
     if mirrored is None or first.orientation is None or second.orientation is None:
         return cost
     width = first.functions[:, 1 : ORIENTED + 1].shape[1]
@@ -171,10 +175,14 @@ def _cost(first: Basis, second: Basis, rotation: Floats, mirrored: bool | None) 
     return cost + PRESERVING * float(agreement if mirrored else -agreement)
 
 
-def _some(side: Basis) -> Basis:
-    """The surface at `SEARCHED` of its vertices, the same for as many vertices."""
+def _squares(rows: Floats) -> Floats:
+    return np.asarray(np.einsum("ij,ij->i", rows, rows))
+
+
+def _some(side: Basis, most: int) -> Basis:
+    """The surface at `most` of its vertices, the same for as many vertices."""
     count = len(side.areas)
-    chosen = np.random.default_rng(count).permutation(count)[:SEARCHED]
+    chosen = np.random.default_rng(count).permutation(count)[:most]
     orientation = None if side.orientation is None else side.orientation[chosen]
     areas = side.areas[chosen] / side.areas[chosen].sum()
     return Basis(side.functions[chosen], side.eigenvalues, areas, orientation)
@@ -191,32 +199,17 @@ def _orthogonal(cross: Floats) -> Floats:
     return np.asarray(left @ right)
 
 
-def _upsampled(first: Basis, second: Basis, rotation: Floats, largest: int) -> Floats:
-    """The map grown from its first size to the largest."""
-    while len(rotation) < largest:
-        size = len(rotation)
-        found, _ = nearest_rows(first.functions[:, :size] @ rotation, second.functions[:, :size])
-        size = min(size + STEP, largest)
-        weighted = first.areas[:, None] * first.functions[:, :size]
-        rotation = _orthogonal(weighted.T @ second.functions[found, :size])
+def _sizes(size: int, largest: int, step: int) -> list[int]:
+    """The sizes to which a map of one size grows."""
+    return [min(grown, largest) for grown in range(size + step, largest + step, step)]
+
+
+def _upsampled(first: Basis, second: Basis, rotation: Floats, sizes: Sequence[int]) -> Floats:
+    """The map grown to each of several sizes in turn."""
+    for size in sizes:
+        known = len(rotation)
+        there, back = nearest_both_ways(first.functions[:, :known] @ rotation, second.functions[:, :known])
+        ours, theirs = first.functions[:, :size], second.functions[:, :size]
+        ahead = (first.areas[:, None] * ours).T @ theirs[there]
+        rotation = _orthogonal(ahead + ours[back].T @ (second.areas[:, None] * theirs))
     return rotation
-
-
-def _residual(first: Basis, second: Basis, rotation: Floats) -> float:
-    """Mean squared distance that a map leaves between the two surfaces' functions, both ways."""
-    size = len(rotation)
-    one, two = first.functions[:, :size] @ rotation, second.functions[:, :size]
-    return float(first.areas @ nearest_rows(one, two)[1] + second.areas @ nearest_rows(two, one)[1])
-
-
-def nearest_rows(points: Floats, targets: Floats) -> tuple[Ints, Floats]:
-    """The row of `targets` nearest to each row of `points`, and its squared distance.
-
-    By products, since a hundred dimensions defeat a tree.
-    """
-    lengths = np.einsum("ij,ij->i", targets, targets)
-    found = np.empty(len(points), dtype=np.int64)
-    for start in range(0, len(points), _ROWS):
-        part = slice(start, start + _ROWS)
-        found[part] = np.argmin(lengths - 2.0 * (points[part] @ targets.T), axis=1)
-    return found, np.asarray(((points - targets[found]) ** 2).sum(axis=1))

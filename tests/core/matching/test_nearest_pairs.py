@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from core.dense.nearest_pairs import nearest_both_ways
+from core.matching.nearest_pairs import nearest_both_ways
 
 
 @pytest.mark.parametrize("scale", [1.0, 1e12, 1e-12])
