@@ -28,13 +28,13 @@ NEAR_VIEWS = 16
 """Number of shapes, the nearest by view signature, whose view distances are computed: the seventh nearest by
 view distance is mostly among them."""
 
-BEYOND = 1e9
-"""Stands for the view distance of all other shapes, which is larger."""
+UNMEASURED = 1e9
+"""Stands for the view distances of all other shapes, which are larger."""
 
 
 @dataclass(frozen=True, eq=False)
 class DensitySample:
-    """Shapes that neighbours are looked for in.
+    """A sample of stored shapes, among which neighbours are searched.
 
     Attributes
     ----------
@@ -69,7 +69,7 @@ def densities_in(sample: DensitySample, shapes: list[ShapeDescriptors]) -> Local
         return typical_densities(len(shapes))
     spectral = cdist(_eigenvalues(shapes), sample.eigenvalues)
     spectral[spectral == 0.0] = np.inf
-    views = np.full(spectral.shape, BEYOND)
+    views = np.full(spectral.shape, UNMEASURED)
     views[np.isinf(spectral)] = np.inf
     for row, others, shape in zip(views, spectral, shapes, strict=True):
         near = signature_distance(view_signature(shape.views), sample.view_signatures).astype(np.float64)
