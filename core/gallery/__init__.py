@@ -2,4 +2,12 @@
 
 from core.gallery.collection import CLASSES, GalleryShape, make_gallery, make_shape
 
-__all__ = ["CLASSES", "GalleryShape", "bodies", "make_gallery", "make_shape", "poses_of_one_person"]
+__all__ = [
+    "CLASSES",
+    "GalleryShape",
+    "bodies",
+    "individuals",
+    "make_gallery",
+    "make_shape",
+    "poses_of_one_person",
+]

@@ -1,4 +1,4 @@
-"""Accuracy of correspondences: poses of one body, whose true correspondence is known."""
+"""Accuracy of correspondences of made bodies: poses of one body, and individuals of one class."""
 
 from dataclasses import dataclass
 from itertools import permutations
@@ -9,9 +9,11 @@ from scipy.sparse.csgraph import dijkstra
 from core.arrays import Floats, Ints
 from core.embedding import Embedding
 from core.gallery.bodies import Body, make_body
+from core.gallery.individuals import individual_partners
 from core.graph.edge_graph import edge_graph
 from core.matching.dense_correspondence import Basis, basis, extend
 from core.mesh.cleaning import face_areas
+from core.mesh.mesh import Mesh
 from core.parameters import Parameters
 from core.pipeline import Pipeline
 
@@ -21,12 +23,12 @@ MOST_ERROR = 0.06
 
 @dataclass(frozen=True)
 class PairErrors:
-    """Errors of the match of two poses.
+    """Errors of the match of two poses, or of two individuals.
 
     Attributes
     ----------
     first, second : int
-        The poses; each vertex of the first is mapped to a vertex of the second.
+        The poses or individuals; each vertex of the first is mapped to a vertex of the second.
     cc : float
         CC of the two poses.
     samples, vertices : float
@@ -49,10 +51,18 @@ class PairErrors:
 
 @dataclass(frozen=True)
 class BodyErrors:
-    """Errors of all ordered pairs of a body's poses."""
+    """Errors of all ordered pairs of a body's poses, or of individuals of a class.
+
+    Attributes
+    ----------
+    label : str
+    body : int or None
+        The individual whose poses are matched; None for individuals.
+    pairs : tuple of PairErrors
+    """
 
     label: str
-    body: int
+    body: int | None
     pairs: tuple[PairErrors, ...]
 
     @property
@@ -126,20 +136,57 @@ def study_body(
     pipeline = Pipeline(parameters)
     sides = [_Side.of(side, poses, pipeline) for side in ([body, other] if remeshed else [body])]
     here, there = sides[0], sides[-1]
-    everywhere = np.arange(len(body.rest.vertices))
-    errors: list[PairErrors] = []
-    for first, second in permutations(range(poses), 2):
-        one, two = here.embeddings[first], there.embeddings[second]
-        match = pipeline.match(one, two)
-        known = _vertices(one, two, match.correspondence.astype(np.int64))
-        samples, _ = symmetric_error(distances, truth, known[:, 0], known[:, 1])
-        found, mirrored = pipeline.correspondences(one, two)
-        pairs = [_vertices(one, two, each) for each in found]
-        ends = extend(here.bases[first], there.bases[second], pairs, mirrored)
-        vertices, symmetry = symmetric_error(distances, truth, everywhere, ends)
-        direct, _ = symmetric_error(distances, truth[:1], everywhere, ends)
-        errors.append(PairErrors(first, second, match.cc, samples, vertices, symmetry, direct))
+    errors = [
+        _pair_errors((first, second), (here, there), (truth, distances), pipeline)
+        for first, second in permutations(range(poses), 2)
+    ]
     return BodyErrors(label, number, tuple(errors))
+
+
+def study_individuals(label: str, count: int, parameters: Parameters) -> BodyErrors:
+    """Match all ordered pairs of individuals of a class, each in a pose of its own, and measure the errors.
+
+    Parameters
+    ----------
+    label : str
+        A class of the gallery.
+    count : int
+        Individuals 0 .. `count` - 1, at least 2; number i is in pose i.
+    parameters : Parameters
+        Parameters of the pipeline.
+    """
+    bodies = [make_body(label, number) for number in range(count)]
+    pipeline = Pipeline(parameters)
+    side = _Side.of_meshes([body.posed(number) for number, body in enumerate(bodies)], pipeline)
+    distances = [surface_distances(body) for body in bodies]
+    errors = [
+        _pair_errors(
+            (first, second),
+            (side, side),
+            (individual_partners(bodies[first], bodies[second]), distances[second]),
+            pipeline,
+        )
+        for first, second in permutations(range(count), 2)
+    ]
+    return BodyErrors(label, None, tuple(errors))
+
+
+def _pair_errors(
+    numbers: tuple[int, int], sides: tuple["_Side", "_Side"], known: tuple[Ints, Floats], pipeline: Pipeline
+) -> PairErrors:
+    """The errors of one ordered pair, from the truth and the distances on the second surface."""
+    (first, second), (here, there), (truth, distances) = numbers, sides, known
+    one, two = here.embeddings[first], there.embeddings[second]
+    match = pipeline.match(one, two)
+    matched = _vertices(one, two, match.correspondence.astype(np.int64))
+    samples, _ = symmetric_error(distances, truth, matched[:, 0], matched[:, 1])
+    found, mirrored = pipeline.correspondences(one, two)
+    pairs = [_vertices(one, two, each) for each in found]
+    ends = extend(here.bases[first], there.bases[second], pairs, mirrored)
+    everywhere = np.arange(truth.shape[1])
+    vertices, symmetry = symmetric_error(distances, truth, everywhere, ends)
+    direct, _ = symmetric_error(distances, truth[:1], everywhere, ends)
+    return PairErrors(first, second, match.cc, samples, vertices, symmetry, direct)
 
 
 def _vertices(first: Embedding, second: Embedding, pairs: Ints) -> Ints:
@@ -149,12 +196,15 @@ def _vertices(first: Embedding, second: Embedding, pairs: Ints) -> Ints:
 
 @dataclass(frozen=True, eq=False)
 class _Side:
-    """All poses of one mesh of a body, with their embeddings."""
+    """The meshes of one side of the pairs, embedded."""
 
     embeddings: list[Embedding]
     bases: list[Basis]
 
     @classmethod
     def of(cls, body: Body, poses: int, pipeline: Pipeline) -> "_Side":
-        meshes = [body.posed(pose) for pose in range(poses)]
+        return cls.of_meshes([body.posed(pose) for pose in range(poses)], pipeline)
+
+    @classmethod
+    def of_meshes(cls, meshes: list[Mesh], pipeline: Pipeline) -> "_Side":
         return cls([pipeline.embed(mesh) for mesh in meshes], [basis(mesh) for mesh in meshes])

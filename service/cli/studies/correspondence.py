@@ -1,9 +1,10 @@
 """`isoshape correspondence`: matches between poses of one body against the truth."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import as_completed
 from dataclasses import asdict
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated
@@ -14,7 +15,7 @@ from rich.table import Table
 
 from core.gallery import CLASSES
 from core.parameters import DEFAULT
-from core.studies.correspondence import MOST_ERROR, BodyErrors, study_body
+from core.studies.correspondence import MOST_ERROR, BodyErrors, study_body, study_individuals
 from service.cli.options import Workers
 from service.console import fail, output, progress
 from service.studies.pairwise_scores import default_workers, worker_pool
@@ -30,6 +31,10 @@ def command(
         int, typer.Option(min=2, help="Poses of each body; every pair of poses is matched.")
     ] = 4,
     bodies: Annotated[int, typer.Option(min=1, help="Individuals of each class.")] = 1,
+    individuals: Annotated[
+        bool,
+        typer.Option("--individuals", help="Match individuals, --bodies of them (at least 2), not poses."),
+    ] = False,
     remeshed: Annotated[
         bool, typer.Option("--remeshed", help="Remesh the second shape of each pair: a harder test.")
     ] = False,
@@ -56,7 +61,8 @@ def command(
     The shapes are bodies made by code, whose poses have the same vertices in the same order. The error is the
     mean geodesic distance between the vertex found and the true vertex, over the square root of the area, up
     to the symmetries of the class. It is measured for the matched samples, and for all vertices by the dense
-    correspondence; there the direct error, without symmetries, stands beside it.
+    correspondence; there the direct error, without symmetries, stands beside it. With --individuals each body
+    of a class, in a pose of its own, is matched with each other one; their solids give the truth.
 
     With --truth the meshes are those of a folder. Line i of NAME.vts is the number, from 1, of the vertex of
     NAME that is vertex i of the template; NAME.sym.vts has its mirror image. The error of the dense
@@ -68,13 +74,24 @@ def command(
         return
     if unknown := sorted(set(only or ()) - set(CLASSES)):
         fail(f"{unknown[0]} is none of {', '.join(CLASSES)}", status=2)
+    if individuals and (bodies < 2 or remeshed):
+        fail("--individuals needs --bodies of at least 2, and no --remeshed", status=2)
     labels = [label for label in CLASSES if not only or label in only]
-    found = _study(labels, bodies, poses, workers or default_workers(), remeshed=remeshed)
+    if individuals:
+        tasks = [partial(study_individuals, label, bodies, DEFAULT) for label in labels]
+    else:
+        tasks = [
+            partial(study_body, label, body, poses, DEFAULT, remeshed=remeshed)
+            for label in labels
+            for body in range(bodies)
+        ]
+    found = _study(tasks, workers or default_workers())
     by_class = {label: [study for study in found if study.label == label] for label in labels}
     if as_json:
         typer.echo(json.dumps(_object(by_class)))
     else:
-        output().print(_table(by_class, poses))
+        matched = f"{bodies} individuals of each class" if individuals else f"{poses} poses of each body"
+        output().print(_table(by_class, matched))
     over = [label for label, studies in by_class.items() if _mean(studies) > MOST_ERROR]
     if check and over:
         fail(f"the mean error is above {MOST_ERROR} for {', '.join(over)}")
@@ -114,13 +131,10 @@ def _truth_table(found: Mapping[str, Mapping[str, TruthSummary | None]]) -> Tabl
     return table
 
 
-def _study(labels: list[str], bodies: int, poses: int, workers: int, *, remeshed: bool) -> list[BodyErrors]:
-    wanted = [(label, body) for label in labels for body in range(bodies)]
+def _study(tasks: Sequence[Callable[[], BodyErrors]], workers: int) -> list[BodyErrors]:
     with worker_pool(DEFAULT, workers) as pool, progress() as bar:
-        task = bar.add_task("matching poses", total=len(wanted))
-        futures = [
-            pool.submit(study_body, label, body, poses, DEFAULT, remeshed=remeshed) for label, body in wanted
-        ]
+        task = bar.add_task("matching bodies", total=len(tasks))
+        futures = [pool.submit(one) for one in tasks]
         for future in as_completed(futures):
             future.result()
             bar.advance(task)
@@ -150,9 +164,9 @@ def _object(by_class: dict[str, list[BodyErrors]]) -> dict[str, object]:
     }
 
 
-def _table(by_class: dict[str, list[BodyErrors]], poses: int) -> Table:
+def _table(by_class: dict[str, list[BodyErrors]], matched: str) -> Table:
     table = Table(
-        title=f"geodesic error / root of the area, {poses} poses of each body, matched in pairs",
+        title=f"geodesic error / root of the area, {matched}, matched in pairs",
         box=box.SIMPLE_HEAD,
         collapse_padding=True,
     )

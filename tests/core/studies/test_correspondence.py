@@ -8,7 +8,13 @@ from core.gallery.bodies import make_body
 from core.graph.edge_graph import edge_graph
 from core.mesh.cleaning import face_areas
 from core.parameters import DEFAULT
-from core.studies.correspondence import MOST_ERROR, study_body, surface_distances, symmetric_error
+from core.studies.correspondence import (
+    MOST_ERROR,
+    study_body,
+    study_individuals,
+    surface_distances,
+    symmetric_error,
+)
 
 
 def test_the_error_is_the_least_over_the_symmetries():
@@ -44,3 +50,11 @@ def test_poses_of_pliers_are_matched_rightly(remeshed):
             assert pair.direct > pair.vertices
     assert max(pair.vertices for pair in found.pairs) <= MOST_ERROR
     assert all(pair.cc > 0.9 for pair in found.pairs)
+
+
+def test_individuals_are_matched_each_with_each_other():
+    found = study_individuals("hand", 2, DEFAULT)
+    assert [(pair.first, pair.second) for pair in found.pairs] == [(0, 1), (1, 0)]
+    assert found.body is None
+    assert all(pair.vertices <= pair.direct + 1e-9 for pair in found.pairs)
+    assert found.vertices <= MOST_ERROR

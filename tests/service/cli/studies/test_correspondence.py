@@ -9,7 +9,7 @@ import pytest
 from core.gallery.bodies import make_body
 from core.io import write_mesh
 from core.parameters import DEFAULT
-from core.studies.correspondence import study_body
+from core.studies.correspondence import study_body, study_individuals
 from service.cli.studies import correspondence
 
 pytestmark = pytest.mark.studies
@@ -37,6 +37,20 @@ def test_a_class_over_the_limit_fails_the_check(run, monkeypatch):
     done = run("correspondence", "--only", "pliers", "--poses", 2, "--check")
     assert done.status == 1
     assert "above -1.0 for pliers" in done.stderr
+
+
+def test_individuals_are_matched_with_each_other(run):
+    done = run("correspondence", "--only", "hand", "--individuals", "--bodies", 2, "--json")
+    assert (done.status, done.stderr) == (0, "")
+    expected = study_individuals("hand", 2, DEFAULT)
+    assert json.loads(done.stdout)["classes"]["hand"]["bodies"] == [json.loads(json.dumps(asdict(expected)))]
+
+
+@pytest.mark.parametrize("options", [(), ("--bodies", 2, "--remeshed")])
+def test_individuals_need_a_second_body_and_have_meshes_of_their_own(run, options):
+    done = run("correspondence", "--individuals", *options)
+    assert done.status == 2
+    assert "--bodies of at least 2" in done.stderr
 
 
 def test_an_unknown_class(run):
