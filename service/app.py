@@ -32,9 +32,11 @@ from service.http.openapi import DESCRIPTION, TAGS, describe
 from service.http.problems import handle_problems
 from service.index.cache import EmbeddingCache, descriptor_bytes
 from service.index.density_samples import DensitySamples
+from service.index.similarity_maps import SimilarityMaps
 from service.jobs.endpoints import ADDRESS as JOBS_ADDRESS
 from service.jobs.endpoints import router as jobs_router
 from service.jobs.runner import Runner
+from service.maps.endpoints import router as map_router
 from service.observability import logging
 from service.observability.metrics import Metrics
 from service.pipelines.active import Pipelines
@@ -112,6 +114,7 @@ def create_app(settings: Settings) -> FastAPI:
     app.include_router(search_router)
     app.include_router(compare_router)
     app.include_router(duplicates_router)
+    app.include_router(map_router)
     app.include_router(shapes_router)
     app.include_router(files_router)
     app.include_router(deleted_router)
@@ -192,6 +195,7 @@ def _start(settings: Settings, parameters: Parameters, gate: Gate, metrics: Metr
         descriptors=EmbeddingCache(DESCRIPTOR_BYTES, descriptor_bytes),
         spin_images=EmbeddingCache(DESCRIPTOR_BYTES // 4),
         density_samples=DensitySamples(),
+        maps=SimilarityMaps(),
     )
 
 

@@ -14,6 +14,7 @@ from service.compute.workers_interface import Workers
 from service.http.idempotency.keys import InFlight
 from service.index.cache import EmbeddingCache
 from service.index.density_samples import DensitySamples
+from service.index.similarity_maps import SimilarityMaps
 from service.observability.metrics import Metrics
 from service.pipelines.active import Pipelines
 from service.settings import Settings
@@ -44,3 +45,4 @@ class Container:
     descriptors: EmbeddingCache[ShapeDescriptors]
     spin_images: EmbeddingCache[Bytes]
     density_samples: DensitySamples
+    maps: SimilarityMaps

@@ -176,7 +176,7 @@ class Settings(BaseSettings):
         description="How long the service keeps the record of a finished bulk job.",
     )
     undo_days: float = Field(
-        default=0.0,
+        default=7.0,
         ge=0,
         le=3660,
         allow_inf_nan=False,

@@ -15,5 +15,6 @@ __all__ = [
     "pair_differences",
     "reranking",
     "shortlist",
+    "similarity_map",
     "spectral_distance",
 ]

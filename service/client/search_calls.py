@@ -8,6 +8,7 @@ import httpx
 
 from service.client.calls import Call, Conditions, File, conditions, content, given, parsed, segment
 from service.duplicates.schemas import DuplicatesAnswer
+from service.maps.schemas import MapAnswer
 from service.search.rank_by import RankBy
 from service.search.schemas import CompareAnswer, QueryAnswer
 from service.system.schemas import Version
@@ -118,6 +119,24 @@ def duplicates(
     limits = {"min_cc": min_cc, "max_residual": max_residual}
     wanted = given(**limits, tag=list(tag), name=name, metadata=conditions(metadata), **sizes)
     return Call("GET", "/duplicates", parsed(DuplicatesAnswer), params=wanted)
+
+
+def similarity_map(
+    *,
+    tag: Sequence[str] = (),
+    name: str | None = None,
+    metadata: Conditions = (),
+    area: str | None = None,
+    volume: str | None = None,
+    length: str | None = None,
+) -> Call[MapAnswer]:
+    """Get positions of the shapes that pass the filters on a plane, similar shapes near each other.
+
+    The filters are those of `duplicates`.
+    """
+    sizes = {"area": area, "volume": volume, "length": length}
+    wanted = given(tag=list(tag), name=name, metadata=conditions(metadata), **sizes)
+    return Call("GET", "/map", parsed(MapAnswer), params=wanted)
 
 
 def version() -> Call[Version]:

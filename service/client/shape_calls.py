@@ -23,6 +23,7 @@ from service.client.calls import (
     segment,
 )
 from service.shapes.deleted.schemas import DeletedShape, DeletedShapePage
+from service.shapes.records import Sort
 from service.shapes.schemas import EmbeddingArrays, Shape, ShapePage
 
 
@@ -68,17 +69,18 @@ def page(
     area: str | None = None,
     volume: str | None = None,
     length: str | None = None,
+    sort: Sort = "oldest",
     limit: int = 50,
     cursor: str | None = None,
 ) -> Call[ShapePage]:
-    """Get one page of the stored shapes, oldest first.
+    """Get one page of the stored shapes.
 
     `metadata` holds keys with values, or conditions of the form key=value; `area`, `volume` and `length` are
     ranges of the form min..max.
     """
     sizes = {"area": area, "volume": volume, "length": length}
     wanted = given(tag=list(tags), metadata=conditions(metadata), name=name, **sizes)
-    wanted |= given(limit=limit, cursor=cursor)
+    wanted |= given(sort=sort, limit=limit, cursor=cursor)
     return Call("GET", "/shapes", parsed(ShapePage), params=wanted)
 
 
@@ -90,6 +92,7 @@ def shapes(
     area: str | None = None,
     volume: str | None = None,
     length: str | None = None,
+    sort: Sort = "oldest",
 ) -> Call[Step[Shape]]:
     """Get all stored shapes that pass the filters, page by page; the filters are those of `page`."""
 
@@ -101,6 +104,7 @@ def shapes(
             area=area,
             volume=volume,
             length=length,
+            sort=sort,
             limit=LONGEST_PAGE,
             cursor=cursor,
         )
@@ -160,9 +164,10 @@ def update(
     return Call("PATCH", f"/shapes/{segment(shape_id)}", parsed(Shape), json=changes)
 
 
-def delete(shape_id: str) -> Call[None]:
-    """Delete a shape."""
-    return Call("DELETE", f"/shapes/{segment(shape_id)}", nothing)
+def delete(shape_id: str, *, permanent: bool = False) -> Call[None]:
+    """Delete a shape; with `permanent`, for good at once."""
+    wanted = given(permanent=permanent or None)
+    return Call("DELETE", f"/shapes/{segment(shape_id)}", nothing, params=wanted)
 
 
 def deleted() -> Call[Step[DeletedShape]]:

@@ -162,6 +162,7 @@ class Client:
     query_shape = _method(search_calls.query_shape)
     compare = _method(search_calls.compare)
     duplicates = _method(search_calls.duplicates)
+    similarity_map = _method(search_calls.similarity_map)
     collections = _method(collection_calls.collections)
     create_collection = _method(collection_calls.create_collection)
     delete_collection = _method(collection_calls.delete_collection)

@@ -23,6 +23,7 @@ along surfaces, so two poses of one body are similar.
 * **GET /shapes/{shape_id}/similar** finds the stored shapes most similar to a stored one.
 * **POST /compare** compares two shapes point by point, or vertex by vertex.
 * **GET /duplicates** finds stored shapes of the same form: rotated, scaled, mirrored or remeshed copies.
+* **GET /map** lays the stored shapes out on a plane by similarity.
 * **POST /jobs** stores every mesh of an archive.
 * **GET /collections** lists the named sets of shapes. Every request works in one collection: the header
   `Isoshape-Collection` or the parameter `collection` names it; without either it is `default`.
@@ -35,7 +36,7 @@ answer has an `X-Request-ID`: the client's own, if the request has one. The serv
 """
 
 TAGS = [
-    {"name": "search", "description": "Similar shapes, comparisons and duplicates."},
+    {"name": "search", "description": "Similar shapes, comparisons, duplicates and maps."},
     {"name": "shapes", "description": "Stored shapes, their files and pictures."},
     {"name": "jobs", "description": "Bulk jobs: archives of many meshes."},
     {"name": "collections", "description": "Named sets of shapes."},

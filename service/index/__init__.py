@@ -1,3 +1,3 @@
 """Stored shapes in memory: database rows in, signatures and cached match records out."""
 
-__all__ = ["cache", "density_samples", "repository", "signature_index"]
+__all__ = ["cache", "density_samples", "repository", "signature_index", "similarity_maps"]

@@ -27,8 +27,8 @@ from service.shapes.documentation import (
 )
 from service.shapes.filters import Filters
 from service.shapes.headers import REPLAYED_HEADER, IdempotencyKey
-from service.shapes.pages import read_cursor
-from service.shapes.records import NewShape, StoredShape
+from service.shapes.pages import read_place
+from service.shapes.records import NewShape, Sort, StoredShape
 from service.shapes.schemas import Shape, ShapeChanges, ShapePage
 from service.shapes.uploads import ShapeUpload
 
@@ -46,6 +46,11 @@ class ShapeListing(NamedInAddress, Filters):
         default=None, max_length=256, description="The `next_cursor` of the previous page."
     )
     limit: int = Field(default=50, ge=1, le=500, description="The largest number of shapes of the page.")
+    sort: Sort = Field(
+        default="oldest",
+        description="The order: the oldest or the newest first, or by name, upper and lower case alike. A "
+        "cursor belongs to one order.",
+    )
 
 
 @router.post(
@@ -107,14 +112,16 @@ async def create_shape(
 def list_shapes(
     listing: Annotated[ShapeListing, Query()], container: Service, collection: InCollection
 ) -> ShapePage:
-    """The stored shapes, the oldest first, a page at a time.
+    """The stored shapes, a page at a time.
 
-    A shape that is stored between two pages comes on the last page; no shape is repeated or left out.
+    No shape is repeated or left out. With the oldest first, a shape that is stored between two pages comes on
+    the last page.
     """
-    after = read_cursor(listing.cursor)
+    after = read_place(listing.cursor, listing.sort)
     wanted = listing.filtered(collection.number)
     with container.database.read() as session:
-        page = service.list_page(session, fingerprint(session), wanted, after=after, limit=listing.limit)
+        own = fingerprint(session), wanted
+        page = service.list_page(session, *own, after=after, limit=listing.limit, sort=listing.sort)
     return ShapePage.of(page)
 
 

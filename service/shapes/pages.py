@@ -3,13 +3,21 @@
 import base64
 import binascii
 import json
+from typing import Any
 
 from service.errors import BadRequestFieldsError, FieldFault
+from service.shapes.records import Place, Sort
 
 
 def write_cursor(after: int) -> str:
-    """The cursor of the page after the shape with a number."""
-    return base64.urlsafe_b64encode(json.dumps({"after": after}).encode()).decode().rstrip("=")
+    """The cursor of the page after the row with a number."""
+    return _written({"after": after})
+
+
+def write_place(place: Place) -> str:
+    """The cursor of the page after a place in a list of shapes."""
+    name = {} if place.name is None else {"name": place.name}
+    return _written({"after": place.number, **name})
 
 
 def read_cursor(cursor: str | None) -> int:
@@ -22,11 +30,41 @@ def read_cursor(cursor: str | None) -> int:
     """
     if cursor is None:
         return 0
+    after = _read(cursor).get("after")
+    if not isinstance(after, int) or not 0 <= after < 2**63:
+        raise _fault()
+    return after
+
+
+def read_place(cursor: str | None, sort: Sort) -> Place | None:
+    """The place in a cursor of a list with an order; None for the first page.
+
+    Raises
+    ------
+    BadRequestFieldsError
+        The cursor is malformed, or of a list with another order.
+    """
+    if cursor is None:
+        return None
+    name = _read(cursor).get("name")
+    if isinstance(name, str) != (sort == "name"):
+        raise _fault()
+    return Place(read_cursor(cursor), name)
+
+
+def _fault() -> BadRequestFieldsError:
+    return BadRequestFieldsError(FieldFault("cursor", "this service did not create the cursor"))
+
+
+def _written(content: dict[str, Any]) -> str:
+    return base64.urlsafe_b64encode(json.dumps(content).encode()).decode().rstrip("=")
+
+
+def _read(cursor: str) -> dict[str, Any]:
     try:
         content = json.loads(base64.urlsafe_b64decode(cursor + "=" * (-len(cursor) % 4)))
-        after = content["after"]
-    except (binascii.Error, ValueError, TypeError, KeyError):
-        after = None
-    if not isinstance(after, int) or not 0 <= after < 2**63:
-        raise BadRequestFieldsError(FieldFault("cursor", "this service did not create the cursor"))
-    return after
+    except (binascii.Error, ValueError):
+        content = None
+    if not isinstance(content, dict):
+        raise _fault()
+    return content

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from datetime import datetime
 from functools import cached_property
-from typing import Any
+from typing import Any, Literal
 
 from service.collection import CollectionNumber
 
@@ -139,13 +139,25 @@ class StoredShape:
     created: bool
 
 
+Sort = Literal["oldest", "newest", "name"]
+"""The order of a list of shapes: by the time of storing, or by name, upper and lower case alike."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """A place in a list of shapes: the number of a shape, and its name in lower case in a list by name."""
+
+    number: int
+    name: str | None = None
+
+
 @dataclass(frozen=True)
 class RecordPage:
-    """A page of shapes, the number of all matches, and the number of its last shape if more follow."""
+    """A page of shapes, the number of all matches, and the place of its last shape if more follow."""
 
     shapes: list[ShapeRecord]
     total: int
-    after: int | None
+    after: Place | None
 
 
 def sha256(data: bytes) -> str:

@@ -6,14 +6,22 @@ from dataclasses import replace
 from datetime import UTC, datetime
 from typing import Any
 
-from sqlalchemy import Select, case, delete, func, literal, select, update
+from sqlalchemy import Select, case, delete, func, literal, select, tuple_, update
 
 from core.errors import BadRecordError
 from service.collection import CollectionNumber
 from service.compute.tasks import Embedded
 from service.errors import SignatureLengthError
 from service.shapes.fields import plain_values
-from service.shapes.records import Changes, NewShape, ShapeFilter, ShapeRecord, StoredFile
+from service.shapes.records import (
+    Changes,
+    NewShape,
+    Place,
+    ShapeFilter,
+    ShapeRecord,
+    Sort,
+    StoredFile,
+)
 from service.storage.checksums import (
     SHAPE_COLUMNS,
     SHAPE_TIMES,
@@ -89,11 +97,31 @@ def others_hold_shapes(session: ReadSession, collection: CollectionNumber) -> bo
 
 
 def page(
-    session: ReadSession, fingerprint: str, shapes: ShapeFilter, *, after: int, limit: int
+    session: ReadSession,
+    fingerprint: str,
+    shapes: ShapeFilter,
+    *,
+    after: Place | None,
+    limit: int,
+    sort: Sort = "oldest",
 ) -> list[ShapeRecord]:
-    """The next `limit` shapes that match a filter, by number."""
-    numbers = matching(shapes).where(ShapeRow.number > after).order_by(ShapeRow.number).limit(limit)
-    return records(session, fingerprint, shapes.collection, session.scalars(numbers).all())
+    """The next `limit` shapes that match a filter, in an order."""
+    query = matching(shapes).limit(limit)
+    if sort == "name":
+        query = query.order_by(ShapeRow.folded_name, ShapeRow.number)
+        if after is not None:
+            query = query.where(
+                tuple_(ShapeRow.folded_name, ShapeRow.number) > tuple_(after.name or "", after.number)
+            )
+    elif sort == "newest":
+        query = query.order_by(ShapeRow.number.desc())
+        if after is not None:
+            query = query.where(ShapeRow.number < after.number)
+    else:
+        query = query.order_by(ShapeRow.number)
+        if after is not None:
+            query = query.where(ShapeRow.number > after.number)
+    return records(session, fingerprint, shapes.collection, session.scalars(query).all())
 
 
 def by_id(

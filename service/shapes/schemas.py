@@ -7,7 +7,7 @@ from pydantic import BaseModel, ConfigDict, Field, JsonValue
 
 from core.descriptors.completeness import INCOMPLETE
 from service.shapes.fields import Metadata, Name, Tags
-from service.shapes.pages import write_cursor
+from service.shapes.pages import write_place
 from service.shapes.records import Changes, RecordPage, ShapeRecord
 
 if TYPE_CHECKING:
@@ -126,7 +126,7 @@ class Shape(BaseModel):
 
 
 class ShapePage(BaseModel):
-    """A page of shapes, the oldest first."""
+    """A page of shapes."""
 
     model_config = ConfigDict(
         json_schema_extra={"example": {"shapes": [SHAPE], "total": 190, "next_cursor": "eyJhZnRlciI6IDUwfQ"}}
@@ -142,7 +142,7 @@ class ShapePage(BaseModel):
         return cls(
             shapes=[Shape.of(record) for record in page.shapes],
             total=page.total,
-            next_cursor=None if page.after is None else write_cursor(page.after),
+            next_cursor=None if page.after is None else write_place(page.after),
         )
 
 

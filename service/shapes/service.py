@@ -25,9 +25,11 @@ from service.shapes.records import (
     Changes,
     NewFile,
     NewShape,
+    Place,
     RecordPage,
     ShapeFilter,
     ShapeRecord,
+    Sort,
     StoredFile,
     StoredShape,
 )
@@ -77,13 +79,23 @@ async def ingest(
 
 
 def list_page(
-    session: ReadSession, fingerprint: str, shapes: ShapeFilter, *, after: int, limit: int
+    session: ReadSession,
+    fingerprint: str,
+    shapes: ShapeFilter,
+    *,
+    after: Place | None,
+    limit: int,
+    sort: Sort = "oldest",
 ) -> RecordPage:
-    """One page of the shapes that match a filter, oldest first."""
-    found = repository.page(session, fingerprint, shapes, after=after, limit=limit + 1)
+    """One page of the shapes that match a filter, in an order."""
+    found = repository.page(session, fingerprint, shapes, after=after, limit=limit + 1, sort=sort)
     more = len(found) > limit
     found = found[:limit]
-    return RecordPage(found, repository.count(session, shapes), found[-1].number if more else None)
+    total = repository.count(session, shapes)
+    if not more:
+        return RecordPage(found, total, None)
+    name = found[-1].name.casefold() if sort == "name" else None
+    return RecordPage(found, total, Place(found[-1].number, name))
 
 
 def get(session: ReadSession, fingerprint: str, collection: CollectionNumber, shape_id: str) -> ShapeRecord:

@@ -46,11 +46,15 @@ class Running:
 
 
 def settings_in(folder: Path, **values: Any) -> Settings:
-    """Settings with a folder's archive by the engine in use, and one worker unless said otherwise."""
+    """Settings with a folder's archive by the engine in use.
+
+    Unless said otherwise, there is one worker, and deletions are for good.
+    """
     return Settings(
         **{
             "database_url": url_in(folder),
             "workers": 1,
+            "undo_days": 0.0,
             "log_level": "error",
             **values,
         }

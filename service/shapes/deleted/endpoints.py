@@ -1,5 +1,6 @@
 """Deleting shapes, and the addresses of those that were deleted."""
 
+from datetime import timedelta
 from typing import Annotated
 
 from fastapi import APIRouter, Query, Request
@@ -8,7 +9,7 @@ from pydantic import ConfigDict, Field
 from service.collections.dependencies import InCollection, NamedInAddress
 from service.dependencies import Service
 from service.http.disconnects import while_connected
-from service.http.duplicate_parameters import once_each
+from service.http.duplicate_parameters import once, once_each
 from service.http.problems import documented
 from service.pipelines.active import fingerprint
 from service.shapes.deleted import service
@@ -36,16 +37,24 @@ class DeletedListing(NamedInAddress):
     "/shapes/{shape_id}",
     status_code=204,
     summary="Delete a shape",
-    responses=documented("shape-not-found", *WRITE_PROBLEMS),
+    responses=documented("bad-request-fields", "shape-not-found", *WRITE_PROBLEMS),
+    dependencies=[once("permanent")],
 )
-def delete_shape(shape_id: ShapeId, container: Service, collection: InCollection) -> None:
+def delete_shape(
+    shape_id: ShapeId,
+    container: Service,
+    collection: InCollection,
+    permanent: Annotated[
+        bool, Query(description="Delete for good, which frees the room of the file at once.")
+    ] = False,
+) -> None:
     """Delete the record, and its file and embedding unless another shape has the same bytes.
 
-    It can be restored for as long as the service is set to keep what was deleted.
+    Unless `permanent`, the shape can be restored for as long as the service is set to keep deleted shapes.
     """
+    keep = timedelta(0) if permanent else container.settings.undo_time
     with container.database.write(deleting=True) as session:
-        own = fingerprint(session), collection.number, shape_id
-        service.delete(session, *own, container.settings.undo_time)
+        service.delete(session, fingerprint(session), collection.number, shape_id, keep)
 
 
 @router.post(

@@ -13,6 +13,7 @@ const count = byId("deleted-count", HTMLElement);
 const list = byId("deleted-list", HTMLUListElement);
 const more = byId("deleted-more", HTMLButtonElement);
 const errorBox = byId("gallery-error", HTMLElement);
+const dialog = byId("deletion", HTMLDialogElement);
 
 /** Number of days in which a deleted shape can be restored. */
 let days = 0;
@@ -27,10 +28,20 @@ export async function openDeleted(onRestored) {
   await recount();
 }
 
-/** The sentence that says how long a deleted shape can be restored. */
-export const restorePeriod = () => days > 0
-  ? `You can restore it within ${days === 1 ? "one day" : `${days} days`}.`
-  : "You cannot restore it.";
+/** Whether a deleted shape can be restored. */
+export const restorable = () => days > 0;
+
+/**
+ * Whether the user confirms that a shape is deleted for good.
+ * @param {string} name
+ */
+export async function confirmed(name) {
+  byId("deletion-text", HTMLElement).textContent = `${name} will no longer be found. You cannot restore it.`;
+  dialog.returnValue = "cancel";
+  dialog.showModal();
+  await new Promise((closed) => dialog.addEventListener("close", closed, { once: true }));
+  return dialog.returnValue === "delete";
+}
 
 /**
  * Offer to undo a deletion; false if the service keeps no deleted shapes.
@@ -39,7 +50,8 @@ export const restorePeriod = () => days > 0
 export function deleted(shape) {
   if (days === 0) return false;
   const undo = button("Undo", () => restore(shape), `Undo: restore ${shape.name}`);
-  offer.replaceChildren(`${shape.name} was deleted. `, undo);
+  const time = days === 1 ? "one day" : `${days} days`;
+  offer.replaceChildren(`${shape.name} was deleted. You can restore it within ${time}. `, undo);
   // The button is always visible, so the page need not scroll.
   undo.focus({ preventScroll: true });
   recount();
@@ -51,9 +63,23 @@ async function restore(shape) {
   try {
     await ask(address(`shapes/${shape.id}/restore`), { method: "POST" });
     showError(errorBox);
-    offer.replaceChildren(`${shape.name} was restored, at the end of the list.`);
+    offer.replaceChildren(`${shape.name} was restored.`);
     offer.focus({ preventScroll: true });
     restored();
+  } catch (error) {
+    showError(errorBox, error);
+  }
+  await recount();
+}
+
+/** Erase a deleted shape, if that is confirmed. @param {DeletedShape} shape */
+async function erase({ id, name }) {
+  if (!await confirmed(name)) return;
+  try {
+    await ask(address(`deleted/${id}`), { method: "DELETE" });
+    showError(errorBox);
+    offer.replaceChildren(`${name} was deleted for good.`);
+    offer.focus({ preventScroll: true });
   } catch (error) {
     showError(errorBox, error);
   }
@@ -104,7 +130,11 @@ const line = (shape) => make(
   "li", {},
   make("span", { className: "name" }, shape.name),
   make("span", {}, "Deleted ", moment(shape.deleted_at), ", can be restored until ", moment(shape.gone_at)),
-  button("Restore", () => restore(shape), `Restore ${shape.name}`),
+  make(
+    "div", { className: "buttons" },
+    button("Restore", () => restore(shape), `Restore ${shape.name}`),
+    button("Delete for good", () => erase(shape), `Delete ${shape.name} for good`),
+  ),
 );
 
 /** @param {string} time */

@@ -52,3 +52,14 @@ export function fill(form, parameters) {
     else field.value = given.length > 0 ? given.join(", ") : initial(field);
   }
 }
+
+/**
+ * Write the number of filters that are in use beside their title.
+ * @param {HTMLFormElement} form
+ * @param {HTMLDetailsElement} filters
+ * @param {HTMLElement} place
+ */
+export function showCount(form, filters, place) {
+  const used = [...changedIn(form).keys()].filter((name) => filters.querySelector(`[name="${name}"]`));
+  place.textContent = used.length > 0 ? `(${used.length})` : "";
+}

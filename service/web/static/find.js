@@ -2,7 +2,7 @@
 
 import { address, ask, askWith, send } from "./api.js";
 import { byId, showError } from "./dom.js";
-import { changedIn, fill, parametersOf } from "./fields.js";
+import { changedIn, fill, parametersOf, showCount } from "./fields.js";
 import { openStart } from "./start.js";
 import { go, opensElsewhere } from "./state.js";
 
@@ -34,7 +34,7 @@ const loadResults = () => import("./results.js");
  */
 export function openFind({ parameters, file, fileName }) {
   fill(form, parameters);
-  showFilterCount();
+  showCount(form, byId("find-filters", HTMLDetailsElement), byId("find-filter-count", HTMLElement));
   const given = file ?? parameters.get("shape_id");
   const options = parametersOf(form).toString();
   if (given !== null && given === asked.given && options === asked.options) return;
@@ -160,12 +160,6 @@ function searchAgain() {
   const parameters = changedIn(form);
   if (typeof asked.given === "string") parameters.set("shape_id", asked.given);
   go("find", parameters, asked.given instanceof File ? asked.given : null);
-}
-
-function showFilterCount() {
-  const filters = byId("find-filters", HTMLDetailsElement);
-  const inside = [...changedIn(form).keys()].filter((name) => filters.querySelector(`[name="${name}"]`));
-  byId("find-filter-count", HTMLElement).textContent = inside.length > 0 ? `(${inside.length})` : "";
 }
 
 chosen.addEventListener("change", () => {

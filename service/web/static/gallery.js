@@ -1,9 +1,10 @@
 // The stored shapes: filtered, extended by scrolling.
 
 import { address, ask } from "./api.js";
-import { deleted, restorePeriod } from "./deleted.js";
-import { button, byId, showError } from "./dom.js";
-import { changedIn, fill, parametersOf } from "./fields.js";
+import { confirmed, deleted, restorable } from "./deleted.js";
+import { byId, make, showError } from "./dom.js";
+import { changedIn, fill, parametersOf, showCount } from "./fields.js";
+import { menuButton } from "./menu.js";
 import { shapeCard } from "./shape_card.js";
 import { keep } from "./state.js";
 
@@ -12,17 +13,18 @@ import { keep } from "./state.js";
 
 const PAGE = "60";
 
-const list = byId("gallery", HTMLUListElement);
+const list = byId("gallery", HTMLElement);
 const status = byId("gallery-status", HTMLElement);
 const errorBox = byId("gallery-error", HTMLElement);
 const more = byId("gallery-more", HTMLButtonElement);
 const form = byId("gallery-form", HTMLFormElement);
-const dialog = byId("deletion", HTMLDialogElement);
 
 let changes = false;
 /** The parameters of the current list. @type {string | null} */
 let shown = null;
 let total = 0;
+/** Number of shapes in the list. */
+let listed = 0;
 /** @type {string | null} */
 let cursor = null;
 /** Number of the current list; a response for an earlier list is discarded. */
@@ -45,9 +47,12 @@ export function openGallery({ parameters }) {
 /** Reload the list. */
 export function reload() {
   shown = parametersOf(form).toString();
+  showCount(form, byId("gallery-filters", HTMLDetailsElement), byId("gallery-filter-count", HTMLElement));
   generation++;
   cursor = null;
   loading = false;
+  listed = 0;
+  nearby.disconnect();
   list.replaceChildren();
   return load();
 }
@@ -66,56 +71,80 @@ async function load() {
     showError(errorBox);
     cursor = page.next_cursor;
     total = page.total;
-    list.append(...page.shapes.map(item));
+    listed += page.shapes.length;
+    if (page.shapes.length > 0) append(page.shapes);
   } catch (error) {
     if (own !== generation) return;
     cursor = null;
     showError(errorBox, error);
   }
   loading = false;
-  showCount();
+  showTotal();
   // The observer reports changes only: observe again in case the end of the list is still visible.
   watcher.unobserve(more);
   if (cursor) watcher.observe(more);
 }
 
-function showCount() {
+/** @param {Shape[]} shapes */
+function append(shapes) {
+  const chunk = make("ul", { className: "gallery" }, ...shapes.map(item));
+  list.append(chunk);
+  nearby.observe(chunk);
+}
+
+function showTotal() {
   more.hidden = cursor === null;
-  const empty = changedIn(form).size > 0 ? "No stored shape matches." : "No shapes are stored yet.";
-  status.textContent = total === 0 ? empty : `${list.children.length} of ${total} shown`;
+  const empty = [...changedIn(form).keys()].some((name) => name !== "sort") ? "No stored shape matches." : "No shapes are stored yet.";
+  status.textContent = total === 0 ? empty : `${listed} of ${total} shown`;
 }
 
 /** @param {Shape} shape */
 function item(shape) {
-  const own = button("Delete", () => removeShape(shape, made), `Delete ${shape.name}`);
-  const made = shapeCard(shape, ...(changes ? [own] : []));
+  const made = shapeCard(shape, menuButton(shape, changes ? () => removeShape(shape, made) : null));
   return made;
 }
 
 /**
- * Ask for confirmation, then delete.
+ * Delete a shape; where it cannot be restored, only if that is confirmed.
  * @param {Shape} shape
  * @param {HTMLLIElement} own
  */
 async function removeShape(shape, own) {
-  byId("deletion-text", HTMLElement).textContent = `${shape.name} will no longer be found. ${restorePeriod()}`;
-  dialog.returnValue = "cancel";
-  dialog.showModal();
-  await new Promise((closed) => dialog.addEventListener("close", closed, { once: true }));
-  if (dialog.returnValue !== "delete") return;
+  if (!restorable() && !await confirmed(shape.name)) return;
   try {
     await ask(address(`shapes/${shape.id}`), { method: "DELETE" });
     const next = own.nextElementSibling ?? own.previousElementSibling;
     own.remove();
     total--;
-    showCount();
+    listed--;
+    showTotal();
     showError(errorBox);
     if (deleted(shape)) return;
-    /** @type {HTMLElement | null | undefined} */ (next?.querySelector(".buttons button:last-child"))?.focus();
+    /** @type {HTMLElement | null | undefined} */ (next?.querySelector(".menu"))?.focus();
   } catch (error) {
     showError(errorBox, error);
   }
 }
+
+/** Shapes of chunks that are far from the window. @type {WeakMap<Element, Element[]>} */
+const away = new WeakMap();
+
+// Far chunks are empty boxes of the same height, so that the time of a layout does not grow with the list.
+const nearby = new IntersectionObserver((entries) => {
+  for (const { target, isIntersecting, boundingClientRect: { height } } of entries) {
+    const chunk = /** @type {HTMLElement} */ (target);
+    const shapes = away.get(chunk);
+    if (isIntersecting && shapes) {
+      away.delete(chunk);
+      chunk.style.height = "";
+      chunk.append(...shapes);
+    } else if (!isIntersecting && !shapes && height > 0 && !chunk.contains(document.activeElement)) {
+      away.set(chunk, [...chunk.children]);
+      chunk.style.height = `${height}px`;
+      chunk.replaceChildren();
+    }
+  }
+}, { rootMargin: "1500px" });
 
 const watcher = new IntersectionObserver((entries) => {
   if (cursor && entries.some((entry) => entry.isIntersecting)) load();

@@ -8,6 +8,7 @@ import { dropAnywhere } from "./drop.js";
 import { findFile, openFind } from "./find.js";
 import { allowChanges, openGallery, reload } from "./gallery.js";
 import { openJobs } from "./jobs.js";
+import { openMap } from "./map.js";
 import { current, go, linkTo, moved, opensElsewhere } from "./state.js";
 import { store } from "./upload.js";
 
@@ -22,7 +23,7 @@ const signOutButton = byId("sign-out", HTMLButtonElement);
 const errorBox = byId("error", HTMLElement);
 
 /** @type {Record<string, (state: State) => void>} */
-const OPEN = { find: openFind, browse: openGallery, upload: () => {} };
+const OPEN = { find: openFind, browse: openGallery, map: openMap, upload: () => {} };
 
 /** The last state of each view, to which its link leads back. @type {Record<string, State>} */
 const left = {};

@@ -39,6 +39,9 @@ export async function showResults(asked, answer, rankBy, isNew) {
   delete cards.dataset.painted;
   section.hidden = false;
   byId("results-summary", HTMLElement).textContent = summary(asked.name, answer, rankBy);
+  const warnings = byId("results-warnings", HTMLElement);
+  warnings.hidden = answer.warnings.length === 0;
+  warnings.textContent = answer.warnings.map(sentence).join(" ");
   const query = card(asked.name, ["Query"], null);
   byId("legend-text", HTMLElement).textContent = results.length === 0 ? ""
     : `Each result shows its difference from the query; the query shows its difference from ${results[0].shape.name}.`;
@@ -46,7 +49,7 @@ export async function showResults(asked, answer, rankBy, isNew) {
   const notes = [];
   const found = results.map((result) => {
     const { shape } = result;
-    const more = details(shape.name, result, measures(shape));
+    const more = details(shape.name, result, measures(shape, result.size_ratio));
     const open = make("a", { href: address(`shapes/${shape.id}/view`), ariaLabel: `Open ${shape.name}` }, "Open");
     const line = make("div", { className: "buttons" }, similarLink(shape), open);
     const note = make("p", { className: "difference" });
@@ -87,9 +90,12 @@ async function repaint() {
   if (paint.value === how) cards.dataset.painted = how;
 }
 
+/** @param {string} text */
+const sentence = (text) => `${text[0].toUpperCase()}${text.slice(1)}.`;
+
 /** @param {string} name @param {Answer} answer @param {string} rankBy */
 function summary(name, answer, rankBy) {
-  if (answer.compared === 0) return `There are no stored shapes to compare ${name} with.`;
+  if (answer.compared === 0) return `There are no stored shapes to compare ${name} with, or none passes the filters.`;
   const seconds = (answer.milliseconds.total / 1000).toFixed(2);
   const alike = answer.matched || answer.results.some(({ likeness }) => likeness !== "weak");
   const matched = alike ? "" : " No stored shape is similar to it; these are the closest.";

@@ -58,12 +58,19 @@ export function shapeCard(shape, ...actions) {
 }
 
 /**
- * Names and values of the measures of a shape.
+ * Names and values of the measures of a shape, in the units of its file.
  * @param {Shape} shape
+ * @param {number | null} ratio Its size over that of the query.
  * @returns {[string, string][]}
  */
-export const measures = ({ facts }) => [
+export const measures = ({ facts }, ratio) => [
+  ...(ratio === null ? [] : [/** @type {[string, string]} */ (["size ratio", rounded(ratio)])]),
+  ["sides", facts.bounding_box ? facts.bounding_box.map(rounded).join(" × ") : "unknown"],
+  ["area", rounded(facts.area)],
+  ["volume", facts.closed ? rounded(facts.volume) : "none, the surface is open"],
   ["vertices", facts.vertices.toLocaleString("en")],
   ["faces", facts.faces.toLocaleString("en")],
-  ["area", String(Number(facts.area.toPrecision(4)))],
 ];
+
+/** @param {number} value */
+const rounded = (value) => String(Number(value.toPrecision(4)));

@@ -1,17 +1,18 @@
 // Types of the service's responses; openapi/openapi.json describes them.
 
 /**
- * @typedef {{ vertices: number, faces: number, area: number }} Facts
+ * @typedef {{ vertices: number, faces: number, area: number, volume: number, closed: boolean,
+ *             bounding_box: number[] | null }} Facts
  * @typedef {{ id: string, name: string, tags: string[], format: string, facts: Facts }} Shape
  * @typedef {{ shapes: Shape[], total: number, next_cursor: string | null }} ShapePage
  * @typedef {{ sample: number, vertex: number, position: number[] }} Point
  * @typedef {{ first: Point, second: Point, distance: number, effective: boolean }} Pair
  * @typedef {{ cc: number, ssd: number, sim: number, combined: number, likeness: string, scale: number | null }} Scores
- * @typedef {Scores & { rank: number, shape: Shape, correspondence: Pair[] }} Result
+ * @typedef {Scores & { rank: number, shape: Shape, correspondence: Pair[], size_ratio: number | null }} Result
  * @typedef {{ name: string, eigenvalues: number[], coordinates: number[][] }} Spectrum
  * @typedef {{ positions: number[][], spectra: Spectrum[] }} Embedding
  * @typedef {{ results: Result[], matched: boolean, compared: number, stored: number, embedding: Embedding | null,
- *             milliseconds: Record<string, number> }} Answer
+ *             milliseconds: Record<string, number>, warnings: string[] }} Answer
  * @typedef {Scores & { correspondence: Pair[] }} Comparison
  * @typedef {{ files: number, waiting: number, stored: number, present: number, refused: number }} Counts
  * @typedef {{ title: string, detail: string }} Cause
@@ -21,6 +22,7 @@
  * @typedef {{ files: { path: string, problem: Cause | null }[], next_cursor: string | null }} JobFilePage
  * @typedef {{ id: string, name: string, deleted_at: string, gone_at: string }} DeletedShape
  * @typedef {{ shapes: DeletedShape[], total: number, undo_days: number, next_cursor: string | null }} DeletedPage
+ * @typedef {{ shapes: { id: string, name: string, column: number, row: number }[], size: number, total: number }} ShapeMap
  * @typedef {{ collections: { name: string, shapes: number }[] }} Collections
  * @typedef {{ access: "none" | "read" | "full", signed_in: boolean }} Session
  */

@@ -18,7 +18,7 @@ from tests.service.cli.awaited import Awaited
 DOCUMENT = document()
 FILE = ("bird.off", b"OFF")
 SIZES = {"area": "1..2", "volume": "..3", "length": "4.."}
-LISTED = {"tags": ["a", "b"], "name": "x", "metadata": ["k=1", "l=2"], **SIZES}
+LISTED = {"tags": ["a", "b"], "name": "x", "metadata": ["k=1", "l=2"], "sort": "name", **SIZES}
 SEARCH = {
     "top_k": 2,
     "rank_by": "sim",
@@ -51,7 +51,7 @@ CALLS: list[tuple[str, tuple[object, ...], dict[str, Any], str]] = [
     ("preview_file", (FILE,), {}, "POST /preview"),
     ("replace_file", ("id", FILE), {"if_sha256": "0" * 64}, "PUT /shapes/{shape_id}/file"),
     ("update", ("id",), STORED, "PATCH /shapes/{shape_id}"),
-    ("delete", ("id",), {}, "DELETE /shapes/{shape_id}"),
+    ("delete", ("id",), {"permanent": True}, "DELETE /shapes/{shape_id}"),
     ("deleted", (), {}, "GET /deleted"),
     ("restore", ("id",), {}, "POST /shapes/{shape_id}/restore"),
     ("purge", ("id",), {}, "DELETE /deleted/{shape_id}"),
@@ -72,6 +72,7 @@ CALLS: list[tuple[str, tuple[object, ...], dict[str, Any], str]] = [
         {"min_cc": 0.9, "max_residual": 0.1, "tag": ["a"], "name": "x", "metadata": ["k=1"], **SIZES},
         "GET /duplicates",
     ),
+    ("similarity_map", (), {"tag": ["a"], "name": "x", "metadata": ["k=1"], **SIZES}, "GET /map"),
     ("collections", (), {}, "GET /collections"),
     ("create_collection", ("a",), {}, "PUT /collections/{name}"),
     ("delete_collection", ("a",), {}, "DELETE /collections/{name}"),

@@ -44,6 +44,23 @@ def age(running: Running, days: float) -> None:
         session.execute(update(DeletedRow).values(deleted_at=datetime.now(UTC) - timedelta(days=days)))
 
 
+def test_a_deletion_for_good_frees_its_room_at_once(service: Running) -> None:
+    client = service.client
+    shape = service.store(small_file(1), "bird.off")
+    assert client.delete(f"/shapes/{shape['id']}", params={"permanent": "true"}).status_code == 204
+    assert (rows(service, BlobRow), rows(service, DeletedRow)) == (0, 0)
+    assert client.get("/deleted").json()["total"] == 0
+    assert_problem(client.post(f"/shapes/{shape['id']}/restore"), 404, "shape-not-found")
+    kept = service.store(small_file(1), "bird.off")
+    assert_problem(client.delete(f"/shapes/{kept['id']}?permanent=maybe"), 422, "bad-request-fields")
+    with Client(str(client.base_url)) as own:
+        own.delete(kept["id"])
+        assert (rows(service, BlobRow), rows(service, DeletedRow)) == (0, 1)
+        own.restore(kept["id"])
+        own.delete(kept["id"], permanent=True)
+    assert (rows(service, BlobRow), rows(service, DeletedRow)) == (0, 0)
+
+
 def test_a_deleted_shape_is_gone_until_it_is_restored(service: Running) -> None:
     client = service.client
     other = service.store(small_file(2), name="other.off")

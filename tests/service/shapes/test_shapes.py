@@ -36,6 +36,44 @@ def test_pages_show_every_shape_once_and_in_order(service: Running) -> None:
     assert seen == ids
 
 
+def listed(service: Running, sort: str, limit: int = 2) -> list[str]:
+    """The names of all shapes, page by page."""
+    seen: list[str] = []
+    cursor: str | None = ""
+    while cursor is not None:
+        params = {"sort": sort, "limit": limit, **({"cursor": cursor} if cursor else {})}
+        page = service.client.get("/shapes", params=params).json()
+        seen += [shape["name"] for shape in page["shapes"]]
+        cursor = page["next_cursor"]
+    return seen
+
+
+@on_both
+def test_pages_have_an_order(service: Running) -> None:
+    names = ["beta", "Alpha", "gamma", "alpha", "Beta 2", "Émile"]
+    for i, name in enumerate(names):
+        service.store(small_file(i), name=name)
+    # One name twice: the older shape comes first.
+    service.store(small_file(7), name="beta")
+    assert listed(service, "oldest") == [*names, "beta"]
+    assert listed(service, "newest") == ["beta", *reversed(names)]
+    by_name = listed(service, "name")
+    assert by_name[:5] == ["Alpha", "alpha", "beta", "beta", "Beta 2"]
+    assert sorted(by_name) == sorted([*names, "beta"])
+    for limit in (1, 3, 7):
+        assert listed(service, "name", limit) == by_name
+
+
+def test_a_cursor_of_another_order_is_refused(service: Running) -> None:
+    for i in range(3):
+        service.store(small_file(0), name=f"bird {i}")
+    first = service.client.get("/shapes", params={"limit": 1, "sort": "name"}).json()
+    for sort in ("oldest", "newest"):
+        answer = service.client.get("/shapes", params={"cursor": first["next_cursor"], "sort": sort})
+        assert assert_problem(answer, 422, "bad-request-fields")["errors"][0]["field"] == "cursor"
+    assert service.client.get("/shapes", params={"sort": "size"}).status_code == 422
+
+
 @on_both
 def test_pages_stay_true_while_shapes_come_and_go(service: Running) -> None:
     ids = [service.store(small_file(0), name=f"bird {i}")["id"] for i in range(6)]

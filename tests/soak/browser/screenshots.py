@@ -3,8 +3,11 @@
 import shutil
 import sys
 import tempfile
+from io import BytesIO
 from pathlib import Path
+from typing import Any
 
+from PIL import Image
 from playwright.sync_api import Browser, Page, expect, sync_playwright
 
 from core.gallery import CLASSES, make_shape
@@ -13,12 +16,9 @@ from tests.service.support import serving, settings_in
 from tests.soak.browser.support import FLAGS, PATIENCE, Visit, settled
 
 POSES = 3
-WIDE = {"viewport": {"width": 1280, "height": 860}}
-PHONE = {
-    "viewport": {"width": 390, "height": 844},
-    "device_scale_factor": 2,
-    "is_mobile": True,
-    "has_touch": True,
+SCREENS: dict[str, dict[str, Any]] = {
+    "1280": {"viewport": {"width": 1280, "height": 860}},
+    "390": {"viewport": {"width": 390, "height": 844}, "is_mobile": True, "has_touch": True},
 }
 
 
@@ -28,22 +28,36 @@ def made(label: str, pose: int) -> bytes:
 
 def shoot(browser: Browser, here: str, query: Path, out: Path) -> None:
     """All of them."""
-    page = found(browser, here, query, {**WIDE, "color_scheme": "light"})
+    page = found(browser, here, query, {**SCREENS["1280"], "color_scheme": "light"})
     page.click("#next-point")
     shot(page, "#results", out / "page-match.png")
     page.uncheck("#points")
     page.select_option("#paint", "2")
     settled(page)
     shot(page, "#results", out / "page-eigenmap.png")
-    dark = found(browser, here, query, {**WIDE, "color_scheme": "dark"})
-    dark.locator("#gallery").scroll_into_view_if_needed()
-    dark.locator("#gallery-title").evaluate("title => title.scrollIntoView()")
-    dark.wait_for_load_state("networkidle")
-    dark.screenshot(path=out / "page-gallery.png")
-    phone = found(browser, here, query, {**PHONE, "color_scheme": "light"})
-    phone.locator("#cards > li").nth(1).evaluate("card => card.scrollIntoView()")
-    settled(phone)
-    phone.screenshot(path=out / "page-phone.png")
+    page.context.close()
+    for width, screen in SCREENS.items():
+        for scheme in ("light", "dark"):
+            options = {**screen, "color_scheme": scheme}
+            page = found(browser, here, query, options)
+            if width == "390":
+                page.locator("#results").evaluate("part => part.scrollIntoView()")
+            else:
+                page.evaluate("scrollTo(0, 0)")
+            settled(page)
+            small(page, out / f"page-find-{width}-{scheme}.png")
+            for view, pictures in (("browse", "#gallery img"), ("map", "#map img")):
+                page.goto(f"{here}/?view={view}")
+                page.wait_for_selector(pictures)
+                page.wait_for_load_state("networkidle")
+                small(page, out / f"page-{view}-{width}-{scheme}.png")
+            page.context.close()
+
+
+def small(page: Page, path: Path) -> None:
+    """A screenshot of 256 colours."""
+    shown = Image.open(BytesIO(page.screenshot())).convert("RGB")
+    shown.quantize(256).save(path, optimize=True)
 
 
 def found(browser: Browser, here: str, query: Path, options: dict) -> Page:
@@ -66,7 +80,7 @@ def shot(page: Page, selector: str, path: Path) -> None:
 def main(out: Path) -> None:
     chromium = shutil.which("chromium")
     assert chromium, "Debian's package chromium is needed"
-    with tempfile.TemporaryDirectory() as folder, serving(settings_in(Path(folder))) as running:
+    with tempfile.TemporaryDirectory() as folder, serving(settings_in(Path(folder), undo_days=7)) as running:
         for label in CLASSES:
             for pose in range(POSES):
                 running.store(made(label, pose), f"{label}-{pose}.ply", tags=label)

@@ -36,7 +36,7 @@ class Visit:
         """A view of the page, with its first shapes."""
         self.page.goto(f"{self.here}/?{urlencode({'view': view, **parameters})}")
         self.page.wait_for_selector(
-            "#start-shapes li, #gallery li, #view-upload:not([hidden]), #sign-in:not([hidden])"
+            "#start-shapes li, #gallery li, #map li, #view-upload:not([hidden]), #sign-in:not([hidden])"
         )
         return self.page
 
@@ -52,6 +52,12 @@ def drawn(page: Page, count: int) -> None:
     """Wait until so many shapes are drawn."""
     expect(page.locator("#cards canvas[data-drawn]")).to_have_count(count)
     settled(page)
+
+
+def choose(page: Page, name: str, action: str) -> None:
+    """Choose an action in the menu of a shape's card."""
+    page.get_by_role("button", name=f"Menu of {name}").click()
+    page.locator("#card-menu").get_by_text(action, exact=True).click()
 
 
 @cache

@@ -10,7 +10,7 @@ from playwright.sync_api import Browser, expect
 from service.auth.keys import digest_of
 from tests.service.support import Running, serving, settings_in, small_file
 from tests.soak.browser.conftest import watch
-from tests.soak.browser.support import PATIENCE, Visit, file_in, made, stock
+from tests.soak.browser.support import PATIENCE, Visit, choose, file_in, made, stock
 
 MANY = 500
 KEY, READ_KEY = "isoshape_full-key", "isoshape_read-key"
@@ -20,21 +20,28 @@ def test_the_gallery_goes_on_as_one_scrolls(visit: Visit, service: Running) -> N
     for number in range(MANY):
         service.store(small_file(1), f"ball-{number:03d}.off", tags="ball")
     page = visit.open("browse")
-    assert page.locator("#gallery li").count() < 200
-    for _ in range(200):
-        if page.locator("#gallery li").count() == MANY + 6:
+    seen = set()
+    for _ in range(400):
+        seen |= set(page.locator("#gallery .name").all_text_contents())
+        if len(seen) == MANY + 6:
             break
-        page.mouse.wheel(0, 3000)
+        # Shapes far from the window are not kept in the document.
+        assert page.locator("#gallery li").count() < 300
+        page.mouse.wheel(0, 1000)
         page.wait_for_timeout(50)
-    names = page.locator("#gallery .name").all_text_contents()
-    assert len(names) == len(set(names)) == MANY + 6
+    assert len(seen) == MANY + 6
     expect(page.locator("#gallery-status")).to_have_text(f"{MANY + 6} of {MANY + 6} shown")
+    page.evaluate("scrollTo(0, 0)")
+    expect(page.locator("#gallery li").first).to_contain_text("fish-0.ply")
+    page.keyboard.press("End")
+    expect(page.locator("#gallery li").last).to_contain_text(f"ball-{MANY - 1:03d}.off")
     # The last one's picture is there.
     page.locator("#gallery li").last.scroll_into_view_if_needed()
     expect(page.locator("#gallery li").last.locator("img")).to_have_js_property("naturalWidth", 256)
     page.fill("#gallery-name", "BALL-49")
     expect(page.locator("#gallery li")).to_have_count(10)
     page.fill("#gallery-name", "")
+    page.locator("#gallery-filters summary").click()
     page.fill("#gallery-tags", "glasses")
     expect(page.locator("#gallery li")).to_have_count(3)
     page.fill("#gallery-tags", "no such tag")
@@ -102,34 +109,16 @@ def test_a_file_that_is_no_archive_is_told_of(visit: Visit, tmp_path: Path) -> N
     expect(page.locator("#jobs .bad")).to_contain_text("archive")
 
 
-def test_a_shape_is_deleted_only_when_that_is_confirmed(visit: Visit, service: Running) -> None:
-    page = visit.open("browse")
-    button = page.get_by_role("button", name="Delete glasses-1.ply")
-    button.click()
-    assert "glasses-1.ply" in page.inner_text("#deletion-text")
-    page.get_by_role("button", name="Cancel").click()
-    button.click()
-    page.keyboard.press("Escape")
-    assert service.client.get("/shapes").json()["total"] == 6
-    button.click()
-    page.locator("#deletion").get_by_role("button", name="Delete").click()
-    button.wait_for(state="detached")
-    assert page.inner_text("#gallery-status") == "5 of 5 shown"
-    names = [shape["name"] for shape in service.client.get("/shapes").json()["shapes"]]
-    assert "glasses-1.ply" not in names
-    assert len(names) == 5
-
-
 def test_a_deleted_shape_is_restored(visit: Visit, service: Running) -> None:
     before = {shape["name"]: shape for shape in service.client.get("/shapes").json()["shapes"]}
     page = visit.open("browse")
     for name in ("fish-1.ply", "glasses-2.ply", "fish-2.ply"):
-        page.get_by_role("button", name=f"Delete {name}").click()
-        assert "You can restore it within 7 days." in page.inner_text("#deletion-text")
-        page.locator("#deletion").get_by_role("button", name="Delete").click()
-        expect(page.locator("#undo")).to_contain_text(f"{name} was deleted.")
+        choose(page, name, "Delete")
+        expect(page.locator("#undo")).to_contain_text(
+            f"{name} was deleted. You can restore it within 7 days."
+        )
     page.get_by_role("button", name="Undo: restore fish-2.ply").click()
-    expect(page.locator("#undo")).to_have_text("fish-2.ply was restored, at the end of the list.")
+    expect(page.locator("#undo")).to_have_text("fish-2.ply was restored.")
     expect(page.locator("#gallery li")).to_have_count(4)
     expect(page.locator("#gallery .name").last).to_have_text("fish-2.ply")
     # Others may have been deleted before; the latest comes first.
@@ -143,6 +132,16 @@ def test_a_deleted_shape_is_restored(visit: Visit, service: Running) -> None:
     expect(page.locator("#gallery li")).to_have_count(5)
     expect(rows.nth(0)).to_contain_text("fish-1.ply")
     expect(page.locator("#deleted-count")).to_have_text(str(total - 1))
+    # For good, if that is confirmed.
+    erase = page.get_by_role("button", name="Delete fish-1.ply for good").first
+    erase.click()
+    page.keyboard.press("Escape")
+    expect(page.locator("#deleted-count")).to_have_text(str(total - 1))
+    erase.click()
+    page.locator("#deletion").get_by_role("button", name="Delete").click()
+    expect(page.locator("#deleted-count")).to_have_text(str(total - 2))
+    expect(page.locator("#undo")).to_have_text("fish-1.ply was deleted for good.")
+    assert service.client.get("/deleted").json()["total"] == total - 2
     after = service.client.get("/shapes").json()["shapes"]
     for shape in after:
         assert [shape[key] for key in ("id", "tags", "sha256")] == [
@@ -154,8 +153,7 @@ def test_a_deleted_shape_is_restored(visit: Visit, service: Running) -> None:
 def test_the_page_names_shapes_that_cannot_be_restored(visit: Visit, service: Running) -> None:
     visit.expected = ["409"]
     page = visit.open("browse")
-    page.get_by_role("button", name="Delete fish-1.ply").click()
-    page.locator("#deletion").get_by_role("button", name="Delete").click()
+    choose(page, "fish-1.ply", "Delete")
     undo = page.get_by_role("button", name="Undo: restore fish-1.ply")
     undo.wait_for()
     service.store(made("fish", 1), "fish-1.ply")
@@ -229,14 +227,19 @@ def test_signing_in_with_a_key(
     page.keyboard.press("Enter")
     page.wait_for_selector("#gallery li")
     assert page.get_by_role("link", name="Upload", exact=True).is_visible() == may_store
-    delete = page.get_by_role("button", name="Delete fish-0.ply")
+    page.get_by_role("button", name="Menu of fish-0.ply").click()
+    delete = page.locator("#card-menu").get_by_role("button", name="Delete")
     assert (delete.count() == 1) == may_store
-    # This service keeps nothing of what was deleted.
+    # This service keeps no deleted shapes, so it asks.
     assert page.is_hidden("#deleted")
     if may_store:
         delete.click()
         assert "You cannot restore it." in page.inner_text("#deletion-text")
+        page.locator("#deletion").get_by_role("button", name="Cancel").click()
+        choose(page, "fish-0.ply", "Delete")
         page.keyboard.press("Escape")
+        assert locked.client.get("/shapes").json()["total"] == 6
+    page.keyboard.press("Escape")
     page.set_input_files("#find-file", file_in(tmp_path))
     expect(page.locator("#cards canvas[data-drawn]")).to_have_count(4)
     page.click("#sign-out")

@@ -61,6 +61,7 @@ def test_back_and_forward_show_what_was_shown(visit: Visit, tmp_path: Path) -> N
     drawn(page, 4)
     page.get_by_role("link", name="Browse", exact=True).click()
     page.wait_for_selector("#gallery li")
+    page.locator("#gallery-filters summary").click()
     page.fill("#gallery-tags", "glasses")
     expect(page.locator("#gallery li")).to_have_count(3)
     page.get_by_role("link", name="Find similar to glasses-1.ply").click()
