@@ -34,7 +34,7 @@ PREPARED_BYTES = 128 * 1024 * 1024
 """The most bytes of prepared shapes that a pipeline caches, unless another number is given."""
 
 
-MAPS = 2
+MAPS = 4
 """The most maps of samples that a dense correspondence begins from."""
 
 

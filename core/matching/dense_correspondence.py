@@ -28,7 +28,7 @@ from core.spectral.subspace_eigenpairs import approximate_laplace_beltrami
 FUNCTIONS = 100
 """Size of the last map, the constant function counted."""
 
-STARTS, STEP = (6, 8, 12, 20, 30), 5
+STARTS, STEP = (6, 20), 5
 """Sizes of first maps that are tried: small ones forgive wrong pairs, large ones read more from right pairs;
 and by how much they grow."""
 
