@@ -63,7 +63,7 @@ help:
 	@echo
 	@echo 'make spread-test         ingest and queries on a cluster of one and of two workers (SHAPES=2000: of 2,000 shapes)'
 	@echo 'make capacity-test       exact search of ten million signatures, and the bytes of a shape (VECTORS=20000: of 20,000)'
-	@echo 'make collections-test    the tests on real collections, in the folder that ISOSHAPE_DATA names'
+	@echo 'make collections-test    the tests on real collections, in the folder that ISOSHAPE_DATA names (SAMPLE=64: calibration on 64 shapes of each)'
 	@echo 'make browser-test        the page in Chromium, which is installed if it is missing (root, Debian)'
 	@echo 'make page-lint           check the scripts of the page with tsc, and the vendored files (npm)'
 	@echo 'make image-test          build the image and run it as it is deployed (root, Debian, no Docker engine needed)'
@@ -124,7 +124,7 @@ capacity-test: $(DEV)
 # Tests of the collections may not be skipped here.
 collections-test: $(DEV)
 	@test -d "$${ISOSHAPE_DATA:-}" || { echo 'ISOSHAPE_DATA must name the folder of collections' >&2; exit 1; }
-	$(PYTEST) $(AT_A_TIME) tests/soak/collections -p tests.soak.no_skips
+	SAMPLE=$(SAMPLE) $(PYTEST) $(AT_A_TIME) tests/soak/collections -p tests.soak.no_skips
 
 CYCLES ?= 200
 kill-test: $(DEV)
