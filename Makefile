@@ -37,8 +37,8 @@ SOAK := kill-test load-test cluster-test postgresql-test method-test studies-tes
 	browser-test screenshots sbom audit clean
 
 help:
-	@echo 'make demo                ingest generated shapes, query them, print the nearest three (CHECK=1: also check them)'
-	@echo 'make environment         install the runtime and the test tools into .venv'
+	@echo 'make demo                ingest generated shapes, query them, print the nearest three (CHECK=1: also check them, PORT=: its port)'
+	@echo 'make environment         install the runtime and the test tools into .venv, and compile the kernels'
 	@echo
 	@echo 'make test                the quick test suite of the library and the service'
 	@echo 'make lint                ruff: rules and layout'
@@ -95,20 +95,19 @@ $(DEV): tests/requirements.lock $(RUNTIME)
 	$(PIP) install --require-hashes --requirement tests/requirements.lock
 	@touch $@
 
+# The kernels are compiled here, once: services and test workers would otherwise wait for it when they first start.
 environment: $(DEV)
+	@$(BIN)/isoshape compile
 
 demo: $(RUNTIME)
-	$(BIN)/isoshape demo $(if $(filter-out 0,$(CHECK)),--check)
+	@$(BIN)/isoshape demo $(if $(filter-out 0,$(CHECK)),--check) $(if $(PORT),--port $(PORT))
 
 # Two workers suit two cores, with one thread each: more threads would compete for the cores.
 # The tests of a file run in one worker, so that their fixtures start once; files run in the order of their names.
 WORKERS ?= 2
 AT_A_TIME := -n $(WORKERS) --dist loadfile --no-loadscope-reorder
 PYTEST := OMP_NUM_THREADS=1 $(BIN)/python -m pytest
-# The kernels are compiled here, once: two test workers would each compile them.
-COMPILE_KERNELS := from core.parameters import DEFAULT; from service.compute.tasks import warm; warm(DEFAULT)
-test: $(DEV)
-	@OMP_NUM_THREADS=1 $(BIN)/python -c '$(COMPILE_KERNELS)'
+test: environment
 	$(PYTEST) $(AT_A_TIME) -p no:schemathesis -m 'not studies'
 
 soak: $(SOAK)

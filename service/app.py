@@ -3,7 +3,7 @@
 import asyncio
 from collections.abc import AsyncIterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import asynccontextmanager, suppress
+from contextlib import asynccontextmanager
 from threading import Event
 
 from fastapi import FastAPI
@@ -50,6 +50,7 @@ from service.shapes.deleted.endpoints import router as deleted_router
 from service.shapes.deleted.service import keep_purging
 from service.shapes.endpoints import router as shapes_router
 from service.shapes.file_endpoints import router as files_router
+from service.shapes.measuring import measure_missing
 from service.storage.database import Database
 from service.storage.migrate import migrate
 from service.system.endpoints import router as service_router
@@ -84,16 +85,16 @@ def create_app(settings: Settings) -> FastAPI:
         app.state.runner.start()
         cache_warmer = CacheWarmer(app.state.container)
         cache_warmer.start()
-        purging = asyncio.create_task(keep_purging(app.state.container))
+        beside = [asyncio.create_task(work(app.state.container)) for work in (keep_purging, measure_missing)]
         metrics.watch(
             "job_files", "Files of bulk jobs that are at work.", lambda: app.state.runner.active_members
         )
         try:
             yield
         finally:
-            purging.cancel()
-            with suppress(asyncio.CancelledError):
-                await purging
+            for task in beside:
+                task.cancel()
+            await asyncio.gather(*beside, return_exceptions=True)
             await cache_warmer.stop()
             await app.state.runner.stop()
             await run_in_threadpool(_stop, app.state.container)

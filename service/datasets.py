@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from core.io import ENDINGS, READABLE
+from core.io import ENDINGS, readable
 from service.errors import ExpectedError
 
 LABELS_FILE = "labels.csv"
@@ -86,7 +86,7 @@ def read_collection(folder: Path) -> list[tuple[Path, str]]:
         raise DatasetError(f"{folder}: there is no such folder")
     files = find_meshes([folder]).files
     if not files:
-        raise DatasetError(f"{folder}: no meshes; the formats read are {', '.join(sorted(READABLE))}")
+        raise DatasetError(f"{folder}: no meshes; the formats read are {', '.join(sorted(readable()))}")
     labelled = [(file.path, file.label) for file in files if file.label is not None]
     if len(labelled) < len(files):
         stray = next(file.path for file in files if file.label is None)

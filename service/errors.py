@@ -255,6 +255,10 @@ class ArchiveError(ExpectedError):
     """An archive cannot be opened, checked, backed up or restored; the message gives the reason."""
 
 
+class ArchiveServedError(ArchiveError):
+    """Another process serves the archive; the message names it."""
+
+
 class ArchiveTooNewError(ArchiveError):
     """A newer version of the service wrote the database."""
 

@@ -3,8 +3,9 @@
 import json
 import os
 import re
-from collections.abc import Container
+from collections.abc import Container, Iterable
 from datetime import timedelta
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -354,7 +355,8 @@ def load_settings() -> Settings:
     unknown = sorted(given[name] for name in given.keys() - known - DEPRECATED_VARIABLES.keys())
     if unknown:
         raise SettingsError(
-            f"unknown settings: {', '.join(unknown)}; the known ones are {', '.join(sorted(known))}"
+            f"unknown settings: {', '.join(_with_suggestion(name, known) for name in unknown)}; "
+            "docs/settings.md lists the known ones"
         )
     for old, new in DEPRECATED_VARIABLES.items():
         if old in given and new in given:
@@ -367,6 +369,14 @@ def load_settings() -> Settings:
             for e in error.errors()
         ]
         raise SettingsError("; ".join(problems)) from error
+
+
+def _with_suggestion(name: str, known: Iterable[str]) -> str:
+    """A mistyped variable, and the known one that is nearest to it."""
+    near = get_close_matches(
+        name.upper().removeprefix(PREFIX), [one.removeprefix(PREFIX) for one in known], 1
+    )
+    return f"{name} (did you mean {PREFIX}{near[0]}?)" if near else name
 
 
 def _variable(location: str, given: Container[str]) -> str:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from core.io.checks import DEFAULT_LIMITS, Limits
-    from core.io.formats import ENDINGS, FORMATS, READABLE, WRITABLE, format_of
+    from core.io.formats import ENDINGS, FORMATS, READABLE, WRITABLE, format_of, readable
     from core.io.read import read_mesh
     from core.io.write import write_mesh
 
@@ -26,6 +26,7 @@ __all__ = [
     "Limits",
     "format_of",
     "read_mesh",
+    "readable",
     "write_mesh",
 ]
 
@@ -38,6 +39,7 @@ _MODULES = {
     "Limits": "checks",
     "format_of": "formats",
     "read_mesh": "read",
+    "readable": "formats",
     "write_mesh": "write",
 }
 

@@ -16,6 +16,11 @@ ENDINGS: dict[str, str] = {**{name: name for name in READABLE}, "stp": "step"}
 """Formats by file extension."""
 
 
+def readable() -> tuple[str, ...]:
+    """The formats whose readers are installed."""
+    return READABLE if step.is_read() else WRITABLE
+
+
 def known(format: str) -> str:
     """Return the canonical name of a readable format, in lower case.
 
@@ -26,7 +31,7 @@ def known(format: str) -> str:
     """
     name = ENDINGS.get(format.lower())
     if name is None:
-        raise UnknownFormatError(f"the format {_shown(format)} is not one of {', '.join(READABLE)}")
+        raise UnknownFormatError(f"the format {_shown(format)} is not one of {', '.join(readable())}")
     if name == "step" and not step.is_read():
         raise UnknownFormatError(
             "STEP is not read here: it needs the extra 'step', as pip install 'isoshape[step]'"

@@ -23,7 +23,7 @@ def command(
 
     A collection is a named set of shapes. The list has the number of shapes of each.
     """
-    with service_at(url, key) as client:
+    with service_at(url, key, new=create is not None) as client:
         if create is not None:
             client.create_collection(create)
         if delete is not None:

@@ -34,6 +34,7 @@ COMMANDS = {
     "compare": Command("Use", "Compare two shapes, vertex by vertex with --out."),
     "duplicates": Command("Use", "Find groups of near-identical stored shapes."),
     "collections": Command("Use", "List, create and delete collections of shapes."),
+    "compile": Command("Use", "Compile the kernels for this processor, once."),
     "key": Command("Use", "Make an API key and print it with its SHA-256."),
     "openapi": Command("Use", "Write the OpenAPI document of the service."),
     "check": Command("Archive", "Check every file, reference and embedding of an archive."),

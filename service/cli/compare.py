@@ -12,6 +12,7 @@ from service.client.search_calls import Compared
 from service.console import fail, output, say
 from service.search.likeness_words import in_words
 from service.search.schemas import CompareAnswer
+from service.search.score_words import score_in_words
 
 
 def command(
@@ -38,7 +39,7 @@ def command(
     if picture and out is None:
         fail("--picture writes beside the arrays: give --out FILE.npz", status=2)
     pair = _shape(first), _shape(second)
-    with service_at(url, key, collection) as client:
+    with service_at(url, key, collection, new=True) as client:
         answer = client.compare(*pair)
         if out is not None:
             out.write_bytes(client.send(search_calls.dense_file(*pair, "npz")))
@@ -60,13 +61,5 @@ def _shape(given: str) -> Compared:
 
 
 def _line(answer: CompareAnswer) -> str:
-    scores = ", ".join(
-        f"{name} {value:.4f}"
-        for name, value in (
-            ("cc", answer.cc),
-            ("ssd", answer.ssd),
-            ("sim", answer.sim),
-            ("combined", answer.combined),
-        )
-    )
-    return f"{in_words(answer.likeness, answer.scale)}: {scores}"
+    scores = f"ssd {answer.ssd:.4f}, sim {answer.sim:.4f}, combined {answer.combined:.4f}"
+    return f"{in_words(answer.likeness, answer.scale)}: cc {score_in_words(answer.cc)}, {scores}"

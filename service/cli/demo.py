@@ -13,17 +13,20 @@ from rich.table import Table
 
 from core.gallery import CLASSES, make_shape
 from core.io import write_mesh
+from service.cli.compile import compile_with_bar
 from service.cli.demo_picture import draw_answers
 from service.cli.reembed import bring_up
 from service.cli.service_address import Key
 from service.client import Client
 from service.client.concurrent_uploads import Item, upload_all
+from service.compute.compilation import is_compiled
 from service.console import fail, output, progress, say
 from service.search.schemas import QueryAnswer
+from service.search.score_words import score_in_words
 from service.server.address import DEFAULT_PORT, LOOPBACK, PortError, bind
 from service.server.child_process import ChildService, sigterm_exits
 from service.server.uvicorn_server import wait_until_ready
-from service.settings import load_settings
+from service.settings import load_parameters, load_settings
 
 POSES = 8
 FOLDER = Path("isoshape-data")
@@ -68,8 +71,18 @@ def command(
         bind(LOOPBACK, port).close()
     except PortError as error:
         fail(f"{error}; choose another with --port", status=2)
+    try:
+        _run(port, picture, key, check=check)
+    except KeyboardInterrupt:
+        say("stopped")
+
+
+def _run(port: int, picture: Path | None, key: str | None, *, check: bool) -> None:
     FOLDER.mkdir(parents=True, exist_ok=True)
     url = f"sqlite:///{FOLDER / 'demo.sqlite3'}"
+    parameters = load_parameters(load_settings().pipeline)
+    if not is_compiled(parameters):
+        compile_with_bar(parameters)
     bring_up(load_settings().model_copy(update={"database_url": url}))
     settings = {"ISOSHAPE_DATABASE_URL": url}
     if "ISOSHAPE_LOG_LEVEL" not in os.environ:
@@ -142,7 +155,7 @@ def _print(answered: list[Answered]) -> None:
                 query.name if result.rank == 1 else "",
                 str(result.rank),
                 result.shape.name,
-                f"{result.cc:.4f}",
+                score_in_words(result.cc),
                 f"{result.ssd:.4f}",
                 f"{result.sim:.4f}",
                 "same" if query.label in result.shape.tags else "other",

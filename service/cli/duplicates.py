@@ -9,6 +9,7 @@ from rich.table import Table
 from service.cli.service_address import Collection, Key, Url, service_at
 from service.console import output, say
 from service.duplicates.schemas import DuplicatesAnswer
+from service.search.score_words import score_in_words
 
 
 def command(
@@ -51,6 +52,6 @@ def _print(answer: DuplicatesAnswer) -> None:
         table.add_column(name, justify="right", no_wrap=True)
     for number, group in enumerate(answer.groups, 1):
         for one in group:
-            numbers = f"{one.scale:.4g}", f"{one.cc:.4f}", f"{one.residual:.4f}"
+            numbers = f"{one.scale:.4g}", score_in_words(one.cc), f"{one.residual:.4f}"
             table.add_row(str(number), one.shape.name, one.likeness, *numbers)
     output().print(table)

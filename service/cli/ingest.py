@@ -5,12 +5,13 @@ from typing import Annotated
 
 import typer
 
-from core.io import READABLE
+from core.io import readable
 from service.cli.archive_upload import is_archive, store_archive
+from service.cli.ingest_tally import Tally
 from service.cli.metadata import About, read_metadata, row_of
 from service.cli.service_address import Collection, Key, Url, service_at
 from service.client.concurrent_uploads import AT_ONCE, Item, upload_all
-from service.console import fail, output, progress, say
+from service.console import fail, progress, say
 from service.datasets import MeshFile, find_meshes
 from service.shapes.fields import TAG_CHARACTERS
 
@@ -38,46 +39,37 @@ def command(
     (columns file and class) in the folder of the file, or else from the name of the class folder, directly
     below the given folder. A file given by itself has a class only from labels.csv.
 
-    A file that is already stored under its name stays as it is, so the command can be repeated. A refused
-    file does not stop the others. The service unpacks archives (zip, tar, tar.gz, tar.bz2, tar.xz); their
-    files have no class and no metadata.
+    A file that is already stored under its name stays as it is, so the command can be repeated, also after
+    Ctrl-C. A refused file does not stop the others. The service unpacks archives (zip, tar, tar.gz, tar.bz2,
+    tar.xz); their files have no class and no metadata.
     """
     archives = [path for path in paths if is_archive(path)]
     found = find_meshes([path for path in paths if path not in archives])
     if not found.files and not archives:
-        fail(f"no meshes found; the formats read are {', '.join(READABLE)}")
+        fail(f"no meshes found; the formats read are {', '.join(readable())}")
     rows = {} if metadata is None else read_metadata(metadata)
     named = {file.path: row_of(rows, file.path) for file in found.files}
     items = [_item(file, rows.get(named[file.path] or "", About()), tag or []) for file in found.files]
     stray = sorted(set(rows) - set(named.values()))
     if stray:
         say(f"{metadata}: no file has the name {', '.join(stray)}")
-    created = present = 0
-    refused: list[tuple[str, str]] = []
-    warnings: list[tuple[str, str]] = []
-    with service_at(url, key, collection) as client, progress() as bar:
-        task = bar.add_task("storing", total=len(items))
-        for item, outcome in upload_all(client, items, at_once):
-            if isinstance(outcome, str):
-                refused.append((item.origin, outcome))
-            elif outcome.created:
-                created += 1
-                warnings += [(item.origin, warning) for warning in outcome.shape.warnings]
-            else:
-                present += 1
-            bar.advance(task)
-        for path in archives:
-            done = store_archive(client, path, tag or [], bar)
-            created += done.stored
-            present += done.present
-            refused += done.refused
-    left_out = f", {found.ignored} of other formats left out" if found.ignored else ""
-    output().print(
-        f"{created} stored, {present} already there, {len(refused)} refused{left_out}", soft_wrap=True
-    )
-    for origin, cause in sorted(warnings) + sorted(refused):
-        say(f"{origin}: {cause}")
-    if refused:
+    tally = Tally(len(items) + len(archives), found.ignored)
+    stopped = False
+    try:
+        with service_at(url, key, collection, new=True) as client, progress() as bar:
+            task = bar.add_task("storing", total=len(items))
+            for item, outcome in upload_all(client, items, at_once):
+                tally.add(item, outcome)
+                bar.update(task, description=f"storing {item.name}", advance=1)
+                tally.say_now_and_then(visible=bar.disable)
+            for path in archives:
+                tally.add_archive(store_archive(client, path, tag or [], bar))
+    except KeyboardInterrupt:
+        stopped = True
+    tally.print()
+    if stopped:
+        fail(f"stopped; {tally.left} of {tally.total} left, and the same command continues", status=130)
+    if tally.refused:
         raise typer.Exit(1)
 
 

@@ -9,6 +9,7 @@ from pydantic import ValidationError
 from service.auth.keys import digest_of, new_key
 from service.client import Client
 from service.console import say
+from service.errors import ArchiveError
 from service.settings import Settings, SettingsError, load_settings
 
 
@@ -44,14 +45,20 @@ def database_named(argument: str, place: str) -> str:
 
 
 @contextmanager
-def own_service(settings: Settings, collection: str | None) -> Iterator[Client]:
+def own_service(settings: Settings, collection: str | None, *, new: bool) -> Iterator[Client]:
     """A client of a service on the database of the settings, after one line that names the database.
 
     Raises
     ------
     StartError
         The database cannot be opened.
+    ArchiveError
+        The database is an SQLite file that does not exist, and `new` is false.
     """
+    if not (new or _exists(settings.database_url)):
+        raise ArchiveError(
+            f"there is no archive at {_without_password(settings.database_url)}; `isoshape ingest` makes one"
+        )
     # Here, so that a command that finds a local service does not wait for these imports.
     from service.app import create_app  # noqa: PLC0415
     from service.server.uvicorn_server import in_thread  # noqa: PLC0415
@@ -64,6 +71,14 @@ def own_service(settings: Settings, collection: str | None) -> Iterator[Client]:
     settings = settings.model_copy(update={"api_keys": (digest_of(key),), "read_keys": (), "rate_limit": 0})
     with in_thread(create_app(settings), key, collection) as client:
         yield client
+
+
+def _exists(database_url: str) -> bool:
+    """Whether an SQLite file exists; a server of databases is asked later."""
+    # Here for the same reason.
+    from service.storage.sqlite import path_of  # noqa: PLC0415
+
+    return not database_url.startswith("sqlite") or path_of(database_url).exists()
 
 
 def _without_password(database_url: str) -> str:

@@ -14,6 +14,8 @@ from service.console import output, progress, say
 from service.search.likeness_words import in_words
 from service.search.rank_by import RankBy
 from service.search.schemas import LARGEST_SIZE_TOLERANCE, SIZE_TOLERANCE, QueryAnswer
+from service.search.score_words import CC_OF_PAIRS, score_in_words
+from service.shapes.size_words import box_in_words, number_in_words, volume_in_words
 
 # Correspondences are asked for the page; the JSON leaves them out.
 UNASKED = {"results": {"__all__": {"correspondence"}}}
@@ -118,6 +120,8 @@ def command(
             say(f"{file}: {warning}")
         order = "part distance" if partial else rank_by
         compared = f"{answer.compared} of {answer.stored} stored shapes compared"
+        if answer.results:
+            say(CC_OF_PAIRS)
         say(f"{compared}; sorted by {order}; milliseconds: {times}")
 
 
@@ -159,12 +163,32 @@ def print_answer(console: Console, answer: QueryAnswer) -> None:
             result.shape.name,
             in_words(result.likeness, result.scale),
             ", ".join(result.shape.tags),
-            f"{result.cc:.4f}",
+            score_in_words(result.cc),
             f"{result.ssd:.4f}",
             f"{result.sim:.4f}",
             f"{result.combined:.3f}",
             *told,
         )
     console.print(table)
+    console.print(_sizes(answer))
     if not (answer.matched or partial or any(result.likeness != "weak" for result in answer.results)):
         console.print("No result is similar: the best cc is below the pipeline's threshold.")
+
+
+def _sizes(answer: QueryAnswer) -> Table:
+    """The sizes of the results, in the units of their files."""
+    table = Table(box=box.SIMPLE_HEAD, collapse_padding=True)
+    table.add_column("rank", justify="right")
+    table.add_column("length × width × height")
+    for name in ("area", "volume", "size over query"):
+        table.add_column(name, justify="right")
+    for result in answer.results:
+        facts, ratio = result.shape.facts, result.size_ratio
+        table.add_row(
+            str(result.rank),
+            box_in_words(facts),
+            number_in_words(facts.area),
+            volume_in_words(facts),
+            "" if ratio is None else number_in_words(ratio),
+        )
+    return table

@@ -16,7 +16,7 @@ from service.observability import logging
 from service.pipelines import repository
 from service.server.child_process import sigterm_exits
 from service.settings import Settings, load_parameters, load_settings
-from service.shapes.reembedding import Reembedding, ReembeddingResult
+from service.shapes.reembedding import Reembedding, ReembeddingResult, prune_others
 from service.storage.database import Database
 from service.storage.migrate import migrate
 
@@ -75,12 +75,16 @@ def reembed(
     database = Database(settings.database_url, lock_seconds=settings.lock_seconds, hnsw=settings.hnsw)
     try:
         migrate(database)
-        with _working(settings, parameters) as work, _shown() as advance:
-            reembedding = Reembedding(database, work, parameters)
-            outcome = asyncio.run(
-                reembedding.run(at_once=settings.workers + 1, leave_out=leave_out, advance=advance)
-            )
-        pruned = reembedding.prune() if prune and outcome.active else 0
+        if _is_done(database, parameters):
+            outcome = ReembeddingResult(active=True)
+        else:
+            with _working(settings, parameters) as work, _shown() as advance:
+                outcome = asyncio.run(
+                    Reembedding(database, work, parameters).run(
+                        at_once=settings.workers + 1, leave_out=leave_out, advance=advance
+                    )
+                )
+        pruned = prune_others(database, parameters.fingerprint) if prune and outcome.active else 0
         return outcome, pruned
     finally:
         database.close()
@@ -99,6 +103,13 @@ def bring_up(settings: Settings) -> None:
     if active not in {None, parameters.fingerprint}:
         say("embedding the stored shapes again, by another pipeline")
         reembed(settings, parameters, leave_out=True, prune=True)
+
+
+def _is_done(database: Database, parameters: Parameters) -> bool:
+    """Whether the pipeline is active and has embedded every file, so that no workers are needed."""
+    with database.read() as session:
+        active = repository.active(session) == parameters.fingerprint
+        return active and not repository.unembedded(session, parameters.fingerprint)
 
 
 @contextmanager
@@ -139,7 +150,10 @@ def _shown() -> Iterator[Advance]:
 
 
 def _told(outcome: ReembeddingResult, parameters: Parameters, pruned: int) -> str:
-    parts = [f"{outcome.made} embedded by pipeline {parameters.name} ({parameters.fingerprint})"]
+    named = f"pipeline {parameters.name} ({parameters.fingerprint})"
+    if outcome.active and not (outcome.made or outcome.changed or outcome.refused or pruned):
+        return f"nothing to do: {named} is active and has embedded every stored shape"
+    parts = [f"{outcome.made} embedded by {named}"]
     if outcome.refused:
         parts.append(f"{len(outcome.refused)} cannot be")
     if outcome.active:

@@ -44,8 +44,12 @@ PROBE = httpx.Timeout(2.0)
 
 
 @contextmanager
-def service_at(url: str | None, key: str | None = None, collection: str | None = None) -> Iterator[Client]:
+def service_at(
+    url: str | None, key: str | None = None, collection: str | None = None, *, new: bool = False
+) -> Iterator[Client]:
     """A client of a service and of one collection, after one line that names the service.
+
+    With `new`, an SQLite archive that does not exist is made.
 
     This process runs the whole service on a database for as long as the command lasts, with the settings of
     the environment.
@@ -54,19 +58,32 @@ def service_at(url: str | None, key: str | None = None, collection: str | None =
     ------
     ClientError
         No service answers at the address, the service wants another key, or the collection does not exist.
+    ArchiveError
+        There is no archive at the path of the database.
     StartError
         The database cannot be opened.
     SettingsError
         The environment is wrong, or the address names no database.
     """
-    with _client(url, key, collection) as client:
+    with _client(url, key, collection, new=new) as client:
         if collection is not None:
-            client.page(limit=1)
+            _check_collection(client, collection)
         yield client
 
 
+def _check_collection(client: Client, collection: str) -> None:
+    try:
+        client.page(limit=1)
+    except ProblemError as error:
+        if error.kind != "collection-not-found":
+            raise
+        raise ClientError(
+            f"there is no collection {collection!r}; `isoshape collections --create {collection}` makes one"
+        ) from error
+
+
 @contextmanager
-def _client(url: str | None, key: str | None, collection: str | None) -> Iterator[Client]:
+def _client(url: str | None, key: str | None, collection: str | None, *, new: bool) -> Iterator[Client]:
     if url and not _is_database(url):
         with Client(url, key=key, collection=collection) as client:
             client.version()
@@ -83,7 +100,7 @@ def _client(url: str | None, key: str | None, collection: str | None) -> Iterato
         with Client(local, key=key, collection=collection) as client:
             yield client
         return
-    with own_service(settings, collection) as client:
+    with own_service(settings, collection, new=new) as client:
         yield client
 
 

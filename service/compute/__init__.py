@@ -2,6 +2,7 @@
 
 __all__ = [
     "activity_gate",
+    "compilation",
     "pool",
     "request_queue",
     "start_processes",

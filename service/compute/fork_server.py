@@ -8,7 +8,7 @@ from multiprocessing.context import ForkServerContext, SpawnContext
 
 from service.compute.worker_loop import THREADS
 
-LOADED = ["service.compute.tasks", "service.compute.sandbox", "trimesh"]
+LOADED = ["service.compute.compilation", "service.compute.sandbox", "trimesh"]
 """The modules of the tasks; trimesh, which reads STL, is otherwise imported with the first file."""
 
 _starting = threading.Lock()

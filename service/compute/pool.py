@@ -14,6 +14,7 @@ from queue import Empty, SimpleQueue
 from typing import Any
 
 from service.compute.worker_slot import Task, WorkerSlot
+from service.compute.worker_startup import START_SECONDS
 from service.compute.workers_interface import Workers
 from service.errors import WorkerLostError
 
@@ -32,6 +33,8 @@ class LocalPool(Workers):
         `TaskTimeLimitError`.
     warm : callable
         Called in each new process before its first task; the result is dropped.
+    start_seconds : float
+        The longest time that `warm` may take; a process that exceeds it is replaced.
     replaced : callable
         Called in a thread of the pool whenever a task causes the replacement of its process, with the cause:
         "died", "time-limit" or "given-up".
@@ -47,6 +50,7 @@ class LocalPool(Workers):
         *,
         seconds: float,
         warm: Callable[[], object],
+        start_seconds: float = START_SECONDS,
         replaced: Callable[[str], object] = lambda cause: None,
         tasks_each: int | None = None,
         answer_bytes: int | None = None,
@@ -64,6 +68,7 @@ class LocalPool(Workers):
                 warm,
                 replaced,
                 tasks_each,
+                start_seconds=start_seconds,
                 answer_bytes=answer_bytes,
             )
             for _ in range(workers)

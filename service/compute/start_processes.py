@@ -6,9 +6,10 @@ from functools import partial
 
 from core.parameters import Parameters
 from service.compute import sandbox
+from service.compute.compilation import COMPILING_SECONDS, is_compiled, warm_once_compiled
 from service.compute.mesh_bytes import largest_size
 from service.compute.pool import LocalPool
-from service.compute.tasks import warm
+from service.compute.worker_startup import START_SECONDS
 from service.compute.workers_interface import Workers
 from service.observability.logging import get_logger
 from service.settings import Settings
@@ -35,7 +36,8 @@ def start(
         workers = LocalPool(
             settings.workers,
             seconds=settings.task_seconds,
-            warm=partial(warm, parameters),
+            warm=partial(warm_once_compiled, parameters),
+            start_seconds=START_SECONDS if is_compiled(parameters) else COMPILING_SECONDS,
             replaced=replaced,
         )
     readers = LocalPool(

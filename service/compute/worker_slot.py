@@ -73,6 +73,7 @@ class WorkerSlot(threading.Thread):
         replaced: Callable[[str], object],
         tasks_each: int | None,
         *,
+        start_seconds: float,
         answer_bytes: int | None,
     ) -> None:
         super().__init__(daemon=True, name="isoshape-worker")
@@ -85,6 +86,7 @@ class WorkerSlot(threading.Thread):
         self._warm = warm
         self._replaced = replaced
         self._tasks_each = tasks_each
+        self._start_seconds = start_seconds
         self._answer_bytes = answer_bytes
         self._last_alone = tasks_each and tasks_each - max(1, round(AHEAD * tasks_each))
         self._tasks_done = 0
@@ -124,7 +126,7 @@ class WorkerSlot(threading.Thread):
         if self._tasks_done == self._tasks_each or process.resident_bytes() > MEMORY_BYTES:
             self._empty()
         elif self._next is None and self._tasks_done == self._last_alone:
-            self._next = Starting(self._warm, self._abandoned, answer_bytes=self._answer_bytes)
+            self._next = self._starting()
 
     def stop_starting(self) -> None:
         """Kill a process that is still warming up."""
@@ -176,7 +178,7 @@ class WorkerSlot(threading.Thread):
     def _fill(self) -> bool:
         """Fill the slot with a warm process; False if none started."""
         if self._next is None:
-            self._next = Starting(self._warm, self._abandoned, answer_bytes=self._answer_bytes)
+            self._next = self._starting()
         self._process = self._next.take()
         self._next = None
         if self._process is None:
@@ -184,6 +186,11 @@ class WorkerSlot(threading.Thread):
         self._tasks_done = 0
         self.pid = self._process.pid
         return True
+
+    def _starting(self) -> Starting:
+        return Starting(
+            self._warm, self._abandoned, seconds=self._start_seconds, answer_bytes=self._answer_bytes
+        )
 
     def _drop_next(self) -> None:
         if self._next is not None:

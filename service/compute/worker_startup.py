@@ -4,6 +4,7 @@ import threading
 from collections.abc import Callable
 
 from service.compute.worker_process import WorkerProcess
+from service.errors import TaskTimeLimitError, WorkerLostError
 from service.observability.logging import get_logger
 
 log = get_logger("compute")
@@ -20,16 +21,24 @@ class Starting(threading.Thread):
         Called in the new process; the result is dropped.
     abandoned : threading.Event
         Set when the pool wants no process any more.
+    seconds : float
+        The longest time that `warm` may take.
     answer_bytes : int or None
         As for `WorkerProcess`.
     """
 
     def __init__(
-        self, warm: Callable[[], object], abandoned: threading.Event, *, answer_bytes: int | None
+        self,
+        warm: Callable[[], object],
+        abandoned: threading.Event,
+        *,
+        seconds: float,
+        answer_bytes: int | None,
     ) -> None:
         super().__init__(daemon=True, name="isoshape-starting")
         self._warm = warm
         self._abandoned = abandoned
+        self._seconds = seconds
         self._answer_bytes = answer_bytes
         self._process: WorkerProcess | None = None
         self._warmed = False
@@ -46,7 +55,10 @@ class Starting(threading.Thread):
             if self._unwanted():
                 self._process.kill()
             self._process.send(self._warm, ())
-            self._process.receive(START_SECONDS)
+            self._process.receive(self._seconds)
+        except (WorkerLostError, TaskTimeLimitError) as error:
+            if not self._unwanted():
+                log.error("a worker process could not be started: %s", error)
         except Exception as error:
             if not self._unwanted():
                 log.error("a worker process could not be started", exc_info=error)

@@ -9,11 +9,13 @@ from html import escape
 from service.report.style import STYLE
 from service.search.likeness_words import in_words
 from service.search.schemas import QueryAnswer, Result
+from service.search.score_words import CC_OF_PAIRS, score_in_words
+from service.shapes.size_words import box_in_words, number_in_words, volume_in_words
 from service.system.schemas import Version
 
 SCORES = {
-    "CC": "The correlation of the matched points’ spectral coordinates: 1 for the same shape in any pose, "
-    "near 0 for shapes that have nothing in common.",
+    "CC": "The correlation of the matched points’ spectral coordinates: 1 for the same shape in any pose. "
+    f"{CC_OF_PAIRS}",
     "SSD": "The root of the sum of squared differences of those coordinates, divided by the number of "
     "pairs: 0 for the same shape, and larger for less similar shapes.",
     "sim": "The share of points, from 0 to 1, whose partner on the other shape a smooth map explains.",
@@ -114,6 +116,10 @@ def _section(found: PicturedResult, query: str) -> str:
         "tags": ", ".join(shape.tags),
         "metadata": _written(shape.metadata) if shape.metadata else "",
         "vertices, faces": f"{shape.facts.vertices}, {shape.facts.faces}",
+        "length × width × height": box_in_words(shape.facts),
+        "area": number_in_words(shape.facts.area),
+        "volume": volume_in_words(shape.facts),
+        "size over query": "" if result.size_ratio is None else number_in_words(result.size_ratio),
         "warnings": " ".join(shape.warnings),
         "id": shape.id,
     }
@@ -135,7 +141,7 @@ def _section(found: PicturedResult, query: str) -> str:
 def _scores(result: Result) -> dict[str, str]:
     part = {} if result.part_distance is None else {"part distance": f"{result.part_distance:.4f}"}
     return {
-        "CC": f"{result.cc:.4f}",
+        "CC": score_in_words(result.cc),
         "SSD": f"{result.ssd:.4f}",
         "sim": f"{result.sim:.4f}",
         "combined": f"{result.combined:.3f}",

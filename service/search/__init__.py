@@ -11,6 +11,7 @@ __all__ = [
     "records",
     "repository",
     "schemas",
+    "score_words",
     "scoring",
     "service",
     "shortlist",

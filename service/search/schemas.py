@@ -8,6 +8,7 @@ from core.ranking.likeness import NEAR_ISOMETRIC, POSE_CC, SIMILAR, Likeness
 from core.registration.kinship import SIZE
 from service.search.dense_schemas import DenseFields
 from service.search.rank_by import RankBy
+from service.search.score_words import CC_OF_PAIRS, score_in_words
 from service.shapes.fields import ListedTags, split_tags
 from service.shapes.filters import Filters
 from service.shapes.schemas import SHAPE, EmbeddingArrays, Shape, warnings_of
@@ -35,6 +36,10 @@ RESULT: dict[str, Any] = {
     "size_ratio": 1.02,
     "shape": SHAPE,
 }
+CC = (
+    "Correlation coefficient of the matched spectral coordinates, in [-1, 1]; 1 for the same shape, also in "
+    f"another pose. {CC_OF_PAIRS}"
+)
 SSD = (
     "Root of the sum of squared differences of the same coordinates, divided by the number of pairs: 0 or "
     "more; lower is more similar."
@@ -169,7 +174,7 @@ class Result(BaseModel):
     model_config = ConfigDict(json_schema_extra={"example": RESULT})
 
     rank: int = Field(description="1 for the most similar shape.")
-    cc: float = Field(description="Correlation coefficient of the matched spectral coordinates, in [-1, 1].")
+    cc: float = Field(description=CC)
     ssd: float = Field(description=SSD)
     sim: float = Field(description="Share of the points with an effective correspondence, in [0, 1].")
     combined: float = Field(description=COMBINED)
@@ -283,7 +288,7 @@ class CompareAnswer(DenseFields):
         }
     )
 
-    cc: float = Field(description="Correlation coefficient of the matched spectral coordinates, in [-1, 1].")
+    cc: float = Field(description=CC)
     ssd: float = Field(description=SSD)
     sim: float = Field(description="Share of the points with an effective correspondence, in [0, 1].")
     combined: float = Field(description=COMBINED)
@@ -347,7 +352,8 @@ def _unit_warning(mistake: "UnitMistake | None") -> list[str]:
     are = "1 shape is" if count == 1 else f"{count} shapes are"
     return [
         f"no shape has the size that was asked for, but {are} at {times} times it, most similar "
-        f"{mistake.nearest.shape.name!r} (cc {mistake.nearest.cc:.4f}): the units of the files may differ"
+        f"{mistake.nearest.shape.name!r} (cc {score_in_words(mistake.nearest.cc)}): the units of the files "
+        "may differ"
     ]
 
 

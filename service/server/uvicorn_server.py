@@ -17,7 +17,8 @@ from service.jobs.events import ENDING_IN_SCOPE
 from service.server.address import LOOPBACK, bind
 from service.server.http_protocol import http_protocol, most_connections
 
-READY_SECONDS = 300.0
+# On a busy machine the first start compiles for many minutes.
+READY_SECONDS = 3600.0
 # For a service that one command uses; no request is left when it stops.
 SHUTDOWN_SECONDS = 10
 HEAD_SECONDS = 20.0
@@ -87,7 +88,7 @@ def wait_until_ready(client: Client, ended: Callable[[], bool]) -> None:
     Raises
     ------
     StartError
-        The service ended, or is not ready after five minutes.
+        The service ended, or is not ready after an hour.
     """
     deadline = time.monotonic() + READY_SECONDS
     while not client.ready():

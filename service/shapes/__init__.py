@@ -7,11 +7,13 @@ __all__ = [
     "file_endpoints",
     "files",
     "filters",
+    "measuring",
     "pages",
     "records",
     "reembedding",
     "repository",
     "schemas",
     "service",
+    "size_words",
     "uploads",
 ]

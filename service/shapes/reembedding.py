@@ -43,11 +43,14 @@ class ReembeddingResult:
         Names of the shapes without an embedding, each with the reason.
     active : bool
         Whether the pipeline is active now.
+    changed : bool
+        Whether the run activated it.
     """
 
     made: int = 0
     refused: list[tuple[str, str]] = field(default_factory=list)
     active: bool = False
+    changed: bool = False
 
 
 class Reembedding:
@@ -112,19 +115,9 @@ class Reembedding:
                 raise several.exceptions[0] from None
             if self._refused and not leave_out:
                 break
-            result.active = await asyncio.to_thread(self._activate)
+            result.active, result.changed = await asyncio.to_thread(self._activate)
         result.refused = await asyncio.to_thread(self._names_of_refused)
         return result
-
-    def prune(self) -> int:
-        """Delete embeddings by other pipelines of files that this one has embedded; how many."""
-        deleted = 0
-        while True:
-            with self._database.write() as session:
-                some = repository.prune(session, self._pipeline.fingerprint, PRUNED_AT_ONCE)
-            deleted += some
-            if not some:
-                return deleted
 
     async def _embed(self, file: File) -> bool:
         """Embed a file unless it was deleted; whether it was embedded."""
@@ -170,17 +163,18 @@ class Reembedding:
             shapes_repository.mark_changed(session, number, format, embedded.facts)
             return True
 
-    def _activate(self) -> bool:
-        """Activate the pipeline, unless it has not embedded all new files; whether it is active."""
+    def _activate(self) -> tuple[bool, bool]:
+        """Activate the pipeline, unless it has not embedded all new files; whether it is active, and new."""
         fingerprint = self._pipeline.fingerprint
         with self._database.write() as session:
             lacking = repository.unembedded(session, fingerprint)
             if any(file not in self._refused for file in lacking):
-                return False
+                return False, False
             keep(session, self._parameters)
-            if repository.active(session) != fingerprint:
+            changed = repository.active(session) != fingerprint
+            if changed:
                 repository.activate(session, fingerprint)
-            return True
+            return True, changed
 
     def _names_of_refused(self) -> list[tuple[str, str]]:
         with self._database.read() as session:
@@ -189,3 +183,14 @@ class Reembedding:
                 for (number, format), cause in sorted(self._refused.items())
                 for name in repository.names(session, number, format)
             ]
+
+
+def prune_others(database: Database, fingerprint: str) -> int:
+    """Delete embeddings by other pipelines of files that one pipeline has embedded; how many."""
+    deleted = 0
+    while True:
+        with database.write() as session:
+            some = repository.prune(session, fingerprint, PRUNED_AT_ONCE)
+        deleted += some
+        if not some:
+            return deleted

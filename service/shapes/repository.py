@@ -45,6 +45,8 @@ from service.storage.tables import (
     TagRow,
 )
 
+_LENGTH = ShapeRow.facts[("bounding_box", 0)].as_float()
+
 
 def matching(shapes: ShapeFilter) -> Select[int]:
     """A query of the numbers of the shapes that match a filter."""
@@ -64,7 +66,7 @@ def matching(shapes: ShapeFilter) -> Select[int]:
         closed = ShapeRow.facts["boundary_edges"].as_integer() == 0
         query = query.where(closed, ShapeRow.facts["volume"].as_float().between(*shapes.volume))
     if shapes.length is not None:
-        query = query.where(ShapeRow.facts[("bounding_box", 0)].as_float().between(*shapes.length))
+        query = query.where(_LENGTH.between(*shapes.length))
     return query
 
 
@@ -289,6 +291,24 @@ def mark_changed(session: WriteSession, blob_number: int, format: str, facts: Ma
     own = ShapeRow.blob_number == blob_number, ShapeRow.format == format
     session.execute(update(ShapeRow).where(*own).values(revision=next_revision(session), facts=facts))
     _store_checksums(session, session.scalars(select(ShapeRow.number).where(*own)).all())
+
+
+def without_box(session: ReadSession) -> list[tuple[int, str]]:
+    """The files of shapes without a bounding box, as pairs of blob number and format, oldest first."""
+    query = select(ShapeRow.blob_number, ShapeRow.format).where(_LENGTH.is_(None)).distinct()
+    return [
+        (number, format)
+        for number, format in session.execute(query.order_by(ShapeRow.blob_number, ShapeRow.format))
+    ]
+
+
+def set_box(session: WriteSession, blob_number: int, format: str, box: tuple[float, float, float]) -> None:
+    """Store the bounding box of a file with its shapes."""
+    own = ShapeRow.blob_number == blob_number, ShapeRow.format == format
+    for number, facts in session.execute(select(ShapeRow.number, ShapeRow.facts).where(*own)).all():
+        values = {**facts, "bounding_box": list(box)}
+        session.execute(update(ShapeRow).where(ShapeRow.number == number).values(facts=values))
+        _store_checksums(session, [number])
 
 
 def add_shape(

@@ -14,7 +14,7 @@ from pydantic import (
     WithJsonSchema,
 )
 
-from core.io import READABLE
+from core.io import WRITABLE
 from service.shapes.fields import (
     METADATA_BYTES,
     METADATA_DEPTH,
@@ -30,8 +30,8 @@ MeshFile = Annotated[
     UploadFile,
     Field(
         description="The mesh. The ending of the file's name is its format: "
-        f"{', '.join(sorted(READABLE))}; step and stp where the service has the extra for them. 3MF and STEP "
-        "are read in millimetres."
+        f"{', '.join(sorted(WRITABLE))}, and step and stp where the service has the extra for them. 3MF and "
+        "STEP are read in millimetres."
     ),
 ]
 

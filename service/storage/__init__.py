@@ -11,6 +11,7 @@ __all__ = [
     "hnsw_parameters",
     "job_states",
     "job_tables",
+    "lock",
     "migrate",
     "revisions",
     "sqlite",

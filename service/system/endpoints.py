@@ -9,6 +9,7 @@ from starlette.concurrency import run_in_threadpool
 
 from core.parameters import METHOD_VERSION
 from service.auth.keys import Grant
+from service.compute.compilation import is_compiled
 from service.dependencies import Service
 from service.errors import ServiceError
 from service.http.access_control import GRANT_IN_SCOPE
@@ -16,6 +17,8 @@ from service.http.problems import documented, problem_response
 from service.system.schemas import VERSION, Health, PendingPipeline, Readiness, Version
 
 router = APIRouter(tags=["service"])
+
+COMPILING = "the kernels are compiled for this processor, once, which takes about a minute on an idle machine"
 
 
 @router.get("/healthz", summary="Is the process alive?")
@@ -36,7 +39,10 @@ async def readyz(container: Service) -> Readiness | Response:
     except ServiceError as error:
         faults.append(str(error))
     if not await run_in_threadpool(container.pool.ready):
-        faults.append("no worker process is ready yet")
+        compiled = await run_in_threadpool(is_compiled, container.pipelines.wanted)
+        faults.append(
+            "no worker process is ready yet" if compiled or container.settings.scheduler else COMPILING
+        )
     if not await run_in_threadpool(container.readers.ready):
         faults.append("no process that reads uploads is ready yet")
     if not container.comparing_is_ready.is_set():

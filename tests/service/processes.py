@@ -16,11 +16,11 @@ from tests.service.support import wait_until
 
 @contextmanager
 def server(
-    folder: Path, *, seconds: float = 180, **settings: str
+    folder: Path, *, seconds: float = 180, shared: bool = False, **settings: str
 ) -> Iterator[tuple[subprocess.Popen[bytes], httpx.Client]]:
     """`isoshape serve` on a folder's archive, ready in some seconds; killed at the end if it still runs.
 
-    It has one worker unless the settings say otherwise.
+    It has one worker unless the settings say otherwise; `shared` starts it beside another service.
     """
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
@@ -31,6 +31,7 @@ def server(
         **settings,
     }
     command = [sys.executable, "-P", "-m", "service.cli", "serve", "--port", str(port)]
+    command += ["--shared"] if shared else []
     with (folder / "log.txt").open("ab") as log:
         process = subprocess.Popen(command, env=environment, stdout=log, stderr=log)
     try:

@@ -134,8 +134,17 @@ def test_unknown_variables_are_refused_by_name(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setenv("ISOSHAPE_WORKER", "3")
     monkeypatch.setenv("ISOSHAPE_DATABASE", "x")
     with pytest.raises(
-        SettingsError, match=r"unknown settings: ISOSHAPE_DATABASE, ISOSHAPE_WORKER;.*ISOSHAPE_WORKERS"
-    ):
+        SettingsError,
+        match=r"unknown settings: ISOSHAPE_DATABASE \(did you mean ISOSHAPE_DATABASE_URL\?\), "
+        r"ISOSHAPE_WORKER \(did you mean ISOSHAPE_WORKERS\?\); docs/settings.md",
+    ) as refused:
+        load_settings()
+    assert "ISOSHAPE_LOG_LEVEL" not in str(refused.value)
+
+
+def test_no_suggestion_is_made_where_nothing_is_near(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ISOSHAPE_QQQQ", "3")
+    with pytest.raises(SettingsError, match=r"^unknown settings: ISOSHAPE_QQQQ; docs/settings.md"):
         load_settings()
 
 

@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.table import Table
 
 from core.evaluation.retrieval_measures import Evaluation, evaluate
+from core.evaluation.score_quantiles import QUANTILES, ScoreQuantiles, score_quantiles
 from core.parameters import DEFAULT, PAPER
 from service.cli.options import Workers
 from service.console import fail, output
@@ -45,6 +46,7 @@ class RetrievalReport:
     setting: str
     rank_by: str
     figures: Evaluation
+    cc: dict[str, ScoreQuantiles]
 
     def as_json(self) -> dict[str, object]:
         """The object that `--json` prints."""
@@ -55,6 +57,14 @@ class RetrievalReport:
             "shapes": self.figures.shapes,
             "classes": len(self.figures.classes),
             **{name: getattr(self.figures, name) for name in (*MEASURES, *HUBNESS)},
+            "cc": {
+                pairs: {
+                    "pairs": told.pairs,
+                    "quantiles": dict(zip(map(str, QUANTILES), told.quantiles, strict=True)),
+                    "matched": told.at_least,
+                }
+                for pairs, told in self.cc.items()
+            },
             "per_class": {name: asdict(row) for name, row in self.figures.per_class.items()},
         }
 
@@ -92,7 +102,8 @@ def command(
     second tier), E (E-measure of the first 32), DCG (discounted cumulative gain) and MAP (mean average
     precision), as in Shilane et al. 2004. Ties count against the ranking. Two more measure hubs: the skewness
     of the 10-occurrence (Radovanovic et al. 2010), and the share of the queries that have one and the same
-    wrong first answer.
+    wrong first answer. The quantiles of CC over the pairs of one class and of two are printed too, with the
+    share of the pairs whose CC reaches the threshold of the pipeline.
 
     The other methods run on the same meshes: ShapeDNA (Reuter et al. 2006) by LaPy, ICP (Besl and McKay 1992)
     by trimesh, MDS (Elad and Kimmel 2003) by scikit-learn, the shape distribution D2 (Osada et al. 2002), and
@@ -109,14 +120,15 @@ def command(
         if uncapped:
             parameters = parameters.with_values(sample_cap=0)
         labels, scores = score_collection(files, parameters, workers or default_workers())
+        cc = score_quantiles(scores.cc, labels, parameters.ranking.match_threshold)
         reports = [
-            RetrievalReport(name, setting, ranking.value, evaluate_ranking(scores, labels, ranking))
+            RetrievalReport(name, setting, ranking.value, evaluate_ranking(scores, labels, ranking), cc)
             for ranking in _rankings(rank_by or [RankBy.CC])
         ]
     else:
         labels, distances = score_baseline(files, BaselineName(method), workers or default_workers())
         reports = [
-            RetrievalReport(name, method, "distance", evaluate(distances, labels, larger_is_closer=False))
+            RetrievalReport(name, method, "distance", evaluate(distances, labels, larger_is_closer=False), {})
         ]
     if as_json:
         objects = [report.as_json() for report in reports]
@@ -149,8 +161,24 @@ def _print(console: Console, reports: list[RetrievalReport]) -> None:
         figures = (f"{getattr(report.figures, name):.3f}" for name in (*MEASURES, *HUBNESS))
         overall.add_row(report.rank_by, *figures)
     console.print(overall)
+    if first.cc:
+        console.print(_cc_table(first.cc))
     for report in reports:
         console.print(_class_table(report))
+
+
+def _cc_table(cc: dict[str, ScoreQuantiles]) -> Table:
+    table = Table(title="CC of pairs", box=box.SIMPLE_HEAD, collapse_padding=True)
+    table.add_column("pairs of")
+    table.add_column("pairs", justify="right")
+    for quantile in QUANTILES:
+        table.add_column(f"{100 * quantile:g} %", justify="right")
+    table.add_column("matched", justify="right")
+    for name, told in cc.items():
+        values = (f"{value:.4f}" for value in told.quantiles)
+        row = "one class" if name == "same" else "two classes"
+        table.add_row(row, str(told.pairs), *values, f"{100 * told.at_least:.1f} %")
+    return table
 
 
 def _class_table(report: RetrievalReport) -> Table:

@@ -16,7 +16,7 @@ from threadpoolctl import threadpool_limits
 from core.errors import CoreError
 from core.gallery import CLASSES, make_shape
 from core.gallery.poses_of_one_person import make_person
-from core.io import READABLE, format_of, read_mesh
+from core.io import format_of, read_mesh, readable
 from core.mesh.mesh import Mesh
 from core.studies.sampling.robustness import DELTAS, ROBUST_TAU
 from core.studies.sampling.study import PoseMeasures, SamplingStudy, ShapeMeasures, study_pose, study_shape
@@ -101,7 +101,7 @@ def _shapes(paths: Sequence[Path]) -> list[Source]:
         return [(label, partial(make_shape, label, 0)) for label in CLASSES]
     files = find_meshes(paths).files
     if not files:
-        fail(f"no meshes found; the formats read are {', '.join(READABLE)}")
+        fail(f"no meshes found; the formats read are {', '.join(readable())}")
     return [(str(file.path), partial(_read, file.path)) for file in files]
 
 

@@ -10,6 +10,7 @@ import { allowChanges, openGallery, reload } from "./gallery.js";
 import { openJobs } from "./jobs.js";
 import { openMap } from "./map.js";
 import { current, go, linkTo, moved, opensElsewhere } from "./state.js";
+import { ready } from "./starting.js";
 import { store } from "./upload.js";
 
 /** @import { State } from "./state.js" */
@@ -117,4 +118,7 @@ dropAnywhere((files) => {
   if (shownView() === "upload") store(files);
   else findFile(files);
 });
-begin();
+const started = ready();
+await begin();
+// The shapes of a service that has just become ready are shown anew.
+if ((await started) && !content.hidden) show();

@@ -2,6 +2,7 @@
 
 import json
 import socket
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -71,3 +72,24 @@ def test_openapi_to_a_file_and_to_standard_output(run: Run) -> None:
     written = Path("openapi/openapi.json").read_text(encoding="utf-8")
     assert json.loads(written) == openapi.document()
     assert run("openapi", "--output", "-").stdout == written
+
+
+@pytest.mark.usefixtures("small")
+@pytest.mark.parametrize("stage", ["bring_up", "_make_gallery", "_store"])
+def test_ctrl_c_ends_it_without_an_error_at_any_stage(
+    stage: str, run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(demo, stage, interrupted)
+    done = run("demo", "--port", free_port())
+    assert (done.status, done.stderr.splitlines()[-1]) == (0, "stopped")
+
+
+def test_make_demo_takes_a_port() -> None:
+    root = Path(__file__).parents[3]
+    for given, expected in (([], False), (["PORT=8123"], True)):
+        command = ["make", "--dry-run", "--no-print-directory", "-C", str(root), "demo", *given]
+        done = subprocess.run(command, capture_output=True, text=True, check=True)
+        assert ("isoshape demo  --port 8123" in done.stdout) == expected

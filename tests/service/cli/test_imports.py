@@ -59,5 +59,5 @@ def test_the_library_and_the_client_are_light_until_they_are_used() -> None:
 
 
 def test_a_database_is_reached_by_the_whole_service(cup: Path, tmp_path: Path) -> None:
-    imported = imported_by("query", cup, "--url", f"sqlite:///{tmp_path}/archive.sqlite3")
+    imported = imported_by("ingest", cup, "--url", f"sqlite:///{tmp_path}/archive.sqlite3")
     assert {"sqlalchemy", "fastapi", "uvicorn"} <= imported

@@ -68,7 +68,7 @@ def test_a_public_address_with_a_key(run: Run, monkeypatch: pytest.MonkeyPatch, 
     monkeypatch.setattr("service.cli.serve.run", lambda app, bound, **seconds: None)
     monkeypatch.setenv(f"ISOSHAPE_{name}", "0" * 64)
     done = run("serve", "--host", "0.0.0.0", "--port", 0)
-    assert (done.status, done.stderr[:31]) == (0, "Isoshape listens on http://0.0.")
+    assert (done.status, done.stderr[:30]) == (0, "Isoshape starts on http://0.0.")
 
 
 def test_loopback_addresses() -> None:

@@ -154,6 +154,7 @@ def test_a_local_service_is_found(
 
 @pytest.mark.usefixtures("no_local_service")
 def test_the_default_database_otherwise(cup: Path, run: Run) -> None:
+    assert run("ingest", cup).status == 0
     done = run("query", cup)
     assert done.status == 0
     assert done.stderr.startswith("using the database sqlite:///isoshape-data/isoshape.sqlite3\n")
@@ -177,7 +178,7 @@ def test_bad_settings_are_named(
     name: str, value: str, cup: Path, run: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv(f"ISOSHAPE_{name}", value)
-    done = run("query", cup)
+    done = run("ingest", cup)
     assert done.status == 2
     assert f"ISOSHAPE_{name}" in done.stderr
     assert "Traceback" not in done.stderr

@@ -144,3 +144,17 @@ def test_a_demonstration_is_brought_up_to_the_pipeline_that_is_named(
     assert embeddings(tmp_path) == [(1, few.fingerprint), (2, few.fingerprint)]
     bring_up(load_settings())
     assert capsys.readouterr().err == ""
+
+
+def test_nothing_to_do_is_said_and_starts_no_worker(
+    tmp_path: Path, run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    archive_to_reembed(tmp_path, monkeypatch, 1)
+    assert run("reembed").status == 0
+    monkeypatch.setattr("service.cli.reembed.start_processes", None)
+    again = run("reembed")
+    assert again.status == 0
+    assert again.stdout.startswith("nothing to do: pipeline ")
+    assert again.stdout.endswith(" is active and has embedded every stored shape\n")
+    pruned = run("reembed", "--prune")
+    assert (pruned.status, pruned.stdout) == (0, again.stdout)

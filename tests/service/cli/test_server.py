@@ -9,8 +9,10 @@ from pathlib import Path
 
 import pytest
 
+from core.parameters import DEFAULT
 from service.app import create_app
 from service.client import Client
+from service.compute.compilation import compile_kernels
 from service.server.address import LOOPBACK, PortError, bind
 from service.server.uvicorn_server import StartError, in_thread, wait_until_ready
 from service.settings import Settings
@@ -52,6 +54,7 @@ def test_a_service_that_cannot_start_says_why(tmp_path: Path) -> None:
 
 
 def test_serve_until_a_signal_and_again() -> None:
+    compile_kernels(DEFAULT)
     environment = {**os.environ, "ISOSHAPE_LOG_LEVEL": "error"}
     port = free_port()
     command = [sys.executable, "-P", "-m", "service.cli", "serve", "--port", str(port)]
@@ -69,6 +72,7 @@ def test_serve_until_a_signal_and_again() -> None:
             process.kill()
             process.wait()
         assert process.returncode == status
-        assert messages.splitlines() == [f"Isoshape listens on http://{LOOPBACK}:{port}"]
+        url = f"http://{LOOPBACK}:{port}"
+        assert messages.splitlines() == [f"Isoshape starts on {url}", f"Isoshape listens on {url}"]
     assert names == ["0.off", "1.off"]
     assert Path("isoshape-data/isoshape.sqlite3").is_file()

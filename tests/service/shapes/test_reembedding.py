@@ -18,7 +18,7 @@ from service.errors import ClusterUnavailableError, WorkerLostError
 from service.search import service as search_service
 from service.search.ranking import Compared
 from service.shapes import reembedding as reembedding_module
-from service.shapes.reembedding import Reembedding, ReembeddingResult
+from service.shapes.reembedding import Reembedding, ReembeddingResult, prune_others
 from tests.service.engines import either_engine, on_both
 from tests.service.pipeline_files import active, embeddings, fingerprints, write_parameters
 from tests.service.support import (
@@ -213,14 +213,13 @@ def test_a_query_that_loses_its_embeddings_is_answered_by_the_new_ones(
     stocked: tuple[Running, Path], few: Parameters, monkeypatch: pytest.MonkeyPatch, by: str
 ) -> None:
     running, folder = stocked
-    work = running.container.work
     compare_with = search_service.compare_with
     changed: list[ReembeddingResult] = []
 
     async def late(*given: Any) -> Compared:
         if not changed:
             changed.append((await asyncio.to_thread(go_over, running, few))[0])
-            await asyncio.to_thread(Reembedding(running.container.database, work, few).prune)
+            await asyncio.to_thread(prune_others, running.container.database, few.fingerprint)
         return await compare_with(*given)
 
     (shape,) = running.client.get("/shapes", params={"name": "2.off"}).json()["shapes"]
@@ -245,9 +244,9 @@ def test_pruned_and_gone_back_to_all_is_found_again(stocked: tuple[Running, Path
         reembedding = Reembedding(running.container.database, running.container.work, parameters)
         outcome = asyncio.run(reembedding.run(at_once=2, leave_out=False, advance=lambda *_: None))
         assert (outcome.made, outcome.active) == (STORED, True)
-        assert reembedding.prune() == STORED
+        assert prune_others(running.container.database, parameters.fingerprint) == STORED
         assert set(fingerprints(folder)) == {parameters.fingerprint}
-        assert reembedding.prune() == 0
+        assert prune_others(running.container.database, parameters.fingerprint) == 0
     # Not asked in between, the service's index is of the same pipeline as before, and of none of its rows.
     answer = query(running.client, small_file(1)).json()
     assert (answer["compared"], answer["pipeline"]) == (STORED + 1, wanted.fingerprint)
@@ -280,7 +279,7 @@ def test_a_file_that_cannot_be_embedded_keeps_the_archive_as_it_is_unless_left_o
     assert shape["embedded"] is False
     assert_problem(running.client.post("/query", json={"shape_id": shape["id"]}), 409, "not-embedded")
 
-    assert Reembedding(running.container.database, running.container.work, few).prune() == STORED - 1
+    assert prune_others(running.container.database, few.fingerprint) == STORED - 1
     assert sorted(fingerprints(folder)) == sorted([old] + [few.fingerprint] * (STORED - 1))
 
 

@@ -9,7 +9,7 @@ from typing import Any
 from sqlalchemy import text
 
 from core.parameters import DEFAULT
-from service.shapes.reembedding import Reembedding
+from service.shapes.reembedding import Reembedding, prune_others
 from service.storage.checking import check
 from tests.service.pipeline_files import active, fingerprints
 from tests.service.storage.archives.before_views.make import answers, queries
@@ -49,7 +49,7 @@ class EarlierArchive:
         assert (outcome.made, outcome.refused, outcome.active) == (3, [], True)
         assert {answer["pipeline"] for answer in meantime} == {self.fingerprint}
         assert running.client.get("/version").json()["pending"] is None
-        assert reembedding.prune() == 3
+        assert prune_others(container.database, DEFAULT.fingerprint) == 3
         return meantime
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import httpx
 
-from tests.service.engines import on_postgresql
+from tests.service.engines import on_postgresql, url_in
 from tests.service.processes import server
 from tests.service.support import query, small_file, upload
 
@@ -83,5 +83,24 @@ def test_a_service_does_not_start_with_a_setting_it_does_not_know(tmp_path: Path
         check=False,
     )
     assert done.returncode != 0
-    assert "unknown settings: ISOSHAPE_DATABASE, ISOSHAPE_WORKER;" in done.stderr
+    assert "unknown settings: ISOSHAPE_DATABASE (did you mean ISOSHAPE_DATABASE_URL?)" in done.stderr
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_second_service_on_an_sqlite_archive_is_refused_unless_it_is_told_to_share(tmp_path: Path) -> None:
+    with server(tmp_path) as (process, client):
+        command = [sys.executable, "-P", "-m", "service.cli", "serve", "--port", "0"]
+        environment = {**os.environ, "ISOSHAPE_DATABASE_URL": url_in(tmp_path), "ISOSHAPE_WORKERS": "1"}
+        done = subprocess.run(
+            command, env=environment, capture_output=True, text=True, timeout=60, check=False
+        )
+        assert done.returncode == 1
+        (line,) = done.stderr.splitlines()
+        assert f"already served by process {process.pid} at {str(client.base_url).rstrip('/')}" in line
+        assert "--shared" in line
+        with server(tmp_path, shared=True) as (_, other):
+            shape = upload(client, small_file(0), "0.off").json()
+            assert other.get(f"/shapes/{shape['id']}").status_code == 200
+    # The lock ends with its process, and the file alone refuses nothing.
+    with server(tmp_path) as (_, client):
+        assert client.get(f"/shapes/{shape['id']}").status_code == 200

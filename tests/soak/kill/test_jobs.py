@@ -94,7 +94,7 @@ def test_a_job_of_a_service_that_is_killed_again_and_again_and_then_asked_to_sto
 
 
 def test_a_service_takes_over_the_job_of_another_that_died(tmp_path: Path) -> None:
-    with server(tmp_path) as (process, one), server(tmp_path) as (_, other):
+    with server(tmp_path) as (process, one), server(tmp_path, shared=True) as (_, other):
         job_id = begun(one, pack(mixed()))
         wait_until(partial(has_stored, other, job_id, 2), seconds=300)
         process.send_signal(signal.SIGKILL)

@@ -1,0 +1,140 @@
+"""The compilation of the kernels: once for a processor, by one process at a time.
+
+numba keeps compiled functions beside their sources or in a folder of its own. A stamp there tells that all of
+them are compiled, and a lock lets other processes wait for the one that compiles.
+"""
+
+import fcntl
+import os
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from functools import cache
+from hashlib import blake2b
+from importlib import resources
+from pathlib import Path
+
+import llvmlite.binding
+import numba
+from numba.core.dispatcher import Dispatcher
+
+from core.parameters import Parameters
+from service.compute.tasks import warm
+
+COMPILING_SECONDS = 3600.0
+"""The longest start of a worker process that compiles them, or waits for the process that does."""
+
+ASK_SECONDS = 0.2
+
+STAMPED = "service.rendering.rasteriser"
+"""The module of one kernel, beside whose compiled form the stamp is."""
+
+
+def is_compiled(parameters: Parameters) -> bool:
+    """Whether the kernels of some parameters are compiled for this processor."""
+    return _stamp(parameters).exists()
+
+
+def warm_once_compiled(parameters: Parameters) -> None:
+    """Warm a worker process up; of several processes, the first compiles the kernels and the others wait."""
+    compile_kernels(parameters)
+    warm(parameters)
+
+
+def compile_kernels(
+    parameters: Parameters, advance: Callable[[int, int], object] = lambda done, total: None
+) -> bool:
+    """Compile the kernels of some parameters, unless they are compiled; whether this process did.
+
+    Parameters
+    ----------
+    parameters : Parameters
+    advance : callable
+        Called several times a second with the number of compiled functions, and of all.
+    """
+    if is_compiled(parameters):
+        return False
+    stamp = _stamp(parameters)
+    with _alone(stamp.with_suffix(".lock")):
+        if stamp.exists():
+            return False
+        with _watched(advance):
+            warm(parameters)
+        # Where nothing can be written, every process compiles.
+        with suppress(OSError):
+            stamp.touch()
+        return True
+
+
+@contextmanager
+def _watched(advance: Callable[[int, int], object]) -> Iterator[None]:
+    """Call `advance` in a thread for the duration of the block."""
+    ended = threading.Event()
+
+    def watch() -> None:
+        while not ended.wait(ASK_SECONDS):
+            compiled = [bool(kernel.signatures) for kernel in _kernels()]
+            advance(sum(compiled), len(compiled))
+
+    thread = threading.Thread(target=watch, daemon=True, name="isoshape-compiling")
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()
+
+
+def _kernels() -> list[Dispatcher]:
+    """The functions that numba compiles, of all modules that are imported."""
+    modules = [module for name, module in list(sys.modules.items()) if name.startswith(("core.", "service."))]
+    found = {
+        id(value): value
+        for module in modules
+        for value in list(vars(module).values())
+        if isinstance(value, Dispatcher)
+    }
+    return list(found.values())
+
+
+@contextmanager
+def _alone(lock: Path) -> Iterator[None]:
+    """Wait for the lock file, and hold it; without a lock where none can be made."""
+    try:
+        lock.parent.mkdir(parents=True, exist_ok=True)
+        descriptor = os.open(lock, os.O_RDWR | os.O_CREAT, 0o644)
+    except OSError:
+        yield
+        return
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(descriptor)
+
+
+def _stamp(parameters: Parameters) -> Path:
+    (kernel,) = (kernel for kernel in _kernels() if kernel.py_func.__module__ == STAMPED)
+    folder = kernel.stats.cache_path
+    assert folder is not None
+    return Path(folder) / f"isoshape-{parameters.fingerprint}-{_state()}.compiled"
+
+
+@cache
+def _state() -> str:
+    """A hash of all that numba looks at: its version, the processor, and the times of the sources."""
+    state = blake2b(digest_size=8)
+    for part in (
+        numba.__version__,
+        llvmlite.binding.get_host_cpu_name(),
+        llvmlite.binding.get_host_cpu_features().flatten(),
+        sys.version,
+    ):
+        state.update(part.encode())
+    for package in ("core", "service.rendering"):
+        root = Path(str(resources.files(package)))
+        for path in sorted(root.rglob("*.py")):
+            found = path.stat()
+            state.update(f"{path.relative_to(root)} {found.st_mtime_ns} {found.st_size}".encode())
+    return state.hexdigest()

@@ -1,0 +1,85 @@
+"""The compilation of the kernels: once, by one process, and with progress."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from core.parameters import DEFAULT, PAPER
+from service.compute import compilation
+from service.compute.compilation import compile_kernels, is_compiled
+from tests.service.support import wait_until
+
+CODE = """
+from core.parameters import DEFAULT
+from service.compute import compilation
+compilation.warm = lambda parameters: print("compiles", flush=True) or time.sleep(1)
+import time
+before = compilation.is_compiled(DEFAULT)
+print(before, compilation.compile_kernels(DEFAULT), compilation.is_compiled(DEFAULT))
+"""
+
+
+def started(folder: Path) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, "-c", CODE],
+        env=os.environ | {"NUMBA_CACHE_DIR": str(folder)},
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+
+
+def test_of_several_processes_one_compiles_and_the_others_wait(tmp_path: Path) -> None:
+    processes = [started(tmp_path) for _ in range(3)]
+    said = [process.communicate(timeout=120)[0] for process in processes]
+    assert sorted(text.count("compiles") for text in said) == [0, 0, 1]
+    assert sorted(text.split()[-2] for text in said) == ["False", "False", "True"]
+    assert all(text.split()[-1] == "True" for text in said)
+    later = started(tmp_path).communicate(timeout=120)[0]
+    assert later.split() == ["True", "False", "True"]
+
+
+def test_a_failed_compilation_is_done_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(compilation, "_stamp", lambda parameters: tmp_path / f"{parameters.name}.compiled")
+
+    def fails(parameters: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(compilation, "warm", fails)
+    with pytest.raises(KeyboardInterrupt):
+        compile_kernels(DEFAULT)
+    assert not is_compiled(DEFAULT)
+    monkeypatch.setattr(compilation, "warm", lambda parameters: None)
+    assert compile_kernels(DEFAULT)
+    assert is_compiled(DEFAULT)
+    # Another pipeline has other kernels.
+    assert not is_compiled(PAPER)
+
+
+def test_progress_counts_compiled_functions(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    warm = compilation.warm
+    monkeypatch.setattr(compilation, "_stamp", lambda parameters: tmp_path / "stamp")
+    told: list[tuple[int, int]] = []
+
+    def warms(parameters: object) -> None:
+        warm(DEFAULT)
+        before = len(told)
+        wait_until(lambda: len(told) > before, seconds=30)
+
+    monkeypatch.setattr(compilation, "warm", warms)
+    assert compile_kernels(DEFAULT, lambda done, total: told.append((done, total)))
+    done, total = told[-1]
+    # Functions that others call are not counted where the cache has them.
+    assert 20 < done <= total
+
+
+def test_where_nothing_can_be_written_every_process_compiles(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "file").write_bytes(b"")
+    monkeypatch.setattr(compilation, "_stamp", lambda parameters: tmp_path / "file" / "stamp")
+    monkeypatch.setattr(compilation, "warm", lambda parameters: None)
+    assert compile_kernels(DEFAULT)
+    assert compile_kernels(DEFAULT)

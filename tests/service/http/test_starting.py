@@ -1,0 +1,22 @@
+"""Readiness while the service starts: the answer says what the service is doing."""
+
+from pathlib import Path
+
+import pytest
+
+from service.compute.pool import LocalPool
+from service.system import endpoints
+from tests.service.support import assert_problem, serving, settings_in
+
+
+@pytest.mark.parametrize(("compiled", "told"), [(False, "kernels are compiled"), (True, "no worker process")])
+def test_readyz_tells_of_the_compilation(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, compiled: bool, told: str
+) -> None:
+    with monkeypatch.context() as patch, serving(settings_in(tmp_path), ready=False) as running:
+        patch.setattr(LocalPool, "ready", lambda pool: False)
+        patch.setattr(endpoints, "is_compiled", lambda parameters: compiled)
+        problem = assert_problem(running.client.get("/readyz"), 503, "not-ready")
+        assert told in problem["detail"]
+        # The page is sent meanwhile, with the place where it says so.
+        assert 'id="starting"' in running.client.get("/").text
