@@ -46,7 +46,17 @@ def test_a_file_finds_the_three_most_alike(visit: Visit, tmp_path: Path) -> None
         scores = [result[name] for name in ("cc", "ssd", "sim", "combined")]
         assert numbers == pytest.approx(scores, abs=5e-4)
     terms = page.locator(".scores-explained dt").all_text_contents()
-    assert terms == ["Same part", "Another pose", "Similar", "Weak", "CC", "SSD", "sim", "combined"]
+    assert terms == [
+        "Same part",
+        "Mirror image",
+        "Another pose",
+        "Similar",
+        "Weak",
+        "CC",
+        "SSD",
+        "sim",
+        "combined",
+    ]
     summary = page.inner_text("#results-summary")
     assert "6 of 6 stored shapes" in summary
     assert "sorted by combined" in summary
