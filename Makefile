@@ -31,7 +31,7 @@ LOCKS := requirements.lock tests/requirements.lock tests/soak/browser/requiremen
 	tests/soak/supply/requirements.lock
 
 SOAK := kill-test load-test cluster-test postgresql-test method-test studies-test hostile-test mutation-test \
-	schema-test vector-test duplicates-test likeness-test chirality-test partial-test
+	schema-test vector-test duplicates-test kinship-test likeness-test chirality-test partial-test
 
 .PHONY: help environment demo test soak $(SOAK) spread-test capacity-test collections-test lint types openapi lock lock-check image-test page-lint page-vendor \
 	browser-test screenshots sbom audit clean
@@ -57,6 +57,7 @@ help:
 	@echo 'make schema-test         requests generated from the OpenAPI document (SEED=)'
 	@echo 'make vector-test         the nearest of a million signatures by PostgreSQL: times and recall (SIGNATURES=20000: of 20,000)'
 	@echo 'make duplicates-test     find 40 copies planted in a gallery of poses (POSES=2: 2 poses of each body)'
+	@echo 'make kinship-test        the likeness of 214 pairs of machine parts, their copies and variants (EVERY=7: every seventh; SEED=)'
 	@echo 'make likeness-test       the likeness of 200 pairs made by code, by a running service (EACH=3: 3 pairs of each kind; SEED=)'
 	@echo 'make chirality-test      which of 60 parts made by code are mirror images, by a running service (CHIRAL=4 SYMMETRIC=2: fewer)'
 	@echo 'make partial-test        cut parts of models in ISOSHAPE_DATA/psb and search for them (MODELS=10: 10 models)'
@@ -229,6 +230,9 @@ vector-test: $(DEV)
 POSES ?= 8
 duplicates-test: $(DEV)
 	OMP_NUM_THREADS=1 $(BIN)/python -m tests.soak.duplicates --poses $(POSES)
+
+kinship-test: $(DEV)
+	OMP_NUM_THREADS=1 $(BIN)/python -m tests.soak.kinship $(if $(EVERY),--every $(EVERY)) $(if $(SEED),--seed $(SEED))
 
 likeness-test: $(DEV)
 	OMP_NUM_THREADS=1 $(BIN)/python -m tests.soak.likeness $(if $(EACH),--each $(EACH)) $(if $(SEED),--seed $(SEED))

@@ -20,7 +20,7 @@ from core.matching.dense_correspondence import Basis, basis, functional_map
 from core.matching.nearest_pairs import nearest_both_ways
 from core.mesh.cleaning import vertex_areas
 from core.registration.near_rigid import NEAR, near_rigid
-from core.registration.similarity_icp import Similarity
+from core.registration.similarity import Similarity
 from core.sampling.surface_samples import SurfaceSamples, closest_points, surface_samples
 
 ASTRAY = 0.1

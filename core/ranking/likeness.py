@@ -15,7 +15,7 @@ Likeness = Literal["same", "scaled", "mirrored", "variant", "pose", "similar", "
 same : a rigid copy of the same size, on any mesh.
 scaled : a rigid copy of another size.
 mirrored : a rigid copy of the mirror image, of any size.
-variant : a rigid copy but for a local difference. Reserved: nothing has it yet.
+variant : a rigid copy, of any size, but for a local difference.
 pose : nearly isometric, as two poses of one body.
 similar : probably of one class.
 weak : none of these.
@@ -36,7 +36,13 @@ SIMILAR = 0.5
 
 
 def likeness(
-    *, spectral: float, cc: float, probability: float, scale: float | None, mirrored: bool = False
+    *,
+    spectral: float,
+    cc: float,
+    probability: float,
+    scale: float | None,
+    mirrored: bool = False,
+    variant: bool = False,
 ) -> Likeness:
     """The likeness of a second shape to a first one; its thresholds suit the default setting.
 
@@ -49,12 +55,14 @@ def likeness(
     probability : float
         That they are of one class, in [0, 1].
     scale : float or None
-        Length in the second over length in the first, if the second is a rigid copy.
+        Length in the second over length in the first, if the second is a rigid copy or a variant.
     mirrored : bool
         Whether it is a rigid copy of the mirror image, and not of the first.
+    variant : bool
+        Whether it is a rigid copy but for a local difference.
     """
     if scale is not None:
-        return kinship(scale, mirrored=mirrored)
+        return kinship(scale, mirrored=mirrored, variant=variant)
     if spectral <= NEAR_ISOMETRIC and cc >= POSE_CC:
         return "pose"
     return "similar" if probability >= SIMILAR else "weak"

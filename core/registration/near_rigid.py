@@ -10,7 +10,7 @@ from itertools import product
 import numpy as np
 
 from core.arrays import Floats
-from core.registration.similarity_icp import RESIDUAL, Similarity, best_similarity
+from core.registration.similarity import RESIDUAL, Similarity, best_similarity
 from core.sampling.surface_samples import SurfaceSamples, closest_points
 
 SHARE = 0.7

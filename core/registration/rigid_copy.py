@@ -1,50 +1,71 @@
-"""Whether one surface is a rigid copy of another or of its mirror image, and its scale, in some milliseconds.
+"""Whether one surface is a rigid copy of another, of its mirror image, or a copy but for a local difference.
 
 Copies with one tessellation have the same samples in the same order, so their records suffice. Other copies
-are registered by ICP from the correspondence and the principal axes, first by rotations, then by reflections.
-Where two principal moments are nearly equal, as of a screw or a ring, their axes mean nothing: ICP then also
-begins from turns about the third axis.
+are registered from several initial alignments, first by rotations, then by reflections, and judged by their
+largest local deviation relative to the sampling errors of both meshes.
 """
 
 from dataclasses import dataclass
-from itertools import product
 
 import numpy as np
 
 from core.arrays import Floats
 from core.embedding import Embedding
-from core.registration.similarity_icp import (
-    RESIDUAL,
-    Similarity,
-    best_similarity,
-    closest_pairs,
-    rough_alignment,
-)
-from core.sampling.surface_samples import SurfaceSamples
+from core.registration.initial_alignments import initial_alignments
+from core.registration.local_deviation import LocalDeviation, local_deviation
+from core.registration.probed_surface import ProbedSurface
+from core.registration.similarity import RESIDUAL, Similarity, best_similarity
+from core.registration.surface_fit import coarsely_fitted, fitted
 
-COPY_SPECTRAL = 0.05
-"""Largest spectral distance of two rigid copies; another mesh of a surface moves the eigenvalues. Copies with
-half of the vertices have at most 0.005, thin wings on a coarse mesh 0.039."""
+COPY_SPECTRAL, COPY_RADIUS = 0.06, 0.01
+"""Largest spectral distance, and largest difference of the ratios of root mean square radius to root of the
+area, of two rigid copies or variants. Copies with half of the vertices have a spectral distance of at most
+0.005, thin wings on a coarse mesh 0.039, and a shaft with one more cross hole 0.047 and 0.006."""
 
-STARTING, ROUNDS = 6, 20
-"""Largest numbers of coarse iterations from each initial alignment, and of fine iterations."""
+IDENTICAL, EXACT = 3e-5, 1e-5
+"""Largest distance of the samples of two copies with the same triangles over the root of the area, as
+rounding leaves it; and largest relative difference of their areas, volumes and radii."""
 
-GAIN = 0.98
-"""Fine iterations end when the residual exceeds this fraction of the one before."""
+ISOSPECTRAL = 1e-4
+"""Largest spectral distance of two copies with the same triangles."""
 
-STRAIGHT, PROMISING, FINE, HOPELESS = 0.01, 0.02, 0.0015, 3.0 * RESIDUAL
-"""A coarse alignment with a residual of at most `STRAIGHT`, about the spacing of the sample points, gets fine
-iterations at once; of the others the best one does, unless it is above `PROMISING`. Fine iterations end at
-`FINE`, or without a copy above `HOPELESS`."""
+TRIES = 3
+"""Most alignments of one sign that are fitted: a part that is nearly symmetric has several."""
 
-TIED, TURNS, TURNED = 1.1, 20, 3
-"""Largest ratio of two nearly equal principal moments; turns about the third axis, for each of its two
-directions; and the number of them, best first, that get fine iterations."""
+LOCAL, FITTED = 0.5, 0.6
+"""Largest share of the probes that deviate at a local difference, and after a coarse fit that is refined."""
+
+
+@dataclass(frozen=True)
+class Difference:
+    """Where two surfaces differ that are equal elsewhere, and how much.
+
+    Attributes
+    ----------
+    point : tuple of 3 float
+        Where they are farthest apart, in the units of the first file.
+    low, high : tuple of 3 float
+        The box that holds all differences.
+    distance : float
+        The largest distance of the surfaces, in the units of the first file.
+    volume, area : float
+        Volume and area of the second over those of the first, both in one size.
+    through_holes : tuple of 2 int, or None
+        Their numbers of through holes, if both meshes are closed.
+    """
+
+    point: tuple[float, float, float]
+    low: tuple[float, float, float]
+    high: tuple[float, float, float]
+    distance: float
+    volume: float
+    area: float
+    through_holes: tuple[int, int] | None
 
 
 @dataclass(frozen=True)
 class RigidCopy:
-    """A surface that is a rigid copy of another one, or of its mirror image.
+    """A surface that is a rigid copy of another one or of its mirror image, or a variant of it.
 
     Attributes
     ----------
@@ -52,14 +73,20 @@ class RigidCopy:
         Length in the copy over length in the other surface, > 0.
     mirrored : bool
         Whether it is a copy of the mirror image and not of the surface: a symmetric surface is both.
+    residual : float
+        Root mean square distance of the surfaces, both ways, over the root of the area.
+    difference : Difference or None
+        The local difference of a variant; None for a copy.
     """
 
     scale: float
     mirrored: bool
+    residual: float = 0.0
+    difference: Difference | None = None
 
 
 def may_be_copy(spectral: float, first_radius: float, second_radius: float) -> bool:
-    """Whether eigenvalues and area allow that two surfaces are rigid copies.
+    """Whether eigenvalues and area allow that two surfaces are rigid copies or variants.
 
     Parameters
     ----------
@@ -69,120 +96,110 @@ def may_be_copy(spectral: float, first_radius: float, second_radius: float) -> b
         Root mean square distance of each surface from its centroid over the square root of its area. Those of
         two surfaces differ by at most their residual.
     """
-    return spectral <= COPY_SPECTRAL and abs(first_radius - second_radius) <= RESIDUAL
+    return spectral <= COPY_SPECTRAL and abs(first_radius - second_radius) <= COPY_RADIUS
 
 
-def copy_by_samples(first: Embedding, second: Embedding) -> RigidCopy | None:
-    """The second surface as a copy of the first, by the samples of two embeddings.
+def copy_by_samples(first: Embedding, second: Embedding, spectral: float) -> RigidCopy | None:
+    """The second surface as a copy of the first, by two embeddings; None if they do not decide it.
 
-    None unless the samples coincide, in their order, after a rotation and a scaling: surfaces with other
+    The samples must coincide, in their order, after a rotation and a scaling: surfaces with other
     tessellations have other samples. Samples that coincide after a reflection tell nothing, as the surface
-    may be symmetric.
+    may be symmetric. A difference between the samples shows in the area, the volume, the radius or the
+    eigenvalues.
+
+    Parameters
+    ----------
+    first, second : Embedding
+    spectral : float
+        Distance of their log eigenvalues, >= 0.
     """
+    ours, theirs = first.facts, second.facts
+    if (ours.vertices, ours.faces) != (theirs.vertices, theirs.faces) or spectral > ISOSPECTRAL:
+        return None
     if len(first.positions) != len(second.positions):
         return None
     source, target = (one.positions.astype(np.float64) for one in (first, second))
     motion = best_similarity(source, target, sign=1, scaled=True)
     gaps = np.linalg.norm(target - motion.apply(source), axis=1)
-    near = gaps.max() <= RESIDUAL * np.sqrt(second.facts.area)
-    return RigidCopy(motion.scale, mirrored=False) if near else None
+    scale = motion.scale
+    expected = np.array([ours.area * scale**2, ours.volume * scale**3, ours.scale * scale])
+    same = np.allclose(expected, [theirs.area, theirs.volume, theirs.scale], rtol=EXACT, atol=0.0)
+    near = gaps.max() <= IDENTICAL * np.sqrt(theirs.area)
+    return RigidCopy(scale, mirrored=False) if same and near else None
 
 
 def copy_by_surfaces(
-    first: SurfaceSamples, second: SurfaceSamples, pairs: tuple[Floats, Floats]
+    first: ProbedSurface, second: ProbedSurface, pairs: tuple[Floats, Floats]
 ) -> RigidCopy | None:
-    """The second surface as a copy of the first, by registration; None if it is none.
+    """The second surface as a copy or a variant of the first, by registration; None if it is neither.
+
+    A variant is a rotated copy, of any size, but for a local difference; variants of the mirror image are not
+    sought.
 
     Parameters
     ----------
-    first, second : SurfaceSamples
+    first, second : ProbedSurface
     pairs : two of float64, shape (m, 3)
-        Corresponding points of both surfaces, in the files' units: the first initial alignment. The principal
-        axes give four more.
+        Corresponding points of both surfaces, in the files' units, for one of the initial alignments.
     """
+    variant = None
     for sign in (1, -1):
-        motion = _registered(first, second, pairs, sign)
-        if motion is not None:
-            return RigidCopy(motion.scale * second.unit / first.unit, mirrored=sign < 0)
-    return None
+        motion = _best(first, second, pairs, sign)
+        if motion is None:
+            continue
+        deviation = local_deviation(first, second, motion)
+        scale = motion.scale * second.samples.unit / first.samples.unit
+        if deviation.within:
+            return RigidCopy(scale, mirrored=sign < 0, residual=deviation.rms)
+        if sign > 0 and deviation.share <= LOCAL and deviation.residual <= RESIDUAL:
+            difference = _difference(first, second, motion, deviation)
+            variant = RigidCopy(scale, mirrored=False, residual=deviation.rms, difference=difference)
+    return variant
 
 
-def _registered(
-    first: SurfaceSamples, second: SurfaceSamples, pairs: tuple[Floats, Floats], sign: int
+def _best(
+    first: ProbedSurface, second: ProbedSurface, pairs: tuple[Floats, Floats], sign: int
 ) -> Similarity | None:
-    """The transform of a copy, of one sign of the determinant; None if there is none."""
-    best, chosen = PROMISING, None
-    for start in _starts(first, second, pairs, sign):
-        residual, motion = rough_alignment(first, second, start, sign, STARTING)
-        if residual <= STRAIGHT:
-            found = _refined(first, second, motion, sign)
-            if found is not None:
-                return found
-        elif residual <= best:
-            best, chosen = residual, motion
-    found = None if chosen is None else _refined(first, second, chosen, sign)
-    if found is not None:
-        return found
-    ends = [
-        rough_alignment(first, second, turn, sign, STARTING) for turn in _turned_starts(first, second, sign)
-    ]
-    ends.sort(key=lambda end: end[0])
-    for residual, motion in ends[:TURNED]:
-        found = _refined(first, second, motion, sign) if residual <= PROMISING else None
-        if found is not None:
-            return found
-    return None
-
-
-def _refined(
-    first: SurfaceSamples, second: SurfaceSamples, motion: Similarity, sign: int
-) -> Similarity | None:
-    """The transform after fine iterations, if it is that of a copy."""
-    residual, ours, theirs = closest_pairs(first, second, motion)
-    before = np.inf
-    for _ in range(ROUNDS):
-        if residual > min(HOPELESS, GAIN * before):
+    """The transform of one sign that leaves the least deviation; None if no alignment is near."""
+    tried: list[Similarity] = []
+    chosen: Similarity | None = None
+    least = np.inf
+    for start in initial_alignments(first, second, pairs, sign):
+        if len(tried) == TRIES:
             break
-        before = residual
-        motion = best_similarity(ours, theirs, sign=sign, scaled=True)
-        residual, ours, theirs = closest_pairs(first, second, motion)
-        if residual <= FINE:
+        if any(_alike(start, other) for other in tried):
+            continue
+        tried.append(start)
+        motion, deviating = coarsely_fitted(first, second, start)
+        if deviating < least:
+            chosen, least = motion, deviating
+        if deviating == 0.0:
             break
-    return motion if residual <= RESIDUAL else None
+    return fitted(first, second, chosen) if chosen is not None and least <= FITTED else None
 
 
-def _starts(
-    first: SurfaceSamples, second: SurfaceSamples, pairs: tuple[Floats, Floats], sign: int
-) -> list[Similarity]:
-    """The alignments of the pairs and of the principal axes."""
-    return [
-        best_similarity(first.to_unit(pairs[0]), second.to_unit(pairs[1]), sign=sign, scaled=False),
-        *(
-            Similarity(1.0, second.axes.T * signs @ first.axes, np.zeros(3))
-            for signs in product((1.0, -1.0), repeat=3)
-            if np.prod(signs) * sign > 0.0
-        ),
-    ]
+def _alike(one: Similarity, other: Similarity) -> bool:
+    """Whether two alignments lead to one fit: their rotations differ by less than three degrees."""
+    return bool(np.trace(one.rotation.T @ other.rotation) > 1.0 + 2.0 * np.cos(np.radians(3.0)))
 
 
-def _turned_starts(first: SurfaceSamples, second: SurfaceSamples, sign: int) -> list[Similarity]:
-    """Alignments of the principal axes, turned about one if the moments of the other two are nearly equal."""
-    moments = (second.points @ second.axes.T).var(axis=0)
-    order = np.argsort(moments)
-    ratios = moments[order[1:]] / np.maximum(moments[order[:-1]], np.finfo(np.float64).tiny)
-    if ratios.min() > TIED:
-        return []
-    axis = int(order[2] if ratios[0] <= ratios[1] else order[0])
-    one, other = (axis + 1) % 3, (axis + 2) % 3
-    starts = []
-    for direction, angle in product((1.0, -1.0), 2.0 * np.pi / TURNS * np.arange(TURNS)):
-        turn = np.eye(3)
-        turn[axis, axis] = direction
-        turn[one, one], turn[one, other] = np.cos(angle), -np.sin(angle)
-        turn[other, one], turn[other, other] = np.sin(angle), np.cos(angle)
-        rotation = second.axes.T @ turn @ first.axes
-        if np.linalg.det(rotation) * sign < 0.0:
-            turn[:, one] *= -1.0
-            rotation = second.axes.T @ turn @ first.axes
-        starts.append(Similarity(1.0, rotation, np.zeros(3)))
-    return starts
+def _difference(
+    first: ProbedSurface, second: ProbedSurface, motion: Similarity, deviation: LocalDeviation
+) -> Difference:
+    unit, centre = first.samples.unit, first.samples.centre
+    points = deviation.points * unit + centre
+    holes = first.curved.handles, second.curved.handles
+    return Difference(
+        point=_floats(points[0]),
+        low=_floats(points.min(axis=0)),
+        high=_floats(points.max(axis=0)),
+        distance=deviation.largest * unit,
+        volume=second.curved.volume / (first.curved.volume * motion.scale**3),
+        area=1.0 / motion.scale**2,
+        through_holes=None if holes[0] is None or holes[1] is None else (holes[0], holes[1]),
+    )
+
+
+def _floats(point: Floats) -> tuple[float, float, float]:
+    x, y, z = point.tolist()
+    return x, y, z

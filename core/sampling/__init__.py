@@ -10,4 +10,5 @@ __all__ = [
     "poisson_disk",
     "sampling",
     "surface_samples",
+    "triangle_tree",
 ]

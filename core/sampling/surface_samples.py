@@ -71,7 +71,11 @@ def surface_samples(mesh: Mesh) -> SurfaceSamples:
     DegenerateMeshError
         The mesh has no area.
     """
-    surface = clean(mesh).mesh
+    return samples_of_cleaned(clean(mesh).mesh)
+
+
+def samples_of_cleaned(surface: Mesh) -> SurfaceSamples:
+    """Sample points of a cleaned mesh, at unit area."""
     frame = normal_frame(surface)
     areas = face_areas(surface.vertices, surface.faces)
     unit = float(np.sqrt(areas.sum()))
@@ -106,11 +110,24 @@ def evenly_spread(corners: Floats, areas: Floats, count: int) -> tuple[Floats, I
     count : int
         Number of points.
     """
+    shares, faces = evenly_spread_shares(areas, count)
+    return np.einsum("pc,pcx->px", shares, corners[faces]), faces
+
+
+def evenly_spread_shares(areas: Floats, count: int) -> tuple[Floats, Ints]:
+    """Barycentric coordinates of points spread evenly by area, shape (count, 3), and their faces, (count,).
+
+    Parameters
+    ----------
+    areas : float64, shape (f,)
+        Areas of the faces.
+    count : int
+        Number of points.
+    """
     order = np.arange(count)
     total = np.cumsum(areas)
     wanted = (order + 0.5) / count * total[-1]
     faces = np.minimum(np.searchsorted(total, wanted), len(areas) - 1)
     u, v = (np.mod(0.5 + order * step, 1.0) for step in R2_STEPS)
     root = np.sqrt(u)
-    shares = np.stack([1.0 - root, root * (1.0 - v), root * v], axis=1)
-    return np.einsum("pc,pcx->px", shares, corners[faces]), faces
+    return np.stack([1.0 - root, root * (1.0 - v), root * v], axis=1), faces

@@ -21,6 +21,9 @@ def command(
         float | None,
         typer.Option(help="Largest distance of two aligned surfaces, over the square root of the area."),
     ] = None,
+    variants: Annotated[
+        bool, typer.Option("--variants", help="Also join rigid copies but for a local difference.")
+    ] = False,
     tag: Annotated[
         list[str] | None, typer.Option(help="Search only shapes with this tag; repeatable.")
     ] = None,
@@ -34,7 +37,7 @@ def command(
     Copies may be rotated, scaled, mirrored or remeshed.
     """
     with service_at(url, key, collection) as client:
-        answer = client.duplicates(min_cc=min_cc, max_residual=max_residual, tag=tag or [])
+        answer = client.duplicates(min_cc=min_cc, max_residual=max_residual, variants=variants, tag=tag or [])
     if as_csv:
         typer.echo(answer.csv().replace("\r\n", "\n"), nl=False)
     else:

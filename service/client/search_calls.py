@@ -103,6 +103,7 @@ def duplicates(
     *,
     min_cc: float | None = None,
     max_residual: float | None = None,
+    variants: bool | None = None,
     tag: Sequence[str] = (),
     name: str | None = None,
     metadata: Conditions = (),
@@ -112,11 +113,12 @@ def duplicates(
 ) -> Call[DuplicatesAnswer]:
     """Find groups of near-identical shapes among the shapes that pass the filters.
 
+    With `variants`, rigid copies but for a local difference join groups too.
     `metadata` holds keys with values, or conditions of the form key=value; `area`, `volume` and `length` are
     ranges of the form min..max.
     """
     sizes = {"area": area, "volume": volume, "length": length}
-    limits = {"min_cc": min_cc, "max_residual": max_residual}
+    limits = {"min_cc": min_cc, "max_residual": max_residual, "variants": variants}
     wanted = given(**limits, tag=list(tag), name=name, metadata=conditions(metadata), **sizes)
     return Call("GET", "/duplicates", parsed(DuplicatesAnswer), params=wanted)
 

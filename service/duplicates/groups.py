@@ -8,7 +8,10 @@ from core.registration.kinship import Kinship, kinship
 
 @dataclass(frozen=True)
 class Link:
-    """Two near-identical shapes, by number; lengths in the second are `scale` times those in the first."""
+    """Two near-identical shapes, by number; lengths in the second are `scale` times those in the first.
+
+    A `variant` differs locally.
+    """
 
     first: int
     second: int
@@ -16,6 +19,7 @@ class Link:
     residual: float
     scale: float
     mirrored: bool
+    variant: bool = False
 
 
 @dataclass(frozen=True)
@@ -37,19 +41,21 @@ class Groups:
         self._links: dict[int, list[Link]] = {}
 
     def joined(self, first: int, second: int) -> bool:
-        """Whether two shapes are in the same group."""
+        """Whether copies join two shapes; a variant of a variant may be a copy."""
         return self._root(first) == self._root(second)
 
     def join(self, link: Link) -> None:
         """Join the groups of two shapes, which must differ."""
-        self._parents[self._root(link.first)] = self._root(link.second)
+        if not link.variant:
+            self._parents[self._root(link.first)] = self._root(link.second)
         self._links.setdefault(link.first, []).append(link)
         self._links.setdefault(link.second, []).append(link)
 
     def members(self) -> list[list[GroupMember]]:
         """All groups of two or more; groups and their members are sorted by number.
 
-        Scale and mirroring of a member are composed along the links from the first shape of its group.
+        Scale, mirroring and local differences of a member are composed along the links from the first shape
+        of its group.
         """
         done: set[int] = set()
         groups = []
@@ -67,19 +73,20 @@ class Groups:
         return shape
 
     def _from(self, first: int) -> list[GroupMember]:
-        mirrored = {first: False}
-        found = {first: GroupMember(first, "same", 1.0, 1.0, 0.0)}
-        pending = deque([first])
+        """The group of a shape; the path to a member has as few variants as possible."""
+        found: dict[int, GroupMember] = {}
+        pending = deque([(GroupMember(first, "same", 1.0, 1.0, 0.0), False, False)])
         while pending:
-            here = pending.popleft()
+            member, mirrored, variant = pending.popleft()
+            here = member.shape
+            if here in found:
+                continue
+            found[here] = member
             for link in self._links[here]:
                 forth = link.first == here
-                other = link.second if forth else link.first
-                if other in found:
-                    continue
-                scale = found[here].scale * (link.scale if forth else 1.0 / link.scale)
-                mirrored[other] = mirrored[here] != link.mirrored
-                kind = kinship(scale, mirrored=mirrored[other])
-                found[other] = GroupMember(other, kind, scale, link.cc, link.residual)
-                pending.append(other)
+                scale = member.scale * (link.scale if forth else 1.0 / link.scale)
+                reflected, differs = mirrored != link.mirrored, variant or link.variant
+                kind = kinship(scale, mirrored=reflected, variant=differs)
+                other = GroupMember(link.second if forth else link.first, kind, scale, link.cc, link.residual)
+                (pending.append if link.variant else pending.appendleft)((other, reflected, differs))
         return [found[shape] for shape in sorted(found)]

@@ -4,7 +4,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from core.registration.similarity_icp import RESIDUAL
+from core.registration.similarity import RESIDUAL
 from service.collection import CollectionNumber
 from service.collections.dependencies import NamedInAddress
 from service.duplicates.service import DuplicateCriteria
@@ -27,8 +27,14 @@ class DuplicatesOptions(NamedInAddress, Filters):
         description="The largest distance of two surfaces after the best rotation, reflection and scaling: "
         "the root mean square distance over both directions, over the square root of the area.",
     )
+    variants: bool = Field(
+        default=False,
+        description="Also join variants: rigid copies but for a local difference, such as one hole more.",
+    )
     format: Literal["json", "csv"] = Field(default="json", description="csv: one row for each shape.")
 
     def wanted(self, collection: CollectionNumber) -> DuplicateCriteria:
         """The search in a collection."""
-        return DuplicateCriteria(self.filtered(collection), self.min_cc, self.max_residual)
+        return DuplicateCriteria(
+            self.filtered(collection), self.min_cc, self.max_residual, variants=self.variants
+        )

@@ -51,13 +51,13 @@ def stock(session: ReadSession, active_pipeline: ActivePipeline, wanted: ShapeFi
     )
 
 
-def near(stock: ExaminedShapes, place: int, residual: float) -> NDArray[np.intp]:
-    """Indices of later shapes that may be within a residual of a shape, nearest signatures first.
+def near(stock: ExaminedShapes, place: int, radii: float) -> NDArray[np.intp]:
+    """Indices of later shapes whose radius differs by at most `radii`, nearest signatures first.
 
     The root mean square distances from the centroid of two surfaces differ by at most the distance of the
     surfaces.
     """
     places = np.arange(place + 1, len(stock.shapes))
-    places = places[np.abs(stock.radii[places] - stock.radii[place]) <= residual]
+    places = places[np.abs(stock.radii[places] - stock.radii[place]) <= radii]
     distances = signature_distances(stock.signatures[place], stock.signatures[places])
     return np.asarray(places[least(distances, stock.shapes[places], NEAREST)])

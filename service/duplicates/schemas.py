@@ -27,8 +27,8 @@ class Duplicate(BaseModel):
     shape: Shape
     likeness: Likeness = Field(
         description="same: rotated, moved or remeshed; scaled: of another size; mirrored: a mirror image of "
-        "any size. A mirror image that is also a rotation, as of a symmetric shape, is same or scaled. The "
-        "other values do not occur here."
+        "any size. A mirror image that is also a rotation, as of a symmetric shape, is same or scaled. "
+        "variant, if variants are asked for: differs locally. The other values do not occur here."
     )
     kinship: Kinship = Field(deprecated=True, description="The older name of likeness, with its value.")
     scale: float = Field(description="The size of the shape over that of the first.")

@@ -8,17 +8,16 @@ from starlette.concurrency import run_in_threadpool
 
 from core.errors import BadRecordError, MeshError
 from core.mesh.mesh import Mesh
-from core.registration.similarity_icp import Alignment
+from core.registration.rigid_copy import COPY_RADIUS, RigidCopy
 from service.collection import CollectionNumber
 from service.container import Container
-from service.duplicates import tasks
 from service.duplicates.groups import GroupMember, Groups, Link
 from service.duplicates.pairs import ExaminedShapes, near, stock
 from service.errors import FileTimeLimitError, ShapeNotFoundError
 from service.observability.logging import get_logger
 from service.observability.timings import Timings
 from service.pipelines.active import ActivePipeline
-from service.search import repository
+from service.search import repository, tasks
 from service.search.records import Query
 from service.search.scoring import compare_with
 from service.search.shortlist import Candidates
@@ -30,11 +29,17 @@ log = get_logger("duplicates")
 
 @dataclass(frozen=True)
 class DuplicateCriteria:
-    """The shapes to examine, the least CC of a pair, and the largest residual of its alignment."""
+    """The shapes to examine, the least CC of a pair, the largest residual, and whether variants count."""
 
     filter: ShapeFilter
     min_cc: float
     max_residual: float
+    variants: bool
+
+    @property
+    def radii(self) -> float:
+        """The largest difference of the radii of a pair; a local difference changes a radius."""
+        return max(self.max_residual, COPY_RADIUS) if self.variants else self.max_residual
 
 
 @dataclass(frozen=True)
@@ -103,7 +108,7 @@ async def _alike(
 ) -> _SimilarShapes:
     """Compare a shape with later ones of near signature; those with the wanted CC are similar."""
     shape, embedding = int(stored.shapes[place]), int(stored.embeddings[place])
-    places = await run_in_threadpool(near, stored, place, wanted.max_residual)
+    places = await run_in_threadpool(near, stored, place, wanted.radii)
     record = (await _records(container, [embedding])).get(embedding) if len(places) else None
     if record is None:
         return _SimilarShapes(shape, embedding, [], 0)
@@ -151,17 +156,20 @@ async def _link(
             log.warning("two shapes cannot be aligned: %s", error)
             continue
         count += 1
-        if found.residual <= wanted.max_residual:
-            groups.join(Link(alike.shape, number, cc, found.residual, found.scale, found.mirrored))
+        if found is None or found.residual > wanted.max_residual:
+            continue
+        variant = found.difference is not None
+        if wanted.variants or not variant:
+            groups.join(Link(alike.shape, number, cc, found.residual, found.scale, found.mirrored, variant))
     return count
 
 
 async def _aligned(
     container: Container, first: _Side, second: _Side, active_pipeline: ActivePipeline
-) -> Alignment:
+) -> RigidCopy | None:
     parameters = active_pipeline.pipeline.parameters
     return await container.work.do(
-        tasks.aligned, first.mesh, second.mesh, first.record, second.record, parameters
+        tasks.registered, first.mesh, second.mesh, first.record, second.record, parameters
     )
 
 

@@ -15,4 +15,5 @@ __all__ = [
     "scoring",
     "service",
     "shortlist",
+    "tasks",
 ]

@@ -84,7 +84,7 @@ async def relations_of(
         copy = None
         if may_be_copy(one.spectral, first.radius, one.shape.facts["scale"] / one.shape.facts["area"] ** 0.5):
             second = await _stored(container, query, collection, one.shape.id)
-            copy = None if second is None else await _copy(container, first, second, parameters)
+            copy = None if second is None else await _copy(container, first, second, one.spectral, parameters)
         probability = max(one.combined, one.by_itself)
         relations.append(_relation(one.spectral, one.cc, probability, copy))
     return relations
@@ -122,7 +122,7 @@ async def relation_of(
     )
     copy = None
     if may_be_copy(spectral, first.radius, second.radius):
-        copy = await _copy(container, first, second, parameters)
+        copy = await _copy(container, first, second, spectral, parameters)
     probability = max(comparison.combined, by_itself)
     return _relation(spectral, comparison.match.cc, probability, copy)
 
@@ -148,10 +148,10 @@ async def _stored(
 
 
 async def _copy(
-    container: Container, first: _Side, second: _Side, parameters: Parameters
+    container: Container, first: _Side, second: _Side, spectral: float, parameters: Parameters
 ) -> RigidCopy | None:
-    """A rigid copy: by the samples of the records, else by the surfaces of small meshes."""
-    copy = copy_by_samples(first.embedding, second.embedding)
+    """A rigid copy or a variant: by the samples of the records, else by the surfaces of small meshes."""
+    copy = copy_by_samples(first.embedding, second.embedding, spectral)
     if copy is not None or first.mesh is None or second.mesh is None:
         return copy
     if not (first.is_small and second.is_small):
@@ -165,9 +165,15 @@ async def _copy(
 
 
 def _relation(spectral: float, cc: float, probability: float, copy: RigidCopy | None) -> Relation:
-    scale, mirrored = (None, False) if copy is None else (copy.scale, copy.mirrored)
-    told = likeness(spectral=spectral, cc=cc, probability=probability, scale=scale, mirrored=mirrored)
-    return Relation(told, scale)
+    told = likeness(
+        spectral=spectral,
+        cc=cc,
+        probability=probability,
+        scale=None if copy is None else copy.scale,
+        mirrored=copy is not None and copy.mirrored,
+        variant=copy is not None and copy.difference is not None,
+    )
+    return Relation(told) if copy is None else Relation(told, copy.scale, copy.difference)
 
 
 def once(read: ReadMesh) -> ReadMesh:

@@ -11,6 +11,7 @@ from core.mesh.mesh import Mesh
 from core.pipeline import Pipeline
 from core.ranking.likeness import Likeness
 from core.ranking.pair_differences import ShapeDescriptors, descriptors_of
+from core.registration.rigid_copy import Difference
 from core.serialization import embedding_from_bytes
 from service.pipelines.active import ActivePipeline
 from service.search.rank_by import RankBy
@@ -102,11 +103,14 @@ class Relation:
     ----------
     likeness : Likeness
     scale : float or None
-        Length in the second shape over length in the first, if the second is a rigid copy.
+        Length in the second shape over length in the first, if the second is a rigid copy or a variant.
+    difference : Difference or None
+        Where a variant differs.
     """
 
     likeness: Likeness
-    scale: float | None
+    scale: float | None = None
+    difference: Difference | None = None
 
 
 @dataclass(frozen=True, eq=False)

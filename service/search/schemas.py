@@ -54,15 +54,16 @@ COMBINED = (
 )
 LIKENESS = (
     "The property in which the shapes are alike. same: a rigid copy of one size "
-    f"(to {100 * SIZE:.0f} %), on any mesh; scaled: a rigid copy of another size; "
-    "registration, of the samples or else of the surfaces, confirms both. pose: nearly isometric, as two "
+    f"(to {100 * SIZE:.0f} %), on any mesh: the surfaces differ nowhere by more than the errors of both "
+    "meshes; scaled: a rigid copy of another size; mirrored: a rigid copy of the mirror image alone, of any "
+    "size; variant: a rigid copy of any size but for a local difference. Registration, of the samples or "
+    "else of the surfaces, confirms these. pose: nearly isometric, as two "
     f"poses of one body (the distance of the log eigenvalues is at most {NEAR_ISOMETRIC}, and cc at least "
     f"{POSE_CC}). similar: the class probability is at least "
-    f"{SIMILAR}, by combined or at the typical density of stored shapes. weak: none of these. mirrored: a "
-    "rigid copy of the mirror image alone, of any size, confirmed by the surfaces. variant (a rigid copy but "
-    "for a local difference) is reserved: it does not occur yet."
+    f"{SIMILAR}, by combined or at the typical density of stored shapes. weak: none of these."
 )
-SCALE = "The size of the {second} over that of the {first}, if likeness is same, scaled or mirrored."
+SCALE = "The size of the {second} over that of the {first}, if likeness is same, scaled, mirrored or variant."
+DIFFERENCE = "If likeness is variant: where the two differ, in the coordinates of the {first}."
 PAIR: dict[str, Any] = {
     "first": {"sample": 0, "vertex": 17, "position": [0.1, 0.2, 0.3]},
     "second": {"sample": 4, "vertex": 231, "position": [0.0, 0.3, 0.2]},
@@ -168,6 +169,34 @@ class Pair(BaseModel):
     )
 
 
+Coordinates = tuple[float, float, float]
+
+
+class LocalDifference(BaseModel):
+    """Where two shapes differ that are rigid copies elsewhere, and how much."""
+
+    model_config = ConfigDict(from_attributes=True)
+
+    point: Coordinates = Field(description="Where they are farthest apart, in the first shape's coordinates.")
+    low: Coordinates = Field(description="The corner of least coordinates of a box around all differences.")
+    high: Coordinates = Field(description="The corner of largest coordinates of this box.")
+    distance: float = Field(description="The largest distance of the two surfaces, in the first's units.")
+    volume: float = Field(
+        description="The volume of the second over that of the first, both in one size; it means little "
+        "for surfaces that are not closed."
+    )
+    area: float = Field(description="The area of the second over that of the first, both in one size.")
+    through_holes: tuple[int, int] | None = Field(
+        default=None,
+        description="The numbers of through holes of the first and of the second, if both are closed.",
+    )
+
+    @classmethod
+    def of(cls, relation: "Relation") -> "LocalDifference | None":
+        """The JSON of the difference of a variant."""
+        return None if relation.difference is None else cls.model_validate(relation.difference)
+
+
 class Result(BaseModel):
     """One of the shapes most similar to the query."""
 
@@ -180,6 +209,7 @@ class Result(BaseModel):
     combined: float = Field(description=COMBINED)
     likeness: Likeness = Field(description=LIKENESS)
     scale: float | None = Field(default=None, description=SCALE.format(second="shape", first="query"))
+    difference: LocalDifference | None = Field(default=None, description=DIFFERENCE.format(first="query"))
     part_distance: float | None = Field(
         default=None,
         description="With partial: the distance of the query's spin images from the nearest spin images of "
@@ -294,6 +324,9 @@ class CompareAnswer(DenseFields):
     combined: float = Field(description=COMBINED)
     likeness: Likeness = Field(description=LIKENESS)
     scale: float | None = Field(default=None, description=SCALE.format(second="second shape", first="first"))
+    difference: LocalDifference | None = Field(
+        default=None, description=DIFFERENCE.format(first="first shape")
+    )
     correspondence: list[Pair]
     pipeline: str = Field(description="Fingerprint of the pipeline that made and compared the embeddings.")
     milliseconds: dict[str, float] = Field(description="The time of each stage, and the total.")
@@ -311,6 +344,7 @@ class CompareAnswer(DenseFields):
             combined=comparison.combined,
             likeness=relation.likeness,
             scale=relation.scale,
+            difference=LocalDifference.of(relation),
             correspondence=pairs(comparison),
             pipeline=comparison.pipeline.fingerprint,
             milliseconds=milliseconds,
@@ -366,6 +400,7 @@ def _result(rank: int, found: "SearchResult", relation: "Relation") -> Result:
         combined=found.combined,
         likeness=relation.likeness,
         scale=relation.scale,
+        difference=LocalDifference.of(relation),
         part_distance=found.part_distance,
         size_ratio=found.size_ratio if relation.scale is None else relation.scale,
         shape=Shape.of(found.shape),

@@ -10,20 +10,20 @@ from core.mesh.mesh import Mesh
 from core.numerics.guarding import guarded
 from core.parameters import Parameters
 from core.pipeline import Pipeline
+from core.registration.probed_surface import probed_surface
 from core.registration.rigid_copy import RigidCopy, copy_by_surfaces
-from core.sampling.surface_samples import surface_samples
 from core.serialization import embedding_from_bytes
 
 
 def registered(
     first: Mesh, second: Mesh, first_record: bytes, second_record: bytes, parameters: Parameters
 ) -> RigidCopy | None:
-    """The second mesh as a rigid copy of the first, if it is one; see `core.registration.rigid_copy`."""
+    """The second mesh as a rigid copy or a variant of the first; see `core.registration.rigid_copy`."""
     with guarded():
         one, other = embedding_from_bytes(first_record), embedding_from_bytes(second_record)
         pairs = Pipeline(parameters).match(one, other).correspondence
         ends = one.positions[pairs[:, 0]].astype("float64"), other.positions[pairs[:, 1]].astype("float64")
-        return copy_by_surfaces(surface_samples(first), surface_samples(second), ends)
+        return copy_by_surfaces(probed_surface(first), probed_surface(second), ends)
 
 
 def dense_correspondence(

@@ -11,9 +11,15 @@ from core.gallery.surface import surface
 from core.mesh.mesh import Mesh
 from core.pipeline import Pipeline
 from core.ranking.spectral_distance import spectral_distances
-from core.registration.rigid_copy import RigidCopy, copy_by_samples, copy_by_surfaces, may_be_copy
-from core.registration.similarity_icp import RESIDUAL
-from core.sampling.surface_samples import surface_samples
+from core.registration.probed_surface import probed_surface
+from core.registration.rigid_copy import (
+    COPY_RADIUS,
+    RigidCopy,
+    copy_by_samples,
+    copy_by_surfaces,
+    may_be_copy,
+)
+from core.registration.similarity import RESIDUAL
 from core.studies.perturbation import subdivide
 from tests.soak.chirality.parts import part, screw
 from tests.soak.duplicates.copies import moved, simplified
@@ -21,6 +27,12 @@ from tests.soak.duplicates.copies import moved, simplified
 PIPELINE = Pipeline()
 HAND = make_body("hand").posed(0)
 COARSER = make_body("hand", vertices=1800)
+
+
+def a_copy(scale: float, *, mirrored: bool, rel: float) -> RigidCopy:
+    """Equal to each copy of about this scale that has no local difference."""
+    within = pytest.approx(0.0, abs=RESIDUAL)
+    return RigidCopy(pytest.approx(scale, rel=rel), mirrored=mirrored, residual=within, difference=None)
 
 
 def embedded(mesh: Mesh) -> Embedding:
@@ -31,16 +43,23 @@ FIRST = embedded(HAND)
 
 
 def gate(second: Embedding) -> bool:
-    spectral = spectral_distances(FIRST.signature, second.signature[None], global_descriptors=True)[0]
     radii = [one.facts.scale / one.facts.area**0.5 for one in (FIRST, second)]
-    return may_be_copy(float(spectral), *radii)
+    return may_be_copy(spectral(FIRST, second), *radii)
+
+
+def spectral(first: Embedding, second: Embedding) -> float:
+    return float(spectral_distances(first.signature, second.signature[None], global_descriptors=True)[0])
+
+
+def by_samples(second: Embedding) -> RigidCopy | None:
+    return copy_by_samples(FIRST, second, spectral(FIRST, second))
 
 
 def by_surfaces(first: Mesh, second: Mesh) -> RigidCopy | None:
     one, other = embedded(first), embedded(second)
     pairs = PIPELINE.match(one, other).correspondence
     ends = one.positions[pairs[:, 0]].astype(float), other.positions[pairs[:, 1]].astype(float)
-    return copy_by_surfaces(surface_samples(first), surface_samples(second), ends)
+    return copy_by_surfaces(probed_surface(first), probed_surface(second), ends)
 
 
 @pytest.mark.parametrize("scale", [1.0, 1.5, 25.4, 1 / 3])
@@ -48,8 +67,8 @@ def test_the_samples_of_a_turned_copy_tell_its_scale(scale: float) -> None:
     second = embedded(moved(HAND, 1, scale=scale))
     assert gate(second)
     for pair, expected in (((FIRST, second), scale), ((second, FIRST), 1.0 / scale)):
-        found = copy_by_samples(*pair)
-        assert found == RigidCopy(pytest.approx(expected, rel=1e-5), mirrored=False)
+        found = copy_by_samples(*pair, spectral(*pair))
+        assert found == a_copy(expected, mirrored=False, rel=1e-5)
 
 
 @pytest.mark.parametrize(
@@ -63,15 +82,15 @@ def test_the_samples_of_a_turned_copy_tell_its_scale(scale: float) -> None:
 def test_the_surface_of_a_copy_on_another_mesh_tells_its_scale(copy: Mesh) -> None:
     second = embedded(copy)
     assert gate(second)
-    assert copy_by_samples(FIRST, second) is None
-    assert by_surfaces(HAND, copy) == RigidCopy(pytest.approx(2.0, rel=0.01), mirrored=False)
+    assert by_samples(second) is None
+    assert by_surfaces(HAND, copy) == a_copy(2.0, mirrored=False, rel=0.01)
 
 
 def test_a_mirror_image_is_told_by_surfaces() -> None:
     image = moved(HAND, 4, scale=1.5, mirrored=True)
-    told = RigidCopy(pytest.approx(1.5, rel=0.01), mirrored=True)
+    told = a_copy(1.5, mirrored=True, rel=0.01)
     assert gate(embedded(image))
-    assert copy_by_samples(FIRST, embedded(image)) is None
+    assert by_samples(embedded(image)) is None
     assert by_surfaces(HAND, image) == told
     assert by_surfaces(HAND, moved(simplified(HAND), 6, scale=1.5, mirrored=True)) == told
 
@@ -79,13 +98,13 @@ def test_a_mirror_image_is_told_by_surfaces() -> None:
 def test_a_symmetric_body_is_a_copy_of_its_mirror_image() -> None:
     cup = make_body("cup").rest
     found = by_surfaces(cup, moved(cup, 5, scale=3.0, mirrored=True))
-    assert found == RigidCopy(pytest.approx(3.0, rel=0.01), mirrored=False)
+    assert found == a_copy(3.0, mirrored=False, rel=0.01)
 
 
 @pytest.mark.parametrize("mirrored", [False, True])
 def test_a_thread_on_another_mesh_turns_left_or_right(mirrored: bool) -> None:
     copy = moved(part(screw, 2, 2600), 7, mirrored=mirrored)
-    assert by_surfaces(part(screw, 2), copy) == RigidCopy(pytest.approx(1.0, rel=0.01), mirrored=mirrored)
+    assert by_surfaces(part(screw, 2), copy) == a_copy(1.0, mirrored=mirrored, rel=0.01)
 
 
 @pytest.mark.parametrize(("high", "chiral"), [(0.0, False), (0.2, True)])
@@ -96,9 +115,9 @@ def test_a_ring_with_two_studs_is_chiral_if_one_is_off_its_plane(high: float, ch
     parts = [tube(circle, [0.15] * 61, blend=0.01)]
     parts += [ellipsoid(Frame().move(*stud), (0.12, 0.12, 0.12), blend=0.02) for stud in studs]
     ring, other = (Mesh(*surface(parts, vertices)) for vertices in (2000, 2600))
-    assert by_surfaces(ring, moved(other, 3)) == RigidCopy(pytest.approx(1.0, rel=0.01), mirrored=False)
+    assert by_surfaces(ring, moved(other, 3)) == a_copy(1.0, mirrored=False, rel=0.01)
     image = moved(other, 4, mirrored=True)
-    assert by_surfaces(ring, image) == RigidCopy(pytest.approx(1.0, rel=0.01), mirrored=chiral)
+    assert by_surfaces(ring, image) == a_copy(1.0, mirrored=chiral, rel=0.01)
 
 
 def test_a_pose_and_another_shape_are_no_copies() -> None:
@@ -109,6 +128,6 @@ def test_a_pose_and_another_shape_are_no_copies() -> None:
 
 
 def test_other_radii_or_eigenvalues_are_those_of_no_copy() -> None:
-    assert may_be_copy(0.0, 0.5, 0.5 + 0.9 * RESIDUAL)
-    assert not may_be_copy(0.0, 0.5, 0.5 + 1.1 * RESIDUAL)
+    assert may_be_copy(0.0, 0.5, 0.5 + 0.9 * COPY_RADIUS)
+    assert not may_be_copy(0.0, 0.5, 0.5 + 1.1 * COPY_RADIUS)
     assert not may_be_copy(0.2, 0.5, 0.5)

@@ -69,7 +69,15 @@ CALLS: list[tuple[str, tuple[object, ...], dict[str, Any], str]] = [
     (
         "duplicates",
         (),
-        {"min_cc": 0.9, "max_residual": 0.1, "tag": ["a"], "name": "x", "metadata": ["k=1"], **SIZES},
+        {
+            "min_cc": 0.9,
+            "max_residual": 0.1,
+            "variants": True,
+            "tag": ["a"],
+            "name": "x",
+            "metadata": ["k=1"],
+            **SIZES,
+        },
         "GET /duplicates",
     ),
     ("similarity_map", (), {"tag": ["a"], "name": "x", "metadata": ["k=1"], **SIZES}, "GET /map"),

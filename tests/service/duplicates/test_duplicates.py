@@ -14,13 +14,12 @@ from core.gallery.poses_of_one_person import make_person
 from core.io import write_mesh
 from core.matching.match_records import score_match_records
 from core.parameters import Parameters
-from core.registration.similarity_icp import RESIDUAL
+from core.registration.similarity import RESIDUAL
 from core.studies.perturbation import subdivide
 from service.client import Client
-from service.duplicates import tasks
 from service.duplicates.groups import Groups, Link
 from service.duplicates.schemas import COLUMNS
-from service.search import match_records
+from service.search import match_records, tasks
 from tests.service.http.test_disconnects import at_work, send
 from tests.service.support import Running, assert_problem, serving, settings_in, wait_until
 from tests.service.tasks import nap_instead
@@ -125,7 +124,7 @@ def test_the_work_of_a_client_that_goes_away_is_stopped(
         time.sleep(0.5)
         assert len(compared) == known < len(BODIES) + len(PLANTED)
     with monkeypatch.context() as patch:
-        patch.setattr(tasks, "aligned", nap_instead)
+        patch.setattr(tasks, "registered", nap_instead)
         with send(planted, "/duplicates", method="GET"):
             wait_until(lambda: at_work(planted.container.pool), seconds=60)
         wait_until(lambda: not work.inside and not at_work(planted.container.pool), seconds=30)

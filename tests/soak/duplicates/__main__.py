@@ -19,7 +19,7 @@ from core.gallery.poses_of_one_person import make_person
 from core.io import write_mesh
 from core.mesh.cleaning import face_areas
 from core.mesh.mesh import Mesh
-from core.registration.similarity_icp import best_similarity
+from core.registration.similarity import best_similarity
 from tests.service.support import serving, settings_in
 from tests.soak.duplicates.copies import KINDS, copy
 

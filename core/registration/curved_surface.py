@@ -1,0 +1,296 @@
+"""The smooth surface that a triangle mesh approximates, and the error of the approximation.
+
+Vertices of a tessellation lie on the surface; the triangles between them are off by the chord error. Normals
+at the corners give the surface between the vertices to the second order (T. Boubekeur and M. Alexa, "Phong
+tessellation", SIGGRAPH Asia 2008, Eq. 4; half of the displacement is that of a circular arc).
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from core.arrays import Floats, Ints
+from core.mesh.edges import half_edges
+from core.mesh.face_normals import face_normals
+from core.mesh.mesh import Mesh
+from core.sampling.triangle_tree import TriangleTree, triangle_tree
+
+TINY = float(np.finfo(np.float64).tiny)
+
+ON_EDGE = 1e-9
+"""Barycentric coordinate of a corner below which a point lies on the opposite edge."""
+
+CREASE = float(np.cos(np.radians(46.0)))
+"""Least cosine between the normals of two triangles of one smooth surface: a circle has eight chords."""
+
+
+COPLANAR = float(np.cos(np.radians(0.1)))
+"""Least cosine between the normals of two triangles of one plane facet."""
+
+SPACING, QUALITY = 0.5, 0.5
+"""Error of an even mesh at edges and tips that its vertices do not follow, over the length of its edges; and
+the least quality of its triangles, which is 1 for an equilateral one."""
+
+POWER = 2.0
+"""Power of the area of a facet in its weight: a plane gives the normal at its border to a fillet."""
+
+
+@dataclass(frozen=True, eq=False)
+class CurvedSurface:
+    """A triangle mesh as an approximation of a smooth surface with sharp edges.
+
+    Attributes
+    ----------
+    corners : float64, shape (f, 3, 3)
+        Corners of the triangles.
+    normals : float64, shape (f, 3, 3)
+        Unit normals of the smooth surface at the corners.
+    flat : float64, shape (f, 3)
+        Unit normals of the triangles.
+    chord : float64, shape (f,)
+        Estimated largest distance of each triangle from the smooth surface: the sum of the sagittas across
+        its smooth edges, as a sphere bends in two directions.
+    spread : float64, shape (f, 3)
+        Largest chord error around each corner: of its triangles, and the mean of their smooth regions.
+    regions : int64, shape (f,)
+        The smooth region of each triangle: regions meet at sharp edges.
+    twins : int64, shape (3 f,)
+        For half-edge 3 f + i, from corner i of face f to the next, the half-edge of the other face, or -1.
+    sharp : int64, shape (s,)
+        One half-edge of each sharp edge and of each boundary edge: that of the face with the larger `chord`.
+    folds : int64, shape (e,)
+        One half-edge of each edge at which the surface bends smoothly.
+    corner_vertices : int64, shape (3 f,)
+        The vertex at each corner.
+    handles : int or None
+        Number of handles (through holes), if the mesh is closed.
+    """
+
+    corners: Floats
+    normals: Floats
+    flat: Floats
+    chord: Floats
+    spread: Floats
+    regions: Ints
+    twins: Ints
+    sharp: Ints
+    folds: Ints
+    corner_vertices: Ints
+    handles: int | None
+
+    @cached_property
+    def volume(self) -> float:
+        """The volume that the surface encloses, >= 0; it means little if the mesh is not closed."""
+        return abs(float(np.linalg.det(self.corners).sum())) / 6.0
+
+    @cached_property
+    def tree(self) -> TriangleTree:
+        """The search tree of the triangles."""
+        return triangle_tree(self.corners)
+
+    def at(self, shares: Floats, faces: Ints) -> tuple[Floats, Floats, Floats]:
+        """Points of the smooth surface above points of triangles, its normals, and the chord error there.
+
+        Parameters
+        ----------
+        shares : float64, shape (n, 3)
+            Barycentric coordinates.
+        faces : int64, shape (n,)
+
+        Returns
+        -------
+        points, normals : float64, shape (n, 3)
+        errors : float64, shape (n,)
+            Interpolated between the largest errors around the corners.
+        """
+        corners, normals = self.corners[faces], self.normals[faces]
+        points = np.einsum("nc,ncx->nx", shares, corners)
+        heights = np.einsum("ncx,ncx->nc", points[:, None] - corners, normals)
+        bulge = -0.5 * np.einsum("nc,nc,ncx->nx", shares, heights, normals)
+        length = np.linalg.norm(bulge, axis=1)
+        bulge *= np.minimum(1.0, self.chord[faces] / np.maximum(length, TINY))[:, None]
+        smooth = np.einsum("nc,ncx->nx", shares, normals)
+        smooth /= np.maximum(np.linalg.norm(smooth, axis=1, keepdims=True), TINY)
+        return points + bulge, smooth, np.einsum("nc,nc->n", shares, self.spread[faces])
+
+    def closest(self, points: Floats, guess: Ints | None = None) -> tuple[Floats, Ints]:
+        """The closest points of the triangles, as shares and faces.
+
+        The arc of a rim belongs to the curved surface on its one side, not to the plane on its other side: of
+        the two triangles at an edge, the one with the larger chord error counts.
+        """
+        shares, faces = self.tree.closest(points, guess)
+        least = shares.argmin(axis=1)
+        starts = 3 * faces + (least + 1) % 3
+        twins = self.twins[starts]
+        others = twins // 3
+        rows = np.flatnonzero(
+            (shares[np.arange(len(shares)), least] <= ON_EDGE)
+            & (twins >= 0)
+            & (self.chord[others] > self.chord[faces])
+        )
+        ours, theirs = starts[rows], twins[rows]
+        ends = shares[rows, ours % 3], shares[rows, (ours + 1) % 3]
+        same = self.corner_vertices[ours] == self.corner_vertices[theirs]
+        faces[rows], shares[rows] = others[rows], 0.0
+        shares[rows, theirs % 3] = np.where(same, ends[0], ends[1])
+        shares[rows, (theirs + 1) % 3] = np.where(same, ends[1], ends[0])
+        return shares, faces
+
+
+def curved_surface(mesh: Mesh, centre: Floats, unit: float) -> CurvedSurface:
+    """The surface of a cleaned mesh, moved by `-centre` and divided by `unit`."""
+    vertices = (mesh.vertices - centre) / unit
+    corners = vertices[mesh.faces]
+    flat = face_normals(corners)
+    sides = half_edges(mesh.faces)
+    paired = sides.face_counts == 2
+    one, other = sides.order[sides.first[paired]], sides.order[sides.first[paired] + 1]
+    faces, others = one // 3, other // 3
+    cosines = np.einsum("ex,ex->e", flat[faces], flat[others])
+    opposed = mesh.faces[faces, one % 3] != mesh.faces[others, other % 3]
+    cosines = np.where(opposed, cosines, -cosines)
+    folded, gentle = cosines < COPLANAR, cosines >= CREASE
+    facets = _regions(len(corners), faces[~folded], others[~folded])
+    rounded = _rounded(facets, facets[faces[gentle & folded]], facets[others[gentle & folded]])
+    bent = gentle & folded & (rounded[faces] | rounded[others])
+    smooth = bent | ~folded
+    edges = sides.edges
+    ends = edges[paired]
+    lengths = np.linalg.norm(vertices[ends[:, 1]] - vertices[ends[:, 0]], axis=1)
+    areas = 0.5 * np.linalg.norm(face_normals(corners, unit=False), axis=1)
+    widths = 2.0 * np.minimum(areas[faces], areas[others]) / np.maximum(lengths, TINY)
+    sagittas = np.where(bent, 0.5 * widths * np.tan(0.25 * np.arccos(np.clip(cosines, -1.0, 1.0))), 0.0)
+    chord = _sums(np.concatenate([faces, others]), np.tile(sagittas, 2), len(corners))
+    regions = _regions(len(corners), faces[smooth], others[smooth])
+    round_areas = areas * (chord > 0.0)
+    means = _sums(regions, round_areas * chord) / np.maximum(_sums(regions, round_areas), TINY)
+    errors = np.maximum(chord, means[regions])
+    loose = _scattered(
+        corners,
+        areas,
+        np.concatenate([faces[bent], others[bent]]),
+        np.concatenate([faces[folded], others[folded]]),
+    )
+    errors = np.where(loose, np.maximum(errors, SPACING * _edge_lengths(corners).mean(axis=1)), errors)
+    around = np.zeros(len(vertices))
+    np.maximum.at(around, mesh.faces.ravel(), np.repeat(errors, 3))
+    twins = np.full(3 * len(corners), -1)
+    twins[one], twins[other] = other, one
+    unpaired = sides.order[sides.first[~paired]]
+    on_curved = np.where(chord[others] > chord[faces], other, one)
+    return CurvedSurface(
+        corners=corners,
+        normals=_corner_normals(
+            mesh.faces, corners, flat, _sums(facets, areas)[facets], one[smooth], other[smooth]
+        ),
+        flat=flat,
+        chord=chord,
+        spread=around[mesh.faces],
+        regions=regions,
+        twins=twins,
+        sharp=np.concatenate([on_curved[~smooth], unpaired]),
+        folds=one[bent],
+        corner_vertices=mesh.faces.ravel(),
+        handles=_handles(mesh, len(edges)) if paired.all() else None,
+    )
+
+
+def _sums(groups: Ints, values: Floats, count: int = 0) -> Floats:
+    """Sums of the values of each group."""
+    return np.bincount(groups, weights=values, minlength=count).astype(np.float64)
+
+
+def _handles(mesh: Mesh, edges: int) -> int:
+    """Number of handles of a closed mesh, of all components together, by Euler's formula."""
+    pairs = mesh.faces[:, [0, 1]], mesh.faces[:, [1, 2]]
+    rows, columns = np.concatenate([pair.T for pair in pairs], axis=1)
+    size = len(mesh.vertices)
+    graph = coo_array((np.ones(len(rows)), (rows, columns)), shape=(size, size))
+    components = int(connected_components(graph, directed=False, return_labels=False))
+    return components - (size - edges + len(mesh.faces)) // 2
+
+
+def _edge_lengths(corners: Floats) -> Floats:
+    """Lengths of the edges of triangles, shape (f, 3)."""
+    return np.asarray(np.linalg.norm(corners[:, [1, 2, 0]] - corners, axis=2))
+
+
+def _scattered(corners: Floats, areas: Floats, bent: Ints, folded: Ints) -> NDArray[np.bool_]:
+    """Whether each triangle is one of an even mesh, whose vertices do not follow edges of the surface.
+
+    Such a triangle is well shaped, bends smoothly at two edges or more, and is coplanar with no neighbour.
+
+    Parameters
+    ----------
+    corners : float64, shape (f, 3, 3)
+    areas : float64, shape (f,)
+    bent, folded : int64
+        The triangle at each side of each edge at which the surface bends smoothly, and bends at all.
+    """
+    quality = 4.0 * np.sqrt(3.0) * areas / np.maximum((_edge_lengths(corners) ** 2).sum(axis=1), TINY)
+    count = len(corners)
+    many = (np.bincount(bent, minlength=count) >= 2) & (np.bincount(folded, minlength=count) == 3)
+    return np.asarray((quality > QUALITY) & many)
+
+
+def _regions(count: int, faces: Ints, others: Ints) -> Ints:
+    """Connected components of triangles, by pairs of neighbours, shape (f,)."""
+    graph = coo_array((np.ones(len(faces)), (faces, others)), shape=(count, count))
+    return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
+
+
+def _rounded(facets: Ints, one: Ints, other: Ints) -> NDArray[np.bool_]:
+    """Whether the facet of each triangle bends smoothly to two facets or more, shape (f,).
+
+    Two large planes may meet at a small angle; the facets of a curved surface come in rows.
+
+    Parameters
+    ----------
+    facets : int64, shape (f,)
+        The facet of each triangle.
+    one, other : int64, shape (e,)
+        The facets on both sides of each edge at which the surface bends smoothly.
+    """
+    count = int(facets.max()) + 1
+    pairs = np.unique(np.concatenate([one * count + other, other * count + one]))
+    return np.asarray((np.bincount(pairs // count, minlength=count) >= 2)[facets])
+
+
+def _corner_normals(
+    faces: Ints, corners: Floats, flat: Floats, facets: Floats, one: Ints, other: Ints
+) -> Floats:
+    """Means of the normals of the triangles around each corner, up to sharp edges, weighted by their angles.
+
+    Parameters
+    ----------
+    faces : int64, shape (f, 3)
+    corners : float64, shape (f, 3, 3)
+    flat : float64, shape (f, 3)
+    one, other : int64, shape (e,)
+        The two half-edges of each smooth edge.
+    """
+    # Half-edge 3 f + i starts at corner i of its face and ends at corner i + 1.
+    ahead_one, ahead_other = one - one % 3 + (one + 1) % 3, other - other % 3 + (other + 1) % 3
+    corner_of = faces.ravel()
+    crossed = corner_of[one] == corner_of[other]
+    joined = np.where(crossed, other, ahead_other), np.where(crossed, ahead_other, other)
+    rows, columns = np.concatenate([one, ahead_one]), np.concatenate(joined)
+    size = 3 * len(faces)
+    graph = coo_array((np.ones(len(rows)), (rows, columns)), shape=(size, size))
+    count, group = connected_components(graph, directed=False)
+    sides = corners[:, [1, 2, 0]] - corners
+    lengths = np.maximum(_edge_lengths(corners), TINY)
+    products = np.einsum("fcx,fcx->fc", sides, sides[:, [2, 0, 1]])
+    cosines = -products / (lengths * lengths[:, [2, 0, 1]])
+    weights = np.arccos(np.clip(cosines, -1.0, 1.0)) * (facets**POWER)[:, None]
+    weighted = np.repeat(flat, 3, axis=0) * weights.reshape(-1, 1)
+    sums: Floats = np.stack(
+        [np.bincount(group, weights=weighted[:, x], minlength=count) for x in range(3)], axis=1
+    )
+    sums /= np.maximum(np.linalg.norm(sums, axis=1, keepdims=True), TINY)
+    return np.asarray(sums[group].reshape(-1, 3, 3))
