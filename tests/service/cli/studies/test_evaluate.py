@@ -29,7 +29,7 @@ from tests.soak.kill.cycles import runs
 
 KEYS = [
     "collection", "setting", "rank_by", "shapes", "classes", "nn", "ft", "st", "e", "dcg", "map",
-    "occurrence_skewness", "most_often_wrong", "per_class",
+    "occurrence_skewness", "most_often_wrong", "cc", "per_class",
 ]  # fmt: skip
 
 
@@ -73,8 +73,16 @@ def test_every_ranking_from_one_run(collection: Path, embeddings: list[Embedding
             3,
         ]
         expected = evaluate(matrices[report["rank_by"]], labels, larger_is_closer=True)
-        for name in KEYS[5:-1]:
+        for name in KEYS[5:-2]:
             assert report[name] == pytest.approx(getattr(expected, name), abs=1e-9)
+        same = np.equal.outer(labels, labels)[np.triu_indices(9, 1)]
+        values = cc[np.triu_indices(9, 1)]
+        for pairs, chosen in (("same", same), ("other", ~same)):
+            assert report["cc"][pairs]["pairs"] == chosen.sum()
+            assert report["cc"][pairs]["quantiles"]["0.5"] == pytest.approx(
+                np.median(values[chosen]), abs=1e-9
+            )
+            assert report["cc"][pairs]["matched"] == (values[chosen] >= 0.98).mean()
         assert list(report["per_class"]) == list(CLASSES)
         assert report["per_class"]["cup"]["st"] == pytest.approx(expected.per_class["cup"].st)
 
