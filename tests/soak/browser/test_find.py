@@ -49,6 +49,7 @@ def test_a_file_finds_the_three_most_alike(visit: Visit, tmp_path: Path) -> None
     assert terms == [
         "Same part",
         "Mirror image",
+        "Variant",
         "Another pose",
         "Similar",
         "Weak",
