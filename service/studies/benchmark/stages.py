@@ -6,31 +6,33 @@ from time import perf_counter
 from types import ModuleType
 from typing import Any
 
-from core import pipeline
+from core import sparse_embedding as embedding_steps
 from core.embedding import Embedding
+from core.graph import sample_distances
 from core.io import read_mesh
-from core.mesh import simplification
+from core.mesh import preparation, simplification
 from core.pipeline import Pipeline
+from core.sampling import embedded_points
 from core.spectral import spectral_embedding as spectra
 
 READING, REST = "read", "rest"
 
 STAGES: dict[str, tuple[tuple[ModuleType, str], ...]] = {
-    "clean": ((pipeline, "clean"), (simplification, "clean")),
-    "close holes": ((pipeline, "fill_holes"),),
-    "normal frame": ((pipeline, "normal_frame"),),
-    "simplify": ((pipeline, "simplify"),),
-    "refine": ((pipeline, "refine"),),
-    "edge graph": ((pipeline, "edge_graph"),),
-    "Lewis weights": ((pipeline, "lewis_weights"),),
-    "samples": ((pipeline, "weighted_farthest_points"),),
-    "sparse graph, MST": ((pipeline, "sparse_graph"),),
-    "geodesics": ((pipeline, "geodesics"),),
+    "clean": ((preparation, "clean"), (simplification, "clean")),
+    "close holes": ((preparation, "fill_holes"),),
+    "normal frame": ((preparation, "normal_frame"),),
+    "simplify": ((preparation, "simplify"),),
+    "refine": ((preparation, "refine"),),
+    "edge graph": ((embedding_steps, "component_bridges"), (embedding_steps, "edge_graph")),
+    "Lewis weights": ((embedded_points, "lewis_weights"),),
+    "samples": ((embedded_points, "weighted_farthest_points"),),
+    "sparse graph, MST": ((embedding_steps, "sparse_graph"),),
+    "geodesics": ((sample_distances, "geodesics"),),
     "affinity": ((spectra, "_affinity_pairs"),),
     "Laplace-Beltrami": ((spectra, "laplace_beltrami"),),
-    "global descriptors": ((pipeline, "global_descriptors"),),
-    "mesh facts": ((pipeline, "measure"),),
-    "spin images": ((pipeline, "describe"),),
+    "global descriptors": ((embedding_steps, "global_descriptors"),),
+    "mesh facts": ((embedding_steps, "measure"),),
+    "spin images": ((embedding_steps, "describe"),),
 }
 """The function of each stage, and each module that calls it."""
 

@@ -44,7 +44,7 @@ def test_a_service_with_two_collections(archive: Client, collection: Path, run: 
     assert "not empty" in listed.stderr.splitlines()[-1]
     with Client(archive.url, collection="cast") as cast:
         for shape in list(cast.shapes()):
-            cast.delete(shape.id)
+            cast.delete(shape.id, permanent=True)
     deleted = run("collections", "--delete", "cast", *at)
     assert (deleted.status, counts(deleted.stdout)) == (0, {"default": "1"})
 
@@ -77,7 +77,7 @@ def test_clients_of_two_collections(archive: Client) -> None:
         assert list(archive.shapes()) == []
         counts = {one.name: one.shapes for one in archive.collections().collections}
         assert counts == {"default": 0, "other": 1}
-        other.delete(shape.id)
+        other.delete(shape.id, permanent=True)
     archive.delete_collection("other")
     assert [one.name for one in archive.collections().collections] == ["default"]
 

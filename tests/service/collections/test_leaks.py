@@ -98,6 +98,7 @@ SENT: dict[Operation, list[Send]] = {
         to("GET", "/shapes", params={"tag": SECRET}),
         to("GET", "/shapes", params={"metadata": f"secret={SECRET}"}),
     ],
+    ("GET", "/map"): [to("GET", "/map"), to("GET", "/map", params={"name": SECRET})],
     ("GET", "/shapes/{shape_id}"): [to("GET", "/shapes/{shape_id}")],
     ("GET", "/shapes/{shape_id}/file"): [
         to("GET", "/shapes/{shape_id}/file"),

@@ -16,6 +16,8 @@ from tests.service.support import Running, pipeline_in_use, query, small_file
 pytestmark = either_engine
 
 RESULT = {
+    "difference",
+    "size_ratio",
     "rank",
     "cc",
     "ssd",
@@ -212,6 +214,7 @@ def test_a_comparison_gives_both_ends_of_each_pair(stocked: Running) -> None:
         "milliseconds",
         "likeness",
         "scale",
+        "difference",
     }
     assert set(answer) == sparse | dense
     assert {answer[name] for name in dense} == {None}

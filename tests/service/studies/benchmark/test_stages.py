@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from core import pipeline
+from core.errors import DegenerateMeshError
 from core.gallery import make_shape
 from core.io import read_mesh, write_mesh
 from core.mesh.mesh import Mesh
@@ -43,7 +43,7 @@ def test_a_stage_inside_another_counts_once(monkeypatch):
 def test_the_watch_is_taken_off_again():
     before = [getattr(*place) for places in STAGES.values() for place in places]
     point = Mesh(np.zeros((3, 3)), [[0, 1, 2]])
-    with watched(), pytest.raises(pipeline.DegenerateMeshError):
+    with watched(), pytest.raises(DegenerateMeshError):
         Pipeline(DEFAULT).embed(point)
     assert [getattr(*place) for places in STAGES.values() for place in places] == before
     assert spectra.laplace_beltrami in before
