@@ -109,7 +109,7 @@ WORKERS ?= 2
 AT_A_TIME := -n $(WORKERS) --dist loadfile --no-loadscope-reorder
 PYTEST := OMP_NUM_THREADS=1 $(BIN)/python -m pytest
 test: environment
-	$(PYTEST) $(AT_A_TIME) -p no:schemathesis -m 'not studies'
+	$(PYTEST) $(AT_A_TIME) -p no:schemathesis -m 'not studies' -k 'not postgresql' --durations 15
 
 soak: $(SOAK)
 
@@ -136,6 +136,7 @@ cluster-test: $(DEV)
 
 postgresql-test: $(DEV)
 	$(PYTEST) $(AT_A_TIME) -m either_engine --engine postgresql
+	$(PYTEST) $(AT_A_TIME) -m 'not either_engine and not studies' -k postgresql tests/core tests/service
 
 method-test: $(DEV)
 	$(PYTEST) $(AT_A_TIME) tests/soak/method

@@ -23,7 +23,8 @@ from service.storage.migrate import migrate
 SQLITE, POSTGRESQL = ENGINES = ("sqlite", "postgresql")
 
 on_both = pytest.mark.parametrize("engine", ENGINES, indirect=True, scope="module")
-"""For tests of statements that reach the database. Fixtures that open an archive must ask for `engine`."""
+"""For tests of statements that reach the database: `make test` runs them on SQLite, `make postgresql-test` on
+PostgreSQL. Fixtures that open an archive must ask for `engine`."""
 
 either_engine = pytest.mark.either_engine
 """For modules that run on SQLite, and by `make postgresql-test` on PostgreSQL (`--engine postgresql`)."""
