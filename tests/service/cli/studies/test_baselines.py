@@ -17,7 +17,7 @@ pytestmark = pytest.mark.studies
 
 KEYS = [
     "collection", "setting", "rank_by", "shapes", "classes", "nn", "ft", "st", "e", "dcg", "map",
-    "occurrence_skewness", "most_often_wrong", "per_class",
+    "occurrence_skewness", "most_often_wrong", "cc", "per_class",
 ]  # fmt: skip
 
 
@@ -27,6 +27,7 @@ def test_evaluate_by_another_method(collection: Path, method: BaselineName, run:
     assert (done.status, done.stderr) == (0, "")
     report = json.loads(done.stdout)
     assert list(report) == KEYS
+    assert report["cc"] == {}
     assert [report[key] for key in ("setting", "rank_by", "shapes", "classes")] == [method, "distance", 9, 3]
     files, baseline = read_collection(collection), load(method)
     found = [baseline.describe(read_mesh(path.read_bytes(), format_of(path.name))) for path, _ in files]
