@@ -46,14 +46,14 @@ def read_place(cursor: str | None, sort: Sort) -> Place | None:
     """
     if cursor is None:
         return None
-    name = _read(cursor).get("name")
+    number, name = read_cursor(cursor), _read(cursor).get("name")
     if isinstance(name, str) != (sort == "name"):
-        raise _fault()
-    return Place(read_cursor(cursor), name)
+        raise _fault(f"the cursor belongs to a list in another order than sort={sort}")
+    return Place(number, name)
 
 
-def _fault() -> BadRequestFieldsError:
-    return BadRequestFieldsError(FieldFault("cursor", "this service did not create the cursor"))
+def _fault(message: str = "this service did not create the cursor") -> BadRequestFieldsError:
+    return BadRequestFieldsError(FieldFault("cursor", message))
 
 
 def _written(content: dict[str, Any]) -> str:
