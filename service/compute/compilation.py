@@ -123,7 +123,10 @@ def _stamp(parameters: Parameters) -> Path:
 
 @cache
 def _state() -> str:
-    """A hash of all that numba looks at: its version, the processor, and the times of the sources."""
+    """A hash of all that numba looks at: its version, the processor, and the times of the sources.
+
+    Layers of an image keep times in whole seconds.
+    """
     state = blake2b(digest_size=8)
     for part in (
         numba.__version__,
@@ -136,5 +139,5 @@ def _state() -> str:
         root = Path(str(resources.files(package)))
         for path in sorted(root.rglob("*.py")):
             found = path.stat()
-            state.update(f"{path.relative_to(root)} {found.st_mtime_ns} {found.st_size}".encode())
+            state.update(f"{path.relative_to(root)} {int(found.st_mtime)} {found.st_size}".encode())
     return state.hexdigest()

@@ -49,7 +49,7 @@ def _obj(words: list[bytes]) -> tuple[np.ndarray, np.ndarray]:
 
 def fault_in_embedding(facts: Mapping[str, float], npz: bytes) -> str:
     """The fault of a stored shape, by its facts and the arrays of its embedding; "" without a fault."""
-    if not all(np.isfinite(value) and value >= 0 for value in facts.values()):
+    if not all((np.isfinite(value) & (np.asarray(value) >= 0)).all() for value in facts.values()):
         return f"facts {facts}"
     if not (facts["area"] > 0 and facts["scale"] > 0 and facts["faces"] >= 1 and facts["vertices"] >= 3):
         return f"no surface: {facts}"
