@@ -123,10 +123,7 @@ def _stamp(parameters: Parameters) -> Path:
 
 @cache
 def _state() -> str:
-    """A hash of all that numba looks at: its version, the processor, and the times of the sources.
-
-    Layers of an image keep times in whole seconds.
-    """
+    """A hash of what numba looks at: its version, the processor and the sources."""
     state = blake2b(digest_size=8)
     for part in (
         numba.__version__,
@@ -138,6 +135,5 @@ def _state() -> str:
     for package in ("core", "service.rendering"):
         root = Path(str(resources.files(package)))
         for path in sorted(root.rglob("*.py")):
-            found = path.stat()
-            state.update(f"{path.relative_to(root)} {int(found.st_mtime)} {found.st_size}".encode())
+            state.update(f"{path.relative_to(root)}\n".encode() + path.read_bytes())
     return state.hexdigest()
