@@ -1,50 +1,24 @@
-"""On real meshes: all are embedded, and pose, place, size and order of the file change no answer."""
+"""On real meshes: pose, place, size and order of the file change no answer."""
 
-import os
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from core.descriptors.global_descriptors import GLOBAL_DESCRIPTORS
-from core.io import format_of, read_mesh
-from core.mesh.mesh import Mesh
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
 from service.datasets import read_collection
 from tests.core.shapes import SAME_SHAPE
+from tests.soak.collections.folders import every_collection, read
 
 pytestmark = pytest.mark.collections
 
 PIPELINE = Pipeline(DEFAULT)
-QUERIES, STORED, PARTS = 10, 40, 8
+QUERIES, STORED = 10, 40
 DRIFT = 0.01
 # Between polygon soups that are not alike, several maps fit about as well, and rounding chooses among them.
 SOUPS, DRIFT_OF_SOUPS = {"webmodels"}, 0.1
-
-
-def collections() -> list[Path]:
-    """The folders with labels in the one that ISOSHAPE_DATA names; none where it names none."""
-    if "ISOSHAPE_DATA" not in os.environ:
-        return []
-    found = sorted(
-        labels.parent for labels in Path(os.environ["ISOSHAPE_DATA"]).resolve().glob("*/labels.csv")
-    )
-    assert found, "ISOSHAPE_DATA names a folder without collections"
-    return found
-
-
-FOLDERS = collections() or [
-    pytest.param(None, marks=pytest.mark.skip(reason="ISOSHAPE_DATA does not name a folder of collections"))
-]
-every_collection = pytest.mark.parametrize(
-    "folder", FOLDERS, ids=lambda folder: folder.name if folder else "none"
-)
-
-
-def read(path: Path) -> Mesh:
-    return read_mesh(path.read_bytes(), format_of(path.name))
 
 
 @cache
@@ -57,20 +31,6 @@ def selection(folder: Path) -> list[Path]:
 @cache
 def stored(folder: Path):
     return [PIPELINE.embed(read(path)) for path in selection(folder)]
-
-
-@every_collection
-@pytest.mark.parametrize("part", range(PARTS))
-def test_every_file_is_read_and_embedded(folder, part):
-    files = sorted(path for path, _ in read_collection(folder))[part::PARTS]
-    assert files
-    for path in files:
-        embedding = PIPELINE.embed(read(path))
-        assert len(embedding.positions) == DEFAULT.sampling.samples, path.name
-        length = DEFAULT.spectral.affinity_values + DEFAULT.spectral.laplacian_values + GLOBAL_DESCRIPTORS
-        assert len(embedding.signature) == length, path.name
-        for array in (embedding.signature, *(spectrum.coordinates for spectrum in embedding.spectra)):
-            assert np.isfinite(array).all(), path.name
 
 
 @every_collection
