@@ -180,7 +180,7 @@ def _squares(rows: Floats) -> Floats:
 
 
 def _some(side: Basis, most: int) -> Basis:
-    """The surface at `most` of its vertices, the same for as many vertices."""
+    """The surface at `most` of its vertices, drawn with a seed from their number."""
     count = len(side.areas)
     chosen = np.random.default_rng(count).permutation(count)[:most]
     orientation = None if side.orientation is None else side.orientation[chosen]

@@ -17,9 +17,8 @@ from core.arrays import Floats, Ints
 from core.mesh.edges import half_edges
 from core.mesh.face_normals import face_normals
 from core.mesh.mesh import Mesh
+from core.registration.corner_normals import TINY, corner_normals, edge_lengths
 from core.sampling.triangle_tree import TriangleTree, triangle_tree
-
-TINY = float(np.finfo(np.float64).tiny)
 
 ON_EDGE = 1e-9
 """Barycentric coordinate of a corner below which a point lies on the opposite edge."""
@@ -34,9 +33,6 @@ COPLANAR = float(np.cos(np.radians(0.1)))
 SPACING, QUALITY = 0.5, 0.5
 """Error of an even mesh at edges and tips that its vertices do not follow, over the length of its edges; and
 the least quality of its triangles, which is 1 for an equilateral one."""
-
-POWER = 2.0
-"""Power of the area of a facet in its weight: a plane gives the normal at its border to a fillet."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,7 +172,7 @@ def curved_surface(mesh: Mesh, centre: Floats, unit: float) -> CurvedSurface:
         np.concatenate([faces[bent], others[bent]]),
         np.concatenate([faces[folded], others[folded]]),
     )
-    errors = np.where(loose, np.maximum(errors, SPACING * _edge_lengths(corners).mean(axis=1)), errors)
+    errors = np.where(loose, np.maximum(errors, SPACING * edge_lengths(corners).mean(axis=1)), errors)
     around = np.zeros(len(vertices))
     np.maximum.at(around, mesh.faces.ravel(), np.repeat(errors, 3))
     twins = np.full(3 * len(corners), -1)
@@ -185,7 +181,7 @@ def curved_surface(mesh: Mesh, centre: Floats, unit: float) -> CurvedSurface:
     on_curved = np.where(chord[others] > chord[faces], other, one)
     return CurvedSurface(
         corners=corners,
-        normals=_corner_normals(
+        normals=corner_normals(
             mesh.faces, corners, flat, _sums(facets, areas)[facets], one[smooth], other[smooth]
         ),
         flat=flat,
@@ -215,11 +211,6 @@ def _handles(mesh: Mesh, edges: int) -> int:
     return components - (size - edges + len(mesh.faces)) // 2
 
 
-def _edge_lengths(corners: Floats) -> Floats:
-    """Lengths of the edges of triangles, shape (f, 3)."""
-    return np.asarray(np.linalg.norm(corners[:, [1, 2, 0]] - corners, axis=2))
-
-
 def _scattered(corners: Floats, areas: Floats, bent: Ints, folded: Ints) -> NDArray[np.bool_]:
     """Whether each triangle is one of an even mesh, whose vertices do not follow edges of the surface.
 
@@ -232,7 +223,7 @@ def _scattered(corners: Floats, areas: Floats, bent: Ints, folded: Ints) -> NDAr
     bent, folded : int64
         The triangle at each side of each edge at which the surface bends smoothly, and bends at all.
     """
-    quality = 4.0 * np.sqrt(3.0) * areas / np.maximum((_edge_lengths(corners) ** 2).sum(axis=1), TINY)
+    quality = 4.0 * np.sqrt(3.0) * areas / np.maximum((edge_lengths(corners) ** 2).sum(axis=1), TINY)
     count = len(corners)
     many = (np.bincount(bent, minlength=count) >= 2) & (np.bincount(folded, minlength=count) == 3)
     return np.asarray((quality > QUALITY) & many)
@@ -259,38 +250,3 @@ def _rounded(facets: Ints, one: Ints, other: Ints) -> NDArray[np.bool_]:
     count = int(facets.max()) + 1
     pairs = np.unique(np.concatenate([one * count + other, other * count + one]))
     return np.asarray((np.bincount(pairs // count, minlength=count) >= 2)[facets])
-
-
-def _corner_normals(
-    faces: Ints, corners: Floats, flat: Floats, facets: Floats, one: Ints, other: Ints
-) -> Floats:
-    """Means of the normals of the triangles around each corner, up to sharp edges, weighted by their angles.
-
-    Parameters
-    ----------
-    faces : int64, shape (f, 3)
-    corners : float64, shape (f, 3, 3)
-    flat : float64, shape (f, 3)
-    one, other : int64, shape (e,)
-        The two half-edges of each smooth edge.
-    """
-    # Half-edge 3 f + i starts at corner i of its face and ends at corner i + 1.
-    ahead_one, ahead_other = one - one % 3 + (one + 1) % 3, other - other % 3 + (other + 1) % 3
-    corner_of = faces.ravel()
-    crossed = corner_of[one] == corner_of[other]
-    joined = np.where(crossed, other, ahead_other), np.where(crossed, ahead_other, other)
-    rows, columns = np.concatenate([one, ahead_one]), np.concatenate(joined)
-    size = 3 * len(faces)
-    graph = coo_array((np.ones(len(rows)), (rows, columns)), shape=(size, size))
-    count, group = connected_components(graph, directed=False)
-    sides = corners[:, [1, 2, 0]] - corners
-    lengths = np.maximum(_edge_lengths(corners), TINY)
-    products = np.einsum("fcx,fcx->fc", sides, sides[:, [2, 0, 1]])
-    cosines = -products / (lengths * lengths[:, [2, 0, 1]])
-    weights = np.arccos(np.clip(cosines, -1.0, 1.0)) * (facets**POWER)[:, None]
-    weighted = np.repeat(flat, 3, axis=0) * weights.reshape(-1, 1)
-    sums: Floats = np.stack(
-        [np.bincount(group, weights=weighted[:, x], minlength=count) for x in range(3)], axis=1
-    )
-    sums /= np.maximum(np.linalg.norm(sums, axis=1, keepdims=True), TINY)
-    return np.asarray(sums[group].reshape(-1, 3, 3))

@@ -15,13 +15,14 @@ from core.registration.similarity import Similarity
 from core.registration.surface_fit import CURVED, FARTHEST, PRECISION
 
 OUTLIERS = 3
-"""The largest deviation is that which so many probes have: one may lie on a flaw of the mesh."""
+"""Rank of the deviation that counts as the largest: a single probe may lie on a flaw of the mesh."""
 
 REGION_PROBES = 6
 """Least number of probes of a region whose mean deviation counts."""
 
 REGION = 1.15
-"""Root mean square deviation of a region that is told from sampling, over its expected standard deviation."""
+"""Root mean square deviation of a region over its expected standard deviation, above which sampling does not
+explain it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +32,7 @@ class LocalDeviation:
     Attributes
     ----------
     within : bool
-        Whether the deviation is one of sampling, so that the surfaces are equal.
+        Whether sampling explains the deviation, so that the surfaces are equal.
     largest : float
         The largest distance between the surfaces, in both directions, in units of the root of the area.
     share : float

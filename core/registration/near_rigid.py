@@ -20,12 +20,9 @@ FEW, FIRST_ROUNDS, COARSE_ROUNDS, ROUNDS = 200, 5, 20, 8
 """Sample points of a coarse iteration, and the largest numbers of first coarse iterations, of further
 ones and of fine iterations."""
 
-HOPELESS, BESIDE = 0.025, 2.0
-"""Alignments are given up after the first coarse iterations above the first residual, and after all coarse
-iterations above `PROMISING`; both times also above so many times the least residual."""
-
-PROMISING = 0.02
-"""Largest residual of a coarse alignment, between sample points, that is refined."""
+FIRST_RESIDUAL, COARSE_RESIDUAL, RESIDUAL_RATIO = 0.025, 0.02, 2.0
+"""Largest residuals, between sample points, of an alignment that is kept after the first and after all coarse
+iterations; and its largest ratio to the least residual."""
 
 NEAR = 3.0 * RESIDUAL
 """Distance over the root of the area within which a point lies on the other surface."""
@@ -59,8 +56,8 @@ def near_rigid(
     scales = [1.0] if abs(same_units - 1.0) < RESIDUAL else [1.0, same_units]
     starts = [Similarity(scale, turn, np.zeros(3)) for scale in scales for turn in rotations]
     begun = [_coarse(first, second, start, FIRST_ROUNDS) for start in starts]
-    coarse = [_coarse(first, second, motion, COARSE_ROUNDS) for motion in _best(begun, HOPELESS)]
-    fine = [_fine(first, second, motion) for motion in _best(coarse, PROMISING)]
+    coarse = [_coarse(first, second, motion, COARSE_ROUNDS) for motion in _best(begun, FIRST_RESIDUAL)]
+    fine = [_fine(first, second, motion) for motion in _best(coarse, COARSE_RESIDUAL)]
     found = [motion for motion in fine if motion is not None]
     return min(found, key=lambda motion: _clipped(first, second, motion), default=None)
 
@@ -68,7 +65,7 @@ def near_rigid(
 def _best(found: list[tuple[float, Similarity]], most: float) -> list[Similarity]:
     """Transforms with a residual of at most `most`, and not far above the least."""
     least = min((residual for residual, _ in found), default=np.inf)
-    return [motion for residual, motion in found if residual <= min(most, BESIDE * least)]
+    return [motion for residual, motion in found if residual <= min(most, RESIDUAL_RATIO * least)]
 
 
 def _coarse(

@@ -21,7 +21,7 @@ OF_REGION = 8
 """Middles of edges in each smooth region, however small it is: the wall of a hole has many."""
 
 FIT = 3
-"""Every so many of the probes along edges and over the area takes part in the fit of a transform."""
+"""Stride through the probes, along edges and over the area, in the fit of a transform."""
 
 
 @dataclass(frozen=True, eq=False)

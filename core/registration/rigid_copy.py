@@ -30,7 +30,7 @@ ISOSPECTRAL = 1e-4
 """Largest spectral distance of two copies with the same triangles."""
 
 TRIES = 3
-"""Most alignments of one sign that are fitted: a part that is nearly symmetric has several."""
+"""Largest number of fitted alignments of one sign: a nearly symmetric part has several."""
 
 LOCAL, FITTED = 0.5, 0.6
 """Largest share of the probes that deviate at a local difference, and after a coarse fit that is refined."""

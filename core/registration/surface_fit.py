@@ -27,10 +27,10 @@ PRECISION, CURVED = 1e-4, 0.25
 chord error. The points of `CurvedSurface.at` are nearer to the smooth surface than the triangles."""
 
 COARSE = 3
-"""Every so many of the points count in a coarse fit."""
+"""Stride through the points in a coarse fit."""
 
 FARTHEST = 1.5
-"""Largest distance that is one of sampling, over the sum of the chord errors of both meshes."""
+"""Largest distance that sampling explains, over the sum of the chord errors of both meshes."""
 
 _Faces = tuple[Ints | None, Ints | None]
 
@@ -71,7 +71,7 @@ def _stepped(
     first, second : ProbedSurface
     motion : Similarity
     stride : int
-        Every so many of the points count.
+        Stride through the points.
     width : float
         Distance at which a pair has a quarter of its weight.
     faces : two of int64 or None

@@ -25,8 +25,8 @@ class MapAnswer(BaseModel):
     shapes: list[MapShape] = Field(description="The oldest first; no two have one cell.")
     size: int = Field(description="The number of columns, and of rows.")
     total: int = Field(
-        description="The number of shapes that pass the filter. Of more than 2,000, the map has 2,000, "
-        "chosen evenly by age."
+        description="The number of shapes that pass the filter. The map has at most "
+        "2,000 of them, chosen evenly by age."
     )
 
     @classmethod

@@ -85,7 +85,7 @@ async def relations_of(
         if may_be_copy(one.spectral, first.radius, one.shape.facts["scale"] / one.shape.facts["area"] ** 0.5):
             second = await _stored(container, query, collection, one.shape.id)
             copy = None if second is None else await _copy(container, first, second, one.spectral, parameters)
-        probability = max(one.combined, one.by_itself)
+        probability = max(one.combined, one.typical_probability)
         relations.append(_relation(one.spectral, one.cc, probability, copy))
     return relations
 
@@ -93,7 +93,7 @@ async def relations_of(
 async def relation_of(
     container: Container,
     comparison: Comparison,
-    by_itself: float,
+    typical_probability: float,
     records: Sequence[bytes],
     meshes: Sequence[ReadMesh],
 ) -> Relation:
@@ -103,7 +103,7 @@ async def relation_of(
     ----------
     container : Container
     comparison : Comparison
-    by_itself : float
+    typical_probability : float
         Their class probability at the typical density of shapes.
     records : sequence of bytes
         The records of both embeddings.
@@ -123,7 +123,7 @@ async def relation_of(
     copy = None
     if may_be_copy(spectral, first.radius, second.radius):
         copy = await _copy(container, first, second, spectral, parameters)
-    probability = max(comparison.combined, by_itself)
+    probability = max(comparison.combined, typical_probability)
     return _relation(spectral, comparison.match.cc, probability, copy)
 
 

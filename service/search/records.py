@@ -131,10 +131,10 @@ class Comparison:
 class SearchResult:
     """One shape of an answer.
 
-    `by_itself` is the class probability at the typical density of shapes, which does not depend on other
-    stored shapes as `combined` does. `spectral` is the distance of its log eigenvalues from the query's;
-    `size_ratio` is the root of the ratio of its area to the query's; `part_distance` is set if the query is a
-    part.
+    `typical_probability` is the class probability at the typical density of shapes, which does not depend on
+    other stored shapes as `combined` does. `spectral` is the distance of its log eigenvalues from those of
+    the query; `size_ratio` is the root of the ratio of its area to the query's; `part_distance` is set if the
+    query is a part.
     """
 
     shape: ShapeRecord
@@ -142,7 +142,7 @@ class SearchResult:
     ssd: float
     sim: float
     combined: float
-    by_itself: float
+    typical_probability: float
     spectral: float
     size_ratio: float
     comparison: Comparison | None

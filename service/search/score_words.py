@@ -1,4 +1,4 @@
-"""Scores as text: near 1 with as many digits as tell two of them apart."""
+"""Scores as text, with more digits near 1."""
 
 import math
 

@@ -156,11 +156,11 @@ async def compare(
         match = await container.work.match(first.record, second.record, active_pipeline.pipeline)
         other = embedding_from_bytes(second.record)
         combined = await run_in_threadpool(_combined, query, other, match, sample)
-        by_itself = await run_in_threadpool(_combined, query, other, match, None)
+        typical_probability = await run_in_threadpool(_combined, query, other, match, None)
         found = Comparison(active_pipeline.pipeline, query.embedding, other, match, combined)
     with timings.stage("likeness"):
         records, meshes = (first.record, second.record), (first.mesh, second.mesh)
-        return found, await relation_of(container, found, by_itself, records, meshes)
+        return found, await relation_of(container, found, typical_probability, records, meshes)
 
 
 async def results(
@@ -191,7 +191,7 @@ async def results(
 
     shown, cc, sim = scored.only(best), compared.cc[best], compared.sim[best]
     scores = await class_scores(container, query, shown, cc, sim)
-    by_itself = await class_scores(container, query, replace(shown, sample=None), cc, sim)
+    typical_scores = await class_scores(container, query, replace(shown, sample=None), cc, sim)
     spectral = spectral_distances(
         scored.signature,
         shown.signatures,
@@ -199,7 +199,7 @@ async def results(
     )
     spectral_of = dict(zip(best.tolist(), spectral.tolist(), strict=True))
     probability_of = dict(zip(best.tolist(), probabilities(pipeline, scores).tolist(), strict=True))
-    by_itself_of = dict(zip(best.tolist(), probabilities(pipeline, by_itself).tolist(), strict=True))
+    typical_of = dict(zip(best.tolist(), probabilities(pipeline, typical_scores).tolist(), strict=True))
     places = {int(compared.shapes[place]): int(place) for place in best}
     found = []
     for shape, record in await run_in_threadpool(read):
@@ -212,7 +212,7 @@ async def results(
                 ssd=float(compared.ssd[place]),
                 sim=float(compared.sim[place]),
                 combined=probability,
-                by_itself=by_itself_of[place],
+                typical_probability=typical_of[place],
                 spectral=spectral_of[place],
                 size_ratio=float((shape.facts["area"] / query.embedding.facts.area) ** 0.5),
                 comparison=None

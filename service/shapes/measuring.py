@@ -21,7 +21,7 @@ TRY_AGAIN_SECONDS = 60.0
 async def measure_missing(container: Container) -> None:
     """Measure every file without a bounding box, one at a time, while no query runs.
 
-    It ends when there is none left but files that cannot be read; those stay without.
+    The task ends when all files that can be read have one.
     """
     unreadable: set[tuple[int, str]] = set()
     while True:

@@ -118,7 +118,7 @@ class ShapeFilter:
     @property
     def has_sizes(self) -> bool:
         """Whether a condition is about size."""
-        return not self.area is self.volume is self.length is None
+        return any(size is not None for size in (self.area, self.volume, self.length))
 
     def scaled(self, factor: float) -> "ShapeFilter":
         """The same conditions on shapes that are `factor` times as large."""

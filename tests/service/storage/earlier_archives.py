@@ -37,7 +37,7 @@ class EarlierArchive:
         assert now["compared"] == self.before["compared"]
 
     def reembed(self, running: Running) -> list[dict[str, Any]]:
-        """Reembeds a copy while it is served; what a query was answered in the meantime."""
+        """Reembeds a copy while it is served; the answers of a query in the meantime."""
         container = running.container
         reembedding = Reembedding(container.database, container.work, DEFAULT)
         meantime: list[dict[str, Any]] = []

@@ -22,7 +22,7 @@ COLLECTIONS = {"psb": 190, "shrec11": 300, "webmodels": 495}
 
 LARGEST_ERROR, OF_SAMPLES, OF_FEW_PARTS = 0.01, 0.02, 0.06
 """Largest expected calibration errors by models fitted to whole collections, to samples of them, and to the
-incomplete shapes made from samples: a fifth as many shapes are cut."""
+incomplete shapes made from a fifth of the samples."""
 
 
 def test_the_page_has_the_constants() -> None:

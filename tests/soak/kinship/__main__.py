@@ -78,6 +78,6 @@ def main(seed: int, every: int) -> bool:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(prog="python -m tests.soak.kinship", description=__doc__)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--every", type=int, default=1, help="compare only every so many pairs")
+    parser.add_argument("--every", type=int, default=1, help="compare only every Nth pair")
     given = parser.parse_args()
     sys.exit(0 if main(given.seed, given.every) else 1)
