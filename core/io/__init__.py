@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from core.io.checks import DEFAULT_LIMITS, Limits
     from core.io.formats import ENDINGS, FORMATS, READABLE, WRITABLE, format_of, readable
+    from core.io.part import Part
+    from core.io.parts import read_parts
     from core.io.read import read_mesh
     from core.io.write import write_mesh
 
@@ -24,8 +26,10 @@ __all__ = [
     "READABLE",
     "WRITABLE",
     "Limits",
+    "Part",
     "format_of",
     "read_mesh",
+    "read_parts",
     "readable",
     "write_mesh",
 ]
@@ -37,8 +41,10 @@ _MODULES = {
     "READABLE": "formats",
     "WRITABLE": "formats",
     "Limits": "checks",
+    "Part": "part",
     "format_of": "formats",
     "read_mesh": "read",
+    "read_parts": "parts",
     "readable": "formats",
     "write_mesh": "write",
 }

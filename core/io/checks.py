@@ -19,11 +19,14 @@ class Limits:
     parts : int
         Solids of an STL, objects and groups of an OBJ; instances of primitives of a GLB, of objects of a 3MF
         and of parts of a STEP. Connected components are not parts.
+    distinct_parts : int
+        Different parts of an assembly that is split.
     """
 
     vertices: int = 2_000_000
     faces: int = 4_000_000
     parts: int = 4_096
+    distinct_parts: int = 256
 
 
 DEFAULT_LIMITS = Limits()

@@ -1,6 +1,7 @@
 """The check of GLB, the binary form of glTF 2.0."""
 
 from collections import Counter
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -9,12 +10,40 @@ from core.errors import NoTrianglesError
 from core.io.checks import Limits, Plain, within
 from core.io.gltf_document import Document, read_document
 from core.io.gltf_primitive import count_triangles, primitives, read_triangles
-from core.io.gltf_scene import place
+from core.io.gltf_scene import Instance, place
 from core.io.gltf_write import plain_glb
+
+
+@dataclass(frozen=True)
+class Scene:
+    """The triangles of a checked GLB.
+
+    Attributes
+    ----------
+    document : Document
+    instances : list of Instance
+    meshes : dict of int to (vertices, faces)
+        The meshes with triangles, by index: vertices float64, shape (n, 3), and faces int64, shape (f, 3).
+    """
+
+    document: Document
+    instances: list[Instance]
+    meshes: dict[int, tuple[Floats, Ints]]
 
 
 def check(data: bytes, limits: Limits) -> Plain:
     """Check a GLB and return a GLB with only the meshes of its scene and their transforms.
+
+    It raises the errors of `read_scene`.
+    """
+    scene = read_scene(data, limits)
+    placed = [scene.meshes[one.mesh] for one in scene.instances if one.mesh in scene.meshes]
+    vertices, faces = (sum(len(mesh[part]) for mesh in placed) for part in (0, 1))
+    return Plain(plain_glb(scene.instances, scene.meshes), "glb", vertices, faces)
+
+
+def read_scene(data: bytes, limits: Limits) -> Scene:
+    """Read the meshes of the scene and their instances.
 
     Skins, morph targets, cameras, materials and images are left out; no image is decoded.
 
@@ -25,7 +54,7 @@ def check(data: bytes, limits: Limits) -> Plain:
     """
     document = read_document(data)
     placed = place(document, limits)
-    instances = Counter(number for number, _ in placed)
+    instances = Counter(one.mesh for one in placed)
     within(_parts(document, instances), limits.parts, "instances of meshes")
     declared = {number: _declared(document, number) for number in instances}
     within(sum(declared[number] * times for number, times in instances.items()), limits.faces, "triangles")
@@ -33,9 +62,8 @@ def check(data: bytes, limits: Limits) -> Plain:
     if not meshes:
         raise NoTrianglesError("the scene of the GLB has no triangles")
     vertices = sum(len(meshes[number][0]) * instances[number] for number in meshes)
-    faces = sum(len(meshes[number][1]) * instances[number] for number in meshes)
     within(vertices, limits.vertices, "vertices")
-    return Plain(plain_glb(placed, meshes), "glb", vertices, faces)
+    return Scene(document, placed, meshes)
 
 
 def _parts(document: Document, instances: Counter[int]) -> int:

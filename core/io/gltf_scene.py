@@ -1,5 +1,7 @@
 """The instances of meshes in a glTF scene, with their transforms."""
 
+from typing import NamedTuple
+
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -11,16 +13,29 @@ from core.io.gltf_document import Document, Entry
 _NODES_PER_PART = 16
 
 
-def place(document: Document, limits: Limits) -> list[tuple[int, Floats]]:
+class Instance(NamedTuple):
+    """An instance of a mesh in the scene.
+
+    Attributes
+    ----------
+    mesh : int
+        Index of the mesh.
+    matrix : float64, shape (4, 4)
+        Maps columns (x, y, z, 1) to the scene.
+    node : int
+        Index of the node that places the mesh.
+    """
+
+    mesh: int
+    matrix: Floats
+    node: int
+
+
+def place(document: Document, limits: Limits) -> list[Instance]:
     """Return the instances of meshes in the scene.
 
     The mesh of a skinned node is at the origin: the transform of the node does not apply to it (glTF 2.0,
     section 3.7.3.3), and its joints are at rest.
-
-    Returns
-    -------
-    instances : list of (int, matrix)
-        Index of the mesh, and the float64 matrix, shape (4, 4), that maps columns (x, y, z, 1) to the scene.
 
     Raises
     ------
@@ -30,7 +45,7 @@ def place(document: Document, limits: Limits) -> list[tuple[int, Floats]]:
         There are more than 16 nodes for each part of the limit.
     """
     within(len(document.sections["nodes"]), _NODES_PER_PART * limits.parts, "nodes")
-    instances: list[tuple[int, Floats]] = []
+    instances: list[Instance] = []
     visited: set[int] = set()
     waiting = [(root, np.eye(4)) for root in reversed(_roots(document))]
     while waiting:
@@ -42,9 +57,18 @@ def place(document: Document, limits: Limits) -> list[tuple[int, Floats]]:
         matrix = parent @ _local(node)
         if "mesh" in node:
             document.entry("meshes", node["mesh"])
-            instances.append((node["mesh"], np.eye(4) if "skin" in node else matrix))
+            instances.append(Instance(node["mesh"], np.eye(4) if "skin" in node else matrix, number))
         waiting += [(child, matrix) for child in reversed(_references(node, "children"))]
     return instances
+
+
+def parents(document: Document) -> dict[int, int]:
+    """Return the parent of each node that has one, by their indices."""
+    return {
+        child: number
+        for number, node in enumerate(document.sections["nodes"])
+        for child in _references(node, "children")
+    }
 
 
 def _roots(document: Document) -> list[int]:

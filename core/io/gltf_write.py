@@ -7,18 +7,18 @@ from numpy.typing import NDArray
 
 from core.arrays import Floats, Ints
 from core.io.gltf_document import Entry
+from core.io.gltf_scene import Instance
 
 _FLOAT, _UNSIGNED_INT = 5126, 5125
 
 
-def plain_glb(instances: list[tuple[int, Floats]], meshes: dict[int, tuple[Floats, Ints]]) -> bytes:
+def plain_glb(instances: list[Instance], meshes: dict[int, tuple[Floats, Ints]]) -> bytes:
     """Write a GLB.
 
     Parameters
     ----------
-    instances : list of (int, matrix)
-        Index of a mesh, and the float64 matrix, shape (4, 4), that places it. An instance of a mesh that is
-        not in `meshes` is left out.
+    instances : list of Instance
+        An instance of a mesh that is not in `meshes` is left out.
     meshes : dict of int to (vertices, faces)
         Vertices float64, shape (n, 3), written in 32 bits; faces int64, shape (f, 3).
     """
@@ -35,9 +35,9 @@ def plain_glb(instances: list[tuple[int, Floats]], meshes: dict[int, tuple[Float
         accessors.append({"bufferView": number, "componentType": component, "type": kind, "count": len(data)})
         start += data.nbytes
     nodes = [
-        {"mesh": places[number], "matrix": matrix.ravel(order="F").tolist()}
-        for number, matrix in instances
-        if number in places
+        {"mesh": places[one.mesh], "matrix": one.matrix.ravel(order="F").tolist()}
+        for one in instances
+        if one.mesh in places
     ]
     tree = {
         "asset": {"version": "2.0"},

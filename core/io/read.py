@@ -1,5 +1,8 @@
 """Reading a mesh from the bytes of a file."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 import numpy as np
 
 from core.errors import (
@@ -69,6 +72,26 @@ def read_mesh(data: bytes, format: str, *, limits: Limits = DEFAULT_LIMITS) -> M
         The file refers to another file.
     """
     name = known(format)
+    with reading(data, name):
+        mesh = _read(data, name, limits)
+    if is_degenerate(mesh):
+        raise DegenerateMeshError("every face has zero area")
+    return mesh
+
+
+@contextmanager
+def reading(data: bytes, name: str) -> Iterator[None]:
+    """Refuse an empty or compressed file of the format `name`, and one over which the reader fails.
+
+    Raises
+    ------
+    EmptyFileError
+        The file has no bytes.
+    MalformedMeshError
+        The file is compressed, or the reader failed with an error that is not of the core.
+    MeshTooComplexError
+        The reader ran out of memory.
+    """
     if not data:
         raise EmptyFileError("the file is empty")
     for start, archive in _ARCHIVES.items():
@@ -77,7 +100,7 @@ def read_mesh(data: bytes, format: str, *, limits: Limits = DEFAULT_LIMITS) -> M
     try:
         # A number that overflows becomes infinite, and is refused as that.
         with np.errstate(all="ignore"):
-            mesh = _read(data, name, limits)
+            yield
     except CoreError:
         raise
     except MemoryError:
@@ -86,9 +109,6 @@ def read_mesh(data: bytes, format: str, *, limits: Limits = DEFAULT_LIMITS) -> M
         raise MalformedMeshError(
             f"the {name.upper()} cannot be read: a value in it is missing, or is not a number"
         ) from error
-    if _degenerate(mesh):
-        raise DegenerateMeshError("every face has zero area")
-    return mesh
 
 
 def _read(data: bytes, name: str, limits: Limits) -> Mesh:
@@ -112,13 +132,13 @@ def _read(data: bytes, name: str, limits: Limits) -> Mesh:
 def _read_step(data: bytes, limits: Limits) -> Mesh:
     """Convert a STEP file to GLB and read that, in millimetres."""
     try:
-        mesh = _read(step.to_glb(data), "glb", limits)
+        mesh = _read(step.to_glb(data, limits), "glb", limits)
     except NoTrianglesError:
         raise NoTrianglesError("nothing in the STEP can be made into triangles") from None
     return Mesh(mesh.vertices * step.MILLIMETRES, mesh.faces)
 
 
-def _degenerate(mesh: Mesh) -> bool:
+def is_degenerate(mesh: Mesh) -> bool:
     """Whether no face has a larger area than the rounding of its coordinates causes."""
     largest = float(np.abs(mesh.vertices).max())
     if largest == 0:

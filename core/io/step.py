@@ -4,6 +4,8 @@ import re
 from importlib.util import find_spec
 
 from core.errors import ExternalReferenceError, MalformedMeshError
+from core.io.checks import Limits
+from core.io.step_products import check_products
 
 MILLIMETRES = 1_000.0
 """Millimetres in a metre; cascadio writes metres for any unit of the file."""
@@ -20,22 +22,27 @@ def is_read() -> bool:
     return find_spec("cascadio") is not None
 
 
-def to_glb(data: bytes) -> bytes:
+def to_glb(data: bytes, limits: Limits) -> bytes:
     """Return a STEP file as a GLB, in metres.
 
-    Only the limits of the process bound the time and memory of OpenCASCADE on a hostile file.
+    A node of the GLB is an instance of a product and has the name of the instance, or of the product for a
+    root; a mesh has the name of its product. Beyond the number of instances, only the limits of the process
+    bound the time and memory of OpenCASCADE on a hostile file.
 
     Raises
     ------
     MalformedMeshError
-        The file is not STEP, or has nothing that can be triangulated.
+        The file is not STEP, has nothing that can be triangulated, or a product contains itself.
     ExternalReferenceError
         The file refers to another file.
+    MeshTooComplexError
+        The assemblies place more instances than the limits.
     """
     if not data.lstrip().startswith(b"ISO-10303-21;"):
         raise MalformedMeshError("the file does not begin as a STEP does")
     if _ELSEWHERE.search(data):
         raise ExternalReferenceError("the STEP refers to another file; export it as one file")
+    check_products(data, limits)
     # Not everyone has it, and it takes 80 MB.
     import cascadio  # noqa: PLC0415
 

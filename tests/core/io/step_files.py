@@ -144,3 +144,54 @@ def step_assembly(
     for number, axes in enumerate(at):
         file.place(whole, part, axes, number)
     return file.data()
+
+
+def step_machine():
+    """A machine: two bearings, each of a ring and two pins, a pin of its own, and two plates.
+
+    The pins of the machine and of the bearings are two products of one name and one form; the plates are two
+    products of one name and two sizes.
+    """
+    file = Step()
+    context = file.context("millimetre")
+    pin, again = (file.product("pin", [file.box((1, 2, 3))], context) for _ in range(2))
+    ring = file.product("ring", [file.sphere(2)], context)
+    plate, larger = (file.product("plate", [file.box((size, size, 1))], context) for size in (8, 9))
+    at = [file.placement((10 * n, 0, 0), (0, 0, 1), (0, 1, 0)) for n in range(8)]
+    bearing = file.product("bearing", [], context, more=at[:3])
+    machine = file.product("machine", [], context, more=at[3:])
+    for number, (whole, part) in enumerate(
+        [
+            *((bearing, ring), (bearing, pin), (bearing, pin)),
+            *((machine, bearing), (machine, bearing), (machine, again), (machine, plate), (machine, larger)),
+        ]
+    ):
+        file.place(whole, part, at[number], f"use {number}")
+    return file.data()
+
+
+def step_circle():
+    """An assembly that contains itself, inside another."""
+    file = Step()
+    context = file.context("millimetre")
+    part = file.product("box", [file.box((1, 2, 3))], context)
+    at = [file.placement((10 * n, 0, 0)) for n in range(3)]
+    inner = file.product("inner", [], context, more=at[:2])
+    outer = file.product("outer", [], context, more=at[2:])
+    for number, (whole, held) in enumerate([(inner, inner), (inner, part), (outer, inner)]):
+        file.place(whole, held, at[number], number)
+    return file.data()
+
+
+def step_doubled(levels):
+    """Assemblies inside each other, each of two of the next: 2 ** levels boxes."""
+    file = Step()
+    context = file.context("millimetre")
+    inner = file.product("box", [file.box((1, 2, 3))], context)
+    for level in range(levels):
+        at = [file.placement((10 * n * (level + 1), 0, 0)) for n in range(2)]
+        outer = file.product(f"level {level}", [], context, more=at)
+        for number, axes in enumerate(at):
+            file.place(outer, inner, axes, number)
+        inner = outer
+    return file.data()
