@@ -1,4 +1,4 @@
-"""The fork server: a process with one thread that has loaded the tasks, and forks each worker process."""
+"""The fork server: a process with one thread that has run each task once, and forks each worker process."""
 
 import multiprocessing
 import os
@@ -8,7 +8,7 @@ from multiprocessing.context import ForkServerContext, SpawnContext
 
 from service.compute.worker_loop import THREADS
 
-LOADED = ["service.compute.compilation", "service.compute.sandbox", "trimesh"]
+LOADED = ["service.compute.warm_start", "trimesh"]
 """The modules of the tasks; trimesh, which reads STL, is otherwise imported with the first file."""
 
 _starting = threading.Lock()
@@ -18,7 +18,7 @@ def fork_server() -> ForkServerContext | SpawnContext:
     """The context that starts worker processes; its fork server is running.
 
     The service itself is not forked: the fork of a process with threads may inherit a lock that is never
-    released. A fresh process for each worker would load the tasks again, which takes half a second. Systems
+    released. A fresh process for each worker would load the tasks again, which takes a second. Systems
     without fork servers start fresh processes.
     """
     if "forkserver" not in multiprocessing.get_all_start_methods():

@@ -158,10 +158,12 @@ def spin_images_of_mesh(mesh: Mesh, parameters: Parameters) -> Bytes:
     return _pipeline(parameters).spin_images_of(mesh)
 
 
+@lru_cache(maxsize=4)
 def warm(parameters: Parameters) -> None:
     """Run each task once, so that all imports and compiled functions are loaded before the first request.
 
-    Thread limits in the environment come too late for a library that the main module had loaded.
+    It does nothing where this process, or the fork server that forked it, has done so before. Thread limits
+    in the environment come too late for a library that the main module had loaded.
     """
     records = example_records(parameters)
     score_embeddings(records[0], records, parameters)

@@ -8,8 +8,9 @@ from pathlib import Path
 import pytest
 
 from core.parameters import DEFAULT, PAPER
-from service.compute import compilation
+from service.compute import compilation, tasks
 from service.compute.compilation import compile_kernels, is_compiled
+from service.compute.worker_process import WorkerProcess
 from tests.service.support import wait_until
 
 CODE = """
@@ -56,6 +57,20 @@ def test_a_failed_compilation_is_done_again(tmp_path: Path, monkeypatch: pytest.
     assert is_compiled(DEFAULT)
     # Another pipeline has other kernels.
     assert not is_compiled(PAPER)
+
+
+def times_warmed_up() -> int:
+    return tasks.warm.cache_info().currsize
+
+
+def test_a_worker_process_starts_warm() -> None:
+    compile_kernels(DEFAULT)
+    process = WorkerProcess()
+    try:
+        process.send(times_warmed_up, ())
+        assert process.receive(60.0) == 1
+    finally:
+        process.end()
 
 
 def test_progress_counts_compiled_functions(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -6,7 +6,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -35,11 +35,6 @@ class Memory:
 
     service: float
     workers: float
-
-    @property
-    def total(self) -> float:
-        """The number of all."""
-        return self.service + self.workers
 
 
 @contextmanager
@@ -85,10 +80,13 @@ def memory(pid: int) -> Memory:
 
 
 class Peak:
-    """The most MiB that a service and its workers hold at once, looked at fifty times a second."""
+    """The most MiB that a service and its workers hold at once, measured twenty times a second.
+
+    What processes share is divided among them (proportional set size).
+    """
 
     def __init__(self, pid: int) -> None:
-        self.mib = memory(pid).total
+        self.mib = _proportional(pid)
         self._pid = pid
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._watch, daemon=True)
@@ -104,5 +102,14 @@ class Peak:
         self._thread.join()
 
     def _watch(self) -> None:
-        while not self._over.wait(0.02):
-            self.mib = max(self.mib, memory(self._pid).total)
+        while not self._over.wait(0.05):
+            self.mib = max(self.mib, _proportional(self._pid))
+
+
+def _proportional(pid: int) -> float:
+    """The proportional set size of a process and its children, in MiB; a process that has ended counts 0."""
+    total = 0
+    for process in (pid, *children(pid)):
+        with suppress(OSError, IndexError):
+            total += int(Path(f"/proc/{process}/smaps_rollup").read_text().partition("Pss:")[2].split()[0])
+    return total / 1024

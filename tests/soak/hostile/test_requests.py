@@ -97,4 +97,7 @@ def test_the_log_has_no_failure_of_the_service(running: tuple[httpx.Client, Path
     client, folder = running
     assert client.get("/readyz").status_code == 200
     lines = (folder / "log.txt").read_text().splitlines()
-    assert [line for line in lines[1:] if not line.startswith("{") or '"level": "error"' in line] == []
+    assert lines[:2] == [
+        f"Isoshape {state} on {client.base_url}".rstrip("/") for state in ("starts", "listens")
+    ]
+    assert [line for line in lines[2:] if not line.startswith("{") or '"level": "error"' in line] == []
