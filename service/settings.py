@@ -193,6 +193,10 @@ class Settings(BaseSettings):
         default=DEFAULT_LIMITS.parts,
         description="The largest number of parts (solids, groups, instances) in a file.",
     )
+    max_distinct_parts: PositiveInt = Field(
+        default=DEFAULT_LIMITS.distinct_parts,
+        description="The largest number of different parts of an assembly that is uploaded with split=parts.",
+    )
     max_form_fields: PositiveInt = Field(
         default=640,
         description="The largest number of fields beside the file in one form. A query may exclude 500 "
@@ -338,7 +342,12 @@ class Settings(BaseSettings):
     @property
     def limits(self) -> Limits:
         """The limits of a mesh file."""
-        return Limits(vertices=self.max_vertices, faces=self.max_faces, parts=self.max_parts)
+        return Limits(
+            vertices=self.max_vertices,
+            faces=self.max_faces,
+            parts=self.max_parts,
+            distinct_parts=self.max_distinct_parts,
+        )
 
 
 def load_settings() -> Settings:

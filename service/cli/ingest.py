@@ -1,7 +1,7 @@
 """`isoshape ingest`: store many files."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -28,6 +28,10 @@ def command(
             help="CSV file: column name holds the file name, tags its tags, other columns metadata."
         ),
     ] = None,
+    split: Annotated[
+        Literal["parts"] | None,
+        typer.Option(help="parts: store each distinct part of a STEP assembly as a shape too."),
+    ] = None,
     url: Url = None,
     key: Key = None,
     collection: Collection = None,
@@ -41,15 +45,19 @@ def command(
 
     A file that is already stored under its name stays as it is, so the command can be repeated, also after
     Ctrl-C. A refused file does not stop the others. The service unpacks archives (zip, tar, tar.gz, tar.bz2,
-    tar.xz); their files have no class and no metadata.
+    tar.xz); their files have no class and no metadata, and are not split.
+
+    With --split parts, the parts of a STEP assembly have the metadata assembly, assembly_path and instances.
     """
     archives = [path for path in paths if is_archive(path)]
+    if split is not None and archives:
+        fail("the files of an archive cannot be split; unpack it first")
     found = find_meshes([path for path in paths if path not in archives])
     if not found.files and not archives:
         fail(f"no meshes found; the formats read are {', '.join(readable())}")
     rows = {} if metadata is None else read_metadata(metadata)
     named = {file.path: row_of(rows, file.path) for file in found.files}
-    items = [_item(file, rows.get(named[file.path] or "", About()), tag or []) for file in found.files]
+    items = [_item(file, rows.get(named[file.path] or "", About()), tag or [], split) for file in found.files]
     stray = sorted(set(rows) - set(named.values()))
     if stray:
         say(f"{metadata}: no file has the name {', '.join(stray)}")
@@ -78,6 +86,6 @@ def class_tag(label: str) -> str:
     return " ".join(label.replace(",", " ").split())[:TAG_CHARACTERS].strip()
 
 
-def _item(file: MeshFile, about: About, more: list[str]) -> Item:
+def _item(file: MeshFile, about: About, more: list[str], split: Literal["parts"] | None) -> Item:
     own = [] if file.label is None else [class_tag(file.label)]
-    return Item(file.path.name, file.path, (*filter(None, own), *about.tags, *more), about.metadata)
+    return Item(file.path.name, file.path, (*filter(None, own), *about.tags, *more), about.metadata, split)

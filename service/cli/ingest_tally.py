@@ -23,7 +23,7 @@ class Tally:
     ignored : int
         Files of other formats.
     finished, created, present : int
-        Files and archives that have an outcome, and files that were stored or there before.
+        Files and archives that have an outcome, and shapes that were stored or there before.
     refused, warnings : list
         Files by their origin, each with the cause or the warning.
     """
@@ -43,13 +43,19 @@ class Tally:
         return self.total - self.finished
 
     def add(self, item: Item, outcome: Upload | str) -> None:
-        """Count the outcome of a file: its upload, or the cause of its refusal."""
+        """Count the outcome of a file: the shapes of its upload, or the cause of its refusal."""
         self.finished += 1
         if isinstance(outcome, str):
             self.refused.append((item.origin, outcome))
-        elif outcome.created:
+        else:
+            for one in (outcome, *outcome.parts):
+                self._count(item, one)
+
+    def _count(self, item: Item, one: Upload) -> None:
+        """Count a shape of a file."""
+        if one.created:
             self.created += 1
-            self.warnings += [(item.origin, warning) for warning in outcome.shape.warnings]
+            self.warnings += [(item.origin, warning) for warning in one.shape.warnings]
         else:
             self.present += 1
 

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 from service.client import Client, ProblemError, Upload
 
@@ -13,12 +14,16 @@ AT_ONCE = 4
 
 @dataclass(frozen=True)
 class Item:
-    """A mesh to store: the path of its file or its bytes, with its tags and metadata."""
+    """A mesh to store: the path of its file or its bytes, with its tags and metadata.
+
+    `split` is that of `Client.upload`.
+    """
 
     name: str
     data: bytes | Path
     tags: tuple[str, ...]
     metadata: Mapping[str, str] | None = None
+    split: Literal["parts"] | None = None
 
     @property
     def origin(self) -> str:
@@ -52,7 +57,7 @@ def upload_all(
 def _upload(client: Client, item: Item) -> Upload | str:
     try:
         data = item.data.read_bytes() if isinstance(item.data, Path) else item.data
-        return client.upload((item.name, data), tags=item.tags, metadata=item.metadata)
+        return client.upload((item.name, data), tags=item.tags, metadata=item.metadata, split=item.split)
     except ProblemError as error:
         return f"{error.kind}: {error.problem.detail}"
     except OSError as error:

@@ -24,15 +24,19 @@ from service.client.calls import (
 )
 from service.shapes.deleted.schemas import DeletedShape, DeletedShapePage
 from service.shapes.records import Sort
-from service.shapes.schemas import EmbeddingArrays, Shape, ShapePage
+from service.shapes.schemas import Assembly, EmbeddingArrays, Shape, ShapePage
 
 
 @dataclass(frozen=True)
 class Upload:
-    """A stored shape, and whether this upload created it."""
+    """A stored shape, and whether this upload created it.
+
+    `parts` has the distinct parts of an assembly that is uploaded with split="parts".
+    """
 
     shape: Shape
     created: bool
+    parts: tuple["Upload", ...] = ()
 
 
 def fields_of(
@@ -52,13 +56,22 @@ def upload(
     name: str | None = None,
     tags: Sequence[str] = (),
     metadata: Mapping[str, JsonValue] | None = None,
+    split: Literal["parts"] | None = None,
 ) -> Call[Upload]:
-    """Store a mesh. If its bytes are already stored under the same name, `created` is false."""
+    """Store a mesh. If its bytes are already stored under the same name, `created` is false.
+
+    With split="parts", each distinct part of a STEP assembly is stored as a shape too.
+    """
 
     def read(answer: httpx.Response) -> Upload:
         return Upload(parsed(Shape)(answer), created=answer.status_code == httpx.codes.CREATED)
 
-    return Call("POST", "/shapes", read, data=fields_of(name, tags, metadata), file=file)
+    def read_assembly(answer: httpx.Response) -> Upload:
+        found = parsed(Assembly)(answer)
+        return Upload(found, found.created, tuple(Upload(part, part.created) for part in found.parts))
+
+    data = fields_of(name, tags, metadata) | given(split=split)
+    return Call("POST", "/shapes", read if split is None else read_assembly, data=data, file=file)
 
 
 def page(

@@ -3,6 +3,7 @@
 __all__ = [
     "activity_gate",
     "compilation",
+    "part_bytes",
     "pool",
     "request_queue",
     "start_processes",

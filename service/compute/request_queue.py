@@ -13,8 +13,10 @@ from core.errors import CannotBeEmbeddedError, MalformedMeshError, MeshError, Me
 from core.io import Limits
 from core.mesh.mesh import Mesh
 from core.pipeline import Pipeline
+from service.compute import part_bytes
 from service.compute.mesh_bytes import ReadMesh, from_bytes
-from service.compute.sandbox import read_file
+from service.compute.part_bytes import PartFile
+from service.compute.sandbox import read_file, read_part_files
 from service.compute.tasks import Embedded, embed_mesh, match_embeddings, score_embeddings
 from service.errors import (
     BusyError,
@@ -120,15 +122,27 @@ class Work:
         with _at_fault():
             return (await self._reading(data, format)).mesh
 
+    async def parts(self, data: bytes, format: str) -> list[PartFile]:
+        """Read the distinct parts of an assembly; none if the file has one part only."""
+        with _at_fault():
+            answer = await self._from_reader(read_part_files, data, format)
+            return await run_in_threadpool(part_bytes.from_bytes, answer, self._limits.distinct_parts)
+
     async def do(self, function: Callable[P, R], *arguments: P.args, **named: P.kwargs) -> R:
         """Call a function, which the workers import by its name, in a worker."""
         with _at_fault():
             return await asyncio.wrap_future(self._executor.submit(function, *arguments, **named))
 
     async def _reading(self, data: bytes, format: str) -> ReadMesh:
-        reading = self._readers.submit(read_file, data, format, self._limits, self._read_seconds)
+        return await run_in_threadpool(from_bytes, await self._from_reader(read_file, data, format))
+
+    async def _from_reader(
+        self, read: Callable[[bytes, str, Limits, float], bytes], data: bytes, format: str
+    ) -> bytes:
+        """The answer of a reader, which is not trusted."""
+        reading = self._readers.submit(read, data, format, self._limits, self._read_seconds)
         try:
-            answer = await asyncio.wrap_future(reading)
+            return await asyncio.wrap_future(reading)
         except WorkerCrashedError as error:
             # Another attempt would end another reader, so the client is not told to try again.
             raise MalformedMeshError("the reader of such files broke down over this one") from error
@@ -138,7 +152,6 @@ class Work:
             # A reader is not trusted, and may send any error that the service knows.
             log.error("a reader failed on a file", exc_info=error)
             raise MalformedMeshError("the reader of such files failed on this one") from error
-        return await run_in_threadpool(from_bytes, answer)
 
     def _embedding(self, read: ReadMesh, pipeline: Pipeline) -> asyncio.Future[Embedded]:
         return asyncio.wrap_future(

@@ -20,9 +20,11 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from core.errors import MeshError
-from core.io import FORMATS, Limits, read_mesh, write_mesh
+from core.io import FORMATS, Limits, read_mesh, read_parts, write_mesh
 from core.mesh.mesh import Mesh
+from service.compute import part_bytes
 from service.compute.mesh_bytes import ReadMesh, to_bytes
+from service.compute.part_bytes import PartFile
 from service.compute.system_calls import allow_calls, forbid_files
 from service.compute.worker_loop import end_with_parent
 
@@ -54,13 +56,32 @@ def read_file(data: bytes, format: str, limits: Limits, seconds: float) -> bytes
     MeshError
         The file cannot be used; the subclass says why.
     """
-    used = math.fsum(resource.getrusage(resource.RUSAGE_SELF)[:2])
-    _, most = resource.getrlimit(resource.RLIMIT_CPU)
-    resource.setrlimit(resource.RLIMIT_CPU, (math.ceil(used + seconds), most))
+    _limit_time(seconds)
     start = time.perf_counter()
     with _converting(format):
         mesh = read_mesh(data, format, limits=limits)
     return to_bytes(ReadMesh(mesh, 1e3 * (time.perf_counter() - start)))
+
+
+def read_part_files(data: bytes, format: str, limits: Limits, seconds: float) -> bytes:
+    """Read the parts of an assembly and write each as a 3MF, within `seconds` of processor time.
+
+    Returns
+    -------
+    bytes
+        Of `service.compute.part_bytes.from_bytes`.
+
+    Raises
+    ------
+    MeshError
+        The file cannot be used; the subclass says why.
+    """
+    _limit_time(seconds)
+    with _converting(format):
+        parts = read_parts(data, format, limits=limits)
+    return part_bytes.to_bytes(
+        [PartFile(part.name, part.path, part.instances, write_mesh(part.mesh, "3mf")) for part in parts]
+    )
 
 
 def enter(memory: int) -> None:
@@ -77,7 +98,7 @@ def enter(memory: int) -> None:
     codecs.lookup("cp437")
     # Without cascadio, STEP is refused.
     with suppress(MeshError), _converting("step"):
-        read_mesh(b"ISO-10303-21;", "step")
+        read_parts(b"ISO-10303-21;", "step")
     if sys.platform == "linux":
         # Other systems do not enforce the limit, or count differently.
         resource.setrlimit(resource.RLIMIT_AS, (memory, memory))
@@ -106,6 +127,13 @@ def enter(memory: int) -> None:
     # STEP is converted through files in memory, which are opened.
     no_calls = allow_calls(opening=no_files or find_spec("cascadio") is not None)
     _confinement.update(landlock=no_files, seccomp=no_calls)
+
+
+def _limit_time(seconds: float) -> None:
+    """Have the system end the process after `seconds` more of processor time."""
+    used = math.fsum(resource.getrusage(resource.RUSAGE_SELF)[:2])
+    _, most = resource.getrlimit(resource.RLIMIT_CPU)
+    resource.setrlimit(resource.RLIMIT_CPU, (math.ceil(used + seconds), most))
 
 
 def confinement() -> dict[str, bool]:

@@ -1,6 +1,7 @@
 """Shapes: files and fields in; stored, listed, changed and restored records out."""
 
 __all__ = [
+    "assemblies",
     "documentation",
     "endpoints",
     "fields",

@@ -14,11 +14,11 @@ from service.http.access_control import KEY_IN_SCOPE
 from service.http.disconnects import while_connected
 from service.http.duplicate_parameters import once_each
 from service.http.idempotency.keys import REPLAYED, payload_of
-from service.http.idempotency.records import Claim
+from service.http.idempotency.records import Claim, Kept
 from service.http.problems import documented
 from service.http.request_bodies import FILE, RequestBody
 from service.pipelines.active import fingerprint
-from service.shapes import service
+from service.shapes import assemblies, service
 from service.shapes.documentation import (
     FILE_PROBLEMS,
     IDEMPOTENCY_PROBLEMS,
@@ -28,8 +28,8 @@ from service.shapes.documentation import (
 from service.shapes.filters import Filters
 from service.shapes.headers import REPLAYED_HEADER, IdempotencyKey
 from service.shapes.pages import read_place
-from service.shapes.records import NewShape, Sort, StoredShape
-from service.shapes.schemas import Shape, ShapeChanges, ShapePage
+from service.shapes.records import NewShape, Sort, StoredAssembly, StoredShape
+from service.shapes.schemas import Assembly, Shape, ShapeChanges, ShapePage
 from service.shapes.uploads import ShapeUpload
 
 router = APIRouter(tags=["shapes"])
@@ -57,12 +57,14 @@ class ShapeListing(NamedInAddress, Filters):
     "/shapes",
     status_code=201,
     summary="Store a mesh",
-    response_model=Shape,
-    response_description="Stored durably. The next query finds the shape.",
+    response_model=Shape | Assembly,
+    response_description="Stored durably. The next query finds the shape. With split=parts, the answer "
+    "has its parts too.",
     responses={
         200: {
-            "model": Shape,
-            "description": "The same bytes are already stored under this name; the answer is that shape.",
+            "model": Shape | Assembly,
+            "description": "The same bytes are already stored under this name; the answer is that shape. "
+            "With split=parts, all shapes of the assembly are already stored.",
             "headers": REPLAYED_HEADER,
         },
         201: {"headers": REPLAYED_HEADER},
@@ -82,6 +84,10 @@ async def create_shape(
     The same bytes may be stored under several names; the service keeps one copy of the bytes and of their
     embedding. The same bytes under the same name are one shape of the collection, so clients may repeat an
     upload safely; the service ignores the tags and metadata of the repetition.
+
+    With split=parts, the distinct parts of a STEP assembly are shapes of their own. Each is a 3MF named
+    "assembly/part", with the tags and the metadata of the whole besides its own. The Location is that of the
+    whole. Shapes of an assembly are independent afterwards: each is changed, deleted and restored by itself.
     """
     mesh_format = format_of(upload.file.filename or "")
     with container.work.admitted():
@@ -95,10 +101,11 @@ async def create_shape(
         )
         claim = None if key is None else await _claim(request, container, key, new, upload.file.filename)
         with container.in_flight.taken(claim):
-            done = await while_connected(request, service.ingest(container, new, claim))
-    answer = service.answer_of(done) if isinstance(done, StoredShape) else done
+            ingest = service.ingest if upload.split is None else assemblies.ingest_assembly
+            done = await while_connected(request, ingest(container, new, claim))
+    answer = _answer_of(done)
     headers = {"Location": address(answer.location, collection)}
-    if answer is done:
+    if isinstance(done, Kept):
         headers[REPLAYED] = "true"
     return Response(answer.body, answer.status, headers=headers, media_type="application/json")
 
@@ -146,6 +153,12 @@ def change_shape(
     with container.database.write() as session:
         own = fingerprint(session), collection.number, shape_id
         return Shape.of(service.change(session, *own, changes.changes()))
+
+
+def _answer_of(done: StoredShape | StoredAssembly | Kept) -> Kept:
+    if isinstance(done, StoredShape):
+        return service.answer_of(done)
+    return assemblies.answer_of(done) if isinstance(done, StoredAssembly) else done
 
 
 async def _claim(

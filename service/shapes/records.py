@@ -139,6 +139,14 @@ class StoredShape:
     created: bool
 
 
+@dataclass(frozen=True)
+class StoredAssembly:
+    """The shapes of an assembly after an upload: of the whole, and of its distinct parts."""
+
+    whole: StoredShape
+    parts: tuple[StoredShape, ...]
+
+
 Sort = Literal["oldest", "newest", "name"]
 """The order of a list of shapes: by the time of storing, or by name, upper and lower case alike."""
 

@@ -59,7 +59,7 @@ async def ingest(
     """
     timings = Timings()
     if claim is not None:
-        kept = await run_in_threadpool(_answer_to, container.database, claim)
+        kept = await run_in_threadpool(answer_to, container.database, claim)
         if kept is not None:
             return kept
     while True:
@@ -210,7 +210,8 @@ def _look_up(container: Container, new: NewShape) -> tuple[Pipeline, ShapeRecord
         return pipeline, present, needed
 
 
-def _answer_to(database: Database, claim: Claim) -> Kept | None:
+def answer_to(database: Database, claim: Claim) -> Kept | None:
+    """The answer that an earlier request with the key had; None if there was none."""
     with database.read() as session:
         return idempotency.answer_to(session, claim, datetime.now(UTC))
 
@@ -234,19 +235,27 @@ def _store(
         kept = None if claim is None else idempotency.answer_to(session, claim, now)
         if kept is not None:
             return kept
-        put = put_file(session, fingerprint, new, embedded)
-        if put is None:
+        stored = put_shape(session, fingerprint, new, embedded)
+        if stored is None:
             return None
-        present = None if put.created else repository.same(session, fingerprint, new)
-        if present is not None:
-            stored = StoredShape(present, created=False)
-        else:
-            stored = StoredShape(repository.add_shape(session, put.blob_number, new, put.facts), created=True)
         if claim is not None:
             idempotency.keep(session, claim, answer_of(stored), now)
         if also is not None:
             also(session, stored)
         return stored
+
+
+def put_shape(
+    session: WriteSession, fingerprint: str, new: NewShape, embedded: Embedded | None
+) -> StoredShape | None:
+    """Store a new shape, unless it is stored; None if its file has no embedding, as in `put_file`."""
+    put = put_file(session, fingerprint, new, embedded)
+    if put is None:
+        return None
+    present = None if put.created else repository.same(session, fingerprint, new)
+    if present is not None:
+        return StoredShape(present, created=False)
+    return StoredShape(repository.add_shape(session, put.blob_number, new, put.facts), created=True)
 
 
 def put_file(

@@ -1,6 +1,6 @@
 """The forms of uploads: files and text fields in, checked values out."""
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 from fastapi import UploadFile
 from pydantic import (
@@ -94,3 +94,10 @@ class ShapeUpload(Replacement):
     name: FormName
     tags: FormTags
     metadata: FormMetadata
+    split: Literal["parts"] | None = Field(
+        default=None,
+        description="`parts`: a STEP assembly is one shape, and each of its distinct parts is another, with "
+        "the metadata `assembly` (the name of the whole shape), `assembly_path` (the names from the root to "
+        "the first instance of the part) and `instances`. The service stores all of them or none. A file of "
+        "one part or of another format is one shape.",
+    )

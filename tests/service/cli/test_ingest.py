@@ -6,6 +6,7 @@ import pytest
 
 from service.cli.ingest import class_tag
 from service.client import Client
+from tests.core.io.step_files import step_box, step_machine
 from tests.service.cli.conftest import CLASSES, POSES, Run, mesh_bytes
 from tests.service.jobs.packing import pack
 
@@ -117,6 +118,45 @@ def test_a_service_that_is_away(collection: Path, run: Run) -> None:
 )
 def test_a_class_becomes_a_tag_that_the_service_takes(label: str, tag: str) -> None:
     assert class_tag(label) == tag
+
+
+def test_assemblies_are_split(archive: Client, tmp_path: Path, run: Run) -> None:
+    folder = tmp_path / "bought"
+    folder.mkdir()
+    (folder / "machine.step").write_bytes(step_machine())
+    (folder / "box.stp").write_bytes(step_box((3, 4, 5)))
+    table = tmp_path / "parts.csv"
+    table.write_text("name,supplier\nmachine.step,ACME\n", encoding="utf-8")
+    done = run("ingest", folder, "--split", "parts", "--tag", "made", "--metadata", table)
+    assert (done.status, done.stdout) == (0, "6 stored, 0 already there, 0 refused\n")
+    stored = {(shape.name, shape.metadata.get("assembly_path")): shape for shape in archive.shapes()}
+    own = {"supplier": "ACME", "assembly": "machine.step"}
+    assert {key: shape.metadata for key, shape in stored.items()} == {
+        ("box.stp", None): {},
+        ("machine.step", None): {"supplier": "ACME"},
+        **{
+            (f"machine.step/{name}", path): {**own, "assembly_path": path, "instances": instances}
+            for name, path, instances in [
+                ("ring", "machine/use 3/use 0", 2),
+                ("pin", "machine/use 3/use 1", 5),
+                ("plate", "machine/use 6", 1),
+                ("plate", "machine/use 7", 1),
+            ]
+        },
+    }
+    assert all("made" in shape.tags for shape in stored.values())
+    again = run("ingest", folder, "--split", "parts", "--metadata", table)
+    assert again.stdout == "0 stored, 6 already there, 0 refused\n"
+    assert run("ingest", folder).stdout == "0 stored, 2 already there, 0 refused\n"
+
+
+def test_an_archive_is_not_split(archive: Client, tmp_path: Path, run: Run) -> None:
+    path = tmp_path / "meshes.zip"
+    path.write_bytes(pack({"machine.step": step_machine()}, "zip"))
+    done = run("ingest", path, "--split", "parts")
+    assert (done.status, done.stdout) == (1, "")
+    assert "unpack it first" in done.stderr
+    assert archive.page().total == 0
 
 
 def test_metadata_of_a_spreadsheet(archive: Client, collection: Path, tmp_path: Path, run: Run) -> None:

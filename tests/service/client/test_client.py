@@ -22,6 +22,7 @@ from service.errors import PROBLEMS
 from service.http.problem_document import MEDIA_TYPE, TYPE_PREFIX
 from service.search.schemas import QueryOptions
 from service.shapes.schemas import Shape
+from tests.core.io.step_files import step_assembly, step_box
 from tests.service.cli.awaited import Awaited
 from tests.service.cli.conftest import mesh_bytes
 from tests.service.jobs.packing import pack
@@ -44,6 +45,19 @@ def archive(archive: Client, make: Make) -> Iterator[Client]:
     """A client of either kind, of a running service that holds nothing."""
     with make(archive.url) as client:
         yield client
+
+
+def test_the_parts_of_an_assembly(archive: Client) -> None:
+    first = archive.upload(("pair.step", step_assembly()), split="parts")
+    assert (first.shape.name, first.created) == ("pair.step", True)
+    (box,) = first.parts
+    assert (box.shape.name, box.created, box.shape.metadata["instances"]) == ("pair.step/box", True, 2)
+    again = archive.upload(("pair.step", step_assembly()), split="parts")
+    assert (again.created, [part.created for part in again.parts]) == (False, [False])
+    assert again.parts[0].shape.id == box.shape.id
+    assert archive.upload(("box.step", step_box()), split="parts").parts == ()
+    assert archive.upload(("pair.step", step_assembly())).parts == ()
+    assert [shape.id for shape in archive.shapes(metadata={"assembly": "pair.step"})] == [box.shape.id]
 
 
 def test_a_shape_from_upload_to_deletion(archive: Client) -> None:

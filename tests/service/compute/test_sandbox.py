@@ -23,9 +23,10 @@ import pytest
 from safetensors.numpy import save
 
 from core.errors import EmptyFileError, MalformedMeshError, MeshTooComplexError
-from core.io import DEFAULT_LIMITS, FORMATS, READABLE, Limits, read_mesh
-from service.compute import sandbox, system_calls, worker_process
+from core.io import DEFAULT_LIMITS, FORMATS, READABLE, Limits, read_mesh, read_parts
+from service.compute import part_bytes, sandbox, system_calls, worker_process
 from service.compute.mesh_bytes import ReadMesh, from_bytes, largest_size, to_bytes
+from service.compute.part_bytes import PartFile
 from service.compute.plain_answers import JSON_BYTES, AnswerFormError, decode, encode, encode_error
 from service.compute.pool import LocalPool
 from service.compute.start_processes import _log_confinement
@@ -34,7 +35,7 @@ from service.errors import TaskTimeLimitError, WorkerCrashedError, WorkerLostErr
 from service.observability.logging import LOGGER
 from service.settings import Settings
 from tests.core.io.files import glb
-from tests.core.io.step_files import step_box, step_sphere
+from tests.core.io.step_files import step_box, step_machine, step_sphere
 from tests.core.io.threemf_files import package
 from tests.service.support import children, small_file, wait_until
 from tests.service.tasks import nap, warm
@@ -70,6 +71,18 @@ def test_every_format_is_read_as_anywhere(readers: LocalPool, format: str) -> No
     assert np.array_equal(readable.mesh.vertices, here.vertices)
     assert np.array_equal(readable.mesh.faces, here.faces)
     assert readable.milliseconds > 0
+
+
+def test_parts_are_read_as_anywhere(readers: LocalPool) -> None:
+    here = read_parts(step_machine(), "step")
+    answer = readers.submit(sandbox.read_part_files, step_machine(), "step", DEFAULT_LIMITS, 30).result()
+    found = part_bytes.from_bytes(answer, len(here))
+    for part, expected in zip(found, here, strict=True):
+        assert (part.name, part.path, part.instances) == (expected.name, expected.path, expected.instances)
+        assert np.array_equal(read_mesh(part.data, "3mf").vertices, expected.mesh.vertices)
+    assert read(readers, small_file(0), "off").mesh is not None
+    alone = readers.submit(sandbox.read_part_files, step_box(), "step", DEFAULT_LIMITS, 30).result()
+    assert part_bytes.from_bytes(alone, 0) == []
 
 
 def open_for(path: str, mode: str) -> str | bytes:
@@ -288,6 +301,41 @@ def test_a_mesh_from_a_reader_is_checked(arrays: dict[str, np.ndarray]) -> None:
         from_bytes(save(arrays))
     with pytest.raises(MalformedMeshError):
         from_bytes(b"no safetensors")
+
+
+@pytest.mark.parametrize(
+    "about",
+    [
+        b"{",
+        b"7",
+        b"[7]",
+        b"[" * 100_000,
+        b'[["a", ["b"], 0]]',
+        b'[["a", ["b"], 1.5]]',
+        b'[["a", ["b"], true]]',
+        b'[[7, ["b"], 1]]',
+        b'[["a\\n", ["b"], 1]]',
+        b'[["a", ["\\ud800"], 1]]',
+        b'[["a", [["b"]], 1]]',
+        b'[["a", 7, 1]]',
+        b'[["a", ["b"], 1], ["c", ["d"], 1]]',
+        b'[["' + b"x" * 300 + b'", ["b"], 1]]',
+        b'[["a", [' + b", ".join([b'"b"'] * 65) + b"], 1]]",
+    ],
+)
+def test_parts_from_a_reader_are_checked(about: bytes) -> None:
+    arrays = {"0": np.zeros(3, np.uint8), "about": np.frombuffer(about, np.uint8)}
+    with pytest.raises(MalformedMeshError):
+        part_bytes.from_bytes(save(arrays), 9)
+
+
+def test_parts_from_a_reader_are_limited() -> None:
+    parts = [PartFile("a", ("b", "a"), 2, b"3mf"), PartFile("", (), 1, b"")]
+    assert part_bytes.from_bytes(part_bytes.to_bytes(parts), 2) == parts
+    with pytest.raises(MalformedMeshError):
+        part_bytes.from_bytes(part_bytes.to_bytes(parts), 1)
+    with pytest.raises(MalformedMeshError):
+        part_bytes.from_bytes(b"no safetensors", 2)
 
 
 @pytest.mark.parametrize("mode", ["w", "a", "x", "r+"])
