@@ -18,7 +18,7 @@ from core.gallery.parts import ellipsoid, tube
 from core.gallery.surface import surface
 from core.gallery.topology import components, handles, is_closed_manifold
 
-POSES = 8
+POSES = 5
 # Handles by what the things are: a cup has one, an empty pair of spectacles a loop for each eye.
 GENUS = dict.fromkeys(CLASSES, 0) | {"cup": 1, "glasses": 2}
 

@@ -9,12 +9,11 @@ from pathlib import Path
 import pytest
 
 from core.errors import UnknownFormatError
-from core.gallery import make_shape
-from core.io import format_of, readable, step, write_mesh
+from core.io import format_of, readable, step
 from service.cli import service_address
 from service.client import Client
 from tests.service.cli.conftest import Run, mesh_bytes
-from tests.service.support import wait_until
+from tests.service.support import small_file, wait_until
 
 
 @pytest.fixture
@@ -80,8 +79,8 @@ def test_ctrl_c_ends_ingest_with_a_summary_and_it_goes_on(archive: Client, tmp_p
     folder = tmp_path / "parts"
     folder.mkdir()
     total = 60
-    for pose in range(total):
-        (folder / f"{pose}.off").write_bytes(write_mesh(make_shape("cup", pose), "off"))
+    for number in range(total):
+        (folder / f"{number}.off").write_bytes(small_file(number))
     command = [sys.executable, "-P", "-m", "service.cli", "ingest", str(folder), "--url", archive.url]
     slowly = ["--at-once", "1"]
     process = subprocess.Popen(

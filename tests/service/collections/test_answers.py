@@ -12,8 +12,8 @@ from tests.service.support import Running, query, serving, settings_in, small_fi
 
 pytestmark = either_engine
 
-FEW, MANY = range(6), range(3, 14)
-"""The meshes of either collection, some of which lie in both; the first has less than half of the shapes."""
+FEW, MANY = range(5), range(3, 11)
+"""The meshes of either collection, two of which lie in both; the first has less than half of the shapes."""
 
 WAYS: dict[str, dict[str, Any]] = {
     "shortlisted": {"top_k": 2},

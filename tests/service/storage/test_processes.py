@@ -8,6 +8,8 @@ from pathlib import Path
 
 import httpx
 
+from service.storage.lock import ServingLock
+from service.storage.sqlite import path_of
 from tests.service.engines import on_postgresql, url_in
 from tests.service.processes import server
 from tests.service.support import query, small_file, upload
@@ -102,5 +104,5 @@ def test_a_second_service_on_an_sqlite_archive_is_refused_unless_it_is_told_to_s
             shape = upload(client, small_file(0), "0.off").json()
             assert other.get(f"/shapes/{shape['id']}").status_code == 200
     # The lock ends with its process, and the file alone refuses nothing.
-    with server(tmp_path) as (_, client):
-        assert client.get(f"/shapes/{shape['id']}").status_code == 200
+    with ServingLock(path_of(url_in(tmp_path)), "http://127.0.0.1:1"):
+        pass
