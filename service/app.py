@@ -23,6 +23,7 @@ from service.compute.request_queue import Work
 from service.compute.start_processes import start as start_processes
 from service.compute.workers_interface import Workers
 from service.container import Container
+from service.duplicates.background import keep_judging
 from service.duplicates.endpoints import router as duplicates_router
 from service.http.access_control import AccessControl
 from service.http.body_limits import BodyLimit, ClientQuotas
@@ -33,6 +34,7 @@ from service.http.problems import handle_problems
 from service.index.cache import EmbeddingCache, descriptor_bytes
 from service.index.density_samples import DensitySamples
 from service.index.similarity_maps import SimilarityMaps
+from service.index.surface_measurements import SurfaceMeasurements
 from service.jobs.endpoints import ADDRESS as JOBS_ADDRESS
 from service.jobs.endpoints import router as jobs_router
 from service.jobs.runner import Runner
@@ -85,7 +87,10 @@ def create_app(settings: Settings) -> FastAPI:
         app.state.runner.start()
         cache_warmer = CacheWarmer(app.state.container)
         cache_warmer.start()
-        beside = [asyncio.create_task(work(app.state.container)) for work in (keep_purging, measure_missing)]
+        works = [keep_purging, measure_missing]
+        if settings.duplicates_in_background:
+            works.append(keep_judging)
+        beside = [asyncio.create_task(work(app.state.container)) for work in works]
         metrics.watch(
             "job_files", "Files of bulk jobs that are at work.", lambda: app.state.runner.active_members
         )
@@ -197,6 +202,8 @@ def _start(settings: Settings, parameters: Parameters, gate: Gate, metrics: Metr
         spin_images=EmbeddingCache(DESCRIPTOR_BYTES // 4),
         density_samples=DensitySamples(),
         maps=SimilarityMaps(),
+        measurements=SurfaceMeasurements(),
+        judging=set(),
     )
 
 

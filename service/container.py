@@ -15,6 +15,7 @@ from service.http.idempotency.keys import InFlight
 from service.index.cache import EmbeddingCache
 from service.index.density_samples import DensitySamples
 from service.index.similarity_maps import SimilarityMaps
+from service.index.surface_measurements import SurfaceMeasurements
 from service.observability.metrics import Metrics
 from service.pipelines.active import Pipelines
 from service.settings import Settings
@@ -27,7 +28,8 @@ class Container:
 
     `threads` compare embeddings, and `searches` counts the searches that use them. `comparing_is_ready` is
     set when compiled code and match records are loaded. `descriptors` caches descriptors of stored shapes by
-    the number of the embedding, and `spin_images` spin images of files, for records that have none.
+    the number of the embedding, and `spin_images` spin images of files, for records that have none. `judging`
+    has the shapes that are compared with others to find near-identical ones, and whether variants are sought.
     """
 
     settings: Settings
@@ -46,3 +48,5 @@ class Container:
     spin_images: EmbeddingCache[Bytes]
     density_samples: DensitySamples
     maps: SimilarityMaps
+    measurements: SurfaceMeasurements
+    judging: set[tuple[int, bool]]

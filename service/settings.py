@@ -183,6 +183,11 @@ class Settings(BaseSettings):
         allow_inf_nan=False,
         description="How long a deleted shape can be restored; with 0 it is erased at once.",
     )
+    duplicates_in_background: bool = Field(
+        default=True,
+        description="Whether the service seeks near-identical shapes while it is idle; if not, "
+        "`GET /duplicates` seeks them.",
+    )
     max_vertices: PositiveInt = Field(
         default=DEFAULT_LIMITS.vertices, description="The largest number of vertices of a mesh."
     )

@@ -1,5 +1,6 @@
 """`isoshape duplicates`: groups of near-identical stored shapes."""
 
+from functools import partial
 from typing import Annotated
 
 import typer
@@ -7,7 +8,7 @@ from rich import box
 from rich.table import Table
 
 from service.cli.service_address import Collection, Key, Url, service_at
-from service.console import output, say
+from service.console import output, progress, say
 from service.duplicates.schemas import DuplicatesAnswer
 from service.search.score_words import score_in_words
 
@@ -37,7 +38,16 @@ def command(
     Copies may be rotated, scaled, mirrored or remeshed.
     """
     with service_at(url, key, collection) as client:
-        answer = client.duplicates(min_cc=min_cc, max_residual=max_residual, variants=variants, tag=tag or [])
+        ask = partial(
+            client.duplicates, min_cc=min_cc, max_residual=max_residual, variants=variants, tag=tag or []
+        )
+        answer = ask()
+        with progress() as bar:
+            task = bar.add_task("judging", total=answer.unjudged, visible=bool(answer.unjudged))
+            total = answer.unjudged
+            while answer.unjudged:
+                answer = ask()
+                bar.update(task, completed=total - answer.unjudged)
     if as_csv:
         typer.echo(answer.csv().replace("\r\n", "\n"), nl=False)
     else:

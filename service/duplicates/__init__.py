@@ -1,6 +1,7 @@
 """Near-identical stored shapes.
 
-Filters in, groups of copies that are turned, scaled, mirrored or remeshed out.
+Stored shapes in, kept pairs out; filters in, groups of copies that are turned, scaled, mirrored or remeshed
+out.
 """
 
-__all__ = ["endpoints", "schemas"]
+__all__ = ["background", "endpoints", "schemas"]

@@ -1,6 +1,7 @@
 """Groups of near-identical shapes: connected components of near-identical pairs."""
 
 from collections import deque
+from collections.abc import Set
 from dataclasses import dataclass
 
 from core.registration.kinship import Kinship, kinship
@@ -51,20 +52,20 @@ class Groups:
         self._links.setdefault(link.first, []).append(link)
         self._links.setdefault(link.second, []).append(link)
 
-    def members(self) -> list[list[GroupMember]]:
-        """All groups of two or more; groups and their members are sorted by number.
+    def members(self, shown: Set[int]) -> list[list[GroupMember]]:
+        """Some shapes in groups of two or more; groups and their members are sorted by number.
 
-        Scale, mirroring and local differences of a member are composed along the links from the first shape
-        of its group.
+        Scale, mirroring and local differences of a member are composed along the links from the first shown
+        shape of its group; links through shapes that are not shown count too.
         """
         done: set[int] = set()
         groups = []
-        for shape in sorted(self._links):
+        for shape in sorted(shown & self._links.keys()):
             if shape not in done:
-                group = self._from(shape)
+                group = [member for member in self._from(shape) if member.shape in shown]
                 done |= {member.shape for member in group}
                 groups.append(group)
-        return groups
+        return [group for group in groups if len(group) > 1]
 
     def _root(self, shape: int) -> int:
         while (parent := self._parents.get(shape, shape)) != shape:

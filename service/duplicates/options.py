@@ -7,6 +7,7 @@ from pydantic import Field
 from core.registration.similarity import RESIDUAL
 from service.collection import CollectionNumber
 from service.collections.dependencies import NamedInAddress
+from service.duplicates.judgements import MIN_CC
 from service.duplicates.service import DuplicateCriteria
 from service.shapes.filters import Filters
 
@@ -15,17 +16,19 @@ class DuplicatesOptions(NamedInAddress, Filters):
     """The shapes to search for near-identical ones, and the limits of near identity."""
 
     min_cc: float = Field(
-        default=0.98,
-        ge=-1.0,
+        default=MIN_CC,
+        ge=MIN_CC,
         le=1.0,
-        description="Register only pairs with at least this cc. Poses of one body pass this limit too.",
+        description="Only pairs with at least this cc. Shapes are judged with the default, so that no lower "
+        "value is possible. Poses of one body pass this limit too.",
     )
     max_residual: float = Field(
         default=RESIDUAL,
         gt=0.0,
-        le=0.1,
+        le=RESIDUAL,
         description="The largest distance of two surfaces after the best rotation, reflection and scaling: "
-        "the root mean square distance over both directions, over the square root of the area.",
+        "the root mean square distance over both directions, over the square root of the area. Shapes are "
+        "judged with the default, so that no higher value is possible.",
     )
     variants: bool = Field(
         default=False,

@@ -1,17 +1,182 @@
-"""The SQL of the search for near-identical shapes."""
+"""The SQL of near-identical shapes."""
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Collection, Sequence
 
-from sqlalchemy import select
+from sqlalchemy import ColumnElement, Select, delete, func, or_, select
 
+from service.collection import CollectionNumber
+from service.duplicates.groups import Link
+from service.duplicates.judgements import Judgement, Search
 from service.shapes.records import ShapeFilter
 from service.shapes.repository import matching
-from service.storage.database import ReadSession
-from service.storage.tables import ShapeRow
+from service.storage.database import ReadSession, WriteSession
+from service.storage.duplicate_tables import DuplicatePairRow, JudgedShapeRow
+from service.storage.tables import EmbeddingRow, ShapeRow
 
 
-def facts(session: ReadSession, wanted: ShapeFilter) -> dict[int, Mapping[str, Any]]:
-    """The facts of the shapes that match a filter, by number."""
-    query = select(ShapeRow.number, ShapeRow.facts).where(ShapeRow.number.in_(matching(wanted)))
-    return {row.number: row.facts for row in session.execute(query)}
+def embedded(session: ReadSession, fingerprint: str, wanted: ShapeFilter) -> frozenset[int]:
+    """The numbers of the shapes that match a filter and have an embedding by a pipeline."""
+    return frozenset(
+        session.scalars(_embedded(fingerprint).where(ShapeRow.number.in_(matching(wanted)))).all()
+    )
+
+
+def unjudged(
+    session: ReadSession, search: Search, *, collection: CollectionNumber | None = None, limit: int
+) -> list[tuple[CollectionNumber, int]]:
+    """At most `limit` shapes that are not judged, oldest first, as pairs of collection and number."""
+    query = select(ShapeRow.collection_number, ShapeRow.number).where(
+        ShapeRow.number.in_(_unjudged(search, collection))
+    )
+    found = session.execute(query.order_by(ShapeRow.number).limit(limit))
+    return [(CollectionNumber(of), number) for of, number in found]
+
+
+def count_unjudged(session: ReadSession, search: Search, collection: CollectionNumber) -> int:
+    """The number of shapes of a collection that are not judged."""
+    return session.scalar(select(func.count()).select_from(_unjudged(search, collection).subquery())) or 0
+
+
+def judged(session: ReadSession, search: Search, shapes: Sequence[int]) -> set[int]:
+    """Those of some shapes that are judged."""
+    query = select(JudgedShapeRow.shape_number).where(*_by(search), JudgedShapeRow.shape_number.in_(shapes))
+    return set(session.scalars(query))
+
+
+def judged_since(session: ReadSession, search: Search, since: int) -> set[int]:
+    """The shapes that were judged after a judgement."""
+    query = select(JudgedShapeRow.shape_number).where(*_by(search), JudgedShapeRow.number > since)
+    return set(session.scalars(query))
+
+
+def has_begun(session: ReadSession, search: Search) -> bool:
+    """Whether a shape is judged."""
+    return session.scalar(select(JudgedShapeRow.number).where(*_by(search)).limit(1)) is not None
+
+
+def latest(session: ReadSession) -> int:
+    """The number of the latest judgement; 0 before the first."""
+    return session.scalar(select(func.max(JudgedShapeRow.number))) or 0
+
+
+def write(session: WriteSession, search: Search, judgement: Judgement) -> None:
+    """Store the judgement of a shape and the pairs that it found, unless they are stored."""
+    first, second = DuplicatePairRow.first_number, DuplicatePairRow.second_number
+    own = or_(first == judgement.shape, second == judgement.shape)
+    known = session.execute(
+        select(first, second).where(own, DuplicatePairRow.fingerprint == search.fingerprint)
+    )
+    stored = {(row[0], row[1]) for row in known}
+    for link in judgement.links:
+        if (link.first, link.second) not in stored:
+            session.add(
+                DuplicatePairRow(
+                    first_number=link.first,
+                    second_number=link.second,
+                    fingerprint=search.fingerprint,
+                    cc=link.cc,
+                    residual=link.residual,
+                    scale=link.scale,
+                    mirrored=link.mirrored,
+                    variant=link.variant,
+                )
+            )
+    before = JudgedShapeRow.shape_number == judgement.shape, JudgedShapeRow.variants.is_(search.variants)
+    session.execute(delete(JudgedShapeRow).where(*before, JudgedShapeRow.fingerprint == search.fingerprint))
+    session.add(
+        JudgedShapeRow(
+            shape_number=judgement.shape,
+            fingerprint=search.fingerprint,
+            variants=search.variants,
+            min_cc=search.min_cc,
+            max_residual=search.max_residual,
+            compared=judgement.compared,
+            aligned=judgement.aligned,
+        )
+    )
+
+
+def exists(session: ReadSession, number: int, embedding: int) -> bool:
+    """Whether a shape exists and has an embedding."""
+    query = _with_embedding().where(ShapeRow.number == number, EmbeddingRow.number == embedding)
+    return session.scalar(query) is not None
+
+
+def links_among(session: ReadSession, fingerprint: str, shapes: Sequence[int]) -> list[Link]:
+    """The pairs of copies among some shapes."""
+    row = DuplicatePairRow
+    inside = row.first_number.in_(shapes), row.second_number.in_(shapes)
+    query = select(row).where(row.fingerprint == fingerprint, row.variant.is_(False), *inside)
+    return [_link(each) for each in session.scalars(query)]
+
+
+def links_of(
+    session: ReadSession,
+    fingerprint: str,
+    collection: CollectionNumber,
+    *,
+    min_cc: float,
+    max_residual: float,
+    variants: bool,
+) -> list[Link]:
+    """The pairs of a collection within some limits."""
+    row = DuplicatePairRow
+    query = (
+        select(row)
+        .join(ShapeRow, ShapeRow.number == row.first_number)
+        .where(
+            ShapeRow.collection_number == collection,
+            row.fingerprint == fingerprint,
+            row.cc >= min_cc,
+            row.residual <= max_residual,
+        )
+        .order_by(row.first_number, row.second_number)
+    )
+    if not variants:
+        query = query.where(row.variant.is_(False))
+    return [_link(each) for each in session.scalars(query)]
+
+
+def counts(session: ReadSession, search: Search, shapes: Collection[int]) -> tuple[int, int]:
+    """The numbers of compared and of registered pairs, by which the shapes of a collection were judged."""
+    query = select(JudgedShapeRow.shape_number, JudgedShapeRow.compared, JudgedShapeRow.aligned)
+    rows = [row for row in session.execute(query.where(*_by(search))) if row.shape_number in shapes]
+    return sum(row.compared for row in rows), sum(row.aligned for row in rows)
+
+
+def _with_embedding() -> Select[int]:
+    same = (EmbeddingRow.blob_number == ShapeRow.blob_number) & (EmbeddingRow.format == ShapeRow.format)
+    return select(ShapeRow.number).join(EmbeddingRow, same)
+
+
+def _embedded(fingerprint: str) -> Select[int]:
+    return _with_embedding().where(EmbeddingRow.fingerprint == fingerprint)
+
+
+def _unjudged(search: Search, collection: CollectionNumber | None) -> Select[int]:
+    done = select(JudgedShapeRow.shape_number).where(*_by(search))
+    query = _embedded(search.fingerprint).where(ShapeRow.number.not_in(done))
+    return query if collection is None else query.where(ShapeRow.collection_number == collection)
+
+
+def _by(search: Search) -> tuple[ColumnElement[bool], ...]:
+    """Judgements by a search, or by one with looser bounds."""
+    row = JudgedShapeRow
+    return (
+        row.fingerprint == search.fingerprint,
+        row.variants.is_(search.variants),
+        row.min_cc <= search.min_cc,
+        row.max_residual >= search.max_residual,
+    )
+
+
+def _link(row: DuplicatePairRow) -> Link:
+    return Link(
+        row.first_number,
+        row.second_number,
+        row.cc,
+        row.residual,
+        row.scale,
+        mirrored=row.mirrored,
+        variant=row.variant,
+    )

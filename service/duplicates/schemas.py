@@ -53,8 +53,13 @@ class DuplicatesAnswer(BaseModel):
 
     groups: list[list[Duplicate]]
     shapes: int = Field(description="The number of shapes searched.")
-    compared: int = Field(description="The number of compared pairs, whose signatures are near enough.")
-    aligned: int = Field(description="The number of registered pairs.")
+    compared: int = Field(description="The number of pairs compared to judge these shapes.")
+    aligned: int = Field(description="The number of pairs registered to judge these shapes.")
+    unjudged: int = Field(
+        default=0,
+        description="The number of shapes of the collection that are not judged yet. The groups are complete "
+        "when it is 0; ask again until then.",
+    )
     milliseconds: dict[str, float] = Field(description="The time of each stage.")
 
     @classmethod
@@ -65,6 +70,7 @@ class DuplicatesAnswer(BaseModel):
             shapes=found.shapes,
             compared=found.compared,
             aligned=found.aligned,
+            unjudged=found.unjudged,
             milliseconds=milliseconds,
         )
 

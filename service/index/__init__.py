@@ -1,3 +1,10 @@
 """Stored shapes in memory: database rows in, signatures and cached match records out."""
 
-__all__ = ["cache", "density_samples", "repository", "signature_index", "similarity_maps"]
+__all__ = [
+    "cache",
+    "density_samples",
+    "repository",
+    "signature_index",
+    "similarity_maps",
+    "surface_measurements",
+]

@@ -1,7 +1,8 @@
 """The SQL of the signature index, and its entries."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -128,3 +129,10 @@ def removed_since(session: ReadSession, since: int) -> NDArray[np.int64]:
     """The numbers of the shapes deleted after a revision."""
     query = select(RemovalRow.shape_number).where(RemovalRow.revision > since)
     return np.array(session.scalars(query).all(), dtype=np.int64)
+
+
+def facts_since(session: ReadSession, since: int) -> Iterator[tuple[int, Mapping[str, Any]]]:
+    """The facts of the shapes that were stored, or embedded, after a revision, by number."""
+    query = select(ShapeRow.number, ShapeRow.facts).where(ShapeRow.revision > since)
+    with session.connection().execute(query.execution_options(yield_per=AT_ONCE)) as found:
+        yield from ((number, facts) for number, facts in found)

@@ -9,6 +9,7 @@ from sqlalchemy.orm import aliased
 
 from service.storage.checksums import pipeline_checksum, whole_file
 from service.storage.database import ReadSession, WriteSession
+from service.storage.duplicate_tables import DuplicatePairRow, JudgedShapeRow
 from service.storage.revisions import next_revision
 from service.storage.tables import ArchiveRow, BlobRow, EmbeddingRow, PipelineRow, ShapeRow
 
@@ -103,7 +104,8 @@ def names(session: ReadSession, blob_number: int, format: str) -> list[str]:
 def prune(session: WriteSession, kept: str, limit: int) -> int:
     """Delete at most `limit` embeddings by other pipelines of files that one pipeline has embedded; how many.
 
-    Files that it has not embedded keep their embeddings: every shape has one.
+    Files that it has not embedded keep their embeddings: every shape has one. At the end, judgements of
+    near-identical shapes by the other pipelines are deleted too.
     """
     newer = aliased(EmbeddingRow)
     replaced = (
@@ -120,6 +122,8 @@ def prune(session: WriteSession, kept: str, limit: int) -> int:
     numbers = session.scalars(replaced).all()
     session.execute(delete(EmbeddingRow).where(EmbeddingRow.number.in_(numbers)))
     if not numbers:
+        for table in (DuplicatePairRow, JudgedShapeRow):
+            session.execute(delete(table).where(table.fingerprint != kept))
         used = select(EmbeddingRow.fingerprint).distinct()
         session.execute(
             delete(PipelineRow).where(PipelineRow.fingerprint != kept, PipelineRow.fingerprint.not_in(used))

@@ -13,6 +13,7 @@ from service.collection import CollectionNumber
 from service.compute.tasks import Embedded
 from service.errors import SignatureLengthError
 from service.shapes.fields import plain_values
+from service.shapes.judgements_repository import forget
 from service.shapes.records import (
     Changes,
     NewShape,
@@ -393,6 +394,7 @@ def is_name_taken(session: ReadSession, collection: CollectionNumber, record: Sh
 
 def replace_file(session: WriteSession, record: ShapeRecord, format: str, file: StoredFile) -> None:
     """Give a shape another file, and delete the previous one unless another shape has it."""
+    forget(session, record.number)
     session.execute(
         update(ShapeRow)
         .where(ShapeRow.number == record.number)
@@ -412,6 +414,7 @@ def replace_file(session: WriteSession, record: ShapeRecord, format: str, file: 
 
 def remove(session: WriteSession, record: ShapeRecord) -> None:
     """Delete a shape, and its bytes and embeddings unless another shape has them."""
+    forget(session, record.number)
     session.execute(delete(ShapeRow).where(ShapeRow.number == record.number))
     session.add(RemovalRow(shape_number=record.number, revision=next_revision(session)))
     _drop_unused(session, record.sha256)

@@ -7,6 +7,7 @@ __all__ = [
     "columns",
     "copying",
     "database",
+    "duplicate_tables",
     "hnsw",
     "hnsw_parameters",
     "job_states",

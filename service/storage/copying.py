@@ -18,6 +18,7 @@ from sqlalchemy import Connection, LargeBinary, Row, Table, func, insert, inspec
 from service.errors import ArchiveError
 from service.storage.columns import POSTGRESQL
 from service.storage.database import Database
+from service.storage.duplicate_tables import DuplicatePairRow
 from service.storage.hnsw import ensure_hnsw
 from service.storage.job_tables import JobRow
 from service.storage.migrate import check_known, head, migrate
@@ -28,7 +29,8 @@ BYTES_AT_ONCE = 16 * 1024**2
 # Tables with rows that migrations, and the first start of a service, write into an empty archive.
 WRITTEN_AT_THE_START = {ArchiveRow.__tablename__, CollectionRow.__tablename__, PipelineRow.__tablename__}
 
-# The import of `job_tables` adds the tables of jobs to the metadata.
+# The imports of both modules add their tables to the metadata.
+assert DuplicatePairRow.metadata is JobRow.metadata
 _TABLES = JobRow.metadata
 
 Advance = Callable[[str, int, int], object]

@@ -48,13 +48,15 @@ class Running:
 def settings_in(folder: Path, **values: Any) -> Settings:
     """Settings with a folder's archive by the engine in use.
 
-    Unless said otherwise, there is one worker, and deletions are for good.
+    Unless said otherwise, there is one worker, deletions are for good, and no duplicates are sought in the
+    background.
     """
     return Settings(
         **{
             "database_url": url_in(folder),
             "workers": 1,
             "undo_days": 0.0,
+            "duplicates_in_background": False,
             "log_level": "error",
             **values,
         }

@@ -3,10 +3,13 @@
 import csv
 import io
 
+import pytest
+
 from core.gallery import make_shape
 from core.io import write_mesh
 from core.mesh.mesh import Mesh
 from service.client import Client
+from service.duplicates import service
 from tests.service.cli.conftest import Run, mesh_bytes
 
 
@@ -30,3 +33,15 @@ def test_a_larger_copy_and_another_shape(archive: Client, run: Run) -> None:
     ]
     few = run("duplicates", "--tag", "first", "--csv", "--url", archive.url)
     assert few.stdout == "group,id,name,kinship,scale,cc,residual,likeness\n"
+
+
+def test_the_command_asks_until_all_shapes_are_judged(
+    archive: Client, run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cup = make_shape("cup", 0)
+    for scale in (1.0, 2.0, 3.0):
+        archive.upload((f"{scale}.off", write_mesh(Mesh(scale * cup.vertices, cup.faces), "off")))
+    monkeypatch.setattr(service, "JUDGING_SECONDS", 0.001)
+    assert archive.duplicates().unjudged
+    done = run("duplicates", "--url", archive.url)
+    assert "3 of 3 shapes in 1 groups" in done.stderr

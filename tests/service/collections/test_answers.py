@@ -68,8 +68,7 @@ def ask(own: Running, name: str, found: dict[tuple[str, str], Any]) -> None:
         found[name, way] = [told(query(own.client, small_file(n), **fields).json()) for n in (4, 40)]
     shape_id = own.client.get("/shapes", params={"name": "4.off"}).json()["shapes"][0]["id"]
     found[name, "by id"] = told(own.client.post("/query", json={"shape_id": shape_id, "top_k": 100}).json())
-    alike = {"min_cc": 0.9, "max_residual": 0.1}
-    found[name, "duplicates"] = told(own.client.get("/duplicates", params=alike).json())
+    found[name, "duplicates"] = told(own.client.get("/duplicates", params={"variants": True}).json())
     found[name, "list"] = own.client.get("/shapes", params={"limit": 500}).json()
 
 

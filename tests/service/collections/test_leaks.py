@@ -118,7 +118,7 @@ SENT: dict[Operation, list[Send]] = {
     ("GET", "/jobs/{job_id}/files"): [to("GET", "/jobs/{job_id}/files")],
     ("GET", "/jobs/{job_id}/events"): [to("GET", "/jobs/{job_id}/events")],
     ("GET", "/duplicates"): [
-        to("GET", "/duplicates", params={"min_cc": 0.5, "max_residual": 0.1}),
+        to("GET", "/duplicates", params={"variants": True}),
         to("GET", "/duplicates", params={"format": "csv"}),
     ],
     ("POST", "/query"): [

@@ -6,6 +6,7 @@ import time
 from collections.abc import Iterator, Sequence
 
 import pytest
+from sqlalchemy import delete
 
 from core.arrays import Float32s
 from core.embedding import Scores
@@ -20,6 +21,7 @@ from service.client import Client
 from service.duplicates.groups import Groups, Link
 from service.duplicates.schemas import COLUMNS
 from service.search import match_records, tasks
+from service.storage.duplicate_tables import DuplicatePairRow, JudgedShapeRow
 from tests.service.http.test_disconnects import at_work, send
 from tests.service.support import Running, assert_problem, serving, settings_in, wait_until
 from tests.service.tasks import nap_instead
@@ -58,6 +60,13 @@ def planted(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
         for name, (_, mesh, _, _) in PLANTED.items():
             running.store(write_mesh(mesh, "off"), f"{name}.off", tags="copy")
         yield running
+
+
+def unjudge(running: Running) -> None:
+    """Forget all judgements."""
+    with running.container.database.write() as session:
+        session.execute(delete(DuplicatePairRow))
+        session.execute(delete(JudgedShapeRow))
 
 
 def test_every_copy_is_found_and_no_pose_is_taken_for_one(planted: Running) -> None:
@@ -108,6 +117,7 @@ def test_the_work_of_a_client_that_goes_away_is_stopped(
     planted: Running, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     work, compared = planted.container.work, []
+    unjudge(planted)
 
     def slowly(query: Float32s, rows: Sequence[Float32s], parameters: Parameters) -> Scores:
         compared.append(len(rows))
@@ -123,6 +133,7 @@ def test_the_work_of_a_client_that_goes_away_is_stopped(
         known = len(compared)
         time.sleep(0.5)
         assert len(compared) == known < len(BODIES) + len(PLANTED)
+    unjudge(planted)
     with monkeypatch.context() as patch:
         patch.setattr(tasks, "registered", nap_instead)
         with send(planted, "/duplicates", method="GET"):
@@ -134,10 +145,35 @@ def test_filters_and_bounds(planted: Running) -> None:
     client = planted.client
     originals = client.get("/duplicates", params={"tag": "original"}).json()
     assert (originals["groups"], originals["shapes"]) == ([], len(BODIES))
-    strict = client.get("/duplicates", params={"tag": "copy", "min_cc": 1.0}).json()
-    assert strict["aligned"] == 0
+    whole = client.get("/duplicates", params={"name": "symmetric"}).json()
+    assert (whole["groups"], whole["shapes"]) == ([], 1)
     for wrong in ({"min_cc": 1.5}, {"max_residual": 0.0}, {"format": "xml"}, {"colour": "red"}):
         assert_problem(client.get("/duplicates", params=wrong), 422, "bad-request-fields")
+
+
+def test_stricter_limits_choose_among_the_kept_pairs(planted: Running) -> None:
+    def pairs(**limits: float) -> dict[str, float]:
+        groups = planted.client.get("/duplicates", params=limits).json()["groups"]
+        return {one["shape"]["name"]: one["residual"] for group in groups for one in group[1:]}
+
+    everything = pairs()
+    few = {name: residual for name, residual in everything.items() if residual <= 1e-4}
+    assert 0 < len(few) < len(everything)
+    assert pairs(max_residual=1e-4) == few
+    assert pairs(min_cc=1.0).keys() < everything.keys()
+
+
+@pytest.mark.parametrize(
+    ("field", "looser", "bound"), [("min_cc", 0.97, "0.98"), ("max_residual", 0.004, "0.003")]
+)
+def test_limits_looser_than_those_of_the_kept_pairs_are_refused_with_the_bound(
+    planted: Running, field: str, looser: float, bound: str
+) -> None:
+    problem = assert_problem(
+        planted.client.get("/duplicates", params={field: looser}), 422, "bad-request-fields"
+    )
+    assert [error["field"] for error in problem["errors"]] == [field]
+    assert bound in problem["detail"]
 
 
 def test_scale_and_mirroring_are_those_along_the_links() -> None:
@@ -147,10 +183,13 @@ def test_scale_and_mirroring_are_those_along_the_links() -> None:
     groups.join(Link(7, 9, 1.0, 0.0, 1.0, mirrored=False))
     assert groups.joined(1, 2)
     assert not groups.joined(1, 9)
-    first, second = groups.members()
+    first, second = groups.members({1, 2, 3, 7, 9, 11})
     assert [(one.shape, one.kinship, one.scale) for one in first] == [
         (1, "same", 1.0),
         (2, "scaled", 2.0),
         (3, "mirrored", 4.0),
     ]
     assert [one.shape for one in second] == [7, 9]
+    # A shape that is not shown still joins the others.
+    (through,) = groups.members({1, 2, 9})
+    assert [(one.shape, one.kinship, one.scale) for one in through] == [(1, "same", 1.0), (2, "scaled", 2.0)]

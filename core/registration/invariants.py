@@ -1,0 +1,84 @@
+"""Measurements that rotations, reflections and scaling leave as they are: they tell most pairs apart.
+
+A rigid copy has the measurements of the first surface up to the sampling errors of both meshes, so that only
+few pairs of a large collection need to be registered.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.arrays import Float32s, Floats
+from core.registration.rigid_copy import COPY_RADIUS, COPY_SPECTRAL
+
+EXTENT, VOLUME, HULL_AREA = 0.008, 0.016, 0.004
+"""Largest differences of the logarithms of two copies: of the extents of their bounding boxes, of their
+volume and the filled share of their hulls, and of their area over that of the hull. Copies with half of the
+vertices and copies at another chord tolerance differ by at most a third of each."""
+
+
+@dataclass(frozen=True, eq=False)
+class Invariants:
+    """Measurements of n surfaces.
+
+    Attributes
+    ----------
+    eigenvalues : float32, shape (n, m)
+        Logarithms of normalised eigenvalues.
+    descriptors : float64, shape (n, 3) or (n, 0)
+        `core.descriptors.global_descriptors`, unless the pipeline has none.
+    radii : float64, shape (n,)
+        Root mean square distance from the centroid over the square root of the area.
+    extents : float64, shape (n, 3)
+        Logarithms of the extents of the bounding box over the square root of the area; NaN if unknown.
+    closed : bool, shape (n,)
+        Whether the surface has no boundary.
+    """
+
+    eigenvalues: Float32s
+    descriptors: Floats
+    radii: Floats
+    extents: Floats
+    closed: NDArray[np.bool_]
+
+    def spectral_distances(self, place: int, others: NDArray[np.intp]) -> Floats:
+        """Distances between the log eigenvalues of one surface and of k others, shape (k,)."""
+        steps = self.eigenvalues[others].astype(np.float64) - self.eigenvalues[place]
+        return np.asarray(np.linalg.norm(steps, axis=1))
+
+
+def possible_copies(surfaces: Invariants, place: int, residual: float) -> NDArray[np.intp]:
+    """Indices of the surfaces that may be rigid copies of one, itself left out.
+
+    Parameters
+    ----------
+    surfaces : Invariants
+    place : int
+        Index of the one.
+    residual : float
+        Largest root mean square distance of two copies over the square root of the area, > 0. Their radii
+        differ by at most this.
+    """
+    near = _of_radius(surfaces, place, residual)
+    # The extents of a bounding box are unknown in archives that are not measured yet.
+    gaps = np.abs(surfaces.extents[near] - surfaces.extents[place])
+    near = near[~(gaps > EXTENT).any(axis=1)]
+    if not surfaces.descriptors.shape[1]:
+        return np.asarray(near)
+    gaps = np.abs(surfaces.descriptors[near] - surfaces.descriptors[place])
+    # Of an open surface, the volume is only a number.
+    closed = surfaces.closed[near] & surfaces.closed[place]
+    within = (gaps <= [VOLUME, VOLUME, HULL_AREA]).all(axis=1) | (~closed & (gaps[:, 2] <= VOLUME))
+    return np.asarray(near[within], dtype=np.intp)
+
+
+def possible_variants(surfaces: Invariants, place: int) -> NDArray[np.intp]:
+    """Indices of the surfaces that may be copies or variants of one (`may_be_copy`), itself left out."""
+    near = _of_radius(surfaces, place, COPY_RADIUS)
+    return np.asarray(near[surfaces.spectral_distances(place, near) <= COPY_SPECTRAL])
+
+
+def _of_radius(surfaces: Invariants, place: int, most: float) -> NDArray[np.intp]:
+    near = np.flatnonzero(np.abs(surfaces.radii - surfaces.radii[place]) <= most)
+    return np.asarray(near[near != place])

@@ -1,0 +1,132 @@
+"""The judgement of all shapes: in the background while the service is idle, or within a request."""
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from time import monotonic
+
+from starlette.concurrency import run_in_threadpool
+
+from service.collection import CollectionNumber
+from service.container import Container
+from service.duplicates import repository
+from service.duplicates.judgements import Search
+from service.duplicates.judging import ShapeJudge
+from service.errors import ServiceError
+from service.observability.logging import get_logger
+from service.pipelines.active import ActivePipeline
+
+log = get_logger("duplicates")
+
+LOOK_SECONDS, BUSY_SECONDS, TRY_AGAIN_SECONDS = 2.0, 0.25, 60.0
+"""Seconds between looks for new shapes, between looks at a busy service, and after an error."""
+
+AT_ONCE = 64
+"""Shapes that are read from the database at a time."""
+
+
+async def keep_judging(container: Container) -> None:
+    """Judge new shapes for copies, and then for variants once these were asked for.
+
+    Shapes are judged while no request and no job is at work, only as many at a time as there are workers. The
+    database knows which are judged, so that a restarted service continues.
+    """
+
+    async def idle() -> bool:
+        await _idle(container)
+        return True
+
+    while not container.comparing_is_ready.is_set():
+        await asyncio.sleep(BUSY_SECONDS)
+    while True:
+        try:
+            active_pipeline = await run_in_threadpool(_active, container)
+            for search in await run_in_threadpool(_searches, container, active_pipeline):
+                while await _judge_some(container, active_pipeline, search, None, idle):
+                    pass
+        except ServiceError as error:
+            log.warning("near-identical shapes are sought later: %s", error)
+            await asyncio.sleep(TRY_AGAIN_SECONDS)
+        except Exception:
+            log.exception("near-identical shapes are sought later")
+            await asyncio.sleep(TRY_AGAIN_SECONDS)
+        await asyncio.sleep(LOOK_SECONDS)
+
+
+async def judge_for(
+    container: Container,
+    active_pipeline: ActivePipeline,
+    search: Search,
+    collection: CollectionNumber,
+    seconds: float,
+) -> None:
+    """Judge the shapes of a collection until all are judged, or for some time."""
+    end = monotonic() + seconds
+
+    async def in_time() -> bool:
+        return monotonic() < end
+
+    while await in_time() and await _judge_some(container, active_pipeline, search, collection, in_time):
+        pass
+
+
+async def _judge_some(
+    container: Container,
+    active_pipeline: ActivePipeline,
+    search: Search,
+    collection: CollectionNumber | None,
+    wanted: Callable[[], Awaitable[bool]],
+) -> bool:
+    """Judge the oldest shapes that nobody judges; False if all are judged.
+
+    `wanted` is awaited before each shape and says whether to go on.
+    """
+
+    def look() -> list[tuple[CollectionNumber, int]]:
+        with container.database.read() as session:
+            return repository.unjudged(session, search, collection=collection, limit=AT_ONCE)
+
+    found = await run_in_threadpool(look)
+    waiting = iter(found)
+
+    async def take() -> None:
+        for of, shape in waiting:
+            if not await wanted():
+                return
+            key = shape, search.variants
+            if key not in container.judging:
+                container.judging.add(key)
+                try:
+                    await ShapeJudge(container, active_pipeline, search, of, shape).judge()
+                finally:
+                    container.judging.discard(key)
+
+    if found and all((shape, search.variants) in container.judging for _, shape in found):
+        await asyncio.sleep(BUSY_SECONDS)
+    try:
+        async with asyncio.TaskGroup() as group:
+            for _ in range(container.settings.workers):
+                group.create_task(take())
+    except ExceptionGroup as several:
+        raise several.exceptions[0] from None
+    return bool(found)
+
+
+async def _idle(container: Container) -> None:
+    """Wait until no request and no job uses the workers, judgements aside."""
+    while True:
+        await container.searches.nothing()
+        busy = container.pool.busy() + container.readers.busy()
+        if not container.work.inside and busy <= len(container.judging):
+            return
+        await asyncio.sleep(BUSY_SECONDS)
+
+
+def _searches(container: Container, active_pipeline: ActivePipeline) -> list[Search]:
+    copies, variants = (Search(active_pipeline.fingerprint, variants) for variants in (False, True))
+    with container.database.read() as session:
+        return [copies, variants] if repository.has_begun(session, variants) else [copies]
+
+
+def _active(container: Container) -> ActivePipeline:
+    with container.database.read() as session:
+        return container.pipelines.current(session)

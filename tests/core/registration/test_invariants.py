@@ -1,0 +1,94 @@
+"""Invariants: copies of a part pass, and other parts of its family do not."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from core.descriptors.global_descriptors import global_descriptors
+from core.mesh.bounding_box import bounding_box
+from core.mesh.cleaning import centroid, face_areas
+from core.mesh.mesh import Mesh
+from core.registration.invariants import Invariants, possible_copies, possible_variants
+from core.registration.similarity import RESIDUAL
+from tests.soak.duplicates.copies import moved
+from tests.soak.kinship.parts import Drawing, part
+from tests.soak.kinship.planted import PHASE
+
+MESHES = [
+    part("plate", Drawing(1, 0.05)),
+    moved(part("plate", Drawing(1, 0.05)), 1, scale=25.4),
+    moved(part("plate", Drawing(1, 0.1, PHASE)), 2, mirrored=True),
+    part("plate", Drawing(1, 0.05, change="hole")),
+    part("plate", Drawing(2, 0.05)),
+    part("flange", Drawing(1, 0.05)),
+]
+FIRST, LARGER, REMESHED, DRILLED, OTHER, FLANGE = range(6)
+
+
+def radius_and_extents(mesh: Mesh) -> tuple[float, list[float]]:
+    areas = face_areas(mesh.vertices, mesh.faces)
+    corners = mesh.vertices - centroid(mesh.vertices, mesh.faces, areas)
+    corners = corners[mesh.faces]
+    squares = ((corners**2).sum(axis=(1, 2)) + (corners.sum(axis=1) ** 2).sum(axis=1)) / 12.0
+    unit = np.sqrt(areas.sum())
+    radius = float(np.sqrt((areas * squares).sum() / areas.sum()) / unit)
+    return radius, np.log(np.array(bounding_box(mesh)) / unit).tolist()
+
+
+@pytest.fixture(scope="module")
+def surfaces() -> Invariants:
+    rows = [radius_and_extents(mesh) for mesh in MESHES]
+    # Of the spectra, all but the flange's are alike.
+    eigenvalues = np.zeros((len(MESHES), 30), np.float32)
+    eigenvalues[FLANGE] = 1.0
+    return Invariants(
+        eigenvalues=eigenvalues,
+        descriptors=np.array([global_descriptors(mesh) for mesh in MESHES]),
+        radii=np.array([radius for radius, _ in rows]),
+        extents=np.array([extents for _, extents in rows]),
+        closed=np.ones(len(MESHES), bool),
+    )
+
+
+def test_copies_pass_and_other_parts_do_not(surfaces: Invariants) -> None:
+    for place in (FIRST, LARGER, REMESHED):
+        rest = {FIRST, LARGER, REMESHED} - {place}
+        assert set(possible_copies(surfaces, place, RESIDUAL).tolist()) == rest
+    for place in (DRILLED, OTHER, FLANGE):
+        assert not possible_copies(surfaces, place, RESIDUAL).size
+
+
+def test_variants_pass_as_variants(surfaces: Invariants) -> None:
+    assert {LARGER, REMESHED, DRILLED} <= set(possible_variants(surfaces, FIRST).tolist())
+    assert FLANGE not in possible_variants(surfaces, FIRST)
+
+
+def test_unknown_extents_exclude_no_copy(surfaces: Invariants) -> None:
+    extents = surfaces.extents.copy()
+    extents[REMESHED] = np.nan
+    unknown = replace(surfaces, extents=extents)
+    assert set(possible_copies(unknown, FIRST, RESIDUAL).tolist()) == {LARGER, REMESHED}
+    assert set(possible_copies(unknown, REMESHED, RESIDUAL).tolist()) == {FIRST, LARGER}
+
+
+def test_the_volume_of_an_open_surface_does_not_count(surfaces: Invariants) -> None:
+    descriptors = surfaces.descriptors.copy()
+    descriptors[LARGER, :2] += 1.0
+    for closed in (True, False):
+        other = replace(surfaces, descriptors=descriptors, closed=np.full(len(MESHES), closed))
+        found = possible_copies(other, FIRST, RESIDUAL)
+        assert REMESHED in found
+        assert (LARGER in found) is not closed
+        assert FLANGE not in found
+
+
+def test_a_pipeline_without_global_descriptors_has_the_other_invariants(surfaces: Invariants) -> None:
+    without = replace(surfaces, descriptors=np.empty((len(MESHES), 0)))
+    assert set(possible_copies(without, FIRST, RESIDUAL).tolist()) >= {LARGER, REMESHED}
+    assert FLANGE not in possible_copies(without, FIRST, RESIDUAL)
+
+
+def test_spectral_distances(surfaces: Invariants) -> None:
+    found = surfaces.spectral_distances(FIRST, np.array([LARGER, FLANGE]))
+    assert found == pytest.approx([0.0, np.sqrt(30.0)])

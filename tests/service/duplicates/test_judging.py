@@ -1,0 +1,196 @@
+"""Kept pairs: complete, whoever judges and in whatever order, and gone with their shapes."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from sqlalchemy import func, select
+
+from core.gallery import make_shape
+from core.io import write_mesh
+from core.parameters import DEFAULT, PAPER
+from service.cli.reembed import reembed
+from service.duplicates import repository, service
+from service.duplicates.judgements import Judgement, Search
+from service.duplicates.judging import ShapeJudge
+from service.shapes.reembedding import prune_others
+from service.storage.checking import check
+from service.storage.copying import copy_archive
+from service.storage.database import Database
+from service.storage.duplicate_tables import DuplicatePairRow, JudgedShapeRow
+from service.storage.tables import ShapeRow
+from tests.service.engines import url_in
+from tests.service.support import Running, serving, settings_in, small_file, wait_until
+from tests.soak.duplicates.archive_of_parts import parts
+from tests.soak.duplicates.copies import moved
+from tests.soak.duplicates.force import groups_by_force
+
+PLANE = make_shape("plane", 0)
+
+
+def copy_of_plane(seed: int) -> bytes:
+    return write_mesh(moved(PLANE, seed), "off")
+
+
+def ask(running: Running, **params: Any) -> dict[str, Any]:
+    """The complete answer of GET /duplicates."""
+    for _ in range(100):
+        answer = running.client.get("/duplicates", params=params)
+        assert answer.status_code == 200, answer.text
+        if not answer.json()["unjudged"]:
+            return dict(answer.json())
+    raise AssertionError("shapes stay unjudged")
+
+
+def groups(running: Running, **params: Any) -> set[frozenset[str]]:
+    """The ids of the shapes of each group."""
+    return {frozenset(one["shape"]["id"] for one in group) for group in ask(running, **params)["groups"]}
+
+
+def counted(running: Running, table: type[JudgedShapeRow] | type[DuplicatePairRow]) -> int:
+    with running.container.database.read() as session:
+        return session.scalar(select(func.count()).select_from(table)) or 0
+
+
+@pytest.fixture
+def running(tmp_path: Path) -> Iterator[Running]:
+    with serving(settings_in(tmp_path)) as running:
+        yield running
+
+
+def test_the_groups_are_those_of_every_pair_by_force(running: Running) -> None:
+    for name, data in parts(20):
+        running.store(data, name)
+    copies, with_variants = groups_by_force(running.container)
+    assert len(copies) >= 2
+    assert copies != with_variants
+    assert groups(running) == copies
+    assert groups(running, variants=True) == with_variants
+
+
+def test_shapes_are_judged_in_the_background(tmp_path: Path) -> None:
+    with serving(settings_in(tmp_path, duplicates_in_background=True)) as running:
+        for seed in range(3):
+            running.store(copy_of_plane(seed), f"{seed}.off")
+        running.store(small_file(1), "ball.off")
+        wait_until(lambda: counted(running, JudgedShapeRow) == 4, seconds=120)
+        aligned = ask(running)["aligned"]
+        assert aligned == 2
+        (group,) = groups(running)
+        assert len(group) == 3
+        # Variants are sought once somebody has asked for them.
+        assert counted(running, JudgedShapeRow) == 4
+        assert groups(running, variants=True) == {group}
+        running.store(small_file(2), "another.off")
+        wait_until(lambda: counted(running, JudgedShapeRow) == 10, seconds=120)
+    # What is judged outlives the service.
+    with serving(settings_in(tmp_path)) as running:
+        assert groups(running) == {group}
+        assert ask(running)["aligned"] == aligned
+
+
+def test_a_request_that_runs_out_of_time_says_how_many_shapes_remain(
+    running: Running, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for seed in range(3):
+        running.store(copy_of_plane(seed), f"{seed}.off")
+    with monkeypatch.context() as patch:
+        patch.setattr(service, "JUDGING_SECONDS", 0.0)
+        answer = running.client.get("/duplicates").json()
+        assert (answer["groups"], answer["shapes"], answer["unjudged"]) == ([], 3, 3)
+    assert len(ask(running)["groups"][0]) == 3
+
+
+def test_copies_of_a_deleted_copy_stay_in_one_group(running: Running) -> None:
+    shapes = [running.store(copy_of_plane(seed), f"{seed}.off") for seed in range(4)]
+    assert counted(running, DuplicatePairRow) == 0
+    assert len(*groups(running)) == 4
+    pairs = counted(running, DuplicatePairRow)
+    assert pairs == 3
+    running.client.delete(f"/shapes/{shapes[0]['id']}")
+    assert counted(running, DuplicatePairRow) < pairs
+    assert groups(running) == {frozenset(shape["id"] for shape in shapes[1:])}
+    for shape in shapes[1:3]:
+        running.client.delete(f"/shapes/{shape['id']}")
+    assert groups(running) == set()
+    assert counted(running, DuplicatePairRow) == 0
+    assert counted(running, JudgedShapeRow) == 1
+
+
+def test_a_restored_shape_is_judged_again(tmp_path: Path) -> None:
+    with serving(settings_in(tmp_path, undo_days=1.0)) as running:
+        shapes = [running.store(copy_of_plane(seed), f"{seed}.off") for seed in range(2)]
+        before = groups(running)
+        assert len(*before) == 2
+        running.client.delete(f"/shapes/{shapes[0]['id']}")
+        assert groups(running) == set()
+        assert running.client.post(f"/shapes/{shapes[0]['id']}/restore").status_code == 200
+        assert groups(running) == before
+
+
+def test_a_shape_with_another_file_is_judged_again(running: Running) -> None:
+    first = running.store(copy_of_plane(0), "first.off")
+    other = running.store(small_file(1), "other.off")
+    assert groups(running) == set()
+    files = {"file": ("other.off", copy_of_plane(1))}
+    assert running.client.put(f"/shapes/{other['id']}/file", files=files).status_code == 200
+    assert groups(running) == {frozenset({first["id"], other["id"]})}
+    files = {"file": ("other.off", small_file(2))}
+    assert running.client.put(f"/shapes/{other['id']}/file", files=files).status_code == 200
+    assert groups(running) == set()
+
+
+def test_a_pair_judged_by_two_services_at_once_is_not_missed(
+    running: Running, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shapes = [running.store(copy_of_plane(seed), f"{seed}.off") for seed in range(2)]
+    compare = ShapeJudge._compare
+    judged: list[int] = []
+
+    async def compare_while_the_other_is_judged(self: ShapeJudge, view: Any) -> None:
+        await compare(self, view)
+        if not judged:
+            with running.container.database.write() as session:
+                judged.extend(session.scalars(select(ShapeRow.number).where(ShapeRow.number != self.shape)))
+                search = Search(DEFAULT.fingerprint, variants=False)
+                repository.write(session, search, Judgement(judged[0], [], 0, 0))
+
+    monkeypatch.setattr(ShapeJudge, "_compare", compare_while_the_other_is_judged)
+    assert groups(running) == {frozenset(shape["id"] for shape in shapes)}
+    assert judged
+    assert ask(running)["compared"] == 1
+
+
+def test_another_pipeline_has_judgements_of_its_own(tmp_path: Path) -> None:
+    settings = settings_in(tmp_path)
+    with serving(settings) as running:
+        for seed in range(2):
+            running.store(copy_of_plane(seed), f"{seed}.off")
+        before = groups(running)
+    outcome, _ = reembed(settings, PAPER)
+    assert outcome.active
+    with serving(settings_in(tmp_path, pipeline="paper")) as running:
+        assert groups(running) == before
+        assert counted(running, JudgedShapeRow) == 4
+        prune_others(running.container.database, PAPER.fingerprint)
+        assert counted(running, JudgedShapeRow) == 2
+        assert counted(running, DuplicatePairRow) == 1
+
+
+def test_copies_and_checks_of_an_archive_hold_the_pairs(tmp_path: Path) -> None:
+    with serving(settings_in(tmp_path)) as running:
+        for seed in range(2):
+            running.store(copy_of_plane(seed), f"{seed}.off")
+        assert len(*groups(running)) == 2
+    source = Database(url_in(tmp_path), lock_seconds=1)
+    path = tmp_path / "copy.sqlite3"
+    target = Database(f"sqlite:///{path}", lock_seconds=1)
+    copy_archive(source, target, lambda *_: None)
+    with source.read() as one, target.read() as other:
+        for table in (DuplicatePairRow, JudgedShapeRow):
+            rows = [session.execute(select(table.__table__)).all() for session in (one, other)]
+            assert rows[0] == rows[1] != []
+    source.close()
+    target.close()
+    assert check(path, lock_seconds=1).faults == []
