@@ -1,14 +1,12 @@
 """The distinct meshes of a glTF scene, with their names and numbers of instances."""
 
-import hashlib
-from dataclasses import replace
+from collections.abc import Callable, Iterator
 
-from core.arrays import Floats, Ints
-from core.io.checks import Limits, within
-from core.io.glb import read_scene
+from core.io.checks import Limits
+from core.io.glb import Scene, read_scene
 from core.io.gltf_document import Document
 from core.io.gltf_scene import parents
-from core.io.part import PATH_NAMES, Part, clean_name
+from core.io.part import PATH_NAMES, Part, clean_name, distinct_parts, mesh_digest
 from core.mesh.mesh import Mesh
 
 
@@ -22,21 +20,21 @@ def read_parts(data: bytes, limits: Limits) -> list[Part]:
     MeshError
         The file is malformed or exceeds the limits; the subclass tells the kind of fault.
     """
-    scene = read_scene(data, limits)
+    return distinct_parts(_instances(read_scene(data, limits)), limits)
+
+
+def _instances(scene: Scene) -> Iterator[tuple[tuple[str, bytes], Callable[[], Part]]]:
     above = parents(scene.document)
-    digests = {number: _digest(*mesh) for number, mesh in scene.meshes.items()}
-    parts: dict[tuple[str, bytes], Part] = {}
+    digests = {number: mesh_digest(*mesh) for number, mesh in scene.meshes.items()}
     for one in scene.instances:
         if one.mesh not in scene.meshes:
             continue
         name = clean_name(scene.document.entry("meshes", one.mesh).get("name"))
-        key = name, digests[one.mesh]
-        if key in parts:
-            parts[key] = replace(parts[key], instances=parts[key].instances + 1)
-            continue
-        within(len(parts) + 1, limits.distinct_parts, "different parts")
-        parts[key] = Part(name, _path(scene.document, above, one.node), 1, Mesh(*scene.meshes[one.mesh]))
-    return list(parts.values())
+
+        def part(name: str = name, node: int = one.node, mesh: int = one.mesh) -> Part:
+            return Part(name, _path(scene.document, above, node), 1, Mesh(*scene.meshes[mesh]))
+
+        yield (name, digests[one.mesh]), part
 
 
 def _path(document: Document, above: dict[int, int], node: int | None) -> tuple[str, ...]:
@@ -53,10 +51,3 @@ def _node_name(document: Document, number: int) -> str:
     node = document.entry("nodes", number)
     name = clean_name(node.get("name"))
     return name or (clean_name(document.entry("meshes", node["mesh"]).get("name")) if "mesh" in node else "")
-
-
-def _digest(vertices: Floats, faces: Ints) -> bytes:
-    """Return a hash of a mesh."""
-    digest = hashlib.sha256(vertices.tobytes())
-    digest.update(faces.tobytes())
-    return digest.digest()

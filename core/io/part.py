@@ -1,8 +1,12 @@
 """A part of an assembly."""
 
+import hashlib
 import unicodedata
-from dataclasses import dataclass
+from collections.abc import Callable, Hashable, Iterable
+from dataclasses import dataclass, replace
 
+from core.arrays import Floats, Ints
+from core.io.checks import Limits, within
 from core.mesh.mesh import Mesh
 
 NAME_CHARACTERS = 128
@@ -31,6 +35,37 @@ class Part:
     path: tuple[str, ...]
     instances: int
     mesh: Mesh
+
+
+def distinct_parts(instances: Iterable[tuple[Hashable, Callable[[], Part]]], limits: Limits) -> list[Part]:
+    """Return one part for each key of the instances, with their number, in the order of the first ones.
+
+    Parameters
+    ----------
+    instances : iterable of (key, make)
+        Instances with the same key are the same part, which `make` returns for one instance.
+    limits : Limits
+
+    Raises
+    ------
+    MeshTooComplexError
+        There are more different parts than the limit.
+    """
+    parts: dict[Hashable, Part] = {}
+    for key, make in instances:
+        if key in parts:
+            parts[key] = replace(parts[key], instances=parts[key].instances + 1)
+            continue
+        within(len(parts) + 1, limits.distinct_parts, "different parts")
+        parts[key] = make()
+    return list(parts.values())
+
+
+def mesh_digest(vertices: Floats, faces: Ints) -> bytes:
+    """Return a hash of a mesh."""
+    digest = hashlib.sha256(vertices.tobytes())
+    digest.update(faces.tobytes())
+    return digest.digest()
 
 
 def clean_name(name: object) -> str:

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from core.errors import DegenerateMeshError, NoTrianglesError
-from core.io import gltf_parts, step
+from core.io import gltf_parts, step, threemf_parts
 from core.io.checks import DEFAULT_LIMITS, Limits
 from core.io.formats import known
 from core.io.part import Part
@@ -14,8 +14,8 @@ from core.mesh.mesh import Mesh
 def read_parts(data: bytes, format: str, *, limits: Limits = DEFAULT_LIMITS) -> list[Part]:
     """Read the distinct parts of an assembly.
 
-    The parts of a STEP are its products with triangles, each in its own frame, in millimetres. Products with
-    the same name and the same mesh are one part.
+    The parts of a STEP are its products with triangles, and those of a 3MF its objects, each in its own
+    frame, in millimetres. Parts with the same name and the same mesh are one.
 
     Parameters
     ----------
@@ -30,7 +30,7 @@ def read_parts(data: bytes, format: str, *, limits: Limits = DEFAULT_LIMITS) -> 
     -------
     parts : list of Part
         In the order of their first instances in the file. It is empty if the file has one instance of one
-        part, or is of a format without assemblies: anything but STEP.
+        part, or is of another format.
 
     Raises
     ------
@@ -48,6 +48,8 @@ def read_parts(data: bytes, format: str, *, limits: Limits = DEFAULT_LIMITS) -> 
 
 
 def _read(data: bytes, name: str, limits: Limits) -> list[Part]:
+    if name == "3mf":
+        return threemf_parts.read_parts(data, limits)
     if name != "step":
         return []
     try:

@@ -28,14 +28,7 @@ def read(data: bytes, limits: Limits) -> Mesh:
     MeshError
         The file is malformed or exceeds the limits; the subclass tells the kind of fault.
     """
-    package = Package(data, limits)
-    solids, items, unit = _models(package, limits)
-    _refuse_circles(solids)
-    placed = _expand(solids, items, limits)
-    if not placed:
-        raise NoTrianglesError("the build of the 3MF places no triangles")
-    within(sum(len(solids[one.key].faces) for one in placed), limits.faces, "triangles")
-    within(sum(len(solids[one.key].vertices) for one in placed), limits.vertices, "vertices")
+    solids, placed, unit = read_placed(data, limits)
     vertices: list[Floats] = []
     faces: list[Ints] = []
     count = 0
@@ -46,6 +39,22 @@ def read(data: bytes, limits: Limits) -> Mesh:
         faces.append((solid.faces[:, ::-1] if mirrored else solid.faces) + count)
         count += len(solid.vertices)
     return Mesh(np.concatenate(vertices), np.concatenate(faces))
+
+
+def read_placed(data: bytes, limits: Limits) -> tuple[dict[Key, Solid], list[Placed], float]:
+    """Return the objects, every instance of an object with faces, and the unit in millimetres.
+
+    It raises the errors of `read`.
+    """
+    package = Package(data, limits)
+    solids, items, unit = _models(package, limits)
+    _refuse_circles(solids)
+    placed = _expand(solids, items, limits)
+    if not placed:
+        raise NoTrianglesError("the build of the 3MF places no triangles")
+    within(sum(len(solids[one.key].faces) for one in placed), limits.faces, "triangles")
+    within(sum(len(solids[one.key].vertices) for one in placed), limits.vertices, "vertices")
+    return solids, placed, unit
 
 
 def _models(package: Package, limits: Limits) -> tuple[dict[Key, Solid], list[Placed], float]:
@@ -104,6 +113,6 @@ def _expand(solids: dict[Key, Solid], items: list[Placed], limits: Limits) -> li
         if len(solid.faces):
             placed.append(one)
             within(len(placed), limits.parts, "places of meshes")
-        waiting += [Placed(part.key, part.matrix @ one.matrix) for part in reversed(solid.components)]
+        waiting += [Placed(part.key, part.matrix @ one.matrix, one) for part in reversed(solid.components)]
         within(len(waiting), _VISITS_PER_PART * limits.parts, "places of objects")
     return placed

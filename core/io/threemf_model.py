@@ -7,6 +7,7 @@ import numpy as np
 from core.arrays import Floats, Ints
 from core.errors import MalformedMeshError, NonFiniteCoordinatesError
 from core.io.checks import Limits, within
+from core.io.part import clean_name
 from core.io.threemf_package import Package
 
 _CORE = "http://schemas.microsoft.com/3dmanufacturing/core/2015/02"
@@ -59,10 +60,13 @@ class Placed:
     key : Key
     matrix : float64, shape (4, 4)
         Maps rows (x, y, z, 1).
+    above : Placed, optional
+        The instance that contains it.
     """
 
     key: Key
     matrix: Floats
+    above: "Placed | None" = None
 
 
 @dataclass
@@ -77,12 +81,15 @@ class Solid:
     faces : int64, shape (f, 3)
         Rows of `vertices`, checked.
     components : list of Placed
+    name : str
+        Empty if the file gives none.
     """
 
     kind: str
     vertices: Floats = field(default_factory=lambda: np.zeros((0, 3)))
     faces: Ints = field(default_factory=lambda: np.zeros((0, 3), dtype=np.int64))
     components: list[Placed] = field(default_factory=list)
+    name: str = ""
 
 
 class Model:
@@ -136,7 +143,7 @@ class Model:
         """Handle the start of an element other than a vertex or a triangle."""
         within(len(self._path), _DEPTH, "elements of XML inside each other")
         if name == _OBJECT:
-            self._solid = Solid(given.get("type", "model"))
+            self._solid = Solid(given.get("type", "model"), name=clean_name(given.get("name")))
             key = (self._part, given["id"])
             if key in self.solids:
                 raise MalformedMeshError("two objects of the 3MF have one id")

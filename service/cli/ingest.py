@@ -30,7 +30,7 @@ def command(
     ] = None,
     split: Annotated[
         Literal["parts"] | None,
-        typer.Option(help="parts: store each distinct part of a STEP assembly as a shape too."),
+        typer.Option(help="parts: store each distinct part of a STEP or 3MF as a shape too."),
     ] = None,
     url: Url = None,
     key: Key = None,
@@ -47,7 +47,7 @@ def command(
     Ctrl-C. A refused file does not stop the others. The service unpacks archives (zip, tar, tar.gz, tar.bz2,
     tar.xz); their files have no class and no metadata, and are not split.
 
-    With --split parts, the parts of a STEP assembly have the metadata assembly, assembly_path and instances.
+    With --split parts, the parts of a STEP or 3MF have the metadata assembly, assembly_path and instances.
     """
     archives = [path for path in paths if is_archive(path)]
     if split is not None and archives:

@@ -60,7 +60,7 @@ def upload(
 ) -> Call[Upload]:
     """Store a mesh. If its bytes are already stored under the same name, `created` is false.
 
-    With split="parts", each distinct part of a STEP assembly is stored as a shape too.
+    With split="parts", each distinct part of a STEP or 3MF is stored as a shape too.
     """
 
     def read(answer: httpx.Response) -> Upload:

@@ -85,7 +85,7 @@ async def create_shape(
     embedding. The same bytes under the same name are one shape of the collection, so clients may repeat an
     upload safely; the service ignores the tags and metadata of the repetition.
 
-    With split=parts, the distinct parts of a STEP assembly are shapes of their own. Each is a 3MF named
+    With split=parts, the distinct parts of a STEP or 3MF are shapes of their own. Each is a 3MF named
     "assembly/part", with the tags and the metadata of the whole besides its own. The Location is that of the
     whole. Shapes of an assembly are independent afterwards: each is changed, deleted and restored by itself.
     """

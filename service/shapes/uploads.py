@@ -96,7 +96,7 @@ class ShapeUpload(Replacement):
     metadata: FormMetadata
     split: Literal["parts"] | None = Field(
         default=None,
-        description="`parts`: a STEP assembly is one shape, and each of its distinct parts is another, with "
+        description="`parts`: a STEP or 3MF is one shape, and each of its distinct parts is another, with "
         "the metadata `assembly` (the name of the whole shape), `assembly_path` (the names from the root to "
         "the first instance of the part) and `instances`. The service stores all of them or none. A file of "
         "one part or of another format is one shape.",

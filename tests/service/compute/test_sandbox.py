@@ -36,7 +36,7 @@ from service.observability.logging import LOGGER
 from service.settings import Settings
 from tests.core.io.files import glb
 from tests.core.io.step_files import step_box, step_machine, step_sphere
-from tests.core.io.threemf_files import package
+from tests.core.io.threemf_files import model, package
 from tests.service.support import children, small_file, wait_until
 from tests.service.tasks import nap, warm
 
@@ -81,6 +81,9 @@ def test_parts_are_read_as_anywhere(readers: LocalPool) -> None:
         assert (part.name, part.path, part.instances) == (expected.name, expected.path, expected.instances)
         assert np.array_equal(read_mesh(part.data, "3mf").vertices, expected.mesh.vertices)
     assert read(readers, small_file(0), "off").mesh is not None
+    pair = package(model(items=[(1, "2 0 0 0 2 0 0 0 2 0 0 0"), (1, None)]))
+    answer = readers.submit(sandbox.read_part_files, pair, "3mf", DEFAULT_LIMITS, 30).result()
+    assert len(part_bytes.from_bytes(answer, 2)) == 2
     alone = readers.submit(sandbox.read_part_files, step_box(), "step", DEFAULT_LIMITS, 30).result()
     assert part_bytes.from_bytes(alone, 0) == []
 

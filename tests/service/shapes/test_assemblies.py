@@ -16,10 +16,12 @@ from service.shapes import assemblies
 from service.shapes.fields import METADATA_BYTES, METADATA_KEYS, NAME_CHARACTERS
 from tests.core.io.files import off
 from tests.core.io.step_files import step_box, step_circle, step_doubled, step_machine
+from tests.core.io.threemf_files import components, model, package, thing
 from tests.service.support import Running, assert_problem, query, serving, settings_in, small_file, upload
 
 MACHINE = step_machine()
 PARTS = ["machine.step/ring", "machine.step/pin", "machine.step/plate", "machine.step/plate"]
+MOVED, DOUBLED = "1 0 0 0 1 0 0 0 1 9 9 9", "2 0 0 0 2 0 0 0 2 0 0 0"
 KEY = "Idempotency-Key"
 
 
@@ -92,6 +94,18 @@ def test_a_part_is_sent_back_in_millimetres_and_found(service: Running) -> None:
     found = query(service.client, step_box((1, 2, 3)), "pin.step", top_k=1).json()["results"]
     assert [result["shape"]["id"] for result in found] == [pin["id"]]
     assert service.client.get(f"/shapes/{pin['id']}/thumbnail.png").status_code == 200
+
+
+def test_the_objects_of_a_3mf_are_parts(service: Running) -> None:
+    objects = thing(1, name="cap") + thing(2, components((1, None), (1, MOVED)), name="pen")
+    answer = split(service, package(model(objects, [(2, None), (1, DOUBLED)])), "plate.3mf")
+    assert answer.status_code == 201
+    assert [(part["name"], part["metadata"]) for part in answer.json()["parts"]] == [
+        ("plate.3mf/cap", {"assembly": "plate.3mf", "assembly_path": "pen/cap", "instances": 2}),
+        ("plate.3mf/cap", {"assembly": "plate.3mf", "assembly_path": "cap", "instances": 1}),
+    ]
+    assert [part["facts"]["volume"] for part in answer.json()["parts"]] == pytest.approx([1, 8])
+    assert total(service) == 3
 
 
 def test_again_nothing_is_stored_and_what_was_deleted_is_stored_again(service: Running) -> None:
