@@ -56,7 +56,7 @@ help:
 	@echo 'make mutation-test       upload 10,000 mutated files over HTTP (COUNT=, SEED=)'
 	@echo 'make schema-test         requests generated from the OpenAPI document (SEED=)'
 	@echo 'make vector-test         the nearest of a million signatures by PostgreSQL: times and recall (SIGNATURES=20000: of 20,000)'
-	@echo 'make duplicates-test     find 40 copies planted in a gallery of poses (POSES=2: 2 poses of each body)'
+	@echo 'make duplicates-test     find 40 copies planted in a gallery of poses, and the copies among 60 parts (POSES=2: 2 poses of each body, PARTS=300)'
 	@echo 'make kinship-test        the likeness of 214 pairs of machine parts, their copies and variants (EVERY=7: every seventh; SEED=)'
 	@echo 'make likeness-test       the likeness of 200 pairs made by code, by a running service (EACH=3: 3 pairs of each kind; SEED=)'
 	@echo 'make chirality-test      which of 60 parts made by code are mirror images, by a running service (CHIRAL=4 SYMMETRIC=2: fewer)'
@@ -231,6 +231,7 @@ vector-test: $(DEV)
 POSES ?= 8
 duplicates-test: $(DEV)
 	OMP_NUM_THREADS=1 $(BIN)/python -m tests.soak.duplicates --poses $(POSES)
+	OMP_NUM_THREADS=1 $(BIN)/python -m tests.soak.duplicates.first_report $(if $(PARTS),--parts $(PARTS) --no-force)
 
 kinship-test: $(DEV)
 	OMP_NUM_THREADS=1 $(BIN)/python -m tests.soak.kinship $(if $(EVERY),--every $(EVERY)) $(if $(SEED),--seed $(SEED))
