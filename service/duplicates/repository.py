@@ -11,7 +11,7 @@ from service.shapes.records import ShapeFilter
 from service.shapes.repository import matching
 from service.storage.database import ReadSession, WriteSession
 from service.storage.duplicate_tables import DuplicatePairRow, JudgedShapeRow
-from service.storage.tables import EmbeddingRow, ShapeRow
+from service.storage.tables import EmbeddingRow, ShapeRow, SketchRow
 
 
 def embedded(session: ReadSession, fingerprint: str, wanted: ShapeFilter) -> frozenset[int]:
@@ -150,7 +150,9 @@ def _with_embedding() -> Select[int]:
 
 
 def _embedded(fingerprint: str) -> Select[int]:
-    return _with_embedding().where(EmbeddingRow.fingerprint == fingerprint)
+    """The shapes that the index of signatures has: an embedding without its sketch is damaged."""
+    query = _with_embedding().join(SketchRow, SketchRow.embedding_number == EmbeddingRow.number)
+    return query.where(EmbeddingRow.fingerprint == fingerprint)
 
 
 def _unjudged(search: Search, collection: CollectionNumber | None) -> Select[int]:

@@ -102,4 +102,4 @@ def _numbers(facts: Mapping[str, Any]) -> tuple[float, ...]:
     unit = float(facts["area"]) ** 0.5
     box = facts.get("bounding_box")
     extents = [np.nan] * 3 if box is None else np.log(np.maximum(np.array(box) / unit, 1e-9)).tolist()
-    return (facts["scale"] / unit, *extents, float(facts["boundary_edges"] == 0))
+    return (facts["scale"] / unit, *extents, float(facts.get("boundary_edges") == 0))
