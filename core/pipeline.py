@@ -170,13 +170,12 @@ class Pipeline:
         IncompatibleEmbeddingsError
             An embedding was made with other parameters.
         """
-        match = self.match(first, second)
         orientations = _orientations(first, second)
-        if orientations is None or match.mirrored is None:
-            return [match.correspondence.astype(np.int64)], None
+        if orientations is None:
+            return [self.match(first, second).correspondence.astype(np.int64)], None
         with guarded():
             prepared = self._checked(first), self._checked(second)
-            return self.matcher.candidates(*prepared, orientations, MAPS), match.mirrored
+            return self.matcher.candidates(*prepared, orientations, MAPS)
 
     def correspond(
         self, first: Mesh, second: Mesh, embeddings: tuple[Embedding, Embedding] | None = None

@@ -92,10 +92,11 @@ class Matcher(Protocol[Shape]):
 
     def candidates(
         self, first: Shape, second: Shape, orientations: tuple[Int8s, Int8s], most: int
-    ) -> list[Ints]:
+    ) -> tuple[list[Ints], bool | None]:
         """Correspondences that fit about equally well, at most `most`, best first, each of shape (p, 2).
 
-        All preserve orientation, or none that fits about as well does. A sample may be in several pairs.
+        All preserve orientation, or none that fits about as well does: the second value then is True. It is
+        None if the matcher does not use orientations. A sample may be in several pairs.
         """
 
 

@@ -227,20 +227,22 @@ class ProcrustesMatcher:
 
     def candidates(
         self, first: Float32s, second: Float32s, orientations: tuple[Int8s, Int8s], most: int
-    ) -> list[Ints]:
+    ) -> tuple[list[Ints], bool | None]:
         """Pairs of samples under each of several maps, at most `most`, best first.
 
-        Each has the nearest neighbours both ways, shape (m + n, 2); all maps have one orientation.
+        Each has the nearest neighbours both ways, shape (m + n, 2); all maps have one orientation, and the
+        second value says whether they reverse it.
         """
         x, y = decoded(first), decoded(second)
         if precedes(x, y) == 0 and not _opposite(*orientations):
-            return [np.repeat(np.arange(len(x.offsets) - 1)[:, None], 2, axis=1)]
+            return [np.repeat(np.arange(len(x.offsets) - 1)[:, None], 2, axis=1)], False
         maps = self._candidates(x, y, orientations, most)
         here, there = np.arange(len(x.offsets) - 1), np.arange(len(y.offsets) - 1)
-        return [
+        pairs = [
             np.concatenate([np.stack([here, forth], axis=1), np.stack([back, there], axis=1)])
             for forth, back in zip(maps.there, maps.back, strict=True)
         ]
+        return pairs, maps.mirrored
 
     def _candidates(
         self, x: MatchRecord, y: MatchRecord, orientations: tuple[Int8s, Int8s], most: int

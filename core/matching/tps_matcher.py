@@ -103,9 +103,9 @@ class TpsMatcher:
 
     def candidates(
         self, first: Domains, second: Domains, orientations: tuple[Int8s, Int8s], most: int
-    ) -> list[Ints]:
+    ) -> tuple[list[Ints], bool | None]:
         """The pairs of `match` alone; neither orientations nor `most` are used."""
-        return [self.match(first, second).pairs]
+        return [self.match(first, second).pairs], None
 
     def match(
         self, first: Domains, second: Domains, orientations: tuple[Int8s, Int8s] | None = None

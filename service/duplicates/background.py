@@ -76,9 +76,10 @@ async def _judge_some(
     collection: CollectionNumber | None,
     wanted: Callable[[], Awaitable[bool]],
 ) -> bool:
-    """Judge the oldest shapes that nobody judges; False if all are judged.
+    """Judge the oldest shapes that nobody judges; False if none is left that can be judged.
 
-    `wanted` is awaited before each shape and says whether to go on.
+    A shape cannot be judged while the index does not have it. `wanted` is awaited before each shape and says
+    whether to go on.
     """
 
     def look() -> list[tuple[CollectionNumber, int]]:
@@ -100,7 +101,8 @@ async def _judge_some(
                 finally:
                     container.judging.discard(key)
 
-    if found and all((shape, search.variants) in container.judging for _, shape in found):
+    elsewhere = [shape for _, shape in found if (shape, search.variants) in container.judging]
+    if found and len(elsewhere) == len(found):
         await asyncio.sleep(BUSY_SECONDS)
     try:
         async with asyncio.TaskGroup() as group:
@@ -108,7 +110,7 @@ async def _judge_some(
                 group.create_task(take())
     except ExceptionGroup as several:
         raise several.exceptions[0] from None
-    return bool(found)
+    return bool(elsewhere) or (bool(found) and await run_in_threadpool(look) != found)
 
 
 async def _idle(container: Container) -> None:

@@ -70,8 +70,8 @@ CALLS: list[tuple[str, tuple[object, ...], dict[str, Any], str]] = [
         "duplicates",
         (),
         {
-            "min_cc": 0.9,
-            "max_residual": 0.1,
+            "min_cc": 0.99,
+            "max_residual": 0.002,
             "variants": True,
             "tag": ["a"],
             "name": "x",

@@ -194,3 +194,17 @@ def test_copies_and_checks_of_an_archive_hold_the_pairs(tmp_path: Path) -> None:
     source.close()
     target.close()
     assert check(path, lock_seconds=1).faults == []
+
+
+def test_a_shape_that_the_index_does_not_have_ends_the_judging(
+    running: Running, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    looks = []
+
+    def unjudged(*_: object, **__: object) -> list[tuple[int, int]]:
+        looks.append([(1, 999)])
+        return looks[-1]
+
+    monkeypatch.setattr(repository, "unjudged", unjudged)
+    assert running.client.get("/duplicates").status_code == 200
+    assert len(looks) == 2
