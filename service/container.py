@@ -29,7 +29,8 @@ class Container:
     `threads` compare embeddings, and `searches` counts the searches that use them. `comparing_is_ready` is
     set when compiled code and match records are loaded. `descriptors` caches descriptors of stored shapes by
     the number of the embedding, and `spin_images` spin images of files, for records that have none. `judging`
-    has the shapes that are compared with others to find near-identical ones, and whether variants are sought.
+    has the shapes that are compared with others to find near-identical ones, and whether the search is for
+    variants.
     """
 
     settings: Settings

@@ -185,8 +185,8 @@ class Settings(BaseSettings):
     )
     duplicates_in_background: bool = Field(
         default=True,
-        description="Whether the service seeks near-identical shapes while it is idle; if not, "
-        "`GET /duplicates` seeks them.",
+        description="Whether the service searches for near-identical shapes while it is idle. If not, "
+        "`GET /duplicates` does.",
     )
     max_vertices: PositiveInt = Field(
         default=DEFAULT_LIMITS.vertices, description="The largest number of vertices of a mesh."

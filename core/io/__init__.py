@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from core.io.checks import DEFAULT_LIMITS, Limits
     from core.io.formats import ENDINGS, FORMATS, READABLE, WRITABLE, format_of, readable
-    from core.io.part import Part
+    from core.io.part import PATH_NAMES, Part, clean_name
     from core.io.parts import read_parts
     from core.io.read import read_mesh
     from core.io.write import write_mesh
@@ -23,10 +23,12 @@ __all__ = [
     "DEFAULT_LIMITS",
     "ENDINGS",
     "FORMATS",
+    "PATH_NAMES",
     "READABLE",
     "WRITABLE",
     "Limits",
     "Part",
+    "clean_name",
     "format_of",
     "read_mesh",
     "read_parts",
@@ -38,10 +40,12 @@ _MODULES = {
     "DEFAULT_LIMITS": "checks",
     "ENDINGS": "formats",
     "FORMATS": "formats",
+    "PATH_NAMES": "part",
     "READABLE": "formats",
     "WRITABLE": "formats",
     "Limits": "checks",
     "Part": "part",
+    "clean_name": "part",
     "format_of": "formats",
     "read_mesh": "read",
     "read_parts": "parts",

@@ -10,7 +10,7 @@ _PLACES_PER_PART = 16
 # An instance: its id, name and description, of at most 1,024 characters each; the product that contains it,
 # and the product that it is an instance of. The quantifiers do not backtrack, so the time is linear.
 _INSTANCE = re.compile(
-    rb"\bNEXT_ASSEMBLY_USAGE_OCCURRENCE\s{0,64}+\((?:'[^']{0,1024}+'|[^'#;)]){0,256}+"
+    rb"\b(?:NEXT_ASSEMBLY_USAGE_OCCURRENCE|NAUO)\s{0,64}+\((?:'[^']{0,1024}+'|[^'#;)]){0,256}+"
     rb"#(\d{1,18}+)\s{0,64}+,\s{0,64}+#(\d{1,18}+)",
     re.IGNORECASE,
 )
@@ -20,7 +20,8 @@ def check_products(data: bytes, limits: Limits) -> None:
     """Refuse assemblies that OpenCASCADE would expand without end, or into too many instances.
 
     The cost is that of one pass over the text, whatever the depth of the assemblies. Entities with comments
-    inside are not seen; the limits of the process bound those.
+    inside, or with a text of more than 1,024 characters, are not counted; the limits of the process bound
+    those.
 
     Raises
     ------

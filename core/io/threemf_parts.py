@@ -14,7 +14,7 @@ from core.mesh.mesh import Mesh
 
 # Rotations are written in few digits.
 _ROUNDING = 1e-5
-_DIGITS = 6
+_DIGITS, _KEY_DIGITS = 6, 4
 
 
 def read_parts(data: bytes, limits: Limits) -> list[Part]:
@@ -53,7 +53,7 @@ def _instances(
             faces = solid.faces[:, ::-1] if np.linalg.det(stretch) < 0 else solid.faces
             return Part(name, path, 1, Mesh(solid.vertices @ stretch * unit, faces))
 
-        yield (name, digests[one.key], stretch.tobytes()), part
+        yield (name, digests[one.key], _rounded(stretch, _KEY_DIGITS).tobytes()), part
 
 
 def _path(solids: dict[Key, Solid], placed: Placed) -> tuple[str, ...]:
@@ -82,9 +82,12 @@ def _stretch(matrix: Floats) -> Floats:
     stretch = (axes * np.sqrt(np.maximum(squares, 0.0))) @ axes.T
     if np.abs(stretch - np.eye(3)).max() <= _ROUNDING:
         stretch = np.eye(3)
-    mirrored = -1.0 if np.linalg.det(matrix) < 0 else 1.0
+    return _rounded(-stretch if np.linalg.det(matrix) < 0 else stretch, _DIGITS)
+
+
+def _rounded(stretch: Floats, digits: int) -> Floats:
+    """Return the numbers rounded to so many digits of the largest one."""
     largest = float(np.abs(stretch).max())
-    decimals = _DIGITS - math.floor(math.log10(largest)) if largest > 0 else 0
+    decimals = digits - math.floor(math.log10(largest)) if largest > 0 else 0
     # Without negative zeros, which have other bytes.
-    rounded: Floats = mirrored * np.round(stretch, decimals) + 0.0
-    return rounded
+    return np.asarray(np.round(stretch, decimals) + 0.0)

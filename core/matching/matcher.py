@@ -95,8 +95,9 @@ class Matcher(Protocol[Shape]):
     ) -> tuple[list[Ints], bool | None]:
         """Correspondences that fit about equally well, at most `most`, best first, each of shape (p, 2).
 
-        All preserve orientation, or none that fits about as well does: the second value then is True. It is
-        None if the matcher does not use orientations. A sample may be in several pairs.
+        Either all maps preserve orientation, or no map that fits about as well does. The second value is
+        False or True accordingly, and None if the matcher does not use orientations. A sample may be in
+        several pairs.
         """
 
 

@@ -1,4 +1,4 @@
-"""Measurements that rotations, reflections and scaling leave as they are: they tell most pairs apart.
+"""Measurements that are invariant under rotation, reflection and scaling, which tell most pairs apart.
 
 A rigid copy has the measurements of the first surface up to the sampling errors of both meshes, so that only
 few pairs of a large collection need to be registered.
@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 from core.arrays import Float32s, Floats
 from core.registration.rigid_copy import COPY_RADIUS, COPY_SPECTRAL
 
-EXTENT, VOLUME, HULL_AREA = 0.008, 0.016, 0.004
+EXTENT, VOLUME, HULL_AREA, OPEN_HULL_AREA = 0.008, 0.016, 0.004, 0.016
 """Largest differences of the logarithms of two copies: of the extents of their bounding boxes, of their
-volume and the filled share of their hulls, and of their area over that of the hull. Copies with half of the
-vertices and copies at another chord tolerance differ by at most a third of each."""
+volume and the filled share of their hulls, and of their area over that of the hull, of closed and of open
+surfaces. Copies with half of the vertices and copies at another chord tolerance differ by at most a third of
+each."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,19 +50,19 @@ class Invariants:
 
 
 def possible_copies(surfaces: Invariants, place: int, residual: float) -> NDArray[np.intp]:
-    """Indices of the surfaces that may be rigid copies of one, itself left out.
+    """Indices of the other surfaces that may be rigid copies of a surface.
 
     Parameters
     ----------
     surfaces : Invariants
     place : int
-        Index of the one.
+        Index of the surface.
     residual : float
         Largest root mean square distance of two copies over the square root of the area, > 0. Their radii
         differ by at most this.
     """
     near = _of_radius(surfaces, place, residual)
-    # The extents of a bounding box are unknown in archives that are not measured yet.
+    # Shapes stored by earlier versions may have no bounding box yet.
     gaps = np.abs(surfaces.extents[near] - surfaces.extents[place])
     near = near[~(gaps > EXTENT).any(axis=1)]
     if not surfaces.descriptors.shape[1]:
@@ -69,12 +70,12 @@ def possible_copies(surfaces: Invariants, place: int, residual: float) -> NDArra
     gaps = np.abs(surfaces.descriptors[near] - surfaces.descriptors[place])
     # Of an open surface, the volume is only a number.
     closed = surfaces.closed[near] & surfaces.closed[place]
-    within = (gaps <= [VOLUME, VOLUME, HULL_AREA]).all(axis=1) | (~closed & (gaps[:, 2] <= VOLUME))
+    within = (gaps <= [VOLUME, VOLUME, HULL_AREA]).all(axis=1) | (~closed & (gaps[:, 2] <= OPEN_HULL_AREA))
     return np.asarray(near[within], dtype=np.intp)
 
 
 def possible_variants(surfaces: Invariants, place: int) -> NDArray[np.intp]:
-    """Indices of the surfaces that may be copies or variants of one (`may_be_copy`), itself left out."""
+    """Indices of the other surfaces that may be copies or variants of a surface (`may_be_copy`)."""
     near = _of_radius(surfaces, place, COPY_RADIUS)
     return np.asarray(near[surfaces.spectral_distances(place, near) <= COPY_SPECTRAL])
 

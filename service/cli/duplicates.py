@@ -43,11 +43,15 @@ def command(
         )
         answer = ask()
         with progress() as bar:
-            task = bar.add_task("judging", total=answer.unjudged, visible=bool(answer.unjudged))
             total = answer.unjudged
-            while answer.unjudged:
+            task = bar.add_task("judging", total=total, visible=bool(total))
+            left = total + 1
+            while 0 < answer.unjudged < left:
+                left = answer.unjudged
                 answer = ask()
                 bar.update(task, completed=total - answer.unjudged)
+    if answer.unjudged:
+        say(f"{answer.unjudged} shapes cannot be judged now: the groups may be incomplete")
     if as_csv:
         typer.echo(answer.csv().replace("\r\n", "\n"), nl=False)
     else:

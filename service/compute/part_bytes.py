@@ -8,9 +8,8 @@ from safetensors import SafetensorError
 from safetensors.numpy import load, save
 
 from core.errors import MalformedMeshError
+from core.io import PATH_NAMES, clean_name
 
-# The longest text, and the most names of a path, of a part from an untrusted process.
-_CHARACTERS, _NAMES = 255, 64
 _ABOUT = "about"
 
 
@@ -54,12 +53,8 @@ def from_bytes(data: bytes, most: int) -> list[PartFile]:
 
 def _is_sound(part: PartFile) -> bool:
     return (
-        all(type(text) is str and text.isprintable() and len(text) <= _CHARACTERS for text in _texts(part))
-        and len(part.path) <= _NAMES
+        all(type(text) is str and text == clean_name(text) for text in (part.name, *part.path))
+        and len(part.path) <= PATH_NAMES
         and type(part.instances) is int
         and part.instances >= 1
     )
-
-
-def _texts(part: PartFile) -> tuple[str, ...]:
-    return (part.name, *part.path)

@@ -2,6 +2,7 @@
 
 import asyncio
 from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
 from time import monotonic
 
 from starlette.concurrency import run_in_threadpool
@@ -12,6 +13,7 @@ from service.duplicates import repository
 from service.duplicates.judgements import Search
 from service.duplicates.judging import ShapeJudge
 from service.errors import ServiceError
+from service.index.repository import revision
 from service.observability.logging import get_logger
 from service.pipelines.active import ActivePipeline
 
@@ -37,17 +39,21 @@ async def keep_judging(container: Container) -> None:
 
     while not container.comparing_is_ready.is_set():
         await asyncio.sleep(BUSY_SECONDS)
+    finished: _State | None = None
     while True:
         try:
-            active_pipeline = await run_in_threadpool(_active, container)
-            for search in await run_in_threadpool(_searches, container, active_pipeline):
-                while await _judge_some(container, active_pipeline, search, None, idle):
-                    pass
+            state = await run_in_threadpool(_state, container)
+            if state != finished:
+                for search in state.searches:
+                    while await _judge_some(container, state.active_pipeline, search, None, idle):
+                        if await run_in_threadpool(_state, container) != state:
+                            break
+                finished = state
         except ServiceError as error:
-            log.warning("near-identical shapes are sought later: %s", error)
+            log.warning("the search for near-identical shapes failed and continues later: %s", error)
             await asyncio.sleep(TRY_AGAIN_SECONDS)
         except Exception:
-            log.exception("near-identical shapes are sought later")
+            log.exception("the search for near-identical shapes failed and continues later")
             await asyncio.sleep(TRY_AGAIN_SECONDS)
         await asyncio.sleep(LOOK_SECONDS)
 
@@ -57,15 +63,15 @@ async def judge_for(
     active_pipeline: ActivePipeline,
     search: Search,
     collection: CollectionNumber,
-    seconds: float,
+    end: float,
 ) -> None:
-    """Judge the shapes of a collection until all are judged, or for some time."""
-    end = monotonic() + seconds
+    """Judge the shapes of a collection, at least one, until a time of `time.monotonic`."""
+    first = iter([True])
 
     async def in_time() -> bool:
-        return monotonic() < end
+        return next(first, False) or monotonic() < end
 
-    while await in_time() and await _judge_some(container, active_pipeline, search, collection, in_time):
+    while await _judge_some(container, active_pipeline, search, collection, in_time) and monotonic() < end:
         pass
 
 
@@ -76,7 +82,7 @@ async def _judge_some(
     collection: CollectionNumber | None,
     wanted: Callable[[], Awaitable[bool]],
 ) -> bool:
-    """Judge the oldest shapes that nobody judges; False if none is left that can be judged.
+    """Judge the oldest shapes that are neither judged nor being judged; False if none of them can be judged.
 
     A shape cannot be judged while the index does not have it. `wanted` is awaited before each shape and says
     whether to go on.
@@ -123,12 +129,18 @@ async def _idle(container: Container) -> None:
         await asyncio.sleep(BUSY_SECONDS)
 
 
-def _searches(container: Container, active_pipeline: ActivePipeline) -> list[Search]:
-    copies, variants = (Search(active_pipeline.fingerprint, variants) for variants in (False, True))
-    with container.database.read() as session:
-        return [copies, variants] if repository.has_begun(session, variants) else [copies]
+@dataclass(frozen=True)
+class _State:
+    """The searches that are wanted, of the archive at one revision."""
+
+    revision: int
+    active_pipeline: ActivePipeline
+    searches: tuple[Search, ...]
 
 
-def _active(container: Container) -> ActivePipeline:
+def _state(container: Container) -> _State:
     with container.database.read() as session:
-        return container.pipelines.current(session)
+        active_pipeline = container.pipelines.current(session)
+        copies, variants = (Search(active_pipeline.fingerprint, variants) for variants in (False, True))
+        searches = (copies, variants) if repository.has_begun(session, variants) else (copies,)
+        return _State(revision(session), active_pipeline, searches)

@@ -53,7 +53,8 @@ async def duplicates(
     """Groups of shapes with one rigid form: rotated, moved, scaled, mirrored or remeshed copies.
 
     Two poses of one body are not duplicates. The service judges stored shapes while it is idle, and keeps the
-    pairs. A request judges missing shapes for at most 20 seconds; `unjudged` says how many remain.
+    pairs. A request judges missing shapes, and begins no further one after 20 seconds; `unjudged` says how
+    many remain.
     """
     timings = Timings()
     wanted = options.wanted(collection.number)

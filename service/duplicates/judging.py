@@ -16,11 +16,12 @@ from service.duplicates import repository
 from service.duplicates.groups import Groups, Link
 from service.duplicates.judgements import Judgement, Search
 from service.duplicates.registering import Side, registered, side_of
-from service.errors import FileTimeLimitError, ShapeNotFoundError
+from service.errors import FileTimeLimitError, ShapeNotFoundError, WorkerCrashedError
 from service.index.surface_measurements import MeasuredShapes
 from service.observability.logging import get_logger
 from service.pipelines.active import ActivePipeline
 from service.search import repository as search_repository
+from service.search.likeness import once
 from service.search.records import Query
 from service.search.scoring import compare_with
 from service.search.shortlist import Candidates
@@ -84,8 +85,10 @@ class ShapeJudge:
     collection: CollectionNumber
     shape: int
     _links: list[Link] = field(default_factory=list, init=False)
-    _compared: set[int] = field(default_factory=set, init=False)
+    _considered: set[int] = field(default_factory=set, init=False)
+    _compared: int = field(default=0, init=False)
     _aligned: int = field(default=0, init=False)
+    _own: Side | None = field(default=None, init=False)
 
     async def judge(self) -> None:
         """Compare the shape with its candidates and store the judgement.
@@ -136,7 +139,7 @@ class ShapeJudge:
         groups = Groups()
         for link in (*view.links, *self._links):
             groups.join(link)
-        new = [place for place in view.candidates if int(view.measured.shapes[place]) not in self._compared]
+        new = [place for place in view.candidates if int(view.measured.shapes[place]) not in self._considered]
         for start in range(0, len(new) if view.record else 0, REGISTERED):
             shapes = view.measured.shapes
             some = [
@@ -144,10 +147,11 @@ class ShapeJudge:
                 for place in new[start : start + REGISTERED]
                 if not groups.joined(self.shape, int(shapes[place]))
             ]
+            self._compared += len(some)
             for number, cc in await self._scored(view, np.array(some, dtype=np.intp)):
                 if self._aligned < REGISTERED and not groups.joined(self.shape, number):
                     await self._register(view, groups, number, cc)
-        self._compared |= {int(view.measured.shapes[place]) for place in new}
+        self._considered |= {int(view.measured.shapes[place]) for place in new}
 
     async def _scored(self, view: _View, places: NDArray[np.intp]) -> list[tuple[int, float]]:
         """The candidates at some indices with the wanted CC, in their order."""
@@ -175,23 +179,34 @@ class ShapeJudge:
     async def _register(self, view: _View, groups: Groups, number: int, cc: float) -> None:
         """Register a pair, the older shape first, and keep it if it is a copy or a variant."""
         first, second = sorted((self.shape, number))
+        self._aligned += 1
         try:
             sides = await self._side(view, first), await self._side(view, second)
             copy = await registered(self.container, *sides, self.active_pipeline.pipeline.parameters)
-        except (BadRecordError, FileTimeLimitError, MeshError, ShapeNotFoundError) as error:
+        except (
+            BadRecordError,
+            FileTimeLimitError,
+            MeshError,
+            ShapeNotFoundError,
+            WorkerCrashedError,
+        ) as error:
             log.warning("two shapes cannot be aligned: %s", error)
             return
-        self._aligned += 1
         if copy is not None and copy.residual <= self.search.max_residual:
             link = _link(first, second, cc, copy)
             groups.join(link)
             self._links.append(link)
 
     async def _side(self, view: _View, number: int) -> Side:
+        if number == self.shape and self._own is not None:
+            return self._own
         place = view.measured.place_of(number)
         assert place is not None
         embedding = int(view.measured.embeddings[place])
-        return await side_of(self.container, self.collection, number, embedding)
+        side = await side_of(self.container, self.collection, number, embedding)
+        if number == self.shape:
+            self._own = side = Side(side.record, once(side.mesh))
+        return side
 
     def _store(self, view: _View) -> bool:
         """Store the judgement; False if a candidate was judged meanwhile and has not been compared."""
@@ -201,14 +216,15 @@ class ShapeJudge:
                 return True
             newer = repository.judged_since(session, search, view.latest) - {self.shape}
             near = set(shapes[self._near(view.measured, view.place)].tolist())
-            if any(view.measured.place_of(each) is None for each in newer) or newer & near - self._compared:
+            if any(view.measured.place_of(each) is None for each in newer) or newer & near:
+                # A shape that was judged again may have another file.
+                self._considered -= newer
+                self._links = [link for link in self._links if not {link.first, link.second} & newer]
                 return False
             ends = {link.first for link in self._links} | {link.second for link in self._links}
             there = repository.judged(session, search, sorted(ends)) | {self.shape}
             links = [link for link in self._links if {link.first, link.second} <= there]
-            repository.write(
-                session, search, Judgement(self.shape, links, len(self._compared), self._aligned)
-            )
+            repository.write(session, search, Judgement(self.shape, links, self._compared, self._aligned))
             return True
 
 

@@ -50,7 +50,7 @@ def judged_since(session: ReadSession, search: Search, since: int) -> set[int]:
 
 
 def has_begun(session: ReadSession, search: Search) -> bool:
-    """Whether a shape is judged."""
+    """Whether the search has judged any shape."""
     return session.scalar(select(JudgedShapeRow.number).where(*_by(search)).limit(1)) is not None
 
 
@@ -156,8 +156,8 @@ def _embedded(fingerprint: str) -> Select[int]:
 
 
 def _unjudged(search: Search, collection: CollectionNumber | None) -> Select[int]:
-    done = select(JudgedShapeRow.shape_number).where(*_by(search))
-    query = _embedded(search.fingerprint).where(ShapeRow.number.not_in(done))
+    done = select(JudgedShapeRow.number).where(JudgedShapeRow.shape_number == ShapeRow.number, *_by(search))
+    query = _embedded(search.fingerprint).where(~done.exists())
     return query if collection is None else query.where(ShapeRow.collection_number == collection)
 
 

@@ -5,6 +5,7 @@ __all__ = [
     "compare_endpoint",
     "compare_schemas",
     "endpoints",
+    "likeness",
     "likeness_words",
     "rank_by",
     "ranking",

@@ -12,7 +12,7 @@ from service.collections import repository as collections_repository
 from service.compute.part_bytes import PartFile
 from service.compute.tasks import Embedded
 from service.container import Container
-from service.errors import BadRequestFieldsError, FieldFault
+from service.errors import BadRequestFieldsError, FieldFault, FileTimeLimitError
 from service.http.idempotency import repository as idempotency
 from service.http.idempotency.records import Claim, Kept
 from service.observability.timings import Timings
@@ -118,12 +118,11 @@ def _look_up(container: Container, shapes: Sequence[NewShape]) -> tuple[Pipeline
     """The active pipeline, and the shapes whose files need an embedding, one for each file."""
     with container.database.read() as session:
         pipeline = container.pipelines.current(session).pipeline
-        needed = {
-            _key(new): new
-            for new in reversed(shapes)
-            if not repository.is_embedded(session, pipeline.fingerprint, *_key(new))
-        }
-        return pipeline, list(reversed(needed.values()))
+        needed: dict[_FileKey, NewShape] = {}
+        for new in shapes:
+            if not repository.is_embedded(session, pipeline.fingerprint, *_key(new)):
+                needed.setdefault(_key(new), new)
+        return pipeline, list(needed.values())
 
 
 async def _embed(
@@ -136,7 +135,7 @@ async def _embed(
         async with room:
             try:
                 return await container.work.embed(new.data, new.format, pipeline)
-            except MeshError as error:
+            except (FileTimeLimitError, MeshError) as error:
                 if ASSEMBLY not in new.metadata:
                     raise
                 raise type(error)(f"{new.name}: {error}") from error

@@ -1,7 +1,7 @@
 """The tables of near-identical shapes: pairs that registration found, and the shapes that are judged.
 
-The pairs of two judged shapes are known: each is in the table of pairs, or no copy, or other pairs join its
-shapes. Pairs and judgements are derived from files and embeddings; a service computes missing ones again.
+Each pair of judged shapes is decided: the table has it, or the shapes are no copies, or other pairs join
+them. A service recomputes missing pairs and judgements from files and embeddings.
 """
 
 from sqlalchemy import ForeignKey, Index, String, UniqueConstraint

@@ -5,6 +5,7 @@ import { openCollections } from "./collections.js";
 import { byId, showError } from "./dom.js";
 import { openDeleted } from "./deleted.js";
 import { dropAnywhere } from "./drop.js";
+import { allowDeletions, openDuplicates } from "./duplicates.js";
 import { findFile, openFind } from "./find.js";
 import { allowChanges, openGallery, reload } from "./gallery.js";
 import { openJobs } from "./jobs.js";
@@ -24,7 +25,7 @@ const signOutButton = byId("sign-out", HTMLButtonElement);
 const errorBox = byId("error", HTMLElement);
 
 /** @type {Record<string, (state: State) => void>} */
-const OPEN = { find: openFind, browse: openGallery, map: openMap, upload: () => {} };
+const OPEN = { find: openFind, browse: openGallery, map: openMap, duplicates: openDuplicates, upload: () => {} };
 
 /** The last state of each view, to which its link leads back. @type {Record<string, State>} */
 const left = {};
@@ -42,8 +43,9 @@ async function enter(own) {
   if (!may) return key.focus();
   if (await openCollections()) return;
   allowChanges(full);
+  allowDeletions(full);
   // First, because the deletion dialog says how long a shape can be restored.
-  if (full) await openDeleted(reload);
+  if (full) await openDeleted(() => (shownView() === "duplicates" ? show() : reload()));
   moved.addEventListener("moved", show);
   show();
   if (full) await openJobs();
@@ -61,7 +63,9 @@ function show() {
   const view = shownView();
   const state = current();
   left[view] = state;
-  for (const part of content.children) /** @type {HTMLElement} */ (part).hidden = part.id !== `view-${view}`;
+  for (const part of content.querySelectorAll(":scope > section")) {
+    /** @type {HTMLElement} */ (part).hidden = part.id !== `view-${view}`;
+  }
   for (const link of views.querySelectorAll("a")) {
     const own = link.dataset.view ?? "";
     link.href = linkTo(own, left[own]?.parameters);

@@ -23,6 +23,8 @@
  * @typedef {{ id: string, name: string, deleted_at: string, gone_at: string }} DeletedShape
  * @typedef {{ shapes: DeletedShape[], total: number, undo_days: number, next_cursor: string | null }} DeletedPage
  * @typedef {{ shapes: { id: string, name: string, column: number, row: number }[], size: number, total: number }} ShapeMap
+ * @typedef {{ shape: Shape, likeness: string, scale: number, cc: number, residual: number }} Duplicate
+ * @typedef {{ groups: Duplicate[][], shapes: number, unjudged: number }} Duplicates
  * @typedef {{ collections: { name: string, shapes: number }[] }} Collections
  * @typedef {{ access: "none" | "read" | "full", signed_in: boolean }} Session
  */

@@ -133,6 +133,7 @@ def test_assemblies_without_end_are_refused_before_they_are_expanded(name, read)
     [
         b"next_Assembly_Usage_Occurrence ( 'a''b,#1' ,\n'(;' , $ , %b , %b , $ )",
         b"#1=NEXT_ASSEMBLY_USAGE_OCCURRENCE('','','',%b,%b,$)",
+        b"#1=NAUO('','','',%b,%b,$)",
     ],
 )
 def test_an_instance_is_seen_however_it_is_written(text):

@@ -11,9 +11,10 @@ from core.gallery import make_shape
 from core.io import write_mesh
 from core.parameters import DEFAULT, PAPER
 from service.cli.reembed import reembed
-from service.duplicates import repository, service
+from service.duplicates import judging, repository, service
 from service.duplicates.judgements import Judgement, Search
 from service.duplicates.judging import ShapeJudge
+from service.errors import StorageFullError, WorkerCrashedError
 from service.shapes.reembedding import prune_others
 from service.storage.checking import check
 from service.storage.copying import copy_archive
@@ -98,7 +99,7 @@ def test_a_request_that_runs_out_of_time_says_how_many_shapes_remain(
     with monkeypatch.context() as patch:
         patch.setattr(service, "JUDGING_SECONDS", 0.0)
         answer = running.client.get("/duplicates").json()
-        assert (answer["groups"], answer["shapes"], answer["unjudged"]) == ([], 3, 3)
+        assert (answer["groups"], answer["shapes"], answer["unjudged"]) == ([], 3, 2)
     assert len(ask(running)["groups"][0]) == 3
 
 
@@ -208,3 +209,38 @@ def test_a_shape_that_the_index_does_not_have_ends_the_judging(
     monkeypatch.setattr(repository, "unjudged", unjudged)
     assert running.client.get("/duplicates").status_code == 200
     assert len(looks) == 2
+
+
+def test_a_pair_that_ends_a_worker_costs_that_pair(running: Running, monkeypatch: pytest.MonkeyPatch) -> None:
+    async def crashes(*_: object) -> None:
+        raise WorkerCrashedError("the worker process broke down over the work")
+
+    for seed in (1, 2):
+        running.store(copy_of_plane(seed), f"{seed}.off")
+    with monkeypatch.context() as patch:
+        patch.setattr(judging, "registered", crashes)
+        found = ask(running)
+    assert (found["groups"], found["aligned"]) == ([], 1)
+
+
+def test_variants_have_all_copies_among_them(running: Running) -> None:
+    """More copies than candidates of variants."""
+    for seed in range(20):
+        running.store(copy_of_plane(seed), f"{seed}.off")
+    (group,) = groups(running, variants="true")
+    assert len(group) == 20
+
+
+def test_an_archive_that_cannot_be_written_to_has_its_pairs_read(
+    running: Running, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object) -> None:
+        raise StorageFullError("the disk is full")
+
+    for seed in (1, 2):
+        running.store(copy_of_plane(seed), f"{seed}.off")
+    assert len(groups(running)) == 1
+    running.store(copy_of_plane(3), "3.off")
+    monkeypatch.setattr(repository, "write", full)
+    answer = running.client.get("/duplicates").json()
+    assert (len(answer["groups"]), answer["unjudged"]) == (1, 1)

@@ -36,7 +36,8 @@ class Visit:
         """A view of the page, with its first shapes."""
         self.page.goto(f"{self.here}/?{urlencode({'view': view, **parameters})}")
         self.page.wait_for_selector(
-            "#start-shapes li, #gallery li, #map li, #view-upload:not([hidden]), #sign-in:not([hidden])"
+            "#start-shapes li, #gallery li, #map li, #duplicates li, "
+            "#view-upload:not([hidden]), #sign-in:not([hidden])"
         )
         return self.page
 

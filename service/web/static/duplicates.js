@@ -1,0 +1,120 @@
+// Groups of near-identical shapes: copies of any size, mirror images and, if asked for, variants.
+
+import { address, ask } from "./api.js";
+import { confirmed, deleted, restorable } from "./deleted.js";
+import { byId, make, showError } from "./dom.js";
+import { changedIn, fill, parametersOf } from "./fields.js";
+import { copyVerdict } from "./likeness.js";
+import { menuButton } from "./menu.js";
+import { shapeCard } from "./shape_card.js";
+import { current, keep } from "./state.js";
+
+/** @import { State } from "./state.js" */
+/** @import { Duplicate, Duplicates, Shape } from "./types.js" */
+
+/** Groups that are added at a time. */
+const PAGE = 20;
+
+const form = byId("duplicates-form", HTMLFormElement);
+const list = byId("duplicates", HTMLUListElement);
+const status = byId("duplicates-status", HTMLElement);
+const errorBox = byId("duplicates-error", HTMLElement);
+const more = byId("duplicates-more", HTMLButtonElement);
+
+let deletions = false;
+/** @type {Duplicate[][]} */
+let groups = [];
+/** Number of the current list; a response for an earlier list is discarded. */
+let generation = 0;
+
+/** @param {boolean} may Whether shapes may be deleted. */
+export const allowDeletions = (may) => (deletions = may);
+
+/**
+ * Show the groups of the address.
+ * @param {State} state
+ */
+export function openDuplicates({ parameters }) {
+  fill(form, parameters);
+  load();
+}
+
+/** Show the groups, and ask again while shapes are still to be compared. */
+async function load() {
+  const own = ++generation;
+  status.textContent = "Comparing the stored shapes …";
+  try {
+    // Until no more of them can be compared, or another view is open.
+    for (let left = Infinity; left > 0 && current().view === "duplicates";) {
+      /** @type {Duplicates} */
+      const found = await (await ask(address("duplicates", parametersOf(form)))).json();
+      if (own !== generation) return;
+      showError(errorBox);
+      show(found);
+      if (found.unjudged >= left) break;
+      left = found.unjudged;
+    }
+  } catch (error) {
+    if (own !== generation) return;
+    status.textContent = "";
+    showError(errorBox, error);
+  }
+}
+
+/** @param {Duplicates} found */
+function show(found) {
+  groups = found.groups;
+  const shown = Math.max(PAGE, list.children.length);
+  list.replaceChildren();
+  append(shown);
+  const counted = groups.length === 0 ? `No duplicates among ${found.shapes} shapes.`
+    : `${groups.length} ${groups.length === 1 ? "group" : "groups"} of duplicates among ${found.shapes} shapes.`;
+  const left = found.unjudged === 0 ? "" : ` ${found.unjudged} shapes are still to be compared.`;
+  status.textContent = counted + left;
+}
+
+/** @param {number} count Number of groups to add. */
+function append(count) {
+  const start = list.children.length;
+  list.append(...groups.slice(start, start + count).map(group));
+  more.hidden = list.children.length === groups.length;
+}
+
+/** @param {Duplicate[]} members */
+const group = (members) => make(
+  "li", {}, make("h3", {}, `${members.length} shapes`), make("ul", { className: "gallery" }, ...members.map(item)),
+);
+
+/**
+ * @param {Duplicate} one
+ * @param {number} place In its group; the others are compared with the first.
+ */
+function item(one, place) {
+  const { shape } = one;
+  const made = shapeCard(shape, menuButton(shape, deletions ? () => remove(shape) : null));
+  const line = make("p", { className: "likeness" }, place === 0 ? "Stored first" : copyVerdict(one));
+  made.querySelector(".name")?.after(line);
+  return made;
+}
+
+/**
+ * Delete a shape; where it cannot be restored, only if that is confirmed.
+ * @param {Shape} shape
+ */
+async function remove(shape) {
+  if (!restorable() && !await confirmed(shape.name)) return;
+  try {
+    await ask(address(`shapes/${shape.id}`), { method: "DELETE" });
+    deleted(shape);
+    load();
+  } catch (error) {
+    showError(errorBox, error);
+  }
+}
+
+form.addEventListener("change", () => {
+  keep(changedIn(form));
+  load();
+});
+form.addEventListener("submit", (event) => event.preventDefault());
+more.addEventListener("click", () => append(PAGE));
