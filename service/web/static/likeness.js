@@ -3,26 +3,31 @@
 /** @import { Scores } from "./types.js" */
 
 /** @type {Record<string, string>} */
-const COPIES = { same: "Same part", scaled: "Same part", mirrored: "Mirror image", variant: "Variant" };
-
-/** @type {Record<string, (scores: Scores) => string>} */
-const OTHERS = {
-  pose: ({ cc }) => `Another pose, ${digits(cc)}`,
-  similar: ({ combined }) => `Similar: ${percent(combined)}`,
-  weak: ({ combined }) => `Weak: ${percent(combined)}`,
+const WORDS = {
+  same: "Same part",
+  scaled: "Same part",
+  mirrored: "Mirror image",
+  variant: "Variant",
+  pose: "Another pose",
+  similar: "Similar",
+  weak: "Weak",
 };
 
 /**
  * The likeness of a rigid copy, such as "Same part, 1.5 times as large".
  * @param {{ likeness: string, scale: number | null }} copy
  */
-export const copyVerdict = ({ likeness, scale }) => COPIES[likeness] + (likeness === "same" ? "" : size(scale));
+export const copyVerdict = ({ likeness, scale }) => WORDS[likeness] + (likeness === "same" ? "" : size(scale));
 
 /**
  * Such as "Same part, 1.5 times as large", "Another pose, 0.996" or "Similar: 91 %".
  * @param {Scores} scores
  */
-export const verdict = (scores) => scores.likeness in COPIES ? copyVerdict(scores) : OTHERS[scores.likeness](scores);
+export function verdict(scores) {
+  if (scores.likeness === "pose") return `${WORDS.pose}, ${digits(scores.cc)}`;
+  const copy = !["similar", "weak"].includes(scores.likeness);
+  return copy ? copyVerdict(scores) : `${WORDS[scores.likeness]}: ${percent(scores.combined)}`;
+}
 
 /** @param {number | null} scale Copies whose sizes differ by at most 3 % have one size. */
 const size = (scale) => scale === null || Math.abs(Math.log(scale)) <= Math.log(1.03) ? ""
