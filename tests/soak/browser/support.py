@@ -57,7 +57,11 @@ def drawn(page: Page, count: int) -> None:
 
 def choose(page: Page, name: str, action: str) -> None:
     """Choose an action in the menu of a shape's card."""
-    page.get_by_role("button", name=f"Menu of {name}").click()
+    menu = page.get_by_role("button", name=f"Menu of {name}")
+    # The menu closes when the page scrolls.
+    menu.scroll_into_view_if_needed()
+    page.evaluate("new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
+    menu.click()
     page.locator("#card-menu").get_by_text(action, exact=True).click()
 
 
