@@ -88,7 +88,8 @@ def create_app(settings: Settings) -> FastAPI:
         cache_warmer = CacheWarmer(app.state.container)
         cache_warmer.start()
         works = [keep_purging, measure_missing]
-        if settings.duplicates_in_background:
+        # Judging reads all signatures into memory, which this setting avoids.
+        if settings.duplicates_in_background and settings.signatures == "memory":
             works.append(keep_judging)
         beside = [asyncio.create_task(work(app.state.container)) for work in works]
         metrics.watch(

@@ -22,9 +22,10 @@ from service.client.calls import (
     parsed,
     segment,
 )
+from service.shapes.assembly_schemas import Assembly
 from service.shapes.deleted.schemas import DeletedShape, DeletedShapePage
 from service.shapes.records import Sort
-from service.shapes.schemas import Assembly, EmbeddingArrays, Shape, ShapePage
+from service.shapes.schemas import EmbeddingArrays, Shape, ShapePage
 
 
 @dataclass(frozen=True)

@@ -62,6 +62,8 @@ class SurfaceMeasurements:
             Whether its signatures end with global descriptors.
         """
         with self._lock:
+            # First, because another query may bring the index to a later revision meanwhile.
+            entries = index.current(session)
             revision = repository.revision(session)
             if self._known is not None and self._known[:2] == (index, revision):
                 return self._known[2]
@@ -70,7 +72,7 @@ class SurfaceMeasurements:
             for number, facts in repository.facts_since(session, self._revision):
                 self._facts[number] = _numbers(facts)
             self._revision = revision
-            found = self._measured(index.current(session), global_descriptors)
+            found = self._measured(entries, global_descriptors)
             self._known = index, revision, found
             return found
 

@@ -2,6 +2,7 @@
 
 __all__ = [
     "assemblies",
+    "assembly_schemas",
     "documentation",
     "endpoints",
     "fields",

@@ -17,10 +17,10 @@ from service.http.idempotency import repository as idempotency
 from service.http.idempotency.records import Claim, Kept
 from service.observability.timings import Timings
 from service.shapes import repository
+from service.shapes.assembly_schemas import Assembly
 from service.shapes.fields import NAME_CHARACTERS, clean_metadata, clean_name
 from service.shapes.records import NewShape, StoredAssembly
-from service.shapes.schemas import Assembly
-from service.shapes.service import answer_to, put_shape
+from service.shapes.storing import answer_to, put_shape
 from service.storage.database import Database
 
 ASSEMBLY, PATH, INSTANCES = "assembly", "assembly_path", "instances"

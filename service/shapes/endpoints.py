@@ -19,6 +19,7 @@ from service.http.problems import documented
 from service.http.request_bodies import FILE, RequestBody
 from service.pipelines.active import fingerprint
 from service.shapes import assemblies, service
+from service.shapes.assembly_schemas import Assembly
 from service.shapes.documentation import (
     FILE_PROBLEMS,
     IDEMPOTENCY_PROBLEMS,
@@ -29,7 +30,7 @@ from service.shapes.filters import Filters
 from service.shapes.headers import REPLAYED_HEADER, IdempotencyKey
 from service.shapes.pages import read_place
 from service.shapes.records import NewShape, Sort, StoredAssembly, StoredShape
-from service.shapes.schemas import Assembly, Shape, ShapeChanges, ShapePage
+from service.shapes.schemas import Shape, ShapeChanges, ShapePage
 from service.shapes.uploads import ShapeUpload
 
 router = APIRouter(tags=["shapes"])

@@ -10,7 +10,8 @@ from service.errors import FileChangedError, NameTakenError
 from service.shapes import repository
 from service.shapes.files import entity_tag, is_known
 from service.shapes.records import NewFile, NewShape, ShapeRecord
-from service.shapes.service import get, put_file
+from service.shapes.service import get
+from service.shapes.storing import put_file
 from service.storage.database import Database
 
 

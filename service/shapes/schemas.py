@@ -8,7 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field, JsonValue
 from core.descriptors.completeness import INCOMPLETE
 from service.shapes.fields import Metadata, Name, Tags
 from service.shapes.pages import write_place
-from service.shapes.records import Changes, RecordPage, ShapeRecord, StoredAssembly, StoredShape
+from service.shapes.records import Changes, RecordPage, ShapeRecord
 
 if TYPE_CHECKING:
     from core.embedding import Embedding, Spectrum
@@ -40,15 +40,6 @@ SHAPE: dict[str, Any] = {
     "embedded": True,
     "created_at": "2026-01-31T12:00:00Z",
     "updated_at": "2026-01-31T12:00:00Z",
-}
-
-PART: dict[str, Any] = {
-    **SHAPE,
-    "id": "5f0d8a5e-7a0c-4c5b-9a53-0c2f4bb0a7de",
-    "name": "gearbox.step/bolt",
-    "format": "3mf",
-    "metadata": {"assembly": "gearbox.step", "assembly_path": "gearbox/housing:1/bolt:1", "instances": 12},
-    "created": True,
 }
 
 
@@ -132,37 +123,6 @@ class Shape(BaseModel):
             created_at=record.created_at,
             updated_at=record.updated_at,
         )
-
-
-class SplitShape(Shape):
-    """A shape of an assembly that was uploaded with split=parts."""
-
-    model_config = ConfigDict(json_schema_extra={"example": PART})
-
-    created: bool = Field(description="Whether the upload stored the shape; false if it was there before.")
-
-    @classmethod
-    def of_one(cls, stored: StoredShape) -> "SplitShape":
-        """The JSON of a shape after the upload."""
-        return cls(**Shape.of(stored.shape).model_dump(), created=stored.created)
-
-
-class Assembly(SplitShape):
-    """The shape of a whole assembly, and those of its parts."""
-
-    model_config = ConfigDict(
-        json_schema_extra={"example": {**SHAPE, "name": "gearbox.step", "created": True, "parts": [PART]}}
-    )
-
-    parts: list[SplitShape] = Field(
-        description="The shapes of the distinct parts in the order of the file; empty for a file of one part."
-    )
-
-    @classmethod
-    def of_stored(cls, stored: StoredAssembly) -> "Assembly":
-        """The JSON of an assembly after the upload."""
-        parts = [SplitShape.of_one(one) for one in stored.parts]
-        return cls(**SplitShape.of_one(stored.whole).model_dump(), parts=parts)
 
 
 class ShapePage(BaseModel):
