@@ -92,8 +92,10 @@ def test_so_many_jobs_and_no_more(strict: Running, monkeypatch: pytest.MonkeyPat
 def test_so_many_archives_at_a_time_are_received(strict: Running) -> None:
     archive = pack({"4.off": small_file(4)})
     body = {"files": {"file": ("x.zip", archive)}}
+    arriving = strict.server.config.app.state.runner._arriving
     with send_part(strict, "/jobs", part=0.5, **body), send_part(strict, "/jobs", part=0.5, **body):
-        wait_until(lambda: send(strict.client, archive).status_code == 503, seconds=60)
-        assert_problem(send(strict.client, archive), 503, "busy")
+        wait_until(lambda: arriving.total() == 2, seconds=60)
+        problem = assert_problem(send(strict.client, archive), 503, "busy")
+        assert "2 archives of this client are being received" in problem["detail"]
         assert strict.client.get("/jobs").status_code == 200
     wait_until(lambda: send(strict.client, archive).status_code == 202, seconds=60)
