@@ -128,7 +128,7 @@ class Settings(BaseSettings):
     )
     read_memory_bytes: int = Field(
         default=3 * 1024**3,
-        ge=512 * 1024**2,
+        ge=1024**3,
         description="The limit of the address space of a process that reads uploads.",
     )
     shutdown_seconds: PositiveInt = Field(
