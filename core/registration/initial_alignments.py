@@ -34,8 +34,8 @@ FAR = 0.05
 HOPELESS = 0.02
 """Largest root mean square distance of the sample points of two aligned copies, 0.016 apart themselves."""
 
-FORWARDED = 4
-"""Starts that are iterated."""
+FORWARDED, RATIO = 4, 2.0
+"""Starts that are iterated, and the largest ratio of the distance of an alignment to that of the nearest."""
 
 
 def initial_alignments(
@@ -66,7 +66,8 @@ def initial_alignments(
     nearest = sorted(starts, key=lambda start: _distance(first, second, start))[:FORWARDED]
     found = [_iterated(first, second, start, sign) for start in nearest]
     near = [motion for motion in found if _spread_distance(first, second, motion) <= HOPELESS]
-    return sorted(near, key=lambda motion: _distance(first, second, motion))
+    gaps = [_distance(first, second, motion) for motion in near]
+    return [near[place] for place in np.argsort(gaps, kind="stable") if gaps[place] <= RATIO * min(gaps)]
 
 
 def _few(points: Floats) -> Floats:

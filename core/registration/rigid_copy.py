@@ -32,8 +32,9 @@ ISOSPECTRAL = 1e-4
 TRIES = 3
 """Largest number of fitted alignments of one sign: a nearly symmetric part has several."""
 
-LOCAL, FITTED = 0.5, 0.6
-"""Largest share of the probes that deviate at a local difference, and after a coarse fit that is refined."""
+LOCAL, FITTED, REFLECTED = 0.5, 0.6, 0.05
+"""Largest share of the probes that deviate at a local difference, and after a coarse fit by a rotation and by
+a reflection that is refined. Of the second only copies count, whose coarse fit leaves none as a rule."""
 
 
 @dataclass(frozen=True)
@@ -142,11 +143,14 @@ def copy_by_surfaces(
     pairs : two of float64, shape (m, 3)
         Corresponding points of both surfaces, in the files' units, for one of the initial alignments.
     """
-    variant = None
-    for sign in (1, -1):
-        motion = _best(first, second, pairs, sign)
-        if motion is None:
+    variant, least = None, np.inf
+    for sign, most in ((1, FITTED), (-1, REFLECTED)):
+        coarse, deviating = _best(first, second, pairs, sign)
+        # A copy of the mirror image is nearer by a reflection than by a rotation, unless both seem exact.
+        if coarse is None or deviating > most or (deviating > 0.0 and deviating >= least):
             continue
+        least = deviating
+        motion = fitted(first, second, coarse)
         deviation = local_deviation(first, second, motion)
         scale = motion.scale * second.samples.unit / first.samples.unit
         if deviation.within:
@@ -159,8 +163,8 @@ def copy_by_surfaces(
 
 def _best(
     first: ProbedSurface, second: ProbedSurface, pairs: tuple[Floats, Floats], sign: int
-) -> Similarity | None:
-    """The transform of one sign that leaves the least deviation; None if no alignment is near."""
+) -> tuple[Similarity | None, float]:
+    """The coarse fit of one sign with the least share of deviating points; None if no alignment is near."""
     tried: list[Similarity] = []
     chosen: Similarity | None = None
     least = np.inf
@@ -175,7 +179,7 @@ def _best(
             chosen, least = motion, deviating
         if deviating == 0.0:
             break
-    return fitted(first, second, chosen) if chosen is not None and least <= FITTED else None
+    return chosen, least
 
 
 def _alike(one: Similarity, other: Similarity) -> bool:
