@@ -1,9 +1,8 @@
 """Mesh files: bytes in, a mesh out, and back; STL, OBJ, PLY, OFF, GLB and 3MF, and STEP for reading only.
 
-STL, OBJ, PLY, OFF and GLB files are checked before trimesh sees them. The check of a format compares the
-declared counts with the content and rewrites the file in the simplest form of its format, positions and
-triangles; trimesh must find the same numbers of both. 3MF is read with zipfile and expat. cascadio converts
-STEP to GLB, which is then checked as GLB.
+Readers compare the counts that a file declares with its content before memory is allocated. NumPy parses
+coordinates. A GLB is rewritten as plain meshes and transforms, which trimesh reads. 3MF is read with zipfile
+and expat. cascadio converts STEP to GLB.
 
 The names below are imported on first use: the names of the formats need no reader.
 """

@@ -1,4 +1,4 @@
-"""Limits of a mesh file, and the result of a format's check."""
+"""Limits of a mesh file, and checks of counts against them."""
 
 from dataclasses import dataclass
 
@@ -30,26 +30,6 @@ class Limits:
 
 
 DEFAULT_LIMITS = Limits()
-
-
-@dataclass(frozen=True)
-class Plain:
-    """A checked file in the simplest form of its format, and the counts that a reader must find.
-
-    Attributes
-    ----------
-    data : bytes
-        The rewritten file.
-    format : str
-        Name of the format.
-    vertices, faces : int
-        Numbers of vertices and triangles.
-    """
-
-    data: bytes
-    format: str
-    vertices: int
-    faces: int
 
 
 def declared(count: int, size: int, limit: int, things: str) -> None:

@@ -4,7 +4,7 @@ from core.errors import UnknownFormatError
 from core.io import step
 
 FORMATS: tuple[str, ...] = ("stl", "obj", "ply", "off", "glb")
-"""The formats that trimesh reads and writes, after a check."""
+"""The formats that trimesh knows as well."""
 
 WRITABLE: tuple[str, ...] = (*FORMATS, "3mf")
 """The formats that are written."""

@@ -1,4 +1,4 @@
-"""The check of GLB, the binary form of glTF 2.0."""
+"""Reading GLB, the binary form of glTF 2.0."""
 
 from collections import Counter
 from dataclasses import dataclass
@@ -6,12 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from core.arrays import Floats, Ints
-from core.errors import NoTrianglesError
-from core.io.checks import Limits, Plain, within
+from core.errors import MalformedMeshError, NoTrianglesError
+from core.io.checks import Limits, within
 from core.io.gltf_document import Document, read_document
 from core.io.gltf_primitive import count_triangles, primitives, read_triangles
 from core.io.gltf_scene import Instance, place
 from core.io.gltf_write import plain_glb
+from core.io.trimesh_adapter import load_glb
 
 
 @dataclass(frozen=True)
@@ -31,15 +32,22 @@ class Scene:
     meshes: dict[int, tuple[Floats, Ints]]
 
 
-def check(data: bytes, limits: Limits) -> Plain:
-    """Check a GLB and return a GLB with only the meshes of its scene and their transforms.
+def read(data: bytes, limits: Limits) -> tuple[Floats, Ints]:
+    """Return the vertices, shape (n, 3), and the faces, shape (f, 3), of all instances of the scene's meshes.
 
-    It raises the errors of `read_scene`.
+    trimesh reads a GLB with only the meshes of the scene and their transforms. It raises the errors of
+    `read_scene`.
     """
     scene = read_scene(data, limits)
     placed = [scene.meshes[one.mesh] for one in scene.instances if one.mesh in scene.meshes]
-    vertices, faces = (sum(len(mesh[part]) for mesh in placed) for part in (0, 1))
-    return Plain(plain_glb(scene.instances, scene.meshes), "glb", vertices, faces)
+    expected = [sum(len(mesh[part]) for mesh in placed) for part in (0, 1)]
+    vertices, faces = load_glb(plain_glb(scene.instances, scene.meshes))
+    if [len(vertices), len(faces)] != expected:
+        raise MalformedMeshError(
+            f"the GLB declares {expected[0]} vertices and {expected[1]} triangles, "
+            f"but {len(vertices)} and {len(faces)} can be read"
+        )
+    return vertices, faces
 
 
 def read_scene(data: bytes, limits: Limits) -> Scene:

@@ -1,15 +1,15 @@
-"""The check of OBJ: positions (v) and faces (f)."""
+"""Reading OBJ: positions (v) and faces (f)."""
 
 import re
 from itertools import islice
 
 import numpy as np
 
-from core.arrays import Ints
+from core.arrays import Floats, Ints
 from core.errors import MalformedMeshError, MeshTooComplexError
-from core.io.checks import Limits, Plain, within
+from core.io.checks import Limits, within
 from core.io.polygons import triangles
-from core.io.text import face_lines, plain_text, polygons
+from core.io.text import coordinates, plain_text, polygons
 
 # A newline in front, rather than an anchor, is found by a search for the byte.
 _VERTEX = re.compile(rb"\n[ \t]*v[ \t]([^\n#]*)")
@@ -21,8 +21,8 @@ _TEXTURE_AND_NORMAL = re.compile(rb"/[^ \t\n]*")
 _BLOCK = 65_536
 
 
-def check(data: bytes, limits: Limits) -> Plain:
-    """Check an OBJ and return its positions, unchanged, and its faces as triangles with absolute indices.
+def read(data: bytes, limits: Limits) -> tuple[Floats, Ints]:
+    """Return the positions of an OBJ, shape (n, 3), and its faces as triangles, shape (f, 3), counted from 0.
 
     Objects, groups and materials are joined. Texture coordinates, normals, colours, points and lines are left
     out, and no referenced file is opened.
@@ -38,15 +38,8 @@ def check(data: bytes, limits: Limits) -> Plain:
         # A comment ends with its line all the same: many end in a folder's name.
         text = _COMMENT_THAT_GOES_ON.sub(b"", text).replace(b"\\\n", b" ")
     within(sum(1 for _ in _PART.finditer(text)), limits.parts, "objects, groups and changes of material")
-    positions = _lines(_VERTEX, text, limits.vertices, "vertices")
-    lengths = {len(line.split()) for line in positions}
-    if min(lengths, default=3) < 3:
-        raise MalformedMeshError("a vertex has fewer than three coordinates")
-    if max(lengths, default=3) > 3:
-        positions = [b" ".join(line.split(maxsplit=3)[:3]) for line in positions]
-    faces = _faces(text, len(positions), limits)
-    plain = b"\nv ".join([b"", *positions, b""]).removesuffix(b"v ") + face_lines(faces + 1, "f %d %d %d\n")
-    return Plain(plain, "obj", len(positions), len(faces))
+    positions = coordinates(_lines(_VERTEX, text, limits.vertices, "vertices"))
+    return positions, _faces(text, len(positions), limits)
 
 
 def _positions_only(lines: list[bytes]) -> list[bytes]:

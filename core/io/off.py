@@ -1,19 +1,20 @@
-"""The check of OFF: counts, then vertices, then polygons."""
+"""Reading OFF: counts, then vertices, then polygons."""
 
 import re
 
+from core.arrays import Floats, Ints
 from core.errors import MalformedMeshError
-from core.io.checks import Limits, Plain, declared
+from core.io.checks import Limits, declared
 from core.io.polygons import triangles
-from core.io.text import counted_polygons, face_lines, plain_text, rows, take
+from core.io.text import coordinates, counted_polygons, plain_text, rows, take
 
 # ST, C and N announce texture coordinates, colours and normals after the position. 4OFF and nOFF have another
 # number of coordinates, and OFF BINARY is another format.
 _HEADER = re.compile(rb"[ \t]*(?:(?:ST)?C?N?OFF|off)(?![ \t]+BINARY)", re.ASCII)
 
 
-def check(data: bytes, limits: Limits) -> Plain:
-    """Check an OFF and return its positions, unchanged, and its faces as triangles.
+def read(data: bytes, limits: Limits) -> tuple[Floats, Ints]:
+    """Return the vertices of an OFF, shape (n, 3), and its faces as triangles, shape (f, 3).
 
     Raises
     ------
@@ -31,14 +32,8 @@ def check(data: bytes, limits: Limits) -> Plain:
     vertices, polygons = int(counts[0]), int(counts[1])
     declared(vertices, len(data), limits.vertices, "vertices")
     declared(polygons, len(data), limits.faces, "faces")
-    positions = take(lines, vertices, "vertices")
-    if any(len(line.split()) < 3 for line in positions):
-        raise MalformedMeshError("a vertex has fewer than three coordinates")
+    positions = coordinates(take(lines, vertices, "vertices"))
     corners, sizes = counted_polygons(take(lines, polygons, "faces"))
     if next(lines, None) is not None:
         raise MalformedMeshError("the OFF goes on after the last face that it declares")
-    faces = triangles(corners, sizes, vertices, limits)
-    plain = (
-        b"OFF\n%d %d 0\n" % (vertices, len(faces)) + b"".join(positions) + face_lines(faces, "3 %d %d %d\n")
-    )
-    return Plain(plain, "off", vertices, len(faces))
+    return positions, triangles(corners, sizes, vertices, limits)

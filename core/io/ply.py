@@ -1,21 +1,21 @@
-"""The check of PLY, text and binary: the declarations of the header against the content."""
+"""Reading PLY, text and binary, and the check of its header against the content."""
 
 from collections import deque
 from itertools import islice
 
 import numpy as np
 
-from core.arrays import Ints
+from core.arrays import Floats, Ints
 from core.errors import MalformedMeshError, NoTrianglesError
-from core.io.checks import Limits, Plain, declared
+from core.io.checks import Limits, declared
 from core.io.ply_binary import end_of_rows, read_lists
 from core.io.ply_header import Element, Header, Property, read_header
 from core.io.polygons import triangles
-from core.io.text import counted_polygons, face_lines, plain_text, rows, take
+from core.io.text import coordinates, counted_polygons, plain_text, rows, take
 
 
-def check(data: bytes, limits: Limits) -> Plain:
-    """Check a PLY and return its vertices, unchanged, and its faces as triangles, with a minimal header.
+def read(data: bytes, limits: Limits) -> tuple[Floats, Ints]:
+    """Return the vertices of a PLY, shape (n, 3), and its faces as triangles, shape (f, 3).
 
     Raises
     ------
@@ -36,16 +36,15 @@ def check(data: bytes, limits: Limits) -> Plain:
     declared(vertex.count, len(data), limits.vertices, "vertices")
     with_lists = [element.count for element in header.elements if any(p.length for p in element.properties)]
     declared(sum(with_lists), len(data), limits.faces, "faces and other rows with lists")
-    read = _read_text if header.encoding == "ascii" else _read_binary
-    positions, corners, sizes = read(data, header, vertex, face, index)
-    faces = triangles(corners, sizes, vertex.count, limits)
-    return Plain(_plain(header, vertex, positions, faces), "ply", vertex.count, len(faces))
+    rows_of = _read_text if header.encoding == "ascii" else _read_binary
+    positions, corners, sizes = rows_of(data, header, vertex, face, index)
+    return positions, triangles(corners, sizes, vertex.count, limits)
 
 
 def _read_text(
     data: bytes, header: Header, vertex: Element, face: Element, index: Property
-) -> tuple[bytes, Ints, Ints]:
-    """Return the rows of the vertices, and the corners and sizes of the polygons."""
+) -> tuple[Floats, Ints, Ints]:
+    """Return the positions of the vertices, and the corners and sizes of the polygons."""
     lines = rows(plain_text(data[header.end :]))
     positions: list[bytes] = []
     polygons: list[bytes] = []
@@ -61,14 +60,19 @@ def _read_text(
     if any(len(line.split()) != len(vertex.properties) for line in positions):
         raise MalformedMeshError("a vertex of the PLY has more or fewer numbers than are declared")
     before = [bool(p.length) for p in face.properties[: face.properties.index(index)]]
-    return b"".join(positions), *counted_polygons(polygons, before)
+    types = {p.name: p.value for p in vertex.properties}
+    table = coordinates(positions, [list(types).index(axis) for axis in "xyz"])
+    # With the precision of their type, as in a binary file.
+    for column, axis in zip(table.T, "xyz", strict=True):
+        column[:] = column.astype(types[axis])
+    return table, *counted_polygons(polygons, before)
 
 
 def _read_binary(
     data: bytes, header: Header, vertex: Element, face: Element, index: Property
-) -> tuple[bytes, Ints, Ints]:
-    """Return the rows of the vertices, and the corners and sizes of the polygons."""
-    positions = b""
+) -> tuple[Floats, Ints, Ints]:
+    """Return the positions of the vertices, and the corners and sizes of the polygons."""
+    positions = np.empty((0, 3))
     corners = sizes = np.zeros(0, dtype=np.int64)
     end = header.end
     for element in header.elements:
@@ -80,31 +84,9 @@ def _read_binary(
         else:
             end = end_of_rows(data, start, element)
         if element is vertex:
-            positions = data[start:end]
+            row = np.dtype([(p.name, header.byte_order + p.value) for p in element.properties])
+            table = np.frombuffer(data, row, element.count, start)
+            positions = np.column_stack([table[axis].astype(np.float64) for axis in "xyz"])
     if data[end:].strip():
         raise MalformedMeshError("the PLY goes on after the last row that it declares")
     return positions, corners, sizes
-
-
-def _plain(header: Header, vertex: Element, positions: bytes, faces: Ints) -> bytes:
-    """Write a PLY of vertices and triangles.
-
-    Only the coordinates keep their names: a reader would take other properties for colours or split vertices.
-    """
-    names = [p.name if p.name in {"x", "y", "z"} else f"unused{i}" for i, p in enumerate(vertex.properties)]
-    lines = [
-        "ply",
-        f"format {header.encoding} 1.0",
-        f"element vertex {vertex.count}",
-        *(f"property {p.declared} {name}" for p, name in zip(vertex.properties, names, strict=True)),
-        f"element face {len(faces)}",
-        "property list uchar int vertex_indices",
-        "end_header\n",
-    ]
-    if header.encoding == "ascii":
-        polygons = face_lines(faces, "3 %d %d %d\n")
-    else:
-        table = np.empty(len(faces), dtype=[("size", "u1"), ("corners", header.byte_order + "i4", (3,))])
-        table["size"], table["corners"] = 3, faces
-        polygons = table.tobytes()
-    return "\n".join(lines).encode() + positions + polygons

@@ -22,8 +22,6 @@ class Property:
     Attributes
     ----------
     name : str
-    declared : str
-        Type of the value, in the words of the header.
     value : str
         Type of the value as NumPy's code, without byte order.
     length : str
@@ -31,7 +29,6 @@ class Property:
     """
 
     name: str
-    declared: str
     value: str
     length: str
 
@@ -123,7 +120,7 @@ def _property(words: list[str]) -> Property:
         case ["list", length, value, name] if (
             length in _TYPES and value in _TYPES and _TYPES[length][0] != "f"
         ):
-            return Property(name, value, _TYPES[value], _TYPES[length])
+            return Property(name, _TYPES[value], _TYPES[length])
         case [value, name] if value in _TYPES:
-            return Property(name, value, _TYPES[value], "")
+            return Property(name, _TYPES[value], "")
     raise MalformedMeshError("a property in the header of the PLY has a type that is not known")

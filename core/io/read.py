@@ -16,11 +16,10 @@ from core.errors import (
 from core.io import glb, obj, off, ply, step, stl, threemf
 from core.io.checks import DEFAULT_LIMITS, Limits
 from core.io.formats import known
-from core.io.trimesh_adapter import load
 from core.mesh.face_normals import face_normals
 from core.mesh.mesh import Mesh
 
-_CHECKS = {"stl": stl.check, "obj": obj.check, "ply": ply.check, "off": off.check, "glb": glb.check}
+_READERS = {"stl": stl.read, "obj": obj.read, "ply": ply.read, "off": off.read, "glb": glb.read}
 _ARCHIVES = {
     b"\x1f\x8b": "gzip",
     b"PK\x03\x04": "ZIP",
@@ -112,20 +111,13 @@ def reading(data: bytes, name: str) -> Iterator[None]:
 
 
 def _read(data: bytes, name: str, limits: Limits) -> Mesh:
-    """Check and read a file, and compare the counts of the check with those of the reader."""
     if name == "3mf":
         return threemf.read(data, limits)
     if name == "step":
         return _read_step(data, limits)
-    plain = _CHECKS[name](data, limits)
-    if plain.faces == 0:
+    vertices, faces = _READERS[name](data, limits)
+    if len(faces) == 0:
         raise NoTrianglesError(f"the {name.upper()} has no faces")
-    vertices, faces = load(plain)
-    if len(vertices) != plain.vertices or len(faces) != plain.faces:
-        raise MalformedMeshError(
-            f"the {name.upper()} declares {plain.vertices} vertices and {plain.faces} triangles, "
-            f"but {len(vertices)} and {len(faces)} can be read"
-        )
     return Mesh(vertices, faces)
 
 

@@ -1,25 +1,29 @@
-"""The check of STL, binary and ASCII: triangles without indices."""
+"""Reading STL, binary and ASCII: triangles without indices."""
 
 import re
 from collections.abc import Iterator
 
+import numpy as np
+
+from core.arrays import Floats, Ints
 from core.errors import MalformedMeshError, NoTrianglesError
-from core.io.checks import Limits, Plain, within
-from core.io.text import plain_text
+from core.io.checks import Limits, within
+from core.io.text import coordinates, plain_text
 
 _HEADER_BYTES = 84
-_FACET_BYTES = 50
+_FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attributes", "<u2")])
 # The name of a solid may hold any word, so it is cut away with the keyword; its line ends it, or a facet.
 _SOLID = re.compile(rb"solid\b[^\n]*?(?=\bfacet\s+normal\b|\n)")
 _NUMBERS = rb"(?:\s++\S++){3}"
-_FACET = re.compile(
+_ASCII_FACET = re.compile(
     rb"facet\s++normal%(n)b\s++outer\s++loop(?:\s++vertex%(n)b){3}\s++endloop\s++endfacet" % {b"n": _NUMBERS}
 )
+_VERTEX = re.compile(rb"\bvertex(%b)" % _NUMBERS)
 _BLOCK_BYTES = 1 << 20
 
 
-def check(data: bytes, limits: Limits) -> Plain:
-    """Check an STL; return a binary file unchanged, or the facets of an ASCII file as one solid.
+def read(data: bytes, limits: Limits) -> tuple[Floats, Ints]:
+    """Return the corners of the triangles of an STL, shape (3 f, 3), and its faces, shape (f, 3).
 
     A file is binary if its length agrees with its count. The first word cannot decide: the header of a binary
     file may begin with "solid".
@@ -30,36 +34,42 @@ def check(data: bytes, limits: Limits) -> Plain:
         The file is malformed or exceeds the limits; the subclass tells the kind of fault.
     """
     facets = int.from_bytes(data[_HEADER_BYTES - 4 : _HEADER_BYTES], "little")
-    if len(data) == _HEADER_BYTES + _FACET_BYTES * facets:
+    expected = _HEADER_BYTES + _FACET.itemsize * facets
+    if len(data) == expected:
         within(facets, limits.faces, "triangles")
-        return Plain(data, "stl", 3 * facets, facets)
+        table = np.frombuffer(data, _FACET, facets, _HEADER_BYTES)
+        return _separate(table["corners"].astype(np.float64))
     if data[:512].lstrip(b"\xef\xbb\xbf \t\r\n")[:5].lower() == b"solid" and b"\0" not in data:
         return _ascii(plain_text(data).lower(), limits)
     if len(data) < _HEADER_BYTES:
         raise MalformedMeshError("the file is neither an ASCII STL nor long enough for a binary one")
     raise MalformedMeshError(
-        f"the STL declares {facets} triangles, which take {_HEADER_BYTES + _FACET_BYTES * facets} bytes, "
-        f"but has {len(data)} bytes"
+        f"the STL declares {facets} triangles, which take {expected} bytes, but has {len(data)} bytes"
     )
 
 
-def _ascii(text: bytes, limits: Limits) -> Plain:
-    """Check an ASCII file in lower case."""
+def _separate(corners: Floats) -> tuple[Floats, Ints]:
+    """Vertices and faces of triangles that share no vertex, shape (f, 3, 3)."""
+    return corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3)
+
+
+def _ascii(text: bytes, limits: Limits) -> tuple[Floats, Ints]:
+    """Read an ASCII file in lower case."""
     within(text.count(b"endsolid"), limits.parts, "solids")
-    pieces = [b"solid\n"]
+    corners: list[Floats] = []
     count = 0
     for block in _blocks(text.replace(b"end solid", b"endsolid")):
-        rest, facets = _FACET.subn(b"", block)
+        rest, facets = _ASCII_FACET.subn(b"", block)
         if rest.strip():
             raise MalformedMeshError("a facet of the STL is not a triangle, or is not complete")
         count += facets
-        # Each vertex on a line of its own, and no normals: they are not needed.
-        plain = block.replace(b"normal", b"").replace(b"vertex", b"\nvertex")
-        pieces.append(plain.replace(b"endloop", b"\nendloop"))
-    within(count, limits.faces, "triangles")
+        within(count, limits.faces, "triangles")
+        # One line for each vertex, wherever the lines of the file end.
+        lines = [b" ".join(numbers.split()) for numbers in _VERTEX.findall(block)]
+        corners.append(coordinates(lines))
     if count == 0:
         raise NoTrianglesError("the STL has no facets")
-    return Plain(b"".join([*pieces, b"\nendsolid\n"]), "stl", 3 * count, count)
+    return _separate(np.concatenate(corners).reshape(-1, 3, 3))
 
 
 def _blocks(text: bytes) -> Iterator[bytes]:

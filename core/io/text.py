@@ -2,6 +2,7 @@
 
 import io
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from itertools import islice
 
 import numpy as np
@@ -37,7 +38,7 @@ def rows(text: bytes, comment: bytes = b"") -> Iterator[bytes]:
     """Yield the lines that are not blank, without comments."""
     lines = io.BytesIO(text)
     if comment and comment in text:
-        return (row for line in lines if not (row := line.partition(comment)[0] + b"\n").isspace())
+        return (row for line in lines if (row := line.partition(comment)[0].rstrip()))
     return (line for line in lines if not line.isspace())
 
 
@@ -53,6 +54,24 @@ def take(lines: Iterator[bytes], count: int, things: str) -> list[bytes]:
     if len(taken) < count:
         raise MalformedMeshError(f"the file declares {count} {things} but ends after {len(taken)}")
     return taken
+
+
+def coordinates(lines: list[bytes], columns: Sequence[int] = (0, 1, 2)) -> Floats:
+    """Read coordinates, shape (n, 3), from lines of numbers.
+
+    Raises
+    ------
+    MalformedMeshError
+        A line has fewer columns, or a value is not a number.
+    """
+    if not lines:
+        return np.empty((0, 3))
+    with suppress(ValueError):
+        table = np.loadtxt(lines, dtype=np.float64, comments=None, usecols=columns, ndmin=2)
+        # NumPy leaves out blank lines.
+        if len(table) == len(lines):
+            return table
+    raise MalformedMeshError("a vertex has fewer than three coordinates, or one that is not a number")
 
 
 def integers(tokens: Sequence[bytes]) -> Ints:

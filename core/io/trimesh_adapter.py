@@ -9,20 +9,14 @@ import io
 import numpy as np
 
 from core.arrays import Floats, Ints
-from core.io.checks import Plain
 from core.mesh.mesh import Mesh
 
 
-def load(plain: Plain) -> tuple[Floats, Ints]:
-    """Read a checked file.
+def load_glb(data: bytes) -> tuple[Floats, Ints]:
+    """Read a checked GLB; its instances are transformed and joined.
 
     Nothing is merged, dropped or reordered, and no material is read. Without a path and a resolver trimesh
     cannot open another file.
-
-    Parameters
-    ----------
-    plain : Plain
-        The instances of a "glb" are transformed and joined.
 
     Returns
     -------
@@ -32,8 +26,8 @@ def load(plain: Plain) -> tuple[Floats, Ints]:
     import trimesh  # noqa: PLC0415
 
     scene = trimesh.load_scene(
-        io.BytesIO(plain.data),
-        file_type=plain.format,
+        io.BytesIO(data),
+        file_type="glb",
         process=False,
         skip_materials=True,
         maintain_order=True,
