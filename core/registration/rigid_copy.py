@@ -32,9 +32,9 @@ ISOSPECTRAL = 1e-4
 TRIES = 3
 """Largest number of fitted alignments of one sign: a nearly symmetric part has several."""
 
-LOCAL, FITTED, REFLECTED = 0.5, 0.6, 0.05
-"""Largest share of the probes that deviate at a local difference, and after a coarse fit by a rotation and by
-a reflection that is refined. Of the second only copies count, whose coarse fit leaves none as a rule."""
+LOCAL, FITTED, COPIED = 0.5, 0.6, 0.01
+"""Largest share of the probes that deviate at a local difference, and after a coarse fit that is refined, of
+variants and of copies: the coarse fits of several hundred copies, drawn and scanned, leave none."""
 
 
 @dataclass(frozen=True)
@@ -130,7 +130,7 @@ def copy_by_samples(first: Embedding, second: Embedding, spectral: float) -> Rig
 
 
 def copy_by_surfaces(
-    first: ProbedSurface, second: ProbedSurface, pairs: tuple[Floats, Floats]
+    first: ProbedSurface, second: ProbedSurface, pairs: tuple[Floats, Floats], *, variants: bool = True
 ) -> RigidCopy | None:
     """The second surface as a copy or a variant of the first, by registration; None if it is neither.
 
@@ -142,9 +142,11 @@ def copy_by_surfaces(
     first, second : ProbedSurface
     pairs : two of float64, shape (m, 3)
         Corresponding points of both surfaces, in the files' units, for one of the initial alignments.
+    variants : bool
+        Whether variants are wanted; without them, most pairs that are no copies take half of the time.
     """
     variant, least = None, np.inf
-    for sign, most in ((1, FITTED), (-1, REFLECTED)):
+    for sign, most in ((1, FITTED if variants else COPIED), (-1, COPIED)):
         coarse, deviating = _best(first, second, pairs, sign)
         # A copy of the mirror image is nearer by a reflection than by a rotation, unless both seem exact.
         if coarse is None or deviating > most or (deviating > 0.0 and deviating >= least):
@@ -155,7 +157,7 @@ def copy_by_surfaces(
         scale = motion.scale * second.samples.unit / first.samples.unit
         if deviation.within:
             return RigidCopy(scale, mirrored=sign < 0, residual=deviation.rms)
-        if sign > 0 and deviation.share <= LOCAL and deviation.residual <= RESIDUAL:
+        if variants and sign > 0 and deviation.share <= LOCAL and deviation.residual <= RESIDUAL:
             difference = _difference(first, second, motion, deviation)
             variant = RigidCopy(scale, mirrored=False, residual=deviation.rms, difference=difference)
     return variant

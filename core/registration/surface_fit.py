@@ -18,7 +18,7 @@ ROUNDS = 8
 STILL = 1e-6
 """Iterations end when no point moves farther, in units of the root of the area."""
 
-WIDTH, SHRINK = 0.02, 0.4
+WIDTH, SHRINK = 0.02, 0.25
 """Distance at which a pair has a quarter of its weight in the first iteration, and its factor from one to the
 next, down to the precision of the pair."""
 

@@ -112,7 +112,8 @@ async def _judge_some(
         await asyncio.sleep(BUSY_SECONDS)
     try:
         async with asyncio.TaskGroup() as group:
-            for _ in range(container.settings.workers):
+            # While one shape is read or stored, another one is registered.
+            for _ in range(2 * container.settings.workers):
                 group.create_task(take())
     except ExceptionGroup as several:
         raise several.exceptions[0] from None

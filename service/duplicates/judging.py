@@ -182,7 +182,8 @@ class ShapeJudge:
         self._aligned += 1
         try:
             sides = await self._side(view, first), await self._side(view, second)
-            copy = await registered(self.container, *sides, self.active_pipeline.pipeline.parameters)
+            parameters = self.active_pipeline.pipeline.parameters
+            copy = await registered(self.container, *sides, parameters, variants=self.search.variants)
         except (
             BadRecordError,
             FileTimeLimitError,

@@ -56,9 +56,9 @@ async def side_of(container: Container, collection: CollectionNumber, number: in
 
 
 async def registered(
-    container: Container, first: Side, second: Side, parameters: Parameters
+    container: Container, first: Side, second: Side, parameters: Parameters, *, variants: bool
 ) -> RigidCopy | None:
-    """The second shape as a rigid copy or a variant of the first; None if it is neither.
+    """The second shape as a copy of the first, or as a variant if these are wanted; None if it is neither.
 
     Raises
     ------
@@ -69,7 +69,9 @@ async def registered(
     if copy is not None:
         return copy
     meshes = await first.mesh(), await second.mesh()
-    return await container.work.do(tasks.registered, *meshes, first.record, second.record, parameters)
+    return await container.work.do(
+        tasks.registered, *meshes, first.record, second.record, parameters, variants
+    )
 
 
 def _by_samples(first: bytes, second: bytes, parameters: Parameters) -> RigidCopy | None:

@@ -16,14 +16,19 @@ from core.serialization import embedding_from_bytes
 
 
 def registered(
-    first: Mesh, second: Mesh, first_record: bytes, second_record: bytes, parameters: Parameters
+    first: Mesh,
+    second: Mesh,
+    first_record: bytes,
+    second_record: bytes,
+    parameters: Parameters,
+    variants: bool = True,
 ) -> RigidCopy | None:
     """The second mesh as a rigid copy or a variant of the first; see `core.registration.rigid_copy`."""
     with guarded():
         one, other = embedding_from_bytes(first_record), embedding_from_bytes(second_record)
         pairs = Pipeline(parameters).match(one, other).correspondence
         ends = one.positions[pairs[:, 0]].astype("float64"), other.positions[pairs[:, 1]].astype("float64")
-        return copy_by_surfaces(probed_surface(first), probed_surface(second), ends)
+        return copy_by_surfaces(probed_surface(first), probed_surface(second), ends, variants=variants)
 
 
 def dense_correspondence(

@@ -212,7 +212,7 @@ def test_a_shape_that_the_index_does_not_have_ends_the_judging(
 
 
 def test_a_pair_that_ends_a_worker_costs_that_pair(running: Running, monkeypatch: pytest.MonkeyPatch) -> None:
-    async def crashes(*_: object) -> None:
+    async def crashes(*_: object, **__: object) -> None:
         raise WorkerCrashedError("the worker process broke down over the work")
 
     for seed in (1, 2):
