@@ -185,8 +185,8 @@ class Settings(BaseSettings):
     )
     duplicates_in_background: bool = Field(
         default=True,
-        description="Whether the service searches for near-identical shapes while it is idle. If not, "
-        "`GET /duplicates` does.",
+        description="Whether the service searches for near-identical shapes while it is idle. If not, or "
+        "with `ISOSHAPE_SIGNATURES=database`, `GET /duplicates` does.",
     )
     max_vertices: PositiveInt = Field(
         default=DEFAULT_LIMITS.vertices, description="The largest number of vertices of a mesh."

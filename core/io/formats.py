@@ -4,7 +4,7 @@ from core.errors import UnknownFormatError
 from core.io import step
 
 FORMATS: tuple[str, ...] = ("stl", "obj", "ply", "off", "glb")
-"""The formats that trimesh knows as well."""
+"""The formats of one mesh or scene, which need no extra package."""
 
 WRITABLE: tuple[str, ...] = (*FORMATS, "3mf")
 """The formats that are written."""

@@ -35,8 +35,12 @@ class Scene:
 def read(data: bytes, limits: Limits) -> tuple[Floats, Ints]:
     """Return the vertices, shape (n, 3), and the faces, shape (f, 3), of all instances of the scene's meshes.
 
-    trimesh reads a GLB with only the meshes of the scene and their transforms. It raises the errors of
-    `read_scene`.
+    trimesh reads a GLB with only the meshes of the scene and their transforms.
+
+    Raises
+    ------
+    MeshError
+        The file is malformed or exceeds the limits; the subclass tells the kind of fault.
     """
     scene = read_scene(data, limits)
     placed = [scene.meshes[one.mesh] for one in scene.instances if one.mesh in scene.meshes]

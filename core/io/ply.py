@@ -1,4 +1,4 @@
-"""Reading PLY, text and binary, and the check of its header against the content."""
+"""Reading PLY, text and binary."""
 
 from collections import deque
 from itertools import islice
@@ -64,8 +64,17 @@ def _read_text(
     table = coordinates(positions, [list(types).index(axis) for axis in "xyz"])
     # With the precision of their type, as in a binary file.
     for column, axis in zip(table.T, "xyz", strict=True):
-        column[:] = column.astype(types[axis])
+        column[:] = _converted(column, types[axis])
     return table, *counted_polygons(polygons, before)
+
+
+def _converted(column: Floats, type: str) -> Floats:
+    """Convert the coordinates of one axis to the declared type, and back."""
+    if type[0] in "iu":
+        bounds = np.iinfo(type)
+        if not ((column >= bounds.min) & (column <= bounds.max)).all():
+            raise MalformedMeshError("a coordinate of the PLY does not fit its declared type")
+    return column.astype(type).astype(np.float64)
 
 
 def _read_binary(

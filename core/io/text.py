@@ -1,4 +1,4 @@
-"""Text formats: normalised text, its lines, and lines of indices."""
+"""Text formats: normalised text, and its lines of coordinates and of indices."""
 
 import io
 from collections.abc import Iterator, Sequence
@@ -66,11 +66,12 @@ def coordinates(lines: list[bytes], columns: Sequence[int] = (0, 1, 2)) -> Float
     """
     if not lines:
         return np.empty((0, 3))
-    with suppress(ValueError):
-        table = np.loadtxt(lines, dtype=np.float64, comments=None, usecols=columns, ndmin=2)
-        # NumPy leaves out blank lines.
-        if len(table) == len(lines):
-            return table
+    # NumPy leaves out blank lines, and a warning shows them if all lines are blank.
+    if lines[0].strip():
+        with suppress(ValueError):
+            table = np.loadtxt(lines, dtype=np.float64, comments=None, usecols=columns, ndmin=2)
+            if len(table) == len(lines):
+                return table
     raise MalformedMeshError("a vertex has fewer than three coordinates, or one that is not a number")
 
 

@@ -33,8 +33,9 @@ TRIES = 3
 """Largest number of fitted alignments of one sign: a nearly symmetric part has several."""
 
 LOCAL, FITTED, COPIED = 0.5, 0.6, 0.01
-"""Largest share of the probes that deviate at a local difference, and after a coarse fit that is refined, of
-variants and of copies: the coarse fits of several hundred copies, drawn and scanned, leave none."""
+"""Largest shares of the probes that deviate: at the local difference of a variant; after a coarse fit that is
+refined to a variant; and after one that is refined to a copy. The coarse fits of several hundred copies,
+drawn and scanned, leave no probe that deviates."""
 
 
 @dataclass(frozen=True)
@@ -148,8 +149,8 @@ def copy_by_surfaces(
     variant, least = None, np.inf
     for sign, most in ((1, FITTED if variants else COPIED), (-1, COPIED)):
         coarse, deviating = _best(first, second, pairs, sign)
-        # A copy of the mirror image is nearer by a reflection than by a rotation, unless both seem exact.
-        if coarse is None or deviating > most or (deviating > 0.0 and deviating >= least):
+        # A reflection is refined only if it leaves no more deviating points than the rotation, or none.
+        if coarse is None or deviating > min(most, least):
             continue
         least = deviating
         motion = fitted(first, second, coarse)

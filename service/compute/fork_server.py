@@ -9,7 +9,7 @@ from multiprocessing.context import ForkServerContext, SpawnContext
 from service.compute.worker_loop import THREADS
 
 LOADED = ["service.compute.warm_start", "trimesh"]
-"""The modules of the tasks; trimesh, which reads GLB, is otherwise imported with the first file."""
+"""The modules of the tasks; trimesh, which reads GLB, is otherwise imported with the first GLB."""
 
 _starting = threading.Lock()
 

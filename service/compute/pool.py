@@ -91,8 +91,8 @@ class LocalPool(Workers):
         return task
 
     def ready(self) -> bool:
-        """Whether a worker is available: an idle worker answers, or a living worker is busy."""
-        if any(slot.pid is not None and not slot.busy for slot in self._slots):
+        """Whether a worker is available: an idle or a new worker answers, or a living worker is busy."""
+        if any((slot.pid is not None and not slot.busy) or slot.renewing for slot in self._slots):
             ping = self.submit(os.getpid)
             try:
                 return ping.result(PING_SECONDS) is not None

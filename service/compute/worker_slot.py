@@ -60,7 +60,8 @@ class Task(Future[Any]):
 class WorkerSlot(threading.Thread):
     """A slot for one worker process at a time, and the thread that hands it tasks.
 
-    `pid` is the process id of a warm process, else None; `busy` says whether the process has a task.
+    `pid` is the process id of a warm process, else None; `busy` says whether the process has a task, and
+    `renewing` whether a new process is about to replace one that has run its number of tasks.
     """
 
     def __init__(
@@ -79,6 +80,7 @@ class WorkerSlot(threading.Thread):
         super().__init__(daemon=True, name="isoshape-worker")
         self.pid: int | None = None
         self.busy = False
+        self.renewing = False
         self._tasks = tasks
         self._closing = closing
         self._abandoned = abandoned
@@ -124,6 +126,7 @@ class WorkerSlot(threading.Thread):
         if process is None:
             return
         if self._tasks_done == self._tasks_each or process.resident_bytes() > MEMORY_BYTES:
+            self.renewing = True
             self._empty()
         elif self._next is None and self._tasks_done == self._last_alone:
             self._next = self._starting()
@@ -181,11 +184,11 @@ class WorkerSlot(threading.Thread):
             self._next = self._starting()
         self._process = self._next.take()
         self._next = None
-        if self._process is None:
-            return False
-        self._tasks_done = 0
-        self.pid = self._process.pid
-        return True
+        if self._process is not None:
+            self._tasks_done = 0
+            self.pid = self._process.pid
+        self.renewing = False
+        return self._process is not None
 
     def _starting(self) -> Starting:
         return Starting(

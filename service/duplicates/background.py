@@ -45,7 +45,9 @@ async def keep_judging(container: Container) -> None:
             state = await run_in_threadpool(_state, container)
             if state != finished:
                 for search in state.searches:
-                    while await _judge_some(container, state.active_pipeline, search, None, idle):
+                    while await _judge_some(
+                        container, state.active_pipeline, search, None, idle, container.settings.workers
+                    ):
                         if await run_in_threadpool(_state, container) != state:
                             break
                 finished = state
@@ -71,7 +73,12 @@ async def judge_for(
     async def in_time() -> bool:
         return next(first, False) or monotonic() < end
 
-    while await _judge_some(container, active_pipeline, search, collection, in_time) and monotonic() < end:
+    # While one shape is read or stored, another one is registered.
+    at_a_time = 2 * container.settings.workers
+    while (
+        await _judge_some(container, active_pipeline, search, collection, in_time, at_a_time)
+        and monotonic() < end
+    ):
         pass
 
 
@@ -81,6 +88,7 @@ async def _judge_some(
     search: Search,
     collection: CollectionNumber | None,
     wanted: Callable[[], Awaitable[bool]],
+    at_a_time: int,
 ) -> bool:
     """Judge the oldest shapes that are neither judged nor being judged; False if none of them can be judged.
 
@@ -112,8 +120,7 @@ async def _judge_some(
         await asyncio.sleep(BUSY_SECONDS)
     try:
         async with asyncio.TaskGroup() as group:
-            # While one shape is read or stored, another one is registered.
-            for _ in range(2 * container.settings.workers):
+            for _ in range(at_a_time):
                 group.create_task(take())
     except ExceptionGroup as several:
         raise several.exceptions[0] from None

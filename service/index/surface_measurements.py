@@ -62,7 +62,8 @@ class SurfaceMeasurements:
             Whether its signatures end with global descriptors.
         """
         with self._lock:
-            # First, because another query may bring the index to a later revision meanwhile.
+            # The index is read first: another query may bring it to a later revision while facts are read,
+            # and an older revision rebuilds it.
             entries = index.current(session)
             revision = repository.revision(session)
             if self._known is not None and self._known[:2] == (index, revision):

@@ -23,7 +23,10 @@ def registered(
     parameters: Parameters,
     variants: bool = True,
 ) -> RigidCopy | None:
-    """The second mesh as a rigid copy or a variant of the first; see `core.registration.rigid_copy`."""
+    """The second mesh as a rigid copy of the first or, if `variants` are wanted, as a variant of it.
+
+    See `core.registration.rigid_copy`.
+    """
     with guarded():
         one, other = embedding_from_bytes(first_record), embedding_from_bytes(second_record)
         pairs = Pipeline(parameters).match(one, other).correspondence

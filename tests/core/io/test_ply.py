@@ -235,6 +235,14 @@ BAD = {
     "text, a list longer than said": (header((b"\n4 0 1 3 2", b"\n5 0 1 3 2")), MalformedMeshError),
     "text, a negative list": (header((b"\n4 0 1", b"\n-4 0 1")), MalformedMeshError),
     "text, a list without a length": (header((b"\n4 0 1 3 2", b"\nx 0 1 3 2")), MalformedMeshError),
+    "text, 300 in eight bits": (
+        ply(vertex=("float x", "float y", "uchar z"), vertices=300 * CUBE.astype(int)),
+        MalformedMeshError,
+    ),
+    "text, a whole number that is none": (
+        ply(vertex=("float x", "float y", "int z")).replace(b"0.0 0.0 0.0", b"0.0 0.0 nan", 1),
+        MalformedMeshError,
+    ),
     "text, a vertex too many": (ply(counts=(9, 6)), MalformedMeshError),
     "text, a vertex too few": (ply(counts=(7, 6)), MalformedMeshError),
     "text, a face too many": (ply(counts=(8, 7)), MalformedMeshError),

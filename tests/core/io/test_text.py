@@ -187,6 +187,7 @@ BAD_OBJ = {
     "index beyond 64 bits": ((V + f"f 1 2 {2**64 + 3}\n").encode(), MalformedMeshError),
     "two coordinates": ((V + "v 1 2\n" + F).encode(), MalformedMeshError),
     "no coordinates": ((V + "v \n" + F).encode(), MalformedMeshError),
+    "an underscore in a coordinate": ((V + F).replace("1.0", "1_0", 1).encode(), MalformedMeshError),
     "a word for a coordinate": ((V + F).replace("1.0", "one", 1).encode(), MalformedMeshError),
     "a comma for a point": ((V + F).replace("1.0", "1,0", 1).encode(), MalformedMeshError),
     "no vertices": (F.encode(), MalformedMeshError),
@@ -222,6 +223,12 @@ def test_bad_obj(case):
     data, error = BAD_OBJ[case]
     with pytest.raises(error):
         read_mesh(data, "obj")
+
+
+@pytest.mark.filterwarnings("error")
+def test_blank_vertices_are_refused_without_a_warning():
+    with pytest.raises(MalformedMeshError, match="fewer than three coordinates"):
+        read_mesh(b"v \nv \nv \nf 1 2 3\n", "obj")
 
 
 def test_files_that_an_obj_names_are_not_opened(monkeypatch):

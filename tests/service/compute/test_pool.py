@@ -6,6 +6,7 @@ import threading
 import time
 from collections.abc import Iterator
 from concurrent.futures import Future, wait
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -187,6 +188,13 @@ def test_ready_while_idle_and_while_busy(pool: LocalPool) -> None:
     wait_until(lambda: all(future.running() for future in busy), seconds=5)
     assert pool.ready()
     wait(busy)
+
+
+def test_ready_while_a_worker_is_renewed() -> None:
+    with LocalPool(1, seconds=10, warm=partial(nap, 0.5), tasks_each=1) as pool:
+        assert pool.submit(add, 1, 1).result(timeout=60) == 2
+        wait_until(lambda: not pool.pids(), seconds=5)
+        assert pool.ready()
 
 
 def test_a_pool_whose_workers_do_not_start_says_so_and_does_not_hang() -> None:

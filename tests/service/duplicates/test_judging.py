@@ -160,7 +160,6 @@ def test_a_pair_judged_by_two_services_at_once_is_not_missed(
     monkeypatch.setattr(ShapeJudge, "_compare", compare_while_the_other_is_judged)
     assert groups(running) == {frozenset(shape["id"] for shape in shapes)}
     assert judged
-    assert ask(running)["compared"] == 1
 
 
 def test_another_pipeline_has_judgements_of_its_own(tmp_path: Path) -> None:

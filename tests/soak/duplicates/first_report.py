@@ -2,7 +2,7 @@
 
 The parts are stored twice: by a service that seeks duplicates in the background, and by one that does not, so
 that a request seeks them all. Exits with status 1 unless both reports are equal, and equal to the groups of
-every pair by force. With `--no-force` they are stored once, without the background task: the force takes
+every pair by force. With `--no-force` the parts are stored once, without the background task: the force takes
 minutes for 60 parts, and hours for 300.
 """
 
