@@ -60,12 +60,11 @@ def _read_text(
     if any(len(line.split()) != len(vertex.properties) for line in positions):
         raise MalformedMeshError("a vertex of the PLY has more or fewer numbers than are declared")
     before = [bool(p.length) for p in face.properties[: face.properties.index(index)]]
-    types = {p.name: p.value for p in vertex.properties}
-    table = coordinates(positions, [list(types).index(axis) for axis in "xyz"])
+    table = coordinates(positions, range(len(vertex.properties)))
+    columns = {p.name: (column, p.value) for p, column in zip(vertex.properties, table.T, strict=True)}
     # With the precision of their type, as in a binary file.
-    for column, axis in zip(table.T, "xyz", strict=True):
-        column[:] = _converted(column, types[axis])
-    return table, *counted_polygons(polygons, before)
+    converted = np.column_stack([_converted(*columns[axis]) for axis in "xyz"])
+    return converted, *counted_polygons(polygons, before)
 
 
 def _converted(column: Floats, type: str) -> Floats:

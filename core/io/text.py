@@ -8,7 +8,7 @@ from itertools import islice
 import numpy as np
 
 from core.arrays import Floats, Ints
-from core.errors import MalformedMeshError
+from core.errors import MalformedMeshError, NonFiniteCoordinatesError
 
 _BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 # One meaning for every byte: white space is a space, a tab or a newline, and what is not ASCII, which only
@@ -57,21 +57,25 @@ def take(lines: Iterator[bytes], count: int, things: str) -> list[bytes]:
 
 
 def coordinates(lines: list[bytes], columns: Sequence[int] = (0, 1, 2)) -> Floats:
-    """Read coordinates, shape (n, 3), from lines of numbers.
+    """Read coordinates, shape (n, number of columns), from lines of numbers.
 
     Raises
     ------
     MalformedMeshError
         A line has fewer columns, or a value is not a number.
+    NonFiniteCoordinatesError
+        A value is NaN with a payload, such as the `-nan(ind)` of Microsoft's C library.
     """
     if not lines:
-        return np.empty((0, 3))
+        return np.empty((0, len(columns)))
     # NumPy leaves out blank lines, and a warning shows them if all lines are blank.
     if lines[0].strip():
         with suppress(ValueError):
             table = np.loadtxt(lines, dtype=np.float64, comments=None, usecols=columns, ndmin=2)
             if len(table) == len(lines):
                 return table
+    if any(b"nan(" in line.lower() for line in lines):
+        raise NonFiniteCoordinatesError("a vertex coordinate is NaN or infinite")
     raise MalformedMeshError("a vertex has fewer than three coordinates, or one that is not a number")
 
 

@@ -243,6 +243,12 @@ BAD = {
         ply(vertex=("float x", "float y", "int z")).replace(b"0.0 0.0 0.0", b"0.0 0.0 nan", 1),
         MalformedMeshError,
     ),
+    "text, a word beside the coordinates": (
+        ply(vertex=("float x", "float y", "float z", "float q"), vertices=np.c_[CUBE, CUBE[:, 0]]).replace(
+            b"0.0 0.0 0.0 0.0", b"0.0 0.0 0.0 no", 1
+        ),
+        MalformedMeshError,
+    ),
     "text, a vertex too many": (ply(counts=(9, 6)), MalformedMeshError),
     "text, a vertex too few": (ply(counts=(7, 6)), MalformedMeshError),
     "text, a face too many": (ply(counts=(8, 7)), MalformedMeshError),

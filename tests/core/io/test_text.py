@@ -196,6 +196,10 @@ BAD_OBJ = {
     "lines only": ((V + "l 1 2 3\n").encode(), NoTrianglesError),
     "faces of two corners": ((V + "f 1 2\nf 2 3\n").encode(), NoTrianglesError),
     "NaN": ((V + F).replace("1.0", "NaN", 1).encode(), NonFiniteCoordinatesError),
+    "NaN of Microsoft's C library": (
+        (V + F).replace("1.0", "-nan(ind)", 1).encode(),
+        NonFiniteCoordinatesError,
+    ),
     "NaN in a vertex that is not used": ((V + "v 1 nan 1\n" + F).encode(), NonFiniteCoordinatesError),
     "infinity": ((V + F).replace("1.0", "inf", 1).encode(), NonFiniteCoordinatesError),
     "beyond 64 bits": ((V + F).replace("1.0", "-1e999", 1).encode(), NonFiniteCoordinatesError),

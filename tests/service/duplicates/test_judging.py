@@ -157,9 +157,14 @@ def test_a_pair_judged_by_two_services_at_once_is_not_missed(
                 search = Search(DEFAULT.fingerprint, variants=False)
                 repository.write(session, search, Judgement(judged[0], [], 0, 0))
 
+    with running.container.database.read() as session:
+        first, other = session.scalars(select(ShapeRow.number).order_by(ShapeRow.number))
+    # Only the other service judges the second shape.
+    running.container.judging.add((other, False))
     monkeypatch.setattr(ShapeJudge, "_compare", compare_while_the_other_is_judged)
     assert groups(running) == {frozenset(shape["id"] for shape in shapes)}
-    assert judged
+    assert judged == [other] != [first]
+    assert ask(running)["compared"] == 1
 
 
 def test_another_pipeline_has_judgements_of_its_own(tmp_path: Path) -> None:

@@ -21,9 +21,9 @@ from tests.soak.pages import put
 HERE = Path(__file__).parent
 ROOT = HERE.parents[2]
 MOST_SLOPE = 1.0
-MOST_GROWTH = 25.0
-"""MiB. In a run of three minutes caches still fill by 9 to 16 MiB, and the slope alone says little; 20 kB
-left behind by each of its thousand uploads are found."""
+MOST_GROWTH = 15.0
+"""MiB: that slope over the judged part of 20 minutes. In a run of three minutes caches still fill, and the
+slope alone says little."""
 WARM_UP = 0.25
 """Share of the time in which memory may grow: workers meet every kind of task, pools and caches fill."""
 
