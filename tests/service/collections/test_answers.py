@@ -17,11 +17,11 @@ FEW, MANY = range(5), range(3, 11)
 
 WAYS: dict[str, dict[str, Any]] = {
     "shortlisted": {"top_k": 2},
-    "exhaustive": {"top_k": 5, "exhaustive": "true"},
-    "of a tag": {"top_k": 3, "tag": "even"},
-    "by the chance": {"top_k": 3, "rank_by": "combined"},
-    "of one size": {"top_k": 3, "scale": "respect"},
-    "of a part": {"top_k": 3, "partial": "true"},
+    "exhaustive": {"top_k": 100, "exhaustive": "true"},
+    "of a tag": {"top_k": 100, "tag": "even"},
+    "by the chance": {"top_k": 5, "rank_by": "combined"},
+    "of one size": {"top_k": 100, "scale": "respect"},
+    "of a part": {"top_k": 100, "partial": "true"},
     "with points": {"top_k": 2, "correspondences": "true"},
 }
 
