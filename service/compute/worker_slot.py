@@ -60,8 +60,8 @@ class Task(Future[Any]):
 class WorkerSlot(threading.Thread):
     """A slot for one worker process at a time, and the thread that hands it tasks.
 
-    `pid` is the process id of a warm process, else None; `busy` says whether the process has a task, and
-    `renewing` whether a new process is about to replace one that has run its number of tasks.
+    `pid` is the process id of a warm process, else None; `function` is the function that the process runs,
+    else None; `renewing` says whether a new process is about to replace one that has run its number of tasks.
     """
 
     def __init__(
@@ -79,7 +79,7 @@ class WorkerSlot(threading.Thread):
     ) -> None:
         super().__init__(daemon=True, name="isoshape-worker")
         self.pid: int | None = None
-        self.busy = False
+        self.function: Callable[..., Any] | None = None
         self.renewing = False
         self._tasks = tasks
         self._closing = closing
@@ -94,6 +94,11 @@ class WorkerSlot(threading.Thread):
         self._tasks_done = 0
         self._process: WorkerProcess | None = None
         self._next: Starting | None = None
+
+    @property
+    def busy(self) -> bool:
+        """Whether the process has a task."""
+        return self.function is not None
 
     def run(self) -> None:
         """Run tasks until the end of the queue."""
@@ -110,9 +115,9 @@ class WorkerSlot(threading.Thread):
                 self._drop_next()
                 return
             if task.set_running_or_notify_cancel():
-                self.busy = True
+                self.function = task.function
                 self._do(task)
-                self.busy = False
+                self.function = None
                 self._renew()
             # Dropped before the next task comes: its result may be large.
             del task

@@ -95,8 +95,9 @@ class Database:
 
     @contextmanager
     def read(self) -> Iterator[ReadSession]:
-        """Open a read session."""
+        """Open a read session, and its transaction before any lock that the block may take."""
         with self._measured("read"), translated(), ReadSession(self._engine) as session:
+            session.connection()
             yield session
 
     @contextmanager

@@ -45,6 +45,11 @@ def nap_instead(*_arguments: object) -> None:
     time.sleep(600)
 
 
+def napping(pool: LocalPool) -> bool:
+    """Whether a worker runs `nap_instead`, which a request's earlier tasks may precede."""
+    return any(slot.function is nap_instead for slot in pool._slots)
+
+
 def refuse(message: str) -> None:
     """Raise one of the core's errors."""
     raise EmptyFileError(message)

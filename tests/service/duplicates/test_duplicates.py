@@ -22,9 +22,9 @@ from service.duplicates.groups import Groups, Link
 from service.duplicates.schemas import COLUMNS
 from service.search import match_records, tasks
 from service.storage.duplicate_tables import DuplicatePairRow, JudgedShapeRow
-from tests.service.http.test_disconnects import at_work, send
+from tests.service.http.test_disconnects import send
 from tests.service.support import Running, assert_problem, serving, settings_in, wait_until
-from tests.service.tasks import nap_instead
+from tests.service.tasks import nap_instead, napping
 from tests.soak.duplicates.copies import moved, simplified
 
 BODIES = {
@@ -137,8 +137,8 @@ def test_the_work_of_a_client_that_goes_away_is_stopped(
     with monkeypatch.context() as patch:
         patch.setattr(tasks, "registered", nap_instead)
         with send(planted, "/duplicates", method="GET"):
-            wait_until(lambda: at_work(planted.container.pool), seconds=60)
-        wait_until(lambda: not work.inside and not at_work(planted.container.pool), seconds=30)
+            wait_until(lambda: napping(planted.container.pool), seconds=60)
+        wait_until(lambda: not work.inside and not napping(planted.container.pool), seconds=30)
 
 
 def test_filters_and_bounds(planted: Running) -> None:

@@ -16,7 +16,6 @@ from core.embedding import Scores
 from core.matching.match_records import score_match_records
 from core.parameters import Parameters
 from service.compute import request_queue as work_module
-from service.compute.pool import LocalPool
 from service.search import match_records
 from service.search import scoring as comparing
 from service.search import tasks as search_tasks
@@ -31,7 +30,7 @@ from tests.service.support import (
     upload,
     wait_until,
 )
-from tests.service.tasks import meet, nap_instead
+from tests.service.tasks import meet, nap_instead, napping
 
 
 @pytest.fixture(scope="module")
@@ -60,10 +59,6 @@ def send(
     connection.sendall(f"{method} {path} HTTP/1.1\r\n{head}\r\n".encode())
     connection.sendall(content[: round(part * len(content))])
     return connection
-
-
-def at_work(pool: LocalPool) -> bool:
-    return any(slot.busy for slot in pool._slots)
 
 
 def names(running: Running) -> list[str]:
@@ -95,7 +90,7 @@ def test_the_work_of_a_client_that_goes_away_is_stopped(
     with monkeypatch.context() as patch:
         patch.setattr(module, task, nap_instead)
         with send(single, path, **body):
-            wait_until(lambda: at_work(pool), seconds=60)
+            wait_until(lambda: napping(pool), seconds=60)
         wait_until(lambda: not work._inside, seconds=5)
         # The process has ten minutes for a task, and is replaced long before.
         wait_until(lambda: pool.pids() not in ([], before), seconds=60)
@@ -140,7 +135,7 @@ def test_a_client_that_goes_away_while_it_waits_leaves_the_queue(
     with monkeypatch.context() as patch:
         patch.setattr(work_module, "embed_mesh", nap_instead)
         with send(single, "/query", **file_form(small_file(2), "works.off")):
-            wait_until(lambda: at_work(pool), seconds=60)
+            wait_until(lambda: napping(pool), seconds=60)
             for number in (3, 4):
                 with send(single, "/shapes", **file_form(small_file(number), "waits.off")):
                     wait_until(lambda: work._inside == 2, seconds=10)
@@ -205,7 +200,7 @@ def test_a_service_that_is_asked_to_stop_refuses_what_it_cannot_finish(
             others.submit(query, running.client, small_file(1)),
         ]
         wait_until(
-            lambda: running.container.work._inside == 2 and at_work(running.container.pool), seconds=60
+            lambda: running.container.work._inside == 2 and napping(running.container.pool), seconds=60
         )
         running.server.should_exit = True
         for each in sent:

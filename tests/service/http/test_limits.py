@@ -20,7 +20,7 @@ from tests.service.support import (
     upload,
     wait_until,
 )
-from tests.service.tasks import nap_instead
+from tests.service.tasks import nap_instead, napping
 
 LIMIT = 40_000
 VERTICES = 200
@@ -145,7 +145,7 @@ def test_more_requests_than_may_wait_are_turned_away(
     with monkeypatch.context() as patch, ThreadPoolExecutor(1) as others:
         patch.setattr(work_module, "embed_mesh", nap_instead)
         first = others.submit(upload, strict.client, small_file(2), "first.off")
-        wait_until(lambda: strict.container.work._inside, seconds=10)
+        wait_until(lambda: napping(strict.container.pool), seconds=60)
         shape = strict.client.get("/shapes").json()["shapes"][0]
         for answer in (
             upload(strict.client, small_file(3), "second.off"),
@@ -166,7 +166,12 @@ def test_a_worker_that_is_killed_at_work_costs_one_request(
     strict: Running, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     wait_until(strict.container.pool.pids, seconds=60)
-    killer = threading.Timer(1, lambda: os.kill(strict.container.pool.pids()[0], signal.SIGKILL))
+
+    def kill() -> None:
+        wait_until(lambda: napping(strict.container.pool), seconds=60)
+        os.kill(strict.container.pool.pids()[0], signal.SIGKILL)
+
+    killer = threading.Thread(target=kill)
     with monkeypatch.context() as patch:
         patch.setattr(work_module, "embed_mesh", nap_instead)
         killer.start()

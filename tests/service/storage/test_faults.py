@@ -22,7 +22,7 @@ from tests.service.support import (
     upload,
     wait_until,
 )
-from tests.service.tasks import nap_instead, run_out_of_memory
+from tests.service.tasks import nap_instead, napping, run_out_of_memory
 from tests.soak.hostile.corpus import CORPUS
 from tests.soak.kill.cycles import runs
 
@@ -60,7 +60,7 @@ def test_a_worker_that_is_killed(
     }
 
     def kill() -> None:
-        wait_until(pool.busy, seconds=60)
+        wait_until(lambda: napping(pool), seconds=60)
         os.kill(pool.pids()[0], signal.SIGKILL)
 
     killer = threading.Thread(target=kill)

@@ -1,14 +1,21 @@
 """What SQLite is told, and where it is not trusted."""
 
+import sqlite3
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
 from pathlib import Path
 
 import pytest
 from sqlalchemy import text
 
 from service.errors import StorageUnavailableError
+from service.storage import sqlite
 from service.storage.database import Database
 from service.storage.migrate import migrate
 from service.storage.sqlite import journal_mode, write_ahead_log_is_safe
+from tests.service.support import wait_until
 
 
 def open_database(path: Path) -> Database:
@@ -24,6 +31,47 @@ def test_connections_are_set_up_to_lose_nothing(tmp_path: Path) -> None:
             for pragma in ("foreign_keys", "synchronous", "journal_mode", "busy_timeout")
         }
     assert said == {"foreign_keys": 1, "synchronous": 2, "journal_mode": journal_mode(), "busy_timeout": 300}
+    database.close()
+
+
+def test_no_reader_waits_for_a_writer_while_it_holds_a_lock(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With a rollback journal a writer that commits waits for older readers, and new readers wait for it."""
+    monkeypatch.setattr(sqlite, "journal_mode", lambda: "truncate")
+    path = tmp_path / "archive.sqlite3"
+    database = Database(f"sqlite:///{path}", lock_seconds=3)
+    migrate(database)
+    read = text("SELECT revision FROM archive")
+    lock = threading.Lock()
+
+    def new_readers_wait() -> bool:
+        with closing(sqlite3.connect(path, timeout=0)) as connection:
+            try:
+                connection.execute(str(read))
+            except sqlite3.OperationalError:
+                return True
+        return False
+
+    def write() -> None:
+        with database.write() as session:
+            session.execute(text("UPDATE archive SET revision = revision + 1"))
+
+    def read_with_the_lock() -> None:
+        with database.read() as session, lock:
+            session.execute(read)
+
+    with ThreadPoolExecutor(2) as others:
+        with database.read() as session:
+            session.execute(read)
+            writer = others.submit(write)
+            wait_until(new_readers_wait, seconds=2)
+            newer = others.submit(read_with_the_lock)
+            time.sleep(0.5)
+            with lock:
+                session.execute(read)
+        writer.result()
+        newer.result()
     database.close()
 
 
