@@ -47,7 +47,7 @@ help:
 	@echo
 	@echo 'make soak                every test that runs for minutes, one after another: the targets below down to partial-test'
 	@echo 'make kill-test           kill the service 200 times while clients write (CYCLES=20: 20 times)'
-	@echo 'make load-test           20 minutes of mixed load: answers, and the growth of memory (MINUTES=3: 3 minutes)'
+	@echo 'make load-test           20 minutes of mixed load: answers, and the growth of memory (MINUTES=5: 5 minutes)'
 	@echo 'make cluster-test        a Dask cluster that loses its workers and its scheduler'
 	@echo 'make postgresql-test     the tests of the service that depend on the database, on PostgreSQL'
 	@echo 'make method-test         the method on every class of the gallery, and its machine code'

@@ -22,10 +22,11 @@ HERE = Path(__file__).parent
 ROOT = HERE.parents[2]
 MOST_SLOPE = 1.0
 MOST_GROWTH = 15.0
-"""MiB: that slope over the judged part of 20 minutes. In a run of three minutes caches still fill, and the
+"""MiB: that slope over the judged part of 20 minutes. In a run of five minutes caches still fill, and the
 slope alone says little."""
-WARM_UP = 0.25
-"""Share of the time in which memory may grow: workers meet every kind of task, pools and caches fill."""
+WARM_UP, LEAST_WARM_UP = 0.25, 2.0
+"""Share of the time, and the least number of minutes, in which memory may grow: workers meet every kind of
+task, pools and caches fill."""
 
 
 def main() -> int:
@@ -36,6 +37,9 @@ def main() -> int:
     parser.add_argument("--users", type=int, default=8, help="clients at a time")
     parser.add_argument("--locust", type=Path, default=ROOT / ".venv/load/bin/locust")
     options = parser.parse_args()
+    warm_up = max(WARM_UP * options.minutes, LEAST_WARM_UP)
+    if options.minutes < warm_up + 1:
+        parser.error(f"memory is judged after {LEAST_WARM_UP:g} minutes, for a minute at least")
     with tempfile.TemporaryDirectory(prefix="isoshape-load-") as name:
         folder = Path(name)
         write_files(folder)
@@ -58,7 +62,7 @@ def main() -> int:
             stored = client.get("/shapes").json()["total"]
         counts = json.loads((folder / "counts.json").read_text())
         faults = check(folder / "archive.sqlite3", lock_seconds=10).faults
-    own, workers = watch.growth(60 * options.minutes * WARM_UP)
+    own, workers = watch.growth(60 * warm_up)
     text = table(options.minutes, options.users, counts, own, workers, stored)
     if options.out is None:
         print(text)
