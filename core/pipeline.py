@@ -12,7 +12,7 @@ from core import sparse_embedding
 from core.arrays import Bytes, Floats, Int8s, Ints
 from core.dense.dense_correspondence import correspond
 from core.dense.records import DenseCorrespondence
-from core.dense.working_surface import WorkingSurface, working_surface
+from core.dense.working_surface import MOST_VERTICES, SIMPLIFIED, WorkingSurface, working_surface
 from core.descriptors.descriptor_distance import DescriptorDistance
 from core.embedding import Embedding, Match, Scores
 from core.errors import IncompatibleEmbeddingsError
@@ -214,7 +214,10 @@ class Pipeline:
             return correspond(self._working(first, one), self._working(second, other), pairs, mirrored)
 
     def _working(self, mesh: Mesh, embedding: Embedding) -> WorkingSurface:
-        prepared = self.normalise(mesh)
+        finer = self.parameters.with_values(
+            decimate_above=MOST_VERTICES, decimate_to=SIMPLIFIED, refine_simplified=0
+        )
+        prepared = sparse_embedding.normalised(mesh, finer)
         return working_surface(mesh, prepared.surface, prepared.frame, embedding.positions.astype(np.float64))
 
     def features(

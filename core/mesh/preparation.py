@@ -52,12 +52,12 @@ def prepared_surface(mesh: Mesh, wanted: MeshParameters, least_vertices: int) ->
     if wanted.fill_holes:
         surface = fill_holes(surface, wanted.fill_holes, cleaned.sides)
     frame = normal_frame(surface)
-    needed = max(wanted.refine_vertices, least_vertices)
     normal = _simplified(Mesh(frame.apply(surface.vertices), surface.faces), wanted)
-    rough = _is_rough(normal, wanted, needed)
+    fineness = _fineness(surface, normal, wanted, least_vertices)
+    rough = _is_rough(normal, wanted, fineness)
     if rough:
         normal = taubin_smoothing(normal, wanted.smooth_rounds)
-    return PreparedSurface(_refined(normal, needed), cleaned, frame, rough)
+    return PreparedSurface(_refined(normal, fineness), cleaned, frame, rough)
 
 
 def open_surface(cleaned: Cleaned, wanted: MeshParameters, least_vertices: int) -> Mesh:
@@ -67,7 +67,7 @@ def open_surface(cleaned: Cleaned, wanted: MeshParameters, least_vertices: int) 
     """
     frame = normal_frame(cleaned.mesh)
     normal = _simplified(Mesh(frame.apply(cleaned.mesh.vertices), cleaned.mesh.faces), wanted)
-    rough = _is_rough(normal, wanted, max(wanted.refine_vertices, least_vertices))
+    rough = _is_rough(normal, wanted, _fineness(cleaned.mesh, normal, wanted, least_vertices))
     return taubin_smoothing(normal, wanted.smooth_rounds) if rough else normal
 
 
@@ -77,13 +77,20 @@ def _simplified(normal: Mesh, wanted: MeshParameters) -> Mesh:
     return simplify(normal, wanted.decimate_to) if large else normal
 
 
-def _is_rough(normal: Mesh, wanted: MeshParameters, needed: int) -> bool:
+def _fineness(given: Mesh, normal: Mesh, wanted: MeshParameters, least_vertices: int) -> int:
+    """The vertices of an even mesh as fine as the surface must be; 0 if it is fine enough."""
+    needed = max(wanted.refine_vertices, least_vertices)
+    if wanted.refine_simplified and len(normal.vertices) < len(given.vertices):
+        return max(wanted.refine_simplified, needed)
+    return needed if len(normal.vertices) < needed else 0
+
+
+def _is_rough(normal: Mesh, wanted: MeshParameters, fineness: int) -> bool:
     most = wanted.smooth_above
     if not most or roughness(normal) <= most:
         return False
-    return not wanted.smooth_refined or roughness(_refined(normal, needed)) > most
+    return not wanted.smooth_refined or roughness(_refined(normal, fineness)) > most
 
 
-def _refined(normal: Mesh, needed: int) -> Mesh:
-    """Split long edges of a mesh with too few vertices."""
-    return refine(normal, needed) if len(normal.vertices) < needed else normal
+def _refined(normal: Mesh, fineness: int) -> Mesh:
+    return refine(normal, fineness) if fineness else normal

@@ -35,6 +35,9 @@ class MeshParameters(Group):
         as far as the samples need.
     decimate_above, decimate_to : int
         A mesh with more than `decimate_above` vertices is simplified to about `decimate_to`; 0 never.
+    refine_simplified : int
+        Long edges of a simplified mesh are split until it is as fine as an even mesh of this many vertices; 0
+        treats it as any other mesh.
     smooth_above : float
         A mesh is smoothed if its `core.mesh.denoising.roughness` is above this value; 0 never.
     smooth_rounds : int
@@ -46,8 +49,9 @@ class MeshParameters(Group):
 
     fill_holes: float = Field(default=0.9, ge=0.0, le=10.0)
     refine_vertices: int = Field(default=2000, ge=0, le=100_000)
-    decimate_above: int = 30_000
-    decimate_to: int = 5_000
+    decimate_above: int = 8_000
+    decimate_to: int = 4_000
+    refine_simplified: int = Field(default=3000, ge=0, le=100_000)
     smooth_above: float = Field(default=0.2, ge=0.0, le=1000.0)
     smooth_rounds: Rounds = 10
     smooth_refined: bool = True

@@ -22,6 +22,7 @@ METHOD_VERSION = 1
 
 EARLIER_VALUES: dict[str, float] = {
     "fill_holes": 0.0,
+    "refine_simplified": 0,
     "smooth_refined": False,
     "patches": False,
     "views": False,
@@ -197,6 +198,8 @@ PAPER = Parameters(
         fill_holes=0.0,
         refine_vertices=0,
         decimate_above=0,
+        decimate_to=5_000,
+        refine_simplified=0,
         smooth_above=0.0,
         smooth_refined=False,
     ),

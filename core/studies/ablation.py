@@ -21,7 +21,10 @@ class Change:
 NAMED = (
     Change(
         "even mesh: holes closed, long edges split, large meshes simplified, rough meshes smoothed",
-        ("fill_holes", "refine_vertices", "decimate_above", "smooth_above", "smooth_refined"),
+        (
+            *("fill_holes", "refine_vertices", "decimate_above", "decimate_to", "refine_simplified"),
+            *("smooth_above", "smooth_refined"),
+        ),
     ),
     Change(
         "samples: 100 by weighted farthest-point sampling, terms of Eqs. 11 and 12 normalised",

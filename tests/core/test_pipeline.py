@@ -18,8 +18,9 @@ from core.descriptors.view_descriptor import view_descriptor, view_distance
 from core.embedding import Embedding
 from core.errors import DegenerateMeshError, IncompatibleEmbeddingsError
 from core.gallery import make_shape
-from core.mesh.cleaning import clean
+from core.mesh.cleaning import clean, face_areas
 from core.mesh.mesh import Mesh
+from core.mesh.subdivision import refine
 from core.parameters import DEFAULT, PAPER
 from core.pipeline import Pipeline
 from core.serialization import embedding_to_bytes
@@ -337,7 +338,7 @@ def test_meshes_without_an_area_are_refused(kind, setting):
 
 
 def test_a_mesh_above_the_limit_is_simplified_and_one_below_is_not():
-    wanted = DEFAULT.with_values(refine_vertices=0, decimate_above=1000, decimate_to=600)
+    wanted = DEFAULT.with_values(refine_vertices=0, decimate_above=1000, decimate_to=600, refine_simplified=0)
     pipeline = Pipeline(wanted)
     large, small = blob(subdivisions=4), blob(subdivisions=3)
     assert 540 <= len(pipeline.normalise(large)[0].vertices) <= 660
@@ -348,6 +349,19 @@ def test_a_mesh_above_the_limit_is_simplified_and_one_below_is_not():
     assert made.facts.vertices == len(large.vertices)
     assert to_surface(made.positions, large).max() < 0.02 * made.facts.scale
     assert pipeline.score(made, [pipeline.embed(small)]).cc[0] > 0.95
+
+
+def test_the_long_edges_of_a_simplified_mesh_are_split():
+    """The flat sides of a box need few vertices, but samples are spread over them."""
+    cut = refine(box(4, 2, 1), 9000)
+    for even in (0, 3000):
+        pipeline = Pipeline(DEFAULT.with_values(decimate_to=600, refine_simplified=even, refine_vertices=0))
+        surface = pipeline.normalise(cut).surface
+        edges = np.unique(np.sort(surface.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1), axis=0)
+        longest = np.linalg.norm(np.diff(surface.vertices[edges], axis=1), axis=2).max()
+        # The bound of `core.mesh.subdivision.refine`.
+        area = face_areas(surface.vertices, surface.faces).sum()
+        assert (longest <= 1.5 * np.sqrt(2 * area / (np.sqrt(3) * 3000))) == bool(even)
 
 
 def test_a_pipeline_can_be_sent_to_another_process():

@@ -12,6 +12,7 @@ from core.parameters import DEFAULT
 from core.pipeline import Pipeline
 from core.studies.perturbation import make_soup, remove_discs
 from tests.core.shapes import icosphere, joined, rectangle, turned
+from tests.earlier_parameters import BEFORE_VIEWS
 
 
 def without_caps(mesh: Mesh, heights: list[float]) -> Mesh:
@@ -109,6 +110,6 @@ def test_a_shape_with_holes_is_more_like_the_whole_one_once_they_are_closed():
 
 def test_a_pipeline_without_it_is_the_one_from_before_there_was_this():
     """Which an archive may have been embedded by."""
-    before = DEFAULT.with_values(fill_holes=0.0, decimate_above=40_000, decimate_to=20_000)
-    before = before.with_values(smooth_refined=False, patches=False, views=False, orientation=False)
+    before = BEFORE_VIEWS.with_values(fill_holes=0.0, decimate_above=40_000, decimate_to=20_000)
+    before = before.with_values(smooth_refined=False, patches=False)
     assert before.fingerprint == "9973095625c03507"

@@ -13,12 +13,14 @@ from pydantic import ValidationError
 from core.errors import ParameterError
 from core.parameters import DEFAULT, METHOD_VERSION, PAPER, Parameters
 from core.parameters.parameters import FLAT_KEYS, GROUPS
+from tests.earlier_parameters import BEFORE_ORIENTATION, BEFORE_SMALLER_SURFACES, BEFORE_VIEWS
 
 OTHER = {
     "fill_holes": 0.2,
     "refine_vertices": 2001,
+    "refine_simplified": 2000,
     "decimate_above": 50_000,
-    "decimate_to": 4_000,
+    "decimate_to": 5_000,
     "smooth_above": 0.3,
     "smooth_rounds": 5,
     "degree": 7,
@@ -70,7 +72,9 @@ OUT_OF_RANGE = [
     ("refine_vertices", -1),
     ("refine_vertices", 100_001),
     ("decimate_to", 499),
-    ("decimate_to", 30_000),
+    ("decimate_to", 8_000),
+    ("refine_simplified", -1),
+    ("refine_simplified", 100_001),
     ("smooth_above", -0.1),
     ("smooth_above", 1001.0),
     ("smooth_rounds", 0),
@@ -216,16 +220,17 @@ def test_flat_keys_and_back(parameters):
 
 
 def test_fingerprints_are_those_that_archives_hold():
-    assert (DEFAULT.fingerprint, PAPER.fingerprint) == ("c9065d54299484e4", "96d291f5f86ee06d")
-    # Archives of before orientation, and of before views.
-    assert DEFAULT.with_values(orientation=False).fingerprint == "b305565604f61fe5"
-    assert DEFAULT.with_values(orientation=False, views=False).fingerprint == "2d613f0cec486b3d"
+    assert (DEFAULT.fingerprint, PAPER.fingerprint) == ("fefd850ae81a121a", "96d291f5f86ee06d")
+    assert BEFORE_SMALLER_SURFACES.fingerprint == "c9065d54299484e4"
+    assert BEFORE_ORIENTATION.fingerprint == "b305565604f61fe5"
+    assert BEFORE_VIEWS.fingerprint == "2d613f0cec486b3d"
 
 
 @pytest.mark.parametrize(
     "values",
     [
         {"fill_holes": 0.0},
+        {"refine_simplified": 0},
         {"smooth_refined": False},
         {"patches": False},
         {"views": False},

@@ -83,6 +83,7 @@ def test_samples_are_the_share_tau_of_about_so_many_vertices(tau, mesh):
     assert 0.5 * TAU_VERTICES <= len(surface.vertices) <= 1.5 * TAU_VERTICES
     wanted = min(TAU_CAP, round(tau * len(surface.vertices)))
     assert len(pipeline.embed(mesh).positions) == wanted
-    changed = ("name", "samples", "tau", "sample_cap", "refine_vertices", "decimate_above", "decimate_to")
+    changed = {"name", "samples", "tau", "sample_cap"}
+    changed |= {"refine_vertices", "refine_simplified", "decimate_above", "decimate_to"}
     for key, value in DEFAULT.flat().items():
         assert parameters.flat()[key] == value or key in changed

@@ -6,6 +6,7 @@ import pytest
 
 from core.parameters import DEFAULT
 from core.serialization import embedding_from_bytes
+from tests.earlier_parameters import BEFORE_ORIENTATION
 from tests.service.pipeline_files import fingerprints
 from tests.service.storage.archives.before_views.make import queries
 from tests.service.storage.earlier_archives import EarlierArchive, assert_sound, records
@@ -23,7 +24,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 def test_its_fingerprint_keeps_its_meaning() -> None:
-    assert DEFAULT.with_values(orientation=False).fingerprint == ARCHIVE.fingerprint
+    assert BEFORE_ORIENTATION.fingerprint == ARCHIVE.fingerprint
     assert DEFAULT.fingerprint != ARCHIVE.fingerprint
 
 

@@ -6,6 +6,7 @@ import pytest
 
 from core.parameters import DEFAULT
 from core.serialization import descriptors_from_bytes
+from tests.earlier_parameters import BEFORE_VIEWS
 from tests.service.archives import opened
 from tests.service.pipeline_files import fingerprints
 from tests.service.storage.archives.before_views.make import SCORES, queries
@@ -22,7 +23,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 def test_its_fingerprint_keeps_its_meaning() -> None:
-    assert DEFAULT.with_values(views=False, orientation=False).fingerprint == ARCHIVE.fingerprint
+    assert BEFORE_VIEWS.fingerprint == ARCHIVE.fingerprint
     assert DEFAULT.fingerprint != ARCHIVE.fingerprint
 
 
