@@ -215,7 +215,10 @@ class Pipeline:
 
     def _working(self, mesh: Mesh, embedding: Embedding) -> WorkingSurface:
         finer = self.parameters.with_values(
-            decimate_above=MOST_VERTICES, decimate_to=SIMPLIFIED, refine_simplified=0
+            decimate_above=MOST_VERTICES,
+            decimate_to=SIMPLIFIED,
+            decimate_pieces_above=0,
+            refine_simplified=0,
         )
         prepared = sparse_embedding.normalised(mesh, finer)
         return working_surface(mesh, prepared.surface, prepared.frame, embedding.positions.astype(np.float64))

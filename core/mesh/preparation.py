@@ -11,6 +11,10 @@ from core.mesh.simplification import simplify
 from core.mesh.subdivision import refine
 from core.parameters import MeshParameters
 
+CONNECTED = 1.5
+"""Least number of faces a vertex of a connected surface: a closed one has 2, a soup of triangles 1/3. Without
+common edges a collapse removes a triangle."""
+
 
 class PreparedSurface(NamedTuple):
     """A mesh that is ready to be sampled.
@@ -73,8 +77,10 @@ def open_surface(cleaned: Cleaned, wanted: MeshParameters, least_vertices: int) 
 
 def _simplified(normal: Mesh, wanted: MeshParameters) -> Mesh:
     """Simplify a large mesh; the mesh is in its normal frame."""
-    large = wanted.decimate_above and len(normal.vertices) > wanted.decimate_above
-    return simplify(normal, wanted.decimate_to) if large else normal
+    most = wanted.decimate_above
+    if most and len(normal.faces) < CONNECTED * len(normal.vertices):
+        most = wanted.decimate_pieces_above or most
+    return simplify(normal, wanted.decimate_to) if most and len(normal.vertices) > most else normal
 
 
 def _fineness(given: Mesh, normal: Mesh, wanted: MeshParameters, least_vertices: int) -> int:

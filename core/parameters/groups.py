@@ -35,6 +35,9 @@ class MeshParameters(Group):
         as far as the samples need.
     decimate_above, decimate_to : int
         A mesh with more than `decimate_above` vertices is simplified to about `decimate_to`; 0 never.
+    decimate_pieces_above : int
+        The limit for a mesh of many small pieces (`core.mesh.preparation.CONNECTED`), which simplification
+        would remove; 0 takes `decimate_above`.
     refine_simplified : int
         Long edges of a simplified mesh are split until it is as fine as an even mesh of this many vertices; 0
         treats it as any other mesh.
@@ -51,6 +54,7 @@ class MeshParameters(Group):
     refine_vertices: int = Field(default=2000, ge=0, le=100_000)
     decimate_above: int = 8_000
     decimate_to: int = 4_000
+    decimate_pieces_above: int = Field(default=30_000, ge=0)
     refine_simplified: int = Field(default=3000, ge=0, le=100_000)
     smooth_above: float = Field(default=0.2, ge=0.0, le=1000.0)
     smooth_rounds: Rounds = 10

@@ -22,6 +22,7 @@ METHOD_VERSION = 1
 
 EARLIER_VALUES: dict[str, float] = {
     "fill_holes": 0.0,
+    "decimate_pieces_above": 0,
     "refine_simplified": 0,
     "smooth_refined": False,
     "patches": False,
@@ -199,6 +200,7 @@ PAPER = Parameters(
         refine_vertices=0,
         decimate_above=0,
         decimate_to=5_000,
+        decimate_pieces_above=0,
         refine_simplified=0,
         smooth_above=0.0,
         smooth_refined=False,

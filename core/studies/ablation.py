@@ -22,8 +22,8 @@ NAMED = (
     Change(
         "even mesh: holes closed, long edges split, large meshes simplified, rough meshes smoothed",
         (
-            *("fill_holes", "refine_vertices", "decimate_above", "decimate_to", "refine_simplified"),
-            *("smooth_above", "smooth_refined"),
+            *("fill_holes", "refine_vertices", "refine_simplified", "smooth_above", "smooth_refined"),
+            *("decimate_above", "decimate_to", "decimate_pieces_above"),
         ),
     ),
     Change(

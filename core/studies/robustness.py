@@ -155,6 +155,7 @@ def tau_parameters(tau: float) -> Parameters:
         refine_vertices=TAU_LEAST,
         decimate_above=TAU_VERTICES + 1,
         decimate_to=TAU_VERTICES,
+        decimate_pieces_above=0,
         refine_simplified=0,
     )
 

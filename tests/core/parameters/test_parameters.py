@@ -18,6 +18,7 @@ from tests.earlier_parameters import BEFORE_ORIENTATION, BEFORE_SMALLER_SURFACES
 OTHER = {
     "fill_holes": 0.2,
     "refine_vertices": 2001,
+    "decimate_pieces_above": 20_000,
     "refine_simplified": 2000,
     "decimate_above": 50_000,
     "decimate_to": 5_000,
@@ -73,6 +74,7 @@ OUT_OF_RANGE = [
     ("refine_vertices", 100_001),
     ("decimate_to", 499),
     ("decimate_to", 8_000),
+    ("decimate_pieces_above", -1),
     ("refine_simplified", -1),
     ("refine_simplified", 100_001),
     ("smooth_above", -0.1),
@@ -220,7 +222,7 @@ def test_flat_keys_and_back(parameters):
 
 
 def test_fingerprints_are_those_that_archives_hold():
-    assert (DEFAULT.fingerprint, PAPER.fingerprint) == ("fefd850ae81a121a", "96d291f5f86ee06d")
+    assert (DEFAULT.fingerprint, PAPER.fingerprint) == ("031027b8ecd7080c", "96d291f5f86ee06d")
     assert BEFORE_SMALLER_SURFACES.fingerprint == "c9065d54299484e4"
     assert BEFORE_ORIENTATION.fingerprint == "b305565604f61fe5"
     assert BEFORE_VIEWS.fingerprint == "2d613f0cec486b3d"
@@ -230,6 +232,7 @@ def test_fingerprints_are_those_that_archives_hold():
     "values",
     [
         {"fill_holes": 0.0},
+        {"decimate_pieces_above": 0},
         {"refine_simplified": 0},
         {"smooth_refined": False},
         {"patches": False},

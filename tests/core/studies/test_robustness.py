@@ -84,6 +84,7 @@ def test_samples_are_the_share_tau_of_about_so_many_vertices(tau, mesh):
     wanted = min(TAU_CAP, round(tau * len(surface.vertices)))
     assert len(pipeline.embed(mesh).positions) == wanted
     changed = {"name", "samples", "tau", "sample_cap"}
-    changed |= {"refine_vertices", "refine_simplified", "decimate_above", "decimate_to"}
+    changed |= {"refine_vertices", "refine_simplified"}
+    changed |= {"decimate_above", "decimate_to", "decimate_pieces_above"}
     for key, value in DEFAULT.flat().items():
         assert parameters.flat()[key] == value or key in changed
