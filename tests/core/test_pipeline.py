@@ -24,7 +24,7 @@ from core.mesh.subdivision import refine
 from core.parameters import DEFAULT, PAPER
 from core.pipeline import Pipeline
 from core.serialization import embedding_to_bytes
-from core.studies.perturbation import add_noise
+from core.studies.perturbation import add_noise, make_soup
 from tests.core.shapes import blob, box, folded, icosphere, joined, rectangle, shifted, soup
 
 SETTINGS = {"default": DEFAULT, "paper": PAPER}
@@ -349,6 +349,19 @@ def test_a_mesh_above_the_limit_is_simplified_and_one_below_is_not():
     assert made.facts.vertices == len(large.vertices)
     assert to_surface(made.positions, large).max() < 0.02 * made.facts.scale
     assert pipeline.score(made, [pipeline.embed(small)]).cc[0] > 0.95
+
+
+def test_a_soup_of_triangles_keeps_them_up_to_a_limit_of_its_own():
+    triangles = make_soup(make_shape("octopus", 0), 0.02, 0)
+    mesh = DEFAULT.mesh
+    assert mesh.decimate_above < len(triangles.vertices) < mesh.decimate_pieces_above
+    bounded = DEFAULT.with_values(decimate_pieces_above=0)
+    kept, simplified = (
+        Pipeline(parameters).normalise(triangles).surface for parameters in (DEFAULT, bounded)
+    )
+    assert len(kept.faces) == len(clean(triangles).mesh.faces)
+    area, left = (face_areas(surface.vertices, surface.faces).sum() for surface in (kept, simplified))
+    assert left < 0.8 * area
 
 
 def test_the_long_edges_of_a_simplified_mesh_are_split():
