@@ -214,13 +214,13 @@ class Pipeline:
             return correspond(self._working(first, one), self._working(second, other), pairs, mirrored)
 
     def _working(self, mesh: Mesh, embedding: Embedding) -> WorkingSurface:
-        finer = self.parameters.with_values(
+        bounded = self.parameters.with_values(
             decimate_above=MOST_VERTICES,
             decimate_to=SIMPLIFIED,
             decimate_pieces_above=0,
             refine_simplified=0,
         )
-        prepared = sparse_embedding.normalised(mesh, finer)
+        prepared = sparse_embedding.normalised(mesh, bounded)
         return working_surface(mesh, prepared.surface, prepared.frame, embedding.positions.astype(np.float64))
 
     def features(

@@ -50,7 +50,7 @@ def working_surface(given: Mesh, surface: Mesh, frame: NormalFrame, samples: Flo
     given : Mesh
         As it was read, with n vertices.
     surface : Mesh
-        The same, clean, in its normal frame, its holes filled, refined.
+        The same, clean, in its normal frame, its holes filled, refined, perhaps simplified.
     frame : NormalFrame
         From the given mesh to the surface.
     samples : float, shape (m, 3)

@@ -12,8 +12,8 @@ from core.mesh.subdivision import refine
 from core.parameters import MeshParameters
 
 CONNECTED = 1.5
-"""Least number of faces a vertex of a connected surface: a closed one has 2, a soup of triangles 1/3. Without
-common edges a collapse removes a triangle."""
+"""Least number of faces per vertex of a connected surface: a closed one has 2, a soup of triangles 1/3.
+Without common edges a collapse removes a triangle."""
 
 
 class PreparedSurface(NamedTuple):

@@ -64,6 +64,8 @@ class MeshParameters(Group):
     def _decimates_downwards(self) -> Self:
         if self.decimate_above and not 500 <= self.decimate_to < self.decimate_above:
             raise ValueError("decimate_to must be at least 500 and below decimate_above")
+        if 0 < self.decimate_pieces_above <= self.decimate_to:
+            raise ValueError("decimate_pieces_above must be 0 or above decimate_to")
         return self
 
 

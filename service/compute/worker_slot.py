@@ -60,8 +60,8 @@ class Task(Future[Any]):
 class WorkerSlot(threading.Thread):
     """A slot for one worker process at a time, and the thread that hands it tasks.
 
-    `pid` is the process id of a warm process, else None; `function` is the function that the process runs,
-    else None; `renewing` says whether a new process is about to replace one that has run its number of tasks.
+    `pid` is the process id of a warm process, else None; `task` is what the process has or is handed, else
+    None; `renewing` says whether a new process is about to replace one that has run its number of tasks.
     """
 
     def __init__(
@@ -79,7 +79,7 @@ class WorkerSlot(threading.Thread):
     ) -> None:
         super().__init__(daemon=True, name="isoshape-worker")
         self.pid: int | None = None
-        self.function: Callable[..., Any] | None = None
+        self.task: Task | None = None
         self.renewing = False
         self._tasks = tasks
         self._closing = closing
@@ -98,7 +98,7 @@ class WorkerSlot(threading.Thread):
     @property
     def busy(self) -> bool:
         """Whether the process has a task."""
-        return self.function is not None
+        return self.task is not None
 
     def run(self) -> None:
         """Run tasks until the end of the queue."""
@@ -115,9 +115,9 @@ class WorkerSlot(threading.Thread):
                 self._drop_next()
                 return
             if task.set_running_or_notify_cancel():
-                self.function = task.function
+                self.task = task
                 self._do(task)
-                self.function = None
+                self.task = None
                 self._renew()
             # Dropped before the next task comes: its result may be large.
             del task

@@ -95,7 +95,7 @@ class Database:
 
     @contextmanager
     def read(self) -> Iterator[ReadSession]:
-        """Open a read session, and its transaction before any lock that the block may take."""
+        """Open a read session. Its transaction begins before the block."""
         with self._measured("read"), translated(), ReadSession(self._engine) as session:
             session.connection()
             yield session

@@ -37,10 +37,10 @@ def open_sqlite(url: URL, *, lock_seconds: float) -> Engine:
 
     A connection with the execution option `WRITES` begins its transactions with BEGIN IMMEDIATE, which takes
     the write lock. A read transaction that asks for the lock later may fail at once, whatever the time limit,
-    because two readers that both want to write can never wait for each other. Any other transaction takes
-    the read lock at its beginning: SQLite would take it at the first statement, and a thread that reads first
-    while it holds a lock of the service could wait for a writer, the writer for another reader, and that
-    reader for the lock.
+    because two readers that both want to write can never wait for each other. Without a write-ahead log, any
+    other transaction takes the read lock at its beginning: SQLite would take it at the first statement, and a
+    thread that reads first while it holds a lock of the service could wait for a writer, the writer for
+    another reader, and that reader for the lock.
     """
     if url.database is not None:
         try:
@@ -113,5 +113,6 @@ def _prepare(connection: Any, _record: object) -> None:  # noqa: ANN401
 def _begin(connection: Connection) -> None:
     writes = connection.get_execution_options().get(WRITES, False)
     connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")
-    if not writes:
-        connection.exec_driver_sql("SELECT 1 FROM sqlite_schema LIMIT 1")
+    # With a write-ahead log, readers and writers do not wait for each other.
+    if not writes and journal_mode() != "wal":
+        connection.exec_driver_sql("SELECT 1 FROM sqlite_master LIMIT 1")

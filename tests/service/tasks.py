@@ -46,8 +46,9 @@ def nap_instead(*_arguments: object) -> None:
 
 
 def napping(pool: LocalPool) -> bool:
-    """Whether a worker runs `nap_instead`, which a request's earlier tasks may precede."""
-    return any(slot.function is nap_instead for slot in pool._slots)
+    """Whether a process has `nap_instead` to run, which a request's earlier tasks may precede."""
+    tasks = [slot.task for slot in pool._slots]
+    return any(task is not None and task.function is nap_instead and not task.arguments for task in tasks)
 
 
 def refuse(message: str) -> None:

@@ -11,8 +11,8 @@ from core.mesh.mesh import Mesh
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
 from core.studies.perturbation import make_soup, remove_discs
+from tests.core.parameters.earlier_parameters import BEFORE_VIEWS
 from tests.core.shapes import icosphere, joined, rectangle, turned
-from tests.earlier_parameters import BEFORE_VIEWS
 
 
 def without_caps(mesh: Mesh, heights: list[float]) -> Mesh:

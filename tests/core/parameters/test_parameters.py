@@ -13,7 +13,7 @@ from pydantic import ValidationError
 from core.errors import ParameterError
 from core.parameters import DEFAULT, METHOD_VERSION, PAPER, Parameters
 from core.parameters.parameters import FLAT_KEYS, GROUPS
-from tests.earlier_parameters import BEFORE_ORIENTATION, BEFORE_SMALLER_SURFACES, BEFORE_VIEWS
+from tests.core.parameters.earlier_parameters import BEFORE_ORIENTATION, BEFORE_SMALLER_SURFACES, BEFORE_VIEWS
 
 OTHER = {
     "fill_holes": 0.2,
@@ -75,6 +75,7 @@ OUT_OF_RANGE = [
     ("decimate_to", 499),
     ("decimate_to", 8_000),
     ("decimate_pieces_above", -1),
+    ("decimate_pieces_above", 4_000),
     ("refine_simplified", -1),
     ("refine_simplified", 100_001),
     ("smooth_above", -0.1),

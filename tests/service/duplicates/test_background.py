@@ -22,17 +22,19 @@ def short_pauses(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_requests_and_tasks_come_before_the_background(tmp_path: Path) -> None:
     with serving(settings_in(tmp_path, workers=2, duplicates_in_background=True)) as running:
         container = running.container
-        with container.work.admitted():
-            for seed in range(2):
-                running.store(copy_of_plane(seed), f"{seed}.off")
-            wait_until(container.comparing_is_ready.is_set, seconds=60)
+        try:
+            with container.work.admitted():
+                for seed in range(2):
+                    running.store(copy_of_plane(seed), f"{seed}.off")
+                wait_until(container.comparing_is_ready.is_set, seconds=60)
+                time.sleep(1.0)
+                assert counted(running, JudgedShapeRow) == 0
+                task = container.pool.submit(meet, str(tmp_path / "task"), str(tmp_path / "end"))
+                wait_until((tmp_path / "task").exists, seconds=60)
             time.sleep(1.0)
             assert counted(running, JudgedShapeRow) == 0
-            task = container.pool.submit(meet, str(tmp_path / "task"), str(tmp_path / "end"))
-            wait_until((tmp_path / "task").exists, seconds=60)
-        time.sleep(1.0)
-        assert counted(running, JudgedShapeRow) == 0
-        (tmp_path / "end").touch()
+        finally:
+            (tmp_path / "end").touch()
         task.result(60)
         wait_until(lambda: counted(running, JudgedShapeRow) == 2, seconds=60)
 

@@ -6,7 +6,7 @@ import pytest
 
 from core.parameters import DEFAULT
 from core.serialization import embedding_from_bytes
-from tests.earlier_parameters import BEFORE_ORIENTATION
+from tests.core.parameters.earlier_parameters import BEFORE_ORIENTATION
 from tests.service.pipeline_files import fingerprints
 from tests.service.storage.archives.before_views.make import queries
 from tests.service.storage.earlier_archives import EarlierArchive, assert_sound, records

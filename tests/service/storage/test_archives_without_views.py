@@ -6,7 +6,7 @@ import pytest
 
 from core.parameters import DEFAULT
 from core.serialization import descriptors_from_bytes
-from tests.earlier_parameters import BEFORE_VIEWS
+from tests.core.parameters.earlier_parameters import BEFORE_VIEWS
 from tests.service.archives import opened
 from tests.service.pipeline_files import fingerprints
 from tests.service.storage.archives.before_views.make import SCORES, queries
