@@ -27,6 +27,8 @@ slope alone says little."""
 WARM_UP, LEAST_WARM_UP = 0.25, 2.0
 """Share of the time, and the least number of minutes, in which memory may grow: workers meet every kind of
 task, pools and caches fill."""
+LEAST_JUDGED = 3.0
+"""Minutes: in fewer, `MOST_GROWTH` would allow a faster growth."""
 
 
 def main() -> int:
@@ -38,8 +40,8 @@ def main() -> int:
     parser.add_argument("--locust", type=Path, default=ROOT / ".venv/load/bin/locust")
     options = parser.parse_args()
     warm_up = max(WARM_UP * options.minutes, LEAST_WARM_UP)
-    if options.minutes < warm_up + 1:
-        parser.error(f"memory is judged after {LEAST_WARM_UP:g} minutes, for a minute at least")
+    if options.minutes < warm_up + LEAST_JUDGED:
+        parser.error(f"{warm_up + LEAST_JUDGED:g} minutes are the least, {LEAST_JUDGED:g} of them judged")
     with tempfile.TemporaryDirectory(prefix="isoshape-load-") as name:
         folder = Path(name)
         write_files(folder)
