@@ -1,4 +1,4 @@
-"""The intrinsic Delaunay triangulation of a closed surface, by edge flips.
+"""The intrinsic Delaunay triangulation of a surface or of its tufted cover, by edge flips.
 
 A. Bobenko, B. Springborn, "A discrete Laplace-Beltrami operator for simplicial surfaces", 2007. Flips change
 the triangulation and not the surface; after them the cotangent weights are not negative.
@@ -9,8 +9,9 @@ import math
 import numpy as np
 
 from core.arrays import Floats, Ints
-from core.mesh.edges import HalfEdges
+from core.mesh.edges import HalfEdges, half_edges
 from core.numerics.compilation import compiled
+from core.spectral.tufted_cover import tufted_cover
 
 MOLLIFIED = 1e-5
 """Least excess of two sides of a triangle over the third, in mean edge lengths; if a triangle has less, all
@@ -115,52 +116,51 @@ def _flip_all(tails: Ints, lengths: Floats, twin: Ints) -> int:
 
 
 @compiled
-def _weights(tails: Ints, lengths: Floats, weights: Floats, areas: Floats) -> bool:
-    """Fill the weights of the half-edges and the areas of the vertices; False if a triangle has no area."""
+def _weights(tails: Ints, lengths: Floats, weights: Floats, areas: Floats) -> None:
+    """Fill the weights of the half-edges and add to the areas of the vertices; a face of area 0 adds 0."""
     for f in range(0, len(tails), 3):
         a, b, c = lengths[f], lengths[f + 1], lengths[f + 2]
         half = 0.5 * (a + b + c)
         square = half * (half - a) * (half - b) * (half - c)
         if not square > 0.0:
-            return False
+            weights[f : f + 3] = 0.0
+            continue
         area = np.sqrt(square)
         weights[f] = (b * b + c * c - a * a) / (8.0 * area)
         weights[f + 1] = (c * c + a * a - b * b) / (8.0 * area)
         weights[f + 2] = (a * a + b * b - c * c) / (8.0 * area)
         for i in range(3):
             areas[tails[f + i]] += area / 3.0
-    return True
 
 
-def intrinsic_delaunay(
-    vertices: Floats, faces: Ints, sides: HalfEdges
-) -> tuple[Ints, Ints, Floats, Floats] | None:
-    """Cotangent weights of the intrinsic Delaunay triangulation; None unless closed and oriented.
+def intrinsic_delaunay(vertices: Floats, faces: Ints) -> tuple[Ints, Ints, Floats, Floats]:
+    """Cotangent weights of the intrinsic Delaunay triangulation of a surface.
+
+    A surface that is not closed and oriented is covered twice (`core.spectral.tufted_cover`), and its weights
+    and areas are half of the cover's.
 
     Parameters
     ----------
     vertices : float64, shape (n, 3)
     faces : int64, shape (f, 3)
-    sides : HalfEdges
-        The half-edges of the faces.
 
     Returns
     -------
-    start, end : int64, shape (3 f,)
-        Vertices at the ends of each half-edge.
-    weights : float64, shape (3 f,)
+    start, end : int64, shape (h,)
+        Vertices at the ends of each half-edge; h is 3 f, or 6 f of a cover.
+    weights : float64, shape (h,)
         Half the cotangent of the angle opposite each half-edge.
     areas : float64, shape (n,)
         A third of the area of the triangles at each vertex.
     """
-    twin = twins(faces, sides)
+    sides = half_edges(faces)
+    twin, sheets = twins(faces, sides), 1
     if twin is None:
-        return None
+        (faces, twin), sheets = tufted_cover(vertices, faces, sides), 2
     lengths = np.linalg.norm(vertices[faces] - vertices[faces[:, [1, 2, 0]]], axis=2)
     lengths = mollified_lengths(lengths).ravel()
     tails = faces.ravel().copy()
     _flip_all(tails, lengths, twin)
     weights, areas = np.empty(len(tails)), np.zeros(len(vertices))
-    if not _weights(tails, lengths, weights, areas):
-        return None
-    return tails, tails.reshape(-1, 3)[:, [1, 2, 0]].ravel(), weights, areas
+    _weights(tails, lengths, weights, areas)
+    return tails, tails.reshape(-1, 3)[:, [1, 2, 0]].ravel(), weights / sheets, areas / sheets

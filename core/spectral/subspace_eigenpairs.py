@@ -9,10 +9,10 @@ digits; the last ones, which ZoomOut reads least, are mixed with their neighbour
 import numpy as np
 from scipy.linalg import LinAlgError, eigh
 from scipy.sparse import csc_array, csr_array, diags_array
-from scipy.sparse.linalg import splu
 
 from core.arrays import Floats
 from core.mesh.mesh import Mesh
+from core.numerics.symmetric_factor import SymmetricFactor
 from core.spectral.laplace_beltrami import laplace_beltrami, laplacian
 
 COARSE, GUARD, SPREAD = 500, 30, 3
@@ -47,14 +47,9 @@ def _by_subspace(stiffness: csc_array, areas: Floats, count: int) -> tuple[Float
     size = len(areas)
     root = np.sqrt(areas)
     scaled = csc_array(diags_array(1.0 / root) @ stiffness @ diags_array(1.0 / root))
-    # The shift of `laplace_beltrami`: the matrix is positive definite, so pivoting is not needed.
+    # The shift of `laplace_beltrami` makes the matrix positive definite.
     shift = 0.01 / float(areas.sum())
-    factor = splu(
-        csc_array(scaled + shift * diags_array(np.ones(size))),
-        permc_spec="MMD_AT_PLUS_A",
-        diag_pivot_thresh=0.0,
-        options={"SymmetricMode": True},
-    )
+    factor = SymmetricFactor(csc_array(scaled + shift * diags_array(np.ones(size))))
     bumps = csr_array(diags_array(root) @ _bumps(stiffness, areas))
     mass = (bumps.T @ bumps).toarray()
     mass += _REGULAR * float(np.trace(mass)) / COARSE * np.eye(COARSE)
