@@ -8,14 +8,14 @@ from scipy.sparse.csgraph import dijkstra
 from core.arrays import Floats, Ints
 from core.numerics.compilation import compiled
 
-WIDTH = 0.25
+WIDTH = 0.5
 """Width of a bucket in mean edge lengths; most edges are longer, so few vertices are processed twice."""
 
 
 @compiled
 def _search(
-    indptr: NDArray[np.int32],
-    indices: NDArray[np.int32],
+    indptr: NDArray[np.uint32],
+    indices: NDArray[np.uint32],
     lengths: Floats,
     width: float,
     samples: Ints,
@@ -24,66 +24,65 @@ def _search(
 ) -> int:
     """Fill the columns of `found`, shape (d, m), by one search for each sample; return the number completed.
 
-    The queue holds vertices in buckets of distance (Dial 1969), as linked lists in a pool of entries. An edge
-    shorter than a bucket may lower a vertex that was already processed, which is then queued again. The
-    result is exact to the last bit, but the work has no bound; a search stops after processing twice as many
-    entries as there are vertices.
+    The queue holds vertices in buckets of distance (Dial 1969), as linked lists in a pool of entries. The
+    vertices of a bucket are processed together, and those that they lower are queued afterwards: neither loop
+    has a branch that a processor cannot predict. An edge shorter than a bucket may lower a vertex that was
+    already processed, which is then queued again. The result is exact to the last bit, but the work has no
+    bound; a search stops when its entries fill the pool, of twice the directed edges. Unsigned numbers spare
+    the test for indices counted from the end.
     """
-    count = len(indptr) - 1
     buckets = 1
     while buckets < int(lengths.max() / width) + 3:
         buckets *= 2
-    mask = buckets - 1
-    # `free` heads the list of released entries of the pool; entries from `top` on were never used.
-    pool = len(indices) + 1
-    node_of = np.empty(pool, dtype=np.int32)
-    key_of = np.empty(pool)
-    after = np.empty(pool, dtype=np.int32)
-    distance = np.empty(count)
+    mask = np.uint64(buckets - 1)
+    one, pool = np.uint64(1), np.uint64(2 * len(indices) + 2)
+    # Entries are numbered from 1; 0 ends a list.
+    node_of = np.empty(pool, dtype=np.uint32)
+    after = np.empty(pool, dtype=np.uint32)
+    batch = np.empty(pool, dtype=np.uint32)
+    distance = np.empty(len(indptr) - 1)
+    processed = np.empty(len(indptr) - 1)
     for s in range(len(samples)):
-        head = np.full(buckets, -1, dtype=np.int32)
+        head = np.zeros(buckets, dtype=np.uint32)
         distance[:] = np.inf
+        processed[:] = np.inf
         distance[samples[s]] = 0.0
-        node_of[0] = samples[s]
-        key_of[0] = 0.0
-        after[0] = -1
-        head[0] = 0
-        free, top, waiting, current, work = -1, 1, 1, 0, 0
-        while waiting > 0:
-            entry = head[current]
-            if entry < 0:
-                current = (current + 1) & mask
+        node_of[1] = samples[s]
+        after[1] = 0
+        head[0] = 1
+        top, taken, current = np.uint64(2), np.uint64(1), np.uint64(0)
+        while taken < top:
+            entry = np.uint64(head[current])
+            if entry == 0:
+                current = (current + one) & mask
                 continue
-            head[current] = after[entry]
-            after[entry] = free
-            free = entry
-            waiting -= 1
-            node = node_of[entry]
-            key = key_of[entry]
-            if key > distance[node]:
-                continue
-            work += 1
-            if work > 2 * count:
-                return s
-            for edge in range(indptr[node], indptr[node + 1]):
-                other = indices[edge]
-                way = key + lengths[edge]
-                if way < distance[other]:
-                    distance[other] = way
-                    if free >= 0:
-                        entry = free
-                        free = after[entry]
-                    elif top < pool:
-                        entry = top
-                        top += 1
-                    else:
-                        return s
-                    bucket = int(way / width) & mask
-                    node_of[entry] = other
-                    key_of[entry] = way
-                    after[entry] = head[bucket]
-                    head[bucket] = entry
-                    waiting += 1
+            head[current] = 0
+            count = np.uint64(0)
+            while entry != 0:
+                node = np.uint64(node_of[entry])
+                batch[count] = node
+                count += np.uint64(distance[node] < processed[node])
+                processed[node] = distance[node]
+                taken += one
+                entry = np.uint64(after[entry])
+            first = top
+            for i in range(count):
+                node = np.uint64(batch[i])
+                key = distance[node]
+                processed[node] = key
+                start, stop = np.uint64(indptr[node]), np.uint64(indptr[node + one])
+                if top + (stop - start) >= pool:
+                    return s
+                for edge in range(start, stop):
+                    other = np.uint64(indices[edge])
+                    way = key + lengths[edge]
+                    node_of[top] = other
+                    top += np.uint64(way < distance[other])
+                    distance[other] = min(way, distance[other])
+            for added in range(first, top):
+                bucket = np.uint64(np.int64(distance[np.uint64(node_of[added])] / width)) & mask
+                after[added] = head[bucket]
+                head[bucket] = added
         for p in range(len(points)):
             found[p, s] = distance[points[p]]
     return len(samples)
@@ -103,8 +102,8 @@ def geodesics(graph: csr_array, samples: Ints, points: Ints) -> Floats:
     """
     found = np.empty((len(points), len(samples)))
     done = _search(
-        graph.indptr.astype(np.int32, copy=False),
-        graph.indices.astype(np.int32, copy=False),
+        graph.indptr.astype(np.uint32),
+        graph.indices.astype(np.uint32),
         graph.data,
         WIDTH * float(graph.data.mean()),
         samples,

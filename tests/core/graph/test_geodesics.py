@@ -40,14 +40,14 @@ def test_the_width_of_a_bucket_changes_the_work_alone(width):
 
 
 def test_a_search_that_goes_astray_is_left_to_scipy():
-    """Two ways to every third vertex, the longer tried first, in one bucket: each doubles the work."""
-    edges, lengths = [(60, 61)], [1e6]
-    for i in range(0, 60, 3):
-        edges += [(i, i + 1), (i + 1, i + 3), (i, i + 2), (i + 2, i + 3)]
-        lengths += [0.5 ** (i // 3), 0.5 ** (i // 3), 2.0 * 0.5 ** (i // 3), 2.0 * 0.5 ** (i // 3)]
-    graph = symmetric(np.array(edges), np.array(lengths), 62)
-    samples, points = np.array([0, 61, 30]), np.arange(62)
-    found = np.empty((62, 3))
+    """A path is shorter the more steps it has, all in one bucket: a vertex is lowered again and again."""
+    edges, lengths = [(200, 201)], [1e6]
+    for step in (1, 2, 3):
+        edges += [(i, i + step) for i in range(201 - step)]
+        lengths += [float(step**2)] * (201 - step)
+    graph = symmetric(np.array(edges), np.array(lengths), 202)
+    samples, points = np.array([0, 201, 30]), np.arange(202)
+    found = np.empty((202, 3))
     width = WIDTH * float(graph.data.mean())
     assert _search(graph.indptr, graph.indices, graph.data, width, samples, points, found) == 0
     np.testing.assert_array_equal(
