@@ -1,14 +1,15 @@
 """Bridges: the shortest gaps that join all components of a mesh, by the algorithm of Boruvka."""
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
-from scipy.spatial import cKDTree
+from numpy.typing import NDArray
 
 from core.arrays import Floats, Ints
+from core.graph.component_gaps import earliest_outside, update_gaps
+from core.graph.point_tree import point_tree
 from core.mesh.edges import component_labels
 from core.mesh.mesh import Mesh
 from core.mesh.ordering import TIE, tied_ranks
+from core.numerics.compilation import compiled, constant
 
 
 def component_bridges(mesh: Mesh) -> Ints:
@@ -19,9 +20,8 @@ def component_bridges(mesh: Mesh) -> Ints:
 def bridges(vertices: Floats, labels: Ints) -> Ints:
     """Vertex pairs that join all components by the shortest Euclidean gaps, shape (components - 1, 2).
 
-    The algorithm of Boruvka: in each round every component is joined to the nearest vertex outside it. Two
-    components differ in some bit of their labels, so nearest-neighbour queries between the two halves of each
-    bit are exact. The earliest vertices break ties; gaps within rounding of zero are equal.
+    The algorithm of Boruvka: in each round every component is joined to the nearest vertex outside it. The
+    earliest vertices break ties; gaps within rounding of zero are equal.
 
     Parameters
     ----------
@@ -30,32 +30,57 @@ def bridges(vertices: Floats, labels: Ints) -> Ints:
     labels : int64, shape (n,)
         Connected component of each vertex, 0 .. components - 1.
     """
-    labels = labels.copy()
-    chosen: list[Ints] = []
-    everything = cKDTree(vertices)
-    smallest = TIE * np.ptp(vertices, axis=0).max()
-    number = int(labels.max()) + 1
+    count, number = len(vertices), int(labels.max()) + 1
+    chosen = [np.empty((0, 2), dtype=np.int64)]
+    if number == 1:
+        return chosen[0]
+    tree = point_tree(vertices)
+    smallest = TIE * (tree.boxes[1, 3:] - tree.boxes[1, :3]).max()
+    nearest, distances = np.full(count, -1), np.empty(count)
     while number > 1:
-        gap = np.full(len(vertices), np.inf)
-        for bit in range((number - 1).bit_length()):
-            side = (labels >> bit) & 1 == 1
-            for mine, theirs in ((side, ~side), (~side, side)):
-                distance = cKDTree(vertices[theirs]).query(vertices[mine])[0]
-                gap[mine] = np.minimum(gap[mine], distance)
-        gap = np.maximum(gap, smallest)
-        rank = tied_ranks(np.log(gap))
-        order = np.lexsort((rank, labels))
-        lead = order[np.unique(labels[order], return_index=True)[1]]
+        labels = constant(labels)
+        update_gaps(tree, labels, nearest, distances)
+        gaps = np.maximum(distances, smallest)
+        rank = tied_ranks(np.log(gaps))
+        # The first vertex of the lowest rank in each component.
+        first = np.full(number, count * count)
+        np.minimum.at(first, labels, rank * count + np.arange(count))
+        lead = first % count
         lead = lead[np.argsort(rank[lead], kind="stable")]
-        near = everything.query_ball_point(vertices[lead], gap[lead] * (1.0 + TIE))
-        pairs = np.array(
-            [[v, min(u for u in ball if labels[u] != labels[v])] for v, ball in zip(lead, near, strict=True)]
-        )
+        other = earliest_outside(tree, labels, vertices[lead], labels[lead], gaps[lead] * (1.0 + TIE))
+        pairs = np.stack([lead, other], axis=1)
         ends = labels[pairs]
-        place = np.arange(1, number + 1)
-        links = coo_array((place, (ends[:, 0], ends[:, 1])), shape=(number, number)).tocsr()
-        tree = minimum_spanning_tree(links.maximum(links.T))
-        chosen.append(pairs[np.sort(tree.data.astype(np.int64)) - 1])
-        number, group = connected_components(tree, directed=False)
-        labels = group.astype(np.int64)[labels]
-    return np.concatenate([np.empty((0, 2), dtype=np.int64), *chosen])
+        kept = _acyclic(ends)
+        chosen.append(pairs[kept])
+        number, group = component_labels(number, ends[kept])
+        labels = group[labels]
+    return np.concatenate(chosen)
+
+
+@compiled
+def _acyclic(links: Ints) -> NDArray[np.bool_]:
+    """Which links make a spanning forest (Kruskal 1956), shape (c,); of two between the same ends, the later.
+
+    Parameters
+    ----------
+    links : int64, shape (c, 2)
+        One from each component to another, the preferred first.
+    """
+    place, root = np.empty(len(links), dtype=np.int64), np.arange(len(links))
+    kept = np.zeros(len(links), dtype=np.bool_)
+    for i in range(len(links)):
+        place[links[i, 0]] = i
+    for i in range(len(links)):
+        a, b = links[i]
+        back = place[b]
+        if back > i and links[back, 1] == a:
+            continue
+        while root[a] != a:
+            root[a] = root[root[a]]
+            a = root[a]
+        while root[b] != b:
+            root[b] = root[root[b]]
+            b = root[b]
+        root[b] = a
+        kept[i] = a != b
+    return kept
