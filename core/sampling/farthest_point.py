@@ -16,81 +16,100 @@ BLOCK = 64
 """Number of vertices in a block; the largest score of each block is stored."""
 
 
+WIDTH = 0.5
+"""Width of a bucket in mean edge lengths, as in `core.graph.geodesics`."""
+
+
 @compiled
 def _relax(
-    indptr: Ints,
-    indices: Ints,
+    indptr: NDArray[np.uint32],
+    indices: NDArray[np.uint32],
     lengths: Floats,
+    width: float,
     source: int,
     distance: Floats,
+    processed: Floats,
     changed: NDArray[np.bool_],
-    heap_key: Floats,
-    heap_node: Ints,
-) -> None:
-    """Lower `distance` by paths from `source` (Dijkstra), and mark the blocks of lowered vertices as changed.
+    head: NDArray[np.uint32],
+    pool: NDArray[np.uint32],
+) -> bool:
+    """Lower `distance` by paths from `source`, and mark the blocks of lowered vertices as changed.
 
-    Only vertices whose distance falls are visited.
+    Only vertices whose distance falls are visited, by the queue of `core.graph.geodesics`: `processed` holds
+    the distances at which vertices were processed, `head` (zeros) heads the buckets, and the rows of `pool`
+    are the vertices of the entries, the next entries and a batch. False if the pool does not suffice.
     """
+    mask, one = np.uint64(len(head) - 1), np.uint64(1)
+    node_of, after, batch = pool[0], pool[1], pool[2]
     distance[source] = 0.0
-    changed[source // BLOCK] = True
-    heap_key[0] = 0.0
-    heap_node[0] = source
-    size = 1
-    while size > 0:
-        key = heap_key[0]
-        node = heap_node[0]
-        size -= 1
-        last_key = heap_key[size]
-        last_node = heap_node[size]
-        place = 0
-        while True:
-            child = 2 * place + 1
-            if child >= size:
-                break
-            if child + 1 < size and heap_key[child + 1] < heap_key[child]:
-                child += 1
-            if heap_key[child] >= last_key:
-                break
-            heap_key[place] = heap_key[child]
-            heap_node[place] = heap_node[child]
-            place = child
-        heap_key[place] = last_key
-        heap_node[place] = last_node
-        if key > distance[node]:
+    node_of[1] = source
+    after[1] = 0
+    head[0] = 1
+    top, taken, current = np.uint64(2), np.uint64(1), np.uint64(0)
+    while taken < top:
+        entry = np.uint64(head[current])
+        if entry == 0:
+            current = (current + one) & mask
             continue
-        for edge in range(indptr[node], indptr[node + 1]):
-            other = indices[edge]
-            way = key + lengths[edge]
-            if way < distance[other]:
-                distance[other] = way
-                changed[other // BLOCK] = True
-                place = size
-                size += 1
-                while place > 0:
-                    parent = (place - 1) // 2
-                    if heap_key[parent] <= way:
-                        break
-                    heap_key[place] = heap_key[parent]
-                    heap_node[place] = heap_node[parent]
-                    place = parent
-                heap_key[place] = way
-                heap_node[place] = other
+        head[current] = 0
+        count = np.uint64(0)
+        while entry != 0:
+            node = np.uint64(node_of[entry])
+            batch[count] = node
+            count += np.uint64(distance[node] < processed[node])
+            processed[node] = distance[node]
+            taken += one
+            entry = np.uint64(after[entry])
+        first = top
+        for i in range(count):
+            node = np.uint64(batch[i])
+            key = distance[node]
+            processed[node] = key
+            changed[node // np.uint64(BLOCK)] = True
+            start, stop = np.uint64(indptr[node]), np.uint64(indptr[node + one])
+            if top + (stop - start) >= np.uint64(len(node_of)):
+                return False
+            for edge in range(start, stop):
+                other = np.uint64(indices[edge])
+                way = key + lengths[edge]
+                node_of[top] = other
+                top += np.uint64(way < distance[other])
+                distance[other] = min(way, distance[other])
+        for added in range(first, top):
+            bucket = np.uint64(np.int64(distance[np.uint64(node_of[added])] / width)) & mask
+            after[added] = head[bucket]
+            head[bucket] = added
+    return True
 
 
 @compiled
-def _select(indptr: Ints, indices: Ints, lengths: Floats, weights: Floats, first: int, samples: Ints) -> None:
+def _select(
+    indptr: NDArray[np.uint32],
+    indices: NDArray[np.uint32],
+    lengths: Floats,
+    width: float,
+    weights: Floats,
+    first: int,
+    samples: Ints,
+) -> bool:
+    """Fill `samples`, shape (m,), and return True; False if a search goes on for too long."""
     count = len(indptr) - 1
     blocks = (count + BLOCK - 1) // BLOCK
+    buckets = 1
+    while buckets < int(lengths.max() / width) + 3:
+        buckets *= 2
+    head = np.zeros(buckets, dtype=np.uint32)
+    pool = np.empty((3, 2 * len(indices) + 2), dtype=np.uint32)
     distance = np.full(count, np.inf)
+    processed = np.full(count, np.inf)
     # The largest score in each block of vertices; only changed blocks are searched again.
     largest = np.empty(blocks)
     changed = np.ones(blocks, dtype=np.bool_)
-    heap_key = np.empty(len(indices) + 1)
-    heap_node = np.empty(len(indices) + 1, dtype=np.int64)
     node = first
     for i in range(len(samples)):
         samples[i] = node
-        _relax(indptr, indices, lengths, node, distance, changed, heap_key, heap_node)
+        if not _relax(indptr, indices, lengths, width, node, distance, processed, changed, head, pool):
+            return False
         best = 0.0
         for b in range(blocks):
             if changed[b]:
@@ -106,6 +125,7 @@ def _select(indptr: Ints, indices: Ints, lengths: Floats, weights: Floats, first
         node = b * BLOCK
         while distance[node] * weights[node] < least:
             node += 1
+    return True
 
 
 def farthest_points(graph: csr_array, count: int, first: int, weights: Floats | None = None) -> Ints:
@@ -132,10 +152,16 @@ def farthest_points(graph: csr_array, count: int, first: int, weights: Floats | 
     total = graph.shape[0]
     samples = np.empty(min(count, total), dtype=np.int64)
     weights = np.ones(total) if weights is None else np.ascontiguousarray(weights, dtype=np.float64)
-    _select(
-        graph.indptr.astype(np.int64), graph.indices.astype(np.int64), graph.data, weights, first, samples
+    found = _select(
+        graph.indptr.astype(np.uint32),
+        graph.indices.astype(np.uint32),
+        graph.data,
+        WIDTH * float(graph.data.mean()),
+        weights,
+        first,
+        samples,
     )
-    return samples
+    return samples if found else farthest_points_reference(graph, len(samples), first, weights)
 
 
 def farthest_points_reference(
