@@ -151,7 +151,8 @@ def _rectilinear(normals: Floats, areas: Floats, starts: tuple[Floats, ...]) -> 
         for _ in range(SWEEPS):
             if max(_turn(axes, i, j, moments) for i, j in ((0, 1), (1, 2), (2, 0))) < TURNED:
                 break
-        value = sum(_fourth(axis, axis, axis, axis, moments) for axis in axes)
+        pairs_of_axes = (_pairs(axis, axis) for axis in axes)
+        value = sum(float(pairs @ moments @ pairs) for pairs in pairs_of_axes)
         if value > best + TURNED:
             best, found = value, axes
     return found
@@ -160,9 +161,11 @@ def _rectilinear(normals: Floats, areas: Floats, starts: tuple[Floats, ...]) -> 
 def _turn(axes: Floats, i: int, j: int, moments: Floats) -> float:
     """Turn two axes in their plane, in place, to the best angle, which is returned."""
     one, other = axes[i].copy(), axes[j].copy()
-    even = _fourth(one, one, one, one, moments) + _fourth(other, other, other, other, moments)
-    even -= 6.0 * _fourth(one, one, other, other, moments)
-    odd = 4.0 * (_fourth(one, one, one, other, moments) - _fourth(other, other, other, one, moments))
+    ones, others = _pairs(one, one), _pairs(other, other)
+    of_ones, of_others = ones @ moments, others @ moments
+    even = float(of_ones @ ones) + float(of_others @ others)
+    even -= 6.0 * float(of_ones @ others)
+    odd = 4.0 * (float(of_ones @ _pairs(one, other)) - float(of_others @ _pairs(other, one)))
     if np.hypot(even, odd) < FLAT:
         return 0.0
     angle = 0.25 * float(np.arctan2(odd, even))
@@ -171,6 +174,9 @@ def _turn(axes: Floats, i: int, j: int, moments: Floats) -> float:
     return abs(angle)
 
 
-def _fourth(a: Floats, b: Floats, c: Floats, d: Floats, moments: Floats) -> float:
-    """Integral of (n . a) (n . b) (n . c) (n . d); `moments`, shape (9, 9), are those of n n^T."""
-    return float(np.outer(a, b).ravel() @ moments @ np.outer(c, d).ravel())
+def _pairs(a: Floats, b: Floats) -> Floats:
+    """The products a_i b_j, shape (9,).
+
+    Two of these and the moments, shape (9, 9), of n n^T give the integral of (n . a) (n . b) (n . c) (n . d).
+    """
+    return np.asarray((a[:, None] * b).ravel())

@@ -51,10 +51,13 @@ def polynomial_basis(x: Floats, y: Floats, degree: int) -> Floats:
         half = 0.5 * (values.max() - values.min())
         return np.asarray((values - middle) / (half if half > 0.0 else 1.0))
 
-    powers_x = scaled(x)[:, None] ** np.arange(degree + 1)
-    powers_y = scaled(y)[:, None] ** np.arange(degree + 1)
-    columns = [powers_x[:, i - j] * powers_y[:, j] for i in range(degree + 1) for j in range(i + 1)]
-    return np.asarray(np.stack(columns, axis=1))
+    def powers(values: Floats) -> list[Floats]:
+        higher = values[:, None] ** np.arange(2, degree + 1)
+        return [np.ones_like(values), values, *higher.T.copy()]
+
+    powers_x, powers_y = powers(scaled(x)), powers(scaled(y))
+    columns = [powers_x[i - j] * powers_y[j] for i in range(degree + 1) for j in range(i + 1)]
+    return np.stack(columns).T
 
 
 def orthonormal_basis(matrix: Floats) -> Floats:
