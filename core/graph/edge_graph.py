@@ -5,10 +5,9 @@ from scipy.sparse import coo_array, csr_array
 
 from core.arrays import Floats, Ints
 from core.graph.bridges import component_bridges
-from core.mesh.edges import HalfEdges, half_edges, starts_of
+from core.mesh.edges import HalfEdges, edge_order, half_edges, starts_of
 from core.mesh.mesh import Mesh
 from core.mesh.ordering import TIE
-from core.numerics.radix_sort import lexical_order
 
 MOST_FACES = 6
 """Edges with more faces than this get no diagonals."""
@@ -47,10 +46,10 @@ def diagonals(vertices: Floats, faces: Ints, sides: HalfEdges | None = None) -> 
     axis = b - a
     edge = np.linalg.norm(axis, axis=1)
     axis = axis / np.where(edge > 0.0, edge, 1.0)[:, None]
-    along_p = np.einsum("ni,ni->n", vertices[p] - a, axis)
-    along_q = np.einsum("ni,ni->n", vertices[q] - a, axis)
-    up_p = np.sqrt(np.maximum(np.einsum("ni,ni->n", vertices[p] - a, vertices[p] - a) - along_p**2, 0.0))
-    up_q = np.sqrt(np.maximum(np.einsum("ni,ni->n", vertices[q] - a, vertices[q] - a) - along_q**2, 0.0))
+    to_p, to_q = vertices[p] - a, vertices[q] - a
+    along_p, along_q = np.einsum("ni,ni->n", to_p, axis), np.einsum("ni,ni->n", to_q, axis)
+    up_p = np.sqrt(np.maximum(np.einsum("ni,ni->n", to_p, to_p) - along_p**2, 0.0))
+    up_q = np.sqrt(np.maximum(np.einsum("ni,ni->n", to_q, to_q) - along_q**2, 0.0))
     height = up_p + up_q
     crossing = (along_p * up_q + along_q * up_p) / np.where(height > 0.0, height, 1.0)
     inside = (crossing > TIE * edge) & (crossing < (1.0 - TIE) * edge)
@@ -69,15 +68,14 @@ def symmetric(edges: Ints, lengths: Floats, count: int) -> csr_array:
     count : int
         Number of vertices.
     """
-    low, high = edges.min(axis=1), edges.max(axis=1)
-    order = lexical_order(low, high)
+    low, high = np.minimum(*edges.T), np.maximum(*edges.T)
+    order = edge_order(low, high)
     low, high = low[order], high[order]
     first = np.flatnonzero(starts_of(low, high))
     low, high, lengths = low[first], high[first], np.minimum.reduceat(lengths[order], first)
-    rows, columns = np.concatenate([low, high]), np.concatenate([high, low])
-    matrix = coo_array((np.concatenate([lengths, lengths]), (rows, columns)), shape=(count, count)).tocsr()
-    matrix.sort_indices()
-    return matrix
+    # Higher ends first: the columns of each row ascend as they are, and need not be sorted.
+    rows, columns = np.concatenate([high, low]), np.concatenate([low, high])
+    return coo_array((np.concatenate([lengths, lengths]), (rows, columns)), shape=(count, count)).tocsr()
 
 
 def edge_graph(mesh: Mesh, bridges: Ints | None = None, *, unfold: bool = True) -> csr_array:
