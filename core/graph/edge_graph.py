@@ -5,7 +5,7 @@ from scipy.sparse import coo_array, csr_array
 
 from core.arrays import Floats, Ints
 from core.graph.bridges import component_bridges
-from core.mesh.edges import HalfEdges, edge_order, half_edges, starts_of
+from core.mesh.edges import HalfEdges, edge_lengths, edge_order, half_edges, starts_of
 from core.mesh.mesh import Mesh
 from core.mesh.ordering import TIE
 
@@ -97,7 +97,7 @@ def edge_graph(mesh: Mesh, bridges: Ints | None = None, *, unfold: bool = True) 
     count = len(mesh.vertices)
     sides = half_edges(mesh.faces)
     edges = np.concatenate([sides.edges, component_bridges(mesh) if bridges is None else bridges])
-    lengths = np.linalg.norm(mesh.vertices[edges[:, 0]] - mesh.vertices[edges[:, 1]], axis=1)
+    lengths = edge_lengths(mesh.vertices, edges)
     if unfold:
         ends, across = diagonals(mesh.vertices, mesh.faces, sides)
         edges, lengths = np.concatenate([edges, ends]), np.concatenate([lengths, across])

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from core.arrays import Ints
+from core.arrays import Floats, Ints
 from core.numerics.compilation import compiled, constant
 
 
@@ -75,6 +75,22 @@ def edge_order(low: Ints, high: Ints) -> Ints:
             places[vertex] += 1
         order, other = other, order
     return order
+
+
+def edge_lengths(vertices: Floats, edges: Ints) -> Floats:
+    """Lengths of edges, shape (e,), between vertices, shape (n, 3)."""
+    return _lengths(constant(vertices), constant(edges))
+
+
+@compiled
+def _lengths(vertices: Floats, edges: Ints) -> Floats:
+    lengths = np.empty(len(edges))
+    for edge in range(len(edges)):
+        total = 0.0
+        for axis in range(3):
+            total += (vertices[edges[edge, 0], axis] - vertices[edges[edge, 1], axis]) ** 2
+        lengths[edge] = np.sqrt(total)
+    return lengths
 
 
 def starts_of(*columns: Ints) -> NDArray[np.bool_]:

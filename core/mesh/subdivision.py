@@ -4,9 +4,10 @@ import numpy as np
 
 from core.arrays import Floats, Ints
 from core.mesh.cleaning import face_areas
-from core.mesh.edges import half_edges
+from core.mesh.edges import edge_lengths, half_edges
 from core.mesh.mesh import Mesh
 from core.mesh.ordering import TIE
+from core.numerics.compilation import compiled, constant
 
 PASSES = 24
 """Largest number of passes. Each pass halves long edges; 24 suffice for edges a million times the target."""
@@ -18,6 +19,14 @@ def edge_table(faces: Ints) -> tuple[Ints, Ints]:
     of_side = np.empty(len(sides.order), dtype=np.int64)
     of_side[sides.order] = np.repeat(np.arange(len(sides.first)), sides.face_counts)
     return sides.edges, of_side.reshape(-1, 3)
+
+
+@compiled
+def _distance(vertices: Floats, one: int, other: int) -> float:
+    total = 0.0
+    for axis in range(3):
+        total += (vertices[one, axis] - vertices[other, axis]) ** 2
+    return float(np.sqrt(total))
 
 
 def split_faces(faces: Ints, middle: Ints, vertices: Floats) -> Ints:
@@ -33,44 +42,50 @@ def split_faces(faces: Ints, middle: Ints, vertices: Floats) -> Ints:
     vertices : float64, shape (n, 3)
         The midpoints included.
     """
-    marked = middle >= 0
-    number = marked.sum(axis=1)
-    pieces = [faces[number == 0]]
-    one = number == 1
-    if one.any():
-        turn = np.argmax(marked[one], axis=1)
-        corner = np.take_along_axis(faces[one], (turn[:, None] + np.arange(3)) % 3, axis=1)
-        m = middle[one][np.arange(len(turn)), turn]
-        pieces += [
-            np.stack([corner[:, 0], m, corner[:, 2]], axis=1),
-            np.stack([m, corner[:, 1], corner[:, 2]], axis=1),
-        ]
-    two = number == 2
-    if two.any():
-        turn = (np.argmin(marked[two], axis=1) + 1) % 3
-        steps = (turn[:, None] + np.arange(3)) % 3
-        corner = np.take_along_axis(faces[two], steps, axis=1)
-        split = np.take_along_axis(middle[two], steps, axis=1)
-        a, b, c = corner.T
-        ab, bc = split[:, 0], split[:, 1]
-        pieces.append(np.stack([ab, b, bc], axis=1))
-        across = np.linalg.norm(vertices[a] - vertices[bc], axis=1)
-        other = np.linalg.norm(vertices[ab] - vertices[c], axis=1)
-        equal = np.abs(across - other) <= TIE * other
-        short = np.where(equal, a < c, across < other)[:, None]
-        pieces.append(np.where(short, np.stack([a, ab, bc], axis=1), np.stack([a, ab, c], axis=1)))
-        pieces.append(np.where(short, np.stack([a, bc, c], axis=1), np.stack([ab, bc, c], axis=1)))
-    three = number == 3
-    if three.any():
-        a, b, c = faces[three].T
-        ab, bc, ca = middle[three].T
-        pieces += [
-            np.stack([a, ab, ca], axis=1),
-            np.stack([ab, b, bc], axis=1),
-            np.stack([ca, bc, c], axis=1),
-            np.stack([ab, bc, ca], axis=1),
-        ]
-    return np.concatenate(pieces)
+    return _split(constant(faces), middle, constant(vertices), TIE)
+
+
+@compiled
+def _split(faces: Ints, middle: Ints, vertices: Floats, tie: float) -> Ints:
+    """Faces in blocks: the uncut ones, then the first, second, ... pieces of those with 1, 2, 3 midpoints."""
+    counts = np.zeros(4, dtype=np.int64)
+    for f in range(len(faces)):
+        counts[(middle[f] >= 0).sum()] += 1
+    total = counts[0] + 2 * counts[1] + 3 * counts[2] + 4 * counts[3]
+    pieces = np.empty((total, 3), dtype=np.int64)
+    places = np.zeros(4, dtype=np.int64)
+    places[1:] = counts[0] + np.array([0, 2 * counts[1], 2 * counts[1] + 3 * counts[2]])
+    for f in range(len(faces)):
+        number = (middle[f] >= 0).sum()
+        first = 0
+        if number == 1:
+            while middle[f, first] < 0:
+                first += 1
+        elif number == 2:
+            while middle[f, first - 1] >= 0:
+                first += 1
+        second, third = (first + 1) % 3, (first + 2) % 3
+        a, b, c = faces[f, first], faces[f, second], faces[f, third]
+        ab, bc, ca = middle[f, first], middle[f, second], middle[f, third]
+        here, step = places[number], counts[number]
+        places[number] += 1
+        if number == 0:
+            pieces[here] = a, b, c
+        elif number == 1:
+            pieces[here] = a, ab, c
+            pieces[here + step] = ab, b, c
+        elif number == 2:
+            across, other = _distance(vertices, a, bc), _distance(vertices, ab, c)
+            short = a < c if abs(across - other) <= tie * other else across < other
+            pieces[here] = ab, b, bc
+            pieces[here + step] = a, ab, bc if short else c
+            pieces[here + 2 * step] = a if short else ab, bc, c
+        else:
+            pieces[here] = a, ab, ca
+            pieces[here + step] = ab, b, bc
+            pieces[here + 2 * step] = ca, bc, c
+            pieces[here + 3 * step] = ab, bc, ca
+    return pieces
 
 
 def split_long_edges(mesh: Mesh, longest: float, most: int) -> Mesh:
@@ -91,13 +106,15 @@ def split_long_edges(mesh: Mesh, longest: float, most: int) -> Mesh:
     vertices, faces = mesh.vertices, mesh.faces
     for _ in range(PASSES):
         edges, of_face = edge_table(faces)
-        length = np.linalg.norm(vertices[edges[:, 0]] - vertices[edges[:, 1]], axis=1)
+        length = edge_lengths(vertices, edges)
         long = np.flatnonzero(length > longest)
         if len(long) == 0 or len(vertices) + len(long) > most:
             break
         middle = np.full(len(edges), -1, dtype=np.int64)
         middle[long] = len(vertices) + np.arange(len(long))
-        vertices = np.concatenate([vertices, vertices[edges[long]].mean(axis=1)])
+        one, other = edges[long].T
+        # A zero of either sign becomes +0.
+        vertices = np.concatenate([vertices, 0.5 * (vertices[one] + vertices[other]) + 0.0])
         faces = split_faces(faces, middle[of_face], vertices)
     return mesh if faces is mesh.faces else Mesh(vertices, faces)
 

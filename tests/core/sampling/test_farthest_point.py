@@ -93,3 +93,13 @@ def test_rounding_does_not_choose_between_equals():
     graph = symmetric(edges, lengths, 5)
     for search in (farthest_points, farthest_points_reference):
         np.testing.assert_array_equal(search(graph, 5, 0), [0, 1, 2, 3, 4])
+
+
+def test_a_search_that_goes_astray_is_left_to_scipy():
+    """A path is shorter the more steps it has, all in one bucket, as in the test of geodesics."""
+    edges, lengths = [(200, 201)], [1e6]
+    for step in (1, 2, 3):
+        edges += [(i, i + step) for i in range(201 - step)]
+        lengths += [float(step**2)] * (201 - step)
+    graph = symmetric(np.array(edges), np.array(lengths), 202)
+    np.testing.assert_array_equal(farthest_points(graph, 20, 0), farthest_points_reference(graph, 20, 0))
