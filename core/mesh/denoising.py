@@ -1,23 +1,43 @@
 """Denoising: the roughness of a surface at the scale of its edges, and Taubin smoothing."""
 
 import numpy as np
-from scipy.sparse import csr_array, diags_array
 
-from core.arrays import Floats
+from core.arrays import Floats, Ints
+from core.mesh.edges import half_edges
 from core.mesh.face_normals import face_normals
 from core.mesh.mesh import Mesh
+from core.numerics.compilation import compiled, constant
 
 SHRINK, GROW = 0.5, -0.53
 """Taubin's lambda and mu: the second step undoes the shrinkage of low frequencies by the first."""
 
 
-def neighbour_means(mesh: Mesh) -> csr_array:
-    """The matrix that averages vertex values over the neighbours of each vertex, csr, shape (n, n)."""
-    count = len(mesh.vertices)
-    ends = np.concatenate([mesh.faces[:, [i, j]] for i in range(3) for j in range(3) if i != j])
-    links = csr_array((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(count, count))
-    links.data[:] = 1.0
-    return csr_array(diags_array(1.0 / np.maximum(links.sum(axis=1), 1.0)) @ links)
+def neighbour_means(edges: Ints, values: Floats) -> Floats:
+    """Means of vertex values over the neighbours of each vertex, shape (n, 3); 0 without neighbours.
+
+    Parameters
+    ----------
+    edges : int64, shape (e, 2)
+        The distinct edges.
+    values : float64, shape (n, 3)
+    """
+    return _means(edges, constant(values))
+
+
+@compiled
+def _means(edges: Ints, values: Floats) -> Floats:
+    counts = np.zeros(len(values))
+    for edge in range(len(edges)):
+        counts[edges[edge, 0]] += 1.0
+        counts[edges[edge, 1]] += 1.0
+    shares = 1.0 / np.maximum(counts, 1.0)
+    means = np.zeros((len(values), 3))
+    for edge in range(len(edges) - 1, -1, -1):
+        one, other = edges[edge, 0], edges[edge, 1]
+        for axis in range(3):
+            means[one, axis] += shares[one] * values[other, axis]
+            means[other, axis] += shares[other] * values[one, axis]
+    return means
 
 
 def vertex_normals(mesh: Mesh) -> Floats:
@@ -40,9 +60,9 @@ def roughness(mesh: Mesh) -> float:
     surface, and large on a crease along a line only. Clean scans and CAD parts are below 0.07; the same
     meshes simplified to a tenth, or to 250 vertices, below 0.2; independent noise of half an edge gives 0.3.
     """
-    means = neighbour_means(mesh)
-    once = means @ mesh.vertices - mesh.vertices
-    twice = means @ once - once
+    links = half_edges(mesh.faces).edges
+    once = neighbour_means(links, mesh.vertices) - mesh.vertices
+    twice = neighbour_means(links, once) - once
     edges = mesh.vertices[mesh.faces] - mesh.vertices[np.roll(mesh.faces, 1, axis=1)]
     length = float(np.linalg.norm(edges, axis=2).mean())
     return float(np.median(np.abs((twice * vertex_normals(mesh)).sum(axis=1)))) / length
@@ -58,9 +78,9 @@ def taubin_smoothing(mesh: Mesh, iterations: int) -> Mesh:
     iterations : int
         Number of pairs of steps, >= 0.
     """
-    means = neighbour_means(mesh)
+    links = half_edges(mesh.faces).edges
     points = mesh.vertices
     for _ in range(iterations):
         for step in (SHRINK, GROW):
-            points = points + step * (means @ points - points)
+            points = points + step * (neighbour_means(links, points) - points)
     return Mesh(points, mesh.faces)
