@@ -30,9 +30,15 @@ class SymmetricFactor:
     """
 
     def __init__(self, matrix: csc_array) -> None:
-        # A positive definite matrix needs no pivoting.
+        # A positive definite matrix needs no pivoting. The fill of a surface's matrix is so small that wider
+        # panels and relaxed supernodes take longer.
         factor = splu(
-            matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
+            matrix,
+            permc_spec="MMD_AT_PLUS_A",
+            diag_pivot_thresh=0.0,
+            relax=1,
+            panel_size=1,
+            options={"SymmetricMode": True},
         )
         lower = factor.L
         lower.sort_indices()
