@@ -1,6 +1,6 @@
-"""Numerical helpers: compilation of loops, radix sort, control of threads and of arithmetic faults.
+"""Numerical helpers: compilation of loops, radix sort, factors of matrices, control of threads and faults.
 
-Functions and sort keys in; compiled functions and sort orders out.
+Functions, sort keys and matrices in; compiled functions, sort orders and solutions out.
 """
 
-__all__ = ["compilation", "guarding", "radix_sort", "threads"]
+__all__ = ["compilation", "guarding", "radix_sort", "symmetric_factor", "threads"]

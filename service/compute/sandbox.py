@@ -90,7 +90,7 @@ def enter(memory: int) -> None:
     Parameters
     ----------
     memory : int
-        Bytes of address space; an idle reader takes about 760 MB. Larger allocations raise `MemoryError`.
+        Bytes of address space; an idle reader takes 760 to 790 MB. Larger allocations raise `MemoryError`.
     """
     for format in FORMATS:
         read_mesh(write_mesh(_triangle(), format), format)
