@@ -50,7 +50,7 @@ def bridges(vertices: Floats, labels: Ints) -> Ints:
         other = earliest_outside(tree, labels, vertices[lead], labels[lead], gaps[lead] * (1.0 + TIE))
         pairs = np.stack([lead, other], axis=1)
         ends = labels[pairs]
-        kept = _acyclic(ends)
+        kept = _spanning_forest(ends)
         chosen.append(pairs[kept])
         number, group = component_labels(number, ends[kept])
         labels = group[labels]
@@ -58,8 +58,10 @@ def bridges(vertices: Floats, labels: Ints) -> Ints:
 
 
 @compiled
-def _acyclic(links: Ints) -> NDArray[np.bool_]:
-    """Which links make a spanning forest (Kruskal 1956), shape (c,); of two between the same ends, the later.
+def _spanning_forest(links: Ints) -> NDArray[np.bool_]:
+    """Which links make a spanning forest (Kruskal 1956), shape (c,).
+
+    Two components may each link to the other, by other vertices where gaps are equal: the later link stays.
 
     Parameters
     ----------

@@ -35,22 +35,23 @@ def update_gaps(tree: PointTree, labels: Ints, nearest: Ints, gaps: Floats) -> N
     labels : int64, shape (n,)
         Component of each point, two components or more.
     nearest : int64, shape (n,)
-        By place, the place of the nearest point outside when it was last sought, or -1. It is sought again
-        where it is outside no more.
+        By place, the place of the nearest point of another component, or -1; written. Searched again if that
+        point is now in the same component.
     gaps : float64, shape (n,)
         The distances, by point.
     """
     levels, order, points, boxes = tree
     count, leaves = len(points), 1 << levels
     mine = labels[order]
-    # The component that a node is wholly of, or -1.
-    only = np.empty(2 * leaves, dtype=np.int64)
+    # The component of all points of a node, or -1.
+    component_of = np.empty(2 * leaves, dtype=np.int64)
     for node in range(2 * leaves - 1, 0, -1):
         if node >= leaves:
             inside = mine[(node - leaves) * count >> levels : (node - leaves + 1) * count >> levels]
-            only[node] = inside[0] if (inside == inside[0]).all() else -1
+            component_of[node] = inside[0] if (inside == inside[0]).all() else -1
         else:
-            only[node] = only[2 * node] if only[2 * node] == only[2 * node + 1] else -1
+            child, sibling = component_of[2 * node], component_of[2 * node + 1]
+            component_of[node] = child if child == sibling else -1
     waiting, squares = np.empty(DEPTH, dtype=np.int64), np.empty(DEPTH)
     # The search starts with what was found for the place before, which is close by.
     found = 0
@@ -68,9 +69,9 @@ def update_gaps(tree: PointTree, labels: Ints, nearest: Ints, gaps: Floats) -> N
             while node < leaves and square < best:
                 near, far = 2 * node, 2 * node + 1
                 square, far_square = np.inf, np.inf
-                if only[near] != label:
+                if component_of[near] != label:
                     square = _square_to_box(boxes, near, x, y, z)
-                if only[far] != label:
+                if component_of[far] != label:
                     far_square = _square_to_box(boxes, far, x, y, z)
                 if square > far_square:
                     near, far, square, far_square = far, near, far_square, square

@@ -50,8 +50,8 @@ def _search(
         node_of[1] = samples[s]
         after[1] = 0
         head[0] = 1
-        top, taken, current = np.uint64(2), np.uint64(1), np.uint64(0)
-        while taken < top:
+        top, removed, current = np.uint64(2), np.uint64(1), np.uint64(0)
+        while removed < top:
             entry = np.uint64(head[current])
             if entry == 0:
                 current = (current + one) & mask
@@ -63,7 +63,7 @@ def _search(
                 batch[count] = node
                 count += np.uint64(distance[node] < processed[node])
                 processed[node] = distance[node]
-                taken += one
+                removed += one
                 entry = np.uint64(after[entry])
             first = top
             for i in range(count):
@@ -75,10 +75,10 @@ def _search(
                     return s
                 for edge in range(start, stop):
                     other = np.uint64(indices[edge])
-                    way = key + lengths[edge]
+                    length = key + lengths[edge]
                     node_of[top] = other
-                    top += np.uint64(way < distance[other])
-                    distance[other] = min(way, distance[other])
+                    top += np.uint64(length < distance[other])
+                    distance[other] = min(length, distance[other])
             for added in range(first, top):
                 bucket = np.uint64(np.int64(distance[np.uint64(node_of[added])] / width)) & mask
                 after[added] = head[bucket]

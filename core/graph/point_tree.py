@@ -10,10 +10,6 @@ from core.numerics.compilation import compiled, constant
 LEAF = 12
 """Largest number of points in a leaf."""
 
-PIVOT = 0.618
-"""Place of a pivot, as a fraction of the range. From the middle, coordinates that rise and then fall, as
-along a ring, would take quadratic time."""
-
 
 class PointTree(NamedTuple):
     """A balanced k-d tree. Node 1 is the root, the children of node i are 2 i and 2 i + 1.
@@ -66,9 +62,15 @@ def _build(points: Floats) -> tuple[int, Ints, Floats, Floats]:
 
 @compiled
 def _halve(order: Ints, points: Floats, axis: int, low: int, middle: int, high: int) -> None:
-    """Rearrange places low .. high so that none before the middle exceeds one after it (Hoare 1961)."""
+    """Rearrange places low .. high so that none before the middle exceeds one after it (Hoare 1961).
+
+    Pivots are drawn by a linear congruential generator (Knuth's MMIX): no order of the file takes quadratic
+    time in practice.
+    """
+    state = np.uint64(low)
     while low < high:
-        pivot = points[low + int(PIVOT * (high - low)), axis]
+        state = state * np.uint64(6364136223846793005) + np.uint64(1442695040888963407)
+        pivot = points[low + np.int64((state >> np.uint64(33)) % np.uint64(high - low + 1)), axis]
         i, j = low, high
         while i <= j:
             while points[i, axis] < pivot:

@@ -32,7 +32,7 @@ def _means(edges: Ints, values: Floats) -> Floats:
         counts[edges[edge, 1]] += 1.0
     shares = 1.0 / np.maximum(counts, 1.0)
     means = np.zeros((len(values), 3))
-    for edge in range(len(edges) - 1, -1, -1):
+    for edge in range(len(edges)):
         one, other = edges[edge, 0], edges[edge, 1]
         for axis in range(3):
             means[one, axis] += shares[one] * values[other, axis]

@@ -1,7 +1,6 @@
 """The factorisation L D L^T of a sparse symmetric positive definite matrix, and solutions with it.
 
-SuperLU finds the order and the factors. Its solver is made for general matrices; the one here reads L alone,
-and takes a third of the time.
+SuperLU finds the order and the factors. This solver reads L only, and takes a third of the time of SuperLU's.
 """
 
 import numpy as np
@@ -26,7 +25,7 @@ class SymmetricFactor:
     Raises
     ------
     RuntimeError
-        The matrix is singular.
+        The matrix is not positive definite.
     """
 
     def __init__(self, matrix: csc_array) -> None:
@@ -40,7 +39,9 @@ class SymmetricFactor:
             panel_size=1,
             options={"SymmetricMode": True},
         )
-        lower = factor.L
+        lower, diagonal = factor.L, factor.U.diagonal()
+        if not ((diagonal > 0.0).all() and np.array_equal(factor.perm_r, factor.perm_c)):
+            raise RuntimeError("the matrix is not positive definite")
         lower.sort_indices()
         # The first entry of each column is the unit diagonal.
         below = np.ones(lower.nnz, dtype=bool)
@@ -48,11 +49,19 @@ class SymmetricFactor:
         self._starts = (lower.indptr - np.arange(len(lower.indptr))).astype(np.uint32)
         self._rows = lower.indices[below].astype(np.uint32)
         self._values = lower.data[below]
-        self._inverse = 1.0 / factor.U.diagonal()
+        self._inverse = 1.0 / diagonal
         self._order = factor.perm_c.astype(np.uint32)
 
     def solve(self, right: Floats) -> Floats:
-        """The solution x of A x = b, for b of shape (n,) or, a column each, (n, c)."""
+        """The solution x of A x = b, for b of shape (n,) or, a column each, (n, c).
+
+        Raises
+        ------
+        ValueError
+            b has another length.
+        """
+        if len(right) != len(self._inverse):
+            raise ValueError(f"{len(right)} rows for a matrix of {len(self._inverse)}")
         columns = np.ascontiguousarray(np.atleast_2d(right.T))
         solution = np.empty_like(columns)
         _solve(self._starts, self._rows, self._values, self._inverse, self._order, columns, solution)

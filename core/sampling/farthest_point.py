@@ -15,7 +15,6 @@ compiled function stores its value, and the cache of compiled code would miss a 
 BLOCK = 64
 """Number of vertices in a block; the largest score of each block is stored."""
 
-
 WIDTH = 0.5
 """Width of a bucket in mean edge lengths, as in `core.graph.geodesics`."""
 
@@ -45,8 +44,8 @@ def _relax(
     node_of[1] = source
     after[1] = 0
     head[0] = 1
-    top, taken, current = np.uint64(2), np.uint64(1), np.uint64(0)
-    while taken < top:
+    top, removed, current = np.uint64(2), np.uint64(1), np.uint64(0)
+    while removed < top:
         entry = np.uint64(head[current])
         if entry == 0:
             current = (current + one) & mask
@@ -58,7 +57,7 @@ def _relax(
             batch[count] = node
             count += np.uint64(distance[node] < processed[node])
             processed[node] = distance[node]
-            taken += one
+            removed += one
             entry = np.uint64(after[entry])
         first = top
         for i in range(count):
@@ -71,10 +70,10 @@ def _relax(
                 return False
             for edge in range(start, stop):
                 other = np.uint64(indices[edge])
-                way = key + lengths[edge]
+                length = key + lengths[edge]
                 node_of[top] = other
-                top += np.uint64(way < distance[other])
-                distance[other] = min(way, distance[other])
+                top += np.uint64(length < distance[other])
+                distance[other] = min(length, distance[other])
         for added in range(first, top):
             bucket = np.uint64(np.int64(distance[np.uint64(node_of[added])] / width)) & mask
             after[added] = head[bucket]

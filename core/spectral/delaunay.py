@@ -17,6 +17,10 @@ MOLLIFIED = 1e-5
 """Least excess of two sides of a triangle over the third, in mean edge lengths; if a triangle has less, all
 edges are lengthened by the same amount (Sharp and Crane 2020, section 4.5)."""
 
+MOST_FLIPS = 20
+"""Largest number of flips for each half-edge. Real meshes need about one, but a fan of n thin triangles needs
+a multiple of n^2. Any triangulation of the surface gives a positive semidefinite Laplacian."""
+
 
 def twins(faces: Ints, sides: HalfEdges) -> Ints | None:
     """The opposite of each half-edge, shape (3 f,); None unless the surface is closed and oriented.
@@ -51,8 +55,8 @@ def _cotangent(a: float, b: float, c: float) -> float:
 
 
 @compiled
-def _flip_all(tails: Ints, lengths: Floats, twin: Ints) -> int:
-    """Flip edges until no edge has a negative weight; return the number of flips."""
+def _flip_all(tails: Ints, lengths: Floats, twin: Ints, most: int) -> int:
+    """Flip edges until no edge has a negative weight, or `most` times; return the number of flips."""
     sides = len(twin)
     queue = np.empty(sides + 1, dtype=np.int64)
     waits = np.zeros(sides, dtype=np.bool_)
@@ -63,7 +67,7 @@ def _flip_all(tails: Ints, lengths: Floats, twin: Ints) -> int:
             waits[h] = True
             size += 1
     first, last, flips = 0, size, 0
-    while first != last:
+    while first != last and flips < most:
         h = queue[first]
         first = first + 1 if first < sides else 0
         waits[h] = False
@@ -137,7 +141,7 @@ def intrinsic_delaunay(vertices: Floats, faces: Ints) -> tuple[Ints, Ints, Float
     """Cotangent weights of the intrinsic Delaunay triangulation of a surface.
 
     A surface that is not closed and oriented is covered twice (`core.spectral.tufted_cover`), and its weights
-    and areas are half of the cover's.
+    and areas are half of the cover's. After `MOST_FLIPS` the weights are those of the triangulation reached.
 
     Parameters
     ----------
@@ -160,7 +164,7 @@ def intrinsic_delaunay(vertices: Floats, faces: Ints) -> tuple[Ints, Ints, Float
     lengths = np.linalg.norm(vertices[faces] - vertices[faces[:, [1, 2, 0]]], axis=2)
     lengths = mollified_lengths(lengths).ravel()
     tails = faces.ravel().copy()
-    _flip_all(tails, lengths, twin)
+    _flip_all(tails, lengths, twin, MOST_FLIPS * len(twin))
     weights, areas = np.empty(len(tails)), np.zeros(len(vertices))
     _weights(tails, lengths, weights, areas)
     return tails, tails.reshape(-1, 3)[:, [1, 2, 0]].ravel(), weights / sheets, areas / sheets

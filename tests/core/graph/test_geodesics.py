@@ -27,12 +27,17 @@ def many_lengths():
     return symmetric(edges, lengths, 200)
 
 
+def search(graph, width, samples, points, found):
+    indptr, indices = graph.indptr.astype(np.uint32), graph.indices.astype(np.uint32)
+    return _search(indptr, indices, graph.data, width, samples, points, found)
+
+
 @pytest.mark.parametrize("width", [1e-4, 1e-2, 1.0, 100.0])
 def test_the_width_of_a_bucket_changes_the_work_alone(width):
     graph = many_lengths()
     samples, points = np.array([0, 77, 199]), np.arange(200)
     found = np.full((200, 3), np.nan)
-    done = _search(graph.indptr, graph.indices, graph.data, width, samples, points, found)
+    done = search(graph, width, samples, points, found)
     wanted = geodesics_reference(graph, samples, points)
     np.testing.assert_array_equal(found[:, :done], wanted[:, :done])
     assert np.isnan(found[:, done:]).all()
@@ -49,7 +54,7 @@ def test_a_search_that_goes_astray_is_left_to_scipy():
     samples, points = np.array([0, 201, 30]), np.arange(202)
     found = np.empty((202, 3))
     width = WIDTH * float(graph.data.mean())
-    assert _search(graph.indptr, graph.indices, graph.data, width, samples, points, found) == 0
+    assert search(graph, width, samples, points, found) == 0
     np.testing.assert_array_equal(
         geodesics(graph, samples, points), geodesics_reference(graph, samples, points)
     )

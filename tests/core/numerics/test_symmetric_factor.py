@@ -42,6 +42,15 @@ def test_the_solution_is_scipys(kind, columns):
     np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-12 * np.abs(expected).max())
 
 
-def test_a_singular_matrix_is_refused():
-    with pytest.raises(RuntimeError, match="singular"):
-        SymmetricFactor(csc_array(np.zeros((3, 3))))
+INDEFINITE = {"zeros": np.zeros((3, 3)), "exchange": np.eye(2)[::-1], "negative": -np.eye(3)}
+
+
+@pytest.mark.parametrize("kind", INDEFINITE)
+def test_a_matrix_that_is_not_positive_definite_is_refused(kind):
+    with pytest.raises(RuntimeError, match=r"singular|not positive definite"):
+        SymmetricFactor(csc_array(INDEFINITE[kind]))
+
+
+def test_a_right_side_of_another_length_is_refused():
+    with pytest.raises(ValueError, match="4 rows for a matrix of 5"):
+        SymmetricFactor(csc_array(eye_array(5))).solve(np.ones(4))

@@ -5,7 +5,7 @@ import pytest
 from scipy.sparse.csgraph import dijkstra
 
 from core.graph.edge_graph import edge_graph, symmetric
-from core.sampling.farthest_point import farthest_points, farthest_points_reference
+from core.sampling.farthest_point import WIDTH, _select, farthest_points, farthest_points_reference
 from tests.core.shapes import GALLERY, MANY_KINDS, make_shape
 
 KINDS = [*GALLERY[:6], "soup", "loose parts", "sphere", "sheet"]
@@ -102,4 +102,7 @@ def test_a_search_that_goes_astray_is_left_to_scipy():
         edges += [(i, i + step) for i in range(201 - step)]
         lengths += [float(step**2)] * (201 - step)
     graph = symmetric(np.array(edges), np.array(lengths), 202)
+    indptr, indices = graph.indptr.astype(np.uint32), graph.indices.astype(np.uint32)
+    width, samples = WIDTH * float(graph.data.mean()), np.empty(20, dtype=np.int64)
+    assert not _select(indptr, indices, graph.data, width, np.ones(202), 0, samples)
     np.testing.assert_array_equal(farthest_points(graph, 20, 0), farthest_points_reference(graph, 20, 0))

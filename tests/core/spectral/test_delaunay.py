@@ -7,7 +7,8 @@ import robust_laplacian
 from core.mesh.cleaning import clean, face_areas
 from core.mesh.edges import half_edges
 from core.mesh.mesh import Mesh
-from core.spectral.delaunay import intrinsic_delaunay, mollified_lengths, twins
+from core.spectral import delaunay as module
+from core.spectral.delaunay import MOST_FLIPS, intrinsic_delaunay, mollified_lengths, twins
 from core.spectral.laplace_beltrami import laplacian
 from tests.core.shapes import GALLERY, MANY_KINDS, blob, box, icosphere, make_shape, rectangle, scaled, soup
 
@@ -64,6 +65,27 @@ def test_no_weight_is_negative_though_many_were():
     after = {frozenset(edge) for edge in zip(start.tolist(), end.tolist(), strict=True)}
     assert len(after - before) > 100
     assert weights.min() < 0.0
+
+
+def fan(count):
+    """A sheet of thin triangles around a corner: flips grow with the square of their number."""
+    x = np.linspace(0.0, 1.0, count)
+    steps = np.arange(1, count - 1)
+    return Mesh(np.c_[x, x**2, 0.0 * x], np.stack([0 * steps, steps, steps + 1], axis=1))
+
+
+def test_the_flips_of_a_fan_are_limited(monkeypatch):
+    flips = []
+    flip_all = module._flip_all
+    monkeypatch.setattr(module, "_flip_all", lambda *given: flips.append((flip_all(*given), given[-1])))
+    sheet = fan(1000)
+    _, _, weights, areas = intrinsic_delaunay(sheet.vertices, sheet.faces)
+    assert flips == [(MOST_FLIPS * 6 * len(sheet.faces),) * 2]
+    assert np.isfinite(weights).all()
+    # Longer edges make thin triangles larger.
+    assert areas.sum() == pytest.approx(face_areas(sheet.vertices, sheet.faces).sum(), rel=0.05)
+    smallest = np.linalg.eigvalsh(laplacian(sheet)[0].toarray())[0]
+    assert smallest > -1e-9 * abs(weights).max()
 
 
 def test_flips_leave_the_area_alone():

@@ -15,6 +15,9 @@ SURFACES = {
     "one face turned over": Mesh(BALL.vertices, np.r_[BALL.faces[:1, ::-1], BALL.faces[1:]]),
     "soup": soup(BALL),
     "closed": box(1.0, 2.0, 3.0),
+    "three sheets on an edge of length 0": Mesh(
+        [[0, 0, 0], [0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 1, 2], [0, 1, 3], [0, 1, 4]]
+    ),
 }
 
 
