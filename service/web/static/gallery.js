@@ -30,6 +30,8 @@ let cursor = null;
 /** Number of the current list; a response for an earlier list is discarded. */
 let generation = 0;
 let loading = false;
+/** The shapes of each chunk of the list. @type {WeakMap<Element, Shape[]>} */
+const shapesOf = new WeakMap();
 
 /** @param {boolean} mayChange Whether shapes may be deleted. */
 export const allowChanges = (mayChange) => (changes = mayChange);
@@ -87,7 +89,8 @@ async function load() {
 
 /** @param {Shape[]} shapes */
 function append(shapes) {
-  const chunk = make("ul", { className: "gallery" }, ...shapes.map(item));
+  const chunk = make("ul", { className: "gallery" });
+  show(chunk, shapes);
   list.append(chunk);
   nearby.observe(chunk);
 }
@@ -98,10 +101,17 @@ function showTotal() {
   status.textContent = total === 0 ? empty : `${listed} of ${total} shown`;
 }
 
-/** @param {Shape} shape */
-function item(shape) {
-  const made = shapeCard(shape, menuButton(shape, changes ? () => removeShape(shape, made) : null));
-  return made;
+/**
+ * Fill a chunk with cards.
+ * @param {HTMLElement} chunk
+ * @param {Shape[]} shapes
+ */
+function show(chunk, shapes) {
+  shapesOf.set(chunk, shapes);
+  chunk.replaceChildren(...shapes.map((shape) => {
+    const card = shapeCard(shape, menuButton(shape, changes ? () => removeShape(shape, card) : null));
+    return card;
+  }));
 }
 
 /**
@@ -114,6 +124,8 @@ async function removeShape(shape, own) {
   try {
     await ask(address(`shapes/${shape.id}`), { method: "DELETE" });
     const next = own.nextElementSibling ?? own.previousElementSibling;
+    const chunk = own.parentElement;
+    if (chunk) shapesOf.set(chunk, (shapesOf.get(chunk) ?? []).filter(({ id }) => id !== shape.id));
     own.remove();
     total--;
     listed--;
@@ -126,20 +138,16 @@ async function removeShape(shape, own) {
   }
 }
 
-/** Shapes of chunks that are far from the window. @type {WeakMap<Element, Element[]>} */
-const away = new WeakMap();
-
-// Far chunks are empty boxes of the same height, so that the time of a layout does not grow with the list.
+// Far chunks are empty boxes of the same height, so that neither the time of a layout nor the garbage that the
+// browser looks through grows with the list.
 const nearby = new IntersectionObserver((entries) => {
   for (const { target, isIntersecting, boundingClientRect: { height } } of entries) {
     const chunk = /** @type {HTMLElement} */ (target);
-    const shapes = away.get(chunk);
-    if (isIntersecting && shapes) {
-      away.delete(chunk);
+    const isFar = chunk.style.height !== "";
+    if (isIntersecting && isFar) {
       chunk.style.height = "";
-      chunk.append(...shapes);
-    } else if (!isIntersecting && !shapes && height > 0 && !chunk.contains(document.activeElement)) {
-      away.set(chunk, [...chunk.children]);
+      show(chunk, shapesOf.get(chunk) ?? []);
+    } else if (!isIntersecting && !isFar && height > 0 && !chunk.contains(document.activeElement)) {
       chunk.style.height = `${height}px`;
       chunk.replaceChildren();
     }

@@ -20,9 +20,6 @@ MANY = 10_000
 LONGEST = 50.0
 """Most milliseconds of a task while scrolling."""
 
-COLLECTION = 100.0
-"""Most milliseconds of a task that collects garbage, which V8 schedules when it likes."""
-
 FILE_NAMES = [f"{label}-{pose}.ply" for label in ("fish", "glasses") for pose in range(3)]
 
 
@@ -146,21 +143,17 @@ def many(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
         yield running
 
 
-def longest_tasks(trace: Path) -> tuple[float, float]:
-    """The most processor time that a task of the page's main thread takes, and one of V8's collector, in ms.
+def longest_task(trace: Path) -> float:
+    """The most processor time that a task of the page's main thread takes, in milliseconds.
 
     Where other programs share the processor, tasks last longer.
     """
     events = json.loads(trace.read_text())["traceEvents"]
     names = [event for event in events if event["name"] == "thread_name"]
     mains = {(e["pid"], e["tid"]) for e in names if e["args"]["name"] == "CrRendererMain"}
-    tasks = [event for event in events if "tdur" in event and (event["pid"], event["tid"]) in mains]
+    tasks = [e["tdur"] for e in events if "tdur" in e and (e["pid"], e["tid"]) in mains]
     assert len(tasks) > 1000
-    longest = {False: 0.0, True: 0.0}
-    for task in tasks:
-        collects = task.get("args", {}).get("src_file", "").startswith("v8/src/heap/")
-        longest[collects] = max(longest[collects], task["tdur"] / 1000)
-    return longest[False], longest[True]
+    return max(tasks) / 1000
 
 
 def test_ten_thousand_shapes_scroll_without_a_long_task(
@@ -185,7 +178,6 @@ def test_ten_thousand_shapes_scroll_without_a_long_task(
         page.wait_for_timeout(30)
     browser.stop_tracing()
     expect(page.locator("#gallery-status")).to_have_text(f"{MANY} of {MANY} shown")
-    longest, collection = longest_tasks(trace)
-    print(f"{MANY} shapes, longest task {longest:.1f} ms, longest collection of garbage {collection:.1f} ms")
+    longest = longest_task(trace)
+    print(f"{MANY} shapes, longest task {longest:.1f} ms")
     assert longest <= LONGEST
-    assert collection <= COLLECTION
