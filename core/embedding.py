@@ -170,8 +170,3 @@ class Match:
     distances: Float32s = field(repr=False)
     effective: NDArray[np.bool_] = field(repr=False)
     mirrored: bool | None = None
-
-
-EmbeddedPoints = tuple[tuple[Float32s, ...], Int32s]
-"""Coordinates in each spectral domain, each of shape (d, k), and the sample nearest to each of the d points,
-shape (d,)."""

@@ -4,9 +4,8 @@ import json
 import math
 from collections.abc import Iterator
 from dataclasses import asdict, fields
-from functools import lru_cache
 from itertools import chain
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +19,6 @@ from core.embedding import (
     NO_ORIENTATION,
     NO_SPIN_IMAGES,
     NO_VIEWS,
-    EmbeddedPoints,
     Embedding,
     Facts,
     Spectrum,
@@ -100,31 +98,6 @@ def embedding_from_bytes(data: bytes) -> Embedding:
     return embedding
 
 
-def points_from_bytes(data: bytes) -> EmbeddedPoints:
-    """The embedded points of a record, as views of its bytes; their values are not checked.
-
-    This is about twenty times as fast as `embedding_from_bytes`.
-
-    Raises
-    ------
-    BadRecordError
-        The bytes are not a record, or its header does not describe these arrays.
-    """
-    try:
-        end = 8 + int.from_bytes(data[:8], "little")
-        if end % 4:
-            raise ValueError("the header's length is not a multiple of four")
-        regions, *coordinates = (
-            np.frombuffer(data, one.dtype, math.prod(one.shape), end + one.start).reshape(one.shape)
-            for one in _layout(data[8:end])
-        )
-    except (KeyError, TypeError, ValueError, RecursionError, OverflowError, AttributeError) as error:
-        raise BadRecordError(f"not an embedding: {error}") from error
-    if regions.ndim != 1 or any(one.ndim != 2 or len(one) != len(regions) for one in coordinates):
-        raise BadRecordError("not an embedding: its points have the wrong shape")
-    return tuple(coordinates), regions
-
-
 def descriptors_from_bytes(data: bytes) -> ShapeDescriptors:
     """The descriptors of a record, without its embedded points.
 
@@ -156,37 +129,6 @@ def descriptors_from_bytes(data: bytes) -> ShapeDescriptors:
     )
     if fault is not None:
         raise BadRecordError(f"not an embedding: {fault}")
-    return found
-
-
-class _Place(NamedTuple):
-    """Type, shape and byte offset behind the header of one array of a record."""
-
-    dtype: type[np.generic]
-    shape: tuple[int, ...]
-    start: int
-
-
-@lru_cache(maxsize=1024)
-def _layout(header: bytes) -> list[_Place]:
-    """Places of the regions and of the coordinates, from the header of a safetensors file.
-
-    Cached, since most records have the same header but for values.
-    """
-    entries = json.loads(header)
-    domains = sum(name.startswith("coordinates_") for name in entries)
-    names = ["regions", *(f"coordinates_{i}" for i in range(domains))]
-    found = []
-    for name in names:
-        entry = entries[name]
-        dtype = np.int32 if name == "regions" else np.float32
-        if entry["dtype"] != {np.int32: "I32", np.float32: "F32"}[dtype]:
-            raise ValueError(f"{name} is of type {entry['dtype']}")
-        start, stop = entry["data_offsets"]
-        shape = tuple(int(length) for length in entry["shape"])
-        if min(shape) < 1 or start < 0 or stop - start != 4 * math.prod(shape) or start % 4:
-            raise ValueError(f"{name} has the wrong length")
-        found.append(_Place(dtype, shape, start))
     return found
 
 

@@ -13,6 +13,7 @@ __all__ = [
     "local_density",
     "opinion_pool",
     "pair_differences",
+    "quantised_points",
     "reranking",
     "shortlist",
     "similarity_map",

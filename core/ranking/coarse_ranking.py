@@ -9,6 +9,7 @@ from core.embedding import Embedding
 from core.matching.kernels.one_to_many import COARSE_SAMPLES, coarse_rank_many
 from core.matching.procrustes import search_rounds
 from core.parameters import Parameters
+from core.ranking.quantised_points import joined, quantised
 
 
 def coarse_samples(embedding: Embedding) -> Bytes:
@@ -20,12 +21,9 @@ def coarse_samples(embedding: Embedding) -> Bytes:
     samples = int(embedding.regions.max()) + 1
     count = min(samples, COARSE_SAMPLES)
     points = np.concatenate([one.coordinates[:count] for one in embedding.spectra], axis=1)
-    scales = np.abs(points).max(axis=0) / np.float32(127.0)
     whole = np.zeros((COARSE_SAMPLES, points.shape[1]), dtype=np.int8)
-    whole[:count] = np.rint(np.divide(points, scales, out=np.zeros_like(points), where=scales > 0.0))
-    head = np.array([count], dtype=np.int32)
-    parts = (head, scales.astype(np.float32), whole)
-    return np.concatenate([np.frombuffer(part.tobytes(), dtype=np.uint8) for part in parts])
+    scales, whole[:count] = quantised(points)
+    return joined(np.array([count], dtype=np.int32), scales, whole)
 
 
 def coarse_ranking(query: Float32s, coarse_samples: Bytes, parameters: Parameters) -> Float32s:

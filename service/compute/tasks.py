@@ -26,6 +26,8 @@ from core.numerics.guarding import guarded
 from core.parameters import Parameters
 from core.pipeline import Pipeline
 from core.ranking.coarse_ranking import coarse_ranking, coarse_samples
+from core.ranking.quantised_points import quantised_points
+from core.ranking.reranking import rerank
 from core.ranking.shortlist import signature_distances
 from core.serialization import embedding_from_bytes, embedding_to_bytes
 from service.rendering.thumbnail import SIZES, draw
@@ -43,6 +45,8 @@ class Embedded:
         Of the embedding.
     sketch : bytes
         The coarse samples: see `core.ranking.coarse_ranking`.
+    points : bytes
+        See `core.ranking.quantised_points`.
     view_signature : uint8, shape (v,), or None
         See `core.descriptors.view_signature`; None if the parameters ask for no views.
     reliability : float or None
@@ -56,6 +60,7 @@ class Embedded:
     record: bytes
     signature: NDArray[np.float32]
     sketch: bytes
+    points: bytes
     view_signature: Bytes | None
     reliability: float | None
     facts: dict[str, Any]
@@ -96,6 +101,7 @@ def embed_mesh(mesh: Mesh, parameters: Parameters, read: float) -> Embedded:
             record=embedding_to_bytes(embedding),
             signature=embedding.signature,
             sketch=coarse_samples(embedding).tobytes(),
+            points=quantised_points(embedding),
             view_signature=view_signature(embedding.views) if embedding.views.size else None,
             reliability=intrinsic_reliability(embedding.facts) if embedding.views.size else None,
             facts={**asdict(embedding.facts), "bounding_box": list(bounding_box(mesh))},
@@ -193,6 +199,7 @@ def warm_comparing(records: Sequence[bytes], parameters: Parameters) -> None:
         coarse_ranking(
             match_records[0], np.stack([coarse_samples(embedding) for embedding in embeddings]), parameters
         )
+        rerank(match_records[0], [quantised_points(embedding) for embedding in embeddings], parameters)
 
 
 @lru_cache(maxsize=4)

@@ -40,6 +40,7 @@ from service.storage.tables import (
     CollectionRow,
     EmbeddingRow,
     MetadataRow,
+    PointsRow,
     RemovalRow,
     ShapeRow,
     SketchRow,
@@ -283,6 +284,8 @@ def add_embedding(
         "checksum": checksum_of(embedded.sketch),
     }
     session.insert(SketchRow, {"embedding_number": number, **beside})
+    points = {"data": embedded.points, "checksum": checksum_of(embedded.points)}
+    session.insert(PointsRow, {"embedding_number": number, **points})
     if latest is None:
         ensure_hnsw(session, fingerprint)
 

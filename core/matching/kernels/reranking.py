@@ -4,13 +4,16 @@ import math
 
 import numpy as np
 
-from core.arrays import Float32s, Int16s, Int32s, Ints
+from core.arrays import Bytes, Float32s, Int16s, Int32s, Ints
 from core.matching.kernels.match_record import ONE, MatchRecord, decoded
 from core.matching.kernels.pair_matching import SearchRounds, fit_map
 from core.numerics.compilation import kernel
 
 FLAT = 1e-6
 """The least norm of a new direction, over the norm of its coordinate, that is more than rounding."""
+
+INFINITE = 0x7F800000
+"""The exponent of float32 numbers that are not finite."""
 
 
 @kernel
@@ -88,10 +91,35 @@ def sorted_regions(regions: Int32s, offsets: Int32s, members: Int32s) -> bool:
 
 
 @kernel
+def points_of(data: Bytes, columns: int) -> tuple[Float32s, Int32s]:
+    """The coordinates, shape (d, columns), and regions, shape (d,), in the bytes of points.
+
+    d is 0 if the bytes are not those of points in so many columns, or a scale is not finite.
+    """
+    nothing = np.empty((0, columns), dtype=np.float32), np.empty(0, dtype=np.int32)
+    head = data[: len(data) // 4 * 4].view(np.int32)
+    if len(head) < 2 or head[0] < 1 or head[1] != columns:
+        return nothing
+    d = np.int64(head[0])
+    start = 8 + 4 * columns + 4 * d
+    if len(data) != (start + d * columns + 3) // 4 * 4:
+        return nothing
+    # Fast arithmetic assumes finite numbers: look at the bits.
+    if ((head[2 : 2 + columns] & INFINITE) == INFINITE).any():
+        return nothing
+    scales = data[8 : 8 + 4 * columns].view(np.float32)
+    whole = data[start : start + d * columns].view(np.int8)
+    cloud = np.empty((d, columns), dtype=np.float32)
+    for i in range(d):
+        for c in range(columns):
+            cloud[i, c] = np.float32(whole[i * columns + c]) * scales[c]
+    return cloud, data[8 + 4 * columns : start].view(np.int32)
+
+
+@kernel
 def rerank_many(
     query: Float32s,
-    points: Float32s,
-    regions: Int32s,
+    others: Bytes,
     ends: Ints,
     search: Ints,
     rounds: SearchRounds,
@@ -103,17 +131,17 @@ def rerank_many(
     ----------
     query : float32, shape (l,)
         A match record: see `core.matching.kernels.match_record`.
-    points : float32, shape (d_1 + ... + d_c, b k)
-        Coordinates of the others, one shape after another; finite.
-    regions : int32, shape (d_1 + ... + d_c,)
-        The sample nearest to each point.
+    others : uint8, shape (l_1 + ... + l_c,)
+        The points of the others, one shape after another: see `core.ranking.quantised_points`. Each l_i is a
+        multiple of four.
     ends : int64, shape (c,)
-        The end of each shape in `points` and `regions`; none is empty.
+        The end of each shape in `others`.
     search : int64, shape (2,)
         The largest number of samples in the search, and the dimensions of the first stage.
     rounds : SearchRounds
     scores : float32, shape (c,)
-        Written. -2 if a region is not that of a sample.
+        Written. -2 if the bytes are not those of points in b k columns, a scale is not finite, or a region is
+        not that of a sample.
     """
     x = decoded(query)
     columns = x.points.shape[1]
@@ -127,8 +155,10 @@ def rerank_many(
     for i in range(len(ends)):
         scores[i] = -2.0
         start = ends[i - 1] if i else 0
-        cloud, nearest = points[start : ends[i]], regions[start : ends[i]]
+        cloud, nearest = points_of(others[start : ends[i]], columns)
         d = len(nearest)
+        if d == 0:
+            continue
         low, high = nearest.min(), nearest.max()
         if low < 0 or high >= d:
             continue

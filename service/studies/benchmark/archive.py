@@ -17,10 +17,12 @@ from core.embedding import Embedding, Spectrum
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
 from core.ranking.coarse_ranking import coarse_samples
+from core.ranking.quantised_points import quantised_points
 from core.serialization import embedding_to_bytes
 from service.collection import DEFAULT_COLLECTION
 from service.pipelines.active import Pipelines
 from service.pipelines.starting import begin
+from service.storage.checksums import checksum_of
 from service.storage.database import Database
 from service.storage.migrate import migrate
 from service.studies.benchmark import repository
@@ -110,6 +112,7 @@ def _rows(source: Sequence[Original], numbers: range) -> Iterator[tuple[dict[str
         embedding = shaken(original.embedding, number, other.embedding) if copy else original.embedding
         data = number.to_bytes(8, "big")
         name = f"{original.label}|{original.name}|{number}"
+        points = quantised_points(embedding)
         facts = {field: getattr(embedding.facts, field) for field in embedding.facts.__dataclass_fields__}
         yield (
             {"number": number + 1, "sha256": hashlib.sha256(data).hexdigest(), "size": 8, "data": data},
@@ -142,6 +145,7 @@ def _rows(source: Sequence[Original], numbers: range) -> Iterator[tuple[dict[str
                 "view_signature": view_signature(embedding.views),
                 "reliability": intrinsic_reliability(embedding.facts),
             },
+            {"embedding_number": number + 1, "data": points, "checksum": checksum_of(points)},
         )
 
 

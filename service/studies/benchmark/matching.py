@@ -19,8 +19,9 @@ from core.mesh.mesh import Mesh
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
 from core.ranking.coarse_ranking import coarse_ranking, coarse_samples
+from core.ranking.quantised_points import quantised_points
 from core.ranking.reranking import rerank
-from core.serialization import embedding_from_bytes, embedding_to_bytes, points_from_bytes
+from core.serialization import embedding_from_bytes, embedding_to_bytes
 from service.studies.benchmark.archive import shaken
 from service.studies.benchmark.functional_maps import Peer
 from service.studies.benchmark.meshes import Source, resized
@@ -114,7 +115,7 @@ class _Pair:
         copies = [candidate, *(shaken(candidate, number) for number in range(1, MANY))]
         self._match_record = match_record(query, DEFAULT)
         self._match_records = [match_record(copy, DEFAULT) for copy in copies]
-        self._points = [points_from_bytes(embedding_to_bytes(copy)) for copy in copies]
+        self._points = [quantised_points(copy) for copy in copies]
         self._coarse_samples = np.stack([coarse_samples(copy) for copy in copies])
         self._records = [embedding_to_bytes(embedding) for embedding in self._embeddings]
 

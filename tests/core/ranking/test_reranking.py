@@ -1,21 +1,20 @@
-"""Screening: the plain match with flat splines, read from records; and what is not a record's."""
+"""Re-ranking: the plain match with flat splines, from quantised points; and bytes that are no points."""
 
 from itertools import product
 
 import numpy as np
 import pytest
 
-from core.errors import BadRecordError
 from core.gallery import make_shape
 from core.matching.kernels.match_record import ONE, decoded
-from core.matching.kernels.reranking import flat_splines
+from core.matching.kernels.reranking import flat_splines, points_of
 from core.matching.match_records import match_record, score_match_records
 from core.matching.numpy_reference import fit_map_reference
 from core.matching.procrustes import search_rounds
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
+from core.ranking.quantised_points import quantised_points
 from core.ranking.reranking import rerank
-from core.serialization import embedding_to_bytes, points_from_bytes
 from tests.core.matching.clouds import cloud, embedded
 
 FIRST, LAST = DEFAULT.matching.first_dimensions, DEFAULT.matching.search_dimensions
@@ -23,7 +22,7 @@ FIRST, LAST = DEFAULT.matching.first_dimensions, DEFAULT.matching.search_dimensi
 
 @pytest.fixture(scope="module")
 def embeddings():
-    """Of the gallery; then of clouds with points between the samples, without, and with few samples."""
+    """Of the gallery; then of points with points between the samples, without, and with few samples."""
     pipeline = Pipeline(DEFAULT)
     names = [("spider", 0), ("spider", 1), ("person", 0), ("hand", 0)]
     made = [pipeline.embed(make_shape(*name)) for name in names]
@@ -41,8 +40,17 @@ def records(embeddings):
 
 
 @pytest.fixture(scope="module")
-def clouds(embeddings):
-    return [points_from_bytes(embedding_to_bytes(embedding)) for embedding in embeddings]
+def points(embeddings):
+    return [quantised_points(embedding) for embedding in embeddings]
+
+
+def plainly_read(data):
+    """The coordinates and the regions in the bytes of points."""
+    d, columns = np.frombuffer(data, np.int32, 2)
+    scales = np.frombuffer(data, np.float32, columns, 8)
+    regions = np.frombuffer(data, np.int32, d, 8 + 4 * columns)
+    whole = np.frombuffer(data, np.int8, d * columns, 8 + 4 * columns + 4 * d)
+    return whole.reshape(d, columns) * scales, regions
 
 
 def flat(searched):
@@ -70,96 +78,88 @@ def test_coordinates_that_say_nothing_new_add_nothing():
     assert not np.array_equal(three, four)
 
 
-def test_it_is_the_plain_match_with_flat_splines(records, clouds):
+def test_it_is_the_plain_match_with_flat_splines(records, points):
     """Where rounding decides between two neighbours the two may part."""
     descriptor_distance = []
     for first, second in product(range(len(records)), repeat=2):
         other = decoded(records[second])
-        splines = np.stack([flat(searched) for searched in other.searched])
-        other = other._replace(operators=np.rint(splines * ONE).astype(np.int16), warp=None, radius=None)
+        coordinates = plainly_read(points[second])[0]
+        samples = coordinates[: other.searched.shape[2]].T.reshape(
+            len(other.searched), -1, other.searched.shape[2]
+        )
+        searched = np.ascontiguousarray(samples[:, :LAST])
+        splines = np.stack([flat(one) for one in searched])
+        other = other._replace(
+            points=coordinates,
+            searched=searched,
+            operators=np.rint(splines * ONE).astype(np.int16),
+            warp=None,
+            radius=None,
+        )
         expected = fit_map_reference(decoded(records[first]), other, search_rounds(DEFAULT))[0]
-        (found,) = rerank(records[first], [clouds[second]], DEFAULT)
+        (found,) = rerank(records[first], [points[second]], DEFAULT)
         descriptor_distance.append(abs(float(found) - expected))
     assert np.median(descriptor_distance) < 1e-5
     assert np.mean(np.array(descriptor_distance) < 1e-4) > 0.9
 
 
-def test_it_is_mostly_near_the_full_match(records, clouds):
+def test_it_is_mostly_near_the_full_match(records, points):
     descriptor_distance = []
     for record in records[:4]:
         rough, exact = (
-            rerank(record, clouds[:4], DEFAULT),
+            rerank(record, points[:4], DEFAULT),
             score_match_records(record, records[:4], DEFAULT).cc,
         )
         descriptor_distance += list(np.abs(rough - exact))
     assert np.mean(np.array(descriptor_distance) < 0.01) >= 0.75
 
 
-def test_many_are_reranked_as_one_by_one(records, clouds):
-    found = rerank(records[0], clouds, DEFAULT)
+def test_many_are_reranked_as_one_by_one(records, points):
+    found = rerank(records[0], points, DEFAULT)
     assert found.dtype == np.float32
-    assert found.tolist() == [float(rerank(records[0], [one], DEFAULT)[0]) for one in clouds]
+    assert found.tolist() == [float(rerank(records[0], [one], DEFAULT)[0]) for one in points]
     assert rerank(records[0], [], DEFAULT).shape == (0,)
 
 
-def test_the_points_of_a_record_are_those_of_the_embedding(embeddings, clouds):
-    for embedding, (coordinates, regions) in zip(embeddings, clouds, strict=True):
+def test_points_are_quantised_in_each_column(embeddings, points):
+    for embedding, data in zip(embeddings, points, strict=True):
+        coordinates, regions = plainly_read(data)
+        exact = np.concatenate([one.coordinates for one in embedding.spectra], axis=1)
         assert np.array_equal(regions, embedding.regions)
-        for one, spectrum in zip(coordinates, embedding.spectra, strict=True):
-            assert np.array_equal(one, spectrum.coordinates)
+        assert np.all(np.abs(coordinates - exact) <= 0.501 * np.abs(exact).max(axis=0) / 127)
+        assert len(data) % 4 == 0
+        found = points_of(np.frombuffer(data, np.uint8), exact.shape[1])
+        assert np.array_equal(found[0], coordinates)
+        assert np.array_equal(found[1], regions)
 
 
-def changed(record, old, new):
-    assert record.count(old) == 1
-    return record.replace(old, new)
+def with_number(data, place, number):
+    """Points with another int32 or float32 at a place of their bytes."""
+    return data[: 4 * place] + np.array([number]).tobytes() + data[4 * place + 4 :]
 
 
-def test_bytes_that_are_no_record_have_no_points(embeddings):
-    record = embedding_to_bytes(embeddings[0])
-    for broken in (
+COLUMNS = DEFAULT.spectral.dimensions * len(DEFAULT.spectral.operators)
+
+
+def test_bytes_that_are_no_points_have_no_score(records, points):
+    sound = points[0]
+    broken = [
         b"",
-        b"not a record",
+        b"not",
+        b"nothing.",
         bytes(100),
-        record[:1000],
-        record[:-60_000] if len(record) > 60_000 else record[:20_000],
-        changed(record, b'"regions":{"dtype":"I32"', b'"regions":{"dtype":"F32"'),
-        changed(record, b'"regions":{', b'"regionz":{'),
-        changed(
-            record,
-            b'"coordinates_0":{"dtype":"F32","shape":[500,10]',
-            b'"coordinates_0":{"dtype":"F32","shape":[50,100]',
-        ),
-        changed(
-            record,
-            b'"coordinates_0":{"dtype":"F32","shape":[500,10]',
-            b'"coordinates_0":{"dtype":"F32","shape":[-500,-10]',
-        ),
-        (5).to_bytes(8, "little") + record[8:],
-        (2**63).to_bytes(8, "little") + record[8:],
-    ):
-        with pytest.raises(BadRecordError):
-            points_from_bytes(broken)
-
-
-@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
-def test_numbers_that_are_not_finite_have_no_score(records, clouds, value):
-    (first, second), regions = clouds[0]
-    broken = second.copy()
-    broken[3, 1] = value
-    found = rerank(records[1], [((first, broken), regions), clouds[0]], DEFAULT)
-    assert np.isnan(found).tolist() == [True, False]
-
-
-@pytest.mark.parametrize("region", [-1, -7, 500, 5_000, 101])
-def test_regions_of_no_sample_have_no_score(records, clouds, region):
-    coordinates, regions = clouds[0]
-    broken = regions.copy()
-    broken[-1] = region
-    found = rerank(records[1], [(coordinates, broken), clouds[0]], DEFAULT)
-    assert np.isnan(found).tolist() == [True, False]
-
-
-def test_other_numbers_of_coordinates_have_no_score(records, clouds):
-    (first, second), regions = clouds[0]
-    others = [((first,), regions), ((first[:, :9].copy(), second[:, :9].copy()), regions), clouds[0]]
-    assert np.isnan(rerank(records[1], others, DEFAULT)).tolist() == [True, True, False]
+        bytes(len(sound)),
+        sound[:-4],
+        sound[:-1],
+        sound + bytes(4),
+        with_number(sound, 0, np.int32(0)),
+        with_number(sound, 0, np.int32(-1)),
+        with_number(sound, 0, np.int32(2**31 - 1)),
+        with_number(sound, 1, np.int32(COLUMNS - 1)),
+        with_number(sound, 1, np.int32(-1)),
+        *(with_number(sound, 5, np.float32(value)) for value in (np.nan, np.inf, -np.inf)),
+        *(with_number(sound, 2 + COLUMNS + 7, np.int32(region)) for region in (-1, 500, 2**31 - 1)),
+    ]
+    found = rerank(records[1], [sound, *broken, points[2]], DEFAULT)
+    assert np.isnan(found).tolist() == [False, *(True for _ in broken), False]
+    assert found[0] == rerank(records[1], [sound], DEFAULT)[0]

@@ -3,16 +3,20 @@
 from pathlib import Path
 
 import pytest
+from sqlalchemy import delete, update
 
 from core.arrays import Floats, Ints
+from core.embedding import Embedding
 from core.gallery import make_shape
 from core.io import write_mesh
+from core.serialization import embedding_from_bytes
 from core.studies.perturbation import cut_part
 from service.container import Container
-from service.search import scoring
+from service.search import match_records, scoring
 from service.search.match_records import QueryScorer
 from service.search.records import Query
 from service.search.shortlist import Candidates
+from service.storage.tables import PointsRow
 from tests.service.support import query, serving, settings_in, small_file
 
 LENGTHS = {"shortlist_from": 5, "shortlist_length": 9, "reranked": 6, "finalists": 2}
@@ -47,3 +51,32 @@ def test_more_candidates_of_an_incomplete_query_are_reranked_and_described(
             answer = query(running.client, write_mesh(mesh, "off"), rank_by="combined", top_k=1).json()
             assert answer["compared"] == LENGTHS["finalists"] + 1
             assert (sum(reranked), described[0]) == counts
+
+
+def test_without_whole_points_the_embedding_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    decoded: list[bytes] = []
+
+    def counted(record: bytes) -> Embedding:
+        decoded.append(record)
+        return embedding_from_bytes(record)
+
+    with serving(settings_in(tmp_path, **LENGTHS)) as running:
+        for number in range(STORED):
+            running.store(small_file(number), f"{number}.off")
+
+        def answer() -> list[tuple[str, float]]:
+            found = query(running.client, small_file(STORED), rank_by="cc", top_k=2).json()
+            return [(each["shape"]["name"], each["cc"]) for each in found["results"]]
+
+        before = answer()
+        # The match records of the finalists are cached now.
+        monkeypatch.setattr(match_records, "embedding_from_bytes", counted)
+        assert answer() == before
+        assert not decoded
+        some = PointsRow.embedding_number % 2 == 0
+        for statement in (update(PointsRow).values(data=b"damaged."), delete(PointsRow).where(some)):
+            with running.container.database.write() as session:
+                session.execute(statement)
+            decoded.clear()
+            assert answer() == before
+            assert len(decoded) == LENGTHS["reranked"]

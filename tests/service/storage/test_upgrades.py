@@ -13,6 +13,7 @@ from core.descriptors.reliability import intrinsic_reliability
 from core.descriptors.view_signature import view_signature
 from core.parameters import DEFAULT
 from core.ranking.coarse_ranking import coarse_samples
+from core.ranking.quantised_points import quantised_points
 from core.serialization import embedding_from_bytes
 from service.cli.reembed import reembed
 from service.errors import PipelineUnavailableError
@@ -137,3 +138,26 @@ def test_embeddings_that_had_no_sketches_get_those_and_their_signatures(tmp_path
     # Archives of that time have no views.
     without_views = {number: (*row[:2], None, None) for number, row in made.items()}
     assert found == {**without_views, 2: (b"", made[2][1], None, None)}
+
+
+POINTS = "SELECT embedding_number, data, checksum FROM points"
+
+
+def test_embeddings_that_had_no_points_get_them(tmp_path: Path) -> None:
+    path = make_archive(tmp_path / "archive.sqlite3", 1, 2, 3)
+    older = tmp_path / "older.sqlite3"
+    begin_at(f"sqlite:///{older}", "0012")
+    with opened(path) as connection:
+        made = connection.execute(POINTS).fetchall()
+        (record,) = connection.execute("SELECT record FROM embeddings WHERE number = 2").fetchone()
+        assert made[1][1] == quantised_points(embedding_from_bytes(record))
+        connection.execute("UPDATE embeddings SET record = x'00' WHERE number = 3")
+    with opened(older) as connection:
+        connection.execute("ATTACH ? AS made", (str(path),))
+        for table in ("blobs", "shapes", "embeddings"):
+            connection.execute(f"INSERT INTO {table} SELECT * FROM made.{table}")
+    database = Database(f"sqlite:///{older}", lock_seconds=1)
+    migrate(database)
+    database.close()
+    with opened(older) as connection:
+        assert connection.execute(POINTS).fetchall() == made[:2]
