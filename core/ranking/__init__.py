@@ -1,6 +1,6 @@
 """Ranking of many candidates.
 
-Signatures, coarse samples or scores in; a shortlist, approximate scores or class probabilities out.
+Signatures, coarse samples, points or scores in; a shortlist, approximate scores or class probabilities out.
 """
 
 __all__ = [

@@ -27,8 +27,8 @@ def rerank(query: Float32s, others: Sequence[bytes], parameters: Parameters) -> 
     Returns
     -------
     float32, shape (c,)
-        In [-1, 1]; NaN if the bytes are not those of points, a scale is not finite, a region is not that of a
-        sample, or the number of columns is not that of the parameters.
+        In [-1, 1]; NaN if the bytes are not those of points, a coordinate is not finite, a region is not that
+        of a sample, or the number of columns is not that of the parameters.
     """
     scores = np.full(len(others), np.nan, dtype=np.float32)
     whole = [place for place, points in enumerate(others) if points and len(points) % 4 == 0]

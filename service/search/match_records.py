@@ -1,4 +1,4 @@
-"""A query scored against stored embeddings by their match records and coarse samples."""
+"""A query scored against stored embeddings by their match records, points and coarse samples."""
 
 from collections.abc import Sequence
 from contextlib import suppress

@@ -12,8 +12,8 @@ from core.numerics.compilation import kernel
 FLAT = 1e-6
 """The least norm of a new direction, over the norm of its coordinate, that is more than rounding."""
 
-INFINITE = 0x7F800000
-"""The exponent of float32 numbers that are not finite."""
+EXPONENT, LARGE = 0x7F800000, 0x7C000000
+"""The bits of a float32 number's exponent, and the least exponent whose numbers times 128 are not finite."""
 
 
 @kernel
@@ -94,10 +94,11 @@ def sorted_regions(regions: Int32s, offsets: Int32s, members: Int32s) -> bool:
 def points_of(data: Bytes, columns: int) -> tuple[Float32s, Int32s]:
     """The coordinates, shape (d, columns), and regions, shape (d,), in the bytes of points.
 
-    d is 0 if the bytes are not those of points in so many columns, or a scale is not finite.
+    d is 0 if the bytes, a multiple of four, are not those of points in so many columns, or a coordinate is not
+    finite.
     """
     nothing = np.empty((0, columns), dtype=np.float32), np.empty(0, dtype=np.int32)
-    head = data[: len(data) // 4 * 4].view(np.int32)
+    head = data.view(np.int32)
     if len(head) < 2 or head[0] < 1 or head[1] != columns:
         return nothing
     d = np.int64(head[0])
@@ -105,7 +106,7 @@ def points_of(data: Bytes, columns: int) -> tuple[Float32s, Int32s]:
     if len(data) != (start + d * columns + 3) // 4 * 4:
         return nothing
     # Fast arithmetic assumes finite numbers: look at the bits.
-    if ((head[2 : 2 + columns] & INFINITE) == INFINITE).any():
+    if ((head[2 : 2 + columns] & EXPONENT) >= LARGE).any():
         return nothing
     scales = data[8 : 8 + 4 * columns].view(np.float32)
     whole = data[start : start + d * columns].view(np.int8)
@@ -140,8 +141,8 @@ def rerank_many(
         The largest number of samples in the search, and the dimensions of the first stage.
     rounds : SearchRounds
     scores : float32, shape (c,)
-        Written. -2 if the bytes are not those of points in b k columns, a scale is not finite, or a region is
-        not that of a sample.
+        Written. -2 if the bytes are not those of points in b k columns, a coordinate is not finite, or a
+        region is not that of a sample.
     """
     x = decoded(query)
     columns = x.points.shape[1]

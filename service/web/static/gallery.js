@@ -108,25 +108,31 @@ function showTotal() {
  */
 function show(chunk, shapes) {
   shapesOf.set(chunk, shapes);
-  chunk.replaceChildren(...shapes.map((shape) => {
-    const card = shapeCard(shape, menuButton(shape, changes ? () => removeShape(shape, card) : null));
-    return card;
-  }));
+  chunk.replaceChildren(...shapes.map((shape) => (
+    shapeCard(shape, menuButton(shape, changes ? () => removeShape(shape, chunk) : null))
+  )));
 }
 
 /**
  * Delete a shape; where it cannot be restored, only if that is confirmed.
  * @param {Shape} shape
- * @param {HTMLLIElement} own
+ * @param {HTMLElement} chunk
  */
-async function removeShape(shape, own) {
+async function removeShape(shape, chunk) {
   if (!restorable() && !await confirmed(shape.name)) return;
+  const own = generation;
   try {
     await ask(address(`shapes/${shape.id}`), { method: "DELETE" });
-    const next = own.nextElementSibling ?? own.previousElementSibling;
-    const chunk = own.parentElement;
-    if (chunk) shapesOf.set(chunk, (shapesOf.get(chunk) ?? []).filter(({ id }) => id !== shape.id));
-    own.remove();
+    if (own !== generation) {
+      deleted(shape);
+      return;
+    }
+    // A far chunk has no cards, and the list of its shapes alone changes.
+    const shapes = shapesOf.get(chunk) ?? [];
+    const card = chunk.children[shapes.indexOf(shape)];
+    const next = card?.nextElementSibling ?? card?.previousElementSibling;
+    card?.remove();
+    shapesOf.set(chunk, shapes.filter((other) => other !== shape));
     total--;
     listed--;
     showTotal();

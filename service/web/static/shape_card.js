@@ -8,9 +8,14 @@ import { linkTo } from "./state.js";
 
 const known = byId("tags", HTMLDataListElement);
 
+/** @type {Set<string>} */
+const offered = new Set();
+
 /** @param {string} tag Offered in fields of tags from now on. */
 function offer(tag) {
-  if (![...known.options].some((option) => option.value === tag)) known.append(make("option", { value: tag }));
+  if (offered.has(tag)) return;
+  offered.add(tag);
+  known.append(make("option", { value: tag }));
 }
 
 /**

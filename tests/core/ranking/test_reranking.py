@@ -157,7 +157,7 @@ def test_bytes_that_are_no_points_have_no_score(records, points):
         with_number(sound, 0, np.int32(2**31 - 1)),
         with_number(sound, 1, np.int32(COLUMNS - 1)),
         with_number(sound, 1, np.int32(-1)),
-        *(with_number(sound, 5, np.float32(value)) for value in (np.nan, np.inf, -np.inf)),
+        *(with_number(sound, 5, np.float32(value)) for value in (np.nan, np.inf, -np.inf, 3e38, -4e36)),
         *(with_number(sound, 2 + COLUMNS + 7, np.int32(region)) for region in (-1, 500, 2**31 - 1)),
     ]
     found = rerank(records[1], [sound, *broken, points[2]], DEFAULT)

@@ -41,7 +41,7 @@ def store(
 ) -> None:
     """Store a shape whose signature tells its content and its fingerprint."""
     signature = np.array([content, int(fingerprint, 16) % 97, 0.5], dtype=np.float32)
-    embedded = Embedded(b"record", signature, bytes([content, 1]), views, None, {}, {})
+    embedded = Embedded(b"record", signature, bytes([content, 1]), b"points", views, None, {}, {})
     new = NewShape(str(content).encode(), "off", DEFAULT_COLLECTION.number, name, (), {})
     with database.write() as session:
         blob = repository.blob_number(session, new.sha256)

@@ -9,7 +9,7 @@ from core.arrays import Floats, Ints
 from core.embedding import Embedding
 from core.gallery import make_shape
 from core.io import write_mesh
-from core.serialization import embedding_from_bytes
+from core.ranking.quantised_points import quantised_points
 from core.studies.perturbation import cut_part
 from service.container import Container
 from service.search import match_records, scoring
@@ -54,11 +54,11 @@ def test_more_candidates_of_an_incomplete_query_are_reranked_and_described(
 
 
 def test_without_whole_points_the_embedding_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    decoded: list[bytes] = []
+    made: list[Embedding] = []
 
-    def counted(record: bytes) -> Embedding:
-        decoded.append(record)
-        return embedding_from_bytes(record)
+    def counted(embedding: Embedding) -> bytes:
+        made.append(embedding)
+        return quantised_points(embedding)
 
     with serving(settings_in(tmp_path, **LENGTHS)) as running:
         for number in range(STORED):
@@ -68,15 +68,13 @@ def test_without_whole_points_the_embedding_is_read(tmp_path: Path, monkeypatch:
             found = query(running.client, small_file(STORED), rank_by="cc", top_k=2).json()
             return [(each["shape"]["name"], each["cc"]) for each in found["results"]]
 
+        monkeypatch.setattr(match_records, "quantised_points", counted)
         before = answer()
-        # The match records of the finalists are cached now.
-        monkeypatch.setattr(match_records, "embedding_from_bytes", counted)
-        assert answer() == before
-        assert not decoded
+        assert not made
         some = PointsRow.embedding_number % 2 == 0
         for statement in (update(PointsRow).values(data=b"damaged."), delete(PointsRow).where(some)):
             with running.container.database.write() as session:
                 session.execute(statement)
-            decoded.clear()
+            made.clear()
             assert answer() == before
-            assert len(decoded) == LENGTHS["reranked"]
+            assert len(made) == LENGTHS["reranked"]

@@ -151,7 +151,8 @@ def test_embeddings_that_had_no_points_get_them(tmp_path: Path) -> None:
         made = connection.execute(POINTS).fetchall()
         (record,) = connection.execute("SELECT record FROM embeddings WHERE number = 2").fetchone()
         assert made[1][1] == quantised_points(embedding_from_bytes(record))
-        connection.execute("UPDATE embeddings SET record = x'00' WHERE number = 3")
+        connection.execute("UPDATE embeddings SET record = x'00', checksum = NULL WHERE number = 3")
+        connection.execute("UPDATE embeddings SET checksum = 'another' WHERE number = 1")
     with opened(older) as connection:
         connection.execute("ATTACH ? AS made", (str(path),))
         for table in ("blobs", "shapes", "embeddings"):
@@ -160,4 +161,4 @@ def test_embeddings_that_had_no_points_get_them(tmp_path: Path) -> None:
     migrate(database)
     database.close()
     with opened(older) as connection:
-        assert connection.execute(POINTS).fetchall() == made[:2]
+        assert connection.execute(POINTS).fetchall() == made[1:2]

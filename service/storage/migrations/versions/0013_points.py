@@ -22,7 +22,7 @@ AT_ONCE = 500
 
 
 def upgrade() -> None:
-    """Make their table, and the points of stored embeddings; a record that cannot be read has none."""
+    """Make their table, and the points of stored embeddings; a damaged record has none."""
     points = op.create_table(
         "points",
         sa.Column("embedding_number", Number, nullable=False),
@@ -33,21 +33,26 @@ def upgrade() -> None:
     )
     connection = op.get_bind()
     records = sa.text(
-        "SELECT number, record FROM embeddings WHERE number > :last ORDER BY number LIMIT :most"
+        "SELECT number, record, checksum FROM embeddings WHERE number > :last ORDER BY number LIMIT :most"
     )
     last = 0
     while batch := connection.execute(records, {"last": last, "most": AT_ONCE}).all():
         made = []
-        for number, record in batch:
+        for number, record, checksum in batch:
+            if checksum not in {None, _checksum(record)}:
+                continue
             try:
                 data = _points(record)
             except (SafetensorError, KeyError, OverflowError, RecursionError, TypeError, ValueError):
                 continue
-            checksum = blake2b(data, digest_size=16).hexdigest()
-            made.append({"embedding_number": number, "data": data, "checksum": checksum})
+            made.append({"embedding_number": number, "data": data, "checksum": _checksum(data)})
         if made:
             connection.execute(sa.insert(points), made)
         last = batch[-1][0]
+
+
+def _checksum(data: bytes) -> str:
+    return blake2b(data, digest_size=16).hexdigest()
 
 
 def _points(record: bytes) -> bytes:
