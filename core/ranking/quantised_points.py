@@ -25,8 +25,8 @@ def quantised_points(embedding: Embedding) -> bytes:
     """The d embedded points of a shape, in b spectral domains of k dimensions: re-ranking reads these alone.
 
     About 8 + 4 b k + 4 d + d b k bytes: the numbers of points and of columns, int32; a scale for each column,
-    float32; the sample nearest to each point, int32; the coordinates over the scales, int8; zero bytes up to a
-    multiple of four.
+    float32; the sample nearest to each point, int32; the coordinates over the scales, int8; zero bytes up to
+    a multiple of four.
     """
     points = np.concatenate([one.coordinates for one in embedding.spectra], axis=1)
     scales, whole = quantised(points)

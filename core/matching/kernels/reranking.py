@@ -94,8 +94,8 @@ def sorted_regions(regions: Int32s, offsets: Int32s, members: Int32s) -> bool:
 def points_of(data: Bytes, columns: int) -> tuple[Float32s, Int32s]:
     """The coordinates, shape (d, columns), and regions, shape (d,), in the bytes of points.
 
-    d is 0 if the bytes, a multiple of four, are not those of points in so many columns, or a coordinate is not
-    finite.
+    d is 0 if the bytes, a multiple of four, are not those of points in so many columns, or a coordinate is
+    not finite.
     """
     nothing = np.empty((0, columns), dtype=np.float32), np.empty(0, dtype=np.int32)
     head = data.view(np.int32)

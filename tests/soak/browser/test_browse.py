@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Browser, Page, Route, expect
+from playwright.sync_api import Browser, Page, expect
 from sqlalchemy import insert, select
 
 from core.io import write_mesh
@@ -181,31 +181,3 @@ def test_ten_thousand_shapes_scroll_without_a_long_task(
     longest = longest_task(trace)
     print(f"{MANY} shapes, longest task {longest:.1f} ms")
     assert longest <= LONGEST
-
-
-def test_a_shape_that_is_deleted_from_a_far_chunk_stays_away(many: Running, visit: Visit) -> None:
-    page = visit.page
-    page.goto(f"{many.client.base_url}/?view=browse")
-    first = page.locator("#gallery .name").first
-    name = first.inner_text()
-    waiting: list[Route] = []
-
-    def delay(route: Route) -> None:
-        if route.request.method == "DELETE":
-            waiting.append(route)
-        else:
-            route.continue_()
-
-    page.route("**/shapes/*", delay)
-    choose(page, name, "Delete")
-    page.locator("#gallery-status").click()
-    page.mouse.move(600, 600)
-    chunk = page.locator("#gallery > ul").first
-    while chunk.locator("li").count():
-        page.mouse.wheel(0, 3000)
-        page.wait_for_timeout(30)
-    waiting[0].continue_()
-    expect(page.locator("#undo")).to_contain_text(f"{name} was deleted")
-    page.evaluate("scrollTo(0, 0)")
-    expect(chunk.locator("li")).to_have_count(59)
-    expect(first).not_to_have_text(name)
