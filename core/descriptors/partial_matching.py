@@ -105,16 +105,16 @@ def part_distances(part: Bytes, wholes: Sequence[Bytes]) -> Floats:
     """
     own = part[:, :SPIN_IMAGE_LENGTH].astype(np.float32)
     counts = part[:, SPIN_IMAGE_LENGTH:].astype(np.float32)
-    weights = np.repeat(counts, BINS, axis=1)
-    weighted = weights * own
+    weighted = np.repeat(counts, BINS, axis=1) * own
     squares = (weighted * own).sum(axis=1)
+    factors = np.concatenate([-2.0 * weighted, counts], axis=1).T
     starts = [0, *accumulate(spin_image_count(missing) for missing in MISSING_SHARES)][:-1]
     balls = np.add.reduceat(counts.sum(axis=1, dtype=np.float64), starts) / len(RADII)
     found = np.empty(len(wholes))
     for start in range(0, len(wholes), BATCH):
         some = np.stack(wholes[start : start + BATCH]).astype(np.float32)
-        flat = some.reshape(-1, SPIN_IMAGE_LENGTH)
-        distances = squares + flat**2 @ weights.T - 2.0 * (flat @ weighted.T)
-        least = distances.reshape(*some.shape[:2], -1).min(axis=1).astype(np.float64)
+        balls_of_others = (some**2).reshape(*some.shape[:2], len(RADII), BINS).sum(axis=3)
+        products = np.concatenate([some, balls_of_others], axis=2) @ factors
+        least = (products.min(axis=1) + squares).astype(np.float64)
         found[start : start + len(some)] = (np.add.reduceat(least, starts, axis=1) / balls).min(axis=1)
     return found / BYTE_SCALE**2

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from core.arrays import Bytes, Floats, Ints
+from core.arrays import Bytes, Float32s, Floats, Int32s, Ints
 from core.mesh.cleaning import face_areas
 from core.mesh.face_normals import face_normals
 from core.mesh.mesh import Mesh
@@ -38,6 +38,8 @@ two spin images is a whole number that single precision holds exactly, in any or
 
 BATCH = 8
 """Number of surfaces that are compared at a time; it bounds the memory."""
+
+FAR = np.int32(2**31 - 1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,10 +115,46 @@ def spin_image_distances(query: Bytes, others: Sequence[Bytes]) -> Floats:
     for start in range(0, len(others), BATCH):
         some = np.stack(others[start : start + BATCH]).astype(np.float32)
         products = some.reshape(-1, SPIN_IMAGE_LENGTH) @ own.T
-        distances = (some**2).sum(axis=2)[:, :, None] + squares - 2.0 * products.reshape(*some.shape[:2], -1)
-        found[start : start + len(some), 0] = distances.min(axis=1).mean(axis=1, dtype=np.float64)
-        found[start : start + len(some), 1] = distances.min(axis=2).mean(axis=1, dtype=np.float64)
+        both_ways = _nearest_squares(
+            products.reshape(*some.shape[:2], -1), np.einsum("ijk,ijk->ij", some, some), squares
+        )
+        for way, least in enumerate(both_ways):
+            found[start : start + len(some), way] = least.mean(axis=1)
     return found / BYTE_SCALE**2
+
+
+@compiled
+def _nearest_squares(products: Float32s, others: Float32s, own: Float32s) -> tuple[Int32s, Int32s]:
+    """Squared distances to the nearest spin images: of those of one surface, and of those of c others.
+
+    They are whole numbers, so that minima of integers, which SIMD takes, lose nothing.
+
+    Parameters
+    ----------
+    products : float32, shape (c, m, k)
+        Inner products of the others' spin images and the surface's.
+    others : float32, shape (c, m)
+        Squared lengths of the others' spin images.
+    own : float32, shape (k,)
+        Squared lengths of the surface's.
+
+    Returns
+    -------
+    int32, shapes (c, k) and (c, m)
+    """
+    c, m, k = products.shape
+    here = np.full((c, k), FAR)
+    there = np.empty((c, m), dtype=np.int32)
+    for shape in range(c):
+        for i in range(m):
+            least = FAR
+            length = others[shape, i]
+            for j in range(k):
+                square = np.int32((length + own[j]) - np.float32(2.0) * products[shape, i, j])
+                here[shape, j] = min(here[shape, j], square)
+                least = min(least, square)
+            there[shape, i] = least
+    return here, there
 
 
 @compiled
