@@ -13,7 +13,7 @@ __all__ = [
     "local_density",
     "opinion_pool",
     "pair_differences",
-    "quantised_points",
+    "quantised_samples",
     "reranking",
     "shortlist",
     "similarity_map",
