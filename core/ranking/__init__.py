@@ -13,7 +13,7 @@ __all__ = [
     "local_density",
     "opinion_pool",
     "pair_differences",
-    "quantised_samples",
+    "quantised_points",
     "reranking",
     "shortlist",
     "similarity_map",

@@ -9,7 +9,7 @@ from core.embedding import Embedding
 from core.matching.kernels.one_to_many import COARSE_SAMPLES, coarse_rank_many
 from core.matching.procrustes import search_rounds
 from core.parameters import Parameters
-from core.ranking.quantised_samples import joined, quantised
+from core.ranking.quantised_points import joined, quantised
 
 
 def coarse_samples(embedding: Embedding) -> Bytes:

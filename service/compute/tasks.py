@@ -13,6 +13,7 @@ from threadpoolctl import threadpool_limits
 from core.arrays import Bytes
 from core.descriptors.partial_matching import describe_part
 from core.descriptors.reliability import intrinsic_reliability
+from core.descriptors.view_descriptor import view_distance
 from core.descriptors.view_signature import signature_distance, view_signature
 from core.embedding import Embedding, Match, Scores
 from core.errors import BadRecordError, CannotBeEmbeddedError, DegenerateMeshError
@@ -25,8 +26,7 @@ from core.numerics.guarding import guarded
 from core.parameters import Parameters
 from core.pipeline import Pipeline
 from core.ranking.coarse_ranking import coarse_ranking, coarse_samples
-from core.ranking.pair_differences import descriptors_of, differences_of
-from core.ranking.quantised_samples import quantised_samples
+from core.ranking.quantised_points import quantised_points
 from core.ranking.reranking import rerank
 from core.ranking.shortlist import signature_distances
 from core.serialization import embedding_from_bytes, embedding_to_bytes
@@ -45,8 +45,8 @@ class Embedded:
         Of the embedding.
     sketch : bytes
         The coarse samples: see `core.ranking.coarse_ranking`.
-    samples : bytes
-        See `core.ranking.quantised_samples`.
+    points : bytes
+        See `core.ranking.quantised_points`.
     view_signature : uint8, shape (v,), or None
         See `core.descriptors.view_signature`; None if the parameters ask for no views.
     reliability : float or None
@@ -60,7 +60,7 @@ class Embedded:
     record: bytes
     signature: NDArray[np.float32]
     sketch: bytes
-    samples: bytes
+    points: bytes
     view_signature: Bytes | None
     reliability: float | None
     facts: dict[str, Any]
@@ -101,7 +101,7 @@ def embed_mesh(mesh: Mesh, parameters: Parameters, read: float) -> Embedded:
             record=embedding_to_bytes(embedding),
             signature=embedding.signature,
             sketch=coarse_samples(embedding).tobytes(),
-            samples=quantised_samples(embedding),
+            points=quantised_points(embedding),
             view_signature=view_signature(embedding.views) if embedding.views.size else None,
             reliability=intrinsic_reliability(embedding.facts) if embedding.views.size else None,
             facts={**asdict(embedding.facts), "bounding_box": list(bounding_box(mesh))},
@@ -189,9 +189,9 @@ def warm_comparing(records: Sequence[bytes], parameters: Parameters) -> None:
     embeddings = [embedding_from_bytes(record) for record in records]
     signature_distances(embeddings[0].signature, np.stack([one.signature for one in embeddings]))
     if parameters.ranking.views:
-        shapes, none = [descriptors_of(embedding) for embedding in embeddings], np.zeros(len(embeddings))
-        differences_of(shapes[0], shapes, Scores(none, none, none))
-        signatures = np.stack([view_signature(embedding.views) for embedding in embeddings])
+        views = np.stack([one.views for one in embeddings])
+        view_distance(views[0], views)
+        signatures = np.stack([view_signature(one) for one in views])
         signature_distance(signatures[0], signatures)
     if matcher_of(parameters).uses_match_records:
         match_records = [match_record(embedding, parameters) for embedding in embeddings]
@@ -199,7 +199,7 @@ def warm_comparing(records: Sequence[bytes], parameters: Parameters) -> None:
         coarse_ranking(
             match_records[0], np.stack([coarse_samples(embedding) for embedding in embeddings]), parameters
         )
-        rerank(match_records[0], [quantised_samples(embedding) for embedding in embeddings], parameters)
+        rerank(match_records[0], [quantised_points(embedding) for embedding in embeddings], parameters)
 
 
 @lru_cache(maxsize=4)

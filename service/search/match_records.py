@@ -1,4 +1,4 @@
-"""A query scored against stored embeddings by their match records, quantised samples and coarse samples."""
+"""A query scored against stored embeddings by their match records, points and coarse samples."""
 
 from collections.abc import Sequence
 from contextlib import suppress
@@ -10,7 +10,7 @@ from core.errors import CoreError
 from core.matching.match_records import match_record, score_match_records
 from core.parameters import Parameters
 from core.ranking.coarse_ranking import coarse_ranking
-from core.ranking.quantised_samples import quantised_samples
+from core.ranking.quantised_points import quantised_points
 from core.ranking.reranking import rerank
 from core.serialization import embedding_from_bytes
 from service.index.cache import EmbeddingCache
@@ -58,19 +58,19 @@ class QueryScorer:
     def rerank(self, embeddings: Ints) -> Floats:
         """The approximate CC of c embeddings by number: shape (1, c), NaN for the deleted ones.
 
-        Read from the stored samples even if their match records are cached: an answer never depends on the
-        cache. Missing and damaged samples are made from the embedding.
+        Read from the stored points even if their match records are cached: an answer never depends on the
+        cache. Missing and damaged points are made from the embedding.
         """
         numbers = embeddings.tolist()
         with self._database.read() as session:
-            samples = repository.samples(session, numbers)
-            missing = [number for number in numbers if number not in samples]
+            points = repository.points(session, numbers)
+            missing = [number for number in numbers if number not in points]
             records = repository.embedding_records(session, missing) if missing else {}
         for number, record in records.items():
             with suppress(CoreError):
-                samples[number] = quantised_samples(embedding_from_bytes(record))
-        present = [place for place, number in enumerate(numbers) if number in samples]
-        found = rerank(self.match_record, [samples[numbers[place]] for place in present], self._parameters)
+                points[number] = quantised_points(embedding_from_bytes(record))
+        present = [place for place, number in enumerate(numbers) if number in points]
+        found = rerank(self.match_record, [points[numbers[place]] for place in present], self._parameters)
         scores = np.full((1, len(numbers)), np.nan)
         scores[0, present] = found
         return scores

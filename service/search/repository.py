@@ -9,7 +9,7 @@ from service.index.density_samples import FIRST, PRIME, SAMPLE, SECOND
 from service.observability.logging import get_logger
 from service.storage.checksums import is_whole, whole_file
 from service.storage.database import ReadSession
-from service.storage.tables import BlobRow, EmbeddingRow, SamplesRow, ShapeRow
+from service.storage.tables import BlobRow, EmbeddingRow, PointsRow, ShapeRow
 
 log = get_logger("search")
 
@@ -26,15 +26,15 @@ def embedding_records(session: ReadSession, numbers: Sequence[int]) -> dict[int,
     return records
 
 
-def samples(session: ReadSession, numbers: Sequence[int]) -> dict[int, bytes]:
-    """The samples of embeddings by number; deleted ones are left out, and damaged ones, which are logged."""
-    columns = SamplesRow.embedding_number, SamplesRow.data, SamplesRow.checksum
+def points(session: ReadSession, numbers: Sequence[int]) -> dict[int, bytes]:
+    """The points of embeddings by number; deleted ones are left out, and damaged ones, which are logged."""
+    columns = PointsRow.embedding_number, PointsRow.data, PointsRow.checksum
     found = {}
-    for row in session.execute(select(*columns).where(SamplesRow.embedding_number.in_(numbers))):
+    for row in session.execute(select(*columns).where(PointsRow.embedding_number.in_(numbers))):
         if is_whole(row.data, row.checksum):
             found[row.embedding_number] = row.data
         else:
-            log.error("the samples of embedding %d are damaged", row.embedding_number)
+            log.error("the points of embedding %d are damaged", row.embedding_number)
     return found
 
 

@@ -40,8 +40,8 @@ from service.storage.tables import (
     CollectionRow,
     EmbeddingRow,
     MetadataRow,
+    PointsRow,
     RemovalRow,
-    SamplesRow,
     ShapeRow,
     SketchRow,
     TagRow,
@@ -284,8 +284,8 @@ def add_embedding(
         "checksum": checksum_of(embedded.sketch),
     }
     session.insert(SketchRow, {"embedding_number": number, **beside})
-    samples = {"data": embedded.samples, "checksum": checksum_of(embedded.samples)}
-    session.insert(SamplesRow, {"embedding_number": number, **samples})
+    points = {"data": embedded.points, "checksum": checksum_of(embedded.points)}
+    session.insert(PointsRow, {"embedding_number": number, **points})
     if latest is None:
         ensure_hnsw(session, fingerprint)
 

@@ -36,7 +36,7 @@ MOST_INTEGRITY_FAULTS = 100
 # Tables with bytes: a key that orders the rows, the column with the bytes, and the one with their checksum.
 OTHER_BYTES = {
     "sketches": ("embedding_number", "data", "checksum"),
-    "samples": ("embedding_number", "data", "checksum"),
+    "points": ("embedding_number", "data", "checksum"),
     "thumbnails": ("rowid", "data", "checksum"),
     "job_pieces": ("rowid", "data", "checksum"),
     "deleted_shapes": ("number", "data", "sha256"),
@@ -78,12 +78,12 @@ COLLECTIONS = {
 }
 """Faults of archives with collections. Foreign keys cover references to missing collections."""
 
-SAMPLES = {
-    "embedding {} has no samples": """
+POINTS = {
+    "embedding {} has no points": """
         SELECT number FROM embeddings
-        WHERE NOT EXISTS (SELECT 1 FROM samples WHERE samples.embedding_number = embeddings.number)""",
+        WHERE NOT EXISTS (SELECT 1 FROM points WHERE points.embedding_number = embeddings.number)""",
 }
-"""Faults of archives with quantised samples."""
+"""Faults of archives with quantised points."""
 
 
 @dataclass
@@ -153,7 +153,7 @@ def _references(connection: sqlite3.Connection, report: CheckReport) -> None:
         looked_for = (
             REFERENCES
             | (COLLECTIONS if "collections" in tables else {})
-            | (SAMPLES if "samples" in tables else {})
+            | (POINTS if "points" in tables else {})
         )
         for fault, query in looked_for.items():
             report.faults.extend(fault.format(name) for (name,) in connection.execute(query))
@@ -249,7 +249,7 @@ def _pipelines(connection: sqlite3.Connection, report: CheckReport) -> None:
 
 
 def _others(connection: sqlite3.Connection, report: CheckReport) -> None:
-    """Check the bytes of sketches, samples, thumbnails, archives of jobs and deleted shapes."""
+    """Check the bytes of sketches, points, thumbnails, archives of jobs and deleted shapes."""
     for table, (key, column, checksum) in OTHER_BYTES.items():
         if not _has_column(connection, table, checksum):
             continue

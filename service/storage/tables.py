@@ -154,13 +154,13 @@ class SketchRow(Table):
     checksum: Mapped[str | None] = mapped_column(String(LENGTH))
 
 
-class SamplesRow(Table):
-    """The quantised samples of an embedding (`core.ranking.quantised_samples`).
+class PointsRow(Table):
+    """The quantised points of an embedding (`core.ranking.quantised_points`).
 
-    A query re-ranks hundreds of shapes by them: they take a thirtieth of the bytes of records.
+    A query re-ranks hundreds of shapes by them: they take a sixth of the bytes of records.
     """
 
-    __tablename__ = "samples"
+    __tablename__ = "points"
 
     embedding_number: Mapped[int] = mapped_column(
         ForeignKey("embeddings.number", ondelete="CASCADE"), primary_key=True, autoincrement=False

@@ -92,20 +92,12 @@ def decoded(record: Float32s) -> MatchRecord:
     at += length
     length = (b * m * m + 1) // 2
     warp = record[at : at + length].view(np.int16)[: b * m * m].reshape((b, m, m))
-    searched = first_by_columns(points, b, j, s)
+    searched = np.empty((b, j, s), dtype=np.float32)
+    for block in range(b):
+        for c in range(j):
+            for i in range(s):
+                searched[block, c, i] = points[i, block * k + c]
     return MatchRecord(points, searched, operators, offsets, members, warp, radius, head[7:11])
-
-
-@kernel
-def first_by_columns(points: Float32s, blocks: int, dimensions: int, count: int) -> Float32s:
-    """The first points, (d, b k), in the first dimensions of each block: shape (b, dimensions, count)."""
-    k = points.shape[1] // blocks
-    found = np.empty((blocks, dimensions, count), dtype=np.float32)
-    for block in range(blocks):
-        for c in range(dimensions):
-            for i in range(count):
-                found[block, c, i] = points[i, block * k + c]
-    return found
 
 
 @kernel

@@ -4,9 +4,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.arrays import Float32s, Floats, Ints
-from core.matching.kernels.match_record import MatchRecord, decoded, first_by_columns
+from core.matching.kernels.match_record import MatchRecord, decoded
 from core.matching.kernels.pair_matching import SearchRounds, best_map, match_pair
-from core.matching.kernels.quantised_samples import samples_of
 from core.numerics.compilation import kernel
 
 COARSE_SAMPLES = 32
@@ -76,14 +75,24 @@ def coarse_rank_many(
     x = decoded(query)
     columns = x.points.shape[1]
     blocks, dimensions, _ = x.searched.shape
+    k = columns // blocks
     rotation = np.empty((columns, columns), dtype=np.float32)
     for i in range(len(coarse_samples)):
-        points = samples_of(coarse_samples[i], columns)
-        count = len(points)
+        count = int(coarse_samples[i, :4].view(np.int32)[0])
         if count == 0:
             scores[i] = -1.0
             continue
-        searched = first_by_columns(points, blocks, dimensions, count)
+        scales = coarse_samples[i, 4 : 4 + 4 * columns].view(np.float32)
+        whole = coarse_samples[i, 4 + 4 * columns :].view(np.int8)
+        points = np.empty((count, columns), dtype=np.float32)
+        for j in range(count):
+            for c in range(columns):
+                points[j, c] = np.float32(whole[j * columns + c]) * scales[c]
+        searched = np.empty((blocks, dimensions, count), dtype=np.float32)
+        for block in range(blocks):
+            for c in range(dimensions):
+                for j in range(count):
+                    searched[block, c, j] = points[j, block * k + c]
         places = np.arange(count + 1).astype(np.int32)
         # A search from one side reads no splines of the other, and no warp or radius.
         y = MatchRecord(points, searched, x.operators, places, places, x.warp, x.radius, x.key)

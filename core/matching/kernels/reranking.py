@@ -1,17 +1,19 @@
-"""The match of quantised samples alone, with flat splines in place of those of a match record."""
+"""The match of embedded points alone, with flat splines in place of those of a match record."""
 
 import math
 
 import numpy as np
 
-from core.arrays import Bytes, Float32s, Int16s, Ints
-from core.matching.kernels.match_record import ONE, MatchRecord, decoded, first_by_columns
+from core.arrays import Bytes, Float32s, Int16s, Int32s, Ints
+from core.matching.kernels.match_record import ONE, MatchRecord, decoded
 from core.matching.kernels.pair_matching import SearchRounds, fit_map
-from core.matching.kernels.quantised_samples import samples_of
 from core.numerics.compilation import kernel
 
 FLAT = 1e-6
 """The least norm of a new direction, over the norm of its coordinate, that is more than rounding."""
+
+EXPONENT, LARGE = 0x7F800000, 0x7C000000
+"""The bits of a float32 number's exponent, and the least exponent whose numbers times 128 are not finite."""
 
 
 @kernel
@@ -57,6 +59,65 @@ def flat_splines(searched: Float32s, first: int, operators: Int16s) -> None:
 
 
 @kernel
+def sorted_regions(regions: Int32s, offsets: Int32s, members: Int32s) -> bool:
+    """Write where each sample's region is, and its points.
+
+    Parameters
+    ----------
+    regions : int32, shape (d,)
+        The sample nearest to each point, at least 0.
+    offsets : int32, shape (m + 1,)
+        Written: sample i's region is `members[offsets[i]:offsets[i + 1]]`.
+    members : int32, shape (d,)
+
+    Returns
+    -------
+    bool
+        Whether none is empty.
+    """
+    m = len(offsets) - 1
+    offsets[:] = 0
+    for i in range(len(regions)):
+        offsets[regions[i] + 1] += 1
+    whole = True
+    for i in range(m):
+        whole = whole and offsets[i + 1] > 0
+        offsets[i + 1] += offsets[i]
+    place = offsets.copy()
+    for i in range(len(regions)):
+        members[place[regions[i]]] = i
+        place[regions[i]] += 1
+    return whole
+
+
+@kernel
+def points_of(data: Bytes, columns: int) -> tuple[Float32s, Int32s]:
+    """The coordinates, shape (d, columns), and regions, shape (d,), in the bytes of points.
+
+    d is 0 if the bytes, a multiple of four, are not those of points in so many columns, or a coordinate is
+    not finite.
+    """
+    nothing = np.empty((0, columns), dtype=np.float32), np.empty(0, dtype=np.int32)
+    head = data.view(np.int32)
+    if len(head) < 2 or head[0] < 1 or head[1] != columns:
+        return nothing
+    d = np.int64(head[0])
+    start = 8 + 4 * columns + 4 * d
+    if len(data) != (start + d * columns + 3) // 4 * 4:
+        return nothing
+    # Fast arithmetic assumes finite numbers: look at the bits.
+    if ((head[2 : 2 + columns] & EXPONENT) >= LARGE).any():
+        return nothing
+    scales = data[8 : 8 + 4 * columns].view(np.float32)
+    whole = data[start : start + d * columns].view(np.int8)
+    cloud = np.empty((d, columns), dtype=np.float32)
+    for i in range(d):
+        for c in range(columns):
+            cloud[i, c] = np.float32(whole[i * columns + c]) * scales[c]
+    return cloud, data[8 + 4 * columns : start].view(np.int32)
+
+
+@kernel
 def rerank_many(
     query: Float32s,
     others: Bytes,
@@ -72,21 +133,22 @@ def rerank_many(
     query : float32, shape (l,)
         A match record: see `core.matching.kernels.match_record`.
     others : uint8, shape (l_1 + ... + l_c,)
-        The samples of the others, one shape after another: see `core.ranking.quantised_samples`. Each l_i is
-        a multiple of four.
+        The points of the others, one shape after another: see `core.ranking.quantised_points`. Each l_i is a
+        multiple of four.
     ends : int64, shape (c,)
         The end of each shape in `others`.
     search : int64, shape (2,)
         The largest number of samples in the search, and the dimensions of the first stage.
     rounds : SearchRounds
-        With no slides.
     scores : float32, shape (c,)
-        Written. -2 if the bytes are not those of samples in b k columns, or a coordinate is not finite.
+        Written. -2 if the bytes are not those of points in b k columns, a coordinate is not finite, or a
+        region is not that of a sample.
     """
     x = decoded(query)
     columns = x.points.shape[1]
     m = len(x.offsets) - 1
     domains, dimensions, _ = x.searched.shape
+    k = columns // domains
     stages = dimensions - search[1] + 1
     there = np.empty(m, dtype=np.int32)
     partners = np.empty((m, columns), dtype=np.float32)
@@ -94,18 +156,29 @@ def rerank_many(
     for i in range(len(ends)):
         scores[i] = -2.0
         start = ends[i - 1] if i else 0
-        samples = samples_of(others[start : ends[i]], columns)
-        n = len(samples)
-        if n == 0 or ends[i] - start != (4 + 4 * columns + n * columns + 3) // 4 * 4:
+        cloud, nearest = points_of(others[start : ends[i]], columns)
+        d = len(nearest)
+        if d == 0:
+            continue
+        low, high = nearest.min(), nearest.max()
+        if low < 0 or high >= d:
+            continue
+        n = high + 1
+        offsets = np.empty(n + 1, dtype=np.int32)
+        members = np.empty(d, dtype=np.int32)
+        if not sorted_regions(nearest, offsets, members):
             continue
         some = min(search[0], n)
-        searched = first_by_columns(samples, domains, dimensions, some)
+        searched = np.empty((domains, dimensions, some), dtype=np.float32)
+        for block in range(domains):
+            for c in range(dimensions):
+                for j in range(some):
+                    searched[block, c, j] = cloud[j, block * k + c]
         operators = np.empty((domains, stages, some, some), dtype=np.int16)
         flat_splines(searched, search[1], operators)
         back = np.empty(n, dtype=np.int32)
         sources = np.empty((n, columns), dtype=np.float32)
         rotation[:] = 0.0
-        places = np.arange(n + 1).astype(np.int32)
         # fit_map reads no warp, radius or key: the query's stand in.
-        y = MatchRecord(samples, searched, operators, places, places, x.warp, x.radius, x.key)
+        y = MatchRecord(cloud, searched, operators, offsets, members, x.warp, x.radius, x.key)
         scores[i] = fit_map(x, y, rounds, there, back, partners, sources, rotation)

@@ -17,7 +17,7 @@ from core.embedding import Embedding, Spectrum
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
 from core.ranking.coarse_ranking import coarse_samples
-from core.ranking.quantised_samples import quantised_samples
+from core.ranking.quantised_points import quantised_points
 from core.serialization import embedding_to_bytes
 from service.collection import DEFAULT_COLLECTION
 from service.pipelines.active import Pipelines
@@ -112,7 +112,7 @@ def _rows(source: Sequence[Original], numbers: range) -> Iterator[tuple[dict[str
         embedding = shaken(original.embedding, number, other.embedding) if copy else original.embedding
         data = number.to_bytes(8, "big")
         name = f"{original.label}|{original.name}|{number}"
-        samples = quantised_samples(embedding)
+        points = quantised_points(embedding)
         facts = {field: getattr(embedding.facts, field) for field in embedding.facts.__dataclass_fields__}
         yield (
             {"number": number + 1, "sha256": hashlib.sha256(data).hexdigest(), "size": 8, "data": data},
@@ -145,7 +145,7 @@ def _rows(source: Sequence[Original], numbers: range) -> Iterator[tuple[dict[str
                 "view_signature": view_signature(embedding.views),
                 "reliability": intrinsic_reliability(embedding.facts),
             },
-            {"embedding_number": number + 1, "data": samples, "checksum": checksum_of(samples)},
+            {"embedding_number": number + 1, "data": points, "checksum": checksum_of(points)},
         )
 
 

@@ -19,7 +19,7 @@ from core.mesh.mesh import Mesh
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
 from core.ranking.coarse_ranking import coarse_ranking, coarse_samples
-from core.ranking.quantised_samples import quantised_samples
+from core.ranking.quantised_points import quantised_points
 from core.ranking.reranking import rerank
 from core.serialization import embedding_from_bytes, embedding_to_bytes
 from service.studies.benchmark.archive import shaken
@@ -115,7 +115,7 @@ class _Pair:
         copies = [candidate, *(shaken(candidate, number) for number in range(1, MANY))]
         self._match_record = match_record(query, DEFAULT)
         self._match_records = [match_record(copy, DEFAULT) for copy in copies]
-        self._samples = [quantised_samples(copy) for copy in copies]
+        self._points = [quantised_points(copy) for copy in copies]
         self._coarse_samples = np.stack([coarse_samples(copy) for copy in copies])
         self._records = [embedding_to_bytes(embedding) for embedding in self._embeddings]
 
@@ -123,7 +123,7 @@ class _Pair:
         """Seconds of one match among many, by `score`, and by part from records."""
         query, candidate = self._embeddings
         _, many = _seconds(lambda: score_match_records(self._match_record, self._match_records, DEFAULT))
-        _, reranked = _seconds(lambda: rerank(self._match_record, self._samples, DEFAULT))
+        _, reranked = _seconds(lambda: rerank(self._match_record, self._points, DEFAULT))
         _, coarse = _seconds(lambda: coarse_ranking(self._match_record, self._coarse_samples, DEFAULT))
         _, score = _seconds(lambda: self._method.score(query, [candidate]))
         embeddings, decode = _seconds(lambda: [embedding_from_bytes(record) for record in self._records])

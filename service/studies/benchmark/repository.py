@@ -6,12 +6,12 @@ from typing import Any
 from sqlalchemy import insert, update
 
 from service.storage.database import WriteSession
-from service.storage.tables import ArchiveRow, BlobRow, EmbeddingRow, SamplesRow, ShapeRow, SketchRow
+from service.storage.tables import ArchiveRow, BlobRow, EmbeddingRow, PointsRow, ShapeRow, SketchRow
 
 Row = dict[str, Any]
 
 
-TABLES = (BlobRow, ShapeRow, EmbeddingRow, SketchRow, SamplesRow)
+TABLES = (BlobRow, ShapeRow, EmbeddingRow, SketchRow, PointsRow)
 
 
 def add(session: WriteSession, rows: Sequence[Sequence[Row]], revision: int) -> None:

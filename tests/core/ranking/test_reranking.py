@@ -1,4 +1,4 @@
-"""Re-ranking: the plain match with flat splines, from quantised samples; and bytes that are no samples."""
+"""Re-ranking: the plain match with flat splines, from quantised points; and bytes that are no points."""
 
 from itertools import product
 
@@ -7,18 +7,16 @@ import pytest
 
 from core.gallery import make_shape
 from core.matching.kernels.match_record import ONE, decoded
-from core.matching.kernels.quantised_samples import samples_of
-from core.matching.kernels.reranking import flat_splines
+from core.matching.kernels.reranking import flat_splines, points_of
 from core.matching.match_records import match_record, score_match_records
 from core.matching.numpy_reference import fit_map_reference
 from core.matching.procrustes import search_rounds
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
-from core.ranking.quantised_samples import quantised_samples
+from core.ranking.quantised_points import quantised_points
 from core.ranking.reranking import rerank
 from tests.core.matching.clouds import cloud, embedded
 
-COLUMNS = DEFAULT.spectral.dimensions * len(DEFAULT.spectral.operators)
 FIRST, LAST = DEFAULT.matching.first_dimensions, DEFAULT.matching.search_dimensions
 
 
@@ -42,15 +40,17 @@ def records(embeddings):
 
 
 @pytest.fixture(scope="module")
-def samples(embeddings):
-    return [quantised_samples(embedding) for embedding in embeddings]
+def points(embeddings):
+    return [quantised_points(embedding) for embedding in embeddings]
 
 
 def plainly_read(data):
-    """The coordinates in the bytes of quantised samples."""
-    (m,) = np.frombuffer(data, np.int32, 1)
-    scales = np.frombuffer(data, np.float32, COLUMNS, 4)
-    return np.frombuffer(data, np.int8, m * COLUMNS, 4 + 4 * COLUMNS).reshape(m, COLUMNS) * scales
+    """The coordinates and the regions in the bytes of points."""
+    d, columns = np.frombuffer(data, np.int32, 2)
+    scales = np.frombuffer(data, np.float32, columns, 8)
+    regions = np.frombuffer(data, np.int32, d, 8 + 4 * columns)
+    whole = np.frombuffer(data, np.int8, d * columns, 8 + 4 * columns + 4 * d)
+    return whole.reshape(d, columns) * scales, regions
 
 
 def flat(searched):
@@ -78,67 +78,71 @@ def test_coordinates_that_say_nothing_new_add_nothing():
     assert not np.array_equal(three, four)
 
 
-def test_it_is_the_plain_match_with_flat_splines(records, samples):
+def test_it_is_the_plain_match_with_flat_splines(records, points):
     """Where rounding decides between two neighbours the two may part."""
-    rounds = search_rounds(DEFAULT)._replace(slides=0)
-    differences = []
+    descriptor_distance = []
     for first, second in product(range(len(records)), repeat=2):
         other = decoded(records[second])
-        points = plainly_read(samples[second])
-        first_ones = points[: other.searched.shape[2]].T.reshape(
+        coordinates = plainly_read(points[second])[0]
+        samples = coordinates[: other.searched.shape[2]].T.reshape(
             len(other.searched), -1, other.searched.shape[2]
         )
-        searched = np.ascontiguousarray(first_ones[:, :LAST])
+        searched = np.ascontiguousarray(samples[:, :LAST])
         splines = np.stack([flat(one) for one in searched])
         other = other._replace(
-            points=points,
+            points=coordinates,
             searched=searched,
             operators=np.rint(splines * ONE).astype(np.int16),
             warp=None,
             radius=None,
         )
-        expected = fit_map_reference(decoded(records[first]), other, rounds)[0]
-        (found,) = rerank(records[first], [samples[second]], DEFAULT)
-        differences.append(abs(float(found) - expected))
-    assert np.median(differences) < 1e-5
-    assert np.mean(np.array(differences) < 1e-4) > 0.9
+        expected = fit_map_reference(decoded(records[first]), other, search_rounds(DEFAULT))[0]
+        (found,) = rerank(records[first], [points[second]], DEFAULT)
+        descriptor_distance.append(abs(float(found) - expected))
+    assert np.median(descriptor_distance) < 1e-5
+    assert np.mean(np.array(descriptor_distance) < 1e-4) > 0.9
 
 
-def test_it_is_mostly_near_the_full_match(records, samples):
-    parameters = DEFAULT.with_values(slide_rounds=0)
-    differences = []
+def test_it_is_mostly_near_the_full_match(records, points):
+    descriptor_distance = []
     for record in records[:4]:
-        rough = rerank(record, samples[:4], DEFAULT)
-        differences += list(np.abs(rough - score_match_records(record, records[:4], parameters).cc))
-    assert np.mean(np.array(differences) < 0.01) >= 0.75
+        rough, exact = (
+            rerank(record, points[:4], DEFAULT),
+            score_match_records(record, records[:4], DEFAULT).cc,
+        )
+        descriptor_distance += list(np.abs(rough - exact))
+    assert np.mean(np.array(descriptor_distance) < 0.01) >= 0.75
 
 
-def test_many_are_reranked_as_one_by_one(records, samples):
-    found = rerank(records[0], samples, DEFAULT)
+def test_many_are_reranked_as_one_by_one(records, points):
+    found = rerank(records[0], points, DEFAULT)
     assert found.dtype == np.float32
-    assert found.tolist() == [float(rerank(records[0], [one], DEFAULT)[0]) for one in samples]
+    assert found.tolist() == [float(rerank(records[0], [one], DEFAULT)[0]) for one in points]
     assert rerank(records[0], [], DEFAULT).shape == (0,)
 
 
-def test_samples_are_quantised_in_each_column(embeddings, samples):
-    for embedding, data in zip(embeddings, samples, strict=True):
+def test_points_are_quantised_in_each_column(embeddings, points):
+    for embedding, data in zip(embeddings, points, strict=True):
+        coordinates, regions = plainly_read(data)
         exact = np.concatenate([one.coordinates for one in embedding.spectra], axis=1)
-        coordinates = plainly_read(data)
-        assert len(coordinates) == embedding.regions.max() + 1
-        assert np.all(
-            np.abs(coordinates - exact[: len(coordinates)]) <= 0.501 * np.abs(exact).max(axis=0) / 127
-        )
+        assert np.array_equal(regions, embedding.regions)
+        assert np.all(np.abs(coordinates - exact) <= 0.501 * np.abs(exact).max(axis=0) / 127)
         assert len(data) % 4 == 0
-        assert np.array_equal(samples_of(np.frombuffer(data, np.uint8), COLUMNS), coordinates)
+        found = points_of(np.frombuffer(data, np.uint8), exact.shape[1])
+        assert np.array_equal(found[0], coordinates)
+        assert np.array_equal(found[1], regions)
 
 
 def with_number(data, place, number):
-    """Samples with another int32 or float32 at a place of their bytes."""
+    """Points with another int32 or float32 at a place of their bytes."""
     return data[: 4 * place] + np.array([number]).tobytes() + data[4 * place + 4 :]
 
 
-def test_bytes_that_are_no_samples_have_no_score(records, samples):
-    sound = samples[0]
+COLUMNS = DEFAULT.spectral.dimensions * len(DEFAULT.spectral.operators)
+
+
+def test_bytes_that_are_no_points_have_no_score(records, points):
+    sound = points[0]
     broken = [
         b"",
         b"not",
@@ -151,8 +155,11 @@ def test_bytes_that_are_no_samples_have_no_score(records, samples):
         with_number(sound, 0, np.int32(0)),
         with_number(sound, 0, np.int32(-1)),
         with_number(sound, 0, np.int32(2**31 - 1)),
+        with_number(sound, 1, np.int32(COLUMNS - 1)),
+        with_number(sound, 1, np.int32(-1)),
         *(with_number(sound, 5, np.float32(value)) for value in (np.nan, np.inf, -np.inf, 3e38, -4e36)),
+        *(with_number(sound, 2 + COLUMNS + 7, np.int32(region)) for region in (-1, 500, 2**31 - 1)),
     ]
-    found = rerank(records[1], [sound, *broken, samples[2]], DEFAULT)
+    found = rerank(records[1], [sound, *broken, points[2]], DEFAULT)
     assert np.isnan(found).tolist() == [False, *(True for _ in broken), False]
     assert found[0] == rerank(records[1], [sound], DEFAULT)[0]

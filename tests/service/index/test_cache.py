@@ -22,7 +22,7 @@ from core.ranking.coarse_ranking import coarse_ranking, coarse_samples
 from core.ranking.density_sample import densities_in, density_sample
 from core.ranking.opinion_pool import pooled_log_odds
 from core.ranking.pair_differences import ShapeDescriptors, descriptors_of, differences_of
-from core.ranking.quantised_samples import quantised_samples
+from core.ranking.quantised_points import quantised_points
 from core.ranking.reranking import rerank
 from core.serialization import embedding_from_bytes
 from service.index.cache import ABOUT, EmbeddingCache
@@ -280,8 +280,8 @@ def test_finalists_are_those_that_coarse_ranking_and_reranking_put_first(
     samples = np.stack([coarse_samples(embeddings[name]) for name in names])
     rough = coarse_ranking(own, samples, DEFAULT).astype(np.float64)
     names = first(names, coarse_log_odds(names, rough) if by_log_odds else rough, 6)
-    few = [quantised_samples(embeddings[name]) for name in names]
-    rough = rerank(own, few, DEFAULT).astype(np.float64)
+    points = [quantised_points(embeddings[name]) for name in names]
+    rough = rerank(own, points, DEFAULT).astype(np.float64)
     if by_log_odds:
         half = first(names, coarse_log_odds(names, rough), 3)
         rough = rough[[names.index(name) for name in half]]

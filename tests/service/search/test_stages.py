@@ -9,14 +9,14 @@ from core.arrays import Floats, Ints
 from core.embedding import Embedding
 from core.gallery import make_shape
 from core.io import write_mesh
-from core.ranking.quantised_samples import quantised_samples
+from core.ranking.quantised_points import quantised_points
 from core.studies.perturbation import cut_part
 from service.container import Container
 from service.search import match_records, scoring
 from service.search.match_records import QueryScorer
 from service.search.records import Query
 from service.search.shortlist import Candidates
-from service.storage.tables import SamplesRow
+from service.storage.tables import PointsRow
 from tests.service.support import query, serving, settings_in, small_file
 
 LENGTHS = {"shortlist_from": 5, "shortlist_length": 9, "reranked": 6, "finalists": 2}
@@ -53,12 +53,12 @@ def test_more_candidates_of_an_incomplete_query_are_reranked_and_described(
             assert (sum(reranked), described[0]) == counts
 
 
-def test_without_whole_samples_the_embedding_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_whole_points_the_embedding_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     made: list[Embedding] = []
 
     def counted(embedding: Embedding) -> bytes:
         made.append(embedding)
-        return quantised_samples(embedding)
+        return quantised_points(embedding)
 
     with serving(settings_in(tmp_path, **LENGTHS)) as running:
         for number in range(STORED):
@@ -68,11 +68,11 @@ def test_without_whole_samples_the_embedding_is_read(tmp_path: Path, monkeypatch
             found = query(running.client, small_file(STORED), rank_by="cc", top_k=2).json()
             return [(each["shape"]["name"], each["cc"]) for each in found["results"]]
 
-        monkeypatch.setattr(match_records, "quantised_samples", counted)
+        monkeypatch.setattr(match_records, "quantised_points", counted)
         before = answer()
         assert not made
-        some = SamplesRow.embedding_number % 2 == 0
-        for statement in (update(SamplesRow).values(data=b"damaged."), delete(SamplesRow).where(some)):
+        some = PointsRow.embedding_number % 2 == 0
+        for statement in (update(PointsRow).values(data=b"damaged."), delete(PointsRow).where(some)):
             with running.container.database.write() as session:
                 session.execute(statement)
             made.clear()

@@ -121,7 +121,7 @@ def test_a_spoilt_embedding_is_named(
             ["embedding 1 has views beside its sketch"],
         ),
         ("DELETE FROM sketches WHERE embedding_number = 2", ["embedding 2 has no sketch"]),
-        ("DELETE FROM samples WHERE embedding_number = 2", ["embedding 2 has no samples"]),
+        ("DELETE FROM points WHERE embedding_number = 2", ["embedding 2 has no points"]),
         ("UPDATE blobs SET data = x'00' WHERE number = 1", ["blob 1 has 1 bytes", "blob 1 does not have"]),
         (
             "UPDATE blobs SET data = 'text' WHERE number = 1",
@@ -257,7 +257,7 @@ def test_a_collection_that_is_not_there_is_named(archive: Path) -> None:
         ("UPDATE shape_tags SET tag = 'another' WHERE shape_number = 2", "shape "),
         ("DELETE FROM shape_metadata WHERE shape_number = 2", "shape "),
         ("UPDATE sketches SET data = x'00' WHERE embedding_number = 2", "sketches row 2 does not have"),
-        ("UPDATE samples SET data = x'00' WHERE embedding_number = 2", "samples row 2 does not have"),
+        ("UPDATE points SET data = x'00' WHERE embedding_number = 2", "points row 2 does not have"),
         ("UPDATE embeddings SET checksum = NULL WHERE number = 2", "embedding 2 does not have its checksum"),
     ],
 )

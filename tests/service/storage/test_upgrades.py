@@ -13,7 +13,7 @@ from core.descriptors.reliability import intrinsic_reliability
 from core.descriptors.view_signature import view_signature
 from core.parameters import DEFAULT
 from core.ranking.coarse_ranking import coarse_samples
-from core.ranking.quantised_samples import quantised_samples
+from core.ranking.quantised_points import quantised_points
 from core.serialization import embedding_from_bytes
 from service.cli.reembed import reembed
 from service.errors import PipelineUnavailableError
@@ -140,17 +140,17 @@ def test_embeddings_that_had_no_sketches_get_those_and_their_signatures(tmp_path
     assert found == {**without_views, 2: (b"", made[2][1], None, None)}
 
 
-SAMPLES = "SELECT embedding_number, data, checksum FROM samples"
+POINTS = "SELECT embedding_number, data, checksum FROM points"
 
 
-def test_embeddings_that_had_no_samples_get_them(tmp_path: Path) -> None:
+def test_embeddings_that_had_no_points_get_them(tmp_path: Path) -> None:
     path = make_archive(tmp_path / "archive.sqlite3", 1, 2, 3)
     older = tmp_path / "older.sqlite3"
     begin_at(f"sqlite:///{older}", "0012")
     with opened(path) as connection:
-        made = connection.execute(SAMPLES).fetchall()
+        made = connection.execute(POINTS).fetchall()
         (record,) = connection.execute("SELECT record FROM embeddings WHERE number = 2").fetchone()
-        assert made[1][1] == quantised_samples(embedding_from_bytes(record))
+        assert made[1][1] == quantised_points(embedding_from_bytes(record))
         connection.execute("UPDATE embeddings SET record = x'00', checksum = NULL WHERE number = 3")
         connection.execute("UPDATE embeddings SET checksum = 'another' WHERE number = 1")
     with opened(older) as connection:
@@ -161,4 +161,4 @@ def test_embeddings_that_had_no_samples_get_them(tmp_path: Path) -> None:
     migrate(database)
     database.close()
     with opened(older) as connection:
-        assert connection.execute(SAMPLES).fetchall() == made[1:2]
+        assert connection.execute(POINTS).fetchall() == made[1:2]

@@ -22,7 +22,7 @@ from core.io import write_mesh
 from core.matching.match_records import match_record
 from core.parameters import DEFAULT
 from core.ranking.coarse_ranking import coarse_samples
-from core.ranking.quantised_samples import quantised_samples
+from core.ranking.quantised_points import quantised_points
 from core.ranking.shortlist import least, signature_distances
 from core.serialization import embedding_to_bytes
 from service.collection import DEFAULT_COLLECTION
@@ -58,7 +58,7 @@ def of_a_shape(folder: Path) -> None:
         ("record", np.mean([len(embedding_to_bytes(one.embedding)) for one in found])),
         ("signature", found[0].embedding.signature.nbytes),
         ("sketch", len(coarse_samples(found[0].embedding))),
-        ("quantised samples", len(quantised_samples(found[0].embedding))),
+        ("points", len(quantised_points(found[0].embedding))),
         ("ready to be matched", np.mean([match_record(one.embedding, DEFAULT).nbytes for one in found])),
     ):
         print(f"| {name} | {size:,.0f} |")

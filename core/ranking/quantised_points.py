@@ -1,4 +1,4 @@
-"""Quantised samples: spectral coordinates as whole numbers in [-127, 127], with one scale a column."""
+"""Quantised points: spectral coordinates as whole numbers in [-127, 127], with one scale a column."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,13 +21,15 @@ def joined(*arrays: NDArray[np.generic]) -> Bytes:
     return np.frombuffer(b"".join(array.tobytes() for array in arrays), dtype=np.uint8)
 
 
-def quantised_samples(embedding: Embedding) -> bytes:
-    """The m samples of a shape, in b spectral domains of k dimensions: re-ranking reads these alone.
+def quantised_points(embedding: Embedding) -> bytes:
+    """The d embedded points of a shape, in b spectral domains of k dimensions: re-ranking reads these alone.
 
-    About 4 + 4 b k + m b k bytes: the number of samples, int32; a scale for each column of all embedded
-    points, float32; the samples' coordinates over the scales, int8; zero bytes up to a multiple of four.
+    About 8 + 4 b k + 4 d + d b k bytes: the numbers of points and of columns, int32; a scale for each column,
+    float32; the sample nearest to each point, int32; the coordinates over the scales, int8; zero bytes up to
+    a multiple of four.
     """
-    scales, whole = quantised(np.concatenate([one.coordinates for one in embedding.spectra], axis=1))
-    samples = int(embedding.regions.max()) + 1
-    data = joined(np.array([samples], dtype=np.int32), scales, whole[:samples]).tobytes()
+    points = np.concatenate([one.coordinates for one in embedding.spectra], axis=1)
+    scales, whole = quantised(points)
+    head = np.array(points.shape, dtype=np.int32)
+    data = joined(head, scales, embedding.regions, whole).tobytes()
     return data + bytes(-len(data) % 4)
