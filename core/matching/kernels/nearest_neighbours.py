@@ -4,6 +4,7 @@ import numpy as np
 
 from core.arrays import Float32s, Floats, Int32s, Ints
 from core.matching.kernels.spline_search import FAR
+from core.matching.kernels.squared_distance import squared_distance
 from core.numerics.compilation import kernel
 
 OFFSET = np.float32(1e-3)
@@ -66,22 +67,6 @@ def square(points: Float32s, row: int) -> np.float32:
         d += points[row, i + 3] * points[row, i + 3]
     for i in range(whole, k):
         a += points[row, i] * points[row, i]
-    return (a + b) + (c + d)
-
-
-@kernel
-def squared_distance(points: Float32s, row: int, others: Float32s, other: int) -> np.float32:
-    """Squared distance of a row of points and one of others, in four sums as in `square`."""
-    k = points.shape[1]
-    whole = k - k % 4
-    a = b = c = d = np.float32(0.0)
-    for i in range(0, whole, 4):
-        a += (points[row, i] - others[other, i]) ** 2
-        b += (points[row, i + 1] - others[other, i + 1]) ** 2
-        c += (points[row, i + 2] - others[other, i + 2]) ** 2
-        d += (points[row, i + 3] - others[other, i + 3]) ** 2
-    for i in range(whole, k):
-        a += (points[row, i] - others[other, i]) ** 2
     return (a + b) + (c + d)
 
 

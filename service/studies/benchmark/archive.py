@@ -33,6 +33,9 @@ NOISE = 0.2
 
 AT_ONCE = 2_000
 
+BOX = [1.0, 1.0, 1.0]
+"""The bounding box of all shapes. Without one, the service would measure their files between queries."""
+
 STEP = 7919
 """The step between the numbers of shapes that are mixed or queried, coprime to all sizes."""
 
@@ -125,7 +128,7 @@ def _rows(source: Sequence[Original], numbers: range) -> Iterator[tuple[dict[str
                 "name": name,
                 "folded_name": name.casefold(),
                 "meta": {},
-                "facts": facts,
+                "facts": {**facts, "bounding_box": BOX},
                 "created_at": now,
                 "updated_at": now,
                 "revision": number + 1,
