@@ -85,6 +85,13 @@ class ChildService:
         (line,) = (line for line in status.splitlines() if line.startswith("VmRSS:"))
         return 1024 * int(line.split()[1])
 
+    def processor_seconds(self) -> float:
+        """The processor time that the process has used, without its workers; on Linux."""
+        # The name of the program, in brackets, may have spaces.
+        status = Path(f"/proc/{self._process.pid}/stat").read_text(encoding="ascii")
+        fields = status.rpartition(")")[2].split()
+        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
     def wait(self) -> int:
         """Wait for the end of the process; its exit status."""
         return self._process.wait()

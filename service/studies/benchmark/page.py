@@ -117,9 +117,10 @@ def page(found: BenchmarkResults, command: str, *, picture: bool) -> str:
         parts += [
             "## Queries over HTTP",
             _markdown(search_table(found.search)),
-            "Queries by the id of a stored shape, with default settings, except that archives of up to "
-            f"{EXHAUSTIVE:,} shapes are searched exhaustively. Shapes beyond the size of the collection are "
-            "copies of its embeddings with noise. Memory is the service's own process.",
+            "Queries by the id of a stored shape, after the service has filled its cache of match records. "
+            "With default settings, except that the service does not search for duplicates and that archives "
+            f"of up to {EXHAUSTIVE:,} shapes are searched exhaustively. Shapes beyond the size of the "
+            "collection are copies of its embeddings with noise. Memory is the service's own process.",
         ]
         if found.kept:
             parts += [

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from time import perf_counter
+from time import perf_counter, sleep
 
 import numpy as np
 
@@ -18,6 +18,8 @@ from service.studies.benchmark.archive import STEP, Original, fill, label_of, sh
 SIZES = (380, 10_000, 100_000)
 QUERIES, LONG, CHECKED = 100, 20, 40
 """Numbers of queries: of an archive, of a large one searched exhaustively, and of the check of shortlists."""
+IDLE, SETTLED_BY = 0.1, 120.0
+"""Seconds of processor time in a second below which a service is idle, and the longest wait for that."""
 EXHAUSTIVE = 10_000
 """The size up to which archives are also searched exhaustively."""
 
@@ -141,10 +143,22 @@ def served(url: str, **settings: int) -> Iterator[tuple[ChildService, Client]]:
         yield service, client
 
 
+def _wait_until_idle(service: ChildService) -> None:
+    """Wait until the cache of match records is full, for two minutes at most."""
+    latest = perf_counter() + SETTLED_BY
+    used = service.processor_seconds()
+    while perf_counter() < latest:
+        sleep(1.0)
+        before, used = used, service.processor_seconds()
+        if used - before < IDLE:
+            return
+
+
 def _measured(url: str, size: int, queries: int, *, exhaustive: bool) -> SearchRow:
     began = perf_counter()
-    with served(url) as (service, client):
+    with served(url, duplicates_in_background=False) as (service, client):
         start = perf_counter() - began
+        _wait_until_idle(service)
         seconds, stages, compared = [], [], 0
         for number in range(queries + 1):
             before = perf_counter()
