@@ -124,6 +124,8 @@ async function removeShape(shape, chunk) {
   try {
     await ask(address(`shapes/${shape.id}`), { method: "DELETE" });
     if (own !== generation) {
+      // The list that was loaded meanwhile may still have the shape.
+      reload();
       deleted(shape);
       return;
     }

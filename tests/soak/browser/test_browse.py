@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Browser, Page, expect
+from playwright.sync_api import Browser, Page, Route, expect
 from sqlalchemy import insert, select
 
 from core.io import write_mesh
@@ -76,6 +76,27 @@ def test_the_menu_of_a_card(visit: Visit, service: Running) -> None:
     expect(page.locator("#gallery li")).to_have_count(6)
     choose(page, "fish-2.ply", "Open")
     expect(page.locator("#title")).to_have_text("fish-2.ply")
+
+
+def test_a_shape_deleted_while_the_list_is_loaded_again_does_not_stay(visit: Visit, service: Running) -> None:
+    page = visit.open("browse")
+    expect(page.locator("#gallery li")).to_have_count(6)
+    held: list[Route] = []
+
+    def hold(route: Route) -> None:
+        if route.request.method == "DELETE":
+            held.append(route)
+        else:
+            route.continue_()
+
+    page.route("**/shapes/*", hold)
+    with page.expect_request(lambda request: request.method == "DELETE"):
+        choose(page, "fish-1.ply", "Delete")
+    page.fill("#gallery-name", "fish")
+    expect(page.locator("#gallery li")).to_have_count(3)
+    held[0].continue_()
+    expect(page.locator("#gallery li")).to_have_count(2)
+    assert "fish-1.ply" not in names(page)
 
 
 def test_a_search_takes_the_filters_of_the_page(visit: Visit, service: Running, tmp_path: Path) -> None:
