@@ -17,9 +17,9 @@ from service.studies.benchmark.ingesting import ingesting_rows
 from service.studies.benchmark.load import load_row
 from service.studies.benchmark.matching import matching_rows
 from service.studies.benchmark.meshes import read_source
-from service.studies.benchmark.page import PLOT, BenchmarkResults, page
+from service.studies.benchmark.page import PLOT, SEARCH_PLOT, BenchmarkResults, page
 from service.studies.benchmark.pictures import picture_rows
-from service.studies.benchmark.searching import SIZES, searching_rows
+from service.studies.benchmark.searching import SIZES, by_default, searching_rows
 from service.studies.benchmark.table1 import table1_rows
 
 
@@ -54,7 +54,7 @@ def command(
             "--shapes",
             min=1,
             help="Shapes in the archive that is queried, about 75 kB of disk each; repeatable. "
-            "[default: 380, 10000, 100000]",
+            "[default: 380, 1000, 10000, 100000]",
         ),
     ] = None,
     peers: Annotated[bool, typer.Option("--peers", help="Measure LaPy and pyfmaps too.")] = False,
@@ -115,11 +115,14 @@ def command(
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)
         (out / "benchmark.md").write_text(text, encoding="utf-8")
-        if found.growth:
+        if found.growth or found.search:
             # Here, because matplotlib takes a second to import.
-            from service.studies.benchmark.plot import growth_plot  # noqa: PLC0415
+            from service.studies.benchmark.plot import growth_plot, search_plot  # noqa: PLC0415
 
-            (out / PLOT).write_bytes(growth_plot(found.growth))
+            if found.growth:
+                (out / PLOT).write_bytes(growth_plot(found.growth))
+            if len(by_default(found.search)) > 1:
+                (out / SEARCH_PLOT).write_bytes(search_plot(found.search))
     if as_json:
         typer.echo(json.dumps(found.as_json()))
     elif out is None:

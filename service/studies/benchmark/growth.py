@@ -13,7 +13,7 @@ from core.parameters import DEFAULT
 from core.pipeline import Pipeline
 from service.studies.benchmark.meshes import Source, resized
 from service.studies.benchmark.stages import embed_bytes
-from service.studies.benchmark.timing import Spread
+from service.studies.benchmark.timing import Spread, growth_exponent
 
 SIZES = (3_000, 10_000, 30_000, 100_000, 300_000, 1_000_000)
 REPEATS = 3
@@ -89,8 +89,9 @@ def growth_rows(
     return rows
 
 
-def exponent(rows: Sequence[GrowthRow]) -> float:
-    """The exponent b of seconds = a n^b, by least squares of logarithms over the PLY files."""
-    points = [(row.vertices, row.seconds.median) for row in rows if row.format == FORMATS[0]]
-    sizes, seconds = np.log(np.array(points)).T
-    return float(np.polyfit(sizes, seconds, 1)[0])
+def exponents(rows: Sequence[GrowthRow]) -> tuple[float, float]:
+    """The exponents of seconds and of peak memory as powers of the number of vertices, over the PLY files."""
+    shown = [row for row in rows if row.format == FORMATS[0]]
+    sizes = [row.vertices for row in shown]
+    seconds, memory = [row.seconds.median for row in shown], [row.peak_bytes for row in shown]
+    return growth_exponent(sizes, seconds), growth_exponent(sizes, memory)

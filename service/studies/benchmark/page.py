@@ -3,19 +3,20 @@
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 
+from service.studies.benchmark import growth, searching
 from service.studies.benchmark.embedding import PEER_VALUES, EmbeddingTimes
 from service.studies.benchmark.functional_maps import SPECTRUM
-from service.studies.benchmark.growth import FORMATS, GrowthRow, exponent
+from service.studies.benchmark.growth import FORMATS, GrowthRow
 from service.studies.benchmark.ingesting import IngestRow
 from service.studies.benchmark.load import SHARE, LoadRow
 from service.studies.benchmark.match_tables import match_table, peer_table
 from service.studies.benchmark.matching import MANY, MatchRow
 from service.studies.benchmark.pictures import PictureRow, picture_table
 from service.studies.benchmark.search_tables import cascade_table, ingest_table, load_table, search_table
-from service.studies.benchmark.searching import EXHAUSTIVE, CascadeRow, SearchRow
+from service.studies.benchmark.searching import EXHAUSTIVE, SHORTLIST_FROM, CascadeRow, SearchRow
 from service.studies.benchmark.table1 import Table1Row
 
-PLOT = "benchmark-growth.png"
+PLOT, SEARCH_PLOT = "benchmark-growth.png", "benchmark-search.png"
 
 Table = list[list[str]]
 
@@ -42,7 +43,7 @@ class BenchmarkResults:
         if self.growth:
             found["growth"] = {
                 "rows": [asdict(row) for row in self.growth],
-                "exponent": exponent(self.growth),
+                "exponents": growth.exponents(self.growth),
             }
         if self.table1:
             found["table1"] = [{**asdict(row), "faster": row.faster()} for row in self.table1]
@@ -78,12 +79,13 @@ def page(found: BenchmarkResults, command: str, *, picture: bool) -> str:
             )
         parts.append(_markdown(stage_table(found.embedding)))
     if found.growth:
+        powers = growth.exponents(found.growth)
         parts += [
             "## Cost against size",
             _markdown(growth_table(found.growth)),
             "One mesh, its edges halved until it has that size. Each line is a fresh process, whose peak "
             "memory includes its libraries. Time grows as the number of vertices to the power "
-            f"{exponent(found.growth):.2f}.",
+            f"{powers[0]:.2f}, memory to the power {powers[1]:.2f}.",
             _markdown(growth_stage_table(found.growth)),
         ]
         if picture:
@@ -118,10 +120,20 @@ def page(found: BenchmarkResults, command: str, *, picture: bool) -> str:
             "## Queries over HTTP",
             _markdown(search_table(found.search)),
             "Queries by the id of a stored shape, after the service has filled its cache of match records. "
-            "With default settings, except that the service does not search for duplicates and that archives "
-            f"of up to {EXHAUSTIVE:,} shapes are searched exhaustively. Shapes beyond the size of the "
-            "collection are copies of its embeddings with noise. Memory is the service's own process.",
+            "With default settings, except that the service does not search for duplicates; archives of "
+            f"{SHORTLIST_FROM:,} to {EXHAUSTIVE:,} shapes are searched exhaustively too. Shapes beyond the "
+            "size of the collection are copies of its embeddings with noise. Memory is the service's own "
+            "process.",
         ]
+        shown = searching.by_default(found.search)
+        if len(shown) > 1:
+            powers = searching.exponents(shown)
+            parts.append(
+                f"Time grows as the number of shapes to the power {powers[0]:.2f}, memory to the power "
+                f"{powers[1]:.2f}."
+            )
+            if picture:
+                parts.append(f"![Seconds and memory against shapes]({SEARCH_PLOT})")
         if found.kept:
             parts += [
                 _markdown(cascade_table(found.kept)),

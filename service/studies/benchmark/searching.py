@@ -13,15 +13,19 @@ from service.search.rank_by import RankBy
 from service.server.address import LOOPBACK, bind
 from service.server.child_process import ChildService
 from service.server.uvicorn_server import wait_until_ready
+from service.settings import Settings
 from service.studies.benchmark.archive import STEP, Original, fill, label_of, shape_id
+from service.studies.benchmark.timing import growth_exponent
 
-SIZES = (380, 10_000, 100_000)
+SIZES = (380, 1_000, 10_000, 100_000)
 QUERIES, LONG, CHECKED = 100, 20, 40
 """Numbers of queries: of an archive, of a large one searched exhaustively, and of the check of shortlists."""
 IDLE, SETTLED_BY = 0.1, 120.0
 """Seconds of processor time in a second below which a service is idle, and the longest wait for that."""
 EXHAUSTIVE = 10_000
 """The size up to which archives are also searched exhaustively."""
+SHORTLIST_FROM: int = Settings.model_fields["shortlist_from"].default
+"""The size from which a query compares only a shortlist, unless it is told to compare every shape."""
 
 RANKINGS: tuple[RankBy, ...] = ("cc", "combined")
 
@@ -44,7 +48,7 @@ class SearchRow:
     ----------
     shapes : int
     exhaustive : bool
-        Whether queries compared every shape.
+        Whether queries asked for a comparison with every shape.
     compared : int
         Number of shapes that the last query compared in full.
     start : float
@@ -103,6 +107,19 @@ class CascadeRow:
     median: float
 
 
+def by_default(rows: Sequence[SearchRow]) -> list[SearchRow]:
+    """The rows of queries that left the choice of candidates to the service."""
+    return [row for row in rows if not row.exhaustive]
+
+
+def exponents(rows: Sequence[SearchRow]) -> tuple[float, float]:
+    """The exponents of a query's median seconds and of memory as powers of the number of shapes."""
+    sizes = [row.shapes for row in rows]
+    return growth_exponent(sizes, [row.median for row in rows]), growth_exponent(
+        sizes, [row.memory for row in rows]
+    )
+
+
 def searching_rows(
     source: Sequence[Original],
     scratch: Path,
@@ -122,9 +139,9 @@ def searching_rows(
         path = scratch / f"{size}.sqlite3"
         url = f"sqlite:///{path}"
         fill(url, source, size, told)
-        exhaustive = size <= EXHAUSTIVE
-        count = min(queries, LONG) if exhaustive and size > 1_000 else queries
-        rows.append(_measured(url, size, count, exhaustive=exhaustive))
+        rows.append(_measured(url, size, queries, exhaustive=False))
+        if SHORTLIST_FROM <= size <= EXHAUSTIVE:
+            rows.append(_measured(url, size, min(queries, LONG), exhaustive=True))
         if size == checked and size > len(source):
             kept = [row for by in RANKINGS for row in cascade_rows(url, source, size, rank_by=by)]
         path.unlink()

@@ -1,4 +1,4 @@
-"""Repeated measurements: their median and quartiles."""
+"""Repeated measurements: their median and quartiles, and how they grow with size."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -36,3 +36,8 @@ class Spread:
     def plain(self, digits: int) -> str:
         """Format values for a table: median and quartiles, with `digits` decimals."""
         return f"{self.median:,.{digits}f} ({self.low:,.{digits}f} to {self.high:,.{digits}f})"
+
+
+def growth_exponent(sizes: Sequence[float], values: Sequence[float]) -> float:
+    """The exponent b of values = a sizes^b, by least squares of logarithms; of two or more sizes."""
+    return float(np.polyfit(np.log(sizes), np.log(values), 1)[0])

@@ -28,6 +28,7 @@ def test_queries_of_archives_made_of_the_collection(run, collection, monkeypatch
     fewer = partial(benchmark.searching_rows, queries=3)
     monkeypatch.setattr(benchmark, "searching_rows", fewer)
     monkeypatch.setattr(searching, "EXHAUSTIVE", 10)
+    monkeypatch.setattr(searching, "SHORTLIST_FROM", 10)
     monkeypatch.setattr(
         searching, "cascade_rows", partial(searching.cascade_rows, queries=3, lengths=[(6, 5, 1)])
     )
@@ -36,6 +37,7 @@ def test_queries_of_archives_made_of_the_collection(run, collection, monkeypatch
     assert (done.status, done.stderr) == (0, "")
     found = json.loads(done.stdout)["search"]
     assert [(row["shapes"], row["exhaustive"], row["compared"]) for row in found["rows"]] == [
+        (10, False, 9),
         (10, True, 9),
         (14, False, 13),
     ]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from core.studies.published_figures import TABLE_1, Times
-from service.studies.benchmark import growth, page, plot
+from service.studies.benchmark import growth, page, plot, search_tables, searching
 from service.studies.benchmark.embedding import embedding_rows, shapedna
 from service.studies.benchmark.growth import growth_rows, measure_file
 from service.studies.benchmark.meshes import NEAR, read_source, resized
@@ -91,17 +91,35 @@ def test_a_file_is_embedded_as_often_as_asked(tmp_path):
 def test_the_exponent_of_a_power_is_the_power(grown, power):
     sizes = (1_000, 20_000, 300_000)
     rows = [
-        growth.GrowthRow(size, 2 * size, 1, "ply", Spread.of([1e-4 * size**power]), {}, 1) for size in sizes
+        growth.GrowthRow(size, 2 * size, 1, "ply", Spread.of([1e-4 * size**power]), {}, size * size)
+        for size in sizes
     ]
     other = growth.GrowthRow(10, 20, 1, "stl", Spread.of([5.0]), {}, 1)
-    assert growth.exponent([*rows, other]) == pytest.approx(power)
+    assert growth.exponents([*rows, other]) == pytest.approx((power, 2.0))
 
 
 def test_growth_is_a_table_and_a_picture(grown):
     text = page.page(page.BenchmarkResults(growth=grown), "isoshape benchmark", picture=True)
-    assert f"to the power {growth.exponent(grown):.2f}." in text.replace("\n", " ")
+    time, memory = growth.exponents(grown)
+    assert f"to the power {time:.2f}, memory to the power {memory:.2f}." in text.replace("\n", " ")
     assert f"]({page.PLOT})" in text
     assert plot.growth_plot(grown).startswith(b"\x89PNG\r\n\x1a\n")
+
+
+def test_queries_by_size_are_a_table_and_a_picture():
+    stages = dict.fromkeys(search_tables.STAGES, 0.01)
+    rows = []
+    for size, every in ((1_000, False), (10_000, False), (10_000, True), (100_000, False)):
+        seconds = 1e-4 * size**0.5
+        rows.append(
+            searching.SearchRow(size, every, 23, 5.0, 0.1, seconds, 2 * seconds, stages, 100, size * 2**20)
+        )
+    text = page.page(page.BenchmarkResults(search=rows), "isoshape benchmark", picture=True)
+    assert "shapes to the power 0.50, memory to the power 1.00." in text.replace("\n", " ")
+    assert f"]({page.SEARCH_PLOT})" in text
+    assert plot.search_plot(rows).startswith(b"\x89PNG\r\n\x1a\n")
+    alone = page.page(page.BenchmarkResults(search=rows[:1]), "isoshape benchmark", picture=True)
+    assert page.SEARCH_PLOT not in alone
 
 
 def test_a_line_of_table_1(source):
