@@ -113,8 +113,9 @@ def part_distances(part: Bytes, wholes: Sequence[Bytes]) -> Floats:
     found = np.empty(len(wholes))
     for start in range(0, len(wholes), BATCH):
         some = np.stack(wholes[start : start + BATCH]).astype(np.float32)
-        balls_of_others = (some**2).reshape(*some.shape[:2], len(RADII), BINS).sum(axis=3)
-        products = np.concatenate([some, balls_of_others], axis=2) @ factors
+        # Over the usable balls |x - y|^2 = |x|^2 - 2 x y + |y|^2, where |x|^2 is added to the minimum.
+        ball_squares = (some**2).reshape(*some.shape[:2], len(RADII), BINS).sum(axis=3)
+        products = np.concatenate([some, ball_squares], axis=2) @ factors
         least = (products.min(axis=1) + squares).astype(np.float64)
         found[start : start + len(some)] = (np.add.reduceat(least, starts, axis=1) / balls).min(axis=1)
     return found / BYTE_SCALE**2

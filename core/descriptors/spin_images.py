@@ -34,12 +34,14 @@ SPIN_IMAGE_LENGTH = len(RADII) * BINS
 
 BYTE_SCALE = 100.0
 """A byte is this factor times the square root of a bin's area over r^2, at most 255. The squared distance of
-two spin images is a whole number that single precision holds exactly, in any order of summation."""
+two spin images is a whole number that single precision holds exactly, in any order of summation: the squared
+length of one is about BYTE_SCALE^2 times the sum of 1 / r^2 over the radii at most, a twelfth of 2^24."""
 
 BATCH = 8
 """Number of surfaces that are compared at a time; it bounds the memory."""
 
 FAR = np.int32(2**31 - 1)
+"""More than any squared distance."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,18 +126,20 @@ def spin_image_distances(query: Bytes, others: Sequence[Bytes]) -> Floats:
 
 
 @compiled
-def _nearest_squares(products: Float32s, others: Float32s, own: Float32s) -> tuple[Int32s, Int32s]:
-    """Squared distances to the nearest spin images: of those of one surface, and of those of c others.
+def _nearest_squares(
+    products: Float32s, other_squares: Float32s, own_squares: Float32s
+) -> tuple[Int32s, Int32s]:
+    """The least squared distances of the spin images of one surface to those of c others, and back.
 
-    They are whole numbers, so that minima of integers, which SIMD takes, lose nothing.
+    Squared distances are whole numbers, so integer minima, which SIMD computes, are exact.
 
     Parameters
     ----------
     products : float32, shape (c, m, k)
         Inner products of the others' spin images and the surface's.
-    others : float32, shape (c, m)
+    other_squares : float32, shape (c, m)
         Squared lengths of the others' spin images.
-    own : float32, shape (k,)
+    own_squares : float32, shape (k,)
         Squared lengths of the surface's.
 
     Returns
@@ -143,18 +147,18 @@ def _nearest_squares(products: Float32s, others: Float32s, own: Float32s) -> tup
     int32, shapes (c, k) and (c, m)
     """
     c, m, k = products.shape
-    here = np.full((c, k), FAR)
-    there = np.empty((c, m), dtype=np.int32)
-    for shape in range(c):
+    least_of_own = np.full((c, k), FAR)
+    least_of_others = np.empty((c, m), dtype=np.int32)
+    for other in range(c):
         for i in range(m):
             least = FAR
-            length = others[shape, i]
+            length = other_squares[other, i]
             for j in range(k):
-                square = np.int32((length + own[j]) - np.float32(2.0) * products[shape, i, j])
-                here[shape, j] = min(here[shape, j], square)
+                square = np.int32((length + own_squares[j]) - np.float32(2.0) * products[other, i, j])
+                least_of_own[other, j] = min(least_of_own[other, j], square)
                 least = min(least, square)
-            there[shape, i] = least
-    return here, there
+            least_of_others[other, i] = least
+    return least_of_own, least_of_others
 
 
 @compiled

@@ -13,7 +13,6 @@ from threadpoolctl import threadpool_limits
 from core.arrays import Bytes
 from core.descriptors.partial_matching import describe_part
 from core.descriptors.reliability import intrinsic_reliability
-from core.descriptors.view_descriptor import view_distance
 from core.descriptors.view_signature import signature_distance, view_signature
 from core.embedding import Embedding, Match, Scores
 from core.errors import BadRecordError, CannotBeEmbeddedError, DegenerateMeshError
@@ -26,6 +25,7 @@ from core.numerics.guarding import guarded
 from core.parameters import Parameters
 from core.pipeline import Pipeline
 from core.ranking.coarse_ranking import coarse_ranking, coarse_samples
+from core.ranking.pair_differences import descriptors_of, differences_of
 from core.ranking.quantised_points import quantised_points
 from core.ranking.reranking import rerank
 from core.ranking.shortlist import signature_distances
@@ -189,9 +189,10 @@ def warm_comparing(records: Sequence[bytes], parameters: Parameters) -> None:
     embeddings = [embedding_from_bytes(record) for record in records]
     signature_distances(embeddings[0].signature, np.stack([one.signature for one in embeddings]))
     if parameters.ranking.views:
-        views = np.stack([one.views for one in embeddings])
-        view_distance(views[0], views)
-        signatures = np.stack([view_signature(one) for one in views])
+        shapes, none = [descriptors_of(embedding) for embedding in embeddings], np.zeros(len(embeddings))
+        for shape in shapes:
+            differences_of(shape, shapes, Scores(none, none, none))
+        signatures = np.stack([view_signature(embedding.views) for embedding in embeddings])
         signature_distance(signatures[0], signatures)
     if matcher_of(parameters).uses_match_records:
         match_records = [match_record(embedding, parameters) for embedding in embeddings]

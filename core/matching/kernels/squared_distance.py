@@ -10,6 +10,7 @@ from typing import Any, cast
 import numpy as np
 from llvmlite import ir
 from numba import types
+from numba.core.errors import TypingError
 from numba.extending import intrinsic
 
 from core.arrays import Float32s
@@ -20,6 +21,9 @@ SUMS = 4
 
 @intrinsic
 def _four_sums(_context: Any, first: Any, at: Any, second: Any, begin: Any, count: Any) -> Any:
+    if any(array.layout != "C" or array.dtype != types.float32 for array in (first, second)):
+        raise TypingError("rows are those of contiguous arrays of float32")
+
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
         vector, number = ir.VectorType(ir.FloatType(), SUMS), ir.IntType(64)
         one, other = (context.make_array(signature.args[i])(context, builder, values[i]).data for i in (0, 2))
@@ -49,19 +53,22 @@ def _four_sums(_context: Any, first: Any, at: Any, second: Any, begin: Any, coun
     return tuples(types.float32, SUMS)(first, index, second, index, index), generate
 
 
-four_sums = cast("Callable[[Float32s, int, Float32s, int, int], tuple[np.float32, ...]]", _four_sums)
-"""`four_sums(first, at, second, begin, count)`: sums of squared differences of `count` numbers, a positive
+_sums = cast("Callable[[Float32s, int, Float32s, int, int], tuple[np.float32, ...]]", _four_sums)
+"""`_sums(first, at, second, begin, count)`: sums of squared differences of `count` numbers, a positive
 multiple of four, from the `at`-th of `first` and the `begin`-th of `second` on; each fourth in one sum."""
 
 
 @kernel
 def squared_distance(points: Float32s, row: int, others: Float32s, other: int) -> np.float32:
-    """Squared distance of a row of points, shape (n, k), and one of others, shape (m, k), both contiguous."""
+    """Squared distance of a row of points, shape (n, k), and one of others, shape (m, k), both contiguous.
+
+    In four sums, each of every fourth column: one would wait for itself at each step.
+    """
     k = points.shape[1]
     whole = k - k % SUMS
     a = b = c = d = np.float32(0.0)
     if whole > 0:
-        a, b, c, d = four_sums(points, row * k, others, other * k, whole)
+        a, b, c, d = _sums(points, row * k, others, other * others.shape[1], whole)
     for i in range(whole, k):
         a += (points[row, i] - others[other, i]) ** 2
     return (a + b) + (c + d)

@@ -34,7 +34,7 @@ NOISE = 0.2
 AT_ONCE = 2_000
 
 BOX = [1.0, 1.0, 1.0]
-"""The bounding box of all shapes. Without one, the service would measure their files between queries."""
+"""The bounding box of all shapes. Without it, the service would read each file to measure it."""
 
 STEP = 7919
 """The step between the numbers of shapes that are mixed or queried, coprime to all sizes."""

@@ -120,7 +120,7 @@ def page(found: BenchmarkResults, command: str, *, picture: bool) -> str:
             "## Queries over HTTP",
             _markdown(search_table(found.search)),
             "Queries by the id of a stored shape, after the service has filled its cache of match records. "
-            "With default settings, except that the service does not search for duplicates; archives of "
+            "The service has default settings, but does not search for duplicates. Archives of "
             f"{SHORTLIST_FROM:,} to {EXHAUSTIVE:,} shapes are searched exhaustively too. Shapes beyond the "
             "size of the collection are copies of its embeddings with noise. Memory is the service's own "
             "process.",

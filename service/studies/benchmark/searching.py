@@ -20,7 +20,7 @@ from service.studies.benchmark.timing import growth_exponent
 SIZES = (380, 1_000, 10_000, 100_000)
 QUERIES, LONG, CHECKED = 100, 20, 40
 """Numbers of queries: of an archive, of a large one searched exhaustively, and of the check of shortlists."""
-IDLE, SETTLED_BY = 0.1, 120.0
+IDLE, SETTLED_BY = 0.1, 300.0
 """Seconds of processor time in a second below which a service is idle, and the longest wait for that."""
 EXHAUSTIVE = 10_000
 """The size up to which archives are also searched exhaustively."""
@@ -150,9 +150,10 @@ def searching_rows(
 
 @contextmanager
 def served(url: str, **settings: int) -> Iterator[tuple[ChildService, Client]]:
-    """A ready service on an archive, and a client of it."""
+    """A ready service on an archive, which does not search for duplicates in the background, and a client."""
     with bind(LOOPBACK, 0) as bound:
         port = bound.getsockname()[1]
+    settings = {"duplicates_in_background": False, **settings}
     changed = {f"ISOSHAPE_{name.upper()}": str(value) for name, value in settings.items()}
     given = {"ISOSHAPE_DATABASE_URL": url, "ISOSHAPE_LOG_LEVEL": "error", **changed}
     with ChildService(port, given, quiet=True) as service, Client(service.url) as client:
@@ -161,19 +162,26 @@ def served(url: str, **settings: int) -> Iterator[tuple[ChildService, Client]]:
 
 
 def _wait_until_idle(service: ChildService) -> None:
-    """Wait until the cache of match records is full, for two minutes at most."""
-    latest = perf_counter() + SETTLED_BY
+    """Wait for three idle seconds: then the cache of match records is full.
+
+    Raises
+    ------
+    TimeoutError
+        The service is at work for too long.
+    """
+    latest, quiet = perf_counter() + SETTLED_BY, 0
     used = service.processor_seconds()
-    while perf_counter() < latest:
+    while quiet < 3:
+        if perf_counter() > latest:
+            raise TimeoutError(f"the service is not idle after {SETTLED_BY:.0f} s")
         sleep(1.0)
         before, used = used, service.processor_seconds()
-        if used - before < IDLE:
-            return
+        quiet = quiet + 1 if used - before < IDLE else 0
 
 
 def _measured(url: str, size: int, queries: int, *, exhaustive: bool) -> SearchRow:
     began = perf_counter()
-    with served(url, duplicates_in_background=False) as (service, client):
+    with served(url) as (service, client):
         start = perf_counter() - began
         _wait_until_idle(service)
         seconds, stages, compared = [], [], 0
@@ -217,7 +225,8 @@ def cascade_rows(
             "reranked": reranked,
             "finalists": finalists,
         }
-        with served(url, **settings) as (_, client):
+        with served(url, **settings) as (service, client):
+            _wait_until_idle(service)
             answers, seconds = [], []
             for number in asked:
                 copies = [shape_id(copy) for copy in range(number, size, len(source))]

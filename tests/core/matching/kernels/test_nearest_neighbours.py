@@ -11,7 +11,6 @@ from core.matching.kernels.nearest_neighbours import (
     nearest_both_ways_reference,
     square,
 )
-from core.matching.kernels.squared_distance import squared_distance
 from core.matching.numpy_reference import closest_reference, cross_covariance_reference
 from tests.core.matching.clouds import cloud
 
@@ -184,12 +183,3 @@ def test_arrays_that_cannot_be_written_to_are_read_all_the_same():
         array.flags.writeable = False
     for one, other in zip(both(points, targets, 128), expected, strict=True):
         assert np.array_equal(one, other)
-
-
-@pytest.mark.parametrize("k", [1, 3, 4, 7, 20])
-def test_a_squared_distance_is_that_of_the_two_rows(k):
-    rng = np.random.default_rng(k)
-    points, others = (rng.standard_normal((n, k), dtype=np.float32) for n in (5, 8))
-    expected = ((points[:, None] - others) ** 2).sum(axis=2)
-    found = [[squared_distance(points, i, others, j) for j in range(8)] for i in range(5)]
-    assert np.allclose(found, expected, rtol=1e-6, atol=0.0)

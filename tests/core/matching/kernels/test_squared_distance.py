@@ -1,0 +1,41 @@
+"""The squared distance of two rows, to the last bit, and arrays that are refused."""
+
+import numpy as np
+import pytest
+from numba import TypingError
+
+from core.matching.kernels.squared_distance import SUMS, squared_distance
+
+
+def plain(one, other):
+    """Four sums, each of every fourth column, and the rest in the first."""
+    sums = np.zeros(SUMS, dtype=np.float32)
+    whole = len(one) - len(one) % SUMS
+    squares = (one - other) ** 2
+    for start in range(0, whole, SUMS):
+        sums += squares[start : start + SUMS]
+    for square in squares[whole:]:
+        sums[0] += square
+    return (sums[0] + sums[1]) + (sums[2] + sums[3])
+
+
+@pytest.mark.parametrize("k", [1, 3, 4, 7, 20, 24])
+def test_it_is_that_of_the_two_rows(k):
+    rng = np.random.default_rng(k)
+    points, others = (rng.standard_normal((n, k), dtype=np.float32) for n in (5, 8))
+    for i in range(5):
+        for j in range(8):
+            assert squared_distance(points, i, others, j) == plain(points[i], others[j])
+
+
+def test_the_second_array_may_have_more_columns():
+    rng = np.random.default_rng(0)
+    points, others = (rng.standard_normal((4, k), dtype=np.float32) for k in (8, 11))
+    assert squared_distance(points, 2, others, 3) == plain(points[2], others[3, :8])
+
+
+def test_rows_that_are_not_contiguous_are_refused():
+    points = np.zeros((8, 8), dtype=np.float32)
+    for other in (points.T, points[:, ::2], points.astype(np.float64)):
+        with pytest.raises(TypingError, match="contiguous"):
+            squared_distance(points[:, :4].copy(), 0, other, 0)
