@@ -25,7 +25,7 @@ from core.numerics.guarding import guarded
 from core.parameters import Parameters
 from core.pipeline import Pipeline
 from core.ranking.coarse_ranking import coarse_ranking, coarse_samples
-from core.ranking.pair_differences import descriptors_of, differences_of
+from core.ranking.combined import combined_scores
 from core.ranking.quantised_points import quantised_points
 from core.ranking.reranking import rerank
 from core.ranking.shortlist import signature_distances
@@ -188,10 +188,10 @@ def warm_comparing(records: Sequence[bytes], parameters: Parameters) -> None:
     """Run each kernel of a search once, in the process that searches."""
     embeddings = [embedding_from_bytes(record) for record in records]
     signature_distances(embeddings[0].signature, np.stack([one.signature for one in embeddings]))
+    none = np.zeros(len(embeddings))
+    for embedding in embeddings:
+        combined_scores(embedding, embeddings, Scores(none, none, none), parameters.ranking)
     if parameters.ranking.views:
-        shapes, none = [descriptors_of(embedding) for embedding in embeddings], np.zeros(len(embeddings))
-        for shape in shapes:
-            differences_of(shape, shapes, Scores(none, none, none))
         signatures = np.stack([view_signature(embedding.views) for embedding in embeddings])
         signature_distance(signatures[0], signatures)
     if matcher_of(parameters).uses_match_records:
