@@ -12,6 +12,8 @@ from typing import Any
 from service.compute.plain_answers import encode, encode_error
 
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+NICENESS = 10
+"""Added to the niceness of a worker: queries, on threads of the service, go before embeddings of uploads."""
 
 
 def serve(connection: "Connection[Any, Any]", *, untrusted: bool = False) -> None:
@@ -27,6 +29,7 @@ def serve(connection: "Connection[Any, Any]", *, untrusted: bool = False) -> Non
         Whether answers have the form of `service.compute.plain_answers`. The first call then starts the
         thread of `end_with_parent`, once that thread would be confined.
     """
+    os.nice(NICENESS)
     for name in THREADS:
         os.environ[name] = "1"
     # An interrupt from the terminal reaches every process of the group; the parent alone handles it.

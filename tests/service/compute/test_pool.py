@@ -16,6 +16,7 @@ from core.parameters import DEFAULT
 from service.compute import worker_process
 from service.compute.cluster import ClusterPool
 from service.compute.pool import LocalPool
+from service.compute.worker_loop import NICENESS
 from service.compute.workers_interface import Workers
 from service.errors import TaskGivenUpError, TaskTimeLimitError, WorkerLostError
 from tests.service.dask_cluster import cluster
@@ -52,6 +53,10 @@ def workers(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFac
     ):
         wait_until(lambda: len(pool.pids()) == 2, seconds=120)
         yield pool
+
+
+def test_queries_in_the_service_go_before_the_work_of_workers(workers: Workers) -> None:
+    assert workers.submit(os.nice, 0).result() == os.nice(0) + NICENESS
 
 
 def test_results_and_errors_come_back(workers: Workers) -> None:
