@@ -64,15 +64,18 @@ def test_serve_until_a_signal_and_again() -> None:
         try:
             with Client(f"http://{LOOPBACK}:{port}") as client:
                 wait_until_ready(client, ended=lambda process=process: process.poll() is not None)
+                assert process.stderr is not None
+                messages = [process.stderr.readline().rstrip() for _ in range(2)]
                 client.upload((f"{len(names)}.off", mesh_bytes("cup", 0)))
                 names = [shape.name for shape in client.shapes()]
             process.send_signal(sent)
-            _, messages = process.communicate(timeout=60)
+            _, last = process.communicate(timeout=60)
         finally:
             process.kill()
             process.wait()
         assert process.returncode == status
         url = f"http://{LOOPBACK}:{port}"
-        assert messages.splitlines() == [f"Isoshape starts on {url}", f"Isoshape listens on {url}"]
+        assert messages == [f"Isoshape starts on {url}", f"Isoshape listens on {url}"]
+        assert not last
     assert names == ["0.off", "1.off"]
     assert Path("isoshape-data/isoshape.sqlite3").is_file()
