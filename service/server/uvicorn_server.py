@@ -15,6 +15,7 @@ from service.client import Client
 from service.errors import ExpectedError
 from service.jobs.events import ENDING_IN_SCOPE
 from service.server.address import LOOPBACK, bind
+from service.server.allocator import return_freed_memory
 from service.server.http_protocol import http_protocol, most_connections
 
 # On a busy machine the first start compiles for many minutes.
@@ -46,6 +47,7 @@ def run(app: ASGIApp, bound: socket.socket, *, shutdown_seconds: int, head_secon
     watched = _Watched(app)
     server = watched.server = uvicorn.Server(_config(watched, shutdown_seconds, head_seconds))
     gc.freeze()
+    return_freed_memory()
     with suppress(KeyboardInterrupt):
         _serve(server, bound)
     if not server.started:
