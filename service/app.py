@@ -226,7 +226,9 @@ def _watch(metrics: Metrics, pool: Workers, readers: LocalPool, work: Work, pipe
         "Shapes whose signatures are in memory, as of the last query.",
         lambda: pipelines.indexed,
     )
-    watch("rows_bytes", "Memory that embeddings ready to be compared take.", lambda: pipelines.cached_bytes)
+    watch(
+        "rows_bytes", "Memory of the match records and points in the caches.", lambda: pipelines.cached_bytes
+    )
 
 
 def _stop(container: Container) -> None:

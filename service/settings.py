@@ -231,7 +231,7 @@ class Settings(BaseSettings):
         default=1280 * 1024**2,
         ge=0,
         description="Memory for search: signatures, view signatures and coarse samples of all shapes, about "
-        "1,060 bytes each, and a cache of match records, about 100 kB each.",
+        "1,060 bytes each, and caches of points, about 12 kB each, and match records, about 100 kB each.",
     )
 
     signatures: Literal["memory", "database"] = Field(

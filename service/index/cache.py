@@ -1,4 +1,4 @@
-"""The LRU cache of values that are made of embeddings: match records, or descriptors."""
+"""The LRU cache of values that are made of embeddings: match records, points, or descriptors."""
 
 import math
 import operator

@@ -26,11 +26,12 @@ ADDS_ORIENTATION = " It adds orientation, by which correspondences tell left fro
 
 @dataclass(frozen=True, eq=False)
 class ActivePipeline:
-    """A pipeline, the index of its signatures and the cache of its match records."""
+    """A pipeline, the index of its signatures, the cache of its match records and that of its points."""
 
     pipeline: Pipeline
     index: SignatureIndex
     cache: EmbeddingCache[Float32s]
+    points: EmbeddingCache[bytes]
 
     @property
     def fingerprint(self) -> str:
@@ -105,7 +106,10 @@ class Pipelines:
                     fields = {"pipeline": parameters.name, "fingerprint": fingerprint}
                     log.info("another pipeline is active now", extra={"fields": fields})
                 self._active = ActivePipeline(
-                    Pipeline(parameters), SignatureIndex(fingerprint), EmbeddingCache(self._room)
+                    Pipeline(parameters),
+                    SignatureIndex(fingerprint),
+                    EmbeddingCache(self._room),
+                    EmbeddingCache(0, len),
                 )
             return self._active
 
@@ -129,9 +133,9 @@ class Pipelines:
 
     @property
     def cached_bytes(self) -> int:
-        """The size of the cached match records, in bytes."""
+        """The size of the cached match records and points, in bytes."""
         active_pipeline = self._active
-        return 0 if active_pipeline is None else active_pipeline.cache.nbytes
+        return 0 if active_pipeline is None else active_pipeline.cache.nbytes + active_pipeline.points.nbytes
 
 
 def fingerprint(session: ReadSession) -> str:

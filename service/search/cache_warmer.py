@@ -1,21 +1,26 @@
-"""The cache warmer: match records made before a query asks for them, at the start and as shapes arrive."""
+"""The cache warmer: points and match records in memory before a query asks for them.
+
+It works at the start, and as shapes arrive.
+"""
 
 import asyncio
-from collections.abc import Awaitable
+from collections.abc import Awaitable, Callable
 from contextlib import suppress
 from time import monotonic
-from typing import TypeVar
+from typing import Any, TypeVar
 
+import numpy as np
 from starlette.concurrency import run_in_threadpool
 
+from core.arrays import Ints
 from service.compute.tasks import example_records, warm_comparing
 from service.compute.workers_interface import RemoteWorkers
 from service.container import Container
 from service.errors import ServiceError
-from service.index.cache import ABOUT
+from service.index.cache import EmbeddingCache
 from service.observability.logging import get_logger
 from service.pipelines.active import ActivePipeline
-from service.search.match_records import cached_match_records
+from service.search.match_records import cached_match_records, cached_points
 from service.search.pgvector_repository import latest
 
 log = get_logger("search")
@@ -29,16 +34,21 @@ FIRST_SECONDS = 5.0
 """The longest time that the service is not ready while it caches the stored embeddings at its start."""
 
 LEAST_SHARE = 4
-"""The match records have at least this part (one in four) of the memory for searching."""
+"""Points and match records have at least this part (one in four) of the memory for searching."""
 
-AT_ONCE = 16
+POINTS_BYTES, POINTS_SHARE = 12_100, 7 / 8
+"""Bytes of a shape's points, and the largest share of the points in the room of both caches: a query re-ranks
+many more shapes than it compares in full."""
+
+AT_ONCE, POINTS_AT_ONCE = 16, 256
 
 
 class CacheWarmer:
-    """Fills the cache of the active pipeline, the newest embeddings first, one thread at a time.
+    """Fills the caches of the active pipeline, the newest embeddings first, one thread at a time.
 
-    Embeddings beyond the room of the cache wait for a query that needs them, and the cache warmer waits for
-    running queries. If workers of a cluster cache match records, nothing is cached here.
+    Embeddings beyond the room of a cache wait for a query that needs them, and the cache warmer waits for
+    running queries. Points are cached where queries are re-ranked, before match records. If workers of a
+    cluster cache match records, nothing is cached here.
     """
 
     def __init__(self, container: Container) -> None:
@@ -65,12 +75,14 @@ class CacheWarmer:
         while True:
             # After any other error, queries are answered without a warm cache.
             try:
-                active_pipeline, missing = await _whole(run_in_threadpool(self._missing))
-                for start in range(0, len(missing), AT_ONCE):
+                active_pipeline, points, records = await _whole(run_in_threadpool(self._missing))
+                batches = [
+                    *_batches(self._put_points, points, POINTS_AT_ONCE),
+                    *_batches(self._put_records, records, AT_ONCE),
+                ]
+                for put, numbers in batches:
                     await self._container.searches.nothing()
-                    await _whole(
-                        run_in_threadpool(self._put, active_pipeline, missing[start : start + AT_ONCE])
-                    )
+                    await _whole(run_in_threadpool(put, active_pipeline, numbers))
                     if monotonic() > latest:
                         ready.set()
                 ready.set()
@@ -98,40 +110,63 @@ class CacheWarmer:
         with self._container.database.read() as session:
             return self._container.pipelines.current(session)
 
-    def _missing(self) -> tuple[ActivePipeline, list[int]]:
-        """The numbers of embeddings that are not cached and for which there is room."""
+    def _missing(self) -> tuple[ActivePipeline, list[int], list[int]]:
+        """The embeddings that the cache of points and that of match records lack and have room for."""
+        settings, descriptors = self._container.settings, self._container.descriptors
         with self._container.database.read() as session:
             active_pipeline = self._container.pipelines.current(session)
             cached_here = active_pipeline.pipeline.matcher.uses_match_records
             if not cached_here or isinstance(self._container.pool, RemoteWorkers):
-                return active_pipeline, []
-            most = self._container.settings.search_bytes
-            if self._container.settings.signatures == "database":
-                newest, room = latest(session, active_pipeline.fingerprint, most // ABOUT), most
+                return active_pipeline, [], []
+            most = room = settings.search_bytes
+            if settings.signatures == "database":
+                embeddings = np.array(
+                    latest(session, active_pipeline.fingerprint, most // POINTS_BYTES)[::-1]
+                )
             else:
                 entries = active_pipeline.index.current(session)
+                embeddings = entries.embeddings
                 seen = (active_pipeline.fingerprint, active_pipeline.index.revision)
                 if seen != self._seen:
-                    active_pipeline.cache.keep(entries.embeddings)
-                    self._container.descriptors.keep(entries.embeddings)
-                    self._container.spin_images.keep(entries.embeddings)
+                    active_pipeline.cache.keep(embeddings)
+                    active_pipeline.points.keep(embeddings)
+                    descriptors.keep(embeddings)
+                    self._container.spin_images.keep(embeddings)
                     self._seen = seen
-                newest = entries.embeddings[::-1].tolist()
-                room = most - entries.nbytes
-        cache = active_pipeline.cache
-        described = self._container.descriptors.nbytes + self._container.spin_images.nbytes
-        cache.resize(max(room - described, most // LEAST_SHARE))
-        places = cache.free_places()
-        if not places or len(cache) >= len(newest):
-            return active_pipeline, []
-        wanted = cache.missing(dict.fromkeys(newest))
-        return active_pipeline, [number for number in wanted if number not in self._unusable][:places]
+                room -= entries.nbytes
+        room = max(room - descriptors.nbytes - self._container.spin_images.nbytes, most // LEAST_SHARE)
+        of_points = 0
+        if len(embeddings) >= settings.shortlist_from:
+            of_points = min(POINTS_BYTES * len(embeddings), int(POINTS_SHARE * room))
+        active_pipeline.points.resize(of_points)
+        active_pipeline.cache.resize(room - of_points)
+        points = self._wanted(active_pipeline.points, embeddings)
+        return active_pipeline, points, self._wanted(active_pipeline.cache, embeddings)
 
-    def _put(self, active_pipeline: ActivePipeline, numbers: list[int]) -> None:
+    def _wanted(self, cache: EmbeddingCache[Any], embeddings: Ints) -> list[int]:
+        """The embeddings that a cache lacks, the last ones first, as many as it has room for."""
+        places = cache.free_places()
+        if places <= 0 or len(cache) >= len(embeddings):
+            return []
+        newest = dict.fromkeys(embeddings[::-1].tolist())
+        return [number for number in cache.missing(newest) if number not in self._unusable][:places]
+
+    def _put_points(self, active_pipeline: ActivePipeline, numbers: list[int]) -> None:
+        found = cached_points(self._container.database, active_pipeline.points, numbers)
+        self._unusable.update(number for number in numbers if number not in found)
+
+    def _put_records(self, active_pipeline: ActivePipeline, numbers: list[int]) -> None:
         cached = cached_match_records(
             self._container.database, active_pipeline.cache, active_pipeline.pipeline.parameters, numbers
         )
         self._unusable.update(number for number in numbers if number not in cached)
+
+
+def _batches(
+    put: Callable[[ActivePipeline, list[int]], None], numbers: list[int], length: int
+) -> list[tuple[Callable[[ActivePipeline, list[int]], None], list[int]]]:
+    """The numbers in batches, each with the function that caches them."""
+    return [(put, numbers[start : start + length]) for start in range(0, len(numbers), length)]
 
 
 async def _whole(work: Awaitable[Done]) -> Done:

@@ -22,8 +22,8 @@ from service.storage.database import Database
 class QueryScorer:
     """Scores a query against stored embeddings.
 
-    The match records of the stored embeddings are cached; missing ones are made from the database. Several
-    threads may score at once.
+    The match records and the points of the stored embeddings are cached; missing ones come from the database.
+    Several threads may score at once.
 
     Attributes
     ----------
@@ -40,6 +40,7 @@ class QueryScorer:
     def __init__(self, database: Database, query: Query) -> None:
         self._database = database
         self._cache = query.active_pipeline.cache
+        self._points = query.active_pipeline.points
         self._parameters = query.active_pipeline.pipeline.parameters
         self.match_record = match_record(query.embedding, self._parameters)
 
@@ -58,17 +59,10 @@ class QueryScorer:
     def rerank(self, embeddings: Ints) -> Floats:
         """The approximate CC of c embeddings by number: shape (1, c), NaN for the deleted ones.
 
-        Read from the stored points even if their match records are cached: an answer never depends on the
-        cache. Missing and damaged points are made from the embedding.
+        Read from the points even if their match records are cached: an answer never depends on the cache.
         """
         numbers = embeddings.tolist()
-        with self._database.read() as session:
-            points = repository.points(session, numbers)
-            missing = [number for number in numbers if number not in points]
-            records = repository.embedding_records(session, missing) if missing else {}
-        for number, record in records.items():
-            with suppress(CoreError):
-                points[number] = quantised_points(embedding_from_bytes(record))
+        points = cached_points(self._database, self._points, numbers)
         present = [place for place, number in enumerate(numbers) if number in points]
         found = rerank(self.match_record, [points[numbers[place]] for place in present], self._parameters)
         scores = np.full((1, len(numbers)), np.nan)
@@ -99,3 +93,27 @@ def cached_match_records(
                 continue
             cache.put(number, found[number])
     return found
+
+
+def cached_points(
+    database: Database, cache: EmbeddingCache[bytes], numbers: Sequence[int]
+) -> dict[int, bytes]:
+    """The points of embeddings by number; missing ones are read and cached.
+
+    Points that are not stored, or damaged, are made from the embedding. Deleted and unreadable embeddings are
+    left out.
+    """
+    found = cache.get(numbers)
+    missing = [number for number in numbers if number not in found]
+    if not missing:
+        return found
+    with database.read() as session:
+        read = repository.points(session, missing)
+        without = [number for number in missing if number not in read]
+        records = repository.embedding_records(session, without) if without else {}
+    for number, record in records.items():
+        with suppress(CoreError):
+            read[number] = quantised_points(embedding_from_bytes(record))
+    for number, points in read.items():
+        cache.put(number, points)
+    return found | read

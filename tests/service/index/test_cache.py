@@ -183,6 +183,22 @@ def test_match_records_are_ready_soon_after_the_start_and_after_an_upload(
     wait_until(lambda: len(cache) == STORED, seconds=30)
 
 
+@pytest.mark.parametrize("running", [SHORT], indirect=True)
+def test_points_are_ready_where_queries_are_reranked(
+    running: Running, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with running.container.database.read() as session:
+        points = running.container.pipelines.current(session).points
+    wait_until(lambda: len(points) == STORED, seconds=30)
+    assert points.nbytes == sum(map(len, points.get(range(1000)).values()))
+    expected = answer(running)
+    with monkeypatch.context() as patch:
+        patch.setattr(match_records.repository, "points", None)
+        assert answer(running) == expected
+    points.resize(0)
+    assert answer(running) == expected
+
+
 @pytest.mark.parametrize("running", [PLAIN], indirect=True)
 def test_new_shapes_are_prepared_after_any_deletion(running: Running) -> None:
     """Rows of what is gone would fill the room, and be counted for those that lack."""

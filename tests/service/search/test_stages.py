@@ -60,7 +60,7 @@ def test_without_whole_points_the_embedding_is_read(tmp_path: Path, monkeypatch:
         made.append(embedding)
         return quantised_points(embedding)
 
-    with serving(settings_in(tmp_path, **LENGTHS)) as running:
+    with serving(settings_in(tmp_path, **LENGTHS, search_bytes=0)) as running:
         for number in range(STORED):
             running.store(small_file(number), f"{number}.off")
 
