@@ -6,6 +6,7 @@ name that it caches under carries a hash of all these sources (`core.numerics.co
 
 __all__ = [
     "match_record",
+    "matrix_product",
     "nearest_neighbours",
     "one_to_many",
     "orthogonal_procrustes",

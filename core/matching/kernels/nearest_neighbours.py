@@ -3,6 +3,7 @@
 import numpy as np
 
 from core.arrays import Float32s, Floats, Int32s, Ints
+from core.matching.kernels.matrix_product import cross_product, product
 from core.matching.kernels.spline_search import FAR
 from core.matching.kernels.squared_distance import squared_distance
 from core.numerics.compilation import kernel
@@ -27,7 +28,8 @@ def nearest_both_ways(rotated: Float32s, targets: Float32s, low: int, there: Int
     """
     m, k = rotated.shape
     n = targets.shape[1]
-    products = np.dot(rotated, targets)
+    products = np.empty((m, n), dtype=np.float32)
+    product(rotated, targets, products)
     lengths = np.zeros(n, dtype=np.float32)
     for c in range(k):
         for j in range(n):
@@ -82,6 +84,14 @@ def closest(points: Float32s, members: Int32s, start: int, stop: int, ends: Floa
             least = distance
             found = row
     return int(found)
+
+
+@kernel
+def gather(points: Float32s, rows: Int32s, found: Float32s) -> None:
+    """Write found = points[rows], by numbers: the compiler calls a function for each row that is assigned."""
+    for i in range(len(rows)):
+        for c in range(points.shape[1]):
+            found[i, c] = points[rows[i], c]
 
 
 @kernel
@@ -144,7 +154,8 @@ def cross_covariance_both_ways(
             other += squares[1, c] - sums[1, c] * sums[1, c] * share
         first[block] = one
         second[block] = other
-    products = np.dot(gathered.T, y)
+    products = np.empty((columns, columns), dtype=np.float32)
+    cross_product(gathered, y, products)
     for c in range(columns):
         mean = sums[0, c] * share
         for d in range(columns):
@@ -202,8 +213,12 @@ def cross_covariance(
             other += squares[1, c] - sums[1, c] * sums[1, c] * share
         first[block] = one
         second[block] = other
-    there = np.dot(points.T, partners)
-    back = np.dot(sources.T, targets)
+    there = np.zeros((columns, columns), dtype=np.float32)
+    back = np.zeros((columns, columns), dtype=np.float32)
+    if len(points) > 0:
+        cross_product(points, partners, there)
+    if len(sources) > 0:
+        cross_product(sources, targets, back)
     for c in range(columns):
         mean = sums[0, c] * share
         for d in range(columns):

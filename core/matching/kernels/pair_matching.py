@@ -7,10 +7,12 @@ import numpy as np
 
 from core.arrays import Float32s, Floats, Int16s, Int32s
 from core.matching.kernels.match_record import ONE, MatchRecord
+from core.matching.kernels.matrix_product import product
 from core.matching.kernels.nearest_neighbours import (
     closest,
     cross_covariance,
     cross_covariance_both_ways,
+    gather,
     nearest_both_ways,
 )
 from core.matching.kernels.orthogonal_procrustes import EXACT, ROUGH, fit_rotation
@@ -90,9 +92,7 @@ def search_maps(
             matches,
         )
         found = np.empty((s, columns), dtype=np.float32)
-        for i in range(s):
-            for c in range(columns):
-                found[i, c] = other.points[matches[i], c]
+        gather(other.points, matches, found)
         if forth:
             cross_covariance(x.points[:s], found, none, none, blocks, covariance, first, second)
         else:
@@ -140,9 +140,11 @@ def refine_map(
     covariance = np.empty((columns, columns), dtype=np.float32)
     first = np.empty(blocks, dtype=np.float32)
     second = np.empty(blocks, dtype=np.float32)
+    rotated = np.empty((m, columns), dtype=np.float32)
     score = 0.0
     for _ in range(count):
-        nearest_both_ways(np.dot(x, rotation), targets, low, there, back)
+        product(x, rotation, rotated)
+        nearest_both_ways(rotated, targets, low, there, back)
         cross_covariance_both_ways(x, y, there, back, blocks, covariance, first, second)
         score = fit_rotation(covariance, first, second, steps, rotation)
     return score
@@ -258,8 +260,10 @@ def score_pairs(
     blocks = len(x.radius)
     columns = x.points.shape[1]
     k = columns // blocks
-    ends = np.dot(x.points[:m], rotation)
-    rotated = np.dot(sources, rotation)
+    ends = np.empty((m, columns), dtype=np.float32)
+    rotated = np.empty((n, columns), dtype=np.float32)
+    product(x.points[:m], rotation, ends)
+    product(sources, rotation, rotated)
     scores[:] = 0.0
     yours = y.points[:n]
     sums = np.zeros((2, columns), dtype=np.float32)
@@ -351,21 +355,23 @@ def fit_map(
     covariance = np.empty((columns, columns), dtype=np.float32)
     first = np.empty(blocks, dtype=np.float32)
     second = np.empty(blocks, dtype=np.float32)
-    for i in range(m):
-        partners[i] = yours[there[i]]
-    for j in range(n):
-        sources[j] = mine[back[j]]
+    gather(yours, there, partners)
+    gather(mine, back, sources)
+    ends = np.empty((m, columns), dtype=np.float32)
+    starts = np.empty((n, columns), dtype=np.float32)
     for _ in range(rounds.slides):
-        ends = np.dot(mine, rotation)
-        starts = np.dot(yours, np.ascontiguousarray(rotation.T))
+        product(mine, rotation, ends)
+        product(yours, np.ascontiguousarray(rotation.T), starts)
         for i in range(m):
             region = there[i]
             row = closest(y.points, y.members, y.offsets[region], y.offsets[region + 1], ends, i)
-            partners[i] = y.points[row]
+            for c in range(columns):
+                partners[i, c] = y.points[row, c]
         for j in range(n):
             region = back[j]
             row = closest(x.points, x.members, x.offsets[region], x.offsets[region + 1], starts, j)
-            sources[j] = x.points[row]
+            for c in range(columns):
+                sources[j, c] = x.points[row, c]
         cross_covariance(mine, partners, sources, yours, blocks, covariance, first, second)
         score = fit_rotation(covariance, first, second, EXACT, rotation)
     return score

@@ -7,7 +7,7 @@ import numpy as np
 
 from core.arrays import Float32s, Int32s
 from core.matching.kernels.match_record import MatchRecord
-from core.matching.kernels.nearest_neighbours import cross_covariance
+from core.matching.kernels.nearest_neighbours import cross_covariance, gather
 from core.matching.kernels.orthogonal_procrustes import ROUGH, fit_rotation
 from core.matching.kernels.pair_matching import SearchRounds, lowest_bits, refine_map
 from core.matching.kernels.spline_search import spline_search
@@ -70,8 +70,7 @@ def maps_of_starts(
             matches,
         )
         found = np.empty((s, columns), dtype=np.float32)
-        for i in range(s):
-            found[i] = other.points[matches[i]]
+        gather(other.points, matches, found)
         if forth:
             cross_covariance(x.points[:s], found, none, none, blocks, covariance, first, second)
         else:

@@ -11,6 +11,7 @@ import numpy as np
 
 from core.arrays import Float32s, Int16s, Int32s
 from core.matching.kernels.match_record import dequantised
+from core.matching.kernels.matrix_product import product
 from core.numerics.compilation import kernel
 
 FAR = np.int32(2**31 - 1)
@@ -122,13 +123,14 @@ def spline_search(
                 stacked[c, start * s + i] = sign * points[c, i]
     nearest_columns(stacked, targets, first, low, found)
     matched = np.empty((max(first * starts, k_all), s), dtype=np.float32)
+    warped = np.empty((len(matched), s), dtype=np.float32)
     for _ in range(start_rounds):
         for c in range(first):
             for start in range(starts):
                 for i in range(s):
                     matched[c * starts + start, i] = targets[c, found[start * s + i]]
-        warped = np.dot(matched[: first * starts], dequantised(operators[0]))
-        nearest_columns(warped.reshape(first, several), targets, first, low, found)
+        product(matched[: first * starts], dequantised(operators[0]), warped[: first * starts])
+        nearest_columns(warped[: first * starts].reshape(first, several), targets, first, low, found)
     best = 0
     score = -2.0
     for start in range(starts):
@@ -144,4 +146,5 @@ def spline_search(
             for c in range(k):
                 for i in range(s):
                     matched[c, i] = targets[c, matches[i]]
-            nearest_columns(np.dot(matched[:k], operator), targets, k, low, matches)
+            product(matched[:k], operator, warped[:k])
+            nearest_columns(warped[:k], targets, k, low, matches)
