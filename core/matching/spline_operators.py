@@ -60,6 +60,14 @@ def compiled_spline_operators(points: Floats, first_dimensions: int, stiffness: 
 
 
 @compiled
+def _add_squares(column: Floats, squares: Floats) -> None:
+    """Add the squared differences of one coordinate of m points to those between all pairs, shape (m, m)."""
+    for i in range(len(column)):
+        for j in range(len(column)):
+            squares[i, j] += (column[i] - column[j]) ** 2
+
+
+@compiled
 def _solved(points: Floats, first: int, stiffness: float, found: Floats) -> bool:
     """Write the matrices, unless the points are flat."""
     m, k = points.shape
@@ -73,19 +81,18 @@ def _solved(points: Floats, first: int, stiffness: float, found: Floats) -> bool
     spread = np.linalg.eigvalsh(np.dot(affine.T, affine))
     if not spread[0] > FLAT * spread[-1]:
         return False
+    columns = np.ascontiguousarray(points.T)
     squares = np.zeros((m, m))
+    for c in range(k):
+        _add_squares(columns[c], squares)
     total = 0.0
     for i in range(m):
-        for j in range(m):
-            square = 0.0
-            for c in range(k):
-                square += (points[i, c] - points[j, c]) ** 2
-            total += math.sqrt(square)
+        for j in range(i):
+            total += 2.0 * math.sqrt(squares[i, j])
     beta = stiffness * total / (m * (m - 1))
+    squares[:] = 0.0
     for c in range(k):
-        for i in range(m):
-            for j in range(m):
-                squares[i, j] += (points[i, c] - points[j, c]) ** 2
+        _add_squares(columns[c], squares)
         if c + 1 < first:
             continue
         bordered = np.zeros((m + c + 2, m + c + 2))
