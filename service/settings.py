@@ -208,7 +208,7 @@ class Settings(BaseSettings):
         "shapes and name 32 tags and 32 metadata values.",
     )
     shortlist_from: PositiveInt = Field(
-        default=5_000,
+        default=2_000,
         description="With at least this many candidates, a query compares only a shortlist: the nearest "
         "candidates by signature and by view signature.",
     )
