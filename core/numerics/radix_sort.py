@@ -20,7 +20,7 @@ def _sort(keys: Keys, order: Int32s) -> Int32s:
     starts = np.empty(2048, dtype=np.int64)
     digit, low = np.uint64(11), np.uint64(2047)
     shift = np.uint64(0)
-    while largest > np.uint64(0):
+    while shift < np.uint64(64) and largest >> shift > np.uint64(0):
         starts[:] = 0
         for i in range(count):
             starts[(np.uint64(keys[i]) >> shift) & low] += 1
@@ -38,7 +38,6 @@ def _sort(keys: Keys, order: Int32s) -> Int32s:
         keys, other_keys = other_keys, keys
         order, other_order = other_order, order
         shift += digit
-        largest = np.uint64(largest >> digit)
     return order
 
 
