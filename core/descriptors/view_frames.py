@@ -14,7 +14,7 @@ import numpy as np
 from core.arrays import Floats, Ints
 from core.descriptors.plane_axes import directed
 from core.errors import DegenerateMeshError
-from core.mesh.face_normals import face_normals
+from core.numerics.compilation import compiled, constant
 
 FRAMES = 3
 """Number of frames: of the points, of the normals, and the rectilinear one."""
@@ -75,18 +75,13 @@ def normalised_surface(vertices: Floats, faces: Ints) -> NormalisedSurface:
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     extent = max(float((high - low).max()), float(np.finfo(np.float64).tiny))
     points = (vertices - 0.5 * (low + high)) / extent
-    normals, sums = np.empty(faces.shape), np.empty(faces.shape)
-    for some in _chunks(len(faces)):
-        corners = points[faces[some]]
-        normals[some] = face_normals(corners, unit=False)
-        sums[some] = _corner_sums(corners)
+    normals, middles = _normals_and_middles(constant(points), constant(faces))
     lengths = np.linalg.norm(normals, axis=1)
     if not lengths.sum() > 0.0:
         raise DegenerateMeshError("the surface has no area")
     areas = lengths / lengths.sum()
     normals /= np.maximum(lengths, np.finfo(np.float64).tiny)[:, None]
-    sums /= 3.0
-    points -= areas @ sums
+    points -= areas @ middles
     spread = _second_moments(points, faces, areas)
     scale = np.sqrt(np.trace(spread))
     tilt = (normals * areas[:, None]).T @ normals
@@ -107,6 +102,19 @@ def normalised_surface(vertices: Floats, faces: Ints) -> NormalisedSurface:
                 found = plane if abs(found[0] @ plane[0]) >= abs(found[0] @ plane[1]) else plane[::-1]
             frames[frame] = np.concatenate([axes[:i], found, axes[i + 2 :]])
     return NormalisedSurface(points, areas, normals, np.stack(frames))
+
+
+@compiled
+def _normals_and_middles(points: Floats, faces: Ints) -> tuple[Floats, Floats]:
+    """Normals as long as twice the areas of the faces, and means of their corners, shapes (f, 3)."""
+    normals, middles = np.empty(faces.shape), np.empty(faces.shape)
+    for f in range(len(faces)):
+        a, b, c = points[faces[f, 0]], points[faces[f, 1]], points[faces[f, 2]]
+        for i in range(3):
+            j, k = (i + 1) % 3, (i + 2) % 3
+            normals[f, i] = (b[j] - a[j]) * (c[k] - a[k]) - (b[k] - a[k]) * (c[j] - a[j])
+            middles[f, i] = (a[i] + b[i] + c[i]) / 3.0
+    return normals, middles
 
 
 def _along(axes: Floats, tensor: Floats) -> Floats:
