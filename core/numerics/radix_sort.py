@@ -25,9 +25,9 @@ def _sort(keys: Keys, order: Int32s) -> Int32s:
         for i in range(count):
             starts[(np.uint64(keys[i]) >> shift) & low] += 1
         total = 0
-        for d in range(2048):
-            here = starts[d]
-            starts[d] = total
+        for value in range(2048):
+            here = starts[value]
+            starts[value] = total
             total += here
         for i in range(count):
             d = (np.uint64(keys[i]) >> shift) & low
