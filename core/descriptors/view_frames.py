@@ -14,6 +14,7 @@ import numpy as np
 from core.arrays import Floats, Ints
 from core.descriptors.plane_axes import directed
 from core.errors import DegenerateMeshError
+from core.mesh.cleaning import bounds
 from core.numerics.compilation import compiled, constant
 
 FRAMES = 3
@@ -72,7 +73,7 @@ def normalised_surface(vertices: Floats, faces: Ints) -> NormalisedSurface:
     DegenerateMeshError
         The surface has no area.
     """
-    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    low, high = bounds(vertices)
     extent = max(float((high - low).max()), float(np.finfo(np.float64).tiny))
     points = (vertices - 0.5 * (low + high)) / extent
     normals, middles = _normals_and_middles(constant(points), constant(faces))

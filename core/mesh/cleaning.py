@@ -138,7 +138,7 @@ def merge_vertices(vertices: Floats) -> tuple[Ints, Ints]:
     DegenerateMeshError
         All vertices coincide, or a coordinate exceeds `FARTHEST`.
     """
-    low, high = _bounds(constant(vertices))
+    low, high = bounds(vertices)
     if max(-low.min(), high.max()) > FARTHEST:
         raise DegenerateMeshError(f"vertices lie too far apart to measure: a coordinate is over {FARTHEST:g}")
     diagonal = float(np.linalg.norm(high - low))
@@ -148,9 +148,13 @@ def merge_vertices(vertices: Floats) -> tuple[Ints, Ints]:
     return _groups(columns, lexical_order(*columns))
 
 
+def bounds(vertices: Floats) -> tuple[Floats, Floats]:
+    """The least and the largest coordinate along each axis, shapes (3,), of n >= 1 vertices, shape (n, 3)."""
+    return _bounds(constant(vertices))
+
+
 @compiled
 def _bounds(vertices: Floats) -> tuple[Floats, Floats]:
-    """The least and the largest coordinate along each axis, shapes (3,)."""
     low, high = vertices[0].copy(), vertices[0].copy()
     for v in range(len(vertices)):
         for axis in range(3):
@@ -245,7 +249,8 @@ def clean(mesh: Mesh) -> Cleaned:
         raise DegenerateMeshError("every face is a point or a line")
     areas = face_areas(vertices, faces)
     total = float(areas.sum())
-    extent = float(np.ptp(vertices, axis=0).max())
+    low, high = bounds(vertices)
+    extent = float((high - low).max())
     if total <= 1e-12 * extent * extent:
         raise DegenerateMeshError("the faces have no area")
     _, labels = component_labels(len(vertices), faces)
