@@ -1,7 +1,6 @@
 """The sparse spectral embedding of a mesh, step by step (section 3 of the paper)."""
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from core.arrays import Bytes
 from core.descriptors.completeness import INCOMPLETE
@@ -16,6 +15,7 @@ from core.graph.sample_distances import sample_distances
 from core.graph.sparse_graph import sparse_graph
 from core.mesh.cleaning import Cleaned, vertex_areas
 from core.mesh.mesh import Mesh
+from core.mesh.nearest_vertices import nearest_vertices
 from core.mesh.preparation import PreparedSurface, open_surface, prepared_surface
 from core.numerics.guarding import check_finite, guarded
 from core.parameters import Parameters
@@ -94,7 +94,7 @@ def embed(mesh: Mesh, parameters: Parameters) -> Embedding:
         fingerprint=parameters.fingerprint,
         facts=facts,
         positions=positions.astype(np.float32),
-        vertices=np.asarray(cKDTree(mesh.vertices).query(positions)[1]).astype(np.int32),
+        vertices=nearest_vertices(mesh.vertices, positions).astype(np.int32),
         graph_edges=sparse.edges.astype(np.int32),
         graph_lengths=sparse.lengths.astype(np.float32),
         tree_edges=sparse.edges[sparse.tree].astype(np.int32),

@@ -22,7 +22,7 @@ from core.descriptors.view_bytes import (
 from core.descriptors.view_frames import FRAMES, normalised_surface
 from core.numerics.compilation import compiled, constant
 from core.numerics.radix_sort import lexical_order
-from core.sampling.surface_samples import evenly_spread
+from core.sampling.surface_samples import evenly_spread_shares
 
 POINTS = 4 * ORIENTED_POINTS
 """Number of sample points."""
@@ -48,8 +48,10 @@ def view_descriptor(vertices: Floats, faces: Ints) -> Bytes:
         The surface has no area.
     """
     faces = np.sort(faces, axis=1)
-    surface = normalised_surface(vertices, faces[lexical_order(*faces.T)])
-    points, chosen = evenly_spread(surface.corners, surface.areas, POINTS)
+    faces = faces[lexical_order(*faces.T)]
+    surface = normalised_surface(vertices, faces)
+    shares, chosen = evenly_spread_shares(surface.areas, POINTS)
+    points = np.einsum("pc,pcx->px", shares, surface.points[faces[chosen]])
     normals = surface.normals[chosen]
     maps = np.stack([panoramas(points, normals, axes) for axes in surface.frames])
     step = POINTS // ORIENTED_POINTS

@@ -14,7 +14,8 @@ import numpy as np
 from core.arrays import Floats, Ints
 from core.descriptors.plane_axes import directed
 from core.errors import DegenerateMeshError
-from core.mesh.face_normals import face_normals
+from core.mesh.cleaning import bounds
+from core.numerics.compilation import compiled, constant
 
 FRAMES = 3
 """Number of frames: of the points, of the normals, and the rectilinear one."""
@@ -43,8 +44,8 @@ class NormalisedSurface:
 
     Attributes
     ----------
-    corners : float64, shape (f, 3, 3)
-        Corners of the faces.
+    points : float64, shape (n, 3)
+        The vertices.
     areas : float64, shape (f,)
         Areas of the faces, of sum 1.
     normals : float64, shape (f, 3)
@@ -53,7 +54,7 @@ class NormalisedSurface:
         Rows are the axes of a frame, orthonormal, of either sign, in order of falling extent.
     """
 
-    corners: Floats
+    points: Floats
     areas: Floats
     normals: Floats
     frames: Floats
@@ -72,36 +73,49 @@ def normalised_surface(vertices: Floats, faces: Ints) -> NormalisedSurface:
     DegenerateMeshError
         The surface has no area.
     """
-    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    low, high = bounds(vertices)
     extent = max(float((high - low).max()), float(np.finfo(np.float64).tiny))
-    corners = ((vertices - 0.5 * (low + high)) / extent)[faces]
-    normals = np.concatenate([face_normals(corners[some], unit=False) for some in _chunks(len(corners))])
+    points = (vertices - 0.5 * (low + high)) / extent
+    normals, middles = _normals_and_middles(constant(points), constant(faces))
     lengths = np.linalg.norm(normals, axis=1)
     if not lengths.sum() > 0.0:
         raise DegenerateMeshError("the surface has no area")
     areas = lengths / lengths.sum()
     normals /= np.maximum(lengths, np.finfo(np.float64).tiny)[:, None]
-    corners -= areas @ (_corner_sums(corners) / 3.0)
-    spread = _second_moments(corners, areas)
+    points -= areas @ middles
+    spread = _second_moments(points, faces, areas)
     scale = np.sqrt(np.trace(spread))
     tilt = (normals * areas[:, None]).T @ normals
-    corners /= scale
+    points /= scale
     spread /= scale**2
-    points = np.linalg.eigh(spread - TIE_BREAK * tilt)[1].T[::-1]
+    widest = np.linalg.eigh(spread - TIE_BREAK * tilt)[1].T[::-1]
     flattest = np.linalg.eigh(tilt - TIE_BREAK * spread)[1].T
-    square = _rectilinear(normals, areas, (points, flattest))
+    square = _rectilinear(normals, areas, (widest, flattest))
     square = square[np.argsort(-_along(square, spread), kind="stable")]
-    frames = [points, flattest, square]
+    frames = [widest, flattest, square]
     for frame, axes in enumerate(frames):
         ties = [all(_are_tied(axes[i : i + 2], tensor) for tensor in (spread, tilt)) for i in (0, 1)]
         if sum(ties) == 1:
             i = ties.index(True)
             plane = axes[i : i + 2]
-            found = directed(plane, corners, areas)
+            found = directed(plane, points[faces], areas)
             if frame == FRAMES - 1 and not _is_round(normals @ plane.T, areas):
                 found = plane if abs(found[0] @ plane[0]) >= abs(found[0] @ plane[1]) else plane[::-1]
             frames[frame] = np.concatenate([axes[:i], found, axes[i + 2 :]])
-    return NormalisedSurface(corners, areas, normals, np.stack(frames))
+    return NormalisedSurface(points, areas, normals, np.stack(frames))
+
+
+@compiled
+def _normals_and_middles(points: Floats, faces: Ints) -> tuple[Floats, Floats]:
+    """Normals as long as twice the areas of the faces, and means of their corners, shapes (f, 3)."""
+    normals, middles = np.empty(faces.shape), np.empty(faces.shape)
+    for f in range(len(faces)):
+        a, b, c = points[faces[f, 0]], points[faces[f, 1]], points[faces[f, 2]]
+        for i in range(3):
+            j, k = (i + 1) % 3, (i + 2) % 3
+            normals[f, i] = (b[j] - a[j]) * (c[k] - a[k]) - (b[k] - a[k]) * (c[j] - a[j])
+            middles[f, i] = (a[i] + b[i] + c[i]) / 3.0
+    return normals, middles
 
 
 def _along(axes: Floats, tensor: Floats) -> Floats:
@@ -125,13 +139,14 @@ def _chunks(count: int) -> list[slice]:
     return [slice(start, start + CHUNK) for start in range(0, count, CHUNK)]
 
 
-def _second_moments(corners: Floats, areas: Floats) -> Floats:
+def _second_moments(points: Floats, faces: Ints, areas: Floats) -> Floats:
     """Integral of x x^T over the surface, shape (3, 3): closed form over each triangle."""
     found = np.zeros((3, 3))
-    for some in _chunks(len(corners)):
-        sums = _corner_sums(corners[some])
-        weighted = (corners[some] * areas[some, None, None]).reshape(-1, 3)
-        found += weighted.T @ corners[some].reshape(-1, 3) + (sums * areas[some, None]).T @ sums
+    for some in _chunks(len(faces)):
+        corners = points[faces[some]]
+        sums = _corner_sums(corners)
+        weighted = (corners * areas[some, None, None]).reshape(-1, 3)
+        found += weighted.T @ corners.reshape(-1, 3) + (sums * areas[some, None]).T @ sums
     return found / 12.0
 
 

@@ -64,5 +64,16 @@ def read_triangles(document: Document, primitive: Entry, mode: int) -> tuple[Flo
         faces = np.column_stack([corners[:-2], corners[1:-1], corners[2:]])
         # Every second triangle of a strip has the opposite orientation.
         faces[1::2] = faces[1::2, ::-1]
-    used, faces = np.unique(faces, return_inverse=True)
-    return read_positions(document, positions, used), faces.reshape(-1, 3)
+    used, faces = _used(count, faces)
+    return read_positions(document, positions, used), faces
+
+
+def _used(count: int, faces: Ints) -> tuple[Ints, Ints]:
+    """Return the vertices, of `count`, that faces use, in ascending order, and the faces in their numbers."""
+    if count > faces.size:
+        # Many primitives may share one array: a pass over it for each would take unbounded time.
+        used, places = np.unique(faces, return_inverse=True)
+        return used, places.reshape(-1, 3)
+    mask = np.zeros(count, dtype=bool)
+    mask[faces] = True
+    return np.flatnonzero(mask), (np.cumsum(mask) - 1)[faces]

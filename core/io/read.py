@@ -28,7 +28,7 @@ _ARCHIVES = {
     b"7z\xbc\xaf": "7z",
 }
 # Faces whose area is taken at a time: the first block of a sound mesh answers.
-_BLOCK = 65_536
+_BLOCK = 4096
 
 
 def read_mesh(data: bytes, format: str, *, limits: Limits = DEFAULT_LIMITS) -> Mesh:

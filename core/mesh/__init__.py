@@ -12,6 +12,7 @@ __all__ = [
     "face_normals",
     "hole_filling",
     "mesh",
+    "nearest_vertices",
     "normal_frame",
     "ordering",
     "preparation",

@@ -138,19 +138,58 @@ def merge_vertices(vertices: Floats) -> tuple[Ints, Ints]:
     DegenerateMeshError
         All vertices coincide, or a coordinate exceeds `FARTHEST`.
     """
-    if float(np.abs(vertices).max()) > FARTHEST:
+    low, high = bounds(vertices)
+    if max(-low.min(), high.max()) > FARTHEST:
         raise DegenerateMeshError(f"vertices lie too far apart to measure: a coordinate is over {FARTHEST:g}")
-    low = vertices.min(axis=0)
-    diagonal = float(np.linalg.norm(vertices.max(axis=0) - low))
+    diagonal = float(np.linalg.norm(high - low))
     if diagonal < SMALLEST:
         raise DegenerateMeshError("all vertices are one point")
-    step = diagonal * MERGE_TOLERANCE
-    keys = np.rint((vertices - low) / step).astype(np.int64)
-    order = lexical_order(*keys.T)
-    new = starts_of(*keys[order].T)
-    group = np.empty(len(order), dtype=np.int64)
-    group[order] = np.cumsum(new) - 1
-    return order[new], group
+    columns = _rounded(constant(vertices), low, diagonal * MERGE_TOLERANCE)
+    return _groups(columns, lexical_order(*columns))
+
+
+def bounds(vertices: Floats) -> tuple[Floats, Floats]:
+    """The least and the largest coordinate along each axis, shapes (3,), of n >= 1 vertices, shape (n, 3)."""
+    return _bounds(constant(vertices))
+
+
+@compiled
+def _bounds(vertices: Floats) -> tuple[Floats, Floats]:
+    low, high = vertices[0].copy(), vertices[0].copy()
+    for v in range(len(vertices)):
+        for axis in range(3):
+            low[axis] = min(low[axis], vertices[v, axis])
+            high[axis] = max(high[axis], vertices[v, axis])
+    return low, high
+
+
+@compiled
+def _rounded(vertices: Floats, low: Floats, step: float) -> Ints:
+    """Coordinates from `low` on as whole numbers of steps, shape (3, n)."""
+    columns = np.empty((3, len(vertices)), dtype=np.int64)
+    for v in range(len(vertices)):
+        for axis in range(3):
+            columns[axis, v] = np.int64(np.rint((vertices[v, axis] - low[axis]) / step))
+    return columns
+
+
+@compiled
+def _groups(columns: Ints, order: Ints) -> tuple[Ints, Ints]:
+    """The first of each group of equal columns, shape (u,), and the group of each, shape (n,), in order."""
+    first, group = np.empty(len(order), dtype=np.int64), np.empty(len(order), dtype=np.int64)
+    count = 0
+    for place in range(len(order)):
+        here, before = order[place], order[max(place - 1, 0)]
+        if (
+            place == 0
+            or columns[0, here] != columns[0, before]
+            or columns[1, here] != columns[1, before]
+            or columns[2, here] != columns[2, before]
+        ):
+            first[count] = here
+            count += 1
+        group[here] = count - 1
+    return first[:count].copy(), group
 
 
 def _distinct_faces(faces: Ints) -> NDArray[np.bool_]:
@@ -210,7 +249,8 @@ def clean(mesh: Mesh) -> Cleaned:
         raise DegenerateMeshError("every face is a point or a line")
     areas = face_areas(vertices, faces)
     total = float(areas.sum())
-    extent = float(np.ptp(vertices, axis=0).max())
+    low, high = bounds(vertices)
+    extent = float((high - low).max())
     if total <= 1e-12 * extent * extent:
         raise DegenerateMeshError("the faces have no area")
     _, labels = component_labels(len(vertices), faces)

@@ -7,13 +7,9 @@ from core.mesh.denoising import roughness, taubin_smoothing
 from core.mesh.hole_filling import fill_holes
 from core.mesh.mesh import Mesh
 from core.mesh.normal_frame import NormalFrame, normal_frame
-from core.mesh.simplification import simplify
+from core.mesh.simplification import CONNECTED, simplify
 from core.mesh.subdivision import refine
 from core.parameters import MeshParameters
-
-CONNECTED = 1.5
-"""Least number of faces per vertex of a connected surface: a closed one has 2, a soup of triangles 1/3.
-Without common edges a collapse removes a triangle."""
 
 
 class PreparedSurface(NamedTuple):

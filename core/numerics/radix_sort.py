@@ -3,19 +3,19 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from core.arrays import Floats, Ints
+from core.arrays import Floats, Int32s, Ints
 from core.numerics.compilation import compiled
 
-Keys = NDArray[np.uint64]
+Keys = NDArray[np.uint64] | NDArray[np.uint32]
 
 
 @compiled
-def _sort(keys: Keys, order: Ints) -> Ints:
+def _sort(keys: Keys, order: Int32s) -> Int32s:
     """`order` sorted stably by `keys`, both of shape (n,)."""
     count = len(keys)
     largest = np.uint64(0)
     for i in range(count):
-        largest = max(largest, keys[i])
+        largest = max(largest, np.uint64(keys[i]))
     other_keys, other_order = np.empty_like(keys), np.empty_like(order)
     starts = np.empty(2048, dtype=np.int64)
     digit, low = np.uint64(11), np.uint64(2047)
@@ -23,14 +23,14 @@ def _sort(keys: Keys, order: Ints) -> Ints:
     while shift < np.uint64(64) and largest >> shift > np.uint64(0):
         starts[:] = 0
         for i in range(count):
-            starts[(keys[i] >> shift) & low] += 1
+            starts[(np.uint64(keys[i]) >> shift) & low] += 1
         total = 0
-        for d in range(2048):
-            here = starts[d]
-            starts[d] = total
+        for value in range(2048):
+            here = starts[value]
+            starts[value] = total
             total += here
         for i in range(count):
-            d = (keys[i] >> shift) & low
+            d = (np.uint64(keys[i]) >> shift) & low
             place = starts[d]
             starts[d] = place + 1
             other_keys[place] = keys[i]
@@ -42,7 +42,7 @@ def _sort(keys: Keys, order: Ints) -> Ints:
 
 
 def sortable(values: Ints | Floats) -> Keys:
-    """Unsigned keys that sort like the values, shape (n,).
+    """Unsigned keys that sort like the values, shape (n,), of 32 bits if they fit.
 
     Parameters
     ----------
@@ -53,6 +53,8 @@ def sortable(values: Ints | Floats) -> Keys:
         bits = (values + 0.0).view(np.uint64)
         sign = np.uint64(1) << np.uint64(63)
         return np.asarray(np.where(bits & sign, ~bits, bits | sign))
+    if values.max(initial=0) < 2**32:
+        return values.astype(np.uint32)
     return values.astype(np.uint64)
 
 
@@ -62,10 +64,10 @@ def lexical_order(*columns: Ints | Floats) -> Ints:
     Parameters
     ----------
     columns : int64 or float64, shape (n,)
-        Integers >= 0, or floats without NaN.
+        Integers >= 0, or floats without NaN; n < 2^31.
     """
-    order = np.arange(len(columns[0]))
+    order = np.arange(len(columns[0]), dtype=np.int32)
     for i, column in enumerate(reversed(columns)):
         keys = sortable(column)
         order = _sort(keys[order] if i else keys, order)
-    return order
+    return order.astype(np.int64)

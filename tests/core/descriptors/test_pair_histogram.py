@@ -20,7 +20,7 @@ from tests.core.shapes import blob, icosphere, rectangle
 
 def oriented_points(mesh):
     surface = normalised_surface(mesh.vertices, mesh.faces)
-    points, faces = evenly_spread(surface.corners, surface.areas, ORIENTED_POINTS)
+    points, faces = evenly_spread(surface.points[mesh.faces], surface.areas, ORIENTED_POINTS)
     return points, surface.normals[faces]
 
 

@@ -20,10 +20,10 @@ def test_a_surface_is_centred_and_scaled_and_its_frames_are_orthonormal():
     mesh = blob()
     surface = normalised_surface(50.0 * mesh.vertices + [7.0, -3.0, 1.0], mesh.faces)
     assert surface.areas.sum() == pytest.approx(1.0)
-    assert_allclose(surface.areas @ surface.corners.mean(axis=1), 0.0, atol=1e-12)
+    assert_allclose(surface.areas @ surface.points[mesh.faces].mean(axis=1), 0.0, atol=1e-12)
     halved = subdivided(subdivided(mesh))
     fine = normalised_surface(halved.vertices, halved.faces)
-    middles = fine.corners.mean(axis=1)
+    middles = fine.points[halved.faces].mean(axis=1)
     assert fine.areas @ (middles**2).sum(axis=1) == pytest.approx(1.0, rel=1e-3)
     assert surface.frames.shape == (FRAMES, 3, 3)
     for axes in surface.frames:
@@ -32,9 +32,9 @@ def test_a_surface_is_centred_and_scaled_and_its_frames_are_orthonormal():
 
 def test_the_scale_of_a_square_is_that_of_its_integral():
     sheet = rectangle(2.0, 2.0, 1, 1)
-    corners = normalised_surface(sheet.vertices, sheet.faces).corners
+    points = normalised_surface(sheet.vertices, sheet.faces).points
     # The mean of x^2 + y^2 over a square of side 2 is 2/3.
-    assert np.linalg.norm(corners, axis=2).max() == pytest.approx(np.sqrt(2.0 / (2.0 / 3.0)))
+    assert np.linalg.norm(points, axis=1).max() == pytest.approx(np.sqrt(2.0 / (2.0 / 3.0)))
 
 
 @pytest.mark.parametrize("make", [lambda: box(3, 2, 1), lambda: box(2, 2, 1), lambda: box(1, 1, 1)])
