@@ -8,11 +8,12 @@ from numpy.typing import NDArray
 from scipy.sparse import csc_array
 from scipy.sparse.linalg import splu
 
-from core.arrays import Floats
+from core.arrays import Floats, Ints
 from core.numerics.compilation import compiled
+from core.numerics.simd import SIMD_WIDTH, gather, scatter
 
 Indices = NDArray[np.uint32]
-"""Unsigned: numba checks signed indices for negative ones, which count from the end."""
+"""Of half the size of signed ones, for less memory that a solution reads."""
 
 
 class SymmetricFactor:
@@ -46,11 +47,11 @@ class SymmetricFactor:
         # The first entry of each column is the unit diagonal.
         below = np.ones(lower.nnz, dtype=bool)
         below[lower.indptr[:-1]] = False
-        self._starts = (lower.indptr - np.arange(len(lower.indptr))).astype(np.uint32)
+        self._starts = lower.indptr - np.arange(len(lower.indptr))
         self._rows = lower.indices[below].astype(np.uint32)
         self._values = lower.data[below]
         self._inverse = 1.0 / diagonal
-        self._order = factor.perm_c.astype(np.uint32)
+        self._order = factor.perm_c.astype(np.int64)
 
     def solve(self, right: Floats) -> Floats:
         """The solution x of A x = b, for b of shape (n,) or, a column each, (n, c).
@@ -63,43 +64,34 @@ class SymmetricFactor:
         if len(right) != len(self._inverse):
             raise ValueError(f"{len(right)} rows for a matrix of {len(self._inverse)}")
         columns = np.ascontiguousarray(np.atleast_2d(right.T))
-        solution = np.empty_like(columns)
+        solution = np.empty(columns.T.shape)
         _solve(self._starts, self._rows, self._values, self._inverse, self._order, columns, solution)
-        return solution.T.reshape(right.shape)
+        return solution.reshape(right.shape)
 
 
 @compiled
 def _solve(
-    starts: Indices,
+    starts: Ints,
     rows: Indices,
     values: Floats,
     inverse: Floats,
-    order: Indices,
+    order: Ints,
     right: Floats,
     solution: Floats,
 ) -> None:
-    """Fill `solution`, shape (c, n); four sums at a time, so that an addition need not wait for the last."""
-    count = len(inverse)
-    x = np.empty(count)
-    for c in range(len(right)):
-        for i in range(count):
-            x[order[i]] = right[c, i]
+    """Fill `solution`, shape (n, c), SIMD_WIDTH columns at a time; `right` has shape (c, n)."""
+    count, columns = len(inverse), len(right)
+    x = np.empty(SIMD_WIDTH * count)
+    for first in range(0, columns, SIMD_WIDTH):
+        width = min(SIMD_WIDTH, columns - first)
+        for c in range(SIMD_WIDTH):
+            column = right[first + min(c, width - 1)]
+            for i in range(count):
+                x[SIMD_WIDTH * order[i] + c] = column[i]
         for j in range(count):
-            known = x[j]
-            for e in range(starts[j], starts[j + 1]):
-                x[rows[e]] -= values[e] * known
+            scatter(x, rows, values, j, starts[j], starts[j + 1])
         for j in range(count - 1, -1, -1):
-            first, second, third, fourth = x[j] * inverse[j], 0.0, 0.0, 0.0
-            e, end = starts[j], starts[j + 1]
-            while e + 3 < end:
-                first -= values[e] * x[rows[e]]
-                second -= values[e + 1] * x[rows[e + 1]]
-                third -= values[e + 2] * x[rows[e + 2]]
-                fourth -= values[e + 3] * x[rows[e + 3]]
-                e += 4
-            while e < end:
-                first -= values[e] * x[rows[e]]
-                e += 1
-            x[j] = (first + second) + (third + fourth)
+            gather(x, rows, values, j, starts[j], starts[j + 1], inverse[j])
         for i in range(count):
-            solution[c, i] = x[order[i]]
+            for c in range(width):
+                solution[i, first + c] = x[SIMD_WIDTH * order[i] + c]

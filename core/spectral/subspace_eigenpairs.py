@@ -47,7 +47,7 @@ def _by_subspace(stiffness: csc_array, areas: Floats, count: int) -> tuple[Float
     size = len(areas)
     root = np.sqrt(areas)
     scaled = csc_array(diags_array(1.0 / root) @ stiffness @ diags_array(1.0 / root))
-    # The shift of `laplace_beltrami` makes the matrix positive definite.
+    # A small shift makes the matrix positive definite.
     shift = 0.01 / float(areas.sum())
     factor = SymmetricFactor(csc_array(scaled + shift * diags_array(np.ones(size))))
     bumps = csr_array(diags_array(root) @ _bumps(stiffness, areas))

@@ -30,7 +30,7 @@ MATRICES = {
 }
 
 
-@pytest.mark.parametrize("columns", [None, 1, 3])
+@pytest.mark.parametrize("columns", [None, 1, 3, 9])
 @pytest.mark.parametrize("kind", MATRICES)
 def test_the_solution_is_scipys(kind, columns):
     matrix = MATRICES[kind]()
