@@ -47,7 +47,7 @@ INDEFINITE = {"zeros": np.zeros((3, 3)), "exchange": np.eye(2)[::-1], "negative"
 
 @pytest.mark.parametrize("kind", INDEFINITE)
 def test_a_matrix_that_is_not_positive_definite_is_refused(kind):
-    with pytest.raises(RuntimeError, match=r"singular|not positive definite"):
+    with pytest.raises(RuntimeError, match="not positive definite"):
         SymmetricFactor(csc_array(INDEFINITE[kind]))
 
 
