@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.linalg import LinAlgError
 from scipy.linalg import eigh
-from scipy.sparse import coo_array, csc_array, diags_array
+from scipy.sparse import coo_array, csc_array
 
 from core.arrays import Floats, Ints
 from core.graph.bridges import component_bridges
@@ -79,29 +79,47 @@ def laplace_beltrami(mesh: Mesh, count: int, bridges: Ints | None = None) -> tup
         Eigenfunctions at the vertices; the sum of area * phi^2 is 1.
     """
     stiffness, areas = laplacian(mesh, bridges)
-    root = 1.0 / np.sqrt(areas)
-    scaled = csc_array(diags_array(root) @ stiffness @ diags_array(root))
     if len(areas) < max(DENSE_BELOW, 4 * count):
-        values, vectors = _dense(scaled, count)
+        values, vectors = _dense(stiffness, areas, count)
     else:
         try:
-            values, vectors = _sparse(scaled, areas, count)
+            values, vectors = _sparse(stiffness, areas, count)
         except LinAlgError:
             if len(areas) > DENSE_UP_TO:
                 raise
-            values, vectors = _dense(scaled, count)
-    return np.maximum(values, 0.0), root[:, None] * vectors
+            values, vectors = _dense(stiffness, areas, count)
+    return np.maximum(values, 0.0), vectors / np.sqrt(areas)[:, None]
 
 
-def _dense(matrix: csc_array, count: int) -> tuple[Floats, Floats]:
-    """Eigenpairs of the scaled stiffness matrix, without the constant one, by the dense solver."""
-    values, vectors = eigh(matrix.toarray(), subset_by_index=(0, count), check_finite=False)
+def scaled(stiffness: csc_array, areas: Floats, shift: float = 0.0) -> csc_array:
+    """The symmetric matrix M^-1/2 L M^-1/2 + shift, whose eigenvectors are M^1/2 phi.
+
+    Parameters
+    ----------
+    stiffness : csc_array, shape (n, n)
+        L, with an entry for each vertex on the diagonal, as from `laplacian`.
+    areas : float64, shape (n,)
+        The diagonal of M.
+    shift : float
+        Added to the eigenvalues.
+    """
+    root = 1.0 / np.sqrt(areas)
+    rows, columns = stiffness.indices, np.repeat(np.arange(len(areas)), np.diff(stiffness.indptr))
+    values = stiffness.data * (root[rows] * root[columns])
+    values[rows == columns] += shift
+    return csc_array((values, rows, stiffness.indptr), shape=stiffness.shape)
+
+
+def _dense(stiffness: csc_array, areas: Floats, count: int) -> tuple[Floats, Floats]:
+    """Eigenpairs of the scaled matrix, without the constant function, by the dense solver."""
+    matrix = scaled(stiffness, areas).toarray()
+    values, vectors = eigh(matrix, subset_by_index=(0, count), check_finite=False)
     return values[1:], vectors[:, 1:]
 
 
-def _sparse(matrix: csc_array, areas: Floats, count: int) -> tuple[Floats, Floats]:
+def _sparse(stiffness: csc_array, areas: Floats, count: int) -> tuple[Floats, Floats]:
     """As `_dense`, by `core.spectral.lanczos`."""
     area = float(areas.sum())
-    factor = SymmetricFactor(csc_array(matrix + SHIFT / area * diags_array(np.ones(len(areas)))))
+    factor = SymmetricFactor(scaled(stiffness, areas, SHIFT / area))
     values, vectors = least_eigenpairs(factor, np.sqrt(areas / area), count)
     return values - SHIFT / area, vectors
