@@ -128,6 +128,7 @@ def evenly_spread_shares(areas: Floats, count: int) -> tuple[Floats, Ints]:
     total = np.cumsum(areas)
     wanted = (order + 0.5) / count * total[-1]
     faces = np.minimum(np.searchsorted(total, wanted), len(areas) - 1)
-    u, v = (np.mod(0.5 + order * step, 1.0) for step in R2_STEPS)
+    steps = (0.5 + order * step for step in R2_STEPS)
+    u, v = (some - np.floor(some) for some in steps)
     root = np.sqrt(u)
     return np.stack([1.0 - root, root * (1.0 - v), root * v], axis=1), faces
