@@ -3,7 +3,7 @@
 import numpy as np
 
 from core.arrays import Floats, Ints
-from core.mesh.edges import half_edges
+from core.mesh.edges import edge_lengths, half_edges
 from core.mesh.face_normals import face_normals
 from core.mesh.mesh import Mesh
 from core.numerics.compilation import compiled, constant
@@ -63,8 +63,8 @@ def roughness(mesh: Mesh) -> float:
     links = half_edges(mesh.faces).edges
     once = neighbour_means(links, mesh.vertices) - mesh.vertices
     twice = neighbour_means(links, once) - once
-    edges = mesh.vertices[mesh.faces] - mesh.vertices[np.roll(mesh.faces, 1, axis=1)]
-    length = float(np.linalg.norm(edges, axis=2).mean())
+    sides = np.stack([mesh.faces.ravel(), np.roll(mesh.faces, 1, axis=1).ravel()], axis=1)
+    length = float(edge_lengths(mesh.vertices, sides).mean())
     return float(np.median(np.abs((twice * vertex_normals(mesh)).sum(axis=1)))) / length
 
 

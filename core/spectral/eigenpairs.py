@@ -109,7 +109,7 @@ def oriented(values: Floats, vectors: Floats, count: int) -> Floats:
     for shared in np.split(np.arange(len(values)), np.flatnonzero(far) + 1):
         if shared[0] >= count:
             break
-        cubes = vectors[:, shared] ** 3
+        cubes = vectors[:, shared] * vectors[:, shared] * vectors[:, shared]
         if len(shared) == 1 and abs(cubes.sum()) > EQUAL_VALUES * np.abs(cubes).sum():
             result[:, shared] *= np.sign(cubes.sum())
             continue
