@@ -9,6 +9,7 @@ from core.arrays import Floats, Ints
 from core.mesh.cleaning import clean, face_areas
 from core.mesh.mesh import Mesh
 from core.mesh.normal_frame import normal_frame
+from core.numerics.compilation import compiled, constant
 from core.sampling.closest_on_triangles import closest_on_triangles
 
 POINTS, MOST, REPRESENTATIVES, NEIGHBOURS = 4000, 40_000, 500, 8
@@ -111,7 +112,17 @@ def evenly_spread(corners: Floats, areas: Floats, count: int) -> tuple[Floats, I
         Number of points.
     """
     shares, faces = evenly_spread_shares(areas, count)
-    return np.einsum("pc,pcx->px", shares, corners[faces]), faces
+    return _weighted_corners(constant(shares), constant(corners), constant(faces)), faces
+
+
+@compiled
+def _weighted_corners(shares: Floats, corners: Floats, faces: Ints) -> Floats:
+    points = np.zeros((len(faces), 3))
+    for p in range(len(faces)):
+        for corner in range(3):
+            for axis in range(3):
+                points[p, axis] += shares[p, corner] * corners[faces[p], corner, axis]
+    return points
 
 
 def evenly_spread_shares(areas: Floats, count: int) -> tuple[Floats, Ints]:

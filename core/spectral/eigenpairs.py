@@ -75,7 +75,8 @@ def sampled_eigenpairs(affinity: Floats, areas: Floats, count: int) -> tuple[Flo
     weighted = affinity * np.sqrt(areas)
     squares, right = np.linalg.eigh(weighted.T @ weighted)
     if squares[-count] > LEAST_SQUARE * squares[-1]:
-        left = weighted @ right[:, ::-1]
+        # As many again, in case the last ones are equal to later ones.
+        left = weighted @ right[:, : -2 * count - 1 : -1]
         values = np.linalg.norm(left, axis=0)
         left /= np.maximum(values, np.finfo(np.float64).tiny)
     else:

@@ -136,7 +136,7 @@ def _orthonormal_block(vectors: Floats, gram: Floats, basis: Floats) -> tuple[Fl
 def _orthonormal(vectors: Floats, basis: Floats) -> tuple[Floats, Floats]:
     """As `_orthonormal_block`, for any vectors."""
     lengths = np.eye(vectors.shape[1])
-    for _ in range(3):
+    for _ in range(2):
         vectors, changed = np.linalg.qr(vectors - basis.T @ (basis @ vectors))
         lengths = changed @ lengths
     return vectors.T, lengths
