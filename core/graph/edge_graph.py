@@ -135,7 +135,7 @@ def edge_graph(mesh: Mesh, bridges: Ints | None = None, *, unfold: bool = True) 
         Symmetric and connected, with positive lengths.
     """
     count = len(mesh.vertices)
-    sides = half_edges(mesh.faces)
+    sides = mesh.sides
     edges = np.concatenate([sides.edges, component_bridges(mesh) if bridges is None else bridges])
     lengths = edge_lengths(mesh.vertices, edges)
     if unfold:

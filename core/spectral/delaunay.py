@@ -9,7 +9,8 @@ import math
 import numpy as np
 
 from core.arrays import Floats, Ints
-from core.mesh.edges import HalfEdges, edge_lengths, half_edges
+from core.mesh.edges import HalfEdges, edge_lengths
+from core.mesh.mesh import Mesh
 from core.numerics.compilation import compiled
 from core.spectral.tufted_cover import tufted_cover
 
@@ -138,7 +139,7 @@ def _weights(tails: Ints, lengths: Floats, weights: Floats, areas: Floats) -> No
             areas[tails[f + i]] += area / 3.0
 
 
-def intrinsic_delaunay(vertices: Floats, faces: Ints) -> tuple[Ints, Ints, Floats, Floats]:
+def intrinsic_delaunay(mesh: Mesh) -> tuple[Ints, Ints, Floats, Floats]:
     """Cotangent weights of the intrinsic Delaunay triangulation of a surface.
 
     A surface that is not closed and oriented is covered twice (`core.spectral.tufted_cover`), and its weights
@@ -146,8 +147,8 @@ def intrinsic_delaunay(vertices: Floats, faces: Ints) -> tuple[Ints, Ints, Float
 
     Parameters
     ----------
-    vertices : float64, shape (n, 3)
-    faces : int64, shape (f, 3)
+    mesh : Mesh
+        Of n vertices and f faces.
 
     Returns
     -------
@@ -158,10 +159,10 @@ def intrinsic_delaunay(vertices: Floats, faces: Ints) -> tuple[Ints, Ints, Float
     areas : float64, shape (n,)
         A third of the area of the triangles at each vertex.
     """
-    sides = half_edges(faces)
-    twin, sheets = twins(faces, sides), 1
+    vertices, faces = mesh.vertices, mesh.faces
+    twin, sheets = twins(faces, mesh.sides), 1
     if twin is None:
-        (faces, twin), sheets = tufted_cover(vertices, faces, sides), 2
+        (faces, twin), sheets = tufted_cover(vertices, faces, mesh.sides), 2
     tails = faces.ravel().copy()
     edges = np.stack([tails, faces[:, [1, 2, 0]].ravel()], axis=1)
     lengths = mollified_lengths(edge_lengths(vertices, edges).reshape(-1, 3)).ravel()

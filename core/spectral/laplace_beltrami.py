@@ -46,7 +46,7 @@ def laplacian(mesh: Mesh, bridges: Ints | None = None) -> tuple[csc_array, Float
     float64, shape (n,)
         Area of each vertex, > 0.
     """
-    start, end, weights, areas = intrinsic_delaunay(mesh.vertices, mesh.faces)
+    start, end, weights, areas = intrinsic_delaunay(mesh)
     pairs = component_bridges(mesh) if bridges is None else bridges
     start, end = np.concatenate([start, pairs[:, 0]]), np.concatenate([end, pairs[:, 1]])
     weights = np.concatenate([weights, np.ones(len(pairs))])
