@@ -1,6 +1,7 @@
 """Surface samples for registration: evenly spread points, and closest points on the surface."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -135,11 +136,16 @@ def evenly_spread_shares(areas: Floats, count: int) -> tuple[Floats, Ints]:
     count : int
         Number of points.
     """
-    order = np.arange(count)
     total = np.cumsum(areas)
-    wanted = (order + 0.5) / count * total[-1]
-    faces = np.minimum(np.searchsorted(total, wanted), len(areas) - 1)
+    wanted = (np.arange(count) + 0.5) / count * total[-1]
+    return _r2_shares(count), np.minimum(np.searchsorted(total, wanted), len(areas) - 1)
+
+
+@lru_cache(maxsize=4)
+def _r2_shares(count: int) -> Floats:
+    """Barycentric coordinates of the R2 sequence, shape (count, 3)."""
+    order = np.arange(count)
     steps = (0.5 + order * step for step in R2_STEPS)
     u, v = (some - np.floor(some) for some in steps)
     root = np.sqrt(u)
-    return np.stack([1.0 - root, root * (1.0 - v), root * v], axis=1), faces
+    return constant(np.stack([1.0 - root, root * (1.0 - v), root * v], axis=1))
