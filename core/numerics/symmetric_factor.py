@@ -7,15 +7,10 @@ S. Boyd, "OSQP: an operator splitting solver for quadratic programs", Mathematic
 
 import numpy as np
 import qdldl
-from numpy.typing import NDArray
 from scipy.sparse import csc_array, csc_matrix
 
-from core.arrays import Floats, Ints
-from core.numerics.compilation import compiled
-from core.numerics.simd import SIMD_WIDTH, gather, scatter
-
-Indices = NDArray[np.uint32]
-"""Of half the size of signed ones, for less memory that a solution reads."""
+from core.arrays import Floats
+from core.numerics.triangular_solve import solve
 
 
 class SymmetricFactor:
@@ -62,36 +57,5 @@ class SymmetricFactor:
             raise ValueError(f"{len(right)} rows for a matrix of {len(self._inverse)}")
         columns = np.ascontiguousarray(np.atleast_2d(right.T))
         solution = np.empty(columns.T.shape)
-        _solve(self._starts, self._rows, self._values, self._inverse, self._place, columns, solution)
+        solve(self._starts, self._rows, self._values, self._inverse, self._place, columns, solution)
         return solution.reshape(right.shape)
-
-
-@compiled
-def _solve(
-    starts: Ints,
-    rows: Indices,
-    values: Floats,
-    inverse: Floats,
-    place: Ints,
-    right: Floats,
-    solution: Floats,
-) -> None:
-    """Fill `solution`, shape (n, c), SIMD_WIDTH columns at a time.
-
-    `right` has shape (c, n). Row i of the matrix is row `place[i]` of the factors.
-    """
-    count, columns = len(inverse), len(right)
-    x = np.empty(SIMD_WIDTH * count)
-    for first in range(0, columns, SIMD_WIDTH):
-        width = min(SIMD_WIDTH, columns - first)
-        for c in range(SIMD_WIDTH):
-            column = right[first + min(c, width - 1)]
-            for i in range(count):
-                x[SIMD_WIDTH * place[i] + c] = column[i]
-        for j in range(count):
-            scatter(x, rows, values, j, starts[j], starts[j + 1])
-        for j in range(count - 1, -1, -1):
-            gather(x, rows, values, j, starts[j], starts[j + 1], inverse[j])
-        for i in range(count):
-            for c in range(width):
-                solution[i, first + c] = x[SIMD_WIDTH * place[i] + c]

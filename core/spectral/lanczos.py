@@ -59,7 +59,7 @@ def least_eigenpairs(factor: SymmetricFactor, known: Floats, count: int) -> tupl
     Raises
     ------
     LinAlgError
-        The eigenvalues do not converge in `room` basis vectors, or in n.
+        The eigenvalues do not converge: n may be too small for their copies.
     """
     block = BLOCK
     while True:
