@@ -4,7 +4,6 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from core.arrays import Floats, Ints
-from core.mesh.edges import half_edges
 from core.mesh.mesh import Mesh
 
 _LEAST = 1e-3
@@ -13,7 +12,7 @@ _LEAST = 1e-3
 
 def neighbourhoods(mesh: Mesh) -> csr_array:
     """Which vertices are at most two edges apart, shape (n, n), 1 where they are; none is next to itself."""
-    edges = half_edges(mesh.faces).edges
+    edges = mesh.sides.edges
     count = len(mesh.vertices)
     one = csr_array((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(count, count))
     one = one + one.T

@@ -21,6 +21,9 @@ rounding does not move a flat surface in such a plane from one cell to the next.
 HALF_HEIGHT = 1.8
 """Half the height of the cylinder, in root mean square radii. The last cell holds all points beyond."""
 
+_BORDERS = np.tan(np.arange(1, AZIMUTHS // 4, 2) * (np.pi / AZIMUTHS))
+"""Slopes of the borders between cells, in an eighth of the circle."""
+
 CHANNELS = 2
 """Panoramas about one axis: the radius of the outermost point; the magnitude of the cosine between its normal
 and the radius."""
@@ -85,6 +88,18 @@ def _waves() -> tuple[Floats, Floats]:
 
 
 @compiled
+def _azimuth(x: float, y: float) -> int:
+    """The cell of the direction (x, y), without its angle: cell 0 has the direction (1, 0) in its middle."""
+    low, high = min(abs(x), abs(y)), max(abs(x), abs(y))
+    cell = 0
+    for border in _BORDERS:
+        cell += low > border * high
+    cell = cell if abs(y) <= abs(x) else AZIMUTHS // 4 - cell
+    cell = cell if x >= 0.0 else AZIMUTHS // 2 - cell
+    return cell if y >= 0.0 or cell == 0 else AZIMUTHS - cell
+
+
+@compiled
 def _panoramas(points: Floats, normals: Floats) -> Floats:
     maps = np.zeros((3, CHANNELS, AZIMUTHS, HEIGHTS))
     for axis in range(3):
@@ -92,7 +107,7 @@ def _panoramas(points: Floats, normals: Floats) -> Floats:
         for p in range(len(points)):
             x, y = points[p, east], points[p, north]
             radius = np.sqrt(x * x + y * y)
-            i = int(np.arctan2(y, x) * (0.5 * AZIMUTHS / np.pi) + (AZIMUTHS + 0.5)) % AZIMUTHS
+            i = _azimuth(x, y)
             row = int((points[p, axis] / HALF_HEIGHT + 1.0) * (0.5 * HEIGHTS))
             j = min(max(row, 0), HEIGHTS - 1)
             if radius > maps[axis, 0, i, j]:

@@ -22,7 +22,6 @@ from core.descriptors.spin_images import (
 )
 from core.mesh.boundary import boundary_edges
 from core.mesh.cleaning import face_areas
-from core.mesh.edges import half_edges
 from core.mesh.mesh import Mesh
 
 MISSING_SHARES = (0.0, 0.15, 0.3, 0.5, 0.7)
@@ -77,7 +76,7 @@ def _boundary_points(surface: Mesh) -> Floats:
 
     The edges of a needle are long beside the root of its area; `MOST_BOUNDARY_POINTS` bounds their number.
     """
-    start, end = (surface.vertices[ends] for ends in boundary_edges(half_edges(surface.faces)).T)
+    start, end = (surface.vertices[ends] for ends in boundary_edges(surface.sides).T)
     area = face_areas(surface.vertices, surface.faces).sum()
     lengths = np.linalg.norm(end - start, axis=1)
     step = max(

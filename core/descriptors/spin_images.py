@@ -183,9 +183,9 @@ def _histograms(points: Floats, keypoints: Ints, normals: Floats, radii: Floats)
         found, above = 0, 0.0
         for p in range(len(points)):
             near[found] = p
-            if squares[p] < largest:
-                found += 1
-                above += heights[p]
+            inside = squares[p] < largest
+            found += inside
+            above += heights[p] * inside
         outwards = -1.0 if above > 0.0 else 1.0
         for i in range(found):
             square, height = squares[near[i]], outwards * heights[near[i]]

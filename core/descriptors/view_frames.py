@@ -171,32 +171,32 @@ def _rectilinear(normals: Floats, areas: Floats, starts: tuple[Floats, ...]) -> 
         for _ in range(SWEEPS):
             if max(_turn(axes, i, j, moments) for i, j in ((0, 1), (1, 2), (2, 0))) < TURNED:
                 break
-        pairs_of_axes = (_pairs(axis, axis) for axis in axes)
-        value = sum(float(pairs @ moments @ pairs) for pairs in pairs_of_axes)
+        value = sum(_integral(moments, axis, axis, axis, axis) for axis in axes)
         if value > best + TURNED:
             best, found = value, axes
     return found
 
 
+@compiled
+def _integral(moments: Floats, a: Floats, b: Floats, c: Floats, d: Floats) -> float:
+    """The integral of (n . a) (n . b) (n . c) (n . d), from the moments of n n^T, shape (9, 9)."""
+    total = 0.0
+    for i in range(9):
+        for j in range(9):
+            total += moments[i, j] * (a[i // 3] * b[i % 3]) * (c[j // 3] * d[j % 3])
+    return total
+
+
+@compiled
 def _turn(axes: Floats, i: int, j: int, moments: Floats) -> float:
     """Turn two axes in their plane, in place, to the best angle, which is returned."""
     one, other = axes[i].copy(), axes[j].copy()
-    ones, others = _pairs(one, one), _pairs(other, other)
-    of_ones, of_others = ones @ moments, others @ moments
-    even = float(of_ones @ ones) + float(of_others @ others)
-    even -= 6.0 * float(of_ones @ others)
-    odd = 4.0 * (float(of_ones @ _pairs(one, other)) - float(of_others @ _pairs(other, one)))
-    if np.hypot(even, odd) < FLAT:
+    even = _integral(moments, one, one, one, one) + _integral(moments, other, other, other, other)
+    even -= 6.0 * _integral(moments, one, one, other, other)
+    odd = _integral(moments, one, one, one, other) - _integral(moments, other, other, other, one)
+    if np.hypot(even, 4.0 * odd) < FLAT:
         return 0.0
-    angle = 0.25 * float(np.arctan2(odd, even))
+    angle = 0.25 * np.arctan2(4.0 * odd, even)
     axes[i] = np.cos(angle) * one + np.sin(angle) * other
     axes[j] = np.cos(angle) * other - np.sin(angle) * one
-    return abs(angle)
-
-
-def _pairs(a: Floats, b: Floats) -> Floats:
-    """The products a_i b_j, shape (9,).
-
-    Two of these and the moments, shape (9, 9), of n n^T give the integral of (n . a) (n . b) (n . c) (n . d).
-    """
-    return np.asarray((a[:, None] * b).ravel())
+    return float(abs(angle))

@@ -8,6 +8,7 @@ from core.graph.bridges import component_bridges
 from core.mesh.edges import HalfEdges, edge_lengths, edge_order, half_edges, starts_of
 from core.mesh.mesh import Mesh
 from core.mesh.ordering import TIE
+from core.numerics.compilation import compiled, constant
 
 MOST_FACES = 6
 """Edges with more faces than this get no diagonals."""
@@ -34,28 +35,67 @@ def diagonals(vertices: Floats, faces: Ints, sides: HalfEdges | None = None) -> 
     lengths : float64, shape (d,)
     """
     sides = sides or half_edges(faces)
-    opposite = faces[:, [2, 0, 1]].ravel()[sides.order]
-    low, high = sides.low, sides.high
-    edge_of = np.repeat(np.arange(len(sides.first)), sides.face_counts)
-    few = (sides.face_counts <= MOST_FACES)[edge_of]
-    pairs = [np.flatnonzero((edge_of[i:] == edge_of[:-i]) & few[i:]) for i in range(1, MOST_FACES)]
-    start = np.concatenate(pairs)
-    end = np.concatenate([first + i for i, first in enumerate(pairs, start=1)])
-    a, b = vertices[low[start]], vertices[high[start]]
-    p, q = opposite[start], opposite[end]
-    axis = b - a
-    edge = np.linalg.norm(axis, axis=1)
-    axis = axis / np.where(edge > 0.0, edge, 1.0)[:, None]
-    to_p, to_q = vertices[p] - a, vertices[q] - a
-    along_p, along_q = np.einsum("ni,ni->n", to_p, axis), np.einsum("ni,ni->n", to_q, axis)
-    up_p = np.sqrt(np.maximum(np.einsum("ni,ni->n", to_p, to_p) - along_p**2, 0.0))
-    up_q = np.sqrt(np.maximum(np.einsum("ni,ni->n", to_q, to_q) - along_q**2, 0.0))
-    height = up_p + up_q
-    crossing = (along_p * up_q + along_q * up_p) / np.where(height > 0.0, height, 1.0)
-    inside = (crossing > TIE * edge) & (crossing < (1.0 - TIE) * edge)
-    valid = (height > 0.0) & inside & (p != q)
-    lengths = np.hypot(along_p - along_q, height)
-    return np.stack([p[valid], q[valid]], axis=1), lengths[valid]
+    few = np.minimum(sides.face_counts, MOST_FACES + 1)
+    most = int((few * (few - 1) // 2).sum())
+    ends, lengths = np.empty((most, 2), dtype=np.int64), np.empty(most)
+    found = _diagonals(
+        constant(vertices),
+        constant(faces[:, [2, 0, 1]].ravel()[sides.order]),
+        constant(sides.edges),
+        constant(sides.first),
+        constant(sides.face_counts),
+        ends,
+        lengths,
+    )
+    return ends[:found], lengths[:found]
+
+
+@compiled
+def _diagonals(
+    vertices: Floats,
+    opposite: Ints,
+    edges: Ints,
+    first: Ints,
+    face_counts: Ints,
+    ends: Ints,
+    lengths: Floats,
+) -> int:
+    """Fill the ends and lengths of the diagonals across each edge; return their number.
+
+    `opposite`, shape (3 f,), has the opposite corners of the faces at each edge, edge after edge.
+    """
+    found = 0
+    axis, along, up = np.empty(3), np.empty(MOST_FACES), np.empty(MOST_FACES)
+    for e in range(len(edges)):
+        count, start = face_counts[e], first[e]
+        if count < 2 or count > MOST_FACES:
+            continue
+        a, b = edges[e, 0], edges[e, 1]
+        square = 0.0
+        for i in range(3):
+            axis[i] = vertices[b, i] - vertices[a, i]
+            square += axis[i] * axis[i]
+        edge = np.sqrt(square)
+        if edge > 0.0:
+            axis /= edge
+        for k in range(count):
+            along[k], square = 0.0, 0.0
+            for i in range(3):
+                gap = vertices[opposite[start + k], i] - vertices[a, i]
+                along[k] += gap * axis[i]
+                square += gap * gap
+            up[k] = np.sqrt(max(square - along[k] * along[k], 0.0))
+        for k in range(count):
+            for j in range(k):
+                height = up[k] + up[j]
+                if opposite[start + k] == opposite[start + j] or not height > 0.0:
+                    continue
+                crossing = (along[k] * up[j] + along[j] * up[k]) / height
+                if TIE * edge < crossing < (1.0 - TIE) * edge:
+                    ends[found, 0], ends[found, 1] = opposite[start + j], opposite[start + k]
+                    lengths[found] = np.hypot(along[k] - along[j], height)
+                    found += 1
+    return found
 
 
 def symmetric(edges: Ints, lengths: Floats, count: int) -> csr_array:
@@ -95,7 +135,7 @@ def edge_graph(mesh: Mesh, bridges: Ints | None = None, *, unfold: bool = True) 
         Symmetric and connected, with positive lengths.
     """
     count = len(mesh.vertices)
-    sides = half_edges(mesh.faces)
+    sides = mesh.sides
     edges = np.concatenate([sides.edges, component_bridges(mesh) if bridges is None else bridges])
     lengths = edge_lengths(mesh.vertices, edges)
     if unfold:

@@ -1,14 +1,13 @@
 """Cleaning: merges coincident vertices, drops degenerate faces and negligible components."""
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from core.arrays import Floats, Ints
 from core.errors import DegenerateMeshError
-from core.mesh.edges import HalfEdges, component_labels, half_edges, starts_of
+from core.mesh.edges import component_labels, starts_of
 from core.mesh.mesh import Mesh
 from core.mesh.ordering import canonical_order
 from core.numerics.compilation import compiled, constant
@@ -51,11 +50,6 @@ class Cleaned:
     components: int
     merged_vertices: int
     dropped_faces: int
-
-    @cached_property
-    def sides(self) -> HalfEdges:
-        """The half-edges of the mesh's faces, sorted by edge."""
-        return half_edges(self.mesh.faces)
 
 
 def vertex_areas(vertices: Floats, faces: Ints) -> Floats:

@@ -10,11 +10,10 @@ import numpy as np
 
 from core.mesh.boundary import boundary_half_edges, boundary_loops
 from core.mesh.cleaning import component_areas
-from core.mesh.edges import HalfEdges, half_edges
 from core.mesh.mesh import Mesh
 
 
-def fill_holes(mesh: Mesh, most: float, sides: HalfEdges | None = None) -> Mesh:
+def fill_holes(mesh: Mesh, most: float) -> Mesh:
     """The mesh with its holes closed: each loop gets a centre vertex, and a face from each edge to it.
 
     A boundary loop is a simple closed chain of edges that have one face each. A loop of length l bounds a
@@ -26,15 +25,13 @@ def fill_holes(mesh: Mesh, most: float, sides: HalfEdges | None = None) -> Mesh:
         Its coincident vertices are merged.
     most : float
         A loop is closed if its disc is at most this share of the area of its connected component; >= 0.
-    sides : HalfEdges, optional
-        The half-edges of the faces, if they are known.
 
     Returns
     -------
     Mesh
         The given mesh if no loop is closed; else a mesh with the new vertices and faces at the end.
     """
-    edges = boundary_half_edges(mesh.faces, half_edges(mesh.faces) if sides is None else sides)
+    edges = boundary_half_edges(mesh.faces, mesh.sides)
     loops = boundary_loops(edges, len(mesh.vertices))
     on = loops >= 0
     if not on.any():

@@ -1,11 +1,16 @@
 """The triangle mesh, validated on construction."""
 
 from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from core.arrays import Floats, Ints
 from core.errors import MalformedMeshError, NonFiniteCoordinatesError, NoTrianglesError
+
+if TYPE_CHECKING:
+    from core.mesh.edges import HalfEdges
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,3 +60,10 @@ class Mesh:
         faces.flags.writeable = False
         object.__setattr__(self, "vertices", vertices)
         object.__setattr__(self, "faces", faces)
+
+    @cached_property
+    def sides(self) -> "HalfEdges":
+        """The half-edges of the faces, sorted by edge."""
+        from core.mesh.edges import half_edges  # noqa: PLC0415  readers of files need no compiler
+
+        return half_edges(self.faces)

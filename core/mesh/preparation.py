@@ -50,7 +50,7 @@ def prepared_surface(mesh: Mesh, wanted: MeshParameters, least_vertices: int) ->
     cleaned = clean(mesh)
     surface = cleaned.mesh
     if wanted.fill_holes:
-        surface = fill_holes(surface, wanted.fill_holes, cleaned.sides)
+        surface = fill_holes(surface, wanted.fill_holes)
     frame = normal_frame(surface)
     normal = _simplified(Mesh(frame.apply(surface.vertices), surface.faces), wanted)
     fineness = _fineness(surface, normal, wanted, least_vertices)

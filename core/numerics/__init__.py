@@ -3,4 +3,4 @@
 Functions, sort keys and matrices in; compiled functions, sort orders and solutions out.
 """
 
-__all__ = ["compilation", "guarding", "radix_sort", "symmetric_factor", "threads"]
+__all__ = ["compilation", "guarding", "radix_sort", "symmetric_factor", "threads", "triangular_solve"]

@@ -14,7 +14,6 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from core.arrays import Floats, Ints
-from core.mesh.edges import half_edges
 from core.mesh.face_normals import face_normals
 from core.mesh.mesh import Mesh
 from core.registration.corner_normals import TINY, corner_normals, edge_lengths
@@ -143,7 +142,7 @@ def curved_surface(mesh: Mesh, centre: Floats, unit: float) -> CurvedSurface:
     vertices = (mesh.vertices - centre) / unit
     corners = vertices[mesh.faces]
     flat = face_normals(corners)
-    sides = half_edges(mesh.faces)
+    sides = mesh.sides
     paired = sides.face_counts == 2
     one, other = sides.order[sides.first[paired]], sides.order[sides.first[paired] + 1]
     faces, others = one // 3, other // 3

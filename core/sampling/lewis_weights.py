@@ -1,6 +1,7 @@
 """Lewis weights of the vertices for the fit z = f(x, y): Algorithm 1, Eqs. 4-12, with p = 2."""
 
 from dataclasses import dataclass
+from itertools import accumulate
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,8 +53,7 @@ def polynomial_basis(x: Floats, y: Floats, degree: int) -> Floats:
         return np.asarray((values - middle) / (half if half > 0.0 else 1.0))
 
     def powers(values: Floats) -> list[Floats]:
-        higher = values[:, None] ** np.arange(2, degree + 1)
-        return [np.ones_like(values), values, *higher.T.copy()]
+        return list(accumulate([values] * degree, np.multiply, initial=np.ones_like(values)))
 
     powers_x, powers_y = powers(scaled(x)), powers(scaled(y))
     columns = [powers_x[i - j] * powers_y[j] for i in range(degree + 1) for j in range(i + 1)]

@@ -1,6 +1,7 @@
 """Surface samples for registration: evenly spread points, and closest points on the surface."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -9,6 +10,7 @@ from core.arrays import Floats, Ints
 from core.mesh.cleaning import clean, face_areas
 from core.mesh.mesh import Mesh
 from core.mesh.normal_frame import normal_frame
+from core.numerics.compilation import compiled, constant
 from core.sampling.closest_on_triangles import closest_on_triangles
 
 POINTS, MOST, REPRESENTATIVES, NEIGHBOURS = 4000, 40_000, 500, 8
@@ -111,7 +113,17 @@ def evenly_spread(corners: Floats, areas: Floats, count: int) -> tuple[Floats, I
         Number of points.
     """
     shares, faces = evenly_spread_shares(areas, count)
-    return np.einsum("pc,pcx->px", shares, corners[faces]), faces
+    return _weighted_corners(constant(shares), constant(corners), constant(faces)), faces
+
+
+@compiled
+def _weighted_corners(shares: Floats, corners: Floats, faces: Ints) -> Floats:
+    points = np.zeros((len(faces), 3))
+    for p in range(len(faces)):
+        for corner in range(3):
+            for axis in range(3):
+                points[p, axis] += shares[p, corner] * corners[faces[p], corner, axis]
+    return points
 
 
 def evenly_spread_shares(areas: Floats, count: int) -> tuple[Floats, Ints]:
@@ -124,10 +136,16 @@ def evenly_spread_shares(areas: Floats, count: int) -> tuple[Floats, Ints]:
     count : int
         Number of points.
     """
-    order = np.arange(count)
     total = np.cumsum(areas)
-    wanted = (order + 0.5) / count * total[-1]
-    faces = np.minimum(np.searchsorted(total, wanted), len(areas) - 1)
-    u, v = (np.mod(0.5 + order * step, 1.0) for step in R2_STEPS)
+    wanted = (np.arange(count) + 0.5) / count * total[-1]
+    return _r2_shares(count), np.minimum(np.searchsorted(total, wanted), len(areas) - 1)
+
+
+@lru_cache(maxsize=4)
+def _r2_shares(count: int) -> Floats:
+    """Barycentric coordinates of the R2 sequence, shape (count, 3)."""
+    order = np.arange(count)
+    steps = (0.5 + order * step for step in R2_STEPS)
+    u, v = (some - np.floor(some) for some in steps)
     root = np.sqrt(u)
-    return np.stack([1.0 - root, root * (1.0 - v), root * v], axis=1), faces
+    return constant(np.stack([1.0 - root, root * (1.0 - v), root * v], axis=1))

@@ -9,7 +9,8 @@ import math
 import numpy as np
 
 from core.arrays import Floats, Ints
-from core.mesh.edges import HalfEdges, half_edges
+from core.mesh.edges import HalfEdges, edge_lengths
+from core.mesh.mesh import Mesh
 from core.numerics.compilation import compiled
 from core.spectral.tufted_cover import tufted_cover
 
@@ -40,7 +41,8 @@ def twins(faces: Ints, sides: HalfEdges) -> Ints | None:
 
 def mollified_lengths(lengths: Floats) -> Floats:
     """Side lengths of the faces, shape (f, 3), mollified: all grow by the gap of the worst triangle."""
-    needed = MOLLIFIED * float(lengths.mean()) + (2.0 * lengths.max(axis=1) - lengths.sum(axis=1)).max()
+    a, b, c = lengths.T
+    needed = MOLLIFIED * float(lengths.mean()) + (2.0 * np.maximum(np.maximum(a, b), c) - (a + b + c)).max()
     return np.asarray(lengths + max(0.0, needed))
 
 
@@ -137,7 +139,7 @@ def _weights(tails: Ints, lengths: Floats, weights: Floats, areas: Floats) -> No
             areas[tails[f + i]] += area / 3.0
 
 
-def intrinsic_delaunay(vertices: Floats, faces: Ints) -> tuple[Ints, Ints, Floats, Floats]:
+def intrinsic_delaunay(mesh: Mesh) -> tuple[Ints, Ints, Floats, Floats]:
     """Cotangent weights of the intrinsic Delaunay triangulation of a surface.
 
     A surface that is not closed and oriented is covered twice (`core.spectral.tufted_cover`), and its weights
@@ -145,26 +147,28 @@ def intrinsic_delaunay(vertices: Floats, faces: Ints) -> tuple[Ints, Ints, Float
 
     Parameters
     ----------
-    vertices : float64, shape (n, 3)
-    faces : int64, shape (f, 3)
+    mesh : Mesh
+        Of n vertices and f faces.
 
     Returns
     -------
-    start, end : int64, shape (h,)
-        Vertices at the ends of each half-edge; h is 3 f, or 6 f of a cover.
-    weights : float64, shape (h,)
-        Half the cotangent of the angle opposite each half-edge.
+    start, end : int64, shape (e,)
+        Vertices at the ends of each edge; e is 3 f / 2, or 3 f of a cover.
+    weights : float64, shape (e,)
+        Half the sum of the cotangents of the two angles opposite each edge.
     areas : float64, shape (n,)
         A third of the area of the triangles at each vertex.
     """
-    sides = half_edges(faces)
-    twin, sheets = twins(faces, sides), 1
+    vertices, faces = mesh.vertices, mesh.faces
+    twin, sheets = twins(faces, mesh.sides), 1
     if twin is None:
-        (faces, twin), sheets = tufted_cover(vertices, faces, sides), 2
-    lengths = np.linalg.norm(vertices[faces] - vertices[faces[:, [1, 2, 0]]], axis=2)
-    lengths = mollified_lengths(lengths).ravel()
+        (faces, twin), sheets = tufted_cover(vertices, faces, mesh.sides), 2
     tails = faces.ravel().copy()
+    edges = np.stack([tails, faces[:, [1, 2, 0]].ravel()], axis=1)
+    lengths = mollified_lengths(edge_lengths(vertices, edges).reshape(-1, 3)).ravel()
     _flip_all(tails, lengths, twin, MOST_FLIPS * len(twin))
     weights, areas = np.empty(len(tails)), np.zeros(len(vertices))
     _weights(tails, lengths, weights, areas)
-    return tails, tails.reshape(-1, 3)[:, [1, 2, 0]].ravel(), weights / sheets, areas / sheets
+    one = np.flatnonzero(np.arange(len(twin)) < twin)
+    other = twin[one]
+    return tails[one], tails[other], (weights[one] + weights[other]) / sheets, areas / sheets

@@ -1,22 +1,28 @@
 """Eigenvalues and eigenfunctions of the Laplace-Beltrami operator, the model that section 3.3 names."""
 
 import numpy as np
+from numpy.linalg import LinAlgError
 from scipy.linalg import eigh
-from scipy.sparse import coo_array, csc_array, diags_array
-from scipy.sparse.linalg import LinearOperator, eigsh
+from scipy.sparse import coo_array, csc_array
 
 from core.arrays import Floats, Ints
 from core.graph.bridges import component_bridges
 from core.mesh.mesh import Mesh
 from core.numerics.symmetric_factor import SymmetricFactor
 from core.spectral.delaunay import intrinsic_delaunay
+from core.spectral.lanczos import least_eigenpairs
 
 DENSE_BELOW = 200
 """Below this number of vertices the dense eigensolver is faster."""
 
-MORE = 4
-"""Number of extra eigenvalues for the iterative solver. It finds the further copies of a repeated eigenvalue
-(as of a ball) late, by rounding; without extra ones some of the last would be missed."""
+DENSE_UP_TO = 3000
+"""Up to this number of vertices the dense solver takes over if the Lanczos method does not converge: equal
+eigenvalues of a small matrix may leave it no room."""
+
+SHIFT = 10.0
+"""Number that is added to the eigenvalues, times the area: it makes the matrix positive definite. The first
+eigenvalue of a sphere is 25 / area. If all eigenvalues are shifted by far less, the first ones of the inverse
+are far above the others, and Lanczos vectors lose their orthogonality to those functions in every step."""
 
 
 def laplacian(mesh: Mesh, bridges: Ints | None = None) -> tuple[csc_array, Floats]:
@@ -40,7 +46,7 @@ def laplacian(mesh: Mesh, bridges: Ints | None = None) -> tuple[csc_array, Float
     float64, shape (n,)
         Area of each vertex, > 0.
     """
-    start, end, weights, areas = intrinsic_delaunay(mesh.vertices, mesh.faces)
+    start, end, weights, areas = intrinsic_delaunay(mesh)
     pairs = component_bridges(mesh) if bridges is None else bridges
     start, end = np.concatenate([start, pairs[:, 0]]), np.concatenate([end, pairs[:, 1]])
     weights = np.concatenate([weights, np.ones(len(pairs))])
@@ -73,23 +79,47 @@ def laplace_beltrami(mesh: Mesh, count: int, bridges: Ints | None = None) -> tup
         Eigenfunctions at the vertices; the sum of area * phi^2 is 1.
     """
     stiffness, areas = laplacian(mesh, bridges)
-    root = 1.0 / np.sqrt(areas)
-    scaled = csc_array(diags_array(root) @ stiffness @ diags_array(root))
-    size = scaled.shape[0]
-    if size < max(DENSE_BELOW, 4 * count):
-        values, vectors = eigh(scaled.toarray(), subset_by_index=(0, count), check_finite=False)
+    if len(areas) < max(DENSE_BELOW, 4 * count):
+        values, vectors = _dense(stiffness, areas, count)
     else:
-        # A small negative shift makes the matrix positive definite.
-        # The start vector is fixed, so that the same mesh gives the same bytes.
-        shift = -0.01 / float(areas.sum())
-        factor = SymmetricFactor(csc_array(scaled - shift * diags_array(np.ones(size))))
-        values, vectors = eigsh(
-            scaled,
-            k=count + 1 + MORE,
-            sigma=shift,
-            v0=np.sqrt(areas),
-            OPinv=LinearOperator(scaled.shape, matvec=factor.solve, dtype=np.float64),
-        )
-        order = np.argsort(values, kind="stable")[: count + 1]
-        values, vectors = values[order], vectors[:, order]
-    return np.maximum(values[1:], 0.0), root[:, None] * vectors[:, 1:]
+        try:
+            values, vectors = _sparse(stiffness, areas, count)
+        except LinAlgError:
+            if len(areas) > DENSE_UP_TO:
+                raise
+            values, vectors = _dense(stiffness, areas, count)
+    return np.maximum(values, 0.0), vectors / np.sqrt(areas)[:, None]
+
+
+def scaled(stiffness: csc_array, areas: Floats, shift: float = 0.0) -> csc_array:
+    """The symmetric matrix M^-1/2 L M^-1/2 + shift, whose eigenvectors are M^1/2 phi.
+
+    Parameters
+    ----------
+    stiffness : csc_array, shape (n, n)
+        L, with an entry for each vertex on the diagonal, as from `laplacian`.
+    areas : float64, shape (n,)
+        The diagonal of M.
+    shift : float
+        Added to the eigenvalues.
+    """
+    root = 1.0 / np.sqrt(areas)
+    rows, columns = stiffness.indices, np.repeat(np.arange(len(areas)), np.diff(stiffness.indptr))
+    values = stiffness.data * (root[rows] * root[columns])
+    values[rows == columns] += shift
+    return csc_array((values, rows, stiffness.indptr), shape=stiffness.shape)
+
+
+def _dense(stiffness: csc_array, areas: Floats, count: int) -> tuple[Floats, Floats]:
+    """Eigenpairs of the scaled matrix, without the constant function, by the dense solver."""
+    matrix = scaled(stiffness, areas).toarray()
+    values, vectors = eigh(matrix, subset_by_index=(0, count), check_finite=False)
+    return values[1:], vectors[:, 1:]
+
+
+def _sparse(stiffness: csc_array, areas: Floats, count: int) -> tuple[Floats, Floats]:
+    """As `_dense`, by `core.spectral.lanczos`."""
+    area = float(areas.sum())
+    factor = SymmetricFactor(scaled(stiffness, areas, SHIFT / area))
+    values, vectors = least_eigenpairs(factor, np.sqrt(areas / area), count)
+    return values - SHIFT / area, vectors

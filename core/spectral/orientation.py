@@ -10,7 +10,7 @@ orientation-preserving correspondences via functional maps", 2018).
 import numpy as np
 
 from core.arrays import Floats, Int8s, Ints
-from core.mesh.edges import component_labels, half_edges
+from core.mesh.edges import component_labels
 from core.mesh.mesh import Mesh
 from core.numerics.compilation import compiled, constant
 
@@ -43,7 +43,7 @@ def face_signs(mesh: Mesh, areas: Floats) -> Floats | None:
         1 - `ORIENTED_AREA` of its area.
     """
     faces = mesh.faces
-    sides = half_edges(faces)
+    sides = mesh.sides
     count, labels = component_labels(len(mesh.vertices), faces)
     component = labels[faces[:, 0]]
     edge_of = np.repeat(np.arange(len(sides.first)), sides.face_counts)

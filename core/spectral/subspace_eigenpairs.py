@@ -13,7 +13,7 @@ from scipy.sparse import csc_array, csr_array, diags_array
 from core.arrays import Floats
 from core.mesh.mesh import Mesh
 from core.numerics.symmetric_factor import SymmetricFactor
-from core.spectral.laplace_beltrami import laplace_beltrami, laplacian
+from core.spectral.laplace_beltrami import laplace_beltrami, laplacian, scaled
 
 COARSE, GUARD, SPREAD = 500, 30, 3
 """Bumps of the coarse space, functions that are computed beyond those asked for, and steps of diffusion that
@@ -44,26 +44,25 @@ def approximate_laplace_beltrami(mesh: Mesh, count: int) -> tuple[Floats, Floats
 
 def _by_subspace(stiffness: csc_array, areas: Floats, count: int) -> tuple[Floats, Floats]:
     """Eigenpairs, the constant one first; the functions have unit norm by area."""
-    size = len(areas)
     root = np.sqrt(areas)
-    scaled = csc_array(diags_array(1.0 / root) @ stiffness @ diags_array(1.0 / root))
-    # The shift of `laplace_beltrami` makes the matrix positive definite.
+    matrix = scaled(stiffness, areas)
+    # A small shift makes the matrix positive definite.
     shift = 0.01 / float(areas.sum())
-    factor = SymmetricFactor(csc_array(scaled + shift * diags_array(np.ones(size))))
+    factor = SymmetricFactor(scaled(stiffness, areas, shift))
     bumps = csr_array(diags_array(root) @ _bumps(stiffness, areas))
     mass = (bumps.T @ bumps).toarray()
     mass += _REGULAR * float(np.trace(mass)) / COARSE * np.eye(COARSE)
-    energy = (bumps.T @ scaled @ bumps).toarray()
+    energy = (bumps.T @ matrix @ bumps).toarray()
     # All pairs by divide and conquer take less time than some of them.
     values, mixed = (each[..., : count + GUARD] for each in eigh(energy, mass, check_finite=False))
-    values, vectors = _ritz(scaled, factor.solve(np.asarray(bumps @ mixed)) * (values + shift), count + GUARD)
+    values, vectors = _ritz(matrix, factor.solve(np.asarray(bumps @ mixed)) * (values + shift), count + GUARD)
     # The second step keeps the space of the first one: a block Krylov space of depth 2.
     change = factor.solve(vectors) * (values + shift)
     change -= vectors @ (vectors.T @ change)
     norms = np.sqrt(np.einsum("ij,ij->j", change, change))
     moving = norms > _SETTLED
     space = np.hstack([vectors, change[:, moving] / norms[moving]])
-    values, vectors = _ritz(scaled, space, count)
+    values, vectors = _ritz(matrix, space, count)
     return values, vectors / root[:, None]
 
 

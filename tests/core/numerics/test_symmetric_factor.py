@@ -30,7 +30,7 @@ MATRICES = {
 }
 
 
-@pytest.mark.parametrize("columns", [None, 1, 3])
+@pytest.mark.parametrize("columns", [None, 1, 3, 9])
 @pytest.mark.parametrize("kind", MATRICES)
 def test_the_solution_is_scipys(kind, columns):
     matrix = MATRICES[kind]()
@@ -47,7 +47,7 @@ INDEFINITE = {"zeros": np.zeros((3, 3)), "exchange": np.eye(2)[::-1], "negative"
 
 @pytest.mark.parametrize("kind", INDEFINITE)
 def test_a_matrix_that_is_not_positive_definite_is_refused(kind):
-    with pytest.raises(RuntimeError, match=r"singular|not positive definite"):
+    with pytest.raises(RuntimeError, match="not positive definite"):
         SymmetricFactor(csc_array(INDEFINITE[kind]))
 
 

@@ -58,13 +58,13 @@ def test_weights_and_areas_are_robust_laplacians(kind):
 
 def test_no_weight_is_negative_though_many_were():
     mesh = slivers()
-    start, end, weights, _ = intrinsic_delaunay(mesh.vertices, mesh.faces)
+    start, end, weights, _ = intrinsic_delaunay(mesh)
     stiffness = laplacian(mesh)[0].toarray()
     assert stiffness[~np.eye(len(stiffness), dtype=bool)].max() < 1e-5
     before = {frozenset(edge) for edge in half_edges(mesh.faces).edges.tolist()}
     after = {frozenset(edge) for edge in zip(start.tolist(), end.tolist(), strict=True)}
     assert len(after - before) > 100
-    assert weights.min() < 0.0
+    assert weights.min() > -1e-5
 
 
 def fan(count):
@@ -79,7 +79,7 @@ def test_the_flips_of_a_fan_are_limited(monkeypatch):
     flip_all = module._flip_all
     monkeypatch.setattr(module, "_flip_all", lambda *given: flips.append((flip_all(*given), given[-1])))
     sheet = fan(1000)
-    _, _, weights, areas = intrinsic_delaunay(sheet.vertices, sheet.faces)
+    _, _, weights, areas = intrinsic_delaunay(sheet)
     assert flips == [(MOST_FLIPS * 6 * len(sheet.faces),) * 2]
     assert np.isfinite(weights).all()
     # Longer edges make thin triangles larger.
@@ -90,7 +90,7 @@ def test_the_flips_of_a_fan_are_limited(monkeypatch):
 
 def test_flips_leave_the_area_alone():
     mesh = slivers()
-    *_, areas = intrinsic_delaunay(mesh.vertices, mesh.faces)
+    *_, areas = intrinsic_delaunay(mesh)
     assert areas.sum() == pytest.approx(face_areas(mesh.vertices, mesh.faces).sum(), rel=1e-9)
 
 
