@@ -12,7 +12,7 @@ _LEAST = 1e-3
 
 def neighbourhoods(mesh: Mesh) -> csr_array:
     """Which vertices are at most two edges apart, shape (n, n), 1 where they are; none is next to itself."""
-    edges = mesh.sides.edges
+    edges = mesh.half_edges.edges
     count = len(mesh.vertices)
     one = csr_array((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(count, count))
     one = one + one.T

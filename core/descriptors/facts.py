@@ -15,7 +15,7 @@ def measure(mesh: Mesh, cleaned: Cleaned, frame: NormalFrame, *, pieces: bool) -
     """
     faces = cleaned.mesh.faces
     volume = signed_volume(frame.apply(cleaned.mesh.vertices), faces)
-    face_counts = cleaned.mesh.sides.face_counts
+    face_counts = cleaned.mesh.half_edges.face_counts
     area = float(face_areas(cleaned.mesh.vertices, faces).sum())
     return Facts(
         vertices=len(mesh.vertices),
@@ -28,5 +28,5 @@ def measure(mesh: Mesh, cleaned: Cleaned, frame: NormalFrame, *, pieces: bool) -
         dropped_faces=cleaned.dropped_faces,
         boundary_edges=int((face_counts == 1).sum()),
         nonmanifold_edges=int((face_counts > 2).sum()),
-        openness=boundary_ratio(cleaned.mesh, cleaned.mesh.sides, area, pieces=pieces),
+        openness=boundary_ratio(cleaned.mesh, cleaned.mesh.half_edges, area, pieces=pieces),
     )

@@ -76,7 +76,7 @@ def _boundary_points(surface: Mesh) -> Floats:
 
     The edges of a needle are long beside the root of its area; `MOST_BOUNDARY_POINTS` bounds their number.
     """
-    start, end = (surface.vertices[ends] for ends in boundary_edges(surface.sides).T)
+    start, end = (surface.vertices[ends] for ends in boundary_edges(surface.half_edges).T)
     area = face_areas(surface.vertices, surface.faces).sum()
     lengths = np.linalg.norm(end - start, axis=1)
     step = max(

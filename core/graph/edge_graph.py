@@ -44,6 +44,7 @@ def diagonals(vertices: Floats, faces: Ints, sides: HalfEdges | None = None) -> 
         constant(sides.edges),
         constant(sides.first),
         constant(sides.face_counts),
+        TIE,
         ends,
         lengths,
     )
@@ -57,12 +58,14 @@ def _diagonals(
     edges: Ints,
     first: Ints,
     face_counts: Ints,
+    tie: float,
     ends: Ints,
     lengths: Floats,
 ) -> int:
     """Fill the ends and lengths of the diagonals across each edge; return their number.
 
-    `opposite`, shape (3 f,), has the opposite corners of the faces at each edge, edge after edge.
+    `opposite`, shape (3 f,), has the opposite corners of the faces at each edge, edge after edge. `tie` is
+    `core.mesh.ordering.TIE`, an argument since the compiler's cache does not notice changes of other files.
     """
     found = 0
     axis, along, up = np.empty(3), np.empty(MOST_FACES), np.empty(MOST_FACES)
@@ -91,7 +94,7 @@ def _diagonals(
                 if opposite[start + k] == opposite[start + j] or not height > 0.0:
                     continue
                 crossing = (along[k] * up[j] + along[j] * up[k]) / height
-                if TIE * edge < crossing < (1.0 - TIE) * edge:
+                if tie * edge < crossing < (1.0 - tie) * edge:
                     ends[found, 0], ends[found, 1] = opposite[start + j], opposite[start + k]
                     lengths[found] = np.hypot(along[k] - along[j], height)
                     found += 1
@@ -135,7 +138,7 @@ def edge_graph(mesh: Mesh, bridges: Ints | None = None, *, unfold: bool = True) 
         Symmetric and connected, with positive lengths.
     """
     count = len(mesh.vertices)
-    sides = mesh.sides
+    sides = mesh.half_edges
     edges = np.concatenate([sides.edges, component_bridges(mesh) if bridges is None else bridges])
     lengths = edge_lengths(mesh.vertices, edges)
     if unfold:

@@ -60,7 +60,7 @@ def roughness(mesh: Mesh) -> float:
     surface, and large on a crease along a line only. Clean scans and CAD parts are below 0.07; the same
     meshes simplified to a tenth, or to 250 vertices, below 0.2; independent noise of half an edge gives 0.3.
     """
-    links = mesh.sides.edges
+    links = mesh.half_edges.edges
     once = neighbour_means(links, mesh.vertices) - mesh.vertices
     twice = neighbour_means(links, once) - once
     sides = np.stack([mesh.faces.ravel(), np.roll(mesh.faces, 1, axis=1).ravel()], axis=1)
@@ -78,7 +78,7 @@ def taubin_smoothing(mesh: Mesh, iterations: int) -> Mesh:
     iterations : int
         Number of pairs of steps, >= 0.
     """
-    links = mesh.sides.edges
+    links = mesh.half_edges.edges
     points = mesh.vertices
     for _ in range(iterations):
         for step in (SHRINK, GROW):

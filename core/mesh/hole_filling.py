@@ -31,7 +31,7 @@ def fill_holes(mesh: Mesh, most: float) -> Mesh:
     Mesh
         The given mesh if no loop is closed; else a mesh with the new vertices and faces at the end.
     """
-    edges = boundary_half_edges(mesh.faces, mesh.sides)
+    edges = boundary_half_edges(mesh.faces, mesh.half_edges)
     loops = boundary_loops(edges, len(mesh.vertices))
     on = loops >= 0
     if not on.any():

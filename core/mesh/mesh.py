@@ -62,7 +62,7 @@ class Mesh:
         object.__setattr__(self, "faces", faces)
 
     @cached_property
-    def sides(self) -> "HalfEdges":
+    def half_edges(self) -> "HalfEdges":
         """The half-edges of the faces, sorted by edge."""
         from core.mesh.edges import half_edges  # noqa: PLC0415  readers of files need no compiler
 

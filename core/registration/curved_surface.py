@@ -142,7 +142,7 @@ def curved_surface(mesh: Mesh, centre: Floats, unit: float) -> CurvedSurface:
     vertices = (mesh.vertices - centre) / unit
     corners = vertices[mesh.faces]
     flat = face_normals(corners)
-    sides = mesh.sides
+    sides = mesh.half_edges
     paired = sides.face_counts == 2
     one, other = sides.order[sides.first[paired]], sides.order[sides.first[paired] + 1]
     faces, others = one // 3, other // 3

@@ -160,9 +160,9 @@ def intrinsic_delaunay(mesh: Mesh) -> tuple[Ints, Ints, Floats, Floats]:
         A third of the area of the triangles at each vertex.
     """
     vertices, faces = mesh.vertices, mesh.faces
-    twin, sheets = twins(faces, mesh.sides), 1
+    twin, sheets = twins(faces, mesh.half_edges), 1
     if twin is None:
-        (faces, twin), sheets = tufted_cover(vertices, faces, mesh.sides), 2
+        (faces, twin), sheets = tufted_cover(vertices, faces, mesh.half_edges), 2
     tails = faces.ravel().copy()
     edges = np.stack([tails, faces[:, [1, 2, 0]].ravel()], axis=1)
     lengths = mollified_lengths(edge_lengths(vertices, edges).reshape(-1, 3)).ravel()

@@ -23,7 +23,8 @@ CONVERGED = 1e-9
 eigenvalue is about its square, and that of a function is the residual over the relative gap."""
 
 DECADES = 0.65
-"""Decades by which a step reduces the residual of the last eigenpair, about: it says when to look again."""
+"""Decades by which a step reduces the residual of the last eigenpair, about. Convergence is checked after as
+many steps as that asks for."""
 
 EQUAL = 1e-6
 """Relative difference below which eigenvalues count as copies of one."""
@@ -59,7 +60,8 @@ def least_eigenpairs(factor: SymmetricFactor, known: Floats, count: int) -> tupl
     Raises
     ------
     LinAlgError
-        The eigenvalues do not converge: n may be too small for their copies.
+        The eigenvalues do not converge: n may be too small for their copies, or more than a hundred
+        eigenvalues are nearly equal.
     """
     block = BLOCK
     while True:
@@ -103,6 +105,8 @@ def _by_blocks(factor: SymmetricFactor, known: Floats, count: int, block: int) -
             values, mixed = np.linalg.eigh(projected[1:end, 1:end], UPLO="U")
             values, mixed = values[: -count - 1 : -1], mixed[:, : -count - 1 : -1]
             residuals = np.linalg.norm(lengths @ mixed[start - end :], axis=0) / values
+            if not np.isfinite(residuals).all():
+                raise LinAlgError("the basis is not finite")
             copies = _copies(values[residuals < CONVERGED])
             if copies >= block or (residuals < CONVERGED).all():
                 return values, basis[1:end].T @ mixed, copies

@@ -4,6 +4,7 @@ import numpy as np
 from numpy.linalg import LinAlgError
 from scipy.linalg import eigh
 from scipy.sparse import coo_array, csc_array
+from scipy.sparse.linalg import LinearOperator, eigsh
 
 from core.arrays import Floats, Ints
 from core.graph.bridges import component_bridges
@@ -16,8 +17,12 @@ DENSE_BELOW = 200
 """Below this number of vertices the dense eigensolver is faster."""
 
 DENSE_UP_TO = 3000
-"""Up to this number of vertices the dense solver takes over if the Lanczos method does not converge: equal
-eigenvalues of a small matrix may leave it no room."""
+"""Up to this number of vertices the dense solver takes over if the Lanczos method does not converge, above it
+ARPACK: equal eigenvalues of a small matrix leave no room, nor do more than a hundred nearly equal ones, as of
+a flower or a brush."""
+
+MORE = 4
+"""Number of extra eigenvalues that ARPACK computes: it may find a further copy of an eigenvalue late."""
 
 SHIFT = 10.0
 """Number that is added to the eigenvalues, times the area: it makes the matrix positive definite. The first
@@ -82,12 +87,7 @@ def laplace_beltrami(mesh: Mesh, count: int, bridges: Ints | None = None) -> tup
     if len(areas) < max(DENSE_BELOW, 4 * count):
         values, vectors = _dense(stiffness, areas, count)
     else:
-        try:
-            values, vectors = _sparse(stiffness, areas, count)
-        except LinAlgError:
-            if len(areas) > DENSE_UP_TO:
-                raise
-            values, vectors = _dense(stiffness, areas, count)
+        values, vectors = _sparse(stiffness, areas, count)
     return np.maximum(values, 0.0), vectors / np.sqrt(areas)[:, None]
 
 
@@ -118,8 +118,22 @@ def _dense(stiffness: csc_array, areas: Floats, count: int) -> tuple[Floats, Flo
 
 
 def _sparse(stiffness: csc_array, areas: Floats, count: int) -> tuple[Floats, Floats]:
-    """As `_dense`, by `core.spectral.lanczos`."""
+    """As `_dense`, by `core.spectral.lanczos`, or by a solver with restarts where this does not converge."""
     area = float(areas.sum())
     factor = SymmetricFactor(scaled(stiffness, areas, SHIFT / area))
-    values, vectors = least_eigenpairs(factor, np.sqrt(areas / area), count)
+    try:
+        values, vectors = least_eigenpairs(factor, np.sqrt(areas / area), count)
+    except LinAlgError:
+        if len(areas) <= DENSE_UP_TO:
+            return _dense(stiffness, areas, count)
+        values, vectors = _with_restarts(factor, len(areas), count)
     return values - SHIFT / area, vectors
+
+
+def _with_restarts(factor: SymmetricFactor, size: int, count: int) -> tuple[Floats, Floats]:
+    """The least eigenpairs of a factored matrix after the first one, by ARPACK, from a fixed vector."""
+    inverse = LinearOperator((size, size), matvec=factor.solve, dtype=np.float64)
+    start = np.random.default_rng(0).standard_normal(size)
+    values, vectors = eigsh(inverse, k=count + 1 + MORE, which="LM", v0=start)
+    order = np.argsort(-values, kind="stable")[1 : count + 1]
+    return 1.0 / values[order], vectors[:, order]

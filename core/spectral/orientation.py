@@ -43,7 +43,7 @@ def face_signs(mesh: Mesh, areas: Floats) -> Floats | None:
         1 - `ORIENTED_AREA` of its area.
     """
     faces = mesh.faces
-    sides = mesh.sides
+    sides = mesh.half_edges
     count, labels = component_labels(len(mesh.vertices), faces)
     component = labels[faces[:, 0]]
     edge_of = np.repeat(np.arange(len(sides.first)), sides.face_counts)

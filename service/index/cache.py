@@ -15,7 +15,10 @@ from core.ranking.pair_differences import ShapeDescriptors
 Value = TypeVar("Value")
 
 ABOUT = 100_000
-"""Bytes of a value, before one is known."""
+"""Bytes of a match record, before one is known."""
+
+POINTS_BYTES = 12_100
+"""Bytes of the points of a shape, likewise."""
 
 
 def descriptor_bytes(shape: ShapeDescriptors) -> int:
@@ -34,14 +37,18 @@ class EmbeddingCache(Generic[Value]):
         The most bytes of values. The least recently used ones are evicted.
     nbytes : callable, optional
         The bytes of a value; its attribute `nbytes` unless given.
+    about : int, optional
+        The bytes that a value is taken for before one is known; `ABOUT` unless given.
     """
 
-    def __init__(self, room: int, nbytes: Callable[[Value], int] = operator.attrgetter("nbytes")) -> None:
+    def __init__(
+        self, room: int, nbytes: Callable[[Value], int] = operator.attrgetter("nbytes"), about: int = ABOUT
+    ) -> None:
         self._lock = threading.Lock()
         self._room = max(room, 0)
         # The room changes, the bound of an LRUCache cannot: `_evict` bounds it instead.
         self._values: LRUCache[int, Value] = LRUCache(math.inf, getsizeof=nbytes)
-        self._nbytes = nbytes
+        self._nbytes, self._about = nbytes, about
 
     def __len__(self) -> int:
         """Number of values."""
@@ -55,7 +62,7 @@ class EmbeddingCache(Generic[Value]):
     def free_places(self) -> int:
         """The approximate number of further values that there is room for, of the mean size."""
         with self._lock:
-            each = self.nbytes // len(self._values) if self._values else ABOUT
+            each = self.nbytes // len(self._values) if self._values else self._about
             return (self._room - self.nbytes) // each
 
     def get(self, numbers: Iterable[int]) -> dict[int, Value]:

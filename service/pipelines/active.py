@@ -8,7 +8,7 @@ from core.errors import ParameterError
 from core.parameters import DEFAULT, EARLIER_VALUES, METHOD_VERSION, PAPER, Parameters
 from core.pipeline import Pipeline
 from service.errors import PipelineUnavailableError
-from service.index.cache import EmbeddingCache
+from service.index.cache import POINTS_BYTES, EmbeddingCache
 from service.index.signature_index import SignatureIndex
 from service.observability.logging import get_logger
 from service.pipelines import repository
@@ -109,7 +109,7 @@ class Pipelines:
                     Pipeline(parameters),
                     SignatureIndex(fingerprint),
                     EmbeddingCache(self._room),
-                    EmbeddingCache(0, len),
+                    EmbeddingCache(0, len, POINTS_BYTES),
                 )
             return self._active
 

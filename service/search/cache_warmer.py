@@ -17,7 +17,7 @@ from service.compute.tasks import example_records, warm_comparing
 from service.compute.workers_interface import RemoteWorkers
 from service.container import Container
 from service.errors import ServiceError
-from service.index.cache import EmbeddingCache
+from service.index.cache import ABOUT, POINTS_BYTES, EmbeddingCache
 from service.observability.logging import get_logger
 from service.pipelines.active import ActivePipeline
 from service.search.match_records import cached_match_records, cached_points
@@ -36,9 +36,9 @@ FIRST_SECONDS = 5.0
 LEAST_SHARE = 4
 """Points and match records have at least this part (one in four) of the memory for searching."""
 
-POINTS_BYTES, POINTS_SHARE = 12_100, 7 / 8
-"""Bytes of a shape's points, and the largest share of the points in the room of both caches: a query re-ranks
-many more shapes than it compares in full."""
+POINTS_SHARE = 7 / 8
+"""The largest share of the points in the room of both caches: a query re-ranks many more shapes than it
+compares in full."""
 
 AT_ONCE, POINTS_AT_ONCE = 16, 256
 
@@ -120,9 +120,7 @@ class CacheWarmer:
                 return active_pipeline, [], []
             most = room = settings.search_bytes
             if settings.signatures == "database":
-                embeddings = np.array(
-                    latest(session, active_pipeline.fingerprint, most // POINTS_BYTES)[::-1]
-                )
+                embeddings = np.array(latest(session, active_pipeline.fingerprint, most // ABOUT)[::-1])
             else:
                 entries = active_pipeline.index.current(session)
                 embeddings = entries.embeddings

@@ -59,7 +59,7 @@ class QueryScorer:
     def rerank(self, embeddings: Ints) -> Floats:
         """The approximate CC of c embeddings by number: shape (1, c), NaN for the deleted ones.
 
-        Read from the points even if their match records are cached: an answer never depends on the cache.
+        Scores come from the points even if match records are cached: an answer never depends on the cache.
         """
         numbers = embeddings.tolist()
         points = cached_points(self._database, self._points, numbers)

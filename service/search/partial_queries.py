@@ -1,6 +1,7 @@
 """Partial queries: the stored shapes that a part may belong to."""
 
 import asyncio
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -31,6 +32,10 @@ from service.search.shortlist import Candidates, candidates
 
 log = get_logger("partial")
 
+PART_FACTOR = 2.5
+"""Factor of the number of candidates from which a query compares a shortlist: this may miss the whole of a
+part, whose signature is another."""
+
 
 async def search(
     container: Container,
@@ -55,6 +60,7 @@ async def search(
         Receives the time of each stage.
     """
     pipeline = query.active_pipeline.pipeline
+    options = replace(options, shortlist_from=math.ceil(PART_FACTOR * options.shortlist_from))
     with timings.stage("shortlist"):
         chosen = await run_in_threadpool(candidates, container, query, options)
     container.metrics.query_compared.observe(len(chosen.shapes))

@@ -5,6 +5,7 @@ import pytest
 from scipy.linalg import eigh
 
 from core.mesh.cleaning import clean, face_areas
+from core.mesh.mesh import Mesh
 from core.spectral import laplace_beltrami as module
 from core.spectral.laplace_beltrami import laplace_beltrami, laplacian
 from tests.core.shapes import (
@@ -132,3 +133,25 @@ def test_no_multiple_eigenvalue_is_missed(change):
     stiffness, areas = laplacian(pair)
     dense = eigh(stiffness.toarray(), np.diag(areas), eigvals_only=True, subset_by_index=(1, 30))
     np.testing.assert_allclose(laplace_beltrami(pair, 30)[0], dense, rtol=1e-6)
+
+
+def test_a_flower_of_many_nearly_equal_petals_is_solved_with_restarts(monkeypatch):
+    """More nearly equal eigenvalues than the Lanczos method without restarts has room for."""
+    petals = 300
+    rng = np.random.default_rng(0)
+    angles = 2.0 * np.pi * np.arange(petals) / petals
+    rims = [np.stack([np.cos(turn), np.sin(turn)], axis=1) for turn in (angles, angles + 0.3 / petals)]
+    length = 1.0 + 0.05 * rng.standard_normal((petals, 1))
+    corners = np.concatenate([np.zeros((1, 2)), length * rims[0], length * rims[1]])
+    here = np.arange(petals)
+    flower = Mesh(
+        np.pad(corners, ((0, 0), (0, 1))),
+        np.stack([np.zeros(petals, dtype=int), 1 + here, 1 + petals + here], axis=1),
+    )
+    stiffness, areas = laplacian(flower)
+    expected = eigh(stiffness.toarray(), np.diag(areas), subset_by_index=(1, 30), eigvals_only=True)
+    monkeypatch.setattr(module, "DENSE_UP_TO", 0)
+    values, functions = laplace_beltrami(flower, 30)
+    assert values == pytest.approx(expected, rel=1e-6)
+    residual = stiffness @ functions - areas[:, None] * functions * values
+    assert np.abs(residual).max() < 1e-4 * np.abs(stiffness @ functions).max()

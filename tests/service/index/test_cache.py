@@ -72,6 +72,7 @@ def test_an_array_longer_than_all_the_room_is_not_kept() -> None:
     cache.put(1, array(1))
     assert (len(cache), cache.nbytes) == (0, 0)
     assert EmbeddingCache(0).free_places() == 0
+    assert EmbeddingCache(300, len, 30).free_places() == 10
 
 
 def test_with_less_room_the_oldest_go() -> None:
