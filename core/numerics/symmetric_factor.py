@@ -2,7 +2,7 @@
 
 QDLDL finds an order of minimum degree and the factors (B. Stellato, G. Banjac, P. Goulart, A. Bemporad,
 S. Boyd, "OSQP: an operator splitting solver for quadratic programs", Mathematical Programming Computation 12,
-2020). The solver here takes several right sides at a time.
+2020). The solver here takes several right-hand sides at a time.
 """
 
 import numpy as np

@@ -1,8 +1,8 @@
-"""Solutions with the factors L D L^T of a sparse matrix, several right sides at a time in SIMD registers.
+"""Solutions with the sparse factors L D L^T for several right-hand sides at a time, in SIMD registers.
 
 Numba leaves sums over a fixed number of neighbouring numbers in scalar registers. With scalars in place of
-the two LLVM intrinsics here a solution with four right sides takes 1.8 times as long. They share a file with
-the loop that calls them, because Numba's cache notices changes of a function's own file only.
+the two LLVM intrinsics here a solution with four right-hand sides takes 1.8 times as long. The intrinsics
+share a file with the loop that calls them, because Numba's cache notices changes of a function's own file only.
 """
 
 from collections.abc import Callable
@@ -18,7 +18,7 @@ from core.arrays import Floats, Ints
 from core.numerics.compilation import compiled
 
 SIMD_WIDTH = 4
-"""Right sides at a time, the numbers in a row."""
+"""Right-hand sides at a time, the numbers in a row."""
 
 Indices = NDArray[np.uint32]
 """Of half the size of signed ones, for less memory that a solution reads."""
@@ -50,13 +50,13 @@ class _Rows:
         return self.builder.load(place, align=8)
 
     def entry(self, e: Any) -> tuple[Any, Any]:
-        """The negative factor of an entry, in all lanes, and a pointer to its row."""
+        """The negative factor of an entry, in every element of a vector, and a pointer to its row."""
         factor = self.builder.fneg(self.builder.load(self.builder.gep(self.values, [e])))
         row = self.builder.zext(self.builder.load(self.builder.gep(self.rows, [e])), _NUMBER)
         return self.broadcast(factor), self.place(row)
 
     def broadcast(self, scalar: Any) -> Any:
-        """A number in all lanes."""
+        """A vector of one number."""
         index, undefined = ir.IntType(32), ir.Constant(_VECTOR, ir.Undefined)
         one = self.builder.insert_element(undefined, scalar, index(0))
         zeros = ir.Constant(ir.VectorType(index, SIMD_WIDTH), [0] * SIMD_WIDTH)
@@ -115,10 +115,10 @@ def _gather_intrinsic(
             return found
 
         start = builder.fmul(entries.load(entries.own), entries.broadcast(arguments[6]))
-        nought = ir.Constant(_VECTOR, [0.0] * SIMD_WIDTH)
+        zeros = ir.Constant(_VECTOR, [0.0] * SIMD_WIDTH)
         # Two sums, so that an addition need not wait for the last.
         pairs_end = builder.sub(entries.last, _NUMBER(1))
-        e, (one, other) = entries.loop(entries.first, pairs_end, 2, [start, nought], body)
+        e, (one, other) = entries.loop(entries.first, pairs_end, 2, [start, zeros], body)
         _, (total,) = entries.loop(e, entries.last, 1, [builder.fadd(one, other)], body)
         builder.store(total, entries.own, align=8)
         return context.get_dummy_value()

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import httpx
 
 from service.http.problem_document import MEDIA_TYPE, TYPE_PREFIX
+from tests.service.support import wait_until
 from tests.soak.hostile.case import Hostile
 from tests.soak.hostile.serving import Memory, Peak, memory
 
@@ -65,11 +66,25 @@ def answer(client: httpx.Client, filename: str, data: bytes) -> tuple[int, str]:
 
 
 def memory_after(pid: int, client: httpx.Client, cases: Iterable[Hostile], rounds: int) -> list[Memory]:
-    """The resources of the service after each of some rounds of all the files."""
+    """The resources of the service after each of some rounds of all the files.
+
+    They are measured when no process starts: a reader that is being replaced counts twice or not at all.
+    """
     cases = list(cases)
     after = []
     for _ in range(rounds):
         for case in cases:
             answer(client, case.filename, case.make())
+        wait_until(lambda: _all_started(client), seconds=60)
         after.append(memory(pid))
     return after
+
+
+def _all_started(client: httpx.Client) -> bool:
+    """Whether all workers and readers of the service are idle, and none starts."""
+    metrics = client.get("/metrics").text
+    return all(
+        f'isoshape_{processes}{{state="{state}"}} {count}' in metrics
+        for processes in ("workers", "readers")
+        for state, count in (("idle", "2.0"), ("busy", "0.0"), ("starting", "0.0"))
+    )
