@@ -13,10 +13,6 @@ SPARSE_FROM = 600
 EQUAL_VALUES = 1e-4
 """Relative difference below which eigenvalues, and sums of cubes, are equal."""
 
-LEAST_SQUARE = 1e-8
-"""Least square of a singular value, over that of the largest, for which the Gram matrix gives singular pairs.
-Its rounding mixes vectors by 1e-16 over this number. A singular value decomposition takes twice the time."""
-
 
 def leading_eigenpairs(affinity: Floats, count: int) -> tuple[Floats, Floats]:
     """The `count` eigenvalues of largest magnitude, and their unit eigenvectors (W = Q L Q^T).
@@ -72,15 +68,7 @@ def sampled_eigenpairs(affinity: Floats, areas: Floats, count: int) -> tuple[Flo
     float64, shape (d, count)
         Orthonormal columns, oriented by `oriented`.
     """
-    weighted = affinity * np.sqrt(areas)
-    squares, right = np.linalg.eigh(weighted.T @ weighted)
-    if squares[-count] > LEAST_SQUARE * squares[-1]:
-        # As many again, in case the last ones are equal to later ones.
-        left = weighted @ right[:, : -2 * count - 1 : -1]
-        values = np.linalg.norm(left, axis=0)
-        left /= np.maximum(values, np.finfo(np.float64).tiny)
-    else:
-        left, values, _ = svd(weighted, full_matrices=False, check_finite=False)
+    left, values, _ = svd(affinity * np.sqrt(areas), full_matrices=False, check_finite=False)
     return values[:count] / np.sqrt(len(affinity)), oriented(values, left, count)
 
 
@@ -110,7 +98,7 @@ def oriented(values: Floats, vectors: Floats, count: int) -> Floats:
     for shared in np.split(np.arange(len(values)), np.flatnonzero(far) + 1):
         if shared[0] >= count:
             break
-        cubes = vectors[:, shared] * vectors[:, shared] * vectors[:, shared]
+        cubes = vectors[:, shared] ** 3
         if len(shared) == 1 and abs(cubes.sum()) > EQUAL_VALUES * np.abs(cubes).sum():
             result[:, shared] *= np.sign(cubes.sum())
             continue

@@ -18,7 +18,7 @@ from core.numerics.symmetric_factor import SymmetricFactor
 BLOCK = 4
 """Vectors in the first block, as many as the factor's solver takes at a time."""
 
-CONVERGED = 1e-9
+CONVERGED = 1e-12
 """Largest residual of an eigenpair of the inverse, relative to its eigenvalue. The relative error of a simple
 eigenvalue is about its square, and that of a function is the residual over the relative gap."""
 
@@ -29,7 +29,7 @@ many steps as that asks for."""
 EQUAL = 1e-6
 """Relative difference below which eigenvalues count as copies of one."""
 
-LOST = 1e-10
+LOST = 1e-12
 """Inner product of basis vectors above which they are made orthogonal again. Up to the square root of the
 rounding error, 1e-8, the computed matrix is the exact one of the space but for rounding (H. Simon, "The
 Lanczos algorithm with partial reorthogonalization", Mathematics of Computation 42, 1984)."""
