@@ -3,6 +3,7 @@
 import hashlib
 import json
 from collections.abc import Mapping
+from functools import cached_property
 from typing import Any, Self
 
 from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
@@ -134,7 +135,7 @@ class Parameters(BaseModel):
         groups = (getattr(self, group).model_dump(by_alias=True) for group in GROUPS)
         return {"name": self.name} | {key: value for group in groups for key, value in group.items()}
 
-    @property
+    @cached_property
     def fingerprint(self) -> str:
         """Sixteen hexadecimal digits: a hash of the parameters and of the method version."""
         flat = self.flat()

@@ -170,6 +170,7 @@ class ShapeJudge:
             finalists=None,
             stored=len(measured.shapes),
             sample=None,
+            density=None,
         )
         query = Query(self.active_pipeline, view.record, frozenset([self.shape]))
         found, _ = await compare_with(self.container, query, candidates, "cc")

@@ -1,10 +1,10 @@
 """The score by which answers are ranked as `combined`, and the probability that it stands for."""
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import expit
-from starlette.concurrency import run_in_threadpool
 
-from core.arrays import Floats, Ints
+from core.arrays import Floats
 from core.descriptors.descriptor_distance import DescriptorDistance, descriptor_distance
 from core.embedding import Scores
 from core.pipeline import Pipeline
@@ -12,7 +12,7 @@ from core.ranking.coarse_differences import TYPICAL_SIM
 from core.ranking.opinion_pool import pooled_log_odds
 from core.ranking.pair_differences import differences_of
 from service.container import Container
-from service.search.batches import by_embedding, by_threads
+from service.search.batches import by_threads, in_batches
 from service.search.coarse_log_odds import coarse_log_odds
 from service.search.descriptors import stored_descriptors
 from service.search.records import Query
@@ -25,14 +25,29 @@ DESCRIPTOR_BATCH = 64
 async def class_scores(
     container: Container, query: Query, candidates: Candidates, cc: Floats, sim: Floats
 ) -> Floats:
+    """The class scores of c candidates by their CC and sim, shape (c,), computed by the threads that score.
+
+    See `class_scores_of`.
+    """
+
+    def scores(places: NDArray[np.intp]) -> Floats:
+        return class_scores_of(container, query, candidates.only(places), cc[places], sim[places])[None]
+
+    places, workers = np.arange(len(candidates.shapes)), container.settings.workers
+    found = await in_batches(places, DESCRIPTOR_BATCH, workers, 1, by_threads(container, scores))
+    return np.asarray(found[0])
+
+
+def class_scores_of(
+    container: Container, query: Query, candidates: Candidates, cc: Floats, sim: Floats
+) -> Floats:
     """The class scores of c candidates by their CC and sim, shape (c,); the least for one deleted meanwhile.
 
     The score is the log odds that two shapes are of one class, which do not saturate. For pipelines that do
     not pool experts it is the probability itself.
     """
-    if query.active_pipeline.pipeline.pools_experts:
-        return await _log_odds(container, query, candidates, cc, sim)
-    return await _probabilities(container, query, candidates, cc, sim)
+    found = _log_odds if query.active_pipeline.pipeline.pools_experts else _probabilities
+    return found(container, query, candidates, cc, sim)
 
 
 def probabilities(pipeline: Pipeline, class_scores: Floats) -> Floats:
@@ -55,60 +70,33 @@ def coarse_class_scores(query: Query, candidates: Candidates, cc: Floats) -> Flo
     )
 
 
-async def _log_odds(
-    container: Container, query: Query, candidates: Candidates, cc: Floats, sim: Floats
-) -> Floats:
-    sample, own = candidates.sample, query.descriptors
-    query_density = None if sample is None else await run_in_threadpool(sample.of_query, own)
-    unique, first = np.unique(candidates.embeddings, return_index=True)
-
-    def log_odds(embeddings: Ints) -> Floats:
-        numbers = embeddings.tolist()
-        known = stored_descriptors(container, numbers)
-        present = [place for place, number in enumerate(numbers) if number in known]
-        found = np.full((1, len(numbers)), -np.inf)
-        if present:
-            shapes = [known[numbers[place]] for place in present]
-            densities = None if sample is None else sample.of_stored([numbers[p] for p in present], shapes)
-            places = first[np.searchsorted(unique, embeddings[present])]
-            scores = Scores(cc[places], np.zeros(len(places)), sim[places])
-            found[0, present] = pooled_log_odds(differences_of(own, shapes, scores, query_density, densities))
+def _log_odds(container: Container, query: Query, candidates: Candidates, cc: Floats, sim: Floats) -> Floats:
+    numbers = candidates.embeddings.tolist()
+    known = stored_descriptors(container, numbers)
+    present = [place for place, number in enumerate(numbers) if number in known]
+    found = np.full(len(numbers), -np.inf)
+    if not present:
         return found
+    shapes = [known[numbers[place]] for place in present]
+    density = densities = None
+    if candidates.sample is not None:
+        density = candidates.density
+        densities = candidates.sample.of_stored([numbers[place] for place in present], shapes)
+    scores = Scores(cc[present], np.zeros(len(present)), sim[present])
+    found[present] = pooled_log_odds(differences_of(query.descriptors, shapes, scores, density, densities))
+    return found
 
-    score = by_threads(container, log_odds)
-    log_odds_of_all: Floats = (await by_embedding(container, candidates, DESCRIPTOR_BATCH, 1, score))[0]
-    return log_odds_of_all
 
-
-async def _probabilities(
+def _probabilities(
     container: Container, query: Query, candidates: Candidates, cc: Floats, sim: Floats
 ) -> Floats:
-    pipeline, own = query.active_pipeline.pipeline, query.spin_images
-    signatures = candidates.signatures
+    pipeline, own, signatures = query.active_pipeline.pipeline, query.spin_images, candidates.signatures
     if not own.size:
         return pipeline.combined(cc, sim, candidates.signature, signatures)
-
-    def distances(embeddings: Ints) -> Floats:
-        numbers = embeddings.tolist()
-        known = stored_descriptors(container, numbers)
-        present = [
-            place
-            for place, number in enumerate(numbers)
-            if number in known and known[number].spin_images.size
-        ]
-        found = descriptor_distance(own, [known[numbers[place]].spin_images for place in present])
-        distances_and_parts = np.full((2, len(numbers)), np.inf)
-        distances_and_parts[0, present], distances_and_parts[1, present] = found.distance, found.part
-        return distances_and_parts
-
-    distance, part = await by_embedding(
-        container, candidates, DESCRIPTOR_BATCH, 2, by_threads(container, distances)
-    )
-    return await run_in_threadpool(
-        pipeline.combined,
-        cc,
-        sim,
-        candidates.signature,
-        signatures,
-        DescriptorDistance(distance, part == 1.0),
-    )
+    numbers = candidates.embeddings.tolist()
+    known = stored_descriptors(container, numbers)
+    present = [p for p, number in enumerate(numbers) if number in known and known[number].spin_images.size]
+    found = descriptor_distance(own, [known[numbers[place]].spin_images for place in present])
+    distance, part = np.full(len(numbers), np.inf), np.full(len(numbers), False)
+    distance[present], part[present] = found.distance, found.part
+    return pipeline.combined(cc, sim, candidates.signature, signatures, DescriptorDistance(distance, part))

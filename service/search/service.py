@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from starlette.concurrency import run_in_threadpool
 
+from core.arrays import Floats
 from core.embedding import Embedding, Match, Scores
 from core.mesh.mesh import Mesh
 from core.ranking.pair_differences import descriptors_of
@@ -21,7 +22,7 @@ from service.index.density_samples import CollectionSample
 from service.observability.timings import Timings
 from service.pipelines.active import ActivePipeline
 from service.search import repository
-from service.search.class_probability import class_scores, probabilities
+from service.search.class_probability import class_scores_of, probabilities
 from service.search.compared_shapes import ComparedShape
 from service.search.descriptors import collection_sample
 from service.search.likeness import relation_of, relations_of, stored_mesh
@@ -178,6 +179,12 @@ async def results(
     pipeline = query.active_pipeline.pipeline
     fingerprint, collection = pipeline.fingerprint, options.filter.collection
 
+    def measured() -> tuple[list[tuple[ShapeRecord, bytes | None]], Floats, Floats]:
+        scores = compared.combined
+        scores = class_scores_of(container, query, shown, cc, sim) if scores is None else scores[best]
+        typical_scores = class_scores_of(container, query, replace(shown, sample=None), cc, sim)
+        return read(), scores, typical_scores
+
     def read() -> list[tuple[ShapeRecord, bytes | None]]:
         with container.database.read() as session:
             numbers = compared.shapes[best].tolist()
@@ -190,8 +197,7 @@ async def results(
             ]
 
     shown, cc, sim = scored.only(best), compared.cc[best], compared.sim[best]
-    scores = await class_scores(container, query, shown, cc, sim)
-    typical_scores = await class_scores(container, query, replace(shown, sample=None), cc, sim)
+    shapes, scores, typical_scores = await run_in_threadpool(measured)
     spectral = spectral_distances(
         scored.signature,
         shown.signatures,
@@ -202,7 +208,7 @@ async def results(
     typical_of = dict(zip(best.tolist(), probabilities(pipeline, typical_scores).tolist(), strict=True))
     places = {int(compared.shapes[place]): int(place) for place in best}
     found = []
-    for shape, record in await run_in_threadpool(read):
+    for shape, record in shapes:
         place = places[shape.number]
         probability = probability_of[place]
         found.append(

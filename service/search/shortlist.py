@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from core.arrays import Ints
 from core.descriptors.view_signature import signature_distance
+from core.ranking.local_density import LocalDensities
 from core.ranking.shortlist import least, signature_distances
 from service.container import Container
 from service.index.density_samples import CollectionSample
@@ -54,6 +55,8 @@ class Candidates:
         Number of shapes in the collection.
     sample : CollectionSample or None
         In which local densities are measured; typical densities are used without one.
+    density : LocalDensities or None
+        Of the query, in the sample.
     """
 
     shapes: NDArray[np.int64]
@@ -67,6 +70,7 @@ class Candidates:
     finalists: int | None
     stored: int
     sample: CollectionSample | None
+    density: LocalDensities | None
 
     def only(self, places: NDArray[np.intp]) -> "Candidates":
         """The candidates at some indices."""
@@ -111,6 +115,7 @@ def candidates(container: Container, query: Query, options: Options) -> Candidat
         finalists=finalists if shortlisted else None,
         stored=stored,
         sample=sample,
+        density=None if sample is None else sample.of_query(query.descriptors),
     )
 
 
