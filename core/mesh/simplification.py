@@ -20,7 +20,7 @@ CONNECTED = 1.5
 """Least number of faces per vertex of a connected surface: a closed one has 2, a soup of triangles 1/3.
 Without common edges a collapse removes a triangle."""
 
-FINENESS = 30
+FINENESS = 4
 """Connected meshes of more than this many vertices for each wanted one are contracted before quadric
 collapses, whose time and memory grow with the mesh."""
 
