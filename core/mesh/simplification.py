@@ -6,8 +6,8 @@ import numpy as np
 from core.arrays import Floats, Ints
 from core.errors import ParameterError
 from core.mesh.cleaning import clean, face_areas
+from core.mesh.edge_contraction import contract_edges
 from core.mesh.mesh import Mesh
-from core.numerics.compilation import compiled, constant
 
 MOST_WORK = 1e8
 """The work of quadric collapses grows as the sum of the squared valences. Above this number (some seconds)
@@ -23,9 +23,6 @@ Without common edges a collapse removes a triangle."""
 FINENESS = 4
 """Connected meshes of more than this many vertices for each wanted one are contracted before quadric
 collapses, whose time and memory grow with the mesh."""
-
-SLOWEST = 0.9
-"""Contraction ends before a round that leaves more than this share of the vertices."""
 
 _HALVINGS = 30
 
@@ -107,79 +104,6 @@ def _clustered(mesh: Mesh, low: Floats, size: float, shift: Floats) -> tuple[Flo
     faces = faces[(a != b) & (b != c) & (c != a)]
     _, first = np.unique(np.sort(faces, axis=1), axis=0, return_index=True)
     return points, faces[np.sort(first)]
-
-
-def contract_edges(points: Floats, faces: Ints, most: int) -> tuple[Floats, Ints]:
-    """Merge pairs of neighbouring vertices, round by round, until at most `most` are left.
-
-    A round contracts a matching of the edges (Karypis and Kumar 1998), the shortest sides of the faces, in
-    the order of the faces. A vertex goes to the mean of the vertices that it replaces. Sides stay that are
-    longer than those of an even mesh with `most / 2` vertices, so that coarse parts keep their shape.
-
-    Parameters
-    ----------
-    points : float64, shape (n, 3)
-    faces : int64, shape (f, 3)
-        Of area > 0, with three different corners each.
-    most : int
-
-    Returns
-    -------
-    points : float64, shape (m, 3)
-        At least `most / 2`; more than `most` if the sides are too long.
-    faces : int64, shape (g, 3)
-    """
-    weights = np.ones(len(points))
-    longest = 4.0 / np.sqrt(3.0) * float(face_areas(points, faces).sum()) / most
-    while len(points) > most:
-        found = _contracted(constant(points), weights, constant(faces), longest)
-        if len(found[0]) > SLOWEST * len(points) or len(found[2]) == 0:
-            break
-        points, weights, faces = found
-    return points, faces
-
-
-@compiled
-def _contracted(points: Floats, weights: Floats, faces: Ints, longest: float) -> tuple[Floats, Floats, Ints]:
-    """Vertices, weights and faces after one round.
-
-    `weights` are numbers of merged vertices, shape (n,); `longest` is the square of the longest side that is
-    contracted.
-    """
-    other = np.full(len(points), -1)
-    for f in range(len(faces)):
-        shortest, start, end = longest, -1, -1
-        for i in range(3):
-            a, b = faces[f, i], faces[f, (i + 1) % 3]
-            length = 0.0
-            for axis in range(3):
-                length += (points[a, axis] - points[b, axis]) ** 2
-            if length <= shortest:
-                shortest, start, end = length, a, b
-        if start >= 0 and other[start] < 0 and other[end] < 0:
-            other[start], other[end] = end, start
-    place, count = np.empty(len(points), dtype=np.int64), 0
-    for v in range(len(points)):
-        if other[v] < 0 or other[v] > v:
-            place[v] = count
-            count += 1
-        else:
-            place[v] = place[other[v]]
-    sums, merged = np.zeros((count, 3)), np.zeros(count)
-    for v in range(len(points)):
-        merged[place[v]] += weights[v]
-        for axis in range(3):
-            sums[place[v], axis] += weights[v] * points[v, axis]
-    for v in range(count):
-        for axis in range(3):
-            sums[v, axis] /= merged[v]
-    kept, left = np.empty_like(faces), 0
-    for f in range(len(faces)):
-        for i in range(3):
-            kept[left, i] = place[faces[f, i]]
-        if kept[left, 0] != kept[left, 1] != kept[left, 2] != kept[left, 0]:
-            left += 1
-    return sums, merged, kept[:left]
 
 
 def check_amount(amount: float, least: float, most: float) -> None:

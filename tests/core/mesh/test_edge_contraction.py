@@ -1,0 +1,93 @@
+"""Edge contraction: the surface, its ridges, its pieces and its coarse parts stay."""
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from core.mesh.cleaning import face_areas
+from core.mesh.edge_contraction import _quadrics, contract_edges
+from core.mesh.edges import component_labels, half_edges
+from core.numerics.compilation import constant
+from core.studies.perturbation import subdivide
+from tests.core.shapes import box, icosphere, joined, shifted, turned
+
+
+def area(vertices, faces):
+    return face_areas(vertices, faces).sum()
+
+
+@pytest.mark.parametrize("most", [400, 1000, 3000])
+def test_contraction_ends_between_half_of_the_number_and_all_of_it(most):
+    ball = icosphere(5)
+    points, faces = contract_edges(ball.vertices, ball.faces, most)
+    assert most / 2 <= len(points) <= most
+    assert (np.abs(np.linalg.norm(points, axis=1) - 1.0) < 10.0 / most).all()
+    assert area(points, faces) == pytest.approx(4.0 * np.pi, rel=20.0 / most)
+    assert component_labels(len(points), faces)[0] == 1
+
+
+def test_contracted_vertices_are_on_the_planes_near_the_middles_of_edges_or_stay():
+    ball = icosphere(4)
+    points, _ = contract_edges(ball.vertices, ball.faces, len(ball.vertices) - 1)
+    ends = ball.vertices[half_edges(ball.faces).edges]
+    middles, lengths = ends.mean(axis=1), np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)
+    away, nearest = cKDTree(middles).query(points)
+    moved = cKDTree(ball.vertices).query(points)[0] > 0.0
+    assert (away[moved] < 0.1 * lengths[nearest[moved]]).all()
+    assert np.linalg.norm(points[moved], axis=1).min() > np.linalg.norm(middles, axis=1).max()
+    assert 0.3 * len(points) < moved.sum() < len(points) < 0.7 * len(ball.vertices)
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("extents", [(3, 2, 1), (3, 2, 0.3)])
+def test_contraction_keeps_ridges_and_corners(extents, seed):
+    coarse = turned(box(*extents), seed)
+    block = subdivide(subdivide(subdivide(subdivide(coarse, 1.0, 0), 1.0, 0), 1.0, 0), 1.0, 0)
+    points, faces = contract_edges(block.vertices, block.faces, 2_000)
+    assert len(points) <= 2_000 < len(block.vertices)
+    assert area(points, faces) == pytest.approx(area(block.vertices, block.faces), rel=0.001)
+    assert cKDTree(points).query(coarse.vertices)[0].max() < 0.04 * np.sqrt(6.0 / len(points))
+
+
+def test_the_quadric_error_is_the_squared_distance_from_the_planes():
+    rng = np.random.default_rng(0)
+    points, faces = rng.normal(size=(4, 3)), np.array([[0, 1, 2], [0, 3, 1]])
+    found = _quadrics(constant(points), constant(faces))
+    for vertex, beside in ((0, faces), (2, faces[:1])):
+        upper, linear = found[vertex, :6], found[vertex, 6:]
+        matrix = np.zeros((3, 3))
+        matrix[np.triu_indices(3)] = upper
+        matrix += np.triu(matrix, 1).T
+        away = rng.normal(size=3)
+        expected = constant_term = 0.0
+        for corners in points[beside]:
+            normal = np.cross(corners[1] - corners[0], corners[2] - corners[0])
+            size = np.linalg.norm(normal)
+            expected += size * ((away - corners[0]) @ normal / size) ** 2
+            constant_term += size * (corners[0] @ normal / size) ** 2
+        assert away @ matrix @ away - 2.0 * linear @ away + constant_term == pytest.approx(expected)
+
+
+def test_a_coarse_part_keeps_its_vertices():
+    coarse, dense = shifted(box(4, 4, 4), (9, 0, 0)), icosphere(6)
+    mesh = joined(dense, coarse)
+    points, _ = contract_edges(mesh.vertices, mesh.faces, 10_000)
+    assert len(points) <= 10_000
+    assert cKDTree(points).query(coarse.vertices)[0].max() == 0.0
+
+
+def test_a_mesh_of_one_vertex_less_is_not_contracted():
+    ball = icosphere(3)
+    points, faces = contract_edges(ball.vertices, ball.faces, len(ball.vertices))
+    assert points is ball.vertices
+    assert faces is ball.faces
+
+
+def test_pieces_without_common_edges_are_not_contracted_away():
+    # Five vertices of which every three are a face: two rounds would leave one edge of each.
+    rng = np.random.default_rng(0)
+    corners = np.array([[a, b, c] for a in range(5) for b in range(a) for c in range(b)])
+    points = rng.random((500, 1, 3)) * 100.0 + rng.random((500, 5, 3))
+    faces = corners + 5 * np.arange(500)[:, None, None]
+    _, left = contract_edges(points.reshape(-1, 3), faces.reshape(-1, 3), 1000)
+    assert len(left) > 0
