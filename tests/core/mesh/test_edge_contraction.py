@@ -41,12 +41,14 @@ def test_contracted_vertices_are_on_the_planes_near_the_middles_of_edges_or_stay
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("extents", [(3, 2, 1), (3, 2, 0.3)])
 def test_contraction_keeps_ridges_and_corners(extents, seed):
-    coarse = turned(box(*extents), seed)
-    block = subdivide(subdivide(subdivide(subdivide(coarse, 1.0, 0), 1.0, 0), 1.0, 0), 1.0, 0)
-    points, faces = contract_edges(block.vertices, block.faces, 2_000)
-    assert len(points) <= 2_000 < len(block.vertices)
-    assert area(points, faces) == pytest.approx(area(block.vertices, block.faces), rel=0.001)
-    assert cKDTree(points).query(coarse.vertices)[0].max() < 0.04 * np.sqrt(6.0 / len(points))
+    coarse = block = turned(box(*extents), seed)
+    for _ in range(5):
+        block = subdivide(block, 1.0, 0)
+    points, faces = contract_edges(block.vertices, block.faces, 2_400)
+    assert len(points) <= 2_400 < len(block.vertices)
+    assert area(points, faces) == pytest.approx(area(block.vertices, block.faces), rel=0.002)
+    side = np.sqrt(area(points, faces) / len(points))
+    assert cKDTree(points).query(coarse.vertices)[0].max() < 0.1 * side
 
 
 def test_the_quadric_error_is_the_squared_distance_from_the_planes():
