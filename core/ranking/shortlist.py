@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.arrays import Float32s, Floats
-from core.numerics.compilation import compiled
+from core.numerics.compilation import compiled_sum
 
 
 def signature_distances(query: Float32s, signatures: Float32s) -> Floats:
@@ -23,21 +23,15 @@ def signature_distances(query: Float32s, signatures: Float32s) -> Floats:
     return distances
 
 
-@compiled
+@compiled_sum
 def _distances(query: Float32s, signatures: Float32s, distances: Floats) -> None:
-    """Fill `distances`, shape (n,); four float64 sums run side by side to hide the latency of an addition."""
-    n, s = signatures.shape
-    whole = s - s % 4
-    for i in range(n):
-        a = b = c = d = 0.0
-        for j in range(0, whole, 4):
-            a += (np.float64(signatures[i, j]) - np.float64(query[j])) ** 2
-            b += (np.float64(signatures[i, j + 1]) - np.float64(query[j + 1])) ** 2
-            c += (np.float64(signatures[i, j + 2]) - np.float64(query[j + 2])) ** 2
-            d += (np.float64(signatures[i, j + 3]) - np.float64(query[j + 3])) ** 2
-        for j in range(whole, s):
-            a += (np.float64(signatures[i, j]) - np.float64(query[j])) ** 2
-        distances[i] = math.sqrt((a + b) + (c + d))
+    """Fill `distances`, shape (n,), by sums of float64."""
+    for i in range(len(signatures)):
+        total = 0.0
+        for j in range(len(query)):
+            difference = np.float64(signatures[i, j]) - np.float64(query[j])
+            total += difference * difference
+        distances[i] = math.sqrt(total)
 
 
 def least(values: NDArray[np.floating], order: NDArray[np.integer], count: int) -> NDArray[np.intp]:

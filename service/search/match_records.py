@@ -42,7 +42,11 @@ class QueryScorer:
         self._cache = query.active_pipeline.cache
         self._points = query.active_pipeline.points
         self._parameters = query.active_pipeline.pipeline.parameters
-        self.match_record = match_record(query.embedding, self._parameters)
+        cached = {} if query.number is None else self._cache.get([query.number])
+        if query.number in cached:
+            self.match_record = cached[query.number]
+        else:
+            self.match_record = match_record(query.embedding, self._parameters)
 
     def score(self, embeddings: Ints) -> Floats:
         """CC, SSD and sim of c embeddings by number: shape (3, c), NaN for the deleted ones."""

@@ -66,12 +66,15 @@ class Query:
         The numbers of the stored shapes that are the query itself.
     mesh : callable or None
         Reads the mesh of the query; None for a query whose likeness to other shapes is not asked for.
+    number : int or None
+        The number of the embedding, if it is stored.
     """
 
     active_pipeline: ActivePipeline
     record: bytes
     itself: frozenset[int]
     mesh: Callable[[], Awaitable[Mesh]] | None = None
+    number: int | None = None
 
     @cached_property
     def embedding(self) -> Embedding:

@@ -32,7 +32,7 @@ from service.search.scoring import compare_with
 from service.search.shortlist import Candidates, candidates
 from service.shapes import repository as shapes_repository
 from service.shapes import service as shapes_service
-from service.shapes.records import ShapeRecord, sha256
+from service.shapes.records import ShapeRecord, StoredEmbedding, sha256
 
 Done = TypeVar("Done")
 
@@ -97,9 +97,8 @@ async def by_id(
 
     def read() -> Query:
         with container.database.read() as session:
-            number = shapes_service.get(session, fingerprint, collection, shape_id).number
-            record = shapes_service.get_record(session, fingerprint, collection, shape_id)
-            return Query(active_pipeline, record, frozenset([number]), mesh)
+            stored = shapes_service.get_stored_embedding(session, fingerprint, collection, shape_id)
+            return Query(active_pipeline, stored.record, frozenset([stored.shape]), mesh, stored.number)
 
     async def mesh() -> Mesh:
         return await stored_mesh(container, collection, shape_id)
@@ -179,13 +178,13 @@ async def results(
     pipeline = query.active_pipeline.pipeline
     fingerprint, collection = pipeline.fingerprint, options.filter.collection
 
-    def measured() -> tuple[list[tuple[ShapeRecord, bytes | None]], Floats, Floats]:
+    def measured() -> tuple[list[tuple[ShapeRecord, StoredEmbedding | None]], Floats, Floats]:
         scores = compared.combined
         scores = class_scores_of(container, query, shown, cc, sim) if scores is None else scores[best]
         typical_scores = class_scores_of(container, query, replace(shown, sample=None), cc, sim)
         return read(), scores, typical_scores
 
-    def read() -> list[tuple[ShapeRecord, bytes | None]]:
+    def read() -> list[tuple[ShapeRecord, StoredEmbedding | None]]:
         with container.database.read() as session:
             numbers = compared.shapes[best].tolist()
             shapes = shapes_repository.records(session, fingerprint, collection, numbers)
@@ -208,7 +207,7 @@ async def results(
     typical_of = dict(zip(best.tolist(), probabilities(pipeline, typical_scores).tolist(), strict=True))
     places = {int(compared.shapes[place]): int(place) for place in best}
     found = []
-    for shape, record in shapes:
+    for shape, stored in shapes:
         place = places[shape.number]
         probability = probability_of[place]
         found.append(
@@ -222,8 +221,8 @@ async def results(
                 spectral=spectral_of[place],
                 size_ratio=float((shape.facts["area"] / query.embedding.facts.area) ** 0.5),
                 comparison=None
-                if record is None
-                else await _compared(container.work, query, record, probability),
+                if stored is None
+                else await _compared(container.work, query, stored.record, probability),
             )
         )
     return found

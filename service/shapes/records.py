@@ -73,6 +73,15 @@ class StoredFile:
 
 
 @dataclass(frozen=True)
+class StoredEmbedding:
+    """The embedding of a shape by one pipeline: the shape's number, its own number, and its record."""
+
+    shape: int
+    number: int
+    record: bytes
+
+
+@dataclass(frozen=True)
 class Changes:
     """New values of a shape's fields; None leaves a field unchanged."""
 

@@ -21,6 +21,7 @@ from service.shapes.records import (
     ShapeFilter,
     ShapeRecord,
     Sort,
+    StoredEmbedding,
     StoredFile,
 )
 from service.storage.checksums import (
@@ -188,8 +189,8 @@ def file_of(session: ReadSession, collection: CollectionNumber, shape_id: str) -
 
 def embedding_of(
     session: ReadSession, fingerprint: str, collection: CollectionNumber, shape_id: str
-) -> bytes | None:
-    """The record of a shape's embedding by one pipeline.
+) -> StoredEmbedding | None:
+    """The embedding of a shape by one pipeline.
 
     Raises
     ------
@@ -197,13 +198,17 @@ def embedding_of(
         The record does not have its checksum.
     """
     row = session.execute(
-        select(EmbeddingRow.number, EmbeddingRow.record, EmbeddingRow.checksum)
+        select(
+            ShapeRow.number.label("shape"), EmbeddingRow.number, EmbeddingRow.record, EmbeddingRow.checksum
+        )
         .join(ShapeRow, _is_its_embedding(fingerprint))
         .where(ShapeRow.id == shape_id, ShapeRow.collection_number == collection)
     ).one_or_none()
-    if row is not None and not is_whole(row.record, row.checksum):
+    if row is None:
+        return None
+    if not is_whole(row.record, row.checksum):
         raise BadRecordError(f"embedding {row.number} does not have its checksum")
-    return None if row is None else row.record
+    return StoredEmbedding(row.shape, row.number, row.record)
 
 
 def same(session: ReadSession, fingerprint: str, new: NewShape) -> ShapeRecord | None:

@@ -28,6 +28,7 @@ from service.shapes.records import (
     ShapeFilter,
     ShapeRecord,
     Sort,
+    StoredEmbedding,
     StoredShape,
 )
 from service.shapes.schemas import Shape
@@ -124,8 +125,10 @@ def get_file(session: ReadSession, collection: CollectionNumber, shape_id: str) 
     return data
 
 
-def get_record(session: ReadSession, fingerprint: str, collection: CollectionNumber, shape_id: str) -> bytes:
-    """The record of a shape's embedding.
+def get_stored_embedding(
+    session: ReadSession, fingerprint: str, collection: CollectionNumber, shape_id: str
+) -> StoredEmbedding:
+    """The embedding of a shape, as it is stored.
 
     Raises
     ------
@@ -134,17 +137,22 @@ def get_record(session: ReadSession, fingerprint: str, collection: CollectionNum
     NotEmbeddedError
         The active pipeline has not embedded the shape.
     """
-    record = repository.embedding_of(session, fingerprint, collection, shape_id)
-    if record is None:
+    stored = repository.embedding_of(session, fingerprint, collection, shape_id)
+    if stored is None:
         get(session, fingerprint, collection, shape_id)
         raise NotEmbeddedError(shape_id)
-    return record
+    return stored
+
+
+def get_record(session: ReadSession, fingerprint: str, collection: CollectionNumber, shape_id: str) -> bytes:
+    """The record of a shape's embedding. It raises the errors of `get_stored_embedding`."""
+    return get_stored_embedding(session, fingerprint, collection, shape_id).record
 
 
 def get_embedding(
     session: ReadSession, fingerprint: str, collection: CollectionNumber, shape_id: str
 ) -> Embedding:
-    """The embedding of a shape. It raises the errors of `get_record`."""
+    """The embedding of a shape. It raises the errors of `get_stored_embedding`."""
     return embedding_from_bytes(get_record(session, fingerprint, collection, shape_id))
 
 

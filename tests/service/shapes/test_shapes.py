@@ -322,11 +322,11 @@ def test_a_file_has_its_media_type_and_is_not_sent_twice(
 def test_the_embedding_is_the_one_that_is_stored(service: Running) -> None:
     shape = service.store(small_file(0))
     with service.container.database.read() as session:
-        record = repository.embedding_of(
+        found = repository.embedding_of(
             session, pipeline_in_use(service).fingerprint, DEFAULT_COLLECTION.number, shape["id"]
         )
-    assert record is not None
-    stored = embedding_from_bytes(record)
+    assert found is not None
+    stored = embedding_from_bytes(found.record)
     address = f"/shapes/{shape['id']}/embedding"
     told = service.client.get(address).json()
     archive = service.client.get(address, params={"format": "npz"})
