@@ -223,7 +223,7 @@ class Settings(BaseSettings):
         description="How many shapes of the shortlist, the best of coarse ranking, are re-ranked.",
     )
     finalists: PositiveInt = Field(
-        default=20,
+        default=16,
         description="How many re-ranked shapes, the best ones, are compared in full besides the number of "
         "answers requested.",
     )

@@ -1,6 +1,7 @@
 """Scores of many stored shapes, computed in batches."""
 
 import asyncio
+import math
 from collections.abc import Awaitable, Callable
 from typing import Any
 
@@ -44,8 +45,12 @@ async def in_batches(
     kinds: int,
     score: Callable[[NDArray[Any]], Awaitable[Floats]],
 ) -> Floats:
-    """The scores of an array of c rows, shape (kinds, c), computed in batches, two a worker at a time."""
-    length = max(1, min(length, -(-len(whole) // workers)))
+    """The scores of an array of c rows, shape (kinds, c), computed in batches, two a worker at a time.
+
+    The batches are of one size, at most `length`, and as many for each worker, so that all end together.
+    """
+    batches_of_all = workers * max(1, math.ceil(len(whole) / (workers * length)))
+    length = max(1, math.ceil(len(whole) / batches_of_all))
     free = asyncio.Semaphore(2 * workers)
     scores = np.full((kinds, len(whole)), np.nan)
 

@@ -27,7 +27,7 @@ from service.storage.database import Database
 
 log = get_logger("search")
 
-THREAD_BATCH, COARSE_BATCH, PROCESS_BATCH = 32, 256, 256
+THREAD_BATCH, COARSE_BATCH, PROCESS_BATCH = 48, 256, 256
 """Embeddings that a thread scores in full, or ranks coarsely, or that a worker process scores, at a time."""
 
 DESCRIBED = 0.5
