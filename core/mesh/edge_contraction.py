@@ -1,6 +1,7 @@
 """Edge contraction: neighbouring vertices of a large mesh are merged, round by round."""
 
 import numpy as np
+from numpy.typing import NDArray
 
 from core.arrays import Floats, Ints
 from core.mesh.cleaning import face_areas
@@ -9,7 +10,7 @@ from core.numerics.compilation import compiled, constant
 SLOWEST = 0.9
 """Contraction ends before a round that leaves more than this share of the vertices."""
 
-TANGENTIAL = 3e-3
+TANGENTIAL = 1e-3
 """Weight of the squared distance of a contracted vertex from the mean of the merged ones, beside that from
 their faces' planes."""
 
@@ -19,20 +20,21 @@ def contract_edges(points: Floats, faces: Ints, most: int) -> tuple[Floats, Ints
 
     A round contracts a matching of the edges (Karypis and Kumar 1998), the shortest sides of the faces, in
     the order of the faces. A vertex goes to the point of least quadric error of the vertices that it
-    replaces (Garland and Heckbert 1997), so that ridges and corners stay sharp. Sides stay that are longer
-    than those of an even mesh with `most / 2` vertices, so that coarse parts keep their shape.
+    replaces (Garland and Heckbert 1997), so that ridges and corners stay sharp. Vertices on a boundary stay.
+    Sides stay that are longer than those of an even mesh with `most / 2` vertices, so that coarse parts keep
+    their shape.
 
     Parameters
     ----------
     points : float64, shape (n, 3)
     faces : int64, shape (f, 3)
-        Of area > 0, with three different corners each.
+        With three different corners each.
     most : int
 
     Returns
     -------
     points : float64, shape (m, 3)
-        At least `most / 2`; more than `most` if the sides are too long.
+        At least `most / 2`; more than `most` if the sides are too long, or too many are on a boundary.
     faces : int64, shape (g, 3)
     """
     if len(points) <= most:
@@ -49,13 +51,13 @@ def contract_edges(points: Floats, faces: Ints, most: int) -> tuple[Floats, Ints
 
 @compiled
 def _quadrics(points: Floats, faces: Ints) -> Floats:
-    """The quadric of each vertex, shape (n, 9): of the planes of its faces, weighted by their areas.
+    """The quadric of each vertex, shape (n, 9): of the planes of its faces, weighted by twice their areas.
 
     The squared distance of v from the planes is v A v - 2 b v, but for a constant; the numbers are A's upper
     triangle by rows, then b.
     """
     quadrics = np.zeros((len(points), 9))
-    normal, own = np.empty(3), np.empty(9)
+    normal, plane = np.empty(3), np.empty(9)
     for f in range(len(faces)):
         p, q, r = points[faces[f, 0]], points[faces[f, 1]], points[faces[f, 2]]
         for axis in range(3):
@@ -68,14 +70,30 @@ def _quadrics(points: Floats, faces: Ints) -> Floats:
         place = 0
         for i in range(3):
             for j in range(i, 3):
-                own[place] = normal[i] * normal[j] / size
+                plane[place] = normal[i] * normal[j] / size
                 place += 1
         for axis in range(3):
-            own[6 + axis] = height * normal[axis]
+            plane[6 + axis] = height * normal[axis]
         for corner in range(3):
             for i in range(9):
-                quadrics[faces[f, corner], i] += own[i]
+                quadrics[faces[f, corner], i] += plane[i]
     return quadrics
+
+
+@compiled
+def _inside(count: int, faces: Ints) -> NDArray[np.bool_]:
+    """Whether each of `count` vertices is inside the surface, and not on a boundary or a nonmanifold edge.
+
+    The edges opposite to an inner vertex form a closed path, on which each neighbour is the end of two.
+    """
+    ends = np.zeros(count, dtype=np.int64)
+    for f in range(len(faces)):
+        a, b, c = faces[f]
+        ends[a] ^= b ^ c
+        ends[b] ^= c ^ a
+        ends[c] ^= a ^ b
+    inside: NDArray[np.bool_] = ends == 0
+    return inside
 
 
 @compiled
@@ -87,7 +105,7 @@ def _contracted(
     `weights` are numbers of merged vertices, shape (n,); `longest` is the square of the longest side that is
     contracted.
     """
-    other = np.full(len(points), -1)
+    other, inside = np.full(len(points), -1), _inside(len(points), faces)
     for f in range(len(faces)):
         shortest, start, end = longest, -1, -1
         for i in range(3):
@@ -95,7 +113,7 @@ def _contracted(
             length = 0.0
             for axis in range(3):
                 length += (points[a, axis] - points[b, axis]) ** 2
-            if length <= shortest:
+            if length <= shortest and inside[a] and inside[b]:
                 shortest, start, end = length, a, b
         if start >= 0 and other[start] < 0 and other[end] < 0:
             other[start], other[end] = end, start
@@ -115,9 +133,11 @@ def _contracted(
             sums[place[v], i] += quadrics[v, i]
     for v in range(len(points)):
         if other[v] > v:
+            square = 0.0
             for axis in range(3):
                 merged[place[v], axis] /= numbers[place[v]]
-            _move(merged[place[v]], sums[place[v]], longest)
+                square += (points[v, axis] - points[other[v], axis]) ** 2
+            _move(merged[place[v]], sums[place[v]], square)
         elif other[v] < 0:
             merged[place[v]] = points[v]
     kept, left = np.empty_like(faces), 0
@@ -130,15 +150,15 @@ def _contracted(
 
 
 @compiled
-def _move(point: Floats, quadric: Floats, longest: float) -> None:
-    """Move a point to the least quadric error, unless that is farther away than the root of `longest`.
+def _move(point: Floats, quadric: Floats, farthest: float) -> None:
+    """Move a point to the least quadric error, unless that is farther away than the root of `farthest`.
 
     `TANGENTIAL` adds a share of the squared distance from where the point is: nothing else holds it on a flat
     part.
     """
-    own = TANGENTIAL * (quadric[0] + quadric[3] + quadric[5])
-    a, b, c = quadric[0] + own, quadric[1], quadric[2]
-    d, e, f = quadric[3] + own, quadric[4], quadric[5] + own
+    tangential = TANGENTIAL * (quadric[0] + quadric[3] + quadric[5])
+    a, b, c = quadric[0] + tangential, quadric[1], quadric[2]
+    d, e, f = quadric[3] + tangential, quadric[4], quadric[5] + tangential
     x, y, z = point
     right_x = quadric[6] - (quadric[0] * x + b * y + c * z)
     right_y = quadric[7] - (b * x + quadric[3] * y + e * z)
@@ -150,7 +170,7 @@ def _move(point: Floats, quadric: Floats, longest: float) -> None:
     step_x = (first * right_x + second * right_y + third * right_z) / determinant
     step_y = (second * right_x + (a * f - c * c) * right_y + (b * c - a * e) * right_z) / determinant
     step_z = (third * right_x + (b * c - a * e) * right_y + (a * d - b * b) * right_z) / determinant
-    if step_x * step_x + step_y * step_y + step_z * step_z <= longest:
+    if step_x * step_x + step_y * step_y + step_z * step_z <= farthest:
         point[0] += step_x
         point[1] += step_y
         point[2] += step_z

@@ -39,7 +39,8 @@ def compiled(function: Callable[P, R]) -> Callable[P, R]:
 def compiled_sum(function: Callable[P, R]) -> Callable[P, R]:
     """As `compiled`, with sums in the order that suits SIMD registers.
 
-    The function must not call another compiled one: see `FINITE`.
+    The last bits of a sum depend on the processor. The function must not call another compiled one: see
+    `FINITE`.
     """
     return cast("Callable[P, R]", njit(cache=True, nogil=True, fastmath={"reassoc", "nsz"})(function))
 

@@ -47,10 +47,11 @@ async def in_batches(
 ) -> Floats:
     """The scores of an array of c rows, shape (kinds, c), computed in batches, two a worker at a time.
 
-    The batches are of one size, at most `length`, and as many for each worker, so that all end together.
+    The batches have at most `length` rows. All have the same number, but for the last, and there are about as
+    many for each worker, so that the workers end together.
     """
-    batches_of_all = workers * max(1, math.ceil(len(whole) / (workers * length)))
-    length = max(1, math.ceil(len(whole) / batches_of_all))
+    count = workers * max(1, math.ceil(len(whole) / (workers * length)))
+    length = max(1, math.ceil(len(whole) / count))
     free = asyncio.Semaphore(2 * workers)
     scores = np.full((kinds, len(whole)), np.nan)
 

@@ -78,12 +78,12 @@ def _log_odds(container: Container, query: Query, candidates: Candidates, cc: Fl
     if not present:
         return found
     shapes = [known[numbers[place]] for place in present]
-    density = densities = None
-    if candidates.sample is not None:
-        density = candidates.density
-        densities = candidates.sample.of_stored([numbers[place] for place in present], shapes)
+    sample, densities = candidates.sample, None
+    if sample is not None:
+        densities = sample.of_stored([numbers[place] for place in present], shapes)
     scores = Scores(cc[present], np.zeros(len(present)), sim[present])
-    found[present] = pooled_log_odds(differences_of(query.descriptors, shapes, scores, density, densities))
+    differences = differences_of(query.descriptors, shapes, scores, candidates.density, densities)
+    found[present] = pooled_log_odds(differences)
     return found
 
 

@@ -41,7 +41,7 @@ since the class score depends mostly on spin images."""
 async def compare_with(
     container: Container, query: Query, candidates: Candidates, rank_by: RankBy
 ) -> tuple[Compared, Candidates]:
-    """Score the candidates, each embedding once.
+    """Score the candidates, each embedding matched once.
 
     Of a shortlist, only the first after the coarse ranking and the re-ranking are scored. Without a
     shortlist, the workers of a cluster score the candidates. Deleted and unreadable candidates are left out.

@@ -15,7 +15,7 @@ from core.ranking.pair_differences import descriptors_of
 from core.ranking.spectral_distance import spectral_distances
 from core.serialization import embedding_from_bytes
 from service.collection import CollectionNumber
-from service.compute.request_queue import Work
+from service.compute.request_queue import Work, short_of_memory
 from service.container import Container
 from service.errors import NotEmbeddedError
 from service.index.density_samples import CollectionSample
@@ -181,7 +181,7 @@ async def results(
     def measured() -> tuple[list[tuple[ShapeRecord, StoredEmbedding | None]], Floats, Floats]:
         scores = compared.combined
         scores = class_scores_of(container, query, shown, cc, sim) if scores is None else scores[best]
-        typical_scores = class_scores_of(container, query, replace(shown, sample=None), cc, sim)
+        typical_scores = class_scores_of(container, query, replace(shown, sample=None, density=None), cc, sim)
         return read(), scores, typical_scores
 
     def read() -> list[tuple[ShapeRecord, StoredEmbedding | None]]:
@@ -196,7 +196,8 @@ async def results(
             ]
 
     shown, cc, sim = scored.only(best), compared.cc[best], compared.sim[best]
-    shapes, scores, typical_scores = await run_in_threadpool(measured)
+    with short_of_memory():
+        shapes, scores, typical_scores = await run_in_threadpool(measured)
     spectral = spectral_distances(
         scored.signature,
         shown.signatures,

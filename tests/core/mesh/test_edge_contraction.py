@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from core.mesh.cleaning import face_areas
+from core.mesh.boundary import boundary_edges
+from core.mesh.cleaning import clean, face_areas
 from core.mesh.edge_contraction import _quadrics, contract_edges
 from core.mesh.edges import component_labels, half_edges
+from core.mesh.mesh import Mesh
 from core.numerics.compilation import constant
 from core.studies.perturbation import subdivide
 from tests.core.shapes import box, icosphere, joined, shifted, turned
@@ -78,7 +80,7 @@ def test_a_coarse_part_keeps_its_vertices():
     assert cKDTree(points).query(coarse.vertices)[0].max() == 0.0
 
 
-def test_a_mesh_of_one_vertex_less_is_not_contracted():
+def test_a_mesh_of_no_more_vertices_is_not_contracted():
     ball = icosphere(3)
     points, faces = contract_edges(ball.vertices, ball.faces, len(ball.vertices))
     assert points is ball.vertices
@@ -93,3 +95,14 @@ def test_pieces_without_common_edges_are_not_contracted_away():
     faces = corners + 5 * np.arange(500)[:, None, None]
     _, left = contract_edges(points.reshape(-1, 3), faces.reshape(-1, 3), 1000)
     assert len(left) > 0
+
+
+def test_the_boundary_of_an_open_surface_stays():
+    ball = icosphere(5)
+    upper = ball.faces[(ball.vertices[ball.faces][:, :, 2] > -0.3).all(axis=1)]
+    bowl = clean(Mesh(ball.vertices, upper)).mesh
+    points, faces = contract_edges(bowl.vertices, bowl.faces, 2_000)
+    before, after = (np.unique(boundary_edges(half_edges(some))) for some in (bowl.faces, faces))
+    assert len(points) <= 2_000 < len(bowl.vertices)
+    assert np.array_equal(np.sort(bowl.vertices[before], axis=0), np.sort(points[after], axis=0))
+    assert area(points, faces) == pytest.approx(area(bowl.vertices, bowl.faces), rel=0.002)
