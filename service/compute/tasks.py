@@ -20,6 +20,7 @@ from core.io import Limits, read_mesh
 from core.matching.match_records import match_record, score_match_records
 from core.matching.matcher_choice import matcher_of
 from core.mesh.bounding_box import bounding_box
+from core.mesh.edge_contraction import contract_edges
 from core.mesh.mesh import Mesh
 from core.numerics.guarding import guarded
 from core.parameters import Parameters
@@ -176,6 +177,9 @@ def warm(parameters: Parameters) -> None:
     warm_comparing(records, parameters)
     match_embeddings(records[0], records[1], parameters)
     draw(_bumpy_sheet(), "ply", SIZES[0])
+    ring = _ring()
+    # Only large meshes are contracted.
+    contract_edges(ring.vertices, ring.faces, len(ring.vertices) // 2)
     threadpool_limits(1)
 
 
