@@ -8,6 +8,7 @@ __all__ = [
     "bounding_box",
     "cleaning",
     "denoising",
+    "edge_contraction",
     "edges",
     "face_normals",
     "hole_filling",
