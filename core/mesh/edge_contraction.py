@@ -20,9 +20,9 @@ def contract_edges(points: Floats, faces: Ints, most: int) -> tuple[Floats, Ints
 
     A round contracts a matching of the edges (Karypis and Kumar 1998), the shortest sides of the faces, in
     the order of the faces. A vertex goes to the point of least quadric error of the vertices that it
-    replaces (Garland and Heckbert 1997), so that ridges and corners stay sharp. Vertices on a boundary stay.
-    Sides stay that are longer than those of an even mesh with `most / 2` vertices, so that coarse parts keep
-    their shape.
+    replaces (Garland and Heckbert 1997), so that ridges and corners stay sharp. Vertices on a boundary and on
+    nonmanifold edges stay until the other vertices do not suffice. Sides stay that are longer than those of
+    an even mesh with `most / 2` vertices, so that coarse parts keep their shape.
 
     Parameters
     ----------
@@ -34,18 +34,22 @@ def contract_edges(points: Floats, faces: Ints, most: int) -> tuple[Floats, Ints
     Returns
     -------
     points : float64, shape (m, 3)
-        At least `most / 2`; more than `most` if the sides are too long, or too many are on a boundary.
+        At least `most / 2`; more than `most` if the sides are too long.
     faces : int64, shape (g, 3)
     """
     if len(points) <= most:
         return points, faces
     weights, quadrics = np.ones(len(points)), _quadrics(constant(points), constant(faces))
     longest = 4.0 / np.sqrt(3.0) * float(face_areas(points, faces).sum()) / most
+    held = True
     while len(points) > most:
-        found = _contracted(constant(points), weights, quadrics, constant(faces), longest)
-        if len(found[0]) > SLOWEST * len(points) or len(found[3]) == 0:
+        found = _contracted(constant(points), weights, quadrics, constant(faces), longest, held)
+        if len(found[0]) <= SLOWEST * len(points) and len(found[3]) > 0:
+            points, weights, quadrics, faces = found
+        elif held:
+            held = False
+        else:
             break
-        points, weights, quadrics, faces = found
     return points, faces
 
 
@@ -98,14 +102,14 @@ def _inside(count: int, faces: Ints) -> NDArray[np.bool_]:
 
 @compiled
 def _contracted(
-    points: Floats, weights: Floats, quadrics: Floats, faces: Ints, longest: float
+    points: Floats, weights: Floats, quadrics: Floats, faces: Ints, longest: float, held: bool
 ) -> tuple[Floats, Floats, Floats, Ints]:
     """Vertices, weights, quadrics and faces after one round.
 
     `weights` are numbers of merged vertices, shape (n,); `longest` is the square of the longest side that is
-    contracted.
+    contracted; `held` tells whether vertices on a boundary stay.
     """
-    other, inside = np.full(len(points), -1), _inside(len(points), faces)
+    other, free = np.full(len(points), -1), _inside(len(points), faces) | (not held)
     for f in range(len(faces)):
         shortest, start, end = longest, -1, -1
         for i in range(3):
@@ -113,7 +117,7 @@ def _contracted(
             length = 0.0
             for axis in range(3):
                 length += (points[a, axis] - points[b, axis]) ** 2
-            if length <= shortest and inside[a] and inside[b]:
+            if length <= shortest and free[a] and free[b]:
                 shortest, start, end = length, a, b
         if start >= 0 and other[start] < 0 and other[end] < 0:
             other[start], other[end] = end, start

@@ -106,3 +106,13 @@ def test_the_boundary_of_an_open_surface_stays():
     assert len(points) <= 2_000 < len(bowl.vertices)
     assert np.array_equal(np.sort(bowl.vertices[before], axis=0), np.sort(points[after], axis=0))
     assert area(points, faces) == pytest.approx(area(bowl.vertices, bowl.faces), rel=0.002)
+
+
+def test_a_surface_of_boundaries_alone_is_contracted_all_the_same():
+    count = 5_000
+    turns = np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
+    rim = np.stack([np.cos(turns), np.sin(turns), 0.3 * np.sin(5.0 * turns)], axis=1)
+    here = np.arange(count)
+    faces = np.stack([np.zeros(count, dtype=np.int64), here + 1, (here + 1) % count + 1], axis=1)
+    points, _ = contract_edges(np.concatenate([np.zeros((1, 3)), rim]), faces, 1_000)
+    assert len(points) <= 1_000
