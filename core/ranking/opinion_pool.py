@@ -51,7 +51,7 @@ CALIBRATED_PARTS = Calibration(
     ),
 )
 """The models of pairs of complete surfaces and of pairs with an incomplete surface.
-`isoshape calibrate psb shrec11 webmodels` fitted them; see docs/calibration.md."""
+`isoshape calibrate psb shrec11 webmodels` fitted them; docs/results.md has their errors."""
 
 PART_FEATURES = 16
 """Number of features of pairs with an incomplete surface."""

@@ -16,9 +16,12 @@ from tests.service.support import serving, settings_in
 from tests.soak.browser.support import FLAGS, PATIENCE, Visit, settled
 
 POSES = 3
-SCREENS: dict[str, dict[str, Any]] = {
-    "1280": {"viewport": {"width": 1280, "height": 860}},
-    "390": {"viewport": {"width": 390, "height": 844}, "is_mobile": True, "has_touch": True},
+WIDE: dict[str, Any] = {"viewport": {"width": 1280, "height": 860}, "color_scheme": "light"}
+NARROW: dict[str, Any] = {
+    "viewport": {"width": 390, "height": 844},
+    "is_mobile": True,
+    "has_touch": True,
+    "color_scheme": "dark",
 }
 
 
@@ -26,42 +29,40 @@ def made(label: str, pose: int) -> bytes:
     return write_mesh(make_shape(label, pose), "ply")
 
 
-def shoot(browser: Browser, here: str, query: Path, out: Path) -> None:
-    """All of them."""
-    page = found(browser, here, query, {**SCREENS["1280"], "color_scheme": "light"})
+def shoot(browser: Browser, url: str, query: Path, out: Path) -> None:
+    """Draw the pictures that docs/page.md shows."""
+    page = found(browser, url, query, WIDE)
     page.click("#next-point")
     shot(page, "#results", out / "page-match.png")
     page.uncheck("#points")
     page.select_option("#paint", "2")
     settled(page)
     shot(page, "#results", out / "page-eigenmap.png")
+    for view, pictures in (("browse", "#gallery img"), ("map", "#map img")):
+        show(page, f"{url}/?view={view}", pictures)
+        small(page, out / f"page-{view}.png")
     page.context.close()
-    for width, screen in SCREENS.items():
-        for scheme in ("light", "dark"):
-            options = {**screen, "color_scheme": scheme}
-            page = found(browser, here, query, options)
-            if width == "390":
-                page.locator("#results").evaluate("part => part.scrollIntoView()")
-            else:
-                page.evaluate("scrollTo(0, 0)")
-            settled(page)
-            small(page, out / f"page-find-{width}-{scheme}.png")
-            for view, pictures in (("browse", "#gallery img"), ("map", "#map img")):
-                page.goto(f"{here}/?view={view}")
-                page.wait_for_selector(pictures)
-                page.wait_for_load_state("networkidle")
-                small(page, out / f"page-{view}-{width}-{scheme}.png")
-            page.context.close()
+    page = found(browser, url, query, NARROW)
+    show(page, f"{url}/?view=browse", "#gallery img")
+    small(page, out / "page-browse-narrow.png")
+    page.context.close()
+
+
+def show(page: Page, address: str, pictures: str) -> None:
+    """Open a view of the page and wait until its pictures are loaded."""
+    page.goto(address)
+    page.wait_for_selector(pictures)
+    page.wait_for_load_state("networkidle")
 
 
 def small(page: Page, path: Path) -> None:
-    """A screenshot of 256 colours."""
+    """Save a screenshot of 256 colours."""
     shown = Image.open(BytesIO(page.screenshot())).convert("RGB")
     shown.quantize(256).save(path, optimize=True)
 
 
 def found(browser: Browser, here: str, query: Path, options: dict) -> Page:
-    """The page with the answer to a query."""
+    """Return the page with the answer to a query."""
     context = browser.new_context(**options)
     context.set_default_timeout(PATIENCE)
     page = Visit(context.new_page(), here).open()

@@ -12,10 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from core.ranking.class_probability import Calibration
 from core.ranking.opinion_pool import CALIBRATED_PARTS, CALIBRATED_POOL
-
-PAGE = Path(__file__).parents[3] / "docs" / "calibration.md"
 
 COLLECTIONS = {"psb": 190, "shrec11": 300, "webmodels": 495}
 """Number of shapes of each collection."""
@@ -23,14 +20,6 @@ COLLECTIONS = {"psb": 190, "shrec11": 300, "webmodels": 495}
 LARGEST_ERROR, OF_SAMPLES, OF_FEW_PARTS = 0.01, 0.02, 0.06
 """Largest expected calibration errors by models fitted to whole collections, to samples of them, and to the
 incomplete shapes made from a fifth of the samples."""
-
-
-def test_the_page_has_the_constants() -> None:
-    code = PAGE.read_text(encoding="utf-8").split("```python\n")[1].split("```")[0]
-    names: dict[str, object] = {"Calibration": Calibration}
-    exec(code, names)
-    assert names["CALIBRATED_POOL"] == CALIBRATED_POOL
-    assert names["CALIBRATED_PARTS"] == CALIBRATED_PARTS
 
 
 @pytest.mark.collections
