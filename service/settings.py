@@ -3,13 +3,13 @@
 import json
 import os
 import re
-from collections.abc import Container, Iterable
+from collections.abc import Iterable
 from datetime import timedelta
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import AliasChoices, Field, PositiveInt, ValidationError, ValidationInfo, field_validator
+from pydantic import Field, PositiveInt, ValidationError, ValidationInfo, field_validator
 from pydantic_settings import BaseSettings, NoDecode, SettingsConfigDict
 
 from core.errors import ParameterError
@@ -24,9 +24,6 @@ PREFIX = "ISOSHAPE_"
 OTHER_VARIABLES = frozenset({"ISOSHAPE_API_KEY", "ISOSHAPE_COLLECTION", "ISOSHAPE_DATA", "ISOSHAPE_URL"})
 """Variables that the command line and the tests read. The service accepts and ignores them."""
 
-DEPRECATED_VARIABLES = {"ISOSHAPE_SCREENED": "ISOSHAPE_RERANKED"}
-"""Old names of settings, each with its present name. Setting both is an error."""
-
 Digests = Annotated[tuple[str, ...], NoDecode]
 
 _HOST = re.compile(r"[A-Za-z0-9._-]+|\[[0-9A-Fa-f:.]+\]")
@@ -40,7 +37,7 @@ class SettingsError(ExpectedError):
 
 
 def _processors() -> int:
-    """The number of processors that this process may use; if the system does not say, of all processors."""
+    """Return the number of processors that this process may use; if the system does not say, of all."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
@@ -50,19 +47,27 @@ class Settings(BaseSettings):
     """The settings of one service. `docs/settings.md` describes each of them."""
 
     model_config = SettingsConfigDict(
-        env_prefix=PREFIX, extra="forbid", frozen=True, hide_input_in_errors=True, populate_by_name=True
+        env_prefix=PREFIX, extra="forbid", frozen=True, hide_input_in_errors=True
     )
 
     database_url: str = Field(
         default="sqlite:///isoshape-data/isoshape.sqlite3",
-        description="The database of the archive, as an SQLAlchemy URL: an SQLite file, whose folder is "
-        "created if it is missing, or a PostgreSQL database.",
+        description="The database of the archive, as an SQLAlchemy URL. sqlite:/// and a path name an "
+        "SQLite file (three slashes begin a relative path, four an absolute one) on a local "
+        "disk; a missing folder is created. "
+        "postgresql+psycopg://user:password@host/database names a PostgreSQL database.",
     )
     pipeline: str = Field(
         default="default",
-        description="The method's parameters: default, paper, or the path of a JSON file of parameters.",
+        description="The parameters of the method: default, paper, or the path of a JSON file of "
+        "parameters. An archive with shapes keeps the parameters of its embeddings until "
+        "`isoshape reembed` has run.",
     )
-    host: str = Field(default="127.0.0.1", description="The address that `isoshape serve` listens on.")
+    host: str = Field(
+        default="127.0.0.1",
+        description="The address that `isoshape serve` listens on: 0.0.0.0 in a container, or to serve "
+        "a network.",
+    )
     port: int = Field(
         default=8000,
         ge=0,
@@ -71,75 +76,90 @@ class Settings(BaseSettings):
     )
     hosts: Annotated[tuple[str, ...], NoDecode] = Field(
         default=(),
-        description="Names under which the service answers, separated by commas, besides localhost and "
-        "the address that it listens on. Without keys, requests for other names are answered 421; with keys, "
-        "they are if this is set.",
+        description="Names under which the service answers, separated by commas, without ports, besides "
+        "localhost, loopback addresses and `ISOSHAPE_HOST`. A request with another Host is "
+        "answered 421: without keys always, with keys if this is set.",
     )
     api_keys: Digests = Field(
         default=(),
-        description="SHA-256 digests of the keys with full access, separated by commas. digest:name+name "
-        "limits a key to the collections named.",
+        description="SHA-256 digests of the keys with full access, separated by commas; "
+        "digest:name+name limits a key to the collections named. `isoshape key` prints both "
+        "forms. When any key is set, here or below, a request without a key is answered "
+        "401. A service that others can reach needs one.",
     )
     read_keys: Digests = Field(
         default=(),
-        description="SHA-256 digests of the keys that may read, query and compare, separated by commas. "
-        "digest:name+name limits a key to the collections named.",
+        description="SHA-256 digests of the keys that may read, query and compare, in the same form. A "
+        "request that would change something is answered 403.",
     )
     rate_limit: int = Field(
         default=1_200,
         ge=0,
-        description="Requests that a key may make in one burst, and per minute after it; 0 is no limit.",
+        description="Requests that a key may make in one burst, and per minute after it; the next is "
+        "answered 429 with Retry-After. 0 is no limit.",
     )
     log_level: Literal["debug", "info", "warning", "error"] = Field(
-        default="info", description="The lowest severity of the messages that are logged."
+        default="info",
+        description="The lowest severity of the messages that are logged: debug (also the health "
+        "probes), info, warning or error.",
     )
     workers: PositiveInt = Field(
         default_factory=_processors,
-        description="Worker processes that embed and compare meshes. The default is one per processor.",
+        description="Worker processes that embed and compare meshes, one thread each, each paired with "
+        "a process that reads uploads. The default is one per processor.",
     )
     scheduler: str = Field(
         default="",
-        description="The address of a Dask scheduler, as tcp://host:8786. Empty: the workers are local.",
+        description="The address of a Dask scheduler, as tcp://host:8786, whose workers embed meshes "
+        "and draw pictures in place of local ones. `ISOSHAPE_WORKERS` is then the number of "
+        "tasks that the service submits at a time.",
     )
     queue_length: int = Field(
         default=32,
         ge=0,
-        description="Requests that may wait for a worker, besides those that have one; the next request is "
-        "answered 503.",
+        description="Requests that may wait for a worker, besides those that have one; the next is "
+        "answered 503 with Retry-After. Each waiting upload holds its file in memory and in "
+        "the temporary folder.",
     )
     receive_seconds: float = Field(
         default=20.0,
         gt=0,
         allow_inf_nan=False,
-        description="The longest time for the head of a request, and the longest wait for the next bytes of "
-        "its body; after it the answer is 408. Also the time for 64 KiB of a longer body or answer.",
+        description="The longest wait for the next bytes of a request's body; the request is then "
+        "answered 408. In each further such period 64 KiB must arrive.",
     )
     task_seconds: float = Field(
         default=120.0,
         gt=0,
         allow_inf_nan=False,
-        description="The time limit of one task in a worker; a worker that exceeds it is replaced.",
+        description="The time limit of one task in a worker. A worker that exceeds it is replaced; its "
+        "file is refused with 422, its comparison with 503.",
     )
     read_seconds: float = Field(
         default=30.0,
         gt=0,
         allow_inf_nan=False,
-        description="The limit of processor time for reading one file.",
+        description="The limit of processor time for reading one file; a file that needs more is "
+        "refused with 422.",
     )
     read_memory_bytes: int = Field(
         default=3 * 1024**3,
         ge=1024**3,
-        description="The limit of the address space of a process that reads uploads.",
+        description="The limit of the address space of a process that reads uploads (Linux), at least 1 "
+        "GiB. Reading a file may need twenty times its size; a file that needs more is "
+        "refused with 422.",
     )
     shutdown_seconds: PositiveInt = Field(
         default=10,
-        description="How long `isoshape serve` finishes running requests after it is told to stop.",
+        description="How long `isoshape serve` finishes running and waiting requests after it is told "
+        "to stop; the rest are answered 503. Keep it below `stop_grace_period` of "
+        "docker/compose.yaml.",
     )
     lock_seconds: float = Field(
         default=10.0,
         gt=0,
         allow_inf_nan=False,
-        description="The longest wait for the lock of the database; after it the answer is 503.",
+        description="The longest wait for the lock of the database; the answer is then 503 with Retry-After.",
     )
     idempotency_hours: float = Field(
         default=24.0,
@@ -149,114 +169,139 @@ class Settings(BaseSettings):
         description="How long the service keeps the answer to an upload with an Idempotency-Key.",
     )
     max_upload_bytes: PositiveInt = Field(
-        default=128 * 1024 * 1024, description="The largest file that may be uploaded."
+        default=128 * 1024 * 1024,
+        description="The largest file that may be uploaded; larger ones are answered 413. A worker may "
+        "need twenty times the size of a file.",
     )
     max_archive_bytes: PositiveInt = Field(
-        default=512 * 1024 * 1024, description="The largest archive that a bulk job accepts."
+        default=512 * 1024 * 1024,
+        description="The largest archive that a bulk job accepts; larger ones are answered 413. The "
+        "temporary folder may hold two archives of each key at a time.",
     )
     max_archive_files: PositiveInt = Field(
-        default=10_000, description="The largest number of members of an archive, folders included."
+        default=10_000,
+        description="The largest number of members of an archive, folders included. A job with more "
+        "fails and stores nothing.",
     )
     max_unpacked_bytes: PositiveInt = Field(
-        default=4 * 1024**3, description="The largest total size of an unpacked archive, in bytes."
+        default=4 * 1024**3,
+        description="The largest total size of an unpacked archive. A job with more fails and stores "
+        "nothing.",
     )
     max_unpacked_ratio: float = Field(
         default=200.0,
         gt=1,
         allow_inf_nan=False,
-        description="The largest ratio of unpacked size to packed size, for an archive and its members.",
+        description="The largest ratio of unpacked size to packed size, for an archive and for its "
+        "members, from 1 MiB of unpacked data on. Meshes are seldom compressed to less than "
+        "a thirtieth.",
     )
     max_jobs: PositiveInt = Field(
-        default=16, description="The most unfinished bulk jobs; the next archive is answered 503."
+        default=16,
+        description="The most unfinished bulk jobs; the next archive is answered 503 with Retry-After.",
     )
     job_days: float = Field(
         default=7.0,
         gt=0,
         le=3660,
         allow_inf_nan=False,
-        description="How long the service keeps the record of a finished bulk job.",
+        description="How long the service keeps the record of a finished bulk job and the outcome of "
+        "each of its files.",
     )
     undo_days: float = Field(
         default=7.0,
         ge=0,
         le=3660,
         allow_inf_nan=False,
-        description="How long a deleted shape can be restored; with 0 it is erased at once.",
+        description="How many days a deleted shape can be restored; with 0 it is erased at once. Until "
+        "then its file occupies space in the database.",
     )
     duplicates_in_background: bool = Field(
         default=True,
-        description="Whether the service searches for near-identical shapes while it is idle. If not, or "
-        "with `ISOSHAPE_SIGNATURES=database`, `GET /duplicates` does.",
+        description="Whether the service searches for near-identical shapes while it is idle. With "
+        "false, or with `ISOSHAPE_SIGNATURES=database`, only `GET /duplicates` and "
+        "`isoshape duplicates` search.",
     )
     max_vertices: PositiveInt = Field(
-        default=DEFAULT_LIMITS.vertices, description="The largest number of vertices of a mesh."
+        default=DEFAULT_LIMITS.vertices,
+        description="The largest number of vertices of a mesh; larger ones are answered 422.",
     )
     max_faces: PositiveInt = Field(
-        default=DEFAULT_LIMITS.faces, description="The largest number of faces of a mesh."
+        default=DEFAULT_LIMITS.faces,
+        description="The largest number of faces of a mesh; larger ones are answered 422.",
     )
     max_parts: PositiveInt = Field(
         default=DEFAULT_LIMITS.parts,
-        description="The largest number of parts (solids, groups, instances) in a file.",
+        description="The largest number of parts in a file (solids of an STL, groups of an OBJ, "
+        "instances of a GLB or of a 3MF's objects, parts of a STEP); more are answered 422.",
     )
     max_distinct_parts: PositiveInt = Field(
         default=DEFAULT_LIMITS.distinct_parts,
-        description="The largest number of different parts of an assembly that is uploaded with split=parts.",
+        description="The largest number of different parts of an assembly that is uploaded with "
+        "split=parts; more are answered 422.",
     )
     max_form_fields: PositiveInt = Field(
         default=640,
-        description="The largest number of fields beside the file in one form. A query may exclude 500 "
-        "shapes and name 32 tags and 32 metadata values.",
+        description="The largest number of fields beside the file in one form; more are answered 400. A "
+        "query may exclude 500 shapes and name 32 tags and 32 metadata values.",
     )
     shortlist_from: PositiveInt = Field(
         default=2_000,
-        description="With at least this many candidates, a query compares only a shortlist: the nearest "
-        "candidates by signature and by view signature.",
+        description="With at least this many candidates, a query compares only a shortlist. With fewer, "
+        "or with exhaustive=true, it compares all candidates.",
     )
     shortlist_length: PositiveInt = Field(
         default=1_000,
-        description="How many candidates of the shortlist are the nearest by signature; half as many, the "
-        "nearest by view signature, join them. Coarse ranking orders them.",
+        description="How many candidates of the shortlist are the nearest by signature; the nearest by "
+        "view signature, half as many, join them. Coarse ranking orders them.",
     )
     reranked: PositiveInt = Field(
         default=300,
-        validation_alias=AliasChoices("isoshape_reranked", "isoshape_screened"),
-        description="How many shapes of the shortlist, the best of coarse ranking, are re-ranked.",
+        description="How many shapes of the shortlist, the best of coarse ranking, are re-ranked: "
+        "matched without splines of the candidates. Twice as many for rank_by=combined and "
+        "a query that looks incomplete.",
     )
     finalists: PositiveInt = Field(
         default=16,
-        description="How many re-ranked shapes, the best ones, are compared in full besides the number of "
-        "answers requested.",
+        description="How many re-ranked shapes, the best ones, are compared in full besides the number "
+        "of answers requested.",
     )
     search_bytes: int = Field(
         default=1280 * 1024**2,
         ge=0,
-        description="Memory for search: signatures, view signatures and coarse samples of all shapes, about "
-        "1,060 bytes each, and caches of points, about 12 kB each, and match records, about 100 kB each.",
+        description="Memory for search: about 1,060 bytes for each shape (signatures, view signatures, "
+        "coarse samples), and, in the rest but at least a quarter, caches of points, about "
+        "12 kB each, and of match records, about 100 kB each. Higher, where more than "
+        "10,000 shapes are searched exhaustively.",
     )
 
     signatures: Literal["memory", "database"] = Field(
         default="memory",
         description="Where the nearest signatures are found: in the memory of the service or, on "
-        "PostgreSQL, by the database, which keeps them out of memory.",
+        "PostgreSQL, by the database, with an HNSW index, which takes no memory of the "
+        "service.",
     )
     hnsw_m: int = Field(
         default=16,
         ge=2,
         le=100,
-        description="On PostgreSQL: the number of neighbours of a signature in the HNSW index.",
+        description="On PostgreSQL: the number of neighbours of a signature in the HNSW index. An index "
+        "with another value is rebuilt at the next start.",
     )
     hnsw_ef_construction: int = Field(
         default=200,
         ge=4,
         le=1_000,
         validate_default=True,
-        description="On PostgreSQL: the size of the candidate list while the HNSW index is built.",
+        description="On PostgreSQL: the size of the candidate list while the HNSW index is built; at "
+        "least twice the value above.",
     )
     hnsw_ef_search: int = Field(
         default=400,
         ge=1,
         le=1_000,
-        description="On PostgreSQL: the size of the candidate list while the HNSW index is searched.",
+        description="On PostgreSQL: the size of the candidate list while the HNSW index is searched; "
+        "more misses less and takes longer.",
     )
 
     @field_validator("database_url")
@@ -356,51 +401,41 @@ class Settings(BaseSettings):
 
 
 def load_settings() -> Settings:
-    """The settings in the environment.
+    """Return the settings in the environment.
 
     Raises
     ------
     SettingsError
-        A variable beginning with ISOSHAPE_ is unknown, a value is out of range, or a setting is given under
-        both its present and its deprecated name.
+        A variable beginning with ISOSHAPE_ is unknown, or a value is out of range.
     """
     known = {PREFIX + name.upper() for name in Settings.model_fields} | OTHER_VARIABLES
     given = {name.upper(): name for name in os.environ if name.upper().startswith(PREFIX)}
-    unknown = sorted(given[name] for name in given.keys() - known - DEPRECATED_VARIABLES.keys())
+    unknown = sorted(given[name] for name in given.keys() - known)
     if unknown:
         raise SettingsError(
             f"unknown settings: {', '.join(_with_suggestion(name, known) for name in unknown)}; "
             "docs/settings.md lists the known ones"
         )
-    for old, new in DEPRECATED_VARIABLES.items():
-        if old in given and new in given:
-            raise SettingsError(f"{old} is the deprecated name of {new}: set only {new}")
     try:
         return Settings()
     except ValidationError as error:
         problems = [
-            f"{_variable(str(e['loc'][0]), given)}: {e['msg'].removeprefix('Value error, ')}"
+            f"{PREFIX}{str(e['loc'][0]).upper()}: {e['msg'].removeprefix('Value error, ')}"
             for e in error.errors()
         ]
         raise SettingsError("; ".join(problems)) from error
 
 
 def _with_suggestion(name: str, known: Iterable[str]) -> str:
-    """A mistyped variable, and the known one that is nearest to it."""
+    """Return a mistyped variable and the known one that is nearest to it."""
     near = get_close_matches(
         name.upper().removeprefix(PREFIX), [one.removeprefix(PREFIX) for one in known], 1
     )
     return f"{name} (did you mean {PREFIX}{near[0]}?)" if near else name
 
 
-def _variable(location: str, given: Container[str]) -> str:
-    """The environment variable of a field or alias, under its deprecated name if that one is given."""
-    name = PREFIX + location.upper().removeprefix(PREFIX)
-    return next((old for old, new in DEPRECATED_VARIABLES.items() if new == name and old in given), name)
-
-
 def load_parameters(pipeline: str) -> Parameters:
-    """The parameters that the setting `pipeline` names; parameters without a name take that of their file.
+    """Return the parameters that `pipeline` names; parameters without a name take that of their file.
 
     Raises
     ------

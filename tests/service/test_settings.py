@@ -12,7 +12,6 @@ from sqlalchemy import make_url
 from core.parameters import DEFAULT, PAPER
 from service.jobs.runner import ARRIVING
 from service.settings import (
-    DEPRECATED_VARIABLES,
     OTHER_VARIABLES,
     PREFIX,
     Settings,
@@ -31,31 +30,30 @@ CLUSTER = ROOT / "docker" / "compose.cluster.yaml"
 @pytest.fixture(autouse=True)
 def no_settings(monkeypatch: pytest.MonkeyPatch) -> None:
     """None of the environment's own."""
-    for name in (*(PREFIX + field.upper() for field in Settings.model_fields), *DEPRECATED_VARIABLES):
+    for name in (PREFIX + field.upper() for field in Settings.model_fields):
         monkeypatch.delenv(name, raising=False)
 
 
-def documented() -> dict[str, str]:
-    """The variables in the document's table, with the default that stands beside each."""
-    rows = re.findall(r"^\| `(ISOSHAPE_\w+)` \| ([^|]+) \| [^|]+ \| [^|]+ \|$", DOCUMENT.read_text(), re.M)
-    return {name: default.strip().strip("`") for name, default in rows}
-
-
-def test_every_setting_is_documented_with_its_default() -> None:
-    fields = {PREFIX + name.upper(): field for name, field in Settings.model_fields.items()}
-    rows = documented()
-    assert set(rows) == set(fields)
-    for name, field in fields.items():
-        if field.default_factory is None:
-            default = field.default
-            said = rows[name]
-            assert type(default)(said) == default, f"{name} is {default!r}, not {said}"
+def table() -> str:
+    """Return the table of docs/settings.md: a row for each setting, as `Settings` describes it."""
+    rows = []
+    for name, field in Settings.model_fields.items():
+        default = "one per processor" if field.default_factory else field.default
+        default = str(default).lower() if isinstance(default, bool) else default
+        shown = f"{default:g}" if isinstance(default, float) else str(default or "")
         assert field.description, name
+        rows.append(f"| `{PREFIX}{name.upper()}` | {f'`{shown}`' if shown else ''} | {field.description} |")
+    return "\n".join(["| variable | default | meaning |", "|---|---|---|", *rows]) + "\n"
+
+
+def test_the_document_has_the_settings() -> None:
+    """`python -m tests.service.test_settings` writes the table again."""
+    assert table() in DOCUMENT.read_text(encoding="utf-8")
 
 
 def test_the_document_names_no_variable_that_is_not_known() -> None:
     named = set(re.findall(r"ISOSHAPE_[A-Z_]+[A-Z]", DOCUMENT.read_text()))
-    assert named == set(documented()) | OTHER_VARIABLES | set(DEPRECATED_VARIABLES)
+    assert named == {PREFIX + name.upper() for name in Settings.model_fields} | OTHER_VARIABLES
 
 
 def test_defaults(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -112,22 +110,6 @@ def test_variables_of_other_parts_are_let_be(monkeypatch: pytest.MonkeyPatch) ->
     for name in OTHER_VARIABLES:
         monkeypatch.setenv(name, "x")
     load_settings()
-
-
-def test_a_deprecated_name_sets_the_setting_that_it_stood_for(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("ISOSHAPE_SCREENED", "77")
-    assert load_settings().reranked == 77
-    monkeypatch.setenv("ISOSHAPE_SCREENED", "0")
-    with pytest.raises(SettingsError, match=r"^ISOSHAPE_SCREENED: "):
-        load_settings()
-    monkeypatch.setenv("ISOSHAPE_RERANKED", "88")
-    with pytest.raises(SettingsError, match="ISOSHAPE_SCREENED is the deprecated name of ISOSHAPE_RERANKED"):
-        load_settings()
-    monkeypatch.delenv("ISOSHAPE_SCREENED")
-    assert load_settings().reranked == 88
-    monkeypatch.setenv("ISOSHAPE_RERANKED", "0")
-    with pytest.raises(SettingsError, match=r"^ISOSHAPE_RERANKED: "):
-        load_settings()
 
 
 def test_unknown_variables_are_refused_by_name(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -278,3 +260,8 @@ def test_the_compose_file_of_a_cluster_fits_together(monkeypatch: pytest.MonkeyP
         assert services[name]["read_only"]
         assert services[name]["cap_drop"] == ["ALL"]
     assert "ports" not in {key for name in services if name != "proxy" for key in services[name]}
+
+
+if __name__ == "__main__":
+    page = DOCUMENT.read_text(encoding="utf-8")
+    DOCUMENT.write_text(re.sub(r"(?m)(^\|.*\n)+", lambda _: table(), page, count=1), encoding="utf-8")
