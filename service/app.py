@@ -17,11 +17,9 @@ from service.auth.keys import KeyRing
 from service.collections.dependencies import PARAMETER
 from service.collections.dependencies import PROBLEMS as CHOOSING_PROBLEMS
 from service.collections.endpoints import router as collections_router
-from service.compute.activity_gate import ActivityGate
+from service.compute.executor import Executor, start_executors
 from service.compute.pool import LocalPool
-from service.compute.request_queue import Work
-from service.compute.start_processes import start as start_processes
-from service.compute.workers_interface import Workers
+from service.compute.request_queue import ActivityGate, RequestQueue
 from service.container import Container
 from service.duplicates.background import keep_judging
 from service.duplicates.endpoints import router as duplicates_router
@@ -157,7 +155,7 @@ def app_from_environment() -> FastAPI:
 def _start(settings: Settings, parameters: Parameters, gate: Gate, metrics: Metrics) -> Container:
     """Start the workers, open and migrate the database, and adopt its pipeline."""
     threadpool_limits(1)
-    pool, readers = start_processes(
+    pool, readers = start_executors(
         settings, parameters, lambda cause: metrics.worker_replacements.labels(cause).inc()
     )
     try:
@@ -175,7 +173,7 @@ def _start(settings: Settings, parameters: Parameters, gate: Gate, metrics: Metr
         readers.kill()
         pool.kill()
         raise
-    work = Work(
+    queue = RequestQueue(
         pool,
         readers,
         settings.limits,
@@ -184,14 +182,14 @@ def _start(settings: Settings, parameters: Parameters, gate: Gate, metrics: Metr
         waiting=settings.queue_length,
     )
     log.info("the service starts", extra={"fields": {"version": VERSION, "workers": settings.workers}})
-    _watch(metrics, pool, readers, work, pipelines)
+    _watch(metrics, pool, readers, queue, pipelines)
     threads = ThreadPoolExecutor(settings.workers, thread_name_prefix="compare")
     return Container(
         settings=settings,
         database=database,
         pool=pool,
         readers=readers,
-        work=work,
+        queue=queue,
         pipelines=pipelines,
         gate=gate,
         in_flight=InFlight(),
@@ -208,11 +206,13 @@ def _start(settings: Settings, parameters: Parameters, gate: Gate, metrics: Metr
     )
 
 
-def _watch(metrics: Metrics, pool: Workers, readers: LocalPool, work: Work, pipelines: Pipelines) -> None:
+def _watch(
+    metrics: Metrics, pool: Executor, readers: LocalPool, queue: RequestQueue, pipelines: Pipelines
+) -> None:
     """Register gauges that read the state of the components."""
     watch = metrics.watch
-    watch("queue_requests", "Requests that are at work or wait for a worker.", lambda: work.inside)
-    watch("queue_room", "How many may be, before the next is answered 503.", lambda: work.room)
+    watch("queue_requests", "Requests that are at work or wait for a worker.", lambda: queue.inside)
+    watch("queue_room", "How many may be, before the next is answered 503.", lambda: queue.room)
     for name, about, processes in (
         ("workers", "Worker processes by what they do.", pool),
         ("readers", "Processes that read uploads by what they do.", readers),

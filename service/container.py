@@ -7,10 +7,9 @@ from threading import Event
 from core.arrays import Bytes
 from core.ranking.pair_differences import ShapeDescriptors
 from service.auth.gate import Gate
-from service.compute.activity_gate import ActivityGate
+from service.compute.executor import Executor
 from service.compute.pool import LocalPool
-from service.compute.request_queue import Work
-from service.compute.workers_interface import Workers
+from service.compute.request_queue import ActivityGate, RequestQueue
 from service.http.idempotency.keys import InFlight
 from service.index.cache import EmbeddingCache
 from service.index.density_samples import DensitySamples
@@ -35,9 +34,9 @@ class Container:
 
     settings: Settings
     database: Database
-    pool: Workers
+    pool: Executor
     readers: LocalPool
-    work: Work
+    queue: RequestQueue
     pipelines: Pipelines
     gate: Gate
     in_flight: InFlight

@@ -9,8 +9,8 @@ from typing import Annotated
 import typer
 
 from core.parameters import Parameters
-from service.compute.request_queue import Work
-from service.compute.start_processes import start as start_processes
+from service.compute.executor import start_executors
+from service.compute.request_queue import RequestQueue
 from service.console import fail, messages, output, progress, say
 from service.observability import logging
 from service.pipelines import repository
@@ -113,11 +113,11 @@ def _is_done(database: Database, parameters: Parameters) -> bool:
 
 
 @contextmanager
-def _working(settings: Settings, parameters: Parameters) -> Iterator[Work]:
+def _working(settings: Settings, parameters: Parameters) -> Iterator[RequestQueue]:
     """Worker processes for this command."""
-    workers, readers = start_processes(settings, parameters)
+    workers, readers = start_executors(settings, parameters)
     try:
-        yield Work(
+        yield RequestQueue(
             workers,
             readers,
             settings.limits,

@@ -4,26 +4,23 @@ Dask repeats the tasks of a lost worker on another worker. This module adds the 
 unreachable or has no workers, waiting tasks fail, and the executor tries to connect until it succeeds.
 """
 
-import hashlib
 import logging
+import os
 import pickle
-import secrets
 import threading
 import time
 from collections.abc import Callable
-from concurrent.futures import Executor, Future, InvalidStateError
+from concurrent.futures import Executor, Future, InvalidStateError, wait
 from contextlib import suppress
+from functools import partial
 from typing import Any
 
 import dask
-import numpy as np
-from distributed import Client
+from distributed import Client, get_worker
 from distributed.scheduler import KilledWorker
-from numpy.typing import NDArray
 
 from core.parameters import Parameters
-from service.compute.dask_tasks import run, run_here, warm_up
-from service.compute.workers_interface import RemoteWorkers
+from service.compute.pool import LocalPool
 from service.errors import ClusterUnavailableError, TaskTimeLimitError, WorkerLostError
 from service.observability.logging import get_logger
 
@@ -36,12 +33,14 @@ LOOK_SECONDS = 0.5
 CONNECT_SECONDS = 5.0
 # Waiting tasks fail when the cluster has had no workers for this time.
 PATIENCE_SECONDS = 10.0
+# A thread of a worker looks so often whether its task has ended.
+POLL_SECONDS = 0.25
 
 # Meshes pass through the scheduler, so that the loss of a worker loses no mesh.
 dask.config.set({"distributed.admin.large-graph-warning-threshold": "4 GiB"})
 
 
-class ClusterPool(RemoteWorkers):
+class ClusterPool(Executor):
     """The workers of a Dask cluster.
 
     Parameters
@@ -64,7 +63,6 @@ class ClusterPool(RemoteWorkers):
         seconds: float,
         replaced: Callable[[str], object] = lambda cause: None,
     ) -> None:
-        self.user = secrets.randbits(62)
         self._address = address
         self._parameters = parameters
         self._seconds = seconds
@@ -91,44 +89,11 @@ class ClusterPool(RemoteWorkers):
         """
         if kwargs:
             raise TypeError("tasks take positional arguments only")
-        executor = self._there()
+        executor = self._connected()
         return self._follow(executor.submit(run, pickle.dumps((fn, args)), self._parameters, self._seconds))
 
-    def owners(self, keys: NDArray[np.int64]) -> NDArray[np.str_]:
-        """The worker that owns each key, shape (n,): the worker whose hash with the key is highest.
-
-        Raises
-        ------
-        ClusterUnavailableError
-            The scheduler is unreachable, or no worker is warm.
-        """
-        self._there()
-        workers = sorted(self._pids)
-        if not workers:
-            raise ClusterUnavailableError("the cluster's workers are not ready yet")
-        different, places = np.unique(keys, return_inverse=True)
-        highest = [max(workers, key=lambda worker, key=key: _hash(worker, key)) for key in different.tolist()]  # type: ignore[misc]
-        return np.array(highest, dtype=np.str_)[places]
-
-    def submit_to(self, owner: str, fn: Callable[..., Any], /, *args: Any) -> Future[Any]:  # noqa: ANN401
-        """Call `fn(*args)` in the process of this worker, or of another worker if this one has left.
-
-        Nothing stops a running call: it must be short and must not end the process.
-
-        Raises
-        ------
-        ClusterUnavailableError
-            The scheduler is unreachable, or has no workers.
-        """
-        self._there()
-        client = self._client
-        if client is None:
-            raise ClusterUnavailableError("the cluster's scheduler cannot be reached now")
-        executor = client.get_executor(pure=False, workers=[owner], allow_other_workers=True)
-        return self._follow(executor.submit(run_here, pickle.dumps((fn, args))))
-
-    def _there(self) -> Executor:
-        """The executor of the cluster, if the scheduler is reachable and has workers."""
+    def _connected(self) -> Executor:
+        """Return the executor of the cluster, or raise `ClusterUnavailableError`."""
         if self._closing.is_set():
             raise RuntimeError("the pool is shut down")
         executor = self._executor
@@ -137,37 +102,37 @@ class ClusterPool(RemoteWorkers):
             raise ClusterUnavailableError(f"the cluster's {away} now")
         return executor
 
-    def _follow(self, given: Future[Any]) -> Future[Any]:
-        """The future that follows a future of the cluster."""
+    def _follow(self, remote: Future[Any]) -> Future[Any]:
+        """Return a task that settles as its future on the cluster does."""
         task: Future[Any] = Future()
         with self._lock:
             self._open.add(task)
-        task.add_done_callback(lambda task: self._ended(task, given))
-        given.add_done_callback(lambda given: self._settle(task, given))
+        task.add_done_callback(lambda task: self._forget(task, remote))
+        remote.add_done_callback(lambda remote: self._settle(task, remote))
         return task
 
     def ready(self) -> bool:
-        """Whether the cluster has a warm worker."""
+        """Return whether the cluster has a warm worker."""
         return bool(self._pids)
 
     def pids(self) -> list[int]:
-        """The process ids of the warm workers, each on its machine."""
+        """Return the process ids of the warm workers, each on its machine."""
         return list(self._pids.values())
 
     def idle(self) -> int:
-        """The number of tasks that could start at once."""
+        """Return the number of tasks that could start at once."""
         return max(0, sum(self._threads.values()) - len(self._open))
 
     def busy(self) -> int:
-        """The number of running tasks of this service, if no other service uses the cluster."""
+        """Return the number of running tasks of this service, if no other service uses the cluster."""
         return min(sum(self._threads.values()), len(self._open))
 
     def starting(self) -> int:
-        """The number of workers that are not warm yet."""
+        """Return the number of workers that are not warm yet."""
         return len(self._threads.keys() - self._pids.keys())
 
     def waiting(self) -> int:
-        """The least number of tasks of this service that wait for a worker."""
+        """Return the least number of tasks of this service that wait for a worker."""
         return max(0, len(self._open) - sum(self._threads.values()))
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
@@ -254,18 +219,18 @@ class ClusterPool(RemoteWorkers):
         for task in tasks:
             _raise(task, error)
 
-    def _ended(self, task: Future[Any], given: Future[Any]) -> None:
+    def _forget(self, task: Future[Any], remote: Future[Any]) -> None:
         """Forget a task that has ended, and cancel it on the cluster if its caller cancelled it."""
         with self._lock:
             self._open.discard(task)
-        given.cancel()
+        remote.cancel()
 
-    def _settle(self, task: Future[Any], given: Future[Any]) -> None:
+    def _settle(self, task: Future[Any], remote: Future[Any]) -> None:
         """Set the result of a task, or an error of the service if the cluster has failed it."""
-        if given.cancelled():
+        if remote.cancelled():
             _raise(task, ClusterUnavailableError("the cluster's scheduler was lost; try again"))
             return
-        error = given.exception()
+        error = remote.exception()
         if isinstance(error, KilledWorker):
             self._replaced("died")
             _raise(task, WorkerLostError("workers died before they had answered; try again"))
@@ -273,7 +238,7 @@ class ClusterPool(RemoteWorkers):
             log.error("the cluster failed", exc_info=error)
             _raise(task, ClusterUnavailableError(f"the cluster failed: {type(error).__name__}"))
         else:
-            done, answer = pickle.loads(given.result())
+            done, answer = pickle.loads(remote.result())
             if done:
                 with suppress(InvalidStateError):
                     task.set_result(answer)
@@ -288,6 +253,63 @@ def _raise(task: Future[Any], error: BaseException) -> None:
         task.set_exception(error)
 
 
-def _hash(worker: str, key: int) -> bytes:
-    """The weight of a worker for a key in rendezvous hashing (Thaler and Ravishankar 1998)."""
-    return hashlib.blake2b(f"{worker} {key}".encode(), digest_size=8).digest()
+# The rest runs on the workers of the cluster. Each worker hands tasks to processes of its own, so that a task
+# that takes too long, or ends its process, costs that task and not the worker. Its threads only wait.
+
+_pools: dict[float, LocalPool] = {}
+_making = threading.Lock()
+
+
+def run(payload: bytes, parameters: Parameters, seconds: float) -> bytes:
+    """Call a function in a process of this worker.
+
+    Parameters
+    ----------
+    payload : bytes
+        The pickled function and its arguments; the scheduler does not unpickle them.
+    parameters : Parameters
+        The parameters that new processes are warmed up for.
+    seconds : float
+        The time limit of the call.
+
+    Returns
+    -------
+    bytes
+        Pickled: (True, result) or (False, error).
+    """
+    function, arguments = pickle.loads(payload)
+    task = _pool(parameters, seconds).submit(function, *arguments)
+    while not wait([task], POLL_SECONDS).done:
+        if not _is_wanted():
+            task.cancel()
+    try:
+        return pickle.dumps((True, task.result()))
+    except Exception as error:
+        return pickle.dumps((False, error))
+
+
+def warm_up(parameters: Parameters, seconds: float) -> int:
+    """Start the processes of this worker, wait until one is warm, and return the worker's process id."""
+    pool = _pool(parameters, seconds)
+    while not pool.pids():
+        time.sleep(POLL_SECONDS)
+    return os.getpid()
+
+
+def _is_wanted() -> bool:
+    """Whether the task of this thread is still wanted; Dask itself stops no running task."""
+    worker = get_worker()
+    task = worker.state.tasks.get(worker.get_current_task())
+    return task is not None and task.state != "cancelled"
+
+
+def _pool(parameters: Parameters, seconds: float) -> LocalPool:
+    """The pool of this worker, with a process for each of its threads; made at the first call."""
+    with _making:
+        if seconds not in _pools:
+            # Imported here: a scheduler does not need the code of the tasks.
+            from service.compute.tasks import warm  # noqa: PLC0415
+
+            threads = get_worker().state.nthreads
+            _pools[seconds] = LocalPool(threads, seconds=seconds, warm=partial(warm, parameters))
+        return _pools[seconds]

@@ -1,4 +1,4 @@
-"""An executor that survives the death of its worker processes.
+"""An executor of worker processes that survives the death of one.
 
 The standard process pool breaks for good when a worker dies, fails every task in flight, and cannot stop a
 slow task. Here each worker process has a thread that hands it one task at a time through a pipe of its own. A
@@ -8,20 +8,231 @@ process that dies, or is killed at the time limit, costs one task, and a new pro
 
 import os
 import threading
+import time
 from collections.abc import Callable
-from concurrent.futures import CancelledError, Future
+from concurrent.futures import CancelledError, Executor, Future
 from queue import Empty, SimpleQueue
 from typing import Any
 
-from service.compute.worker_slot import Task, WorkerSlot
-from service.compute.worker_startup import START_SECONDS
-from service.compute.workers_interface import Workers
-from service.errors import WorkerLostError
+from service.compute.processes import START_SECONDS, ProcessStart, WorkerProcess
+from service.errors import TaskGivenUpError, TaskTimeLimitError, WorkerCrashedError, WorkerLostError
+from service.observability.logging import get_logger
+
+log = get_logger("compute")
 
 PING_SECONDS = 2.0
+RESTART_SECONDS = 1.0
+# Three times the memory of a warm process. Fragmented free memory does not return to the system by itself.
+MEMORY_BYTES = 768 * 1024**2
+# About the time that a new process takes to start.
+GIVEN_UP_SECONDS = 2.0
+# The next process starts when the current process has this share of its tasks left.
+AHEAD = 0.1
+CAUSES = {
+    WorkerLostError: "died",
+    WorkerCrashedError: "died",
+    TaskTimeLimitError: "time-limit",
+    TaskGivenUpError: "given-up",
+}
 
 
-class LocalPool(Workers):
+class Task(Future[Any]):
+    """A call, and the future of its result.
+
+    A task drops its arguments, which may be large, once a process has them or the task is cancelled. A
+    running call that is cancelled may go on for `GIVEN_UP_SECONDS`: a new process costs more than a short
+    call.
+    """
+
+    def __init__(self, function: Callable[..., Any], arguments: tuple[Any, ...]) -> None:
+        super().__init__()
+        self.function = function
+        self.arguments = arguments
+        self._given_up_at: float | None = None
+
+    def cancel(self) -> bool:
+        """Cancel a queued call and return True; mark a running call as given up and return False."""
+        if super().cancel():
+            self.arguments = ()
+            return True
+        if self._given_up_at is None:
+            self._given_up_at = time.monotonic()
+        return False
+
+    def given_up(self) -> bool:
+        """Return whether the call was cancelled more than `GIVEN_UP_SECONDS` ago."""
+        return self._given_up_at is not None and time.monotonic() >= self._given_up_at + GIVEN_UP_SECONDS
+
+
+class WorkerSlot(threading.Thread):
+    """A slot for one worker process at a time, and the thread that hands it tasks.
+
+    `pid` is the process id of a warm process, else None; `task` is what the process has or is handed, else
+    None; `renewing` says whether a new process is about to replace one that has run its number of tasks.
+    """
+
+    def __init__(
+        self,
+        tasks: "SimpleQueue[Task | None]",
+        closing: threading.Event,
+        abandoned: threading.Event,
+        seconds: float,
+        warm: Callable[[], object],
+        replaced: Callable[[str], object],
+        tasks_each: int | None,
+        *,
+        start_seconds: float,
+        answer_bytes: int | None,
+    ) -> None:
+        super().__init__(daemon=True, name="isoshape-worker")
+        self.pid: int | None = None
+        self.task: Task | None = None
+        self.renewing = False
+        self._tasks = tasks
+        self._closing = closing
+        self._abandoned = abandoned
+        self._seconds = seconds
+        self._warm = warm
+        self._replaced = replaced
+        self._tasks_each = tasks_each
+        self._start_seconds = start_seconds
+        self._answer_bytes = answer_bytes
+        self._last_alone = tasks_each and tasks_each - max(1, round(AHEAD * tasks_each))
+        self._tasks_done = 0
+        self._process: WorkerProcess | None = None
+        self._next: ProcessStart | None = None
+
+    @property
+    def busy(self) -> bool:
+        """Whether the process has a task."""
+        return self.task is not None
+
+    def run(self) -> None:
+        """Run tasks until the end of the queue."""
+        while True:
+            if self._process is None and not self._fill():
+                if self._closing.is_set():
+                    return
+                self._refuse_one()
+                self._closing.wait(RESTART_SECONDS)
+                continue
+            task = self._tasks.get()
+            if task is None:
+                self._empty()
+                self._drop_next()
+                return
+            if task.set_running_or_notify_cancel():
+                self.task = task
+                self._do(task)
+                self.task = None
+                self._renew()
+            # Dropped before the next task comes: its result may be large.
+            del task
+
+    def _renew(self) -> None:
+        """End a process that has run its number of tasks, or holds more memory than `MEMORY_BYTES`.
+
+        The next process starts before the current process has run all its tasks, so the slot is rarely empty.
+        """
+        process = self._process
+        if process is None:
+            return
+        if self._tasks_done == self._tasks_each or process.resident_bytes() > MEMORY_BYTES:
+            self.renewing = True
+            self._empty()
+        elif self._next is None and self._tasks_done == self._last_alone:
+            self._next = self._start_next()
+
+    def stop_starting(self) -> None:
+        """Kill a process that is still warming up."""
+        starting = self._next
+        if starting is not None:
+            starting.kill()
+
+    def stop_working(self) -> None:
+        """Kill the process with its running task."""
+        process = self._process
+        if process is not None:
+            process.kill()
+
+    def _do(self, task: Task) -> None:
+        """Run the task and settle its future."""
+        try:
+            process = self._hand_over(task)
+            answer = process.receive(self._seconds, task.given_up)
+        except (WorkerLostError, TaskTimeLimitError) as error:
+            log.warning("a worker process is replaced: %s", error)
+            self._replaced(CAUSES[type(error)])
+            self._empty()
+            task.set_exception(error)
+        except Exception as error:
+            self._tasks_done += 1
+            task.set_exception(error)
+        else:
+            self._tasks_done += 1
+            task.set_result(answer)
+
+    def _hand_over(self, task: Task) -> WorkerProcess:
+        """Send the task to the process, or to a new process if the process died idle; return the process."""
+        process = self._process
+        if process is not None and process.alive():
+            try:
+                process.send(task.function, task.arguments)
+            except WorkerLostError:
+                pass
+            else:
+                task.arguments = ()
+                return process
+        self._empty()
+        if not self._fill() or self._process is None:
+            raise WorkerLostError("no worker process could be started")
+        self._process.send(task.function, task.arguments)
+        task.arguments = ()
+        return self._process
+
+    def _fill(self) -> bool:
+        """Fill the slot with a warm process; False if none started."""
+        if self._next is None:
+            self._next = self._start_next()
+        self._process = self._next.take()
+        self._next = None
+        if self._process is not None:
+            self._tasks_done = 0
+            self.pid = self._process.pid
+        self.renewing = False
+        return self._process is not None
+
+    def _start_next(self) -> ProcessStart:
+        return ProcessStart(
+            self._warm, self._abandoned, seconds=self._start_seconds, answer_bytes=self._answer_bytes
+        )
+
+    def _drop_next(self) -> None:
+        if self._next is not None:
+            self._next.kill()
+            process = self._next.take()
+            if process is not None:
+                process.end()
+
+    def _empty(self) -> None:
+        self.pid = None
+        if self._process is not None:
+            self._process.end()
+            self._process = None
+
+    def _refuse_one(self) -> None:
+        """Fail one queued task, since no process starts: requests must not wait for ever."""
+        try:
+            task = self._tasks.get_nowait()
+        except Empty:
+            return
+        if task is None:
+            self._tasks.put(None)
+        elif task.set_running_or_notify_cancel():
+            task.set_exception(WorkerLostError("no worker process could be started"))
+
+
+class LocalPool(Executor):
     """Worker processes on this machine.
 
     Parameters
@@ -91,7 +302,7 @@ class LocalPool(Workers):
         return task
 
     def ready(self) -> bool:
-        """Whether a worker is available: an idle or a new worker answers, or a living worker is busy."""
+        """Return whether a worker is available: an idle or new worker answers, or a living one is busy."""
         if any((slot.pid is not None and not slot.busy) or slot.renewing for slot in self._slots):
             ping = self.submit(os.getpid)
             try:
@@ -101,23 +312,23 @@ class LocalPool(Workers):
         return any(slot.busy and slot.pid is not None for slot in self._slots)
 
     def pids(self) -> list[int]:
-        """The process ids of the warm workers."""
+        """Return the process ids of the warm workers."""
         return [slot.pid for slot in self._slots if slot.pid is not None]
 
     def idle(self) -> int:
-        """The number of warm workers without a task."""
+        """Return the number of warm workers without a task."""
         return sum(slot.pid is not None and not slot.busy for slot in self._slots)
 
     def busy(self) -> int:
-        """The number of workers with a task."""
+        """Return the number of workers with a task."""
         return sum(slot.pid is not None and slot.busy for slot in self._slots)
 
     def starting(self) -> int:
-        """The number of workers that are not warm yet."""
+        """Return the number of workers that are not warm yet."""
         return sum(slot.pid is None for slot in self._slots)
 
     def waiting(self) -> int:
-        """The number of tasks in the queue."""
+        """Return the number of tasks in the queue."""
         return self._tasks.qsize()
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:

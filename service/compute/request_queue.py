@@ -2,9 +2,8 @@
 
 import asyncio
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Executor
 from contextlib import contextmanager
-from typing import ParamSpec, TypeVar
+from typing import TypeVar, TypeVarTuple
 
 from starlette.concurrency import run_in_threadpool
 
@@ -13,9 +12,8 @@ from core.errors import CannotBeEmbeddedError, MalformedMeshError, MeshError, Me
 from core.io import Limits
 from core.mesh.mesh import Mesh
 from core.pipeline import Pipeline
-from service.compute import part_bytes
-from service.compute.mesh_bytes import ReadMesh, from_bytes
-from service.compute.part_bytes import PartFile
+from service.compute.executor import Executor
+from service.compute.reader_answers import PartFile, ReadMesh, mesh_from_bytes, parts_from_bytes
 from service.compute.sandbox import read_file, read_part_files
 from service.compute.tasks import Embedded, embed_mesh, match_embeddings, score_embeddings
 from service.errors import (
@@ -30,11 +28,36 @@ from service.observability.logging import get_logger
 
 log = get_logger("compute")
 
-P = ParamSpec("P")
-R = TypeVar("R")
+Arguments = TypeVarTuple("Arguments")
+Result = TypeVar("Result")
 
 
-class Work:
+class ActivityGate:
+    """Counts running requests, so that background work can wait until there are none; for one event loop."""
+
+    def __init__(self) -> None:
+        self._count = 0
+        self._idle = asyncio.Event()
+        self._idle.set()
+
+    @contextmanager
+    def running(self) -> Iterator[None]:
+        """Count one request for the duration of the block."""
+        self._count += 1
+        self._idle.clear()
+        try:
+            yield
+        finally:
+            self._count -= 1
+            if not self._count:
+                self._idle.set()
+
+    async def until_idle(self) -> None:
+        """Wait until no request runs."""
+        await self._idle.wait()
+
+
+class RequestQueue:
     """Reading, embedding and comparing shapes in worker processes.
 
     Parameters
@@ -104,7 +127,7 @@ class Work:
             return await self._embedding(await self._reading(data, format), pipeline)
 
     async def score(self, query: bytes, records: Sequence[bytes], pipeline: Pipeline) -> Scores:
-        """Scores of the query with each of c records, arrays of shape (c,); NaN for unreadable records."""
+        """Return the scores of the query with each of c records, shape (c,); NaN for unreadable ones."""
         with short_of_memory(), _failures_logged():
             return await asyncio.wrap_future(
                 self._executor.submit(score_embeddings, query, records, pipeline.parameters)
@@ -126,20 +149,20 @@ class Work:
         """Read the distinct parts of an assembly; none if the file has one part only."""
         with _at_fault():
             answer = await self._from_reader(read_part_files, data, format)
-            return await run_in_threadpool(part_bytes.from_bytes, answer, self._limits.distinct_parts)
+            return await run_in_threadpool(parts_from_bytes, answer, self._limits.distinct_parts)
 
-    async def do(self, function: Callable[P, R], *arguments: P.args, **named: P.kwargs) -> R:
+    async def do(self, function: Callable[[*Arguments], Result], *arguments: *Arguments) -> Result:
         """Call a function, which the workers import by its name, in a worker."""
         with _at_fault():
-            return await asyncio.wrap_future(self._executor.submit(function, *arguments, **named))
+            return await asyncio.wrap_future(self._executor.submit(function, *arguments))
 
     async def _reading(self, data: bytes, format: str) -> ReadMesh:
-        return await run_in_threadpool(from_bytes, await self._from_reader(read_file, data, format))
+        return await run_in_threadpool(mesh_from_bytes, await self._from_reader(read_file, data, format))
 
     async def _from_reader(
         self, read: Callable[[bytes, str, Limits, float], bytes], data: bytes, format: str
     ) -> bytes:
-        """The answer of a reader, which is not trusted."""
+        """Return the answer of a reader, which is not trusted."""
         reading = self._readers.submit(read, data, format, self._limits, self._read_seconds)
         try:
             return await asyncio.wrap_future(reading)

@@ -2,11 +2,12 @@
 
 Uploads are untrusted, and a hostile file may take over the code that reads it. A reader therefore has little
 memory and time, opens no files and starts no processes, and is replaced often. On Linux the kernel enforces
-this on native code (`service.compute.system_calls`); on every system an audit hook enforces it on Python. A
+this on native code by Landlock and seccomp; on every system an audit hook enforces it on Python. A
 file that ends the reader costs one request.
 """
 
 import codecs
+import errno
 import math
 import os
 import resource
@@ -16,16 +17,15 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from functools import cache
+from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 from core.errors import MeshError
 from core.io import FORMATS, Limits, read_mesh, read_parts, write_mesh
 from core.mesh.mesh import Mesh
-from service.compute import part_bytes
-from service.compute.mesh_bytes import ReadMesh, to_bytes
-from service.compute.part_bytes import PartFile
-from service.compute.system_calls import allow_calls, forbid_files
+from service.compute.reader_answers import PartFile, ReadMesh, mesh_to_bytes, parts_to_bytes
 from service.compute.worker_loop import end_with_parent
 
 FILES_EACH = 100
@@ -40,7 +40,41 @@ _FORBIDDEN = (
 _CONVERTED_BYTES = 256 * 1024**2
 _WRITES = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_TRUNC
 
+ALLOWED = (
+    # Memory.
+    *("brk", "mmap", "munmap", "mremap", "mprotect", "madvise", "membarrier"),
+    # Files that are open, files in memory, and the state of other files.
+    *("read", "readv", "pread64", "write", "writev", "lseek", "close", "dup", "dup2", "dup3", "fcntl"),
+    *("fstat", "newfstatat", "stat", "lstat", "statx", "readlink", "readlinkat", "getcwd"),
+    *("memfd_create", "ftruncate", "poll", "ppoll", "select", "pselect6"),
+    # Threads and signals of the process.
+    *("futex", "rseq", "set_robust_list", "set_tid_address", "sched_yield", "sched_getaffinity", "getcpu"),
+    *("tgkill", "rt_sigaction", "rt_sigprocmask", "rt_sigreturn", "sigaltstack", "restart_syscall"),
+    *("exit", "exit_group"),
+    # Time, limits and identity of the process.
+    *("clock_gettime", "clock_getres", "clock_nanosleep", "nanosleep", "gettimeofday", "time", "times"),
+    *("getrusage", "getrlimit", "setrlimit", "prlimit64", "getrandom", "sysinfo", "uname"),
+    *("getpid", "gettid", "getppid", "getuid", "geteuid", "getgid", "getegid", "arch_prctl"),
+)
+"""Names of system calls; an architecture lacks some of them. None opens a file by its path, starts or signals
+another process, or makes a connection."""
+
+
+OPENING = ("open", "openat")
+
 _confinement: dict[str, bool] = {}
+
+
+def _imported(name: str) -> Any:  # noqa: ANN401
+    """Return a package, or None where the system lacks it or its library."""
+    try:
+        return import_module(name)
+    except (ImportError, RuntimeError, OSError):
+        return None
+
+
+# Here: a confined process could not load them.
+landlock, seccomp = _imported("landlock"), _imported("pyseccomp")
 
 
 def read_file(data: bytes, format: str, limits: Limits, seconds: float) -> bytes:
@@ -49,7 +83,7 @@ def read_file(data: bytes, format: str, limits: Limits, seconds: float) -> bytes
     Returns
     -------
     bytes
-        Of `service.compute.mesh_bytes.from_bytes`: nothing that a reader returns is unpickled.
+        Of `mesh_from_bytes` in `service.compute.reader_answers`: nothing that a reader returns is unpickled.
 
     Raises
     ------
@@ -60,7 +94,7 @@ def read_file(data: bytes, format: str, limits: Limits, seconds: float) -> bytes
     start = time.perf_counter()
     with _converting(format):
         mesh = read_mesh(data, format, limits=limits)
-    return to_bytes(ReadMesh(mesh, 1e3 * (time.perf_counter() - start)))
+    return mesh_to_bytes(ReadMesh(mesh, 1e3 * (time.perf_counter() - start)))
 
 
 def read_part_files(data: bytes, format: str, limits: Limits, seconds: float) -> bytes:
@@ -69,7 +103,7 @@ def read_part_files(data: bytes, format: str, limits: Limits, seconds: float) ->
     Returns
     -------
     bytes
-        Of `service.compute.part_bytes.from_bytes`.
+        Of `parts_from_bytes` in `service.compute.reader_answers`.
 
     Raises
     ------
@@ -79,7 +113,7 @@ def read_part_files(data: bytes, format: str, limits: Limits, seconds: float) ->
     _limit_time(seconds)
     with _converting(format):
         parts = read_parts(data, format, limits=limits)
-    return part_bytes.to_bytes(
+    return parts_to_bytes(
         [PartFile(part.name, part.path, part.instances, write_mesh(part.mesh, "3mf")) for part in parts]
     )
 
@@ -106,7 +140,7 @@ def enter(memory: int) -> None:
     resource.setrlimit(resource.RLIMIT_FSIZE, (0, _CONVERTED_BYTES))
     program = tuple(
         f"{Path(folder).resolve()}{os.sep}"
-        for folder in {sys.prefix, sys.base_prefix, *sysconfig.get_paths().values(), *_own_folders()}
+        for folder in {sys.prefix, sys.base_prefix, *sysconfig.get_paths().values(), *_project_folders()}
     )
 
     def refuse(event: str, arguments: tuple[object, ...]) -> None:
@@ -137,7 +171,7 @@ def _limit_time(seconds: float) -> None:
 
 
 def confinement() -> dict[str, bool]:
-    """Whether the system confines this process, by the name of its part; empty before `enter`."""
+    """Return whether each part of the system confines this process; empty before `enter`."""
     return dict(_confinement)
 
 
@@ -163,15 +197,73 @@ def _converting(format: str) -> Iterator[None]:
 
 @cache
 def _null_device() -> int:
-    """A descriptor of the null device, which a confined process cannot open."""
+    """Return a descriptor of the null device, which a confined process cannot open."""
     return os.open(os.devnull, os.O_WRONLY)
 
 
-def _own_folders() -> list[str]:
-    """The folders of this project's packages."""
+def _project_folders() -> list[str]:
+    """Return the folders of this project's packages."""
     return [str(Path(sys.modules[name].__file__ or "").parent) for name in ("core", "service")]
 
 
 def _triangle() -> Mesh:
-    """The smallest mesh."""
+    """Return the smallest mesh."""
     return Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])  # type: ignore[arg-type]
+
+
+def forbid_files() -> bool:
+    """Refuse every file of this thread, and of the threads that it starts, by its path (Landlock); for good.
+
+    Files in memory, which have no path, can be opened.
+
+    Returns
+    -------
+    bool
+        Whether the kernel does so.
+    """
+    if landlock is None:
+        return False
+    try:
+        landlock.Ruleset().apply()
+    except (OSError, ValueError, landlock.LandlockError):
+        # ValueError: where the kernel refuses, the package reads its version, which may be 5.15.133+.
+        return False
+    return True
+
+
+def allow_calls(*, opening: bool) -> bool:
+    """Refuse all system calls but `ALLOWED` to this process, and new privileges (seccomp); for good.
+
+    A refused call fails with EPERM.
+
+    Parameters
+    ----------
+    opening : bool
+        Whether files may be opened: where `forbid_files` holds, files in memory only.
+
+    Returns
+    -------
+    bool
+        Whether the kernel does so.
+    """
+    if seccomp is None:
+        return False
+    # abort() sends a signal to its own process; prlimit64 takes 0 for that.
+    own = {"tgkill": os.getpid(), "prlimit64": 0}
+    try:
+        rules = seccomp.SyscallFilter(seccomp.ERRNO(errno.EPERM))
+        rules.set_attr(seccomp.Attr.CTL_TSYNC, 1)
+        for name in ALLOWED + (OPENING if opening else ()):
+            try:
+                number = seccomp.resolve_syscall(seccomp.Arch.NATIVE, name)
+            except OSError:
+                continue
+            if number < 0:
+                # Such a rule would be refused, and the whole filter with it.
+                continue
+            conditions = [seccomp.Arg(0, seccomp.EQ, own[name])] if name in own else []
+            rules.add_rule(seccomp.ALLOW, number, *conditions)
+        rules.load()
+    except OSError:
+        return False
+    return True

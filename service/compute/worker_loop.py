@@ -1,5 +1,10 @@
-"""The loop of a worker process. It imports no numerics: it sets numbers of threads before libraries load."""
+"""The loop of a worker process, and the plain form of its answers.
 
+It imports no numerics: it sets numbers of threads before libraries load. Nothing unpickles an answer of plain
+form, which processes that are not trusted send.
+"""
+
+import json
 import multiprocessing
 import os
 import pickle
@@ -9,11 +14,27 @@ import traceback
 from multiprocessing.connection import Connection
 from typing import Any
 
-from service.compute.plain_answers import encode, encode_error
+from core import errors
+from core.errors import CoreError
 
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 NICENESS = 10
 """Added to the niceness of a worker: queries, on threads of the service, go before embeddings of uploads."""
+
+BYTES, VALUE, ERROR = b"B", b"V", b"E"
+JSON_BYTES = 64 * 1024
+"""The most bytes of an answer that is JSON."""
+TEXT = JSON_BYTES // 16
+"""The most characters of an error's message, and of its note; JSON may take six bytes for each."""
+
+# Errors by name: those of the core, and those that a task may raise besides.
+_ERRORS: dict[str, type[Exception]] = {
+    each.__name__: each
+    for each in (
+        *(each for each in vars(errors).values() if isinstance(each, type) and issubclass(each, CoreError)),
+        *(MemoryError, OSError, PermissionError, TypeError, ValueError),
+    )
+}
 
 
 def serve(connection: "Connection[Any, Any]", *, untrusted: bool = False) -> None:
@@ -26,8 +47,8 @@ def serve(connection: "Connection[Any, Any]", *, untrusted: bool = False) -> Non
     ----------
     connection : Connection
     untrusted : bool
-        Whether answers have the form of `service.compute.plain_answers`. The first call then starts the
-        thread of `end_with_parent`, once that thread would be confined.
+        Whether answers have the plain form of `encode`. The first call then starts the thread of
+        `end_with_parent`, once that thread would be confined.
     """
     os.nice(NICENESS)
     for name in THREADS:
@@ -62,7 +83,7 @@ def _end_after_parent() -> None:
 
 
 def _failure(error: Exception) -> bytes:
-    """The answer that raises this error at the other end; its `repr` if the error does not pickle."""
+    """Return the answer that raises this error at the other end, or its `repr` if it does not pickle."""
     note = _note()
     error.add_note(note)
     try:
@@ -76,5 +97,47 @@ def _failure(error: Exception) -> bytes:
 
 
 def _note() -> str:
-    """The traceback of the error that is being handled."""
+    """Return the traceback of the error that is being handled."""
     return f"in a worker:\n{traceback.format_exc()}"
+
+
+class AnswerFormError(Exception):
+    """The bytes are not an answer."""
+
+
+def encode(result: object) -> bytes:
+    """Return the plain answer with a result: bytes, or a value of JSON."""
+    return BYTES + result if isinstance(result, bytes) else VALUE + json.dumps(result).encode()
+
+
+def encode_error(error: Exception, note: str) -> bytes:
+    """Return the plain answer with an error: the name of its class, its message and a note."""
+    return ERROR + json.dumps([type(error).__name__, str(error)[:TEXT], note[-TEXT:]]).encode()
+
+
+def decode(answer: bytes) -> Any:  # noqa: ANN401
+    """Return the result of a plain answer, or raise its error; a `RuntimeError` for an unknown class.
+
+    Raises
+    ------
+    AnswerFormError
+        The bytes are not an answer.
+    """
+    form, content = answer[:1], answer[1:]
+    if form == BYTES:
+        return content
+    if len(answer) > JSON_BYTES:
+        raise AnswerFormError(f"the answer has {len(answer)} bytes")
+    try:
+        value = json.loads(content)
+        if form == ERROR:
+            name, message, note = map(str, value)
+    except (ValueError, TypeError, RecursionError) as error:
+        raise AnswerFormError("the answer is not JSON of its form") from error
+    if form == ERROR:
+        failure = _ERRORS[name](message) if name in _ERRORS else RuntimeError(f"{name}: {message}")
+        failure.add_note(note)
+        raise failure
+    if form != VALUE:
+        raise AnswerFormError("the answer has no known form")
+    return value

@@ -130,9 +130,9 @@ async def _judge_some(
 async def _idle(container: Container) -> None:
     """Wait until no request and no job uses the workers, judgements aside."""
     while True:
-        await container.searches.nothing()
+        await container.searches.until_idle()
         busy = container.pool.busy() + container.readers.busy()
-        if not container.work.inside and busy <= len(container.judging):
+        if not container.queue.inside and busy <= len(container.judging):
             return
         await asyncio.sleep(BUSY_SECONDS)
 

@@ -62,7 +62,7 @@ async def duplicates(
     async def found(active_pipeline: ActivePipeline) -> Duplicates:
         return await service.find(container, wanted, active_pipeline, timings)
 
-    with container.work.admitted():
+    with container.queue.admitted():
         groups = await while_connected(request, in_one_pipeline(container, found))
     answer = DuplicatesAnswer.of(groups, milliseconds=timings.so_far())
     if options.format == "csv":

@@ -50,7 +50,7 @@ async def side_of(container: Container, collection: CollectionNumber, number: in
         return data, shapes[0].format
 
     async def mesh() -> Mesh:
-        return await container.work.read(*await run_in_threadpool(read_file))
+        return await container.queue.read(*await run_in_threadpool(read_file))
 
     return Side(await run_in_threadpool(read_record), mesh)
 
@@ -69,7 +69,7 @@ async def registered(
     if copy is not None:
         return copy
     meshes = await first.mesh(), await second.mesh()
-    return await container.work.do(
+    return await container.queue.do(
         tasks.registered, *meshes, first.record, second.record, parameters, variants
     )
 

@@ -257,7 +257,7 @@ class Runner:
     async def _wait_for_worker(self) -> None:
         """Wait for a worker that no request needs."""
         since = time.monotonic()
-        while self._container.work.inside + self._active_members >= self._container.settings.workers:
+        while self._container.queue.inside + self._active_members >= self._container.settings.workers:
             if not self._active_members and time.monotonic() - since > PATIENCE_SECONDS:
                 return
             await asyncio.sleep(ROOM_SECONDS)

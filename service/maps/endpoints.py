@@ -51,5 +51,5 @@ async def read_map(
     async def found(active_pipeline: ActivePipeline) -> CollectionMap:
         return await service.find(container, wanted, active_pipeline)
 
-    with container.work.admitted():
+    with container.queue.admitted():
         return MapAnswer.of(await while_connected(request, in_one_pipeline(container, found)))

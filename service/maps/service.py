@@ -42,7 +42,7 @@ async def find(container: Container, wanted: ShapeFilter, active_pipeline: Activ
     found = container.maps.get(shapes.embeddings)
     if found is None:
         parameters = active_pipeline.pipeline.parameters
-        found = await container.work.do(tasks.lay_out, shapes.descriptors, parameters)
+        found = await container.queue.do(tasks.lay_out, shapes.descriptors, parameters)
         container.maps.put(shapes.embeddings, found)
     return CollectionMap(found, shapes, total)
 

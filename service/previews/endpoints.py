@@ -95,7 +95,7 @@ async def read_preview(
     headers = _headers(f"{shape.sha256[:32]}-{shape.format}-{FACES}-preview-1")
     if files.is_known(request.headers.get("If-None-Match"), headers["ETag"]):
         return Response(status_code=304, headers=headers)
-    with container.work.admitted():
+    with container.queue.admitted():
         data = await service.stored_file(container, collection.number, shape_id)
         made = await while_connected(request, service.preview(container, data, shape.format))
     return Response(made, media_type=MEDIA_TYPE, headers=headers)
@@ -116,7 +116,7 @@ async def make_preview(
 ) -> Response:
     """The preview of a file that is not stored: a page shows it beside the answer to a query."""
     mesh_format = format_of(upload.file.filename or "")
-    with container.work.admitted():
+    with container.queue.admitted():
         data = await upload.file.read()
         glb = await while_connected(request, service.preview(container, data, mesh_format))
     return Response(glb, media_type=MEDIA_TYPE)

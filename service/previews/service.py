@@ -55,17 +55,17 @@ async def thumbnail(
     stored, data = await run_in_threadpool(read)
     if stored is not None:
         return stored
-    with container.work.admitted():
-        mesh = await container.work.read(data, shape.format)
-        drawn = await container.work.do(draw, mesh, shape.format, size)
+    with container.queue.admitted():
+        mesh = await container.queue.read(data, shape.format)
+        drawn = await container.queue.do(draw, mesh, shape.format, size)
     await run_in_threadpool(store, drawn)
     return drawn
 
 
 async def preview(container: Container, data: bytes, format: str) -> bytes:
     """The mesh of a file as a GLB, made in a worker."""
-    mesh = await container.work.read(data, format)
-    return await container.work.do(tasks.preview, mesh, format, FACES)
+    mesh = await container.queue.read(data, format)
+    return await container.queue.do(tasks.preview, mesh, format, FACES)
 
 
 async def stored_file(container: Container, collection: CollectionNumber, shape_id: str) -> bytes:

@@ -14,7 +14,6 @@ from starlette.concurrency import run_in_threadpool
 
 from core.arrays import Ints
 from service.compute.tasks import example_records, warm_comparing
-from service.compute.workers_interface import RemoteWorkers
 from service.container import Container
 from service.errors import ServiceError
 from service.index.cache import ABOUT, POINTS_BYTES, EmbeddingCache
@@ -47,8 +46,7 @@ class CacheWarmer:
     """Fills the caches of the active pipeline, the newest embeddings first, one thread at a time.
 
     Embeddings beyond the room of a cache wait for a query that needs them, and the cache warmer waits for
-    running queries. Points are cached where queries are re-ranked, before match records. If workers of a
-    cluster cache match records, nothing is cached here.
+    running queries. Points are cached where queries are re-ranked, before match records.
     """
 
     def __init__(self, container: Container) -> None:
@@ -81,7 +79,7 @@ class CacheWarmer:
                     *_batches(self._put_records, records, AT_ONCE),
                 ]
                 for put, numbers in batches:
-                    await self._container.searches.nothing()
+                    await self._container.searches.until_idle()
                     await _whole(run_in_threadpool(put, active_pipeline, numbers))
                     if monotonic() > latest:
                         ready.set()
@@ -101,7 +99,7 @@ class CacheWarmer:
                 # Requests report a lost worker and unreachable storage.
                 with suppress(ServiceError):
                     parameters = (await _whole(run_in_threadpool(self._active))).pipeline.parameters
-                    records = await self._container.work.do(example_records, parameters)
+                    records = await self._container.queue.do(example_records, parameters)
                     await _whole(run_in_threadpool(warm_comparing, records, parameters))
                     warm = True
             await asyncio.sleep(WARM_SECONDS)
@@ -115,8 +113,7 @@ class CacheWarmer:
         settings, descriptors = self._container.settings, self._container.descriptors
         with self._container.database.read() as session:
             active_pipeline = self._container.pipelines.current(session)
-            cached_here = active_pipeline.pipeline.matcher.uses_match_records
-            if not cached_here or isinstance(self._container.pool, RemoteWorkers):
+            if not active_pipeline.pipeline.matcher.uses_match_records:
                 return active_pipeline, [], []
             most = room = settings.search_bytes
             if settings.signatures == "database":

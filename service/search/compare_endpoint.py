@@ -95,7 +95,7 @@ async def compare(
             return CompareAnswer.of(found, relation, milliseconds=timings.so_far())
         return await run_in_threadpool(_dense_json, found, relation, ways, timings)
 
-    with container.work.admitted():
+    with container.queue.admitted():
         answer = await while_connected(request, service.in_one_pipeline(container, compared))
     container.metrics.stages("compare", timings.milliseconds)
     if options.format == "html" and isinstance(body.first, str) and isinstance(body.second, str):
@@ -113,7 +113,7 @@ async def _dense_file(
 ) -> Response:
     """A dense correspondence as a NumPy archive, a GLB or a picture."""
     if options.format == "npz":
-        return Response(await container.work.do(tasks.archive, ways[0]), media_type=ZIP)
+        return Response(await container.queue.do(tasks.archive, ways[0]), media_type=ZIP)
     picture = options.format == "png"
     with timings.stage("draw"):
         drawn = await painted(container, first, second, ways, options.paint, picture=picture)

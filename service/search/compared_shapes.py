@@ -74,7 +74,7 @@ async def correspondences(
     with timings.stage("dense"):
         meshes = await asyncio.gather(first.mesh(), second.mesh())
         parameters = active_pipeline.pipeline.parameters
-        return await container.work.do(
+        return await container.queue.do(
             tasks.dense_correspondence, *meshes, first.record, second.record, parameters
         )
 
@@ -104,8 +104,8 @@ async def _sent(
     await file.seek(0)
     data = await file.read()
     with timings.stage("embed"):
-        mesh = await container.work.read(data, mesh_format)
-        embedded = await container.work.do(embed_mesh, mesh, active_pipeline.pipeline.parameters, 0.0)
+        mesh = await container.queue.read(data, mesh_format)
+        embedded = await container.queue.do(embed_mesh, mesh, active_pipeline.pipeline.parameters, 0.0)
 
     async def kept() -> Mesh:
         return mesh

@@ -26,7 +26,7 @@ async def coloured(
     ):
         points = embedding.positions[samples].astype("float64")
         meshes.append(ComparedMesh(shape.name, shape.format, await shape.mesh(), points))
-    return await container.work.do(tasks.coloured, meshes[0], meshes[1], FACES)
+    return await container.queue.do(tasks.coloured, meshes[0], meshes[1], FACES)
 
 
 async def painted(
@@ -45,5 +45,5 @@ async def painted(
         for shape, mesh, way in zip((first, second), meshes, ways, strict=True)
     )
     if picture:
-        return await container.work.do(tasks.painted_picture, one, other, FACES, paint, PICTURE_SIZE)
-    return await container.work.do(tasks.painted, one, other, FACES, paint)
+        return await container.queue.do(tasks.painted_picture, one, other, FACES, paint, PICTURE_SIZE)
+    return await container.queue.do(tasks.painted, one, other, FACES, paint)

@@ -69,7 +69,7 @@ async def query(
         return await _similar_to_stored(request, container, collection, body.shape_id, options)
     mesh_format = format_of(body.file.filename or "")
     how = search_options(options, collection.number, container.settings, exclude_self=False)
-    with container.work.admitted():
+    with container.queue.admitted():
         data = await body.file.read()
 
         async def embedded(active_pipeline: ActivePipeline, timings: Timings) -> records.Query:
@@ -107,7 +107,7 @@ async def _similar_to_stored(
     async def embedded(active_pipeline: ActivePipeline, timings: Timings) -> records.Query:
         return await service.by_id(container, own, shape_id, active_pipeline, timings)
 
-    with container.work.admitted():
+    with container.queue.admitted():
         return await _similar(request, container, embedded, how, partial=options.partial)
 
 

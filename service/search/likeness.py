@@ -67,7 +67,7 @@ async def stored_mesh(container: Container, collection: CollectionNumber, shape_
                 raise ShapeNotFoundError(shape_id)
             return shapes_service.get_file(session, collection, shape_id), shape.format
 
-    return await container.work.read(*await run_in_threadpool(read))
+    return await container.queue.read(*await run_in_threadpool(read))
 
 
 async def relations_of(
@@ -158,7 +158,7 @@ async def _copy(
         return None
     try:
         meshes = await asyncio.gather(first.mesh(), second.mesh())
-        return await container.work.do(tasks.registered, *meshes, first.record, second.record, parameters)
+        return await container.queue.do(tasks.registered, *meshes, first.record, second.record, parameters)
     except (CoreError, ServiceError) as error:
         log.warning("a result is not registered: %s", error)
         return None

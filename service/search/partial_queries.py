@@ -67,7 +67,7 @@ async def search(
     with timings.stage("patches"):
         spin_images = query.spin_images[KEYPOINTS:]
         if not len(spin_images) and query.mesh is not None:
-            spin_images = await container.work.do(part_of_mesh, await query.mesh(), pipeline.parameters)
+            spin_images = await container.queue.do(part_of_mesh, await query.mesh(), pipeline.parameters)
     with timings.stage("compare"):
         distances = await _distances(container, spin_images, chosen, pipeline.parameters)
         finite = np.flatnonzero(np.isfinite(distances))
@@ -147,7 +147,7 @@ async def _spin_images_of_file(container: Container, embedding: int, parameters:
         file = await run_in_threadpool(read)
         if file is None:
             return None
-        return await container.work.do(spin_images_of_mesh, await container.work.read(*file), parameters)
+        return await container.queue.do(spin_images_of_mesh, await container.queue.read(*file), parameters)
     except (BadRecordError, FileTimeLimitError, MeshError) as error:
         log.warning("a stored shape is left out of a partial query: %s", error)
         return None

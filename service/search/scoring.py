@@ -11,13 +11,11 @@ from starlette.concurrency import run_in_threadpool
 from core.arrays import Floats, Ints
 from core.descriptors.descriptor_distance import is_part
 from core.ranking.shortlist import least
-from service.compute.workers_interface import RemoteWorkers
 from service.container import Container
 from service.observability.logging import get_logger
 from service.search import repository
 from service.search.batches import by_embedding, by_threads, in_batches
 from service.search.class_probability import class_scores, coarse_class_scores, unknown_sim
-from service.search.cluster_scoring import CLUSTER_BATCH, cluster_scores
 from service.search.match_records import QueryScorer
 from service.search.rank_by import RankBy
 from service.search.ranking import Compared
@@ -43,11 +41,11 @@ async def compare_with(
 ) -> tuple[Compared, Candidates]:
     """Score the candidates, each embedding matched once.
 
-    Of a shortlist, only the first after the coarse ranking and the re-ranking are scored. Without a
-    shortlist, the workers of a cluster score the candidates. Deleted and unreadable candidates are left out.
-    The second result is the candidates that were scored, in the same order.
+    Of a shortlist, only the first after the coarse ranking and the re-ranking are scored. Deleted and
+    unreadable candidates are left out. The second result is the candidates that were scored, in the same
+    order.
     """
-    with container.searches.one():
+    with container.searches.running():
         return await _compared(container, query, candidates, rank_by)
 
 
@@ -58,10 +56,6 @@ async def _compared(
         scorer = await run_in_threadpool(QueryScorer, container.database, query)
         candidates = await _finalists(container, query, scorer, candidates, rank_by)
         score, batch = by_threads(container, scorer.score), THREAD_BATCH
-        if candidates.finalists is None and isinstance(container.pool, RemoteWorkers):
-            pool, active_pipeline = container.pool, query.active_pipeline
-            score = partial(cluster_scores, container, pool, active_pipeline, scorer.match_record)
-            batch = CLUSTER_BATCH
     else:
         score, batch = partial(_by_worker, container, query), PROCESS_BATCH
     scores = await by_embedding(container, candidates, batch, 3, score)
@@ -119,7 +113,7 @@ async def _by_worker(container: Container, query: Query, embeddings: Ints) -> Fl
     numbers = embeddings.tolist()
     records = await run_in_threadpool(_read, container.database, numbers)
     present = [place for place, number in enumerate(numbers) if number in records]
-    found = await container.work.score(
+    found = await container.queue.score(
         query.record, [records[numbers[place]] for place in present], query.active_pipeline.pipeline
     )
     scores = np.full((3, len(numbers)), np.nan)

@@ -15,7 +15,7 @@ from core.ranking.pair_differences import descriptors_of
 from core.ranking.spectral_distance import spectral_distances
 from core.serialization import embedding_from_bytes
 from service.collection import CollectionNumber
-from service.compute.request_queue import Work, short_of_memory
+from service.compute.request_queue import RequestQueue, short_of_memory
 from service.container import Container
 from service.errors import NotEmbeddedError
 from service.index.density_samples import CollectionSample
@@ -70,7 +70,7 @@ async def by_file(
     timings: Timings,
 ) -> Query:
     """The query by a file; the shapes of the collection with the same bytes are the query itself."""
-    embedded = await container.work.embed(data, format, active_pipeline.pipeline)
+    embedded = await container.queue.embed(data, format, active_pipeline.pipeline)
     timings.milliseconds |= embedded.milliseconds
 
     def itself() -> frozenset[int]:
@@ -81,7 +81,7 @@ async def by_file(
         active_pipeline,
         embedded.record,
         await run_in_threadpool(itself),
-        lambda: container.work.read(data, format),
+        lambda: container.queue.read(data, format),
     )
 
 
@@ -153,7 +153,7 @@ async def compare(
         sample = await run_in_threadpool(read)
     with timings.stage("compare"):
         query = Query(active_pipeline, first.record, frozenset())
-        match = await container.work.match(first.record, second.record, active_pipeline.pipeline)
+        match = await container.queue.match(first.record, second.record, active_pipeline.pipeline)
         other = embedding_from_bytes(second.record)
         combined = await run_in_threadpool(_combined, query, other, match, sample)
         typical_probability = await run_in_threadpool(_combined, query, other, match, None)
@@ -223,13 +223,13 @@ async def results(
                 size_ratio=float((shape.facts["area"] / query.embedding.facts.area) ** 0.5),
                 comparison=None
                 if stored is None
-                else await _compared(container.work, query, stored.record, probability),
+                else await _compared(container.queue, query, stored.record, probability),
             )
         )
     return found
 
 
-async def _compared(work: Work, query: Query, record: bytes, combined: float) -> Comparison:
+async def _compared(work: RequestQueue, query: Query, record: bytes, combined: float) -> Comparison:
     """The query and the embedding of a record, matched."""
     pipeline = query.active_pipeline.pipeline
     match = await work.match(query.record, record, pipeline)

@@ -9,7 +9,7 @@ from starlette.concurrency import run_in_threadpool
 from core.errors import MeshError
 from core.pipeline import Pipeline
 from service.collections import repository as collections_repository
-from service.compute.part_bytes import PartFile
+from service.compute.reader_answers import PartFile
 from service.compute.tasks import Embedded
 from service.container import Container
 from service.errors import BadRequestFieldsError, FieldFault, FileTimeLimitError
@@ -66,7 +66,7 @@ async def ingest_assembly(
             return kept
     _check_metadata(new)
     with timings.stage("parts"):
-        parts = await container.work.parts(new.data, new.format)
+        parts = await container.queue.parts(new.data, new.format)
     shapes = [new, *(_shape_of(new, part, number) for number, part in enumerate(parts, start=1))]
     while True:
         pipeline, needed = await run_in_threadpool(_look_up, container, shapes)
@@ -134,7 +134,7 @@ async def _embed(
     async def embed(new: NewShape) -> Embedded:
         async with room:
             try:
-                return await container.work.embed(new.data, new.format, pipeline)
+                return await container.queue.embed(new.data, new.format, pipeline)
             except (FileTimeLimitError, MeshError) as error:
                 if ASSEMBLY not in new.metadata:
                     raise

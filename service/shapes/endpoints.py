@@ -91,7 +91,7 @@ async def create_shape(
     whole. Shapes of an assembly are independent afterwards: each is changed, deleted and restored by itself.
     """
     mesh_format = format_of(upload.file.filename or "")
-    with container.work.admitted():
+    with container.queue.admitted():
         new = NewShape(
             data=await upload.file.read(),
             format=mesh_format,

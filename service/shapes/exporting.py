@@ -33,9 +33,9 @@ async def exported(
         with container.database.read() as session:
             return get_file(session, collection, shape.id)
 
-    mesh = await container.work.read(await run_in_threadpool(read), shape.format)
+    mesh = await container.queue.read(await run_in_threadpool(read), shape.format)
     check_size(mesh, format, container.settings.max_upload_bytes)
-    return await container.work.do(write_mesh, mesh, format)
+    return await container.queue.do(write_mesh, mesh, format)
 
 
 def check_size(mesh: Mesh, format: str, limit: int) -> None:

@@ -77,7 +77,7 @@ async def read_file(
         return Response(status_code=304, headers={"ETag": tag})
     size = shape.size
     if kind != shape.format:
-        with container.work.admitted():
+        with container.queue.admitted():
             data = await while_connected(
                 request, exporting.exported(container, collection.number, shape, kind)
             )
@@ -114,7 +114,7 @@ async def replace_file(
 ) -> Shape:
     """Read another file and embed its mesh; the shape's id, name, tags and metadata stay."""
     mesh_format = format_of(upload.file.filename or "")
-    with container.work.admitted():
+    with container.queue.admitted():
         file = NewFile(await upload.file.read(), mesh_format)
         work = replacing.replace_file(container, collection.number, shape_id, file, if_match)
         record = await while_connected(request, work)

@@ -31,7 +31,7 @@ async def measure_missing(container: Container) -> None:
             if not wanted:
                 return
             for number, format in wanted:
-                await container.searches.nothing()
+                await container.searches.until_idle()
                 if not await _measure(container, number, format):
                     unreadable.add((number, format))
         except ServiceError as error:
@@ -60,7 +60,7 @@ async def _measure(container: Container, number: int, format: str) -> bool:
         data = await run_in_threadpool(read)
         if data is None:
             return True
-        mesh = await container.work.read(data, format)
+        mesh = await container.queue.read(data, format)
         with guarded():
             box = await run_in_threadpool(bounding_box, mesh)
     except (BadRecordError, CoreError) as error:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from core.errors import BadRecordError, CoreError
 from core.parameters import Parameters
 from core.pipeline import Pipeline
-from service.compute.request_queue import Work
+from service.compute.request_queue import RequestQueue
 from service.compute.tasks import Embedded
 from service.errors import ClusterUnavailableError, FileTimeLimitError, WorkerLostError
 from service.observability.logging import get_logger
@@ -59,13 +59,13 @@ class Reembedding:
     Parameters
     ----------
     database : Database
-    work : Work
+    work : RequestQueue
         Embeds the files.
     parameters : Parameters
         The parameters of the pipeline.
     """
 
-    def __init__(self, database: Database, work: Work, parameters: Parameters) -> None:
+    def __init__(self, database: Database, work: RequestQueue, parameters: Parameters) -> None:
         self._database = database
         self._work = work
         self._parameters = parameters

@@ -34,7 +34,7 @@ async def replace_file(
     """
     while True:
         pipeline, needed = await run_in_threadpool(_look_up, container, collection, shape_id, file, if_match)
-        embedded = await container.work.embed(file.data, file.format, pipeline) if needed else None
+        embedded = await container.queue.embed(file.data, file.format, pipeline) if needed else None
         replaced = await run_in_threadpool(
             _replace, container.database, pipeline.fingerprint, collection, shape_id, file, embedded, if_match
         )

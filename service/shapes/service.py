@@ -65,7 +65,7 @@ async def ingest(
         pipeline, present, needed = await run_in_threadpool(_look_up, container, new)
         if present is not None and not needed and claim is None and also is None:
             return StoredShape(present, created=False)
-        embedded = await container.work.embed(new.data, new.format, pipeline) if needed else None
+        embedded = await container.queue.embed(new.data, new.format, pipeline) if needed else None
         with timings.stage("store"):
             stored = await run_in_threadpool(
                 _store, container.database, pipeline.fingerprint, new, embedded, claim, also

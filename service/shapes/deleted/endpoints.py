@@ -72,7 +72,7 @@ async def restore_shape(
     shape_id: ShapeId, request: Request, container: Service, collection: InCollection
 ) -> Shape:
     """Undo a deletion: the shape has its id, name, tags and metadata again, and is listed last."""
-    with container.work.admitted():
+    with container.queue.admitted():
         work = service.restore(container, collection.number, shape_id)
         return Shape.of(await while_connected(request, work))
 

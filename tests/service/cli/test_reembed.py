@@ -151,7 +151,7 @@ def test_nothing_to_do_is_said_and_starts_no_worker(
 ) -> None:
     archive_to_reembed(tmp_path, monkeypatch, 1)
     assert run("reembed").status == 0
-    monkeypatch.setattr("service.cli.reembed.start_processes", None)
+    monkeypatch.setattr("service.cli.reembed.start_executors", None)
     again = run("reembed")
     assert again.status == 0
     assert again.stdout.startswith("nothing to do: pipeline ")

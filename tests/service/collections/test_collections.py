@@ -167,7 +167,7 @@ def test_only_an_empty_collection_is_deleted(running: Running) -> None:
 
 def test_an_upload_to_a_deleted_collection_is_refused(running: Running) -> None:
     with working_in(running, "gone") as own:
-        gate = running.container.work.embed
+        gate = running.container.queue.embed
 
         async def slow(*arguments: object) -> object:
             made = await gate(*arguments)  # type: ignore[arg-type]
@@ -175,10 +175,10 @@ def test_an_upload_to_a_deleted_collection_is_refused(running: Running) -> None:
                 session.query(CollectionRow).where(CollectionRow.name == "gone").delete()
             return made
 
-        running.container.work.embed = slow  # type: ignore[method-assign, assignment]
+        running.container.queue.embed = slow  # type: ignore[method-assign, assignment]
         try:
             answer = upload(own.client, small_file(50), "late.off")
         finally:
-            running.container.work.embed = gate  # type: ignore[method-assign]
+            running.container.queue.embed = gate  # type: ignore[method-assign]
         assert_problem(answer, 404, "collection-not-found")
     assert running.client.get("/shapes", params={"name": "late"}).json()["total"] == 0

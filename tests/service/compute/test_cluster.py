@@ -1,33 +1,19 @@
 """A service whose workers are a Dask cluster gives the same answers; a lost cluster is said."""
 
-import asyncio
 from concurrent.futures import wait
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-from core.matching.match_records import match_record, score_match_records
 from core.parameters import DEFAULT
-from core.serialization import embedding_from_bytes
 from service.compute.cluster import ClusterPool
-from service.compute.workers_interface import RemoteWorkers
 from service.errors import ClusterUnavailableError, WorkerLostError
-from service.search import cluster_scoring as spread
-from service.search.cluster_scoring import cluster_scores
-from service.search.repository import embedding_records
 from tests.service.clusters import made, on_cluster, pool, service
 from tests.service.dask_cluster import Cluster
 from tests.service.support import Running, query, serving, settings_in, small_file, wait_until
 from tests.service.tasks import add, nap
 
 __all__ = ["made", "on_cluster", "pool", "service"]
-
-
-def test_an_error_in_a_worker_is_raised_here(pool: ClusterPool) -> None:
-    owner = str(pool.owners(np.zeros(1, dtype=np.int64))[0])
-    with pytest.raises(TypeError):
-        pool.submit_to(owner, add, 1, "one").result(timeout=60)
 
 
 def test_leaving_the_block_finishes_what_was_given(made: Cluster, pool: ClusterPool) -> None:
@@ -63,36 +49,6 @@ def test_answers_are_those_of_one_machine(service: Running, tmp_path: Path) -> N
         assert answers(service) == answers(alone)
 
 
-def test_rows_are_kept_by_workers_and_made_again_where_one_is_lost(
-    made: Cluster, service: Running, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    for number in range(6):
-        service.store(small_file(number), f"{number}.off")
-    parts, pool = service.container, service.container.pool
-    assert isinstance(pool, RemoteWorkers)
-    with parts.database.read() as session:
-        active_pipeline = parts.pipelines.current(session)
-        entries = active_pipeline.index.current(session)
-        records = embedding_records(session, entries.embeddings.tolist())
-    numbers = np.array(sorted(records))
-    rows = [match_record(embedding_from_bytes(records[number]), DEFAULT) for number in numbers.tolist()]
-    truth = score_match_records(rows[0], rows, DEFAULT)
-
-    def assert_found(order: list[int]) -> None:
-        found = asyncio.run(cluster_scores(parts, pool, active_pipeline, rows[0], numbers[order]))
-        np.testing.assert_array_equal(found, np.stack([truth.cc, truth.ssd, truth.sim])[:, order])
-
-    monkeypatch.setattr(spread, "TOGETHER", 1)
-    assert_found([0, 1, 2, 3, 4, 5])
-    with monkeypatch.context() as patch:
-        patch.delattr(spread, "_read")
-        assert_found([5, 0, 3])
-    made.kill_worker()
-    assert_found([0, 1, 2, 3, 4, 5])
-    gone = asyncio.run(cluster_scores(parts, pool, active_pipeline, rows[0], numbers[-1:] + 1))
-    assert np.isnan(gone).all()
-
-
 def test_a_pool_that_is_killed_waits_for_nothing(made: Cluster, pool: ClusterPool) -> None:
     napping = [pool.submit(nap, 600) for _ in range(3)]
     pool.kill()
@@ -112,8 +68,6 @@ def test_a_cluster_that_is_lost_is_said(made: Cluster, pool: ClusterPool) -> Non
     assert not pool.ready()
     with pytest.raises(ClusterUnavailableError, match="no workers"):
         pool.submit(add, 1, 1)
-    with pytest.raises(ClusterUnavailableError, match="no workers"):
-        pool.owners(np.zeros(1, dtype=np.int64))
     made.kill_scheduler()
     wait_until(lambda: unreachable(pool), seconds=60)
     assert (pool.ready(), pool.idle(), pool.busy(), pool.starting(), pool.waiting()) == (False, 0, 0, 0, 0)

@@ -10,7 +10,7 @@ import pytest
 from core.parameters import DEFAULT, PAPER
 from service.compute import compilation, tasks
 from service.compute.compilation import compile_kernels, is_compiled
-from service.compute.worker_process import WorkerProcess
+from service.compute.processes import WorkerProcess
 from tests.service.support import wait_until
 
 CODE = """

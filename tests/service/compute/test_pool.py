@@ -13,11 +13,10 @@ import pytest
 
 from core.errors import EmptyFileError
 from core.parameters import DEFAULT
-from service.compute import worker_process
+from service.compute import processes
 from service.compute.cluster import ClusterPool
 from service.compute.pool import LocalPool
 from service.compute.worker_loop import NICENESS
-from service.compute.workers_interface import Workers
 from service.errors import TaskGivenUpError, TaskTimeLimitError, WorkerLostError
 from tests.service.dask_cluster import cluster
 from tests.service.support import children, wait_until
@@ -34,6 +33,8 @@ from tests.service.tasks import (
     warm,
 )
 
+Pool = LocalPool | ClusterPool
+
 
 @pytest.fixture(scope="module")
 def pool() -> Iterator[LocalPool]:
@@ -42,7 +43,7 @@ def pool() -> Iterator[LocalPool]:
 
 
 @pytest.fixture(scope="module", params=["local", "cluster"])
-def workers(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Workers]:
+def workers(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Pool]:
     """Two workers, each a process here; or a process of a worker of a Dask cluster."""
     if request.param == "local":
         yield request.getfixturevalue("pool")
@@ -55,11 +56,11 @@ def workers(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFac
         yield pool
 
 
-def test_queries_in_the_service_go_before_the_work_of_workers(workers: Workers) -> None:
+def test_queries_in_the_service_go_before_the_work_of_workers(workers: Pool) -> None:
     assert workers.submit(os.nice, 0).result() == os.nice(0) + NICENESS
 
 
-def test_results_and_errors_come_back(workers: Workers) -> None:
+def test_results_and_errors_come_back(workers: Pool) -> None:
     futures = [workers.submit(add, i, i) for i in range(20)]
     assert [future.result() for future in futures] == [2 * i for i in range(20)]
     with pytest.raises(EmptyFileError, match="nothing in it") as caught:
@@ -67,12 +68,12 @@ def test_results_and_errors_come_back(workers: Workers) -> None:
     assert "in refuse" in "".join(caught.value.__notes__)
 
 
-def test_tasks_take_positional_arguments_only(workers: Workers) -> None:
+def test_tasks_take_positional_arguments_only(workers: Pool) -> None:
     with pytest.raises(TypeError):
         workers.submit(add, a=1, b=2)
 
 
-def test_workers_have_one_thread_and_ignore_interrupts(workers: Workers) -> None:
+def test_workers_have_one_thread_and_ignore_interrupts(workers: Pool) -> None:
     seen = workers.submit(environment).result()
     assert set(seen["threads"].values()) == {"1"}
     os.kill(seen["pid"], signal.SIGINT)
@@ -87,7 +88,7 @@ def test_both_workers_work_at_a_time(tmp_path: Path) -> None:
             assert future.result() is None
 
 
-def test_a_task_over_the_limit_is_stopped_and_the_rest_go_on(workers: Workers) -> None:
+def test_a_task_over_the_limit_is_stopped_and_the_rest_go_on(workers: Pool) -> None:
     slow: Future[None] = workers.submit(nap, 600)
     others = [workers.submit(add, i, 1) for i in range(10)]
     with pytest.raises(TaskTimeLimitError, match=r"1\.5 s"):
@@ -95,7 +96,7 @@ def test_a_task_over_the_limit_is_stopped_and_the_rest_go_on(workers: Workers) -
     assert [future.result() for future in others] == list(range(1, 11))
 
 
-def test_a_worker_that_dies_costs_the_task_it_had(workers: Workers) -> None:
+def test_a_worker_that_dies_costs_the_task_it_had(workers: Pool) -> None:
     dead = workers.submit(die)
     others = [workers.submit(add, i, 1) for i in range(10)]
     with pytest.raises(WorkerLostError):
@@ -130,7 +131,7 @@ def test_a_fork_server_that_is_killed_costs_nothing(pool: LocalPool) -> None:
     wait_until(lambda: len(pool.pids()) == 2 and set(pool.pids()) != set(old), seconds=60)
 
 
-def test_a_result_that_does_not_pickle_is_an_error_of_its_task(workers: Workers) -> None:
+def test_a_result_that_does_not_pickle_is_an_error_of_its_task(workers: Pool) -> None:
     with pytest.raises((TypeError, AttributeError)):
         workers.submit(add, threading.Lock(), 1).result()
     with pytest.raises(TypeError, match="pickle"):
@@ -140,7 +141,7 @@ def test_a_result_that_does_not_pickle_is_an_error_of_its_task(workers: Workers)
     assert workers.submit(add, 1, 1).result() == 2
 
 
-def test_a_cancelled_task_is_not_begun(workers: Workers) -> None:
+def test_a_cancelled_task_is_not_begun(workers: Pool) -> None:
     blocking = [workers.submit(nap, 0.5) for _ in range(2)]
     waiting = workers.submit(die)
     assert waiting.cancel()
@@ -157,7 +158,7 @@ def test_a_cancelled_task_lets_go_of_its_arguments(pool: LocalPool) -> None:
     wait(blocking)
 
 
-def test_a_cancelled_task_that_has_begun_holds_up_nothing(workers: Workers) -> None:
+def test_a_cancelled_task_that_has_begun_holds_up_nothing(workers: Pool) -> None:
     napping = [workers.submit(nap, 600) for _ in range(2)]
     wait_until(lambda: workers.busy() == 2, seconds=30)
     for each in napping:
@@ -261,7 +262,7 @@ def _never_warm() -> None:
 
 def test_a_process_that_takes_no_call_is_replaced(monkeypatch: pytest.MonkeyPatch) -> None:
     """A call larger than the buffer of the pipe waits for a process that stands still."""
-    monkeypatch.setattr(worker_process, "SEND_SECONDS", 0.5)
+    monkeypatch.setattr(processes, "SEND_SECONDS", 0.5)
     with LocalPool(1, seconds=60, warm=warm) as pool:
         wait_until(pool.pids, seconds=60)
         (stopped,) = pool.pids()
@@ -272,7 +273,7 @@ def test_a_process_that_takes_no_call_is_replaced(monkeypatch: pytest.MonkeyPatc
 
 def test_a_worker_that_stands_still_costs_its_call_a_repetition(monkeypatch: pytest.MonkeyPatch) -> None:
     """It is not its call that takes too long, so that the call may be repeated."""
-    monkeypatch.setattr(worker_process, "STOPPED_SECONDS", 0.5)
+    monkeypatch.setattr(processes, "STOPPED_SECONDS", 0.5)
     with LocalPool(1, seconds=60, warm=warm) as pool:
         wait_until(pool.pids, seconds=60)
         (stopped,) = pool.pids()

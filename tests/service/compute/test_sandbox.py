@@ -24,13 +24,19 @@ from safetensors.numpy import save
 
 from core.errors import EmptyFileError, MalformedMeshError, MeshTooComplexError
 from core.io import DEFAULT_LIMITS, FORMATS, READABLE, Limits, read_mesh, read_parts
-from service.compute import part_bytes, sandbox, system_calls, worker_process
-from service.compute.mesh_bytes import ReadMesh, from_bytes, largest_size, to_bytes
-from service.compute.part_bytes import PartFile
-from service.compute.plain_answers import JSON_BYTES, AnswerFormError, decode, encode, encode_error
-from service.compute.pool import LocalPool
-from service.compute.start_processes import _log_confinement
-from service.compute.worker_slot import MEMORY_BYTES
+from service.compute import processes, sandbox
+from service.compute.executor import _log_confinement
+from service.compute.pool import MEMORY_BYTES, LocalPool
+from service.compute.reader_answers import (
+    PartFile,
+    ReadMesh,
+    largest_size,
+    mesh_from_bytes,
+    mesh_to_bytes,
+    parts_from_bytes,
+    parts_to_bytes,
+)
+from service.compute.worker_loop import JSON_BYTES, AnswerFormError, decode, encode, encode_error
 from service.errors import TaskTimeLimitError, WorkerCrashedError, WorkerLostError
 from service.observability.logging import LOGGER
 from service.settings import Settings
@@ -56,7 +62,7 @@ def readers() -> Iterator[LocalPool]:
 
 
 def read(pool: LocalPool, data: bytes, format: str, seconds: float = 30) -> ReadMesh:
-    return from_bytes(pool.submit(sandbox.read_file, data, format, DEFAULT_LIMITS, seconds).result())
+    return mesh_from_bytes(pool.submit(sandbox.read_file, data, format, DEFAULT_LIMITS, seconds).result())
 
 
 FILES = {**{format: small_file(0, format) for format in FORMATS}, "3mf": package(), "step": step_sphere()}
@@ -77,16 +83,16 @@ def test_every_format_is_read_as_anywhere(readers: LocalPool, format: str) -> No
 def test_parts_are_read_as_anywhere(readers: LocalPool) -> None:
     here = read_parts(step_machine(), "step")
     answer = readers.submit(sandbox.read_part_files, step_machine(), "step", DEFAULT_LIMITS, 30).result()
-    found = part_bytes.from_bytes(answer, len(here))
+    found = parts_from_bytes(answer, len(here))
     for part, expected in zip(found, here, strict=True):
         assert (part.name, part.path, part.instances) == (expected.name, expected.path, expected.instances)
         assert np.array_equal(read_mesh(part.data, "3mf").vertices, expected.mesh.vertices)
     assert read(readers, small_file(0), "off").mesh is not None
     pair = package(model(items=[(1, "2 0 0 0 2 0 0 0 2 0 0 0"), (1, None)]))
     answer = readers.submit(sandbox.read_part_files, pair, "3mf", DEFAULT_LIMITS, 30).result()
-    assert len(part_bytes.from_bytes(answer, 2)) == 2
+    assert len(parts_from_bytes(answer, 2)) == 2
     alone = readers.submit(sandbox.read_part_files, step_box(), "step", DEFAULT_LIMITS, 30).result()
-    assert part_bytes.from_bytes(alone, 0) == []
+    assert parts_from_bytes(alone, 0) == []
 
 
 def open_for(path: str, mode: str) -> str | bytes:
@@ -187,12 +193,12 @@ def test_no_version_of_a_kernel_keeps_readers_from_starting(
         landlock.plumbing.syscall_errcheck(-1, refused, ())
 
     monkeypatch.setattr(landlock, "Ruleset", refused)
-    assert not system_calls.forbid_files()
+    assert not sandbox.forbid_files()
 
 
 def _filtered(name: str) -> None:
-    system_calls.ALLOWED = (*system_calls.ALLOWED, name)
-    sys.exit(0 if system_calls.allow_calls(opening=False) else 3)
+    sandbox.ALLOWED = (*sandbox.ALLOWED, name)
+    sys.exit(0 if sandbox.allow_calls(opening=False) else 3)
 
 
 def test_an_unknown_system_call_does_not_end_the_filter() -> None:
@@ -203,10 +209,10 @@ def test_an_unknown_system_call_does_not_end_the_filter() -> None:
 
 
 def test_without_the_packages_readers_are_confined_by_python_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(system_calls, "landlock", None)
-    monkeypatch.setattr(system_calls, "seccomp", None)
-    assert not system_calls.forbid_files()
-    assert not system_calls.allow_calls(opening=True)
+    monkeypatch.setattr(sandbox, "landlock", None)
+    monkeypatch.setattr(sandbox, "seccomp", None)
+    assert not sandbox.forbid_files()
+    assert not sandbox.allow_calls(opening=True)
 
 
 class Evil:
@@ -252,14 +258,14 @@ def test_half_an_answer_has_the_time_limit_of_the_call() -> None:
 
 
 def test_an_answer_has_a_largest_size(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(worker_process, "END_SECONDS", 0.2)
+    monkeypatch.setattr(processes, "END_SECONDS", 0.2)
     with LocalPool(1, seconds=60, warm=warm, answer_bytes=1000) as pool:
         assert pool.submit(bytes, 999).result(timeout=60) == bytes(999)
         with pytest.raises(WorkerCrashedError):
             pool.submit(bytes, 1000).result(timeout=60)
     for format in ("off", "stl"):
         whole = ReadMesh(read_mesh(small_file(0, format), format), 1.0)
-        assert len(to_bytes(whole)) < largest_size(Limits(122, 240, 1))
+        assert len(mesh_to_bytes(whole)) < largest_size(Limits(122, 240, 1))
     # An STL of a million faces has three million vertices before they are merged.
     assert largest_size(Limits(500_000, 1_000_000, 1)) > 24 * 4_000_000
 
@@ -302,9 +308,9 @@ def test_answers_come_back_as_they_were() -> None:
 )
 def test_a_mesh_from_a_reader_is_checked(arrays: dict[str, np.ndarray]) -> None:
     with pytest.raises(MalformedMeshError):
-        from_bytes(save(arrays))
+        mesh_from_bytes(save(arrays))
     with pytest.raises(MalformedMeshError):
-        from_bytes(b"no safetensors")
+        mesh_from_bytes(b"no safetensors")
 
 
 @pytest.mark.parametrize(
@@ -330,16 +336,16 @@ def test_a_mesh_from_a_reader_is_checked(arrays: dict[str, np.ndarray]) -> None:
 def test_parts_from_a_reader_are_checked(about: bytes) -> None:
     arrays = {"0": np.zeros(3, np.uint8), "about": np.frombuffer(about, np.uint8)}
     with pytest.raises(MalformedMeshError):
-        part_bytes.from_bytes(save(arrays), 9)
+        parts_from_bytes(save(arrays), 9)
 
 
 def test_parts_from_a_reader_are_limited() -> None:
     parts = [PartFile("a", ("b", "a"), 2, b"3mf"), PartFile("", (), 1, b"")]
-    assert part_bytes.from_bytes(part_bytes.to_bytes(parts), 2) == parts
+    assert parts_from_bytes(parts_to_bytes(parts), 2) == parts
     with pytest.raises(MalformedMeshError):
-        part_bytes.from_bytes(part_bytes.to_bytes(parts), 1)
+        parts_from_bytes(parts_to_bytes(parts), 1)
     with pytest.raises(MalformedMeshError):
-        part_bytes.from_bytes(b"no safetensors", 2)
+        parts_from_bytes(b"no safetensors", 2)
 
 
 @pytest.mark.parametrize("mode", ["w", "a", "x", "r+"])

@@ -23,7 +23,7 @@ def test_requests_and_tasks_come_before_the_background(tmp_path: Path) -> None:
     with serving(settings_in(tmp_path, workers=2, duplicates_in_background=True)) as running:
         container = running.container
         try:
-            with container.work.admitted():
+            with container.queue.admitted():
                 for seed in range(2):
                     running.store(copy_of_plane(seed), f"{seed}.off")
                 wait_until(container.comparing_is_ready.is_set, seconds=60)

@@ -116,7 +116,7 @@ def test_no_cell_is_a_formula(planted: Running, sign: str) -> None:
 def test_the_work_of_a_client_that_goes_away_is_stopped(
     planted: Running, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    work, compared = planted.container.work, []
+    work, compared = planted.container.queue, []
     unjudge(planted)
 
     def slowly(query: Float32s, rows: Sequence[Float32s], parameters: Parameters) -> Scores:

@@ -77,7 +77,7 @@ def names(running: Running) -> list[str]:
 def test_the_work_of_a_client_that_goes_away_is_stopped(
     single: Running, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, task: str, path: str
 ) -> None:
-    pool, work = single.container.pool, single.container.work
+    pool, work = single.container.pool, single.container.queue
     (first,) = single.client.get("/shapes", params={"name": "first"}).json()["shapes"]
     body = {
         "embed_mesh": file_form(small_file(1), "gone.off"),
@@ -121,7 +121,7 @@ def test_a_client_that_goes_away_is_compared_no_further(
         patch.setattr(match_records, "score_match_records", slowly)
         with send(single, "/query", json={"shape_id": first["id"]}):
             wait_until(lambda: compared, seconds=60)
-        wait_until(lambda: not single.container.work._inside, seconds=5)
+        wait_until(lambda: not single.container.queue._inside, seconds=5)
         time.sleep(1.0)
         assert 0 < len(compared) < 8
     for number in numbers:
@@ -131,7 +131,7 @@ def test_a_client_that_goes_away_is_compared_no_further(
 def test_a_client_that_goes_away_while_it_waits_leaves_the_queue(
     single: Running, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    pool, work = single.container.pool, single.container.work
+    pool, work = single.container.pool, single.container.queue
     with monkeypatch.context() as patch:
         patch.setattr(work_module, "embed_mesh", nap_instead)
         with send(single, "/query", **file_form(small_file(2), "works.off")):
@@ -161,7 +161,7 @@ def test_a_write_that_has_begun_is_whole(single: Running, monkeypatch: pytest.Mo
         patch.setattr(shapes_service, "_store", slow)
         with send(single, "/shapes", **file_form(small_file(6), "whole.off")):
             assert begun.wait(60)
-        wait_until(lambda: not single.container.work._inside, seconds=5)
+        wait_until(lambda: not single.container.queue._inside, seconds=5)
         go_on.set()
         assert done.wait(60)
     (shape,) = single.client.get("/shapes", params={"name": "whole.off"}).json()["shapes"]
@@ -176,7 +176,7 @@ def test_a_service_that_is_asked_to_stop_finishes_what_it_has(tmp_path: Path) ->
         sent = [
             others.submit(upload, running.client, small_file(number), f"{number}.off") for number in range(6)
         ]
-        wait_until(lambda: running.container.work._inside == 6, seconds=60)
+        wait_until(lambda: running.container.queue._inside == 6, seconds=60)
         assert not held.done()
         running.server.should_exit = True
         wait_until(lambda: not running.server.servers[0].is_serving(), seconds=10)
@@ -200,7 +200,7 @@ def test_a_service_that_is_asked_to_stop_refuses_what_it_cannot_finish(
             others.submit(query, running.client, small_file(1)),
         ]
         wait_until(
-            lambda: running.container.work._inside == 2 and napping(running.container.pool), seconds=60
+            lambda: running.container.queue._inside == 2 and napping(running.container.pool), seconds=60
         )
         running.server.should_exit = True
         for each in sent:

@@ -159,7 +159,7 @@ def test_an_upload_that_was_not_stored_is_tried_again(service: Running) -> None:
 def test_a_key_whose_first_request_is_at_work_is_refused(
     service: Running, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    work = service.container.work
+    work = service.container.queue
     embed = work.embed
     begun, go_on = threading.Event(), threading.Event()
 
@@ -185,7 +185,7 @@ def test_a_key_whose_first_request_is_at_work_is_refused(
 def test_a_key_is_free_again_when_its_client_goes_away(
     service: Running, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    work = service.container.work
+    work = service.container.queue
     begun, ended = threading.Event(), threading.Event()
 
     async def endless(data: bytes, format: str, pipeline: Pipeline) -> Embedded:
@@ -268,7 +268,7 @@ def test_an_answer_that_another_process_gave_meanwhile_is_the_answer(
         payload_of(new.sha256, "ball.off", {}),
         datetime.now(UTC) + timedelta(hours=1),
     )
-    work = service.container.work
+    work = service.container.queue
     embed = work.embed
     answers: list[StoredShape | Kept] = []
 

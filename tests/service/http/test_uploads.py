@@ -225,7 +225,7 @@ def test_a_signature_of_another_length_is_not_stored(
     service: Running, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     kept = service.store(small_file(0))
-    work = service.container.work
+    work = service.container.queue
     embed = work.embed
 
     async def shorter(data: bytes, format: str, pipeline: Pipeline) -> Embedded:

@@ -317,7 +317,7 @@ def test_requests_come_before_files(clean: Running, held: threading.Event) -> No
 
 
 def test_files_wait_while_requests_want_the_workers(clean: Running) -> None:
-    work = clean.container.work
+    work = clean.container.queue
     with work.admitted(), work.admitted():
         job_id = begun(clean.client, pack(meshes(range(4))))
         wait_until(lambda: job(clean.client, job_id)["state"] == "running", seconds=180)

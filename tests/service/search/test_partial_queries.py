@@ -10,7 +10,7 @@ from core.mesh.mesh import Mesh
 from core.parameters import DEFAULT
 from core.studies.perturbation import cut_part
 from service.client import Client
-from service.compute.request_queue import Work
+from service.compute.request_queue import RequestQueue
 from service.errors import WorkerLostError
 from tests.service.support import Running, assert_problem, query, serving, settings_in
 
@@ -96,10 +96,10 @@ def test_by_combined_a_part_is_found_without_asking(stocked: Running) -> None:
 
 
 def test_a_worker_that_is_lost_meanwhile_is_said(before: Running, monkeypatch: pytest.MonkeyPatch) -> None:
-    read = Work.read
+    read = RequestQueue.read
     lost = []
 
-    async def losing(self: Work, data: bytes, format: str) -> Mesh:
+    async def losing(self: RequestQueue, data: bytes, format: str) -> Mesh:
         # The query's own file is read; those of stored shapes are lost.
         if len(data) != len(part_of("bird")):
             lost.append(format)
@@ -107,6 +107,6 @@ def test_a_worker_that_is_lost_meanwhile_is_said(before: Running, monkeypatch: p
         return await read(self, data, format)
 
     monkeypatch.setattr(before.container.spin_images, "get", lambda numbers: {})
-    monkeypatch.setattr(Work, "read", losing)
+    monkeypatch.setattr(RequestQueue, "read", losing)
     assert_problem(query(before.client, part_of("bird"), partial="true"), 503, "worker-lost")
     assert lost

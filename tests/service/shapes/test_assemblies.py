@@ -184,14 +184,14 @@ def test_a_faulty_assembly_is_refused_and_nothing_is_stored(service: Running, da
 def test_a_part_that_cannot_be_embedded_is_named_and_nothing_is_stored(
     service: Running, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    embed = service.container.work.embed
+    embed = service.container.queue.embed
 
     async def refuse(data: bytes, format: str, pipeline: Pipeline) -> Embedded:
         if format == "3mf" and len(read_mesh(data, format).faces) > 100:
             raise DegenerateMeshError("its surface is too thin")
         return await embed(data, format, pipeline)
 
-    monkeypatch.setattr(service.container.work, "embed", refuse)
+    monkeypatch.setattr(service.container.queue, "embed", refuse)
     problem = assert_problem(split(service), 422, "degenerate-mesh")
     assert problem["detail"] == "machine.step/ring: its surface is too thin"
     assert total(service) == 0

@@ -12,7 +12,7 @@ from sqlalchemy import text
 from core.errors import DegenerateMeshError
 from core.parameters import Parameters
 from core.pipeline import Pipeline
-from service.compute.request_queue import Work
+from service.compute.request_queue import RequestQueue
 from service.compute.tasks import Embedded
 from service.errors import ClusterUnavailableError, WorkerLostError
 from service.search import service as search_service
@@ -39,10 +39,10 @@ STORED = 5
 Hook = Callable[[bytes], None]
 
 
-class Watched(Work):
+class Watched(RequestQueue):
     """The work of a service, which calls something before each embedding."""
 
-    def __init__(self, work: Work, hook: Hook) -> None:
+    def __init__(self, work: RequestQueue, hook: Hook) -> None:
         self.__dict__ = dict(work.__dict__)
         self.embedded: list[bytes] = []
         self._hook = hook
@@ -87,7 +87,7 @@ def go_over(
     running: Running, parameters: Parameters, hook: Hook = nothing, *, leave_out: bool = False
 ) -> tuple[ReembeddingResult, Watched]:
     """Reembed the archive of a running service, as a process beside it would."""
-    work = Watched(running.container.work, hook)
+    work = Watched(running.container.queue, hook)
     reembedding = Reembedding(running.container.database, work, parameters)
     told: list[tuple[int, int]] = []
     outcome = asyncio.run(
@@ -186,7 +186,7 @@ def test_an_upload_that_began_before_is_embedded_by_the_pipeline_of_its_end(
     stocked: tuple[Running, Path], few: Parameters, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     running, _ = stocked
-    work = running.container.work
+    work = running.container.queue
     embed = work.embed
     pipelines = []
 
@@ -241,7 +241,7 @@ def test_pruned_and_gone_back_to_all_is_found_again(stocked: tuple[Running, Path
     wanted = running.container.pipelines.wanted
     assert query(running.client, small_file(1)).json()["compared"] == STORED + 1
     for parameters in (few, wanted):
-        reembedding = Reembedding(running.container.database, running.container.work, parameters)
+        reembedding = Reembedding(running.container.database, running.container.queue, parameters)
         outcome = asyncio.run(reembedding.run(at_once=2, leave_out=False, advance=lambda *_: None))
         assert (outcome.made, outcome.active) == (STORED, True)
         assert prune_others(running.container.database, parameters.fingerprint) == STORED

@@ -39,7 +39,7 @@ class EarlierArchive:
     def reembed(self, running: Running) -> list[dict[str, Any]]:
         """Reembeds a copy while it is served; the answers of a query in the meantime."""
         container = running.container
-        reembedding = Reembedding(container.database, container.work, DEFAULT)
+        reembedding = Reembedding(container.database, container.queue, DEFAULT)
         meantime: list[dict[str, Any]] = []
 
         def ask(_done: int, _total: int) -> None:

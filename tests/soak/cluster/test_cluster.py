@@ -1,13 +1,11 @@
 """A Dask cluster that loses workers and its scheduler: the service says so, and goes on."""
 
-import os
 import threading
 from collections.abc import Callable
 from concurrent.futures import Future
 from typing import Any
 
 import httpx
-import numpy as np
 import pytest
 
 from service.compute.cluster import ClusterPool
@@ -24,27 +22,14 @@ __all__ = ["made", "on_cluster", "pool", "service"]
 MEMBERS = 16
 
 
-def test_the_work_and_the_keys_of_a_lost_worker_go_to_another(made: Cluster, pool: ClusterPool) -> None:
-    keys = np.repeat(np.arange(400), 2)
-    owners = pool.owners(keys)
-    assert (owners[::2] == owners[1::2]).all()
-    addresses, shares = np.unique(owners, return_counts=True)
-    assert len(addresses) == 2
-    assert shares.min() >= 0.4 * len(keys)
-    pids = dict(zip(addresses, (pool.submit_to(each, os.getpid).result() for each in addresses), strict=True))
-    assert sorted(pids.values()) == sorted(pool.pids())
+def test_the_work_of_a_lost_worker_goes_to_another(made: Cluster, pool: ClusterPool) -> None:
     napping: list[Future[Any]] = [pool.submit(nap, 2) for _ in range(2)]
     assert (pool.idle(), pool.busy(), pool.waiting()) == (0, 2, 0)
-    made.kill_worker(pids[addresses[0]])
-    # Whoever knows of the loss later is answered all the same.
-    assert pool.submit_to(str(addresses[0]), os.getpid).result(timeout=60) == pids[addresses[1]]
+    made.kill_worker()
     assert [each.result(timeout=60) for each in napping] == [None, None]
     wait_until(lambda: (len(pool.pids()), pool.idle(), pool.busy()) == (1, 1, 0), seconds=30)
-    assert set(pool.owners(keys)) == {addresses[1]}
     made.start(1)
     wait_until(lambda: len(pool.pids()) == 2, seconds=240)
-    stayed = pool.owners(keys) == addresses[1]
-    assert 0.4 * len(keys) <= stayed.sum() <= 0.6 * len(keys)
 
 
 def test_a_worker_that_is_killed_in_the_middle_of_a_bulk_job(made: Cluster, service: Running) -> None:
@@ -98,8 +83,6 @@ def test_a_cluster_without_workers_says_so_and_goes_on_when_one_comes(
     assert not pool.ready()
     with pytest.raises(ClusterUnavailableError, match="no workers"):
         pool.submit(add, 1, 1)
-    with pytest.raises(ClusterUnavailableError, match="no workers"):
-        pool.owners(np.zeros(1, dtype=np.int64))
     made.start(1)
     wait_until(pool.ready, seconds=240)
     assert pool.submit(add, 1, 1).result() == 2

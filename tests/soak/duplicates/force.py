@@ -37,10 +37,10 @@ async def _groups(container: Container) -> tuple[Groups, Groups]:
     parameters = active.pipeline.parameters
     copies, variants = list(range(len(shapes))), list(range(len(shapes)))
     for i, j in combinations(range(len(shapes)), 2):
-        if (await container.work.match(records[i], records[j], active.pipeline)).cc < MIN_CC:
+        if (await container.queue.match(records[i], records[j], active.pipeline)).cc < MIN_CC:
             continue
         pair = meshes[i], meshes[j], records[i], records[j]
-        copy = await container.work.do(tasks.registered, *pair, parameters)
+        copy = await container.queue.do(tasks.registered, *pair, parameters)
         if copy is not None and copy.residual <= RESIDUAL:
             variants = _joined(variants, i, j)
             copies = copies if copy.difference is not None else _joined(copies, i, j)

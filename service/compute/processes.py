@@ -1,20 +1,29 @@
-"""One worker process, and calls to it."""
+"""Worker processes: the fork server that starts them, one process and calls to it, and its warm start."""
 
+import multiprocessing
+import os
 import resource
 import signal
 import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from multiprocessing import forkserver
 from multiprocessing.connection import Connection
+from multiprocessing.context import ForkServerContext, SpawnContext
 from pathlib import Path
 from typing import Any
 
-from service.compute.fork_server import fork_server
-from service.compute.plain_answers import AnswerFormError, decode
-from service.compute.worker_loop import serve
+from service.compute.worker_loop import THREADS, AnswerFormError, decode, serve
 from service.errors import TaskGivenUpError, TaskTimeLimitError, WorkerCrashedError, WorkerLostError
+from service.observability.logging import get_logger
 
+log = get_logger("compute")
+
+LOADED = ["service.compute.warm_start", "trimesh"]
+"""The modules of the tasks; trimesh, which reads GLB, is otherwise imported with the first GLB."""
+
+START_SECONDS = 180.0
 ASK_SECONDS = 0.25
 # Idle processes take a call at once; the largest takes a second.
 SEND_SECONDS = 30.0
@@ -25,6 +34,34 @@ STOPPED_SECONDS = 5.0
 # Signals of a process that crashes by itself; a process that is stopped gets another signal.
 CRASHES = {signal.SIGSEGV, signal.SIGABRT, signal.SIGBUS, signal.SIGFPE, signal.SIGILL}
 
+_starting = threading.Lock()
+
+
+def fork_server() -> ForkServerContext | SpawnContext:
+    """Start the fork server if it does not run, and return the context that starts worker processes.
+
+    The service itself is not forked: the fork of a process with threads may inherit a lock that is never
+    released. A fresh process for each worker would load the tasks again, which takes a second. Systems
+    without fork servers start fresh processes.
+    """
+    if "forkserver" not in multiprocessing.get_all_start_methods():
+        return multiprocessing.get_context("spawn")
+    context = multiprocessing.get_context("forkserver")
+    with _starting:
+        context.set_forkserver_preload(LOADED)
+        kept = {name: os.environ.get(name) for name in THREADS}
+        # Libraries read the number of threads when they load, in the fork server.
+        os.environ.update(dict.fromkeys(THREADS, "1"))
+        try:
+            forkserver.ensure_running()
+        finally:
+            for name, value in kept.items():
+                if value is None:
+                    del os.environ[name]
+                else:
+                    os.environ[name] = value
+    return context
+
 
 class WorkerProcess:
     """A process that answers one call at a time. One thread calls; any thread may kill the process.
@@ -32,8 +69,8 @@ class WorkerProcess:
     Parameters
     ----------
     answer_bytes : int, optional
-        The process is not trusted: nothing that it sends is unpickled (`service.compute.plain_answers`), and
-        its answers have at most so many bytes.
+        The process is not trusted: nothing that it sends is unpickled (`worker_loop.decode`), and its answers
+        have at most so many bytes.
     """
 
     def __init__(self, *, answer_bytes: int | None = None) -> None:
@@ -54,14 +91,14 @@ class WorkerProcess:
         return self._process.pid
 
     def resident_bytes(self) -> int:
-        """Resident memory of the process in bytes; 0 on systems without /proc."""
+        """Return the resident memory of the process in bytes; 0 on systems without /proc."""
         try:
             return int(Path(f"/proc/{self.pid}/statm").read_text().split()[1]) * resource.getpagesize()
         except OSError:
             return 0
 
     def stopped(self) -> bool:
-        """Whether the process stands still by a signal, or under a debugger; False without /proc."""
+        """Return whether a signal or a debugger has stopped the process; False without /proc."""
         try:
             # The state follows the name, which is in brackets and may hold anything.
             return Path(f"/proc/{self.pid}/stat").read_bytes().rpartition(b") ")[2][:1] in {b"T", b"t"}
@@ -69,7 +106,7 @@ class WorkerProcess:
             return False
 
     def alive(self) -> bool:
-        """Whether the process runs."""
+        """Return whether the process runs."""
         return self._process.is_alive()
 
     def send(self, function: Callable[..., Any], arguments: tuple[Any, ...]) -> None:
@@ -160,3 +197,75 @@ class WorkerProcess:
         self._process.kill()
         self._process.join()
         self._connection.close()
+
+
+class ProcessStart(threading.Thread):
+    """A thread that starts and warms one process.
+
+    Parameters
+    ----------
+    warm : callable
+        Called in the new process; the result is dropped.
+    abandoned : threading.Event
+        Set when the pool wants no process any more.
+    seconds : float
+        The longest time that `warm` may take.
+    answer_bytes : int or None
+        As for `WorkerProcess`.
+    """
+
+    def __init__(
+        self,
+        warm: Callable[[], object],
+        abandoned: threading.Event,
+        *,
+        seconds: float,
+        answer_bytes: int | None,
+    ) -> None:
+        super().__init__(daemon=True, name="isoshape-starting")
+        self._warm = warm
+        self._abandoned = abandoned
+        self._seconds = seconds
+        self._answer_bytes = answer_bytes
+        self._process: WorkerProcess | None = None
+        self._warmed = False
+        self._killed = False
+        self.start()
+
+    def run(self) -> None:
+        """Start the process and wait until `warm` has returned."""
+        if self._unwanted():
+            return
+        try:
+            self._process = WorkerProcess(answer_bytes=self._answer_bytes)
+            # A call of `kill` from now on sees the process; an earlier call did not.
+            if self._unwanted():
+                self._process.kill()
+            self._process.send(self._warm, ())
+            self._process.receive(self._seconds)
+        except (WorkerLostError, TaskTimeLimitError) as error:
+            if not self._unwanted():
+                log.error("a worker process could not be started: %s", error)
+        except Exception as error:
+            if not self._unwanted():
+                log.error("a worker process could not be started", exc_info=error)
+        else:
+            self._warmed = True
+
+    def take(self) -> WorkerProcess | None:
+        """Wait for the process and return it; None if it did not start."""
+        self.join()
+        if self._warmed:
+            return self._process
+        if self._process is not None:
+            self._process.end()
+        return None
+
+    def kill(self) -> None:
+        """Kill the process, or do not start it."""
+        self._killed = True
+        if self._process is not None:
+            self._process.kill()
+
+    def _unwanted(self) -> bool:
+        return self._killed or self._abandoned.is_set()

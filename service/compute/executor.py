@@ -1,30 +1,59 @@
-"""Start the worker processes and the file readers of a service or of a command."""
+"""The interface of executors, and the choice of one: processes on this machine, or a Dask cluster."""
 
 from collections.abc import Callable
 from concurrent.futures import Future
 from functools import partial
+from typing import Any, Protocol
 
 from core.parameters import Parameters
 from service.compute import sandbox
 from service.compute.compilation import COMPILING_SECONDS, is_compiled, warm_once_compiled
-from service.compute.mesh_bytes import largest_size
 from service.compute.pool import LocalPool
-from service.compute.worker_startup import START_SECONDS
-from service.compute.workers_interface import Workers
+from service.compute.processes import START_SECONDS
+from service.compute.reader_answers import largest_size
 from service.observability.logging import get_logger
 from service.settings import Settings
 
 log = get_logger("compute")
 
 
-def start(
-    settings: Settings, parameters: Parameters, replaced: Callable[[str], object] = lambda cause: None
-) -> tuple[Workers, LocalPool]:
-    """Start workers, warmed up for these parameters, and readers of uploads; `replaced` as in `LocalPool`.
+class Executor(Protocol):
+    """Runs tasks in other processes, reports its state and can be stopped at once."""
 
-    Workers may be those of a cluster. Readers are always confined processes on this machine.
+    def submit(self, fn: Callable[..., Any], /, *args: Any) -> Future[Any]:  # noqa: ANN401
+        """Call `fn(*args)` in a worker. Function, arguments and result must pickle."""
+
+    def ready(self) -> bool:
+        """Return whether a worker is available."""
+
+    def pids(self) -> list[int]:
+        """Return the process ids of the warm workers, each on its machine."""
+
+    def idle(self) -> int:
+        """Return the number of tasks that could start at once."""
+
+    def busy(self) -> int:
+        """Return the number of running tasks."""
+
+    def starting(self) -> int:
+        """Return the number of workers that are not warm yet."""
+
+    def waiting(self) -> int:
+        """Return the number of tasks that no worker has taken yet."""
+
+    def kill(self) -> None:
+        """Shut down at once, without waiting for running tasks."""
+
+
+def start_executors(
+    settings: Settings, parameters: Parameters, replaced: Callable[[str], object] = lambda cause: None
+) -> tuple[Executor, LocalPool]:
+    """Start workers, warmed up for these parameters, and readers of uploads.
+
+    Workers may be those of a cluster. Readers are always confined processes on this machine. `replaced` is
+    called as by `LocalPool`.
     """
-    workers: Workers
+    workers: Executor
     if settings.scheduler:
         # Imported here: a service without a cluster needs no Dask.
         from service.compute.cluster import ClusterPool  # noqa: PLC0415
