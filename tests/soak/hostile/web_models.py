@@ -22,7 +22,6 @@ from service.http.problem_document import TYPE_PREFIX
 from tests.core.damaged import DAMAGES
 from tests.soak.hostile.changed import REFUSALS
 from tests.soak.hostile.serving import server
-from tests.soak.pages import put
 
 PLAIN = "as it is"
 
@@ -102,7 +101,6 @@ def main() -> int:
     """0 if nothing was wrong."""
     parser = argparse.ArgumentParser(prog="python -m tests.soak.hostile.web_models", description=__doc__)
     parser.add_argument("--every", type=int, default=1, help="take every so many-th model only")
-    parser.add_argument("--out", type=Path, help="the page that has a place for it; it is printed otherwise")
     arguments = parser.parse_args()
     folder = Path(os.environ["ISOSHAPE_DATA"]) / "webmodels"
     models = sorted(folder.glob("*.obj"))[:: arguments.every]
@@ -116,10 +114,7 @@ def main() -> int:
             tally = upload_models(client, models)
         log = (Path(scratch) / "log.txt").read_text()
     tally.faults += [line for line in log.splitlines() if "Warning" in line or '"level": "error"' in line]
-    if arguments.out is None:
-        print(tally)
-    else:
-        put(arguments.out, "web-models", str(tally))
+    print(tally)
     return 1 if tally.faults else 0
 
 

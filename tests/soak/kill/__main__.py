@@ -11,7 +11,6 @@ from pathlib import Path
 from tests.service.processes import server
 from tests.soak.kill.cycles import Cycle, run_cycle, verify
 from tests.soak.kill.ledger import Ledger
-from tests.soak.pages import put
 
 
 def main() -> int:
@@ -19,7 +18,6 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.soak.kill", description=__doc__)
     parser.add_argument("--cycles", type=int, default=200)
     parser.add_argument("--seed", type=int, default=0, help="of the moments, and of what is written")
-    parser.add_argument("--out", type=Path, help="the page that has a place for it; it is printed otherwise")
     options = parser.parse_args()
     folder = Path(tempfile.mkdtemp(prefix="isoshape-kill-"))
     ledger, cycles, began = Ledger(), list[Cycle](), time.monotonic()
@@ -36,10 +34,7 @@ def main() -> int:
         return fail(folder, "the end", faults)
     shutil.rmtree(folder)
     text = summary(cycles, ledger, time.monotonic() - began, options.seed)
-    if options.out is None:
-        print(text)
-    else:
-        put(options.out, "kills", text)
+    print(text)
     return 0
 
 

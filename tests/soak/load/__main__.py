@@ -16,7 +16,6 @@ from service.storage.checking import check
 from tests.service.processes import server
 from tests.service.support import small_file
 from tests.soak.load.memory import Growth, Watch
-from tests.soak.pages import put
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[2]
@@ -35,7 +34,6 @@ def main() -> int:
     """Run the load; 1 if an answer was wrong, the archive is not whole, or memory grows."""
     parser = argparse.ArgumentParser(prog="python -m tests.soak.load", description=__doc__)
     parser.add_argument("--minutes", type=float, default=20)
-    parser.add_argument("--out", type=Path, help="the page that has a place for it; it is printed otherwise")
     parser.add_argument("--users", type=int, default=8, help="clients at a time")
     parser.add_argument("--locust", type=Path, default=ROOT / ".venv/load/bin/locust")
     options = parser.parse_args()
@@ -66,10 +64,7 @@ def main() -> int:
         faults = check(folder / "archive.sqlite3", lock_seconds=10).faults
     own, workers = watch.growth(60 * warm_up)
     text = table(options.minutes, options.users, counts, own, workers, stored)
-    if options.out is None:
-        print(text)
-    else:
-        put(options.out, "load", text)
+    print(text)
     wrong = [f"{count} times {what}" for what, count in counts["broken"].items()]
     wrong += [f"isoshape check: {fault}" for fault in faults]
     wrong += grown("service", own) + grown("workers", workers)
