@@ -23,9 +23,15 @@ from service.compute.compilation import is_compiled
 from service.console import fail, output, progress, say
 from service.search.schemas import QueryAnswer
 from service.search.score_words import score_in_words
-from service.server.address import DEFAULT_PORT, LOOPBACK, PortError, bind
-from service.server.child_process import ChildService, sigterm_exits
-from service.server.uvicorn_server import wait_until_ready
+from service.server.process import (
+    DEFAULT_PORT,
+    LOOPBACK,
+    ChildService,
+    PortError,
+    bind,
+    sigterm_exits,
+    wait_until_ready,
+)
 from service.settings import load_parameters, load_settings
 
 POSES = 8

@@ -14,7 +14,7 @@ from service.compute.request_queue import RequestQueue
 from service.console import fail, messages, output, progress, say
 from service.observability import logging
 from service.pipelines import repository
-from service.server.child_process import sigterm_exits
+from service.server.process import sigterm_exits
 from service.settings import Settings, load_parameters, load_settings
 from service.shapes.reembedding import Reembedding, ReembeddingResult, prune_others
 from service.storage.database import Database

@@ -7,8 +7,7 @@ import typer
 
 from service.console import say
 from service.errors import ArchiveServedError
-from service.server.address import bind, is_loopback
-from service.server.uvicorn_server import run
+from service.server.process import bind, is_loopback
 from service.settings import SettingsError, load_parameters, load_settings
 
 
@@ -33,6 +32,7 @@ def command(
     # Here, so that the help does not wait for these imports.
     from service.app import create_app  # noqa: PLC0415
     from service.cli.starting import compiling, told_when_ready  # noqa: PLC0415
+    from service.server.uvicorn_server import run  # noqa: PLC0415
 
     settings = load_settings()
     with bind(host or settings.host, settings.port if port is None else port) as bound:
@@ -53,12 +53,7 @@ def command(
                 compiling(load_parameters(settings.pipeline), settings.scheduler),
                 told_when_ready(bound, url),
             ):
-                run(
-                    create_app(settings),
-                    bound,
-                    shutdown_seconds=settings.shutdown_seconds,
-                    head_seconds=settings.receive_seconds,
-                )
+                run(create_app(settings), bound, settings.shutdown_seconds)
 
 
 def _alone(database_url: str, url: str) -> AbstractContextManager[object]:

@@ -9,7 +9,7 @@ import typer
 
 from service.client import Client, ClientError, ProblemError
 from service.console import say
-from service.server.address import DEFAULT_PORT, LOOPBACK
+from service.server.process import DEFAULT_PORT, LOOPBACK
 
 Url = Annotated[
     str | None,

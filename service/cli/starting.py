@@ -13,7 +13,7 @@ from core.parameters import Parameters
 from service.client import Client, ClientError
 from service.compute.compilation import is_compiled
 from service.console import say
-from service.server.address import LOOPBACK
+from service.server.process import LOOPBACK
 
 ASK_SECONDS = 0.1
 PROBE = httpx.Timeout(5.0)

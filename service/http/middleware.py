@@ -6,6 +6,7 @@ import re
 import time
 import uuid
 
+from h11 import LocalProtocolError
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.requests import ClientDisconnect
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
@@ -58,6 +59,10 @@ class RequestContext:
         except ClientDisconnect:
             log.info("the client went away")
             status = status or CLIENT_GONE
+        except LocalProtocolError:
+            # The body is not HTTP: the server has answered 400 itself and closes the connection.
+            while (await receive())["type"] != "http.disconnect":
+                pass
         except asyncio.CancelledError:
             # The server stops, and waits no longer.
             if status:

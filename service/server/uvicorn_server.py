@@ -1,40 +1,41 @@
 """The server of this process: in the foreground, or in a thread for one command."""
 
+import ctypes
 import gc
 import os
+import resource
 import socket
+import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 
 import uvicorn
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from service.client import Client
-from service.errors import ExpectedError
 from service.jobs.events import ENDING_IN_SCOPE
-from service.server.address import LOOPBACK, bind
-from service.server.allocator import return_freed_memory
-from service.server.http_protocol import http_protocol, most_connections
+from service.server.process import LOOPBACK, SHUTDOWN_SECONDS, StartError, bind, wait_until_ready
 
-# On a busy machine the first start compiles for many minutes.
-READY_SECONDS = 3600.0
-# For a service that one command uses; no request is left when it stops.
-SHUTDOWN_SECONDS = 10
-HEAD_SECONDS = 20.0
-# Longer than proxies and clients keep a connection, so that no request meets a closing one.
 KEEP_ALIVE_SECONDS = 75
+"""How long an idle connection stays open: longer than proxies and clients keep one, so that no request meets
+a closing connection."""
+
+MOST_DESCRIPTORS = 65536
+LEAST_CONNECTIONS = 8
+
+OWN_DESCRIPTORS = 16
+"""Descriptors of the service itself: the database, the workers, the listening socket."""
+
+KEPT_BYTES = 8 * 1024 * 1024
+"""Bytes of freed memory that a heap keeps at its end, and the least block that has pages of its own."""
+
+_M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3  # parameters of `mallopt` in the GNU C library (malloc.h)
 
 
-class StartError(ExpectedError):
-    """The service did not start; the message gives the reason."""
-
-
-def run(app: ASGIApp, bound: socket.socket, *, shutdown_seconds: int, head_seconds: float) -> None:
+def run(app: ASGIApp, bound: socket.socket, shutdown_seconds: int) -> None:
     """Serve the app on the socket until a signal; running requests then have `shutdown_seconds` to end.
-
-    A client has `head_seconds` for the head of a request.
 
     The garbage collector leaves out the objects that exist by now, mostly modules. It otherwise takes half of
     the time of reading the signatures of a large archive.
@@ -45,7 +46,7 @@ def run(app: ASGIApp, bound: socket.socket, *, shutdown_seconds: int, head_secon
         The app's lifespan failed.
     """
     watched = _Watched(app)
-    server = watched.server = uvicorn.Server(_config(watched, shutdown_seconds, head_seconds))
+    server = watched.server = uvicorn.Server(config(watched, shutdown_seconds))
     gc.freeze()
     return_freed_memory()
     with suppress(KeyboardInterrupt):
@@ -66,7 +67,7 @@ def in_thread(app: ASGIApp, key: str | None = None, collection: str | None = Non
         The app's lifespan failed.
     """
     watched = _Watched(app)
-    server = watched.server = uvicorn.Server(_config(watched, SHUTDOWN_SECONDS, HEAD_SECONDS))
+    server = watched.server = uvicorn.Server(config(watched))
     with bind(LOOPBACK, 0) as bound:
         port = bound.getsockname()[1]
         thread = threading.Thread(target=_serve, args=(server, bound), name="isoshape service")
@@ -84,35 +85,21 @@ def in_thread(app: ASGIApp, key: str | None = None, collection: str | None = Non
             thread.join()
 
 
-def wait_until_ready(client: Client, ended: Callable[[], bool]) -> None:
-    """Return when the service is ready. On the first start its workers compile.
+def config(app: ASGIApp, shutdown_seconds: int = SHUTDOWN_SECONDS) -> uvicorn.Config:
+    """Return the configuration of a server of the app.
 
-    Raises
-    ------
-    StartError
-        The service ended, or is not ready after an hour.
+    Its limits are uvicorn's own: the number of connections (others are answered 503), the time of an idle
+    connection, the 64 KiB of a head. A proxy limits the time of heads and of answers (docs/operating.md); the
+    application limits that of bodies.
     """
-    deadline = time.monotonic() + READY_SECONDS
-    while not client.ready():
-        if ended():
-            raise StartError("the service ended before it was ready")
-        if time.monotonic() > deadline:
-            raise StartError(f"the service was not ready after {READY_SECONDS:.0f} s")
-        time.sleep(0.1)
-
-
-def _serve(server: uvicorn.Server, bound: socket.socket) -> None:
-    with suppress(SystemExit):  # uvicorn exits if the lifespan fails
-        server.run(sockets=[bound])
-
-
-def _config(app: ASGIApp, shutdown_seconds: int, head_seconds: float) -> uvicorn.Config:
+    connections = most_connections()
     # The service logs its requests and their errors itself.
     return uvicorn.Config(
         app,
-        http=http_protocol(head_seconds),
+        http="h11",
         # Connections are accepted so many at a time, before their number is limited.
-        backlog=max(1, most_connections() // 4),
+        backlog=max(1, connections // 4),
+        limit_concurrency=connections,
         # Otherwise any program of this machine could name another address as its own.
         proxy_headers="FORWARDED_ALLOW_IPS" in os.environ,
         lifespan="on",
@@ -122,6 +109,37 @@ def _config(app: ASGIApp, shutdown_seconds: int, head_seconds: float) -> uvicorn
         timeout_graceful_shutdown=shutdown_seconds,
         timeout_keep_alive=KEEP_ALIVE_SECONDS,
     )
+
+
+def most_connections() -> int:
+    """Return the most connections at a time: half of the descriptors of this process, less its own.
+
+    The other half is for the files and the database connections of requests.
+    """
+    descriptors, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if not 0 <= descriptors <= MOST_DESCRIPTORS:
+        descriptors = MOST_DESCRIPTORS
+    return max(LEAST_CONNECTIONS, descriptors // 2 - OWN_DESCRIPTORS)
+
+
+def return_freed_memory() -> None:
+    """Let each heap of this process keep at most `KEPT_BYTES` of freed memory at its end.
+
+    The GNU C library otherwise raises both limits with the sizes of freed blocks, up to 64 and 32 MiB: each
+    heap, of which a service with threads has several, then keeps as much as the large files that it received.
+    Child processes have limits of their own. Other C libraries are left as they are.
+    """
+    if sys.platform != "linux":
+        return
+    mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
+    if mallopt is not None:
+        mallopt(_M_TRIM_THRESHOLD, KEPT_BYTES)
+        mallopt(_M_MMAP_THRESHOLD, KEPT_BYTES)
+
+
+def _serve(server: uvicorn.Server, bound: socket.socket) -> None:
+    with suppress(SystemExit):  # uvicorn exits if the lifespan fails
+        server.run(sockets=[bound])
 
 
 class _Watched:

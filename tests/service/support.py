@@ -19,7 +19,7 @@ from core.mesh.mesh import Mesh
 from core.pipeline import Pipeline
 from service.app import create_app
 from service.container import Container
-from service.server.http_protocol import http_protocol
+from service.server.uvicorn_server import config
 from service.settings import Settings
 from tests.service.engines import url_in
 
@@ -67,19 +67,12 @@ def settings_in(folder: Path, **values: Any) -> Settings:
 def serving(
     settings: Settings, *, ready: bool = True, key: str | None = None, connections: int | None = None
 ) -> Iterator[Running]:
-    """The service under some settings, from start to end; waits for its workers unless told not to."""
+    """Run the service under some settings, and wait for its workers unless told not to."""
     app = create_app(settings)
-    server = uvicorn.Server(
-        uvicorn.Config(
-            app,
-            http=http_protocol(settings.receive_seconds, connections),
-            port=0,
-            log_config=None,
-            access_log=False,
-            lifespan="on",
-            timeout_graceful_shutdown=settings.shutdown_seconds,
-        )
-    )
+    configured = config(app, settings.shutdown_seconds)
+    configured.port = 0
+    configured.limit_concurrency = connections or configured.limit_concurrency
+    server = uvicorn.Server(configured)
     thread = threading.Thread(target=server.run)
     thread.start()
     try:

@@ -10,9 +10,7 @@ import numpy as np
 
 from service.client import Client
 from service.search.rank_by import RankBy
-from service.server.address import LOOPBACK, bind
-from service.server.child_process import ChildService
-from service.server.uvicorn_server import wait_until_ready
+from service.server.process import LOOPBACK, ChildService, bind, wait_until_ready
 from service.settings import Settings
 from service.studies.benchmark.archive import STEP, Original, fill, label_of, shape_id
 from service.studies.benchmark.timing import growth_exponent

@@ -9,7 +9,7 @@ import pytest
 
 from service import openapi_document as openapi
 from service.cli import demo
-from service.server.address import LOOPBACK
+from service.server.process import LOOPBACK
 from tests.service.cli.conftest import CLASSES, Run
 
 

@@ -11,7 +11,7 @@ from service.app import create_app
 from service.auth.keys import digest_of
 from service.cli import demo, service_address
 from service.client import Client, ClientError, ProblemError
-from service.server.address import is_loopback
+from service.server.process import is_loopback
 from service.server.uvicorn_server import in_thread
 from service.settings import Settings
 from tests.service.cli.conftest import CLASSES, Run, mesh_bytes

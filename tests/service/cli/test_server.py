@@ -13,8 +13,8 @@ from core.parameters import DEFAULT
 from service.app import create_app
 from service.client import Client
 from service.compute.compilation import compile_kernels
-from service.server.address import LOOPBACK, PortError, bind
-from service.server.uvicorn_server import StartError, in_thread, wait_until_ready
+from service.server.process import LOOPBACK, PortError, StartError, bind, wait_until_ready
+from service.server.uvicorn_server import in_thread
 from service.settings import Settings
 from tests.service.cli.conftest import Run, mesh_bytes
 

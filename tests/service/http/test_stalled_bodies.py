@@ -188,20 +188,6 @@ def test_a_body_that_is_refused_while_a_query_runs_is_a_problem(
         assert_problem(answer(connection), status, kind)
 
 
-@pytest.mark.parametrize("key", ["none", READ, FULL])
-def test_a_broken_chunk_is_a_problem_whatever_the_key(
-    running: Running, caplog: pytest.LogCaptureFixture, key: str
-) -> None:
-    """A request without a key is refused while its body is found to be broken."""
-    url = running.client.base_url
-    with socket.create_connection((url.host, url.port)) as connection:
-        head = f"POST /shapes HTTP/1.1\r\nHost: localhost\r\nX-API-Key: {key}\r\nTransfer-Encoding: chunked"
-        connection.sendall(head.encode() + b"\r\n\r\nx\r\n")
-        assert_problem(answer(connection), 400, "bad-request")
-    wait_until(lambda: not running.server.server_state.tasks, seconds=5)
-    assert [record for record in caplog.records if record.levelname == "ERROR"] == []
-
-
 def test_stalled_bodies_of_one_key_leave_room_for_others(running: Running, folder: Folder) -> None:
     """Three bodies of 9.3 MB would fill the folder."""
     with ExitStack() as stack:

@@ -10,9 +10,7 @@ import pytest
 
 from service.client import Client
 from service.datasets import read_collection
-from service.server.address import LOOPBACK, bind
-from service.server.child_process import ChildService
-from service.server.uvicorn_server import wait_until_ready
+from service.server.process import LOOPBACK, ChildService, bind, wait_until_ready
 
 pytestmark = pytest.mark.collections
 

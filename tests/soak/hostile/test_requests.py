@@ -67,7 +67,9 @@ def fault(client: httpx.Client, case: Hostile) -> str:
         return ""
     if status not in case.statuses:
         return f"{case.name}: {status}, not one of {sorted(case.statuses)}"
-    if status >= 400 and given.get("content-type") != MEDIA_TYPE:
+    # The server answers what is not HTTP in plain text.
+    forms = {MEDIA_TYPE, "text/plain; charset=utf-8"} if status == 400 else {MEDIA_TYPE}
+    if status >= 400 and given.get("content-type") not in forms:
         return f"{case.name}: {status} without a problem document"
     return ""
 

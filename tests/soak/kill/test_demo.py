@@ -6,7 +6,7 @@ import subprocess
 import sys
 
 from service.client import Client
-from service.server.uvicorn_server import LOOPBACK, bind, wait_until_ready
+from service.server.process import LOOPBACK, bind, wait_until_ready
 from tests.service.cli.test_demo import free_port
 
 

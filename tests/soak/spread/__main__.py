@@ -20,9 +20,7 @@ from core.io import format_of, read_mesh, write_mesh
 from core.mesh.mesh import Mesh
 from service.client import Client
 from service.datasets import read_collection
-from service.server.address import LOOPBACK, bind
-from service.server.child_process import ChildService
-from service.server.uvicorn_server import wait_until_ready
+from service.server.process import LOOPBACK, ChildService, bind, wait_until_ready
 from service.studies.benchmark.archive import fill, originals, shape_id
 from service.studies.benchmark.meshes import read_source
 from service.studies.benchmark.searching import STEP
