@@ -31,7 +31,6 @@ from service.http.openapi import DESCRIPTION, TAGS, describe
 from service.http.problems import handle_problems
 from service.index.cache import EmbeddingCache, descriptor_bytes
 from service.index.density_samples import DensitySamples
-from service.index.similarity_maps import SimilarityMaps
 from service.index.surface_measurements import SurfaceMeasurements
 from service.jobs.endpoints import ADDRESS as JOBS_ADDRESS
 from service.jobs.endpoints import router as jobs_router
@@ -200,7 +199,6 @@ def _start(settings: Settings, parameters: Parameters, gate: Gate, metrics: Metr
         descriptors=EmbeddingCache(DESCRIPTOR_BYTES, descriptor_bytes),
         spin_images=EmbeddingCache(DESCRIPTOR_BYTES // 4),
         density_samples=DensitySamples(),
-        maps=SimilarityMaps(),
         measurements=SurfaceMeasurements(),
         judging=set(),
     )

@@ -13,7 +13,6 @@ from service.compute.request_queue import ActivityGate, RequestQueue
 from service.http.idempotency.keys import InFlight
 from service.index.cache import EmbeddingCache
 from service.index.density_samples import DensitySamples
-from service.index.similarity_maps import SimilarityMaps
 from service.index.surface_measurements import SurfaceMeasurements
 from service.observability.metrics import Metrics
 from service.pipelines.active import Pipelines
@@ -47,6 +46,5 @@ class Container:
     descriptors: EmbeddingCache[ShapeDescriptors]
     spin_images: EmbeddingCache[Bytes]
     density_samples: DensitySamples
-    maps: SimilarityMaps
     measurements: SurfaceMeasurements
     judging: set[tuple[int, bool]]

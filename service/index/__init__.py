@@ -5,6 +5,5 @@ __all__ = [
     "density_samples",
     "repository",
     "signature_index",
-    "similarity_maps",
     "surface_measurements",
 ]

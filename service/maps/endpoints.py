@@ -1,20 +1,28 @@
-"""The address /map."""
+"""The address /map: positions of stored shapes by their signatures."""
 
 from typing import Annotated
 
+import numpy as np
 from fastapi import APIRouter, Query, Request
+from starlette.concurrency import run_in_threadpool
 
+from core.ranking.similarity_map import similarity_map
 from service.collections.dependencies import InCollection, NamedInAddress
+from service.container import Container
 from service.dependencies import Service
 from service.http.disconnects import while_connected
 from service.http.duplicate_parameters import once_each
 from service.http.problems import documented
-from service.maps import service
+from service.maps.repository import map_shapes
 from service.maps.schemas import MapAnswer
-from service.maps.service import CollectionMap
 from service.pipelines.active import ActivePipeline
 from service.search.service import in_one_pipeline
+from service.shapes import repository as shapes_repository
 from service.shapes.filters import Filters
+from service.shapes.records import ShapeFilter
+
+MOST = 2000
+"""Most shapes of a map; the document of the interface names it."""
 
 router = APIRouter(tags=["search"])
 
@@ -31,9 +39,6 @@ class MapOptions(NamedInAddress, Filters):
         "bad-request-fields",
         "busy",
         "shutting-down",
-        "worker-lost",
-        "cluster-unavailable",
-        "time-limit",
         "pipeline-unavailable",
         "storage-unavailable",
     ),
@@ -41,15 +46,26 @@ class MapOptions(NamedInAddress, Filters):
 async def read_map(
     options: Annotated[MapOptions, Query()], request: Request, container: Service, collection: InCollection
 ) -> MapAnswer:
-    """Positions of the stored shapes on a plane, by t-SNE of the approximate log odds of pairs.
+    """Return positions of the stored shapes on a plane: the principal components of their signatures.
 
-    Similar shapes are near each other; distances between far shapes have no meaning. Equal shapes give equal
-    maps. The first map of 2,000 shapes takes seconds; later ones of the same shapes are kept.
+    Similar shapes are near each other; shapes that are near each other may differ. Equal shapes give equal
+    maps.
     """
-    wanted = options.filtered(collection.number)
+    shape_filter = options.filtered(collection.number)
 
-    async def found(active_pipeline: ActivePipeline) -> CollectionMap:
-        return await service.find(container, wanted, active_pipeline)
+    async def lay_out(active_pipeline: ActivePipeline) -> MapAnswer:
+        return await run_in_threadpool(_lay_out, container, shape_filter, active_pipeline.fingerprint)
 
     with container.queue.admitted():
-        return MapAnswer.of(await while_connected(request, in_one_pipeline(container, found)))
+        return await while_connected(request, in_one_pipeline(container, lay_out))
+
+
+def _lay_out(container: Container, shape_filter: ShapeFilter, fingerprint: str) -> MapAnswer:
+    """Lay out the shapes that match a filter; of many, `MOST` are chosen evenly by age."""
+    with container.database.read() as session:
+        numbers = np.sort(np.array(shapes_repository.numbers(session, shape_filter), dtype=np.int64))
+        total = len(numbers)
+        if total > MOST:
+            numbers = numbers[np.arange(MOST) * total // MOST]
+        shapes = map_shapes(session, fingerprint, numbers)
+    return MapAnswer.of(shapes.ids, shapes.names, similarity_map(shapes.signatures), total)

@@ -2,12 +2,10 @@
 
 from dataclasses import dataclass
 
-import numpy as np
 from sqlalchemy import select
 
-from core.arrays import Ints
-from core.ranking.coarse_differences import CoarseDescriptors
-from service.index.repository import stacked, stacked_views
+from core.arrays import Float32s, Ints
+from service.index.repository import stacked
 from service.storage.database import ReadSession
 from service.storage.tables import EmbeddingRow, ShapeRow, SketchRow
 
@@ -19,27 +17,18 @@ class MapShapes:
     Attributes
     ----------
     ids, names : list of str, length n
-    embeddings : int64, shape (n,)
-    descriptors : CoarseDescriptors
+    signatures : float32, shape (n, s)
     """
 
     ids: list[str]
     names: list[str]
-    embeddings: Ints
-    descriptors: CoarseDescriptors
+    signatures: Float32s
 
 
 def map_shapes(session: ReadSession, fingerprint: str, numbers: Ints) -> MapShapes:
-    """The shapes with some numbers that a pipeline has embedded."""
+    """Return the shapes with some numbers that a pipeline has embedded."""
     query = (
-        select(
-            ShapeRow.id,
-            ShapeRow.name,
-            EmbeddingRow.number,
-            SketchRow.signature,
-            SketchRow.view_signature,
-            SketchRow.reliability,
-        )
+        select(ShapeRow.id, ShapeRow.name, SketchRow.signature)
         .join(
             EmbeddingRow,
             (EmbeddingRow.blob_number == ShapeRow.blob_number) & (EmbeddingRow.format == ShapeRow.format),
@@ -49,14 +38,5 @@ def map_shapes(session: ReadSession, fingerprint: str, numbers: Ints) -> MapShap
         .order_by(ShapeRow.number)
     )
     rows = session.execute(query).all()
-    ids, names, embeddings, signatures, views, reliabilities = zip(*rows, strict=True) if rows else [()] * 6
-    return MapShapes(
-        list(ids),
-        list(names),
-        np.array(embeddings, dtype=np.int64),
-        CoarseDescriptors(
-            stacked(signatures).view("<f4"),
-            stacked_views(views),
-            np.array(reliabilities, dtype=np.float32),
-        ),
-    )
+    ids, names, signatures = zip(*rows, strict=True) if rows else ([], [], [])
+    return MapShapes(list(ids), list(names), stacked(signatures).view("<f4"))

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 from pydantic import BaseModel, Field
 
 if TYPE_CHECKING:
-    from service.maps.service import CollectionMap
+    from core.ranking.similarity_map import SimilarityMap
 
 
 class MapShape(BaseModel):
@@ -30,20 +30,14 @@ class MapAnswer(BaseModel):
     )
 
     @classmethod
-    def of(cls, found: "CollectionMap") -> "MapAnswer":
-        """The JSON of a map."""
-        rows = zip(
-            found.shapes.ids,
-            found.shapes.names,
-            found.map.positions.tolist(),
-            found.map.cells.tolist(),
-            strict=True,
-        )
+    def of(cls, ids: list[str], names: list[str], laid_out: "SimilarityMap", total: int) -> "MapAnswer":
+        """Write the JSON of a map."""
+        rows = zip(ids, names, laid_out.positions.tolist(), laid_out.cells.tolist(), strict=True)
         return cls(
             shapes=[
                 MapShape(id=id, name=name, x=x, y=y, column=column, row=row)
                 for id, name, (x, y), (column, row) in rows
             ],
-            size=found.map.size,
-            total=found.total,
+            size=laid_out.size,
+            total=total,
         )

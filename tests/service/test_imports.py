@@ -176,11 +176,8 @@ def test_libraries_of_comparisons_are_imported_by_comparisons_alone() -> None:
     for package in ("lapy", "sklearn"):
         users = {m for m, imported in imports().items() if any(within(name, package) for name in imported)}
         assert users
-        # Maps are laid out with scikit-learn.
         assert all(
-            within(module, "service.studies.baselines")
-            or within(module, "service.studies.benchmark")
-            or (package, module) == ("sklearn", "core.ranking.similarity_map")
+            within(module, "service.studies.baselines") or within(module, "service.studies.benchmark")
             for module in users
         )
 
