@@ -162,7 +162,6 @@ def _start(settings: Settings, parameters: Parameters, gate: Gate, metrics: Metr
             settings.database_url,
             lock_seconds=settings.lock_seconds,
             metrics=metrics,
-            hnsw=settings.hnsw,
             reserve=True,
         )
         migrate(database)

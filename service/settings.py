@@ -17,7 +17,6 @@ from core.io import DEFAULT_LIMITS, Limits
 from core.parameters import DEFAULT, PAPER, Parameters
 from service.auth.keys import KeyEntry
 from service.errors import ExpectedError
-from service.storage.hnsw_parameters import HnswParameters
 
 PREFIX = "ISOSHAPE_"
 
@@ -161,13 +160,6 @@ class Settings(BaseSettings):
         allow_inf_nan=False,
         description="The longest wait for the lock of the database; the answer is then 503 with Retry-After.",
     )
-    idempotency_hours: float = Field(
-        default=24.0,
-        gt=0,
-        le=24 * 366,
-        allow_inf_nan=False,
-        description="How long the service keeps the answer to an upload with an Idempotency-Key.",
-    )
     max_upload_bytes: PositiveInt = Field(
         default=128 * 1024 * 1024,
         description="The largest file that may be uploaded; larger ones are answered 413. A worker may "
@@ -240,11 +232,6 @@ class Settings(BaseSettings):
         description="The largest number of different parts of an assembly that is uploaded with "
         "split=parts; more are answered 422.",
     )
-    max_form_fields: PositiveInt = Field(
-        default=640,
-        description="The largest number of fields beside the file in one form; more are answered 400. A "
-        "query may exclude 500 shapes and name 32 tags and 32 metadata values.",
-    )
     shortlist_from: PositiveInt = Field(
         default=2_000,
         description="With at least this many candidates, a query compares only a shortlist. With fewer, "
@@ -280,28 +267,6 @@ class Settings(BaseSettings):
         description="Where the nearest signatures are found: in the memory of the service or, on "
         "PostgreSQL, by the database, with an HNSW index, which takes no memory of the "
         "service.",
-    )
-    hnsw_m: int = Field(
-        default=16,
-        ge=2,
-        le=100,
-        description="On PostgreSQL: the number of neighbours of a signature in the HNSW index. An index "
-        "with another value is rebuilt at the next start.",
-    )
-    hnsw_ef_construction: int = Field(
-        default=200,
-        ge=4,
-        le=1_000,
-        validate_default=True,
-        description="On PostgreSQL: the size of the candidate list while the HNSW index is built; at "
-        "least twice the value above.",
-    )
-    hnsw_ef_search: int = Field(
-        default=400,
-        ge=1,
-        le=1_000,
-        description="On PostgreSQL: the size of the candidate list while the HNSW index is searched; "
-        "more misses less and takes longer.",
     )
 
     @field_validator("database_url")
@@ -348,13 +313,6 @@ class Settings(BaseSettings):
             raise ValueError("database needs PostgreSQL; with an SQLite file the signatures are in memory")
         return signatures
 
-    @field_validator("hnsw_ef_construction")
-    @classmethod
-    def _builds_an_index(cls, ef_construction: int, others: ValidationInfo) -> int:
-        if ef_construction < 2 * int(others.data.get("hnsw_m", 2)):
-            raise ValueError(f"must be at least twice {PREFIX}HNSW_M")
-        return ef_construction
-
     @field_validator("api_keys", "read_keys", mode="before")
     @classmethod
     def _are_digests(cls, value: object) -> object:
@@ -376,13 +334,6 @@ class Settings(BaseSettings):
     def has_keys(self) -> bool:
         """Whether requests need a key."""
         return bool(self.api_keys or self.read_keys)
-
-    @property
-    def hnsw(self) -> HnswParameters:
-        """The parameters of the HNSW index of signatures."""
-        return HnswParameters(
-            m=self.hnsw_m, ef_construction=self.hnsw_ef_construction, ef_search=self.hnsw_ef_search
-        )
 
     @property
     def undo_time(self) -> timedelta:

@@ -32,7 +32,7 @@ def command(
         fail("an archive cannot be copied onto itself")
     with (
         closing(Database(from_url, lock_seconds=settings.lock_seconds)) as origin,
-        closing(Database(to_url, lock_seconds=settings.lock_seconds, hnsw=settings.hnsw)) as copy,
+        closing(Database(to_url, lock_seconds=settings.lock_seconds)) as copy,
         progress() as bar,
     ):
         tasks: dict[str, TaskID] = {}

@@ -72,7 +72,7 @@ def reembed(
     settings: Settings, parameters: Parameters, *, leave_out: bool = False, prune: bool = False
 ) -> tuple[ReembeddingResult, int]:
     """Change the pipeline of an archive; return the result and the number of embeddings pruned."""
-    database = Database(settings.database_url, lock_seconds=settings.lock_seconds, hnsw=settings.hnsw)
+    database = Database(settings.database_url, lock_seconds=settings.lock_seconds)
     try:
         migrate(database)
         if _is_done(database, parameters):
@@ -93,7 +93,7 @@ def reembed(
 def bring_up(settings: Settings) -> None:
     """Change an archive to the pipeline of the settings, unless it has that pipeline."""
     parameters = load_parameters(settings.pipeline)
-    database = Database(settings.database_url, lock_seconds=settings.lock_seconds, hnsw=settings.hnsw)
+    database = Database(settings.database_url, lock_seconds=settings.lock_seconds)
     try:
         migrate(database)
         with database.read() as session:

@@ -25,6 +25,8 @@ from service.settings import Settings
 FORM, JSON = "multipart/form-data", "application/json"
 FILE = "file"
 FIELD_BYTES = 64 * 1024
+# Fields beside the file: a query may exclude 500 shapes and name 32 tags and 32 values of metadata.
+FORM_FIELDS = 640
 # Several times the text of the longest query: 500 ids, 32 tags and 32 values of metadata.
 TEXT_CHARACTERS = 256 * 1024
 # Names of the one character set of forms (RFC 7578, section 5.1.2).
@@ -84,7 +86,7 @@ class RequestBody(Generic[Model]):
         if media_type == FORM:
             _check_charset(content_type)
             settings: Settings = request.app.state.settings
-            form = await _form_of(request, settings.max_form_fields, len(self._either) or 1)
+            form = await _form_of(request, len(self._either) or 1)
             try:
                 values = _values(form, self._form, self._either, getattr(settings, self._limit))
                 # In a thread: other requests go on meanwhile.
@@ -134,9 +136,9 @@ def _check_charset(content_type: str) -> None:
         raise UnsupportedBodyError(f"forms are read as UTF-8, not as {charset.decode('latin-1')[:40]!r}")
 
 
-async def _form_of(request: Request, max_fields: int, max_files: int) -> FormData:
+async def _form_of(request: Request, max_files: int) -> FormData:
     try:
-        return await request.form(max_files=max_files, max_fields=max_fields, max_part_size=FIELD_BYTES)
+        return await request.form(max_files=max_files, max_fields=FORM_FIELDS, max_part_size=FIELD_BYTES)
     except OSError as error:
         if error.errno in {errno.ENOSPC, errno.EDQUOT}:
             raise StorageFullError("there is no room for the upload in the temporary folder") from error

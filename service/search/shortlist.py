@@ -24,6 +24,7 @@ from service.search.shortlist_length import views_of
 from service.shapes import repository as shapes_repository
 from service.shapes.records import ShapeFilter
 from service.storage.database import ReadSession
+from service.storage.hnsw_parameters import HnswParameters
 
 log = get_logger("search")
 
@@ -93,9 +94,8 @@ def candidates(container: Container, query: Query, options: Options) -> Candidat
         stored = shapes_repository.stored(session, wanted.collection)
         sample = collection_sample(container, session, query.active_pipeline, wanted.collection)
         if container.settings.signatures == "database":
-            ef_search = container.settings.hnsw_ef_search
             entries, shortlisted = entries_in_database(
-                session, query, wanted, options, stored, ef_search=ef_search
+                session, query, wanted, options, stored, ef_search=HnswParameters().ef_search
             )
         else:
             entries, shortlisted = _in_memory(session, query, wanted, options, stored)

@@ -1,6 +1,6 @@
 """The addresses under /shapes."""
 
-from datetime import UTC, datetime, timedelta
+from datetime import UTC, datetime
 from typing import Annotated
 
 from fastapi import APIRouter, Depends, Path, Query, Request, Response
@@ -13,7 +13,7 @@ from service.dependencies import Service
 from service.http.access_control import KEY_IN_SCOPE
 from service.http.disconnects import while_connected
 from service.http.duplicate_parameters import once_each
-from service.http.idempotency.keys import REPLAYED, payload_of
+from service.http.idempotency.keys import KEPT_TIME, REPLAYED, payload_of
 from service.http.idempotency.records import Claim, Kept
 from service.http.problems import documented
 from service.http.request_bodies import FILE, RequestBody
@@ -173,5 +173,5 @@ async def _claim(
         scope=request.scope.get(KEY_IN_SCOPE, ""),
         key=key,
         payload=payload_of(new.sha256, filename or "", fields),
-        expires_at=datetime.now(UTC) + timedelta(hours=container.settings.idempotency_hours),
+        expires_at=datetime.now(UTC) + KEPT_TIME,
     )

@@ -150,9 +150,6 @@ def test_no_suggestion_is_made_where_nothing_is_near(monkeypatch: pytest.MonkeyP
         ("SCHEDULER", "localhost:8786"),
         ("SCHEDULER", "tcp://localhost"),
         ("SCHEDULER", "http://localhost:8786"),
-        ("HNSW_M", "1"),
-        ("HNSW_EF_CONSTRUCTION", "31"),
-        ("HNSW_EF_SEARCH", "1001"),
         ("DATABASE_URL", "archive.sqlite3"),
         ("DATABASE_URL", "sqlite://"),
         ("DATABASE_URL", "sqlite:///:memory:"),
@@ -167,17 +164,6 @@ def test_a_value_out_of_range_is_refused_by_name(
     monkeypatch.setenv(PREFIX + name, value)
     with pytest.raises(SettingsError, match=f"^{PREFIX}{name}: "):
         load_settings()
-
-
-def test_an_hnsw_index_that_cannot_be_built_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("ISOSHAPE_HNSW_M", "100")
-    assert load_settings().hnsw.ef_construction == 200
-    monkeypatch.setenv("ISOSHAPE_HNSW_EF_CONSTRUCTION", "199")
-    with pytest.raises(SettingsError, match="HNSW_EF_CONSTRUCTION: must be at least twice ISOSHAPE_HNSW_M"):
-        load_settings()
-    monkeypatch.setenv("ISOSHAPE_HNSW_EF_CONSTRUCTION", "200")
-    hnsw = load_settings().hnsw
-    assert (hnsw.m, hnsw.ef_construction, hnsw.ef_search) == (100, 200, 400)
 
 
 def test_parameters_come_from_a_file(tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from datetime import timedelta
 
 from service.errors import IdempotencyKeyInFlightError, IdempotencyKeyMalformedError
 from service.http.idempotency.records import Claim
@@ -18,6 +19,9 @@ from service.http.idempotency.records import Claim
 HEADER = "Idempotency-Key"
 REPLAYED = "Idempotency-Replayed"
 KEY_CHARACTERS = 255
+
+KEPT_TIME = timedelta(hours=24)
+"""How long the answer to a request with a key is kept."""
 
 _STRING = re.compile(r' *"((?:[\x20\x21\x23-\x5b\x5d-\x7e]|\\["\\])*)" *')
 _ESCAPED = re.compile(r"\\(.)")

@@ -15,7 +15,7 @@ from core.pipeline import Pipeline
 from service.auth.keys import digest_of
 from service.collection import DEFAULT_COLLECTION
 from service.compute.tasks import Embedded
-from service.http.idempotency.keys import HEADER, REPLAYED, payload_of, read_key
+from service.http.idempotency.keys import HEADER, KEPT_TIME, REPLAYED, payload_of, read_key
 from service.http.idempotency.records import Claim, Kept
 from service.shapes.records import NewShape, StoredShape
 from service.shapes.service import answer_of, ingest
@@ -220,9 +220,7 @@ def test_many_at_a_time_have_one_answer(service: Running) -> None:
 @on_both
 def test_answers_outlive_the_service_until_they_expire(service: Running) -> None:
     url = url_of(service.container.database)
-    settings = service.container.settings.model_copy(
-        update={"database_url": url, "workers": 1, "idempotency_hours": 2}
-    )
+    settings = service.container.settings.model_copy(update={"database_url": url, "workers": 1})
     with serving(settings) as ended:
         first = send(ended.client, small_file(0))
         send(ended.client, small_file(1), key='"second"')
@@ -233,7 +231,7 @@ def test_answers_outlive_the_service_until_they_expire(service: Running) -> None
     with service.container.database.read() as session:
         expiry = select(IdempotencyKeyRow.expires_at).where(IdempotencyKeyRow.key.startswith("8e"))
         left = session.scalars(expiry).one() - datetime.now(UTC)
-    assert timedelta(hours=1.8) < left <= timedelta(hours=2)
+    assert KEPT_TIME - timedelta(minutes=12) < left <= KEPT_TIME
     with service.container.database.write() as session:
         session.execute(text("UPDATE idempotency_keys SET expires_at = '2001-01-01 00:00:00.000000'"))
     anew = send(service.client, small_file(2))

@@ -39,7 +39,6 @@ def strict(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
         max_upload_bytes=LIMIT,
         max_vertices=VERTICES,
         max_faces=2 * VERTICES,
-        max_form_fields=3,
     )
     with serving(settings) as running:
         yield running
@@ -97,11 +96,6 @@ def test_compared_files_have_the_limits_of_uploads(strict: Running) -> None:
     large = ("large.off", b"x" * (strict.container.settings.max_upload_bytes + 1))
     answer = strict.client.post("/compare?dense=true", files={"first": small, "second": large})
     assert_problem(answer, 413, "body-too-large")
-
-
-def test_a_form_has_as_many_fields_as_set(strict: Running) -> None:
-    answer = upload(strict.client, small_file(0), "a.off", tags=["a", "b", "c", "d"])
-    assert_problem(answer, 400, "bad-request")
 
 
 def test_an_unexpected_error_of_a_reader_is_a_refusal_of_its_file(

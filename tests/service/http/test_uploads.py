@@ -18,7 +18,7 @@ from core.mesh.mesh import Mesh
 from core.pipeline import Pipeline
 from core.studies.perturbation import cut_part
 from service.compute.tasks import Embedded
-from service.settings import Settings
+from service.http.request_bodies import FORM_FIELDS
 from tests.service.engines import either_engine
 from tests.service.support import Running, assert_problem, pipeline_in_use, query, small_file, upload
 
@@ -167,9 +167,7 @@ def test_a_form_takes_one_file_and_so_many_fields(service: Running) -> None:
     data = small_file(0)
     two = [("file", ("a.off", data)), ("file", ("b.off", data))]
     assert_problem(service.client.post("/shapes", files=two), 400, "bad-request")
-    many = upload(
-        service.client, data, "bird.off", tags=[f"t{i}" for i in range(Settings().max_form_fields + 1)]
-    )
+    many = upload(service.client, data, "bird.off", tags=[f"t{i}" for i in range(FORM_FIELDS + 1)])
     assert "fields" in assert_problem(many, 400, "bad-request")["detail"]
     long = upload(service.client, data, "bird.off", metadata="x" * 70_000)
     assert_problem(long, 400, "bad-request")

@@ -9,6 +9,7 @@ import pytest
 from service.search import database_shortlist as stored_module
 from service.search import pgvector_repository as repository
 from service.search import shortlist
+from service.storage.hnsw_parameters import HnswParameters
 from tests.service.engines import on_postgresql
 from tests.service.support import Running, query, serving, settings_in, small_file, wait_until
 
@@ -100,4 +101,4 @@ def test_the_graph_is_asked_where_there_is_no_filter(
     monkeypatch.setattr(stored_module.repository, "nearest", noted)
     answers(both[1], small_file(3))
     answers(both[1], small_file(3), filter="half")
-    assert asked == [both[1].container.settings.hnsw_ef_search, None]
+    assert asked == [HnswParameters().ef_search, None]
