@@ -49,7 +49,6 @@ from service.shapes.deleted.endpoints import router as deleted_router
 from service.shapes.deleted.service import keep_purging
 from service.shapes.endpoints import router as shapes_router
 from service.shapes.file_endpoints import router as files_router
-from service.shapes.measuring import measure_missing
 from service.storage.database import Database
 from service.storage.migrate import migrate
 from service.system.endpoints import router as service_router
@@ -84,7 +83,7 @@ def create_app(settings: Settings) -> FastAPI:
         app.state.runner.start()
         cache_warmer = CacheWarmer(app.state.container)
         cache_warmer.start()
-        works = [keep_purging, measure_missing]
+        works = [keep_purging]
         # Judging reads all signatures into memory, which this setting avoids.
         if settings.duplicates_in_background and settings.signatures == "memory":
             works.append(keep_judging)

@@ -44,9 +44,9 @@ class Embedded:
         The whole embedding.
     signature : float32, shape (s,)
         Of the embedding.
-    sketch : bytes
-        The coarse samples: see `core.ranking.coarse_ranking`.
-    points : bytes
+    coarse_samples : bytes
+        See `core.ranking.coarse_ranking`.
+    quantised_points : bytes
         See `core.ranking.quantised_points`.
     view_signature : uint8, shape (v,), or None
         See `core.descriptors.view_signature`; None if the parameters ask for no views.
@@ -60,8 +60,8 @@ class Embedded:
 
     record: bytes
     signature: NDArray[np.float32]
-    sketch: bytes
-    points: bytes
+    coarse_samples: bytes
+    quantised_points: bytes
     view_signature: Bytes | None
     reliability: float | None
     facts: dict[str, Any]
@@ -101,8 +101,8 @@ def embed_mesh(mesh: Mesh, parameters: Parameters, read: float) -> Embedded:
         return Embedded(
             record=embedding_to_bytes(embedding),
             signature=embedding.signature,
-            sketch=coarse_samples(embedding).tobytes(),
-            points=quantised_points(embedding),
+            coarse_samples=coarse_samples(embedding).tobytes(),
+            quantised_points=quantised_points(embedding),
             view_signature=view_signature(embedding.views) if embedding.views.size else None,
             reliability=intrinsic_reliability(embedding.facts) if embedding.views.size else None,
             facts={**asdict(embedding.facts), "bounding_box": list(bounding_box(mesh))},

@@ -10,8 +10,7 @@ from service.duplicates.judgements import Judgement, Search
 from service.shapes.records import ShapeFilter
 from service.shapes.repository import matching
 from service.storage.database import ReadSession, WriteSession
-from service.storage.duplicate_tables import DuplicatePairRow, JudgedShapeRow
-from service.storage.tables import EmbeddingRow, ShapeRow, SketchRow
+from service.storage.tables import CoarseSamplesRow, DuplicatePairRow, EmbeddingRow, JudgedShapeRow, ShapeRow
 
 
 def embedded(session: ReadSession, fingerprint: str, wanted: ShapeFilter) -> frozenset[int]:
@@ -151,7 +150,7 @@ def _with_embedding() -> Select[int]:
 
 def _embedded(fingerprint: str) -> Select[int]:
     """The shapes that the index of signatures has: an embedding without its sketch is damaged."""
-    query = _with_embedding().join(SketchRow, SketchRow.embedding_number == EmbeddingRow.number)
+    query = _with_embedding().join(CoarseSamplesRow, CoarseSamplesRow.embedding_number == EmbeddingRow.number)
     return query.where(EmbeddingRow.fingerprint == fingerprint)
 
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from sqlalchemy import func, select
 
 from service.storage.database import ReadSession
-from service.storage.tables import ArchiveRow, EmbeddingRow, RemovalRow, ShapeRow, SketchRow
+from service.storage.tables import ArchiveRow, CoarseSamplesRow, EmbeddingRow, RemovalRow, ShapeRow
 
 AT_ONCE = 20_000
 
@@ -85,16 +85,16 @@ def entries_since(session: ReadSession, fingerprint: str, since: int) -> Iterato
             ShapeRow.number,
             ShapeRow.collection_number,
             EmbeddingRow.number,
-            SketchRow.signature,
-            SketchRow.data,
-            SketchRow.view_signature,
-            SketchRow.reliability,
+            CoarseSamplesRow.signature,
+            CoarseSamplesRow.data,
+            CoarseSamplesRow.view_signature,
+            CoarseSamplesRow.reliability,
         )
         .join(
             EmbeddingRow,
             (EmbeddingRow.blob_number == ShapeRow.blob_number) & (EmbeddingRow.format == ShapeRow.format),
         )
-        .join(SketchRow, SketchRow.embedding_number == EmbeddingRow.number)
+        .join(CoarseSamplesRow, CoarseSamplesRow.embedding_number == EmbeddingRow.number)
         .where(ShapeRow.revision > since, EmbeddingRow.fingerprint == fingerprint)
         .execution_options(yield_per=AT_ONCE)
     )

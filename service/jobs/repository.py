@@ -18,8 +18,7 @@ from service.jobs.records import (
 )
 from service.storage.checksums import checksum_of
 from service.storage.database import ReadSession, WriteSession
-from service.storage.job_states import ACTIVE, ENDED, State
-from service.storage.job_tables import JobFileRow, JobPieceRow, JobRow
+from service.storage.tables import ACTIVE, ENDED, JobFileRow, JobPieceRow, JobRow, State
 
 ARRIVING: State = "arriving"
 
@@ -46,7 +45,7 @@ def add(session: WriteSession, new: NewJob, runner: str, until: datetime, now: d
 
 def add_piece(session: WriteSession, number: int, place: int, data: bytes, until: datetime) -> None:
     """Store the next piece of an archive that is being received."""
-    session.add(JobPieceRow(job_number=number, place=place, data=data, checksum=checksum_of(data)))
+    session.add(JobPieceRow(job_number=number, position=place, data=data, checksum=checksum_of(data)))
     session.execute(update(JobRow).where(JobRow.number == number).values(leased_until=until))
 
 
@@ -60,7 +59,7 @@ def acknowledge(session: WriteSession, number: int) -> None:
 def piece(session: ReadSession, number: int, place: int) -> bytes | None:
     """A piece of a job's archive; None if the job or its archive was deleted."""
     return session.scalar(
-        select(JobPieceRow.data).where(JobPieceRow.job_number == number, JobPieceRow.place == place)
+        select(JobPieceRow.data).where(JobPieceRow.job_number == number, JobPieceRow.position == place)
     )
 
 
@@ -115,16 +114,16 @@ def files(
     session: ReadSession, number: int, outcome: Outcome | None, *, after: int, limit: int
 ) -> list[FileRecord]:
     """The next members of a job after a place, with one outcome or with any."""
-    query = select(JobFileRow).where(JobFileRow.job_number == number, JobFileRow.place > after)
+    query = select(JobFileRow).where(JobFileRow.job_number == number, JobFileRow.position > after)
     if outcome is not None:
         query = query.where(JobFileRow.outcome == outcome)
-    return [_file(row) for row in session.scalars(query.order_by(JobFileRow.place).limit(limit))]
+    return [_file(row) for row in session.scalars(query.order_by(JobFileRow.position).limit(limit))]
 
 
 def without_outcome(session: ReadSession, number: int) -> list[FileRecord]:
     """The members of a job that have not been processed."""
     query = select(JobFileRow).where(JobFileRow.job_number == number, JobFileRow.outcome.is_(None))
-    return [_file(row) for row in session.scalars(query.order_by(JobFileRow.place))]
+    return [_file(row) for row in session.scalars(query.order_by(JobFileRow.position))]
 
 
 def claim(session: WriteSession, runner: str, until: datetime, now: datetime) -> JobRecord | None:
@@ -182,7 +181,7 @@ def begin(
     rows = [
         {
             "job_number": number,
-            "place": member.place,
+            "position": member.place,
             "path": member.path,
             "name": member.name,
             "outcome": member.outcome,
@@ -202,11 +201,11 @@ def settle(session: WriteSession, number: int, place: int, settled: MemberOutcom
         return False
     done = session.execute(
         update(JobFileRow)
-        .where(JobFileRow.job_number == number, JobFileRow.place == place, JobFileRow.outcome.is_(None))
+        .where(JobFileRow.job_number == number, JobFileRow.position == place, JobFileRow.outcome.is_(None))
         .values(
             outcome=settled.outcome, shape_id=settled.shape_id, ended_at=now, **_cause_values(settled.cause)
         )
-        .returning(JobFileRow.place)
+        .returning(JobFileRow.position)
     )
     return done.one_or_none() is not None
 
@@ -236,7 +235,7 @@ def with_leftovers(session: ReadSession, now: datetime, forget_before: datetime)
     gone = (JobRow.state == ARRIVING) & _is_over(now) | (JobRow.ended_at <= forget_before)
     archived = (
         JobRow.state.in_(ENDED)
-        & select(JobPieceRow.place).where(JobPieceRow.job_number == JobRow.number).exists()
+        & select(JobPieceRow.position).where(JobPieceRow.job_number == JobRow.number).exists()
     )
     query = select(JobRow.number, gone).where(or_(gone, archived)).order_by(JobRow.number)
     return [(number, bool(all_of_it)) for number, all_of_it in session.execute(query)]
@@ -244,10 +243,10 @@ def with_leftovers(session: ReadSession, now: datetime, forget_before: datetime)
 
 def drop_pieces(session: WriteSession, number: int, limit: int) -> int:
     """Delete at most `limit` pieces of a job's archive; how many."""
-    query = select(JobPieceRow.place).where(JobPieceRow.job_number == number).limit(limit)
+    query = select(JobPieceRow.position).where(JobPieceRow.job_number == number).limit(limit)
     places = session.scalars(query).all()
     session.execute(
-        delete(JobPieceRow).where(JobPieceRow.job_number == number, JobPieceRow.place.in_(places))
+        delete(JobPieceRow).where(JobPieceRow.job_number == number, JobPieceRow.position.in_(places))
     )
     return len(places)
 
@@ -294,7 +293,7 @@ def _record(row: JobRow) -> JobRecord:
 
 def _file(row: JobFileRow) -> FileRecord:
     return FileRecord(
-        place=row.place,
+        place=row.position,
         path=row.path,
         name=row.name,
         outcome=row.outcome,  # type: ignore[arg-type]

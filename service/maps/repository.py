@@ -7,7 +7,7 @@ from sqlalchemy import select
 from core.arrays import Float32s, Ints
 from service.index.repository import stacked
 from service.storage.database import ReadSession
-from service.storage.tables import EmbeddingRow, ShapeRow, SketchRow
+from service.storage.tables import CoarseSamplesRow, EmbeddingRow, ShapeRow
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,12 +28,12 @@ class MapShapes:
 def map_shapes(session: ReadSession, fingerprint: str, numbers: Ints) -> MapShapes:
     """Return the shapes with some numbers that a pipeline has embedded."""
     query = (
-        select(ShapeRow.id, ShapeRow.name, SketchRow.signature)
+        select(ShapeRow.id, ShapeRow.name, CoarseSamplesRow.signature)
         .join(
             EmbeddingRow,
             (EmbeddingRow.blob_number == ShapeRow.blob_number) & (EmbeddingRow.format == ShapeRow.format),
         )
-        .join(SketchRow, SketchRow.embedding_number == EmbeddingRow.number)
+        .join(CoarseSamplesRow, CoarseSamplesRow.embedding_number == EmbeddingRow.number)
         .where(ShapeRow.number.in_(numbers.tolist()), EmbeddingRow.fingerprint == fingerprint)
         .order_by(ShapeRow.number)
     )

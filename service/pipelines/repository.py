@@ -9,9 +9,16 @@ from sqlalchemy.orm import aliased
 
 from service.storage.checksums import pipeline_checksum, whole_file
 from service.storage.database import ReadSession, WriteSession
-from service.storage.duplicate_tables import DuplicatePairRow, JudgedShapeRow
 from service.storage.revisions import next_revision
-from service.storage.tables import ArchiveRow, BlobRow, EmbeddingRow, PipelineRow, ShapeRow
+from service.storage.tables import (
+    ArchiveRow,
+    BlobRow,
+    DuplicatePairRow,
+    EmbeddingRow,
+    JudgedShapeRow,
+    PipelineRow,
+    ShapeRow,
+)
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ from service.shapes.repository import matching
 from service.storage.columns import POSTGRESQL, PgVector, vector_text
 from service.storage.database import ReadSession
 from service.storage.hnsw import has_view_signature
-from service.storage.tables import EmbeddingRow, ShapeRow, SketchRow
+from service.storage.tables import CoarseSamplesRow, EmbeddingRow, ShapeRow
 
 Neighbours = Select[int, int, float]
 """A query of the numbers of shapes and embeddings, and of distances."""
@@ -134,7 +134,9 @@ def nearest_views(
     ef_search: int | None,
 ) -> Nearest:
     """As `nearest`, by the L1 distances of view signatures, shape (v,)."""
-    search = _Search(view_signature, SketchRow.view_signature, "<+>", has_view_signature(len(view_signature)))
+    search = _Search(
+        view_signature, CoarseSamplesRow.view_signature, "<+>", has_view_signature(len(view_signature))
+    )
     return _nearest(session, fingerprint, search, count, shapes=shapes, ef_search=ef_search, more=MORE)
 
 
@@ -188,16 +190,16 @@ def signatures(
 def sketches(session: ReadSession, embeddings: NDArray[np.int64]) -> dict[int, Sketch]:
     """The short descriptors of embeddings by number."""
     query = select(
-        SketchRow.embedding_number,
-        SketchRow.signature,
-        SketchRow.data,
-        SketchRow.view_signature,
-        SketchRow.reliability,
+        CoarseSamplesRow.embedding_number,
+        CoarseSamplesRow.signature,
+        CoarseSamplesRow.data,
+        CoarseSamplesRow.view_signature,
+        CoarseSamplesRow.reliability,
     )
     found: dict[int, Sketch] = {}
     for start in range(0, len(embeddings), AT_ONCE):
         some = embeddings[start : start + AT_ONCE].tolist()
-        rows = session.execute(query.where(SketchRow.embedding_number.in_(some)))
+        rows = session.execute(query.where(CoarseSamplesRow.embedding_number.in_(some)))
         found |= {row[0]: Sketch(row[1], row[2], row[3], row[4]) for row in rows}
     return found
 
@@ -236,7 +238,9 @@ def _distances(fingerprint: str, search: _Search, shapes: ShapeFilter) -> Neighb
     )
     if search.condition is None:
         return query
-    return query.join(SketchRow, SketchRow.embedding_number == EmbeddingRow.number).where(search.condition)
+    return query.join(CoarseSamplesRow, CoarseSamplesRow.embedding_number == EmbeddingRow.number).where(
+        search.condition
+    )
 
 
 def _embedded(query: Rows, fingerprint: str, shapes: ShapeFilter) -> Rows:

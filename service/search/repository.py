@@ -9,7 +9,7 @@ from service.index.density_samples import FIRST, PRIME, SAMPLE, SECOND
 from service.observability.logging import get_logger
 from service.storage.checksums import is_whole, whole_file
 from service.storage.database import ReadSession
-from service.storage.tables import BlobRow, EmbeddingRow, PointsRow, ShapeRow
+from service.storage.tables import BlobRow, EmbeddingRow, QuantisedPointsRow, ShapeRow
 
 log = get_logger("search")
 
@@ -28,9 +28,9 @@ def embedding_records(session: ReadSession, numbers: Sequence[int]) -> dict[int,
 
 def points(session: ReadSession, numbers: Sequence[int]) -> dict[int, bytes]:
     """The points of embeddings by number; deleted ones are left out, and damaged ones, which are logged."""
-    columns = PointsRow.embedding_number, PointsRow.data, PointsRow.checksum
+    columns = QuantisedPointsRow.embedding_number, QuantisedPointsRow.data, QuantisedPointsRow.checksum
     found = {}
-    for row in session.execute(select(*columns).where(PointsRow.embedding_number.in_(numbers))):
+    for row in session.execute(select(*columns).where(QuantisedPointsRow.embedding_number.in_(numbers))):
         if is_whole(row.data, row.checksum):
             found[row.embedding_number] = row.data
         else:

@@ -9,7 +9,6 @@ __all__ = [
     "file_endpoints",
     "files",
     "filters",
-    "measuring",
     "pages",
     "records",
     "reembedding",

@@ -83,7 +83,7 @@ class Filters(BaseModel):
     length: SizeRange | None = Field(
         default=None,
         description="Only shapes whose bounding box has a largest extent in this range, in units of the "
-        "files. A shape whose bounding box is unknown is left out.",
+        "files.",
         examples=["..60"],
     )
 

@@ -3,7 +3,7 @@
 from sqlalchemy import delete, or_, select
 
 from service.storage.database import WriteSession
-from service.storage.duplicate_tables import DuplicatePairRow, JudgedShapeRow
+from service.storage.tables import DuplicatePairRow, JudgedShapeRow
 
 
 def forget(session: WriteSession, number: int) -> None:

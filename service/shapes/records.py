@@ -107,7 +107,7 @@ class ShapeFilter:
         Ids of other shapes.
     area, volume, length : Range or None
         Surface area, volume and the largest extent of the bounding box, in units of the file. Open surfaces
-        have no volume, and shapes without a bounding box no length.
+        have no volume.
     """
 
     collection: CollectionNumber

@@ -38,13 +38,13 @@ from service.storage.hnsw import ensure_hnsw
 from service.storage.revisions import next_revision
 from service.storage.tables import (
     BlobRow,
+    CoarseSamplesRow,
     CollectionRow,
     EmbeddingRow,
     MetadataRow,
-    PointsRow,
+    QuantisedPointsRow,
     RemovalRow,
     ShapeRow,
-    SketchRow,
     TagRow,
 )
 
@@ -149,7 +149,9 @@ def records(
         .where(ShapeRow.number.in_(numbers), ShapeRow.collection_number == collection)
     )
     tags: dict[int, list[str]] = {}
-    for tag in session.scalars(select(TagRow).where(TagRow.shape_number.in_(numbers)).order_by(TagRow.place)):
+    for tag in session.scalars(
+        select(TagRow).where(TagRow.shape_number.in_(numbers)).order_by(TagRow.position)
+    ):
         tags.setdefault(tag.shape_number, []).append(tag.tag)
     found = {
         row.number: ShapeRecord(
@@ -282,15 +284,15 @@ def add_embedding(
         },
     )
     beside = {
-        "data": embedded.sketch,
+        "data": embedded.coarse_samples,
         "signature": embedded.signature.astype("<f4").tobytes(),
         "view_signature": embedded.view_signature,
         "reliability": embedded.reliability,
-        "checksum": checksum_of(embedded.sketch),
+        "checksum": checksum_of(embedded.coarse_samples),
     }
-    session.insert(SketchRow, {"embedding_number": number, **beside})
-    points = {"data": embedded.points, "checksum": checksum_of(embedded.points)}
-    session.insert(PointsRow, {"embedding_number": number, **points})
+    session.insert(CoarseSamplesRow, {"embedding_number": number, **beside})
+    points = {"data": embedded.quantised_points, "checksum": checksum_of(embedded.quantised_points)}
+    session.insert(QuantisedPointsRow, {"embedding_number": number, **points})
     if latest is None:
         ensure_hnsw(session, fingerprint)
 
@@ -300,24 +302,6 @@ def mark_changed(session: WriteSession, blob_number: int, format: str, facts: Ma
     own = ShapeRow.blob_number == blob_number, ShapeRow.format == format
     session.execute(update(ShapeRow).where(*own).values(revision=next_revision(session), facts=facts))
     _store_checksums(session, session.scalars(select(ShapeRow.number).where(*own)).all())
-
-
-def without_box(session: ReadSession) -> list[tuple[int, str]]:
-    """The files of shapes without a bounding box, as pairs of blob number and format, oldest first."""
-    query = select(ShapeRow.blob_number, ShapeRow.format).where(_LENGTH.is_(None)).distinct()
-    return [
-        (number, format)
-        for number, format in session.execute(query.order_by(ShapeRow.blob_number, ShapeRow.format))
-    ]
-
-
-def set_box(session: WriteSession, blob_number: int, format: str, box: tuple[float, float, float]) -> None:
-    """Store the bounding box of a file with its shapes."""
-    own = ShapeRow.blob_number == blob_number, ShapeRow.format == format
-    for number, facts in session.execute(select(ShapeRow.number, ShapeRow.facts).where(*own)).all():
-        values = {**facts, "bounding_box": list(box)}
-        session.execute(update(ShapeRow).where(ShapeRow.number == number).values(facts=values))
-        _store_checksums(session, [number])
 
 
 def add_shape(
@@ -353,6 +337,8 @@ def add_shape(
             "created_at": record.created_at,
             "updated_at": record.updated_at,
             "revision": next_revision(session),
+            # It covers the tags and the metadata, whose rows refer to this one.
+            "checksum": "",
         },
     )
     _write_tags(session, number, new.tags)
@@ -447,7 +433,7 @@ def _store_checksums(session: WriteSession, numbers: Sequence[int]) -> None:
     columns = [ShapeRow.__table__.c[name] for name in (*SHAPE_COLUMNS, *SHAPE_TIMES)]
     for number in numbers:
         row = session.execute(select(*columns).where(ShapeRow.number == number)).one()
-        tags = select(TagRow.tag).where(TagRow.shape_number == number).order_by(TagRow.place)
+        tags = select(TagRow.tag).where(TagRow.shape_number == number).order_by(TagRow.position)
         values = select(MetadataRow.key, MetadataRow.value).where(MetadataRow.shape_number == number)
         checksum = shape_checksum(
             dict(zip((*SHAPE_COLUMNS, *SHAPE_TIMES), row, strict=True)),
@@ -472,7 +458,9 @@ def _is_its_embedding(fingerprint: str) -> Any:  # noqa: ANN401
 
 
 def _write_tags(session: WriteSession, number: int, tags: Iterable[str]) -> None:
-    session.add_all(TagRow(shape_number=number, tag=tag, place=place) for place, tag in enumerate(tags))
+    session.add_all(
+        TagRow(shape_number=number, tag=tag, position=position) for position, tag in enumerate(tags)
+    )
 
 
 def _write_plain_values(session: WriteSession, number: int, metadata: Mapping[str, Any]) -> None:

@@ -74,10 +74,8 @@ class MeshFacts(BaseModel):
         "has 3/4 of the area, and for one embedded by a version without this measure. Embeddings of versions "
         "without views have other values, also above 1.",
     )
-    bounding_box: Annotated[list[float], Field(min_length=3, max_length=3)] | None = Field(
-        default=None,
-        description="Length, width and height along the principal axes of the surface, the largest first; "
-        "null for a shape of an earlier version whose file has not been measured yet.",
+    bounding_box: Annotated[list[float], Field(min_length=3, max_length=3)] = Field(
+        description="Length, width and height along the principal axes of the surface, the largest first."
     )
     closed: bool = Field(
         default=False,

@@ -10,8 +10,6 @@ def number_in_words(value: float) -> str:
 
 def box_in_words(facts: MeshFacts) -> str:
     """Length, width and height: "100 × 20 × 10"."""
-    if facts.bounding_box is None:
-        return "unknown"
     return " × ".join(map(number_in_words, facts.bounding_box))
 
 

@@ -62,8 +62,6 @@ def back_up(archive: Path, target: Path, *, replace: bool = False) -> CheckRepor
 def restore(backup: Path, archive: Path, *, replace: bool = False) -> CheckReport:
     """Replace an archive that no process uses with a backup.
 
-    A service that starts on a backup of an older version migrates it.
-
     Parameters
     ----------
     backup, archive : Path

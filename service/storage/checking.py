@@ -1,7 +1,6 @@
 """Checks of an archive: its file, its references, and the checksums of its blobs, embeddings and shapes.
 
-The queries use columns that exist in every version, so that archives of older versions can be checked. Each
-batch of blobs or embeddings is read in its own transaction: a service may write between two batches.
+Each batch of blobs or embeddings is read in its own transaction: a service may write between two batches.
 """
 
 import sqlite3
@@ -24,6 +23,7 @@ from service.storage.checksums import (
     SHAPE_COLUMNS,
     SHAPE_TIMES,
     checksum_of,
+    is_whole,
     pipeline_checksum,
     shape_checksum,
 )
@@ -35,8 +35,8 @@ MOST_INTEGRITY_FAULTS = 100
 
 # Tables with bytes: a key that orders the rows, the column with the bytes, and the one with their checksum.
 OTHER_BYTES = {
-    "sketches": ("embedding_number", "data", "checksum"),
-    "points": ("embedding_number", "data", "checksum"),
+    "coarse_samples": ("embedding_number", "data", "checksum"),
+    "quantised_points": ("embedding_number", "data", "checksum"),
     "thumbnails": ("rowid", "data", "checksum"),
     "job_pieces": ("rowid", "data", "checksum"),
     "deleted_shapes": ("number", "data", "sha256"),
@@ -54,12 +54,15 @@ REFERENCES = {
         SELECT number FROM embeddings
         WHERE NOT EXISTS (SELECT 1 FROM shapes WHERE shapes.blob_number = embeddings.blob_number
                           AND shapes.format = embeddings.format)""",
-    "embedding {} has no sketch": """
+    "embedding {} has no coarse samples": """
         SELECT number FROM embeddings
-        WHERE NOT EXISTS (SELECT 1 FROM sketches WHERE sketches.embedding_number = embeddings.number)""",
-    "embedding {} has another signature beside its sketch": """
-        SELECT number FROM embeddings JOIN sketches ON sketches.embedding_number = embeddings.number
-        WHERE sketches.signature <> embeddings.signature""",
+        WHERE NOT EXISTS (SELECT 1 FROM coarse_samples WHERE embedding_number = embeddings.number)""",
+    "embedding {} has no quantised points": """
+        SELECT number FROM embeddings
+        WHERE NOT EXISTS (SELECT 1 FROM quantised_points WHERE embedding_number = embeddings.number)""",
+    "embedding {} has another signature beside its coarse samples": """
+        SELECT number FROM embeddings JOIN coarse_samples ON embedding_number = embeddings.number
+        WHERE coarse_samples.signature <> embeddings.signature""",
     "shape {} is there, and is among those that were deleted": """
         SELECT id FROM shapes JOIN removals ON removals.shape_number = shapes.number""",
     "shape {} has a revision that the archive has not reached": """
@@ -68,22 +71,11 @@ REFERENCES = {
         SELECT shape_number FROM removals WHERE revision > (SELECT max(revision) FROM archive)""",
     "the archive has {} rows about itself, not one": """
         SELECT n FROM (SELECT count(*) AS n FROM archive) WHERE n <> 1""",
-}
-"""Faults, each with a query that finds them."""
-
-COLLECTIONS = {
     "the first collection is not default, but {}": """
         SELECT coalesce((SELECT name FROM collections WHERE number = 1), 'not there') AS first
         WHERE first <> 'default'""",
 }
-"""Faults of archives with collections. Foreign keys cover references to missing collections."""
-
-POINTS = {
-    "embedding {} has no points": """
-        SELECT number FROM embeddings
-        WHERE NOT EXISTS (SELECT 1 FROM points WHERE points.embedding_number = embeddings.number)""",
-}
-"""Faults of archives with quantised points."""
+"""Faults, each with a query that finds them."""
 
 
 @dataclass
@@ -149,13 +141,7 @@ def _references(connection: sqlite3.Connection, report: CheckReport) -> None:
     connection.execute("BEGIN")
     try:
         (report.shapes,) = connection.execute("SELECT count(*) FROM shapes").fetchone()
-        tables = {name for (name,) in connection.execute("SELECT name FROM sqlite_master")}
-        looked_for = (
-            REFERENCES
-            | (COLLECTIONS if "collections" in tables else {})
-            | (POINTS if "points" in tables else {})
-        )
-        for fault, query in looked_for.items():
+        for fault, query in REFERENCES.items():
             report.faults.extend(fault.format(name) for (name,) in connection.execute(query))
     finally:
         connection.execute("ROLLBACK")
@@ -176,20 +162,14 @@ def _blobs(connection: sqlite3.Connection, report: CheckReport) -> None:
 def _embeddings(connection: sqlite3.Connection, report: CheckReport) -> None:
     dimensions: dict[str, object] = {}
 
-    def check_embedding(number: int, checksum: str | None, *columns: Any) -> Iterator[str]:  # noqa: ANN401
-        own = list(faults_of_embedding(number, *columns))
-        if not own and has_checksums and checksum != checksum_of(columns[2]):
-            own.append(f"embedding {number} does not have its checksum")
-        yield from own
-
     def faults_of_embedding(
         number: int,
+        checksum: str,
         fingerprint: str,
         signature: bytes,
         record: bytes,
-        views: bytes | None,
-        reliability: float | None,
-        sketch: int | None,
+        coarse_samples: int | None,
+        *views: bytes | float | None,
     ) -> Iterator[str]:
         report.embeddings += 1
         report.pipelines[fingerprint] = report.pipelines.get(fingerprint, 0) + 1
@@ -198,34 +178,33 @@ def _embeddings(connection: sqlite3.Connection, report: CheckReport) -> None:
         except BadRecordError as error:
             yield f"embedding {number} cannot be read: {error}"
             return
+        faults = []
         if embedding.fingerprint != fingerprint:
-            yield f"embedding {number} is of {embedding.fingerprint}, and stored as one of {fingerprint}"
+            faults.append(f"is of {embedding.fingerprint}, and stored as one of {fingerprint}")
         if not np.array_equal(np.frombuffer(signature, np.uint8), embedding.signature.view(np.uint8)):
-            yield f"embedding {number} has a signature beside it that is not its own"
-        if described and sketch is not None and (views, reliability) != _views_of(embedding):
-            yield f"embedding {number} has views beside its sketch that are not its own"
+            faults.append("has a signature beside it that is not its own")
+        if coarse_samples is not None and views != _views_of(embedding):
+            faults.append("has views beside its coarse samples that are not its own")
         if dimensions.setdefault(fingerprint, _dimensions(embedding)) != _dimensions(embedding):
-            yield f"embedding {number} has other dimensions than the first of {fingerprint}"
+            faults.append(f"has other dimensions than the first of {fingerprint}")
+        if not faults and not is_whole(record, checksum):
+            faults.append("does not have its checksum")
+        yield from (f"embedding {number} {fault}" for fault in faults)
 
-    has_checksums = _has_column(connection, "embeddings")
-    described = _has_column(connection, "sketches", "view_signature")
-    beside = "SELECT {} FROM sketches WHERE embedding_number = number"
-    of_sketch = ", ".join(
-        f"({beside.format(name)})" if described else "NULL"
-        for name in ("view_signature", "reliability", "embedding_number")
+    beside = "(SELECT {} FROM coarse_samples WHERE embedding_number = number)"
+    descriptors = ", ".join(
+        beside.format(name) for name in ("embedding_number", "view_signature", "reliability")
     )
-    columns = f"{'checksum' if has_checksums else 'NULL'}, fingerprint, signature, record, {of_sketch}"
-    _check_rows(connection, "embeddings", columns, EMBEDDINGS_AT_ONCE, check_embedding, report)
+    columns = f"checksum, fingerprint, signature, record, {descriptors}"
+    _check_rows(connection, "embeddings", columns, EMBEDDINGS_AT_ONCE, faults_of_embedding, report)
 
 
 def _shapes(connection: sqlite3.Connection, report: CheckReport) -> None:
-    if not _has_column(connection, "shapes"):
-        return
     names = (*SHAPE_COLUMNS, *SHAPE_TIMES)
 
-    def check_shape(number: int, checksum: str | None, *columns: object) -> Iterator[str]:
+    def check_shape(number: int, checksum: str, *columns: object) -> Iterator[str]:
         tags = connection.execute(
-            "SELECT tag FROM shape_tags WHERE shape_number = ? ORDER BY place", [number]
+            "SELECT tag FROM shape_tags WHERE shape_number = ? ORDER BY position", [number]
         )
         values = connection.execute("SELECT key, value FROM shape_metadata WHERE shape_number = ?", [number])
         shape = dict(zip(names, columns, strict=True))
@@ -237,10 +216,7 @@ def _shapes(connection: sqlite3.Connection, report: CheckReport) -> None:
 
 
 def _pipelines(connection: sqlite3.Connection, report: CheckReport) -> None:
-    if not _has_column(connection, "pipelines"):
-        return
-
-    def check_pipeline(_row: int, checksum: str | None, *pipeline: Any) -> Iterator[str]:  # noqa: ANN401
+    def check_pipeline(_row: int, checksum: str, *pipeline: Any) -> Iterator[str]:  # noqa: ANN401
         if pipeline_checksum(*pipeline) != checksum:
             yield f"pipeline {pipeline[0]} does not have its checksum"
 
@@ -249,10 +225,8 @@ def _pipelines(connection: sqlite3.Connection, report: CheckReport) -> None:
 
 
 def _others(connection: sqlite3.Connection, report: CheckReport) -> None:
-    """Check the bytes of sketches, points, thumbnails, archives of jobs and deleted shapes."""
+    """Check the bytes of the tables in `OTHER_BYTES`."""
     for table, (key, column, checksum) in OTHER_BYTES.items():
-        if not _has_column(connection, table, checksum):
-            continue
 
         def check_bytes(
             number: int, data: bytes, given: str | None, table: str = table, checksum: str = checksum
@@ -264,13 +238,8 @@ def _others(connection: sqlite3.Connection, report: CheckReport) -> None:
         _check_rows(connection, table, f"{column}, {checksum}", BLOBS_AT_ONCE, check_bytes, report, key)
 
 
-def _has_column(connection: sqlite3.Connection, table: str, column: str = "checksum") -> bool:
-    """Whether a table of this version of the archive has a column."""
-    return any(row[1] == column for row in connection.execute(f"PRAGMA table_info({table})"))
-
-
 def _views_of(embedding: Embedding) -> tuple[bytes | None, float | None]:
-    """The view signature and the reliability that a sketch holds; None without views."""
+    """Return the view signature and the reliability of an embedding; None without views."""
     if not embedding.views.size:
         return None, None
     return view_signature(embedding.views).tobytes(), intrinsic_reliability(embedding.facts)

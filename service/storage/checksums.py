@@ -24,9 +24,9 @@ def checksum_of(data: bytes) -> str:
     return blake2b(data, digest_size=LENGTH // 2).hexdigest()
 
 
-def is_whole(data: bytes, checksum: str | None) -> bool:
-    """Whether bytes have their checksum; rows that another program stored without one pass."""
-    return checksum is None or checksum_of(data) == checksum
+def is_whole(data: bytes, checksum: str) -> bool:
+    """Return whether bytes have their checksum."""
+    return checksum_of(data) == checksum
 
 
 def whole_file(data: bytes, digest: str) -> bytes:

@@ -12,7 +12,7 @@ from sqlalchemy.orm import InstrumentedAttribute
 from service.observability.logging import get_logger
 from service.storage.columns import POSTGRESQL, PgVector
 from service.storage.database import WriteSession
-from service.storage.tables import EmbeddingRow, SketchRow, Table
+from service.storage.tables import CoarseSamplesRow, EmbeddingRow, Table
 
 log = get_logger("storage")
 
@@ -29,7 +29,7 @@ def view_index_name(length: int) -> str:
 
 def has_view_signature(length: int) -> ColumnElement[bool]:
     """The condition that an embedding has a view signature of a length."""
-    return func.vector_dims(SketchRow.view_signature) == literal(length, literal_execute=True)
+    return func.vector_dims(CoarseSamplesRow.view_signature) == literal(length, literal_execute=True)
 
 
 def ensure_hnsw(session: WriteSession, fingerprint: str) -> bool:
@@ -52,15 +52,17 @@ def ensure_hnsw(session: WriteSession, fingerprint: str) -> bool:
     if length is None:
         return False
     built = _ensure(session, index_name(fingerprint), EmbeddingRow.signature, "vector_l2_ops", length, own)
-    lengths = select(func.vector_dims(SketchRow.view_signature)).join(
-        EmbeddingRow, EmbeddingRow.number == SketchRow.embedding_number
+    lengths = select(func.vector_dims(CoarseSamplesRow.view_signature)).join(
+        EmbeddingRow, EmbeddingRow.number == CoarseSamplesRow.embedding_number
     )
     length = session.scalar(lengths.where(own).limit(1))
     if length is None:
         return built
     condition = has_view_signature(length)
     name = view_index_name(length)
-    return _ensure(session, name, SketchRow.view_signature, "vector_l1_ops", length, condition) or built
+    return (
+        _ensure(session, name, CoarseSamplesRow.view_signature, "vector_l1_ops", length, condition) or built
+    )
 
 
 def _ensure(

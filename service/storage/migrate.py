@@ -45,15 +45,9 @@ def check_known(versions: Iterable[str]) -> None:
     unknown = sorted(set(versions) - known)
     if unknown:
         raise ArchiveTooNewError(
-            f"the database has version {', '.join(unknown)}, which this Isoshape does not know: it was "
-            f"written by a newer one. Use that one, or restore a backup made before the upgrade."
+            f"the database has version {', '.join(unknown)}, which this Isoshape does not know: a newer one "
+            f"wrote it. Use that one, or restore a backup that this one wrote."
         )
-
-
-def head() -> str:
-    """The newest version of the database that this code knows."""
-    (version,) = ScriptDirectory.from_config(_config()).get_heads()
-    return version
 
 
 def _config() -> Config:

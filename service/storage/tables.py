@@ -8,7 +8,7 @@ these classes.
 """
 
 from datetime import datetime
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,7 +76,7 @@ class ShapeRow(Table):
     created_at: Mapped[datetime] = mapped_column(UtcDateTime)
     updated_at: Mapped[datetime] = mapped_column(UtcDateTime)
     revision: Mapped[int]
-    checksum: Mapped[str | None] = mapped_column(String(LENGTH))
+    checksum: Mapped[str] = mapped_column(String(LENGTH))
 
 
 class TagRow(Table):
@@ -89,7 +89,7 @@ class TagRow(Table):
         ForeignKey("shapes.number", ondelete="CASCADE"), primary_key=True
     )
     tag: Mapped[str] = mapped_column(String(64), primary_key=True)
-    place: Mapped[int]
+    position: Mapped[int]
 
 
 class MetadataRow(Table):
@@ -128,10 +128,10 @@ class EmbeddingRow(Table):
     fingerprint: Mapped[str] = mapped_column(String(16))
     signature: Mapped[NDArray[np.float32]] = mapped_column(Float32Vector)
     record: Mapped[bytes] = mapped_column(LargeBinary, deferred=True)
-    checksum: Mapped[str | None] = mapped_column(String(LENGTH), deferred=True)
+    checksum: Mapped[str] = mapped_column(String(LENGTH), deferred=True)
 
 
-class SketchRow(Table):
+class CoarseSamplesRow(Table):
     """Short descriptors of an embedding, which a search reads of all.
 
     `data` has the coarse samples (`core.ranking.coarse_ranking`), `signature` is a copy of the signature,
@@ -142,7 +142,7 @@ class SketchRow(Table):
     from `embeddings` would read a page of each record.
     """
 
-    __tablename__ = "sketches"
+    __tablename__ = "coarse_samples"
 
     embedding_number: Mapped[int] = mapped_column(
         ForeignKey("embeddings.number", ondelete="CASCADE"), primary_key=True, autoincrement=False
@@ -151,16 +151,16 @@ class SketchRow(Table):
     signature: Mapped[bytes] = mapped_column(LargeBinary)
     view_signature: Mapped[NDArray[np.uint8] | None] = mapped_column(ByteVector)
     reliability: Mapped[float | None]
-    checksum: Mapped[str | None] = mapped_column(String(LENGTH))
+    checksum: Mapped[str] = mapped_column(String(LENGTH))
 
 
-class PointsRow(Table):
+class QuantisedPointsRow(Table):
     """The quantised points of an embedding (`core.ranking.quantised_points`).
 
     A query re-ranks hundreds of shapes by them: they take a sixth of the bytes of records.
     """
 
-    __tablename__ = "points"
+    __tablename__ = "quantised_points"
 
     embedding_number: Mapped[int] = mapped_column(
         ForeignKey("embeddings.number", ondelete="CASCADE"), primary_key=True, autoincrement=False
@@ -214,7 +214,7 @@ class PipelineRow(Table):
     fingerprint: Mapped[str] = mapped_column(String(16), primary_key=True)
     method: Mapped[int]
     parameters: Mapped[dict[str, Any]] = mapped_column(JSON)
-    checksum: Mapped[str | None] = mapped_column(String(LENGTH))
+    checksum: Mapped[str] = mapped_column(String(LENGTH))
 
 
 class IdempotencyKeyRow(Table):
@@ -261,4 +261,119 @@ class ThumbnailRow(Table):
     size: Mapped[int] = mapped_column(primary_key=True, autoincrement=False)
     drawing: Mapped[int]
     data: Mapped[bytes] = mapped_column(LargeBinary)
-    checksum: Mapped[str | None] = mapped_column(String(LENGTH))
+    checksum: Mapped[str] = mapped_column(String(LENGTH))
+
+
+class DuplicatePairRow(Table):
+    """Two shapes of one collection of which the second is a rigid copy, or a variant, of the first.
+
+    `fingerprint` identifies the pipeline that computed `cc`. `residual` is their distance after registration
+    over the root of the area, and `scale` a length in the second over that in the first.
+    """
+
+    __tablename__ = "duplicate_pairs"
+    __table_args__ = (Index("duplicate_pairs_by_second", "second_number"),)
+
+    first_number: Mapped[int] = mapped_column(
+        ForeignKey("shapes.number", ondelete="CASCADE"), primary_key=True, autoincrement=False
+    )
+    second_number: Mapped[int] = mapped_column(
+        ForeignKey("shapes.number", ondelete="CASCADE"), primary_key=True, autoincrement=False
+    )
+    fingerprint: Mapped[str] = mapped_column(String(16), primary_key=True)
+    cc: Mapped[float]
+    residual: Mapped[float]
+    scale: Mapped[float]
+    mirrored: Mapped[bool]
+    variant: Mapped[bool]
+
+
+class JudgedShapeRow(Table):
+    """A shape that has been compared with all other judged shapes of its collection.
+
+    `variants` tells a search for variants from one for copies. Pairs with at least `min_cc` and at most
+    `max_residual` were found. `compared` and `aligned` count the compared and the registered pairs. `number`
+    orders the rows by time.
+    """
+
+    __tablename__ = "judged_shapes"
+    __table_args__ = (
+        UniqueConstraint("shape_number", "fingerprint", "variants", name="one_judgement_a_search"),
+        {"sqlite_autoincrement": True},
+    )
+
+    number: Mapped[int] = mapped_column(primary_key=True)
+    shape_number: Mapped[int] = mapped_column(ForeignKey("shapes.number", ondelete="CASCADE"))
+    fingerprint: Mapped[str] = mapped_column(String(16))
+    variants: Mapped[bool]
+    min_cc: Mapped[float]
+    max_residual: Mapped[float]
+    compared: Mapped[int]
+    aligned: Mapped[int]
+
+
+State = Literal["arriving", "waiting", "running", "done", "failed", "cancelled"]
+"""The state of a job. A job in the state "arriving" is not acknowledged yet, and is hidden."""
+
+ACTIVE: tuple[State, ...] = ("waiting", "running")
+ENDED: tuple[State, ...] = ("done", "failed", "cancelled")
+
+
+class JobRow(Table):
+    """A bulk job, which stores the members of an archive.
+
+    `number` increases in the order of creation. `state` is one of `State`.
+    `runner` identifies the service that receives or runs the job; it counts as dead after `leased_until`.
+    """
+
+    __tablename__ = "jobs"
+    __table_args__ = (
+        Index("jobs_by_state", "state"),
+        Index("jobs_by_collection", "collection_number", "number"),
+        {"sqlite_autoincrement": True},
+    )
+
+    number: Mapped[int] = mapped_column(primary_key=True)
+    id: Mapped[str] = mapped_column(AnyText(36), unique=True)
+    collection_number: Mapped[int] = mapped_column(ForeignKey("collections.number"))
+    state: Mapped[str] = mapped_column(String(16))
+    archive: Mapped[str] = mapped_column(String(255))
+    format: Mapped[str] = mapped_column(String(8))
+    size: Mapped[int]
+    tags: Mapped[list[str]] = mapped_column(JSON)
+    meta: Mapped[dict[str, Any]] = mapped_column(JSON)
+    kind: Mapped[str | None] = mapped_column(String(64))
+    detail: Mapped[str | None] = mapped_column(Text)
+    runner: Mapped[str | None] = mapped_column(String(36))
+    leased_until: Mapped[datetime | None] = mapped_column(UtcDateTime)
+    created_at: Mapped[datetime] = mapped_column(UtcDateTime)
+    started_at: Mapped[datetime | None] = mapped_column(UtcDateTime)
+    ended_at: Mapped[datetime | None] = mapped_column(UtcDateTime)
+
+
+class JobPieceRow(Table):
+    """A piece of the archive of an unfinished job."""
+
+    __tablename__ = "job_pieces"
+
+    job_number: Mapped[int] = mapped_column(ForeignKey("jobs.number", ondelete="CASCADE"), primary_key=True)
+    position: Mapped[int] = mapped_column(primary_key=True, autoincrement=False)
+    data: Mapped[bytes] = mapped_column(LargeBinary)
+    checksum: Mapped[str] = mapped_column(String(LENGTH))
+
+
+class JobFileRow(Table):
+    """A member of a job's archive and its outcome, which is NULL until the member is processed."""
+
+    __tablename__ = "job_files"
+    __table_args__ = (Index("job_files_by_outcome", "job_number", "outcome", "position"),)
+
+    job_number: Mapped[int] = mapped_column(ForeignKey("jobs.number", ondelete="CASCADE"), primary_key=True)
+    position: Mapped[int] = mapped_column(primary_key=True, autoincrement=False)
+    path: Mapped[str] = mapped_column(String(1024))
+    name: Mapped[str] = mapped_column(String(1024))
+    outcome: Mapped[str | None] = mapped_column(String(16))
+    shape_id: Mapped[str | None] = mapped_column(String(36))
+    kind: Mapped[str | None] = mapped_column(String(64))
+    detail: Mapped[str | None] = mapped_column(Text)
+    ended_at: Mapped[datetime | None] = mapped_column(UtcDateTime)

@@ -6,8 +6,6 @@ from contextlib import closing, contextmanager
 from functools import cache
 from pathlib import Path
 
-from alembic import command
-
 from core.io import Limits
 from core.parameters import DEFAULT
 from service.collection import DEFAULT_COLLECTION
@@ -17,7 +15,7 @@ from service.pipelines.starting import begin
 from service.shapes import repository
 from service.shapes.records import NewShape
 from service.storage.database import Database
-from service.storage.migrate import _config, migrate
+from service.storage.migrate import migrate
 from tests.service.support import small_file
 
 
@@ -47,14 +45,6 @@ def make_archive(path: Path, *numbers: int) -> Path:
             repository.add_shape(session, blob, new, made.facts)
     database.close()
     return path
-
-
-def begin_at(url: str, version: str) -> None:
-    """The tables of an archive as they were at a version, with nothing in them but what migrations write."""
-    config = _config()
-    with closing(Database(url, lock_seconds=5)) as database, database.connect() as connection:
-        config.attributes["connection"] = connection
-        command.upgrade(config, version)
 
 
 @contextmanager

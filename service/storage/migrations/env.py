@@ -2,11 +2,8 @@
 
 from alembic import context
 
-from service.storage.duplicate_tables import JudgedShapeRow
-from service.storage.job_tables import JobRow
+from service.storage.tables import Table
 
-# The tables of both modules share the metadata.
-assert JudgedShapeRow.metadata is JobRow.metadata
-context.configure(connection=context.config.attributes["connection"], target_metadata=JobRow.metadata)
+context.configure(connection=context.config.attributes["connection"], target_metadata=Table.metadata)
 with context.begin_transaction():
     context.run_migrations()

@@ -34,7 +34,7 @@ NOISE = 0.2
 AT_ONCE = 2_000
 
 BOX = [1.0, 1.0, 1.0]
-"""The bounding box of all shapes. Without it, the service would read each file to measure it."""
+"""The bounding box of all shapes."""
 
 STEP = 7919
 """The step between the numbers of shapes that are mixed or queried, coprime to all sizes."""
@@ -115,7 +115,11 @@ def _rows(source: Sequence[Original], numbers: range) -> Iterator[tuple[dict[str
         embedding = shaken(original.embedding, number, other.embedding) if copy else original.embedding
         data = number.to_bytes(8, "big")
         name = f"{original.label}|{original.name}|{number}"
-        points = quantised_points(embedding)
+        record, coarse, points = (
+            embedding_to_bytes(embedding),
+            coarse_samples(embedding).tobytes(),
+            quantised_points(embedding),
+        )
         facts = {field: getattr(embedding.facts, field) for field in embedding.facts.__dataclass_fields__}
         yield (
             {"number": number + 1, "sha256": hashlib.sha256(data).hexdigest(), "size": 8, "data": data},
@@ -132,6 +136,7 @@ def _rows(source: Sequence[Original], numbers: range) -> Iterator[tuple[dict[str
                 "created_at": now,
                 "updated_at": now,
                 "revision": number + 1,
+                "checksum": "",
             },
             {
                 "number": number + 1,
@@ -139,14 +144,16 @@ def _rows(source: Sequence[Original], numbers: range) -> Iterator[tuple[dict[str
                 "format": "off",
                 "fingerprint": DEFAULT.fingerprint,
                 "signature": embedding.signature,
-                "record": embedding_to_bytes(embedding),
+                "record": record,
+                "checksum": checksum_of(record),
             },
             {
                 "embedding_number": number + 1,
-                "data": coarse_samples(embedding).tobytes(),
+                "data": coarse,
                 "signature": embedding.signature.astype("<f4").tobytes(),
                 "view_signature": view_signature(embedding.views),
                 "reliability": intrinsic_reliability(embedding.facts),
+                "checksum": checksum_of(coarse),
             },
             {"embedding_number": number + 1, "data": points, "checksum": checksum_of(points)},
         )

@@ -6,12 +6,19 @@ from typing import Any
 from sqlalchemy import insert, update
 
 from service.storage.database import WriteSession
-from service.storage.tables import ArchiveRow, BlobRow, EmbeddingRow, PointsRow, ShapeRow, SketchRow
+from service.storage.tables import (
+    ArchiveRow,
+    BlobRow,
+    CoarseSamplesRow,
+    EmbeddingRow,
+    QuantisedPointsRow,
+    ShapeRow,
+)
 
 Row = dict[str, Any]
 
 
-TABLES = (BlobRow, ShapeRow, EmbeddingRow, SketchRow, PointsRow)
+TABLES = (BlobRow, ShapeRow, EmbeddingRow, CoarseSamplesRow, QuantisedPointsRow)
 
 
 def add(session: WriteSession, rows: Sequence[Sequence[Row]], revision: int) -> None:

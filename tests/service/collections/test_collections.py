@@ -10,8 +10,7 @@ from sqlalchemy import select, update
 
 from service.collection import is_name
 from service.collections.dependencies import HEADER, PARAMETER
-from service.storage.job_tables import JobRow
-from service.storage.tables import BlobRow, CollectionRow, DeletedRow, EmbeddingRow, IdempotencyKeyRow
+from service.storage.tables import BlobRow, CollectionRow, DeletedRow, EmbeddingRow, IdempotencyKeyRow, JobRow
 from tests.service.collections.support import working_in
 from tests.service.engines import on_both
 from tests.service.jobs.packing import pack

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from service.duplicates import background
-from service.storage.duplicate_tables import JudgedShapeRow
+from service.storage.tables import JudgedShapeRow
 from tests.service.duplicates.test_judging import copy_of_plane, counted
 from tests.service.engines import on_postgresql
 from tests.service.support import serving, settings_in, wait_until

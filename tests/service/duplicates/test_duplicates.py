@@ -21,7 +21,7 @@ from service.client import Client
 from service.duplicates.groups import Groups, Link
 from service.duplicates.schemas import COLUMNS
 from service.search import match_records, tasks
-from service.storage.duplicate_tables import DuplicatePairRow, JudgedShapeRow
+from service.storage.tables import DuplicatePairRow, JudgedShapeRow
 from tests.service.http.test_disconnects import send
 from tests.service.support import Running, assert_problem, serving, settings_in, wait_until
 from tests.service.tasks import nap_instead, napping

@@ -19,8 +19,7 @@ from service.shapes.reembedding import prune_others
 from service.storage.checking import check
 from service.storage.copying import copy_archive
 from service.storage.database import Database
-from service.storage.duplicate_tables import DuplicatePairRow, JudgedShapeRow
-from service.storage.tables import ShapeRow
+from service.storage.tables import DuplicatePairRow, JudgedShapeRow, ShapeRow
 from tests.service.engines import url_in
 from tests.service.support import Running, serving, settings_in, small_file, wait_until
 from tests.soak.duplicates.archive_of_parts import parts

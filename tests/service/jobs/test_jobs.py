@@ -15,7 +15,7 @@ from service.jobs import runner as running_module
 from service.jobs import service as jobs_service
 from service.jobs.errors import ArchiveTooLargeError
 from service.shapes import service as shapes_service
-from service.storage.job_tables import JobFileRow, JobPieceRow, JobRow
+from service.storage.tables import JobFileRow, JobPieceRow, JobRow
 from tests.service.engines import either_engine, on_both
 from tests.service.jobs.packing import FORMATS, pack, zip_link, zipped
 from tests.service.jobs.support import begun, causes, ended, events, files, job, meshes, send, stored
@@ -399,7 +399,9 @@ def test_leftovers_are_cleared(clean: Running) -> None:
     database, now = clean.container.database, datetime.now(UTC)
     with database.write() as session:
         number = session.scalars(select(JobRow.number)).one()
-        session.add_all(JobPieceRow(job_number=number, place=place, data=b"x") for place in range(20))
+        session.add_all(
+            JobPieceRow(job_number=number, position=place, data=b"x", checksum="") for place in range(20)
+        )
     jobs_service.clear(database, timedelta(days=1))
     assert rows(clean, JobPieceRow) == 0
     assert job(clean.client, job_id)["state"] == "done"

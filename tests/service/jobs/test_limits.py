@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import pytest
 
 from service.shapes import service as shapes_service
-from service.storage.job_tables import JobRow
+from service.storage.tables import JobRow
 from tests.service.http.test_disconnects import send as send_part
 from tests.service.jobs.packing import pack
 from tests.service.jobs.support import begun, causes, ended, send

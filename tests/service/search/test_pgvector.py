@@ -20,7 +20,7 @@ from service.shapes.records import NewShape, ShapeFilter
 from service.storage.database import Database, ReadSession
 from service.storage.hnsw import ensure_hnsw, index_name
 from service.storage.hnsw_parameters import HnswParameters
-from service.storage.tables import BlobRow, EmbeddingRow, ShapeRow, SketchRow, TagRow
+from service.storage.tables import BlobRow, CoarseSamplesRow, EmbeddingRow, ShapeRow, TagRow
 from tests.service.archives import embedded
 from tests.service.engines import empty_database, on_postgresql
 
@@ -76,7 +76,13 @@ def stored(engine: str) -> Iterator[Stored]:
             rows = session.connection()
             blob = {"size": 1, "data": b"x"}
             rows.execute(insert(BlobRow), [{**blob, "number": n, "sha256": f"{n}"} for n in numbers])
-            shared: dict[str, Any] = {"format": "off", "folded_name": "", "meta": {}, "revision": 1}
+            shared: dict[str, Any] = {
+                "format": "off",
+                "folded_name": "",
+                "meta": {},
+                "revision": 1,
+                "checksum": "",
+            }
             shared |= dict.fromkeys(("created_at", "updated_at"), datetime.now(UTC))
             rows.execute(
                 insert(ShapeRow),
@@ -94,18 +100,20 @@ def stored(engine: str) -> Iterator[Stored]:
                 ],
             )
             for fingerprint, vectors in ((FINGERPRINT, signatures), (OTHER, signatures[:, :5])):
-                made = {"format": "off", "fingerprint": fingerprint, "record": b""}
+                made = {"format": "off", "fingerprint": fingerprint, "record": b"", "checksum": ""}
                 rows.execute(
                     insert(EmbeddingRow),
                     [{**made, "blob_number": n, "signature": vectors[n - 1]} for n in numbers],
                 )
             tagged = [(n, "third") for n in numbers if n % 3 == 0] + [(n, "few") for n in range(200, 230)]
-            rows.execute(insert(TagRow), [{"shape_number": n, "tag": tag, "place": 0} for n, tag in tagged])
+            rows.execute(
+                insert(TagRow), [{"shape_number": n, "tag": tag, "position": 0} for n, tag in tagged]
+            )
             own = [n for (n,) in rows.execute(select(EmbeddingRow.number).order_by(EmbeddingRow.number))]
             sketches = zip(own, view_signatures[:SHAPES], strict=False)
-            sketch = {"data": b"", "signature": b"", "reliability": 1.0}
+            sketch = {"data": b"", "signature": b"", "reliability": 1.0, "checksum": ""}
             rows.execute(
-                insert(SketchRow),
+                insert(CoarseSamplesRow),
                 [{**sketch, "embedding_number": n, "view_signature": each} for n, each in sketches],
             )
             assert ensure_hnsw(session, FINGERPRINT)

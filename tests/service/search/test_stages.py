@@ -16,7 +16,7 @@ from service.search import match_records, scoring
 from service.search.match_records import QueryScorer
 from service.search.records import Query
 from service.search.shortlist import Candidates
-from service.storage.tables import PointsRow
+from service.storage.tables import QuantisedPointsRow
 from tests.service.support import query, serving, settings_in, small_file
 
 LENGTHS = {"shortlist_from": 5, "shortlist_length": 9, "reranked": 6, "finalists": 2}
@@ -71,8 +71,11 @@ def test_without_whole_points_the_embedding_is_read(tmp_path: Path, monkeypatch:
         monkeypatch.setattr(match_records, "quantised_points", counted)
         before = answer()
         assert not made
-        some = PointsRow.embedding_number % 2 == 0
-        for statement in (update(PointsRow).values(data=b"damaged."), delete(PointsRow).where(some)):
+        some = QuantisedPointsRow.embedding_number % 2 == 0
+        for statement in (
+            update(QuantisedPointsRow).values(data=b"damaged."),
+            delete(QuantisedPointsRow).where(some),
+        ):
             with running.container.database.write() as session:
                 session.execute(statement)
             made.clear()

@@ -105,23 +105,23 @@ def test_a_spoilt_embedding_is_named(
             ["embedding 1 has a signature", "embedding 1 has another signature"],
         ),
         (
-            "UPDATE sketches SET signature = x'00000000' WHERE embedding_number = 2",
-            ["embedding 2 has another signature beside its sketch"],
+            "UPDATE coarse_samples SET signature = x'00000000' WHERE embedding_number = 2",
+            ["embedding 2 has another signature beside its coarse samples"],
         ),
         (
-            "UPDATE sketches SET view_signature = x'00' WHERE embedding_number = 2",
-            ["embedding 2 has views beside its sketch"],
+            "UPDATE coarse_samples SET view_signature = x'00' WHERE embedding_number = 2",
+            ["embedding 2 has views beside its coarse samples"],
         ),
         (
-            "UPDATE sketches SET reliability = 0.25 WHERE embedding_number = 1",
-            ["embedding 1 has views beside its sketch"],
+            "UPDATE coarse_samples SET reliability = 0.25 WHERE embedding_number = 1",
+            ["embedding 1 has views beside its coarse samples"],
         ),
         (
-            "UPDATE sketches SET view_signature = NULL, reliability = NULL WHERE embedding_number = 1",
-            ["embedding 1 has views beside its sketch"],
+            "UPDATE coarse_samples SET view_signature = NULL, reliability = NULL WHERE embedding_number = 1",
+            ["embedding 1 has views beside its coarse samples"],
         ),
-        ("DELETE FROM sketches WHERE embedding_number = 2", ["embedding 2 has no sketch"]),
-        ("DELETE FROM points WHERE embedding_number = 2", ["embedding 2 has no points"]),
+        ("DELETE FROM coarse_samples WHERE embedding_number = 2", ["embedding 2 has no coarse samples"]),
+        ("DELETE FROM quantised_points WHERE embedding_number = 2", ["embedding 2 has no quantised points"]),
         ("UPDATE blobs SET data = x'00' WHERE number = 1", ["blob 1 has 1 bytes", "blob 1 does not have"]),
         (
             "UPDATE blobs SET data = 'text' WHERE number = 1",
@@ -256,9 +256,15 @@ def test_a_collection_that_is_not_there_is_named(archive: Path) -> None:
         ("UPDATE shapes SET created_at = '2020-01-01 00:00:00.000000' WHERE number = 2", "shape "),
         ("UPDATE shape_tags SET tag = 'another' WHERE shape_number = 2", "shape "),
         ("DELETE FROM shape_metadata WHERE shape_number = 2", "shape "),
-        ("UPDATE sketches SET data = x'00' WHERE embedding_number = 2", "sketches row 2 does not have"),
-        ("UPDATE points SET data = x'00' WHERE embedding_number = 2", "points row 2 does not have"),
-        ("UPDATE embeddings SET checksum = NULL WHERE number = 2", "embedding 2 does not have its checksum"),
+        (
+            "UPDATE coarse_samples SET data = x'00' WHERE embedding_number = 2",
+            "coarse_samples row 2 does not have",
+        ),
+        (
+            "UPDATE quantised_points SET data = x'00' WHERE embedding_number = 2",
+            "quantised_points row 2 does not have",
+        ),
+        ("UPDATE embeddings SET checksum = '' WHERE number = 2", "embedding 2 does not have its checksum"),
     ],
 )
 def test_a_checksum_covers_every_value(archive: Path, statement: str, expected: str) -> None:

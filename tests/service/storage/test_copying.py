@@ -1,6 +1,5 @@
 """An archive copied to PostgreSQL and back: everything, or nothing."""
 
-import shutil
 import sqlite3
 from collections import Counter
 from collections.abc import Iterator
@@ -30,8 +29,6 @@ from service.storage.tables import ShapeRow, ThumbnailRow
 from tests.service.archives import change, embedded, make_archive
 from tests.service.engines import bare, empty_database
 from tests.service.support import query, serving, settings_in, small_file
-
-RELEASED = Path(__file__).with_name("archives") / "0.1.0.sqlite3"
 
 
 @pytest.fixture
@@ -162,12 +159,7 @@ def test_a_copy_that_is_not_the_same_is_not_kept(archive: Path) -> None:
         assert session.scalars(select(ShapeRow.number)).all() == []
 
 
-def test_an_archive_of_another_version_is_not_copied(archive: Path, tmp_path: Path) -> None:
-    old = tmp_path / "old.sqlite3"
-    shutil.copy(RELEASED, old)
-    with pytest.raises(ArchiveError, match="older"):
-        copied(file(old), empty_database())
-    assert content(old) == content(RELEASED)
+def test_an_archive_of_another_version_is_not_copied(archive: Path) -> None:
     change(archive, "UPDATE alembic_version SET version_num = '9999'")
     with pytest.raises(ArchiveTooNewError):
         copied(file(archive), empty_database())

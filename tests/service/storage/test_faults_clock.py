@@ -16,7 +16,7 @@ from service.jobs.records import ARRIVING_LEASE, NewJob
 from service.shapes import endpoints, repository
 from service.shapes import service as shapes
 from service.shapes.deleted import service as deleted
-from service.storage.job_tables import JobRow
+from service.storage.tables import JobRow
 from tests.service.engines import either_engine
 from tests.service.jobs.packing import pack
 from tests.service.jobs.support import ended

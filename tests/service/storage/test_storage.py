@@ -105,7 +105,12 @@ def test_references_are_enforced(database: Database) -> None:
     with pytest.raises(IntegrityError), database.write() as session:
         session.add(
             EmbeddingRow(
-                blob_number=7, format="off", fingerprint="f", signature=np.zeros(3, np.float32), record=b""
+                blob_number=7,
+                format="off",
+                fingerprint="f",
+                signature=np.zeros(3, np.float32),
+                record=b"",
+                checksum="",
             )
         )
 
@@ -170,7 +175,12 @@ def test_a_signature_comes_back_bit_for_bit(database: Database) -> None:
         session.flush()
         session.add(
             EmbeddingRow(
-                blob_number=blob.number, format="off", fingerprint="f", signature=signature, record=b""
+                blob_number=blob.number,
+                format="off",
+                fingerprint="f",
+                signature=signature,
+                record=b"",
+                checksum="",
             )
         )
     with database.read() as session:
@@ -208,6 +218,7 @@ def test_any_text_is_kept_and_found(database: Database, value: str) -> None:
             "meta": {"key": value},
             "facts": {},
             "revision": 1,
+            "checksum": "",
         }
         for number in (1, 2):
             times = {"created_at": now, "updated_at": now}

@@ -159,7 +159,7 @@ def many(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
                 name = f"part-{number:05d}.ply"
                 del row["number"]
                 row |= {"id": f"00000000-0000-4000-8000-{number:012d}", "name": name, "folded_name": name}
-                copies.append(row | {"revision": revision, "checksum": None})
+                copies.append(row | {"revision": revision, "checksum": ""})
             session.execute(insert(ShapeRow), copies)
         yield running
 

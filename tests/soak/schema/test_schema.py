@@ -21,8 +21,7 @@ from sqlalchemy import delete
 from service.auth.keys import digest_of
 from service.http.problem_document import TYPE_PREFIX
 from service.openapi_document import document
-from service.storage.job_tables import JobRow
-from service.storage.tables import DeletedRow, IdempotencyKeyRow
+from service.storage.tables import DeletedRow, IdempotencyKeyRow, JobRow
 from tests.service.support import Running, serving, settings_in, small_file, wait_until
 from tests.soak.schema import meshes
 
