@@ -21,8 +21,8 @@ from service.compute.executor import Executor, start_executors
 from service.compute.pool import LocalPool
 from service.compute.request_queue import ActivityGate, RequestQueue
 from service.container import Container
-from service.duplicates.background import keep_judging
 from service.duplicates.endpoints import router as duplicates_router
+from service.duplicates.service import keep_judging
 from service.http.access_control import AccessControl
 from service.http.body_limits import BodyLimit, ClientQuotas
 from service.http.idempotency.keys import InFlight

@@ -4,4 +4,4 @@ Stored shapes in, kept pairs out; filters in, groups of copies that are turned, 
 out.
 """
 
-__all__ = ["background", "endpoints", "schemas"]
+__all__ = ["endpoints", "schemas", "service"]

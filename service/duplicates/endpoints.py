@@ -1,25 +1,60 @@
 """The address /duplicates."""
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 from fastapi import APIRouter, Query, Request, Response
+from pydantic import Field
 
-from service.collections.dependencies import InCollection
+from core.registration.similarity import RESIDUAL
+from service.collection import CollectionNumber
+from service.collections.dependencies import InCollection, NamedInAddress
 from service.dependencies import Service
 from service.duplicates import service
-from service.duplicates.options import DuplicatesOptions
+from service.duplicates.groups import MIN_CC
 from service.duplicates.schemas import DuplicatesAnswer
-from service.duplicates.service import Duplicates
+from service.duplicates.service import DuplicateCriteria, Duplicates
 from service.http.disconnects import while_connected
 from service.http.duplicate_parameters import once_each
 from service.http.problems import documented
 from service.observability.timings import Timings
 from service.pipelines.active import ActivePipeline
 from service.search.service import in_one_pipeline
+from service.shapes.filters import Filters
 
 MEDIA_TYPE = "text/csv"
 
 router = APIRouter(tags=["search"])
+
+
+class DuplicatesOptions(NamedInAddress, Filters):
+    """The shapes to search for near-identical ones, and the limits of near identity."""
+
+    min_cc: float = Field(
+        default=MIN_CC,
+        ge=MIN_CC,
+        le=1.0,
+        description="Only pairs with at least this cc. Shapes are judged with the default, so that no lower "
+        "value is possible. Poses of one body pass this limit too.",
+    )
+    max_residual: float = Field(
+        default=RESIDUAL,
+        gt=0.0,
+        le=RESIDUAL,
+        description="The largest distance of two surfaces after the best rotation, reflection and scaling: "
+        "the root mean square distance over both directions, over the square root of the area. Shapes are "
+        "judged with the default, so that no higher value is possible.",
+    )
+    variants: bool = Field(
+        default=False,
+        description="Also join variants: rigid copies but for a local difference, such as one hole more.",
+    )
+    format: Literal["json", "csv"] = Field(default="json", description="csv: one row for each shape.")
+
+    def criteria(self, collection: CollectionNumber) -> DuplicateCriteria:
+        """Return the criteria of the search in a collection."""
+        return DuplicateCriteria(
+            self.filtered(collection), self.min_cc, self.max_residual, variants=self.variants
+        )
 
 
 @router.get(
@@ -50,20 +85,20 @@ async def duplicates(
     container: Service,
     collection: InCollection,
 ) -> DuplicatesAnswer | Response:
-    """Groups of shapes with one rigid form: rotated, moved, scaled, mirrored or remeshed copies.
+    """Find groups of shapes with one rigid form: rotated, moved, scaled, mirrored or remeshed copies.
 
     Two poses of one body are not duplicates. The service judges stored shapes while it is idle, and keeps the
     pairs. A request judges missing shapes, and begins no further one after 20 seconds; `unjudged` says how
     many remain.
     """
     timings = Timings()
-    wanted = options.wanted(collection.number)
+    criteria = options.criteria(collection.number)
 
-    async def found(active_pipeline: ActivePipeline) -> Duplicates:
-        return await service.find(container, wanted, active_pipeline, timings)
+    async def find_groups(active_pipeline: ActivePipeline) -> Duplicates:
+        return await service.find(container, criteria, active_pipeline, timings)
 
     with container.queue.admitted():
-        groups = await while_connected(request, in_one_pipeline(container, found))
+        groups = await while_connected(request, in_one_pipeline(container, find_groups))
     answer = DuplicatesAnswer.of(groups, milliseconds=timings.so_far())
     if options.format == "csv":
         return Response(answer.csv(), media_type=MEDIA_TYPE)

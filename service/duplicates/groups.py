@@ -1,10 +1,14 @@
-"""Groups of near-identical shapes: connected components of near-identical pairs."""
+"""Near-identical pairs: the search for them, its judgement of one shape, and the groups that pairs join."""
 
 from collections import deque
-from collections.abc import Set
+from collections.abc import Sequence, Set
 from dataclasses import dataclass
 
 from core.registration.kinship import Kinship, kinship
+from core.registration.similarity import RESIDUAL
+
+MIN_CC = 0.98
+"""Least CC of two shapes that are registered. Poses of one body pass this limit too."""
 
 
 @dataclass(frozen=True)
@@ -24,11 +28,31 @@ class Link:
 
 
 @dataclass(frozen=True)
+class Search:
+    """A search for copies, or for copies and variants, by one pipeline, and the bounds of its pairs."""
+
+    fingerprint: str
+    variants: bool
+    min_cc: float = MIN_CC
+    max_residual: float = RESIDUAL
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """A shape by number, its copies and variants, and the numbers of compared and registered pairs."""
+
+    shape: int
+    links: Sequence[Link]
+    compared: int
+    aligned: int
+
+
+@dataclass(frozen=True)
 class GroupMember:
     """A shape of a group, its relation to the first shape, and the cc and residual of its link."""
 
     shape: int
-    kinship: Kinship
+    likeness: Kinship
     scale: float
     cc: float
     residual: float
@@ -42,7 +66,7 @@ class Groups:
         self._links: dict[int, list[Link]] = {}
 
     def joined(self, first: int, second: int) -> bool:
-        """Whether copies join two shapes; a variant of a variant may be a copy."""
+        """Return whether copies join two shapes; a variant of a variant may be a copy."""
         return self._root(first) == self._root(second)
 
     def join(self, link: Link) -> None:
@@ -53,7 +77,7 @@ class Groups:
         self._links.setdefault(link.second, []).append(link)
 
     def members(self, shown: Set[int]) -> list[list[GroupMember]]:
-        """Some shapes in groups of two or more; groups and their members are sorted by number.
+        """Return some shapes in groups of two or more; groups and their members are sorted by number.
 
         Scale, mirroring and local differences of a member are composed along the links from the first shown
         shape of its group; links through shapes that are not shown count too.
@@ -74,20 +98,20 @@ class Groups:
         return shape
 
     def _from(self, first: int) -> list[GroupMember]:
-        """The group of a shape; the path to a member has as few variants as possible."""
-        found: dict[int, GroupMember] = {}
+        """Return the group of a shape; the path to a member has as few variants as possible."""
+        members: dict[int, GroupMember] = {}
         pending = deque([(GroupMember(first, "same", 1.0, 1.0, 0.0), False, False)])
         while pending:
             member, mirrored, variant = pending.popleft()
-            here = member.shape
-            if here in found:
+            if member.shape in members:
                 continue
-            found[here] = member
-            for link in self._links[here]:
-                forth = link.first == here
-                scale = member.scale * (link.scale if forth else 1.0 / link.scale)
+            members[member.shape] = member
+            for link in self._links[member.shape]:
+                forward = link.first == member.shape
+                shape = link.second if forward else link.first
+                scale = member.scale * (link.scale if forward else 1.0 / link.scale)
                 reflected, differs = mirrored != link.mirrored, variant or link.variant
-                kind = kinship(scale, mirrored=reflected, variant=differs)
-                other = GroupMember(link.second if forth else link.first, kind, scale, link.cc, link.residual)
-                (pending.append if link.variant else pending.appendleft)((other, reflected, differs))
-        return [found[shape] for shape in sorted(found)]
+                likeness = kinship(scale, mirrored=reflected, variant=differs)
+                neighbour = GroupMember(shape, likeness, scale, link.cc, link.residual)
+                (pending.append if link.variant else pending.appendleft)((neighbour, reflected, differs))
+        return [members[shape] for shape in sorted(members)]

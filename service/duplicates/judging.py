@@ -1,6 +1,9 @@
-"""The judgement of one shape: its copies and variants among the judged shapes of its collection."""
+"""The judgement of one shape: its copies and variants among the judged shapes of its collection.
 
-from collections.abc import Sequence
+Two shapes are registered by their records, or by their files where the records do not suffice.
+"""
+
+from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -8,23 +11,27 @@ from numpy.typing import NDArray
 from starlette.concurrency import run_in_threadpool
 
 from core.errors import BadRecordError, MeshError
+from core.mesh.mesh import Mesh
+from core.parameters import Parameters
+from core.ranking.spectral_distance import spectral_distances
 from core.registration.invariants import possible_copies, possible_variants
-from core.registration.rigid_copy import RigidCopy
+from core.registration.rigid_copy import RigidCopy, copy_by_samples
+from core.serialization import embedding_from_bytes
 from service.collection import CollectionNumber
 from service.container import Container
 from service.duplicates import repository
-from service.duplicates.groups import Groups, Link
-from service.duplicates.judgements import Judgement, Search
-from service.duplicates.registering import Side, registered, side_of
+from service.duplicates.groups import Groups, Judgement, Link, Search
 from service.errors import FileTimeLimitError, ShapeNotFoundError, WorkerCrashedError
 from service.index.surface_measurements import MeasuredShapes
 from service.observability.logging import get_logger
 from service.pipelines.active import ActivePipeline
 from service.search import repository as search_repository
+from service.search import tasks
 from service.search.likeness import once
 from service.search.records import Query
 from service.search.scoring import compare_with
 from service.search.shortlist import Candidates
+from service.shapes import repository as shapes_repository
 from service.storage.database import ReadSession
 
 log = get_logger("duplicates")
@@ -38,14 +45,22 @@ REGISTERED = 32
 
 
 @dataclass(frozen=True, eq=False)
-class _View:
-    """A shape as the database has it.
+class Side:
+    """A shape to register: its embedding record, and a function that reads its mesh."""
+
+    record: bytes
+    mesh: Callable[[], Awaitable[Mesh]]
+
+
+@dataclass(frozen=True, eq=False)
+class _Snapshot:
+    """The database as one transaction reads it for the judgement of a shape.
 
     Attributes
     ----------
     measured : MeasuredShapes
         All shapes.
-    place : int
+    index : int
         The index of the shape.
     record : bytes
         Its embedding record; empty if that is damaged.
@@ -58,7 +73,7 @@ class _View:
     """
 
     measured: MeasuredShapes
-    place: int
+    index: int
     record: bytes
     candidates: NDArray[np.intp]
     links: Sequence[Link]
@@ -88,34 +103,34 @@ class ShapeJudge:
     _considered: set[int] = field(default_factory=set, init=False)
     _compared: int = field(default=0, init=False)
     _aligned: int = field(default=0, init=False)
-    _own: Side | None = field(default=None, init=False)
+    _side_of_shape: Side | None = field(default=None, init=False)
 
     async def judge(self) -> None:
         """Compare the shape with its candidates and store the judgement.
 
         Nothing is done if the shape is deleted, or judged meanwhile.
         """
-        while (view := await run_in_threadpool(self._look)) is not None:
-            await self._compare(view)
-            if await run_in_threadpool(self._store, view):
+        while (snapshot := await run_in_threadpool(self._look)) is not None:
+            await self._compare(snapshot)
+            if await run_in_threadpool(self._store, snapshot):
                 return
 
-    def _look(self) -> _View | None:
+    def _look(self) -> _Snapshot | None:
         with self.container.database.read() as session:
             measured = self._measured(session)
-            place = measured.place_of(self.shape)
-            if place is None:
+            index = measured.index_of(self.shape)
+            if index is None:
                 return None
-            embedding = int(measured.embeddings[place])
+            embedding = int(measured.embeddings[index])
             record = search_repository.embedding_records(session, [embedding]).get(embedding)
-            near = self._near(measured, place)
+            near = self._near(measured, index)
             done = repository.judged(session, self.search, [self.shape, *measured.shapes[near].tolist()])
             if self.shape in done:
                 return None
             near = near[np.isin(measured.shapes[near], list(done))]
             numbers = [self.shape, *measured.shapes[near].tolist()]
             links = repository.links_among(session, self.search.fingerprint, numbers)
-            return _View(measured, place, record or b"", near, links, repository.latest(session))
+            return _Snapshot(measured, index, record or b"", near, links, repository.latest(session))
 
     def _measured(self, session: ReadSession) -> MeasuredShapes:
         ranking = self.active_pipeline.pipeline.parameters.ranking
@@ -123,66 +138,66 @@ class ShapeJudge:
             session, self.active_pipeline.index, global_descriptors=ranking.global_descriptors
         )
 
-    def _near(self, measured: MeasuredShapes, place: int) -> NDArray[np.intp]:
-        """Candidates of the same collection, the least spectral distance first."""
+    def _near(self, measured: MeasuredShapes, index: int) -> NDArray[np.intp]:
+        """Return candidates of the same collection, the least spectral distance first."""
         invariants = measured.invariants
         if self.search.variants:
-            near, most = possible_variants(invariants, place), NEAREST_VARIANTS
+            near, most = possible_variants(invariants, index), NEAREST_VARIANTS
         else:
-            near, most = possible_copies(invariants, place, self.search.max_residual), NEAREST
+            near, most = possible_copies(invariants, index, self.search.max_residual), NEAREST
         near = near[measured.collections[near] == self.collection]
-        order = np.argsort(invariants.spectral_distances(place, near), kind="stable")
+        order = np.argsort(invariants.spectral_distances(index, near), kind="stable")
         return np.asarray(near[order[:most]])
 
-    async def _compare(self, view: _View) -> None:
+    async def _compare(self, snapshot: _Snapshot) -> None:
         """Register the candidates with the wanted CC, unless other pairs have joined them to the shape."""
         groups = Groups()
-        for link in (*view.links, *self._links):
+        for link in (*snapshot.links, *self._links):
             groups.join(link)
-        new = [place for place in view.candidates if int(view.measured.shapes[place]) not in self._considered]
-        for start in range(0, len(new) if view.record else 0, REGISTERED):
-            shapes = view.measured.shapes
-            some = [
-                place
-                for place in new[start : start + REGISTERED]
-                if not groups.joined(self.shape, int(shapes[place]))
+        shapes = snapshot.measured.shapes
+        new = [index for index in snapshot.candidates if int(shapes[index]) not in self._considered]
+        for start in range(0, len(new) if snapshot.record else 0, REGISTERED):
+            batch = [
+                index
+                for index in new[start : start + REGISTERED]
+                if not groups.joined(self.shape, int(shapes[index]))
             ]
-            self._compared += len(some)
-            for number, cc in await self._scored(view, np.array(some, dtype=np.intp)):
+            self._compared += len(batch)
+            for number, cc in await self._similar(snapshot, np.array(batch, dtype=np.intp)):
                 if self._aligned < REGISTERED and not groups.joined(self.shape, number):
-                    await self._register(view, groups, number, cc)
-        self._considered |= {int(view.measured.shapes[place]) for place in new}
+                    await self._register(snapshot, groups, number, cc)
+        self._considered |= {int(shapes[index]) for index in new}
 
-    async def _scored(self, view: _View, places: NDArray[np.intp]) -> list[tuple[int, float]]:
-        """The candidates at some indices with the wanted CC, in their order."""
-        if not len(places):
+    async def _similar(self, snapshot: _Snapshot, indices: NDArray[np.intp]) -> list[tuple[int, float]]:
+        """Return the candidates at some indices that have the wanted CC, in their order, each with its CC."""
+        if not len(indices):
             return []
-        measured = view.measured
+        measured = snapshot.measured
         candidates = Candidates(
-            shapes=measured.shapes[places],
-            embeddings=measured.embeddings[places],
-            signature=measured.signatures[view.place],
-            signatures=measured.signatures[places],
-            coarse_samples=np.empty((len(places), 0), np.uint8),
-            view_signatures=np.empty((len(places), 0), np.uint8),
-            reliabilities=np.full(len(places), np.nan, np.float32),
+            shapes=measured.shapes[indices],
+            embeddings=measured.embeddings[indices],
+            signature=measured.signatures[snapshot.index],
+            signatures=measured.signatures[indices],
+            coarse_samples=np.empty((len(indices), 0), np.uint8),
+            view_signatures=np.empty((len(indices), 0), np.uint8),
+            reliabilities=np.full(len(indices), np.nan, np.float32),
             reranked=None,
             finalists=None,
             stored=len(measured.shapes),
             sample=None,
             density=None,
         )
-        query = Query(self.active_pipeline, view.record, frozenset([self.shape]))
-        found, _ = await compare_with(self.container, query, candidates, "cc")
-        scores = zip(found.shapes.tolist(), found.cc.tolist(), strict=True)
+        query = Query(self.active_pipeline, snapshot.record, frozenset([self.shape]))
+        compared, _ = await compare_with(self.container, query, candidates, "cc")
+        scores = zip(compared.shapes.tolist(), compared.cc.tolist(), strict=True)
         return [(number, cc) for number, cc in scores if cc >= self.search.min_cc]
 
-    async def _register(self, view: _View, groups: Groups, number: int, cc: float) -> None:
+    async def _register(self, snapshot: _Snapshot, groups: Groups, number: int, cc: float) -> None:
         """Register a pair, the older shape first, and keep it if it is a copy or a variant."""
         first, second = sorted((self.shape, number))
         self._aligned += 1
         try:
-            sides = await self._side(view, first), await self._side(view, second)
+            sides = await self._side(snapshot, first), await self._side(snapshot, second)
             parameters = self.active_pipeline.pipeline.parameters
             copy = await registered(self.container, *sides, parameters, variants=self.search.variants)
         except (
@@ -199,33 +214,33 @@ class ShapeJudge:
             groups.join(link)
             self._links.append(link)
 
-    async def _side(self, view: _View, number: int) -> Side:
-        if number == self.shape and self._own is not None:
-            return self._own
-        place = view.measured.place_of(number)
-        assert place is not None
-        embedding = int(view.measured.embeddings[place])
+    async def _side(self, snapshot: _Snapshot, number: int) -> Side:
+        if number == self.shape and self._side_of_shape is not None:
+            return self._side_of_shape
+        index = snapshot.measured.index_of(number)
+        assert index is not None
+        embedding = int(snapshot.measured.embeddings[index])
         side = await side_of(self.container, self.collection, number, embedding)
         if number == self.shape:
-            self._own = side = Side(side.record, once(side.mesh))
+            self._side_of_shape = side = Side(side.record, once(side.mesh))
         return side
 
-    def _store(self, view: _View) -> bool:
+    def _store(self, snapshot: _Snapshot) -> bool:
         """Store the judgement; False if a candidate was judged meanwhile and has not been compared."""
-        search, shapes = self.search, view.measured.shapes
+        search, shapes = self.search, snapshot.measured.shapes
         with self.container.database.write() as session:
-            if not repository.exists(session, self.shape, int(view.measured.embeddings[view.place])):
+            if not repository.exists(session, self.shape, int(snapshot.measured.embeddings[snapshot.index])):
                 return True
-            newer = repository.judged_since(session, search, view.latest) - {self.shape}
-            near = set(shapes[self._near(view.measured, view.place)].tolist())
-            if any(view.measured.place_of(each) is None for each in newer) or newer & near:
+            newer = repository.judged_since(session, search, snapshot.latest) - {self.shape}
+            near = set(shapes[self._near(snapshot.measured, snapshot.index)].tolist())
+            if any(snapshot.measured.index_of(each) is None for each in newer) or newer & near:
                 # A shape that was judged again may have another file.
                 self._considered -= newer
                 self._links = [link for link in self._links if not {link.first, link.second} & newer]
                 return False
             ends = {link.first for link in self._links} | {link.second for link in self._links}
-            there = repository.judged(session, search, sorted(ends)) | {self.shape}
-            links = [link for link in self._links if {link.first, link.second} <= there]
+            present = repository.judged(session, search, sorted(ends)) | {self.shape}
+            links = [link for link in self._links if {link.first, link.second} <= present]
             repository.write(session, search, Judgement(self.shape, links, self._compared, self._aligned))
             return True
 
@@ -233,3 +248,62 @@ class ShapeJudge:
 def _link(first: int, second: int, cc: float, copy: RigidCopy) -> Link:
     variant = copy.difference is not None
     return Link(first, second, cc, copy.residual, copy.scale, mirrored=copy.mirrored, variant=variant)
+
+
+async def side_of(container: Container, collection: CollectionNumber, number: int, embedding: int) -> Side:
+    """Return a stored shape to register.
+
+    Raises
+    ------
+    ShapeNotFoundError
+        The shape or its embedding was deleted.
+    """
+
+    def read_record() -> bytes:
+        with container.database.read() as session:
+            records = search_repository.embedding_records(session, [embedding])
+        if embedding not in records:
+            raise ShapeNotFoundError(str(number))
+        return records[embedding]
+
+    def read_file() -> tuple[bytes, str]:
+        with container.database.read() as session:
+            shapes = shapes_repository.records(session, "", collection, [number])
+            data = shapes_repository.file_of(session, collection, shapes[0].id) if shapes else None
+        if data is None:
+            raise ShapeNotFoundError(str(number))
+        return data, shapes[0].format
+
+    async def mesh() -> Mesh:
+        return await container.queue.read(*await run_in_threadpool(read_file))
+
+    return Side(await run_in_threadpool(read_record), mesh)
+
+
+async def registered(
+    container: Container, first: Side, second: Side, parameters: Parameters, *, variants: bool
+) -> RigidCopy | None:
+    """Register the second shape as a copy of the first, or as a variant if these are wanted, else None.
+
+    Raises
+    ------
+    BadRecordError, FileTimeLimitError, MeshError, ShapeNotFoundError
+        A record or a file cannot be used, or was deleted.
+    """
+    copy = await run_in_threadpool(_by_samples, first.record, second.record, parameters)
+    if copy is not None:
+        return copy
+    meshes = await first.mesh(), await second.mesh()
+    return await container.queue.do(
+        tasks.registered, *meshes, first.record, second.record, parameters, variants
+    )
+
+
+def _by_samples(first: bytes, second: bytes, parameters: Parameters) -> RigidCopy | None:
+    embeddings = embedding_from_bytes(first), embedding_from_bytes(second)
+    spectral = spectral_distances(
+        embeddings[0].signature,
+        embeddings[1].signature[None],
+        global_descriptors=parameters.ranking.global_descriptors,
+    )
+    return copy_by_samples(*embeddings, float(spectral[0]))

@@ -5,8 +5,7 @@ from collections.abc import Collection, Sequence
 from sqlalchemy import ColumnElement, Select, delete, func, or_, select
 
 from service.collection import CollectionNumber
-from service.duplicates.groups import Link
-from service.duplicates.judgements import Judgement, Search
+from service.duplicates.groups import Judgement, Link, Search
 from service.shapes.records import ShapeFilter
 from service.shapes.repository import matching
 from service.storage.database import ReadSession, WriteSession
@@ -14,7 +13,7 @@ from service.storage.tables import CoarseSamplesRow, DuplicatePairRow, Embedding
 
 
 def embedded(session: ReadSession, fingerprint: str, wanted: ShapeFilter) -> frozenset[int]:
-    """The numbers of the shapes that match a filter and have an embedding by a pipeline."""
+    """Return the numbers of the shapes that match a filter and have an embedding by a pipeline."""
     return frozenset(
         session.scalars(_embedded(fingerprint).where(ShapeRow.number.in_(matching(wanted)))).all()
     )
@@ -23,47 +22,47 @@ def embedded(session: ReadSession, fingerprint: str, wanted: ShapeFilter) -> fro
 def unjudged(
     session: ReadSession, search: Search, *, collection: CollectionNumber | None = None, limit: int
 ) -> list[tuple[CollectionNumber, int]]:
-    """At most `limit` shapes that are not judged, oldest first, as pairs of collection and number."""
+    """Return at most `limit` shapes that are not judged, oldest first, as pairs of collection and number."""
     query = select(ShapeRow.collection_number, ShapeRow.number).where(
         ShapeRow.number.in_(_unjudged(search, collection))
     )
-    found = session.execute(query.order_by(ShapeRow.number).limit(limit))
-    return [(CollectionNumber(of), number) for of, number in found]
+    rows = session.execute(query.order_by(ShapeRow.number).limit(limit))
+    return [(CollectionNumber(of), number) for of, number in rows]
 
 
 def count_unjudged(session: ReadSession, search: Search, collection: CollectionNumber) -> int:
-    """The number of shapes of a collection that are not judged."""
+    """Return the number of shapes of a collection that are not judged."""
     return session.scalar(select(func.count()).select_from(_unjudged(search, collection).subquery())) or 0
 
 
 def judged(session: ReadSession, search: Search, shapes: Sequence[int]) -> set[int]:
-    """Those of some shapes that are judged."""
+    """Return those of some shapes that are judged."""
     query = select(JudgedShapeRow.shape_number).where(*_by(search), JudgedShapeRow.shape_number.in_(shapes))
     return set(session.scalars(query))
 
 
 def judged_since(session: ReadSession, search: Search, since: int) -> set[int]:
-    """The shapes that were judged after a judgement."""
+    """Return the shapes that were judged after a judgement."""
     query = select(JudgedShapeRow.shape_number).where(*_by(search), JudgedShapeRow.number > since)
     return set(session.scalars(query))
 
 
 def has_begun(session: ReadSession, search: Search) -> bool:
-    """Whether the search has judged any shape."""
+    """Return whether the search has judged any shape."""
     return session.scalar(select(JudgedShapeRow.number).where(*_by(search)).limit(1)) is not None
 
 
 def latest(session: ReadSession) -> int:
-    """The number of the latest judgement; 0 before the first."""
+    """Return the number of the latest judgement; 0 before the first."""
     return session.scalar(select(func.max(JudgedShapeRow.number))) or 0
 
 
 def write(session: WriteSession, search: Search, judgement: Judgement) -> None:
     """Store the judgement of a shape and the pairs that it found, unless they are stored."""
     first, second = DuplicatePairRow.first_number, DuplicatePairRow.second_number
-    own = or_(first == judgement.shape, second == judgement.shape)
+    of_shape = or_(first == judgement.shape, second == judgement.shape)
     known = session.execute(
-        select(first, second).where(own, DuplicatePairRow.fingerprint == search.fingerprint)
+        select(first, second).where(of_shape, DuplicatePairRow.fingerprint == search.fingerprint)
     )
     stored = {(row[0], row[1]) for row in known}
     for link in judgement.links:
@@ -96,13 +95,13 @@ def write(session: WriteSession, search: Search, judgement: Judgement) -> None:
 
 
 def exists(session: ReadSession, number: int, embedding: int) -> bool:
-    """Whether a shape exists and has an embedding."""
+    """Return whether a shape exists and has an embedding."""
     query = _with_embedding().where(ShapeRow.number == number, EmbeddingRow.number == embedding)
     return session.scalar(query) is not None
 
 
 def links_among(session: ReadSession, fingerprint: str, shapes: Sequence[int]) -> list[Link]:
-    """The pairs of copies among some shapes."""
+    """Return the pairs of copies among some shapes."""
     row = DuplicatePairRow
     inside = row.first_number.in_(shapes), row.second_number.in_(shapes)
     query = select(row).where(row.fingerprint == fingerprint, row.variant.is_(False), *inside)
@@ -118,7 +117,7 @@ def links_of(
     max_residual: float,
     variants: bool,
 ) -> list[Link]:
-    """The pairs of a collection within some limits."""
+    """Return the pairs of a collection within some limits."""
     row = DuplicatePairRow
     query = (
         select(row)
@@ -137,7 +136,7 @@ def links_of(
 
 
 def counts(session: ReadSession, search: Search, shapes: Collection[int]) -> tuple[int, int]:
-    """The numbers of compared and of registered pairs, by which the shapes of a collection were judged."""
+    """Return the numbers of compared and of registered pairs by which some shapes were judged."""
     query = select(JudgedShapeRow.shape_number, JudgedShapeRow.compared, JudgedShapeRow.aligned)
     rows = [row for row in session.execute(query.where(*_by(search))) if row.shape_number in shapes]
     return sum(row.compared for row in rows), sum(row.aligned for row in rows)
@@ -149,8 +148,13 @@ def _with_embedding() -> Select[int]:
 
 
 def _embedded(fingerprint: str) -> Select[int]:
+<<<<<<< HEAD
     """The shapes that the index of signatures has: an embedding without its sketch is damaged."""
     query = _with_embedding().join(CoarseSamplesRow, CoarseSamplesRow.embedding_number == EmbeddingRow.number)
+=======
+    """Return the shapes that the index of signatures has: an embedding without its sketch is damaged."""
+    query = _with_embedding().join(SketchRow, SketchRow.embedding_number == EmbeddingRow.number)
+>>>>>>> ff626c5 (Duplicates in five files; likeness is the one name of a copy's kind)
     return query.where(EmbeddingRow.fingerprint == fingerprint)
 
 
@@ -161,7 +165,7 @@ def _unjudged(search: Search, collection: CollectionNumber | None) -> Select[int
 
 
 def _by(search: Search) -> tuple[ColumnElement[bool], ...]:
-    """Judgements by a search, or by one with looser bounds."""
+    """Return the conditions of judgements by a search, or by one with looser bounds."""
     row = JudgedShapeRow
     return (
         row.fingerprint == search.fingerprint,

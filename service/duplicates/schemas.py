@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 from pydantic import BaseModel, Field
 
 from core.ranking.likeness import Likeness
-from core.registration.kinship import Kinship
 from service.shapes.records import ShapeRecord
 from service.shapes.schemas import Shape
 
@@ -15,7 +14,7 @@ if TYPE_CHECKING:
     from service.duplicates.groups import GroupMember
     from service.duplicates.service import Duplicates
 
-COLUMNS = ("group", "id", "name", "kinship", "scale", "cc", "residual", "likeness")
+COLUMNS = ("group", "id", "name", "likeness", "scale", "cc", "residual")
 
 FORMULA = ("=", "+", "-", "@", "\t", "\r")
 """First characters of text that spreadsheets evaluate as a formula."""
@@ -30,18 +29,16 @@ class Duplicate(BaseModel):
         "any size. A mirror image that is also a rotation, as of a symmetric shape, is same or scaled. "
         "variant, if variants are asked for: differs locally. The other values do not occur here."
     )
-    kinship: Kinship = Field(deprecated=True, description="The older name of likeness, with its value.")
     scale: float = Field(description="The size of the shape over that of the first.")
     cc: float = Field(description="cc of the pair by which the shape was found; 1 for the first.")
     residual: float = Field(description="Residual of the same pair after registration; 0 for the first.")
 
     @classmethod
     def of(cls, member: "GroupMember", record: ShapeRecord) -> "Duplicate":
-        """The JSON of a member."""
+        """Return the JSON of a member."""
         return cls(
             shape=Shape.of(record),
-            likeness=member.kinship,
-            kinship=member.kinship,
+            likeness=member.likeness,
             scale=member.scale,
             cc=member.cc,
             residual=member.residual,
@@ -63,19 +60,21 @@ class DuplicatesAnswer(BaseModel):
     milliseconds: dict[str, float] = Field(description="The time of each stage.")
 
     @classmethod
-    def of(cls, found: "Duplicates", *, milliseconds: dict[str, float]) -> "DuplicatesAnswer":
-        """The JSON of the groups."""
+    def of(cls, duplicates: "Duplicates", *, milliseconds: dict[str, float]) -> "DuplicatesAnswer":
+        """Return the JSON of the groups."""
         return cls(
-            groups=[[Duplicate.of(member, record) for member, record in group] for group in found.groups],
-            shapes=found.shapes,
-            compared=found.compared,
-            aligned=found.aligned,
-            unjudged=found.unjudged,
+            groups=[
+                [Duplicate.of(member, record) for member, record in group] for group in duplicates.groups
+            ],
+            shapes=duplicates.shapes,
+            compared=duplicates.compared,
+            aligned=duplicates.aligned,
+            unjudged=duplicates.unjudged,
             milliseconds=milliseconds,
         )
 
     def csv(self) -> str:
-        """A header, and a row for each shape of a group, with groups numbered from 1 (RFC 4180).
+        """Return a header, and a row for each shape of a group, with groups numbered from 1 (RFC 4180).
 
         An apostrophe precedes a name that a spreadsheet would take for a formula.
         """
@@ -83,9 +82,9 @@ class DuplicatesAnswer(BaseModel):
         rows = csv.writer(text)
         rows.writerow(COLUMNS)
         for number, group in enumerate(self.groups, 1):
-            for one in group:
-                shape = one.shape
+            for duplicate in group:
+                shape, scale = duplicate.shape, f"{duplicate.scale:.6g}"
                 name = f"'{shape.name}" if shape.name.startswith(FORMULA) else shape.name
-                kind, scale = one.likeness, f"{one.scale:.6g}"
-                rows.writerow([number, shape.id, name, kind, scale, one.cc, one.residual, kind])
+                cells = duplicate.likeness, scale, duplicate.cc, duplicate.residual
+                rows.writerow([number, shape.id, name, *cells])
         return text.getvalue()

@@ -1,18 +1,23 @@
-"""The report of near-identical shapes, from the pairs that the database keeps."""
+"""Near-identical shapes: all shapes are judged, and the pairs that the database keeps are reported.
 
-from collections.abc import Sequence, Set
+Shapes are judged in the background while the service is idle, or within a request.
+"""
+
+import asyncio
+from collections.abc import Awaitable, Callable, Sequence, Set
 from dataclasses import dataclass
 from time import monotonic
 
 import numpy as np
 from starlette.concurrency import run_in_threadpool
 
+from service.collection import CollectionNumber
 from service.container import Container
 from service.duplicates import repository
-from service.duplicates.background import judge_for
-from service.duplicates.groups import GroupMember, Groups
-from service.duplicates.judgements import Search
-from service.errors import StorageFullError, StorageUnavailableError
+from service.duplicates.groups import GroupMember, Groups, Search
+from service.duplicates.judging import ShapeJudge
+from service.errors import ServiceError, StorageFullError, StorageUnavailableError
+from service.index.repository import revision
 from service.observability.logging import get_logger
 from service.observability.timings import Timings
 from service.pipelines.active import ActivePipeline
@@ -23,8 +28,14 @@ from service.storage.database import ReadSession
 JUDGING_SECONDS = 20.0
 """The time after which a request begins to judge no further shape."""
 
-AT_ONCE = 1_000
-"""Shapes that one statement reads."""
+RECORDS_AT_ONCE = 1_000
+"""Shapes whose records one statement reads."""
+
+LOOK_SECONDS, BUSY_SECONDS, TRY_AGAIN_SECONDS = 2.0, 0.25, 60.0
+"""Seconds between looks for new shapes, between looks at a busy service, and after an error."""
+
+JUDGED_AT_ONCE = 64
+"""Shapes to judge that one statement reads."""
 
 log = get_logger("duplicates")
 
@@ -102,23 +113,151 @@ def _report(session: ReadSession, searches: Sequence[Search], wanted: DuplicateC
         variants=wanted.variants,
     ):
         groups.join(link)
-    shown = _shown(session, fingerprint, wanted.filter, groups.members(shapes))
+    shown = _with_records(session, fingerprint, wanted.filter, groups.members(shapes))
     compared, aligned = np.sum([repository.counts(session, each, shapes) for each in searches], axis=0)
     unjudged = max(repository.count_unjudged(session, each, collection) for each in searches)
     return Duplicates(shown, len(shapes), int(compared), int(aligned), unjudged)
 
 
-def _shown(
+def _with_records(
     session: ReadSession, fingerprint: str, wanted: ShapeFilter, groups: list[list[GroupMember]]
 ) -> list[list[tuple[GroupMember, ShapeRecord]]]:
-    """The groups with the records of their shapes."""
+    """Return the groups with the records of their shapes."""
     numbers: Set[int] = {member.shape for group in groups for member in group}
     ordered = sorted(numbers)
     known = {
         record.number: record
-        for start in range(0, len(ordered), AT_ONCE)
+        for start in range(0, len(ordered), RECORDS_AT_ONCE)
         for record in shapes_repository.records(
-            session, fingerprint, wanted.collection, ordered[start : start + AT_ONCE]
+            session, fingerprint, wanted.collection, ordered[start : start + RECORDS_AT_ONCE]
         )
     }
     return [[(member, known[member.shape]) for member in group] for group in groups]
+
+
+async def keep_judging(container: Container) -> None:
+    """Judge new shapes for copies, and then for variants once these were asked for.
+
+    Shapes are judged while no request and no job is at work, only as many at a time as there are workers. The
+    database knows which are judged, so that a restarted service continues.
+    """
+
+    async def idle() -> bool:
+        await _idle(container)
+        return True
+
+    while not container.comparing_is_ready.is_set():
+        await asyncio.sleep(BUSY_SECONDS)
+    finished: _State | None = None
+    while True:
+        try:
+            state = await run_in_threadpool(_state, container)
+            if state != finished:
+                for search in state.searches:
+                    while await _judge_some(
+                        container, state.active_pipeline, search, None, idle, container.settings.workers
+                    ):
+                        if await run_in_threadpool(_state, container) != state:
+                            break
+                finished = state
+        except ServiceError as error:
+            log.warning("the search for near-identical shapes failed and continues later: %s", error)
+            await asyncio.sleep(TRY_AGAIN_SECONDS)
+        except Exception:
+            log.exception("the search for near-identical shapes failed and continues later")
+            await asyncio.sleep(TRY_AGAIN_SECONDS)
+        await asyncio.sleep(LOOK_SECONDS)
+
+
+async def judge_for(
+    container: Container,
+    active_pipeline: ActivePipeline,
+    search: Search,
+    collection: CollectionNumber,
+    end: float,
+) -> None:
+    """Judge the shapes of a collection, at least one, until a time of `time.monotonic`."""
+    first = iter([True])
+
+    async def in_time() -> bool:
+        return next(first, False) or monotonic() < end
+
+    # While one shape is read or stored, another one is registered.
+    at_a_time = 2 * container.settings.workers
+    while (
+        await _judge_some(container, active_pipeline, search, collection, in_time, at_a_time)
+        and monotonic() < end
+    ):
+        pass
+
+
+async def _judge_some(
+    container: Container,
+    active_pipeline: ActivePipeline,
+    search: Search,
+    collection: CollectionNumber | None,
+    wanted: Callable[[], Awaitable[bool]],
+    at_a_time: int,
+) -> bool:
+    """Judge the oldest shapes that are neither judged nor being judged; False if none of them can be judged.
+
+    A shape cannot be judged while the index does not have it. `wanted` is awaited before each shape and says
+    whether to go on.
+    """
+
+    def look() -> list[tuple[CollectionNumber, int]]:
+        with container.database.read() as session:
+            return repository.unjudged(session, search, collection=collection, limit=JUDGED_AT_ONCE)
+
+    unjudged = await run_in_threadpool(look)
+    waiting = iter(unjudged)
+
+    async def take() -> None:
+        for of, shape in waiting:
+            if not await wanted():
+                return
+            key = shape, search.variants
+            if key not in container.judging:
+                container.judging.add(key)
+                try:
+                    await ShapeJudge(container, active_pipeline, search, of, shape).judge()
+                finally:
+                    container.judging.discard(key)
+
+    in_progress = [shape for _, shape in unjudged if (shape, search.variants) in container.judging]
+    if unjudged and len(in_progress) == len(unjudged):
+        await asyncio.sleep(BUSY_SECONDS)
+    try:
+        async with asyncio.TaskGroup() as group:
+            for _ in range(at_a_time):
+                group.create_task(take())
+    except ExceptionGroup as several:
+        raise several.exceptions[0] from None
+    return bool(in_progress) or (bool(unjudged) and await run_in_threadpool(look) != unjudged)
+
+
+async def _idle(container: Container) -> None:
+    """Wait until no request and no job uses the workers, judgements aside."""
+    while True:
+        await container.searches.until_idle()
+        busy = container.pool.busy() + container.readers.busy()
+        if not container.queue.inside and busy <= len(container.judging):
+            return
+        await asyncio.sleep(BUSY_SECONDS)
+
+
+@dataclass(frozen=True)
+class _State:
+    """The searches that are wanted, of the archive at one revision."""
+
+    revision: int
+    active_pipeline: ActivePipeline
+    searches: tuple[Search, ...]
+
+
+def _state(container: Container) -> _State:
+    with container.database.read() as session:
+        active_pipeline = container.pipelines.current(session)
+        copies, variants = (Search(active_pipeline.fingerprint, variants) for variants in (False, True))
+        searches = (copies, variants) if repository.has_begun(session, variants) else (copies,)
+        return _State(revision(session), active_pipeline, searches)

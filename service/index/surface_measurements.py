@@ -33,7 +33,7 @@ class MeasuredShapes:
     signatures: NDArray[np.float32]
     invariants: Invariants
 
-    def place_of(self, shape: int) -> int | None:
+    def index_of(self, shape: int) -> int | None:
         """The index of a shape; None if it is not there."""
         place = int(np.searchsorted(self.shapes, shape))
         return place if place < len(self.shapes) and self.shapes[place] == shape else None

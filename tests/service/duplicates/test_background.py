@@ -5,8 +5,13 @@ from pathlib import Path
 
 import pytest
 
+<<<<<<< HEAD
 from service.duplicates import background
 from service.storage.tables import JudgedShapeRow
+=======
+from service.duplicates import service
+from service.storage.duplicate_tables import JudgedShapeRow
+>>>>>>> ff626c5 (Duplicates in five files; likeness is the one name of a copy's kind)
 from tests.service.duplicates.test_judging import copy_of_plane, counted
 from tests.service.engines import on_postgresql
 from tests.service.support import serving, settings_in, wait_until
@@ -15,8 +20,8 @@ from tests.service.tasks import meet
 
 @pytest.fixture(autouse=True)
 def short_pauses(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(background, "LOOK_SECONDS", 0.1)
-    monkeypatch.setattr(background, "BUSY_SECONDS", 0.05)
+    monkeypatch.setattr(service, "LOOK_SECONDS", 0.1)
+    monkeypatch.setattr(service, "BUSY_SECONDS", 0.05)
 
 
 def test_requests_and_tasks_come_before_the_background(tmp_path: Path) -> None:

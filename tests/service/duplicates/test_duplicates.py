@@ -75,9 +75,9 @@ def test_every_copy_is_found_and_no_pose_is_taken_for_one(planted: Running) -> N
     assert answer.shapes == len(BODIES) + len(PLANTED)
     found = {(group[0].shape.name, one.shape.name): one for group in answer.groups for one in group[1:]}
     assert set(found) == {(f"{of}.off", f"{name}.off") for name, (of, *_) in PLANTED.items()}
-    for name, (of, _, kinship, scale) in PLANTED.items():
+    for name, (of, _, likeness, scale) in PLANTED.items():
         one = found[f"{of}.off", f"{name}.off"]
-        assert one.likeness == kinship
+        assert one.likeness == likeness
         assert one.scale == pytest.approx(scale, rel=0.01)
         assert one.residual <= RESIDUAL
         assert one.cc >= 0.98
@@ -90,7 +90,7 @@ def test_as_csv(planted: Running) -> None:
     whole = planted.client.get("/duplicates", params={"format": "csv"})
     rows = list(csv.DictReader(io.StringIO(whole.text)))
     assert len(rows) == len(BODIES) + len(PLANTED)
-    assert {row["name"] for row in rows if row["kinship"] == "mirrored"} == {
+    assert {row["name"] for row in rows if row["likeness"] == "mirrored"} == {
         "mirrored.off",
         "mirrored-and-larger.off",
     }
@@ -187,7 +187,7 @@ def test_scale_and_mirroring_are_those_along_the_links() -> None:
     assert groups.joined(1, 2)
     assert not groups.joined(1, 9)
     first, second = groups.members({1, 2, 3, 7, 9, 11})
-    assert [(one.shape, one.kinship, one.scale) for one in first] == [
+    assert [(one.shape, one.likeness, one.scale) for one in first] == [
         (1, "same", 1.0),
         (2, "scaled", 2.0),
         (3, "mirrored", 4.0),
@@ -195,4 +195,4 @@ def test_scale_and_mirroring_are_those_along_the_links() -> None:
     assert [one.shape for one in second] == [7, 9]
     # A shape that is not shown still joins the others.
     (through,) = groups.members({1, 2, 9})
-    assert [(one.shape, one.kinship, one.scale) for one in through] == [(1, "same", 1.0), (2, "scaled", 2.0)]
+    assert [(one.shape, one.likeness, one.scale) for one in through] == [(1, "same", 1.0), (2, "scaled", 2.0)]

@@ -12,7 +12,7 @@ from core.io import write_mesh
 from core.parameters import DEFAULT, PAPER
 from service.cli.reembed import reembed
 from service.duplicates import judging, repository, service
-from service.duplicates.judgements import Judgement, Search
+from service.duplicates.groups import Judgement, Search
 from service.duplicates.judging import ShapeJudge
 from service.errors import StorageFullError, WorkerCrashedError
 from service.shapes.reembedding import prune_others

@@ -6,7 +6,7 @@ from itertools import combinations
 from core.registration.similarity import RESIDUAL
 from service.collection import DEFAULT_COLLECTION
 from service.container import Container
-from service.duplicates.judgements import MIN_CC
+from service.duplicates.groups import MIN_CC
 from service.search import repository, tasks
 from service.search.likeness import stored_mesh
 from service.shapes import repository as shapes_repository
