@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from core.io import ENDINGS, readable
+from core.io import by_ending, readable
 from service.errors import ExpectedError
 
 LABELS_FILE = "labels.csv"
@@ -115,7 +115,7 @@ def _scan(folder: Path, label: str | None, above: frozenset[Path]) -> FoundMeshe
             found = _scan(entry, label or entry.name, here)
             files.extend(found.files)
             ignored += found.ignored
-        elif entry.suffix.lower().lstrip(".") in ENDINGS:
+        elif by_ending(entry.suffix.lstrip(".")) is not None:
             files.append(MeshFile(entry, label))
         else:
             ignored += 1

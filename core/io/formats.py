@@ -1,84 +1,198 @@
-"""The supported formats, by name and by file extension."""
+"""The table of file formats: the facts that readers, writers, endpoints and the page need about each."""
+
+from dataclasses import dataclass
+from importlib import import_module
+from importlib.util import find_spec
+from typing import TYPE_CHECKING
 
 from core.errors import UnknownFormatError
-from core.io import step
 
-FORMATS: tuple[str, ...] = ("stl", "obj", "ply", "off", "glb")
-"""The formats of one mesh or scene, which need no extra package."""
+if TYPE_CHECKING:
+    from core.arrays import Floats, Ints
+    from core.io.checks import Limits
+    from core.io.parts import Part
+    from core.mesh.mesh import Mesh
 
-WRITABLE: tuple[str, ...] = (*FORMATS, "3mf")
-"""The formats that are written."""
 
-READABLE: tuple[str, ...] = (*WRITABLE, "step")
-"""The formats that are read: STEP with the package cascadio."""
+@dataclass(frozen=True)
+class Format:
+    """A file format.
 
-ENDINGS: dict[str, str] = {**{name: name for name in READABLE}, "stp": "step"}
-"""Formats by file extension."""
+    Attributes
+    ----------
+    name : str
+        The name in requests and records, which is also the ending of written files.
+    title : str
+        The name in messages.
+    endings : tuple of str
+        The endings of file names, in lower case.
+    module : str
+        The module with the functions `read`, `write` if the format is written, and `read_parts` if its files
+        are split into parts. It is imported on first use: the names of formats need no reader.
+    media_type : str
+        The registered media type, or that of any bytes.
+    magic : bytes
+        The first bytes of a file, white space aside; empty if the reader decides.
+    y_up : bool
+        Whether y is the upward axis by convention of most programs; otherwise z is.
+    vertex_bytes, face_bytes : int
+        The largest size of a vertex and of a face in a written file, before compression; zero faces if the
+        format is not written.
+    splits : bool
+        Whether files are assemblies, which `read_parts` splits.
+    package : str
+        The package that the reader needs beyond those of every installation; empty if none.
+    """
+
+    name: str
+    title: str
+    endings: tuple[str, ...]
+    module: str
+    media_type: str = "application/octet-stream"
+    magic: bytes = b""
+    y_up: bool = False
+    vertex_bytes: int = 0
+    face_bytes: int = 0
+    splits: bool = False
+    package: str = ""
+
+    @property
+    def is_read(self) -> bool:
+        """Whether the package of the reader is installed."""
+        return not self.package or find_spec(self.package) is not None
+
+    @property
+    def is_written(self) -> bool:
+        """Whether there is a writer."""
+        return self.face_bytes > 0
+
+    def read(self, data: bytes, limits: "Limits") -> "tuple[Floats, Ints]":
+        """Return the vertices, shape (n, 3), and the faces, shape (f, 3), of a file."""
+        arrays: tuple[Floats, Ints] = import_module(self.module).read(data, limits)
+        return arrays
+
+    def read_parts(self, data: bytes, limits: "Limits") -> "list[Part]":
+        """Return the distinct parts of an assembly."""
+        parts: list[Part] = import_module(self.module).read_parts(data, limits)
+        return parts
+
+    def write(self, mesh: "Mesh") -> bytes:
+        """Return the bytes of a file."""
+        data: bytes = import_module(self.module).write(mesh)
+        return data
+
+
+# STL repeats vertices in its faces. OFF and PLY have no registered media type.
+_TABLE = (
+    Format("stl", "STL", ("stl",), "core.io.stl", "model/stl", vertex_bytes=0, face_bytes=50),
+    Format("obj", "OBJ", ("obj",), "core.io.obj", "model/obj", y_up=True, vertex_bytes=80, face_bytes=30),
+    Format("ply", "PLY", ("ply",), "core.io.ply", vertex_bytes=12, face_bytes=13),
+    Format("off", "OFF", ("off",), "core.io.off", vertex_bytes=78, face_bytes=31),
+    Format(
+        "glb",
+        "GLB",
+        ("glb",),
+        "core.io.glb",
+        "model/gltf-binary",
+        magic=b"glTF",
+        y_up=True,
+        vertex_bytes=12,
+        face_bytes=12,
+    ),
+    Format(
+        "3mf",
+        "3MF",
+        ("3mf",),
+        "core.io.threemf",
+        "model/3mf",
+        magic=b"PK\x03\x04",
+        vertex_bytes=98,
+        face_bytes=58,
+        splits=True,
+    ),
+    Format(
+        "step",
+        "STEP",
+        ("step", "stp"),
+        "core.io.step",
+        "model/step",
+        magic=b"ISO-10303-21;",
+        splits=True,
+        package="cascadio",
+    ),
+)
+
+FORMATS: dict[str, Format] = {format.name: format for format in _TABLE}
+"""The formats by name."""
 
 
 def readable() -> tuple[str, ...]:
-    """The formats whose readers are installed."""
-    return READABLE if step.is_read() else WRITABLE
+    """Return the names of the formats whose readers are installed."""
+    return tuple(format.name for format in FORMATS.values() if format.is_read)
 
 
-def known(format: str) -> str:
-    """Return the canonical name of a readable format, in lower case.
-
-    Raises
-    ------
-    UnknownFormatError
-        The format is not one of `READABLE`, or its reader is not installed.
-    """
-    name = ENDINGS.get(format.lower())
-    if name is None:
-        raise UnknownFormatError(f"the format {_shown(format)} is not one of {', '.join(readable())}")
-    if name == "step" and not step.is_read():
-        raise UnknownFormatError(
-            "STEP is not read here: it needs the extra 'step', as pip install 'isoshape[step]'"
-        )
-    return name
+def writable() -> tuple[str, ...]:
+    """Return the names of the formats that are written."""
+    return tuple(format.name for format in FORMATS.values() if format.is_written)
 
 
-def written(format: str) -> str:
-    """Return the canonical name of a writable format, in lower case.
+def by_ending(ending: str) -> Format | None:
+    """Return the format with an ending of file names, in any case, whether or not its reader is installed."""
+    return next((format for format in FORMATS.values() if ending.lower() in format.endings), None)
+
+
+def read_format(ending: str) -> Format:
+    """Return the format of an ending, with an installed reader.
 
     Raises
     ------
     UnknownFormatError
-        The format is not one of `WRITABLE`.
+        No format has the ending, or its reader is not installed.
     """
-    name = format.lower()
-    if name not in WRITABLE:
+    format = by_ending(ending)
+    if format is None:
+        raise UnknownFormatError(f"the format {_shown(ending)} is not one of {', '.join(readable())}")
+    if not format.is_read:
         raise UnknownFormatError(
-            f"the format {_shown(format)} is not one that is written: {', '.join(WRITABLE)}"
+            f"{format.title} is not read here: it needs the extra {format.name!r}, as "
+            f"pip install 'isoshape[{format.name}]'"
         )
-    return name
+    return format
 
 
-def _shown(format: str) -> str:
-    """Return the name of a format from a request, shortened and reduced to letters and digits."""
-    return (
-        "".join(letter for letter in format.lower()[:16] if letter.isalnum())
-        or "of a file without an extension"
-    )
+def written_format(name: str) -> Format:
+    """Return a format that is written, by its name in any case.
+
+    Raises
+    ------
+    UnknownFormatError
+        The format is not one of `writable()`.
+    """
+    format = FORMATS.get(name.lower())
+    if format is None or not format.is_written:
+        raise UnknownFormatError(
+            f"the format {_shown(name)} is not one that is written: {', '.join(writable())}"
+        )
+    return format
 
 
 def format_of(filename: str) -> str:
-    """Return the format of a file extension, which is not case-sensitive.
+    """Return the name of the format of a file name.
 
     Parameters
     ----------
     filename : str
-        The text after the last dot is the extension.
-
-    Returns
-    -------
-    format : str
-        One of `READABLE`.
+        The text after the last dot is the ending, which is not case-sensitive.
 
     Raises
     ------
     UnknownFormatError
-        There is no extension, its format is not one of `READABLE`, or the reader is not installed.
+        There is no ending, no format has it, or its reader is not installed.
     """
-    return known(filename.rpartition(".")[2] if "." in filename else "")
+    return read_format(filename.rpartition(".")[2] if "." in filename else "").name
+
+
+def _shown(name: str) -> str:
+    """Return the name of a format from a request, shortened and reduced to letters and digits."""
+    letters = "".join(letter for letter in name.lower()[:16] if letter.isalnum())
+    return letters or "of a file without an extension"

@@ -1,4 +1,4 @@
-"""Reading OBJ: positions (v) and faces (f)."""
+"""Reading and writing OBJ: positions (v) and faces (f)."""
 
 import re
 from itertools import islice
@@ -7,9 +7,9 @@ import numpy as np
 
 from core.arrays import Floats, Ints
 from core.errors import MalformedMeshError, MeshTooComplexError
-from core.io.checks import Limits, within
-from core.io.polygons import triangles
-from core.io.text import coordinates, plain_text, polygons
+from core.io.checks import Limits, triangles, within
+from core.io.text import coordinates, face_lines, plain_text, polygons, vertex_lines
+from core.mesh.mesh import Mesh
 
 # A newline in front, rather than an anchor, is found by a search for the byte.
 _VERTEX = re.compile(rb"\n[ \t]*v[ \t]([^\n#]*)")
@@ -42,6 +42,11 @@ def read(data: bytes, limits: Limits) -> tuple[Floats, Ints]:
     return positions, _faces(text, len(positions), limits)
 
 
+def write(mesh: Mesh) -> bytes:
+    """Return a mesh as an OBJ with the exact coordinates, in the fewest digits that restore them."""
+    return vertex_lines(mesh.vertices, "v %r %r %r\n") + face_lines(mesh.faces + 1, "f %d %d %d\n")
+
+
 def _positions_only(lines: list[bytes]) -> list[bytes]:
     """Return face lines without the texture and normal indices after slashes."""
     joined = b"\n".join(lines)
@@ -54,10 +59,10 @@ def _positions_only(lines: list[bytes]) -> list[bytes]:
 
 def _lines(pattern: re.Pattern[bytes], text: bytes, limit: int, things: str) -> list[bytes]:
     """Return the content of the lines of one kind; raise if there are more than the limit."""
-    found = [match[1] for match in islice(pattern.finditer(text), limit + 1)]
-    if len(found) > limit:
+    lines = [match[1] for match in islice(pattern.finditer(text), limit + 1)]
+    if len(lines) > limit:
         raise MeshTooComplexError(f"the file has more than {limit} {things}, which is the limit")
-    return found
+    return lines
 
 
 def _faces(text: bytes, vertices: int, limits: Limits) -> Ints:
@@ -70,9 +75,9 @@ def _faces(text: bytes, vertices: int, limits: Limits) -> Ints:
         raise MalformedMeshError("a face refers to vertex 0, but an OBJ counts from 1")
     if (corners < 0).any():
         # -1 is the last vertex given above the face, wherever the face stands.
-        given = np.fromiter((match.start() for match in _VERTEX.finditer(text)), dtype=np.int64)
-        stands = np.fromiter((match.start() for match in _FACE.finditer(text)), dtype=np.int64)
-        above = np.repeat(np.searchsorted(given, stands), sizes)
+        vertex_offsets = np.fromiter((match.start() for match in _VERTEX.finditer(text)), dtype=np.int64)
+        face_offsets = np.fromiter((match.start() for match in _FACE.finditer(text)), dtype=np.int64)
+        above = np.repeat(np.searchsorted(vertex_offsets, face_offsets), sizes)
         if (corners < -above).any():
             raise MalformedMeshError("a face counts back past the first vertex")
         corners = np.where(corners < 0, corners + above + 1, corners)

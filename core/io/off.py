@@ -1,12 +1,12 @@
-"""Reading OFF: counts, then vertices, then polygons."""
+"""Reading and writing OFF: counts, then vertices, then polygons."""
 
 import re
 
 from core.arrays import Floats, Ints
 from core.errors import MalformedMeshError
-from core.io.checks import Limits, declared
-from core.io.polygons import triangles
-from core.io.text import coordinates, counted_polygons, plain_text, rows, take
+from core.io.checks import Limits, declared, triangles
+from core.io.text import coordinates, counted_polygons, face_lines, plain_text, rows, take, vertex_lines
+from core.mesh.mesh import Mesh
 
 # ST, C and N announce texture coordinates, colours and normals after the position. 4OFF and nOFF have another
 # number of coordinates, and OFF BINARY is another format.
@@ -37,3 +37,9 @@ def read(data: bytes, limits: Limits) -> tuple[Floats, Ints]:
     if next(lines, None) is not None:
         raise MalformedMeshError("the OFF goes on after the last face that it declares")
     return positions, triangles(corners, sizes, vertices, limits)
+
+
+def write(mesh: Mesh) -> bytes:
+    """Return a mesh as an OFF with the exact coordinates, in the fewest digits that restore them."""
+    counts = b"OFF\n%d %d 0\n" % (len(mesh.vertices), len(mesh.faces))
+    return counts + vertex_lines(mesh.vertices, "%r %r %r\n") + face_lines(mesh.faces, "3 %d %d %d\n")

@@ -1,61 +1,76 @@
-"""Reading the parts of an assembly from the bytes of a file."""
+"""The distinct parts of an assembly, and the names that a file gives them."""
 
-from dataclasses import replace
+import hashlib
+import unicodedata
+from collections.abc import Callable, Hashable, Iterable
+from dataclasses import dataclass, replace
 
-from core.errors import DegenerateMeshError, NoTrianglesError
-from core.io import gltf_parts, step, threemf_parts
-from core.io.checks import DEFAULT_LIMITS, Limits
-from core.io.formats import known
-from core.io.part import Part
-from core.io.read import is_degenerate, reading
+from core.arrays import Floats, Ints
+from core.io.checks import Limits, within
 from core.mesh.mesh import Mesh
 
+NAME_CHARACTERS = 128
+"""The most characters of a name; longer names are cut."""
+PATH_NAMES = 64
+"""The most names of a path; of a longer path the last ones are kept."""
 
-def read_parts(data: bytes, format: str, *, limits: Limits = DEFAULT_LIMITS) -> list[Part]:
-    """Read the distinct parts of an assembly.
 
-    The parts of a STEP are its products with triangles, and those of a 3MF its objects, each in its own
-    frame, in millimetres. Parts with the same name and the same mesh are one.
+@dataclass(frozen=True, eq=False)
+class Part:
+    """A distinct part of an assembly.
+
+    Attributes
+    ----------
+    name : str
+        The name of its product or object, at most `NAME_CHARACTERS`; empty if the file gives none.
+    path : tuple of str
+        The names from the root of the assembly to the first instance of the part, at most `PATH_NAMES`.
+    instances : int
+        How many times the assembly has the part, at least 1.
+    mesh : Mesh
+        In the frame of the part.
+    """
+
+    name: str
+    path: tuple[str, ...]
+    instances: int
+    mesh: Mesh
+
+
+def distinct_parts(instances: Iterable[tuple[Hashable, Callable[[], Part]]], limits: Limits) -> list[Part]:
+    """Return one part for each key of the instances, with their number, in the order of the first ones.
 
     Parameters
     ----------
-    data : bytes
-        The whole file.
-    format : str
-        One of `READABLE`.
+    instances : iterable of (key, make)
+        Instances with the same key are the same part, which `make` returns for one instance.
     limits : Limits
-        The largest assembly that is read.
-
-    Returns
-    -------
-    parts : list of Part
-        In the order of their first instances in the file. It is empty if the file has one instance of one
-        part, or is of another format.
 
     Raises
     ------
-    MeshError
-        The file cannot be read, as in `read_mesh`; or it has more different parts than the limits, or a part
-        has no face of any area.
+    MeshTooComplexError
+        There are more different parts than the limit.
     """
-    name = known(format)
-    with reading(data, name):
-        parts = _read(data, name, limits)
-    for part in parts:
-        if is_degenerate(part.mesh):
-            raise DegenerateMeshError(f"every face of the part {part.name!r} has zero area")
-    return parts if sum(part.instances for part in parts) > 1 else []
+    parts: dict[Hashable, Part] = {}
+    for key, make in instances:
+        if key in parts:
+            parts[key] = replace(parts[key], instances=parts[key].instances + 1)
+            continue
+        within(len(parts) + 1, limits.distinct_parts, "different parts")
+        parts[key] = make()
+    return list(parts.values())
 
 
-def _read(data: bytes, name: str, limits: Limits) -> list[Part]:
-    if name == "3mf":
-        return threemf_parts.read_parts(data, limits)
-    if name != "step":
-        return []
-    try:
-        parts = gltf_parts.read_parts(step.to_glb(data, limits), limits)
-    except NoTrianglesError:
-        raise NoTrianglesError("nothing in the STEP can be made into triangles") from None
-    return [
-        replace(part, mesh=Mesh(part.mesh.vertices * step.MILLIMETRES, part.mesh.faces)) for part in parts
-    ]
+def mesh_digest(vertices: Floats, faces: Ints) -> bytes:
+    """Return a hash of a mesh."""
+    digest = hashlib.sha256(vertices.tobytes())
+    digest.update(faces.tobytes())
+    return digest.digest()
+
+
+def clean_name(name: object) -> str:
+    """Return a name of a file in Unicode normal form NFC, on one line; empty if it is not text."""
+    if not isinstance(name, str):
+        return ""
+    shown = "".join(letter if letter.isprintable() else " " for letter in name[: 4 * NAME_CHARACTERS])
+    return unicodedata.normalize("NFC", " ".join(shown.split()))[:NAME_CHARACTERS].strip()

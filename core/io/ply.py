@@ -1,17 +1,89 @@
-"""Reading PLY, text and binary."""
+"""Reading PLY, text and binary, in three steps: the header, then rows of text or of bytes; writing PLY."""
 
+import re
+import struct
+from array import array
 from collections import deque
+from dataclasses import dataclass
 from itertools import islice
 
 import numpy as np
 
 from core.arrays import Floats, Ints
 from core.errors import MalformedMeshError, NoTrianglesError
-from core.io.checks import Limits, declared
-from core.io.ply_binary import end_of_rows, read_lists
-from core.io.ply_header import Element, Header, Property, read_header
-from core.io.polygons import triangles
+from core.io.checks import Limits, declared, triangles
 from core.io.text import coordinates, counted_polygons, plain_text, rows, take
+from core.io.trimesh_export import export
+from core.mesh.mesh import Mesh
+
+_START = re.compile(rb"ply[ \t]*(\r\n|\n|\r)", re.IGNORECASE)
+_LONGEST_HEADER = 1 << 20
+_BYTE_ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
+_TYPES = {
+    **{"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"},
+    **{"int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4"},
+    **{"int64": "i8", "uint64": "u8", "float": "f4", "float32": "f4", "double": "f8", "float64": "f8"},
+}
+_LETTERS = {"i1": "b", "u1": "B", "i2": "h", "u2": "H", "i4": "i", "u4": "I", "i8": "q", "u8": "Q"}
+
+
+@dataclass(frozen=True)
+class Property:
+    """One value, or a list of values, in every row of an element.
+
+    Attributes
+    ----------
+    name : str
+    value : str
+        Type of the value as NumPy's code, without byte order.
+    length : str
+        Type of the length of a list as NumPy's code; empty for a single value.
+    """
+
+    name: str
+    value: str
+    length: str
+
+
+@dataclass(frozen=True)
+class Element:
+    """A table: `count` rows of the same properties."""
+
+    name: str
+    count: int
+    properties: tuple[Property, ...]
+
+    def property(self, *names: str) -> Property | None:
+        """Return the first property that has one of the names."""
+        return next((p for p in self.properties if p.name in names), None)
+
+
+@dataclass(frozen=True)
+class Header:
+    """The declarations of a header.
+
+    Attributes
+    ----------
+    encoding : str
+        "ascii", "binary_little_endian" or "binary_big_endian".
+    elements : tuple of Element
+        Elements in the order of the file.
+    end : int
+        Offset of the first element, in bytes.
+    """
+
+    encoding: str
+    elements: tuple[Element, ...]
+    end: int
+
+    @property
+    def byte_order(self) -> str:
+        """NumPy's character for the byte order; empty for text."""
+        return _BYTE_ORDERS[self.encoding]
+
+    def element(self, name: str) -> Element | None:
+        """Return the element of that name."""
+        return next((element for element in self.elements if element.name == name), None)
 
 
 def read(data: bytes, limits: Limits) -> tuple[Floats, Ints]:
@@ -22,7 +94,7 @@ def read(data: bytes, limits: Limits) -> tuple[Floats, Ints]:
     MeshError
         The file is malformed or exceeds the limits; the subclass tells the kind of fault.
     """
-    header = read_header(data)
+    header = _read_header(data)
     vertex, face = header.element("vertex"), header.element("face")
     if vertex is None or not {"x", "y", "z"} <= {p.name for p in vertex.properties}:
         raise MalformedMeshError("the PLY declares no vertices with x, y and z")
@@ -39,6 +111,63 @@ def read(data: bytes, limits: Limits) -> tuple[Floats, Ints]:
     rows_of = _read_text if header.encoding == "ascii" else _read_binary
     positions, corners, sizes = rows_of(data, header, vertex, face, index)
     return positions, triangles(corners, sizes, vertex.count, limits)
+
+
+def write(mesh: Mesh) -> bytes:
+    """Return a mesh as a binary PLY, little-endian, in 32 bits."""
+    return export(mesh, "ply")
+
+
+def _read_header(data: bytes) -> Header:
+    """Read the header of a PLY.
+
+    Raises
+    ------
+    MalformedMeshError
+        The data have no valid header.
+    """
+    start = _START.match(data)
+    if start is None:
+        raise MalformedMeshError("the file does not begin with a line that says ply")
+    newline = start.group(1)
+    end = re.compile(newline + rb"end_header[ \t]*" + newline).search(data, 0, _LONGEST_HEADER)
+    if end is None:
+        raise MalformedMeshError("the header of the PLY has no end")
+    lines = [
+        line.split() for line in data[start.end() : end.start()].decode("latin-1").split(newline.decode())
+    ]
+    encoding = ""
+    elements: list[tuple[str, int, list[Property]]] = []
+    for words in lines:
+        match words:
+            case ["format", form, _] if form in _BYTE_ORDERS:
+                encoding = form
+            case ["element", name, count] if count.isdecimal():
+                elements.append((name, int(count), []))
+            case ["property", *rest] if elements:
+                elements[-1][2].append(_property(rest))
+            case [] | ["comment" | "obj_info", *_]:
+                pass
+            case _:
+                raise MalformedMeshError("a line in the header of the PLY makes no sense")
+    if not encoding:
+        raise MalformedMeshError("the header of the PLY does not say whether it is text or binary")
+    for names in [[name for name, _, _ in elements], *([p.name for p in own] for _, _, own in elements)]:
+        if len(set(names)) < len(names):
+            raise MalformedMeshError("the header of the PLY declares a name twice")
+    return Header(encoding, tuple(Element(name, n, tuple(own)) for name, n, own in elements), end.end())
+
+
+def _property(words: list[str]) -> Property:
+    """Parse the words after the keyword `property`."""
+    match words:
+        case ["list", length, value, name] if (
+            length in _TYPES and value in _TYPES and _TYPES[length][0] != "f"
+        ):
+            return Property(name, _TYPES[value], _TYPES[length])
+        case [value, name] if value in _TYPES:
+            return Property(name, _TYPES[value], "")
+    raise MalformedMeshError("a property in the header of the PLY has a type that is not known")
 
 
 def _read_text(
@@ -86,11 +215,11 @@ def _read_binary(
     for element in header.elements:
         start = end
         if element is face:
-            corners, sizes, end = read_lists(data, start, element, header.byte_order, index)
+            corners, sizes, end = _read_lists(data, start, element, header.byte_order, index)
         elif any(p.length for p in element.properties):
-            *_, end = read_lists(data, start, element, header.byte_order, None)
+            *_, end = _read_lists(data, start, element, header.byte_order, None)
         else:
-            end = end_of_rows(data, start, element)
+            end = _end_of_rows(data, start, element)
         if element is vertex:
             row = np.dtype([(p.name, header.byte_order + p.value) for p in element.properties])
             table = np.frombuffer(data, row, element.count, start)
@@ -98,3 +227,123 @@ def _read_binary(
     if data[end:].strip():
         raise MalformedMeshError("the PLY goes on after the last row that it declares")
     return positions, corners, sizes
+
+
+def _end_of_rows(data: bytes, start: int, element: Element) -> int:
+    """Return the offset of the end of an element without lists.
+
+    Raises
+    ------
+    MalformedMeshError
+        The element extends beyond the end of the data.
+    """
+    end = start + element.count * sum(_size(p) for p in element.properties)
+    if end > len(data):
+        raise _cut_short(element)
+    return end
+
+
+def _read_lists(
+    data: bytes, start: int, element: Element, order: str, wanted: Property | None
+) -> tuple[Ints, Ints, int]:
+    """Read one list property of an element with lists, and find the end of the element.
+
+    Parameters
+    ----------
+    data : bytes
+        The file.
+    start : int
+        Offset of the element.
+    element : Element
+        An element with lists.
+    order : str
+        NumPy's character for the byte order.
+    wanted : Property or None
+        A list of integers; None to skip the element.
+
+    Returns
+    -------
+    values : int64, shape (sum(sizes),)
+    sizes : int64, shape (element.count,), or empty if nothing is wanted
+    end : int
+
+    Raises
+    ------
+    MalformedMeshError
+        The element extends beyond the end of the data, or a list has a negative length.
+    """
+    lists = [p for p in element.properties if p.length]
+    if wanted is not None and element.count and lists == [wanted]:
+        table = _rows_of_equal_length(data, start, element, order, wanted)
+        if table is not None:
+            values = table[wanted.name].astype(np.int64)
+            sizes = np.full(len(table), values.shape[1], dtype=np.int64)
+            return values.ravel(), sizes, start + table.nbytes
+    return _walk(data, start, element, order, wanted)
+
+
+def _rows_of_equal_length(
+    data: bytes, start: int, element: Element, order: str, only_list: Property
+) -> np.ndarray[tuple[int], np.dtype[np.void]] | None:
+    """Return the rows as one table if their lists all have the same length, else None."""
+    before = element.properties[: element.properties.index(only_list)]
+    at = start + sum(_size(p) for p in before)
+    if at + np.dtype(only_list.length).itemsize > len(data):
+        raise _cut_short(element)
+    length = int(np.frombuffer(data, dtype=order + only_list.length, count=1, offset=at)[0])
+    room = (len(data) - start) // element.count
+    if not 0 <= length * _size(only_list) <= room:
+        return None
+    fields: list[tuple[str, str] | tuple[str, str, tuple[int]]] = []
+    for p in element.properties:
+        if p.length:
+            fields += [("length of " + p.name, order + p.length), (p.name, order + p.value, (length,))]
+        else:
+            fields.append((p.name, order + p.value))
+    row = np.dtype(fields)
+    if row.itemsize > room:
+        return None
+    table = np.frombuffer(data, dtype=row, count=element.count, offset=start)
+    return table if (table["length of " + only_list.name] == length).all() else None
+
+
+def _walk(
+    data: bytes, start: int, element: Element, order: str, wanted: Property | None
+) -> tuple[Ints, Ints, int]:
+    """Read row by row."""
+    steps = [
+        (struct.Struct(order + _LETTERS[p.length]) if p.length else None, _size(p), p is wanted)
+        for p in element.properties
+    ]
+    letter = _LETTERS[wanted.value] if wanted else ""
+    values, sizes = array("q"), array("q")
+    position = start
+    try:
+        for _ in range(element.count):
+            for length, size, is_wanted in steps:
+                number = 1
+                if length:
+                    (number,) = length.unpack_from(data, position)
+                    position += length.size
+                    if number < 0:
+                        raise MalformedMeshError("a list of the PLY has a negative length")
+                if is_wanted:
+                    values.extend(struct.unpack_from(f"{order}{number}{letter}", data, position))
+                    sizes.append(number)
+                position += number * size
+    except (struct.error, OverflowError):
+        raise _cut_short(element) from None
+    if position > len(data):
+        raise _cut_short(element)
+    return np.array(values, dtype=np.int64), np.array(sizes, dtype=np.int64), position
+
+
+def _size(p: Property) -> int:
+    """Return the bytes of one value."""
+    return np.dtype(p.value).itemsize
+
+
+def _cut_short(element: Element) -> MalformedMeshError:
+    return MalformedMeshError(
+        f"the PLY declares {element.count} rows of {element.name} and ends before the last"
+    )

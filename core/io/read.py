@@ -1,4 +1,4 @@
-"""Reading a mesh from the bytes of a file."""
+"""Reading and writing a mesh as the bytes of a file, whatever its format."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -13,13 +13,12 @@ from core.errors import (
     MeshTooComplexError,
     NoTrianglesError,
 )
-from core.io import glb, obj, off, ply, step, stl, threemf
 from core.io.checks import DEFAULT_LIMITS, Limits
-from core.io.formats import known
+from core.io.formats import Format, read_format, written_format
+from core.io.parts import Part
 from core.mesh.face_normals import face_normals
 from core.mesh.mesh import Mesh
 
-_READERS = {"stl": stl.read, "obj": obj.read, "ply": ply.read, "off": off.read, "glb": glb.read}
 _ARCHIVES = {
     b"\x1f\x8b": "gzip",
     b"PK\x03\x04": "ZIP",
@@ -27,7 +26,7 @@ _ARCHIVES = {
     b"\xfd7zXZ": "xz",
     b"7z\xbc\xaf": "7z",
 }
-# Faces whose area is taken at a time: the first block of a sound mesh answers.
+# Faces whose area is computed at a time: the first block of a sound mesh answers.
 _BLOCK = 4096
 
 
@@ -43,7 +42,7 @@ def read_mesh(data: bytes, format: str, *, limits: Limits = DEFAULT_LIMITS) -> M
     data : bytes
         The whole file.
     format : str
-        One of `READABLE`.
+        An ending of `FORMATS`.
     limits : Limits
         The largest mesh that is read.
 
@@ -54,7 +53,7 @@ def read_mesh(data: bytes, format: str, *, limits: Limits = DEFAULT_LIMITS) -> M
     Raises
     ------
     UnknownFormatError
-        The format is not one of `READABLE`, or its reader is not installed.
+        No format has the ending, or its reader is not installed.
     EmptyFileError
         The file has no bytes.
     MalformedMeshError
@@ -70,32 +69,103 @@ def read_mesh(data: bytes, format: str, *, limits: Limits = DEFAULT_LIMITS) -> M
     ExternalReferenceError
         The file refers to another file.
     """
-    name = known(format)
-    with reading(data, name):
-        mesh = _read(data, name, limits)
+    reader = read_format(format)
+    with _reading(data, reader):
+        vertices, faces = reader.read(data, limits)
+        if len(faces) == 0:
+            raise NoTrianglesError(f"the {reader.title} has no faces")
+        mesh = Mesh(vertices, faces)
     if is_degenerate(mesh):
         raise DegenerateMeshError("every face has zero area")
     return mesh
 
 
+def read_parts(data: bytes, format: str, *, limits: Limits = DEFAULT_LIMITS) -> list[Part]:
+    """Read the distinct parts of an assembly.
+
+    The parts of a STEP are its products with triangles, and those of a 3MF its objects, each in its own
+    frame, in millimetres. Parts with the same name and the same mesh are one.
+
+    Parameters
+    ----------
+    data : bytes
+        The whole file.
+    format : str
+        An ending of `FORMATS`.
+    limits : Limits
+        The largest assembly that is read.
+
+    Returns
+    -------
+    parts : list of Part
+        In the order of their first instances in the file. It is empty if the file has one instance of one
+        part, or is of a format without assemblies.
+
+    Raises
+    ------
+    MeshError
+        The file cannot be read, as in `read_mesh`; or it has more different parts than the limits, or a part
+        has no face of any area.
+    """
+    reader = read_format(format)
+    with _reading(data, reader):
+        parts = reader.read_parts(data, limits) if reader.splits else []
+    for part in parts:
+        if is_degenerate(part.mesh):
+            raise DegenerateMeshError(f"every face of the part {part.name!r} has zero area")
+    return parts if sum(part.instances for part in parts) > 1 else []
+
+
+def write_mesh(mesh: Mesh, format: str) -> bytes:
+    """Write a mesh; the same mesh gives the same bytes.
+
+    OBJ, OFF and 3MF keep the exact coordinates, in the fewest digits that restore them; the unit of a 3MF is
+    the millimetre. STL and PLY are binary; they and GLB round to 32 bits. In an STL each face has its own
+    three vertices.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    format : str
+        One of `writable()`.
+
+    Returns
+    -------
+    data : bytes
+
+    Raises
+    ------
+    UnknownFormatError
+        The format is not one of `writable()`.
+    NonFiniteCoordinatesError
+        A coordinate is too large for the 32 bits of the format.
+    NoTrianglesError
+        The format is 3MF and every face names a vertex twice.
+    """
+    return written_format(format).write(mesh)
+
+
 @contextmanager
-def reading(data: bytes, name: str) -> Iterator[None]:
-    """Refuse an empty or compressed file of the format `name`, and one over which the reader fails.
+def _reading(data: bytes, format: Format) -> Iterator[None]:
+    """Refuse an empty or compressed file, one that begins as no file of the format does, and any fault.
 
     Raises
     ------
     EmptyFileError
         The file has no bytes.
     MalformedMeshError
-        The file is compressed, or the reader failed with an error that is not of the core.
+        The file is compressed or of another format, or the reader failed with an error that is not of the
+        core.
     MeshTooComplexError
         The reader ran out of memory.
     """
     if not data:
         raise EmptyFileError("the file is empty")
     for start, archive in _ARCHIVES.items():
-        if data.startswith(start) and name != "3mf":
-            raise MalformedMeshError(f"the file is compressed ({archive}); send the {name.upper()} itself")
+        if data.startswith(start) and start != format.magic:
+            raise MalformedMeshError(f"the file is compressed ({archive}); send the {format.title} itself")
+    if not data.lstrip().startswith(format.magic):
+        raise MalformedMeshError(f"the file does not begin as a {format.title} does")
     try:
         # A number that overflows becomes infinite, and is refused as that.
         with np.errstate(all="ignore"):
@@ -103,35 +173,15 @@ def reading(data: bytes, name: str) -> Iterator[None]:
     except CoreError:
         raise
     except MemoryError:
-        raise MeshTooComplexError(f"the {name.upper()} takes more memory than there is") from None
+        raise MeshTooComplexError(f"the {format.title} takes more memory than there is") from None
     except Exception as error:
         raise MalformedMeshError(
-            f"the {name.upper()} cannot be read: a value in it is missing, or is not a number"
+            f"the {format.title} cannot be read: a value in it is missing, or is not a number"
         ) from error
 
 
-def _read(data: bytes, name: str, limits: Limits) -> Mesh:
-    if name == "3mf":
-        return threemf.read(data, limits)
-    if name == "step":
-        return _read_step(data, limits)
-    vertices, faces = _READERS[name](data, limits)
-    if len(faces) == 0:
-        raise NoTrianglesError(f"the {name.upper()} has no faces")
-    return Mesh(vertices, faces)
-
-
-def _read_step(data: bytes, limits: Limits) -> Mesh:
-    """Convert a STEP file to GLB and read that, in millimetres."""
-    try:
-        mesh = _read(step.to_glb(data, limits), "glb", limits)
-    except NoTrianglesError:
-        raise NoTrianglesError("nothing in the STEP can be made into triangles") from None
-    return Mesh(mesh.vertices * step.MILLIMETRES, mesh.faces)
-
-
 def is_degenerate(mesh: Mesh) -> bool:
-    """Whether no face has a larger area than the rounding of its coordinates causes."""
+    """Return whether no face has a larger area than the rounding of its coordinates causes."""
     largest = float(np.abs(mesh.vertices).max())
     if largest == 0:
         return True

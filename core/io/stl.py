@@ -1,4 +1,4 @@
-"""Reading STL, binary and ASCII: triangles without indices."""
+"""Reading STL, binary and ASCII: triangles without indices; writing binary STL."""
 
 import re
 from collections.abc import Iterator
@@ -9,6 +9,8 @@ from core.arrays import Floats, Ints
 from core.errors import MalformedMeshError, NoTrianglesError
 from core.io.checks import Limits, within
 from core.io.text import coordinates, plain_text
+from core.io.trimesh_export import export
+from core.mesh.mesh import Mesh
 
 _HEADER_BYTES = 84
 _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attributes", "<u2")])
@@ -48,8 +50,13 @@ def read(data: bytes, limits: Limits) -> tuple[Floats, Ints]:
     )
 
 
+def write(mesh: Mesh) -> bytes:
+    """Return a mesh as a binary STL, in 32 bits; each face has its own three vertices."""
+    return export(mesh, "stl")
+
+
 def _separate(corners: Floats) -> tuple[Floats, Ints]:
-    """Vertices and faces of triangles that share no vertex, shape (f, 3, 3)."""
+    """Return the vertices and faces of triangles, shape (f, 3, 3), that share no vertex."""
     return corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3)
 
 

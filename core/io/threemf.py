@@ -1,5 +1,7 @@
-"""Reading 3MF: a ZIP of XML models, whose build items place objects (meshes or assemblies of objects)."""
+"""Reading and writing 3MF: a ZIP of XML models, whose build items place meshes or assemblies of objects."""
 
+import math
+from collections.abc import Callable, Iterator
 from graphlib import CycleError, TopologicalSorter
 
 import numpy as np
@@ -7,18 +9,23 @@ import numpy as np
 from core.arrays import Floats, Ints
 from core.errors import MalformedMeshError, NoTrianglesError
 from core.io.checks import Limits, within
+from core.io.parts import PATH_NAMES, Part, distinct_parts, mesh_digest
+from core.io.text import face_lines, vertex_lines
 from core.io.threemf_model import Key, Model, Placed, Solid, canonical
-from core.io.threemf_package import Package
+from core.io.threemf_package import Package, pack
 from core.mesh.mesh import Mesh
 
 # Parts of a package that are models; slicers write one for each object.
 _MODELS = 4_096
 _VISITS_PER_PART = 16
 _SHOWN = {"model", "surface"}
+# Rotations are written in few digits.
+_ROUNDING = 1e-5
+_DIGITS, _KEY_DIGITS = 6, 4
 
 
-def read(data: bytes, limits: Limits) -> Mesh:
-    """Return all build items, joined, in millimetres for any unit of the file.
+def read(data: bytes, limits: Limits) -> tuple[Floats, Ints]:
+    """Return the vertices, shape (n, 3), and faces, shape (f, 3), of all build items, in millimetres.
 
     Objects of the types for support and helpers are left out, as are materials, slices and pictures. The
     faces of a mirrored object are reversed, so they stay oriented outwards.
@@ -28,7 +35,7 @@ def read(data: bytes, limits: Limits) -> Mesh:
     MeshError
         The file is malformed or exceeds the limits; the subclass tells the kind of fault.
     """
-    solids, placed, unit = read_placed(data, limits)
+    solids, placed, unit = _read_placed(data, limits)
     vertices: list[Floats] = []
     faces: list[Ints] = []
     count = 0
@@ -38,10 +45,47 @@ def read(data: bytes, limits: Limits) -> Mesh:
         mirrored = np.linalg.det(one.matrix[:3, :3]) < 0
         faces.append((solid.faces[:, ::-1] if mirrored else solid.faces) + count)
         count += len(solid.vertices)
-    return Mesh(np.concatenate(vertices), np.concatenate(faces))
+    return np.concatenate(vertices), np.concatenate(faces)
 
 
-def read_placed(data: bytes, limits: Limits) -> tuple[dict[Key, Solid], list[Placed], float]:
+def read_parts(data: bytes, limits: Limits) -> list[Part]:
+    """Return the distinct objects that the build places, each in its own frame, in millimetres.
+
+    An object without a name has that of the nearest object above it. Instances of an object that are scaled,
+    stretched or mirrored differently are different parts: a part has the stretch of its instances, without
+    their rotation.
+
+    Raises
+    ------
+    MeshError
+        The file is malformed or exceeds the limits; the subclass tells the kind of fault.
+    """
+    solids, placed, unit = _read_placed(data, limits)
+    return distinct_parts(_instances(solids, placed, unit), limits)
+
+
+def write(mesh: Mesh) -> bytes:
+    """Return a mesh as a 3MF of one object and one build item, with its coordinates in millimetres.
+
+    The format forbids faces that name a vertex twice; they are left out. Nothing else changes: an open
+    surface stays open.
+
+    Raises
+    ------
+    NoTrianglesError
+        Every face names a vertex twice.
+    """
+    a, b, c = mesh.faces.T
+    faces = mesh.faces[(a != b) & (b != c) & (c != a)]
+    if not len(faces):
+        raise NoTrianglesError("each face of the mesh names a vertex twice, which a 3MF may not hold")
+    return pack(
+        vertex_lines(mesh.vertices, '<vertex x="%r" y="%r" z="%r"/>\n'),
+        face_lines(faces, '<triangle v1="%d" v2="%d" v3="%d"/>\n'),
+    )
+
+
+def _read_placed(data: bytes, limits: Limits) -> tuple[dict[Key, Solid], list[Placed], float]:
     """Return the objects, every instance of an object with faces, and the unit in millimetres.
 
     It raises the errors of `read`.
@@ -116,3 +160,63 @@ def _expand(solids: dict[Key, Solid], items: list[Placed], limits: Limits) -> li
         waiting += [Placed(part.key, part.matrix @ one.matrix, one) for part in reversed(solid.components)]
         within(len(waiting), _VISITS_PER_PART * limits.parts, "places of objects")
     return placed
+
+
+def _instances(
+    solids: dict[Key, Solid], placed: list[Placed], unit: float
+) -> Iterator[tuple[tuple[str, bytes, bytes], Callable[[], Part]]]:
+    digests = {
+        key: mesh_digest(solids[key].vertices, solids[key].faces) for key in {one.key for one in placed}
+    }
+    for one in placed:
+        path = _path(solids, one)
+        name = path[-1] if path else ""
+        stretch = _stretch(one.matrix[:3, :3])
+
+        def part(
+            name: str = name,
+            path: tuple[str, ...] = path,
+            solid: Solid = solids[one.key],
+            stretch: Floats = stretch,
+        ) -> Part:
+            faces = solid.faces[:, ::-1] if np.linalg.det(stretch) < 0 else solid.faces
+            return Part(name, path, 1, Mesh(solid.vertices @ stretch * unit, faces))
+
+        yield (name, digests[one.key], _rounded(stretch, _KEY_DIGITS).tobytes()), part
+
+
+def _path(solids: dict[Key, Solid], placed: Placed) -> tuple[str, ...]:
+    """Return the names from the build item to an instance; objects without a name are left out."""
+    names: list[str] = []
+    one: Placed | None = placed
+    while one is not None and len(names) < PATH_NAMES:
+        names.append(solids[one.key].name)
+        one = one.above
+    return tuple(name for name in reversed(names) if name)
+
+
+def _stretch(matrix: Floats) -> Floats:
+    """Return the symmetric factor S of the polar decomposition A = S R of a transform of rows.
+
+    Parameters
+    ----------
+    matrix : float64, shape (3, 3)
+
+    Returns
+    -------
+    stretch : float64, shape (3, 3)
+        The identity for a rotation. If A mirrors, -S: R is then a rotation too.
+    """
+    squares, axes = np.linalg.eigh(matrix @ matrix.T)
+    stretch = (axes * np.sqrt(np.maximum(squares, 0.0))) @ axes.T
+    if np.abs(stretch - np.eye(3)).max() <= _ROUNDING:
+        stretch = np.eye(3)
+    return _rounded(-stretch if np.linalg.det(matrix) < 0 else stretch, _DIGITS)
+
+
+def _rounded(stretch: Floats, digits: int) -> Floats:
+    """Return the numbers rounded to so many digits of the largest one."""
+    largest = float(np.abs(stretch).max())
+    decimals = digits - math.floor(math.log10(largest)) if largest > 0 else 0
+    # Without negative zeros, which have other bytes.
+    return np.asarray(np.round(stretch, decimals) + 0.0)

@@ -7,7 +7,7 @@ import numpy as np
 from core.arrays import Floats, Ints
 from core.errors import MalformedMeshError, NonFiniteCoordinatesError
 from core.io.checks import Limits, within
-from core.io.part import clean_name
+from core.io.parts import clean_name
 from core.io.threemf_package import Package
 
 _CORE = "http://schemas.microsoft.com/3dmanufacturing/core/2015/02"

@@ -1,4 +1,4 @@
-"""The package of a 3MF: a ZIP of parts (ISO/IEC 29500-2), unpacked in memory and within limits."""
+"""The package of a 3MF, a ZIP of parts (ISO/IEC 29500-2): unpacked in memory, within limits, and packed."""
 
 import zipfile
 from collections.abc import Callable, Iterator
@@ -23,6 +23,29 @@ _ENCRYPTED = 0x1 | 0x40 | 0x2000
 _RELATIONSHIPS = "_rels/.rels"
 _RELATIONSHIP = "http://schemas.openxmlformats.org/package/2006/relationships Relationship"
 _MODEL = "http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel"
+# The parts of a written package.
+_XML = b'<?xml version="1.0" encoding="UTF-8"?>\n'
+_TYPES = (
+    b'<Types xmlns="http://schemas.openxmlformats.org/package/2006/content-types">'
+    b'<Default Extension="rels" ContentType="application/vnd.openxmlformats-package.relationships+xml"/>'
+    b'<Default Extension="model" ContentType="application/vnd.ms-package.3dmanufacturing-3dmodel+xml"/>'
+    b"</Types>\n"
+)
+_ROOT_RELATIONSHIPS = (
+    b'<Relationships xmlns="http://schemas.openxmlformats.org/package/2006/relationships">'
+    b'<Relationship Id="r1" Target="/3D/3dmodel.model" '
+    b'Type="http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel"/></Relationships>\n'
+)
+_BEGIN = (
+    b'<model unit="millimeter" xml:lang="en-US" '
+    b'xmlns="http://schemas.microsoft.com/3dmanufacturing/core/2015/02">\n'
+    b'<resources><object id="1" type="model"><mesh>\n<vertices>\n'
+)
+_BETWEEN = b"</vertices>\n<triangles>\n"
+_END = b'</triangles>\n</mesh></object></resources>\n<build><item objectid="1"/></build>\n</model>\n'
+# The earliest time that a ZIP can hold, and the number of the system (Unix) that wrote it.
+_TIME = (1980, 1, 1, 0, 0, 0)
+_UNIX = 3
 
 
 class Package:
@@ -148,3 +171,20 @@ class Package:
             raise MalformedMeshError("a part of the 3MF cannot be unpacked: it is damaged") from None
         if size != member.file_size:
             raise MalformedMeshError("a part of the 3MF has fewer bytes than it should")
+
+
+def pack(vertices: bytes, triangles: bytes) -> bytes:
+    """Return the package of one object, from the XML of its vertices and triangles (3MF Core, section 4)."""
+    file = BytesIO()
+    with zipfile.ZipFile(file, "w") as package:
+        for name, pieces in (
+            ("[Content_Types].xml", (_TYPES,)),
+            ("_rels/.rels", (_ROOT_RELATIONSHIPS,)),
+            ("3D/3dmodel.model", (_BEGIN, vertices, _BETWEEN, triangles, _END)),
+        ):
+            entry = zipfile.ZipInfo(name, _TIME)
+            entry.compress_type, entry.create_system = zipfile.ZIP_DEFLATED, _UNIX
+            with package.open(entry, "w") as member:
+                for piece in (_XML, *pieces):
+                    member.write(piece)
+    return file.getvalue()

@@ -21,7 +21,7 @@ from service.observability.logging import get_logger
 log = get_logger("compute")
 
 LOADED = ["service.compute.warm_start", "trimesh"]
-"""The modules of the tasks; trimesh, which reads GLB, is otherwise imported with the first GLB."""
+"""The modules of the tasks; trimesh is otherwise imported when the first STL, PLY or GLB is written."""
 
 START_SECONDS = 180.0
 ASK_SECONDS = 0.25

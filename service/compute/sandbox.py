@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import Any
 
 from core.errors import MeshError
-from core.io import FORMATS, Limits, read_mesh, read_parts, write_mesh
+from core.io import Limits, read_mesh, read_parts, writable, write_mesh
 from core.mesh.mesh import Mesh
 from service.compute.reader_answers import PartFile, ReadMesh, mesh_to_bytes, parts_to_bytes
 from service.compute.worker_loop import end_with_parent
@@ -126,7 +126,7 @@ def enter(memory: int) -> None:
     memory : int
         Bytes of address space; an idle reader takes 760 to 790 MB. Larger allocations raise `MemoryError`.
     """
-    for format in FORMATS:
+    for format in writable():
         read_mesh(write_mesh(_triangle(), format), format)
     # ZIP files name their members in this encoding.
     codecs.lookup("cp437")

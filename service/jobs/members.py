@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from core.errors import CoreError
-from core.io import ENDINGS, format_of
+from core.io import format_of
 from service.errors import ServiceError
 from service.jobs.errors import MemberNameError, MemberRepeatedError, MemberTooLargeError, NestedArchiveError
 from service.shapes.fields import base_name, clean_name
@@ -19,9 +19,7 @@ RATIO_FROM = 1024 * 1024
 
 PATH_CHARACTERS = 1024
 
-_NESTED = frozenset({"zip", "tar", "gz", "tgz", "bz2", "tbz2", "xz", "txz", "zst", "7z", "rar"}) - set(
-    ENDINGS
-)
+_NESTED = frozenset({"zip", "tar", "gz", "tgz", "bz2", "tbz2", "xz", "txz", "zst", "7z", "rar"})
 _DRIVE = re.compile(r"[A-Za-z]:")
 _UNSHOWN = re.compile(r"[\x00-\x1f\x7f-\x9f\ud800-\udfff]")
 

@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.arrays import Floats, Ints
+from core.io import FORMATS
 from service.rendering.viewpoint import frame, upright
 
-MEDIA_TYPE = "model/gltf-binary"
+MEDIA_TYPE = FORMATS["glb"].media_type
 
 SPACING = 2.4
 """Distance of the centres of neighbouring meshes, each of which extends from -1 to 1."""

@@ -4,9 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.arrays import Floats
-
-# By convention of most programs. In the other formats z is up.
-Y_UP = frozenset({"glb", "obj"})
+from core.io import FORMATS
 
 # The initial view in degrees, as on the page.
 ELEVATION, AZIMUTH = 18.0, 28.0
@@ -16,7 +14,7 @@ _Z_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 
 def upright(format: str) -> Floats:
     """The rotation matrix, shape (3, 3), that turns the upward axis of a format to y."""
-    return np.eye(3) if format in Y_UP else _Z_UP
+    return np.eye(3) if FORMATS[format].y_up else _Z_UP
 
 
 def camera() -> Floats:

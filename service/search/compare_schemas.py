@@ -5,18 +5,15 @@ from typing import Annotated, Literal
 from fastapi import UploadFile
 from pydantic import BaseModel, ConfigDict, Field
 
-from core.io import WRITABLE
 from service.collections.dependencies import NamedInAddress
 from service.errors import BadRequestFieldsError, FieldFault
 from service.rendering.dense_colours import Paint
 from service.search.schemas import DENSE, CompareRequest
+from service.shapes.uploads import ENDINGS_IN_WORDS
 
 IdOrFile = Annotated[
     UploadFile | Annotated[str, Field(max_length=64)],
-    Field(
-        description="A mesh file, or the id of a stored shape. The ending of the file's name is its format: "
-        f"{', '.join(sorted(WRITABLE))}, and step and stp where the service has the extra for them."
-    ),
+    Field(description=f"A mesh file, or the id of a stored shape. {ENDINGS_IN_WORDS}"),
 ]
 
 

@@ -3,17 +3,12 @@
 from starlette.concurrency import run_in_threadpool
 
 from core.errors import MeshTooComplexError
-from core.io import write_mesh
+from core.io import FORMATS, write_mesh
 from core.mesh.mesh import Mesh
 from service.collection import CollectionNumber
 from service.container import Container
 from service.shapes.records import ShapeRecord
 from service.shapes.service import get_file
-
-_VERTEX = {"obj": 80, "off": 78, "ply": 12, "glb": 12, "stl": 0, "3mf": 98}
-_FACE = {"obj": 30, "off": 31, "ply": 13, "glb": 12, "stl": 50, "3mf": 58}
-"""The largest size of a vertex and of a face in bytes. STL repeats vertices in its faces; 3MF counts before
-compression."""
 
 
 async def exported(
@@ -40,8 +35,9 @@ async def exported(
 
 def check_size(mesh: Mesh, format: str, limit: int) -> None:
     """Raise MeshTooComplexError if the file of a mesh could exceed the limit."""
-    size = len(mesh.vertices) * _VERTEX[format] + len(mesh.faces) * _FACE[format]
+    written = FORMATS[format]
+    size = len(mesh.vertices) * written.vertex_bytes + len(mesh.faces) * written.face_bytes
     if size > limit:
         raise MeshTooComplexError(
-            f"the mesh may take {size} bytes as {format.upper()}; at most {limit} bytes are written"
+            f"the mesh may take {size} bytes as {written.title}; at most {limit} bytes are written"
         )

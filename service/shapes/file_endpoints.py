@@ -1,11 +1,11 @@
 """The endpoints of a shape's file and embedding."""
 
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from fastapi import APIRouter, Depends, Query, Request, Response
 from starlette.concurrency import run_in_threadpool
 
-from core.io import READABLE, format_of
+from core.io import FORMATS, format_of, writable
 from service.collections.dependencies import InCollection
 from service.dependencies import Service
 from service.http.disconnects import while_connected
@@ -20,6 +20,11 @@ from service.shapes.headers import ETAG_HEADER, IfMatch
 from service.shapes.records import NewFile, ShapeRecord
 from service.shapes.schemas import EmbeddingArrays, Shape
 from service.shapes.uploads import Replacement
+
+if TYPE_CHECKING:
+    WrittenFormat = str
+else:
+    WrittenFormat = Literal[writable()]
 
 router = APIRouter(tags=["shapes"])
 
@@ -38,7 +43,7 @@ REPLACEMENT = RequestBody(Replacement)
             "another format.",
             "content": {
                 media_type: {"schema": {"type": "string", "contentMediaType": media_type}}
-                for media_type in sorted({files.media_type(name) for name in READABLE})
+                for media_type in sorted({known.media_type for known in FORMATS.values()})
             },
         },
         304: {"description": "The client has the file already: its If-None-Match has the ETag."},
@@ -51,7 +56,7 @@ async def read_file(
     container: Service,
     collection: InCollection,
     format: Annotated[
-        Literal["stl", "obj", "ply", "off", "glb", "3mf"] | None,
+        WrittenFormat | None,
         Query(
             description="Write the mesh in this format, unless the file has it already. obj, off and 3mf "
             "have the exact coordinates, the others 32 bits of each. The written file has vertices and "
@@ -89,7 +94,7 @@ async def read_file(
         "X-Content-Type-Options": "nosniff",
     }
     body = b"" if request.method == "HEAD" else data
-    return Response(body, media_type=files.media_type(kind), headers=headers)
+    return Response(body, media_type=FORMATS[kind].media_type, headers=headers)
 
 
 @router.put(

@@ -2,22 +2,7 @@
 
 from urllib.parse import quote
 
-from core.io import ENDINGS
-
-# OFF and PLY have no registered media type.
-MEDIA_TYPES = {
-    "stl": "model/stl",
-    "obj": "model/obj",
-    "glb": "model/gltf-binary",
-    "3mf": "model/3mf",
-    "step": "model/step",
-}
-OTHER_MEDIA_TYPE = "application/octet-stream"
-
-
-def media_type(format: str) -> str:
-    """The media type of a format."""
-    return MEDIA_TYPES.get(format, OTHER_MEDIA_TYPE)
+from core.io import FORMATS
 
 
 def disposition(name: str, format: str) -> str:
@@ -26,7 +11,7 @@ def disposition(name: str, format: str) -> str:
     Old clients read `filename`, where an underscore replaces unsafe characters; newer ones read `filename*`,
     where unsafe bytes are percent-encoded.
     """
-    if ENDINGS.get(name.lower().rpartition(".")[2]) != format:
+    if name.lower().rpartition(".")[2] not in FORMATS[format].endings:
         name = f"{name}.{format}"
     harmless = "".join(c if c.isascii() and (c.isalnum() or c in " .-_()") else "_" for c in name)
     return f"attachment; filename=\"{harmless}\"; filename*=UTF-8''{quote(name, safe='')}"

@@ -14,7 +14,7 @@ from pydantic import (
     WithJsonSchema,
 )
 
-from core.io import WRITABLE
+from core.io import FORMATS
 from service.shapes.fields import (
     METADATA_BYTES,
     METADATA_DEPTH,
@@ -26,13 +26,19 @@ from service.shapes.fields import (
     clean_name,
 )
 
+_ALWAYS, _EXTRA = (
+    [ending for known in FORMATS.values() if bool(known.package) == extra for ending in known.endings]
+    for extra in (False, True)
+)
+ENDINGS_IN_WORDS = (
+    f"The ending of the file's name is its format: {', '.join(sorted(_ALWAYS))}, and {' and '.join(_EXTRA)} "
+    "where the service has the extra for them."
+)
+"""The formats of uploads, for the documentation."""
+
 MeshFile = Annotated[
     UploadFile,
-    Field(
-        description="The mesh. The ending of the file's name is its format: "
-        f"{', '.join(sorted(WRITABLE))}, and step and stp where the service has the extra for them. 3MF and "
-        "STEP are read in millimetres."
-    ),
+    Field(description=f"The mesh. {ENDINGS_IN_WORDS} 3MF and STEP are read in millimetres."),
 ]
 
 

@@ -7,6 +7,7 @@ from fastapi.responses import PlainTextResponse
 from prometheus_client.exposition import choose_encoder
 from starlette.concurrency import run_in_threadpool
 
+from core.io import FORMATS
 from core.parameters import METHOD_VERSION
 from service.auth.keys import Grant
 from service.compute.compilation import is_compiled
@@ -14,7 +15,7 @@ from service.dependencies import Service
 from service.errors import ServiceError
 from service.http.access_control import GRANT_IN_SCOPE
 from service.http.problems import documented, problem_response
-from service.system.schemas import VERSION, Health, PendingPipeline, Readiness, Version
+from service.system.schemas import VERSION, FileFormat, Health, PendingPipeline, Readiness, Version
 
 router = APIRouter(tags=["service"])
 
@@ -76,7 +77,7 @@ def read_metrics(request: Request, container: Service) -> Response:
     responses=documented("pipeline-unavailable", "storage-unavailable"),
 )
 def read_version(request: Request, container: Service) -> Version:
-    """The service's version, and the pipeline that the archive is searched by.
+    """The service's version, the formats of mesh files, and the pipeline that the archive is searched by.
 
     Where the settings name another pipeline, `pending` tells of that one; but not to keys that are limited to
     collections, since it counts the files of all.
@@ -91,5 +92,16 @@ def read_version(request: Request, container: Service) -> Version:
         pipeline=parameters.name,
         fingerprint=parameters.fingerprint,
         method=METHOD_VERSION,
+        formats=[
+            FileFormat(
+                name=known.name,
+                title=known.title,
+                endings=known.endings,
+                media_type=known.media_type,
+                read=known.is_read,
+                written=known.is_written,
+            )
+            for known in FORMATS.values()
+        ],
         pending=None if pending is None else PendingPipeline(**asdict(pending)),
     )

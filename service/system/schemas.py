@@ -35,6 +35,17 @@ class PendingPipeline(BaseModel):
     message: str = Field(description="The change that `isoshape reembed` makes to the archive.")
 
 
+class FileFormat(BaseModel):
+    """A format of mesh files."""
+
+    name: str = Field(description="The name in requests, as in `format=`.")
+    title: str = Field(description="The name for people.")
+    endings: tuple[str, ...] = Field(description="The endings of file names, without the dot.")
+    media_type: str = Field(description="The media type of downloads.")
+    read: bool = Field(description="Whether this service reads files of the format.")
+    written: bool = Field(description="Whether meshes are exported to the format.")
+
+
 class Version(BaseModel):
     """The version of the service and its pipeline."""
 
@@ -46,6 +57,16 @@ class Version(BaseModel):
                 "pipeline": "default",
                 "fingerprint": "3f1c9a7be2d40586",
                 "method": 1,
+                "formats": [
+                    {
+                        "name": "stl",
+                        "title": "STL",
+                        "endings": ["stl"],
+                        "media_type": "model/stl",
+                        "read": True,
+                        "written": True,
+                    }
+                ],
                 "pending": {
                     "name": "fine",
                     "fingerprint": "9d2be40c17a3f586",
@@ -64,6 +85,7 @@ class Version(BaseModel):
     method: int = Field(
         description="The version of the method, which increases when results for the same mesh change."
     )
+    formats: list[FileFormat] = Field(description="The formats of mesh files.")
     pending: PendingPipeline | None = Field(
         default=None, description="The pipeline of the settings, unless it is active."
     )

@@ -5,6 +5,9 @@ import struct
 
 import numpy as np
 
+PLAIN = ("stl", "obj", "ply", "off", "glb")
+"""The formats whose files are no ZIP and need no package of their own."""
+
 # A unit cube: eight corners, and six squares wound so that their normals point outwards.
 CUBE = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=float)
 SQUARES = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])

@@ -9,9 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from core.errors import MeshError
-from core.io import FORMATS, Limits, read_mesh, write_mesh
+from core.io import Limits, read_mesh, write_mesh
 from core.mesh.mesh import Mesh
-from tests.core.io.files import CUBE, SQUARES, binary_ply, glb, obj, off, ply, stl
+from tests.core.io.files import CUBE, PLAIN, SQUARES, binary_ply, glb, obj, off, ply, stl
 from tests.core.io.threemf_files import package
 
 SPHERE = trimesh.creation.icosphere(subdivisions=1)
@@ -37,7 +37,7 @@ TOKENS = [
 SEEDS = {
     "3mf": (package(), "3mf"),
     "3mf that is not compressed": (package(method=zipfile.ZIP_STORED), "3mf"),
-    **{f"{name} written here": (write_mesh(MESH, name), name) for name in FORMATS},
+    **{f"{name} written here": (write_mesh(MESH, name), name) for name in PLAIN},
     "stl in text": (stl(SPHERE.triangles[:12]), "stl"),
     "obj of squares": (obj(), "obj"),
     "obj of trimesh": (trimesh.creation.box().export(file_type="obj", include_normals=True).encode(), "obj"),
@@ -94,12 +94,12 @@ class TestEverySeed:
         is_mesh_or_mesh_error(bytes(changed), format)
 
     @settings(max_examples=15, derandomize=True, deadline=None)
-    @given(format=st.sampled_from(FORMATS))
+    @given(format=st.sampled_from(PLAIN))
     def test_under_any_name(self, seed, format):
         is_mesh_or_mesh_error(SEEDS[seed][0], format)
 
 
 @settings(max_examples=300, derandomize=True, deadline=None)
-@given(data=st.binary(max_size=300), format=st.sampled_from(FORMATS))
+@given(data=st.binary(max_size=300), format=st.sampled_from(PLAIN))
 def test_any_bytes(data, format):
     is_mesh_or_mesh_error(data, format)

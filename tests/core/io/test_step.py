@@ -10,7 +10,7 @@ from core.errors import (
     NoTrianglesError,
     UnknownFormatError,
 )
-from core.io import Limits, format_of, read_mesh, step
+from core.io import Limits, format_of, read_mesh
 from tests.core.io.step_files import Step, step_assembly, step_box, step_sphere
 
 BOX = step_box()
@@ -110,7 +110,7 @@ def test_a_faulty_file_is_refused_by_its_cause(name):
 
 
 def test_without_what_reads_it_the_answer_names_the_extra(monkeypatch):
-    monkeypatch.setattr(step, "find_spec", lambda name: None)
+    monkeypatch.setattr("core.io.formats.find_spec", lambda name: None)
     for ask in (lambda: format_of("bracket.stp"), lambda: read_mesh(BOX, "step")):
         with pytest.raises(UnknownFormatError, match=r"isoshape\[step\]"):
             ask()

@@ -13,8 +13,8 @@ from core.errors import (
     NoTrianglesError,
 )
 from core.io import DEFAULT_LIMITS, Limits, read_mesh, read_parts
-from core.io.part import NAME_CHARACTERS, clean_name
-from core.io.step_products import check_products
+from core.io.parts import NAME_CHARACTERS, clean_name
+from core.io.step import check_products
 from tests.core.io.files import off
 from tests.core.io.step_files import (
     Step,
@@ -165,6 +165,6 @@ def test_faults_of_files():
 
 
 def test_a_part_without_area_is_refused_by_its_name(monkeypatch):
-    monkeypatch.setattr("core.io.parts.is_degenerate", lambda mesh: len(mesh.faces) > 100)
+    monkeypatch.setattr("core.io.read.is_degenerate", lambda mesh: len(mesh.faces) > 100)
     with pytest.raises(DegenerateMeshError, match="'ring'"):
         read_parts(MACHINE, "step")

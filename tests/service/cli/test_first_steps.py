@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from core.errors import UnknownFormatError
-from core.io import format_of, readable, step
+from core.io import format_of, readable
 from service.cli import service_address
 from service.client import Client
 from tests.service.cli.conftest import Run, mesh_bytes
@@ -52,7 +52,7 @@ def test_an_unknown_collection_names_the_command_that_makes_it(archive: Client, 
 
 def test_step_is_a_format_only_where_it_is_installed(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     for installed in (True, False):
-        monkeypatch.setattr(step, "is_read", lambda installed=installed: installed)
+        monkeypatch.setattr("core.io.formats.find_spec", lambda name, installed=installed: installed or None)
         assert ("step" in readable()) == installed
         with pytest.raises(UnknownFormatError) as refused:
             format_of("part.dwg")

@@ -13,12 +13,13 @@ from typing import IO, Any
 import pytest
 import trimesh
 
-from core.io import FORMATS, read_mesh, write_mesh
+from core.io import read_mesh, write_mesh
 from core.mesh.mesh import Mesh
 from core.pipeline import Pipeline
 from core.studies.perturbation import cut_part
 from service.compute.tasks import Embedded
 from service.http.request_bodies import FORM_FIELDS
+from tests.core.io.files import PLAIN
 from tests.service.engines import either_engine
 from tests.service.support import Running, assert_problem, pipeline_in_use, query, small_file, upload
 
@@ -48,7 +49,7 @@ def test_a_stored_shape_is_what_was_sent(service: Running) -> None:
     assert service.client.get(answer.headers["location"]).json() == shape
 
 
-@pytest.mark.parametrize("format", sorted(FORMATS))
+@pytest.mark.parametrize("format", sorted(PLAIN))
 def test_every_format_is_stored_and_given_back_byte_for_byte(service: Running, format: str) -> None:
     data = small_file(0, format)
     answer = upload(service.client, data, f"snake.{format.upper()}")

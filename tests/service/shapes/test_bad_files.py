@@ -6,8 +6,9 @@ import struct
 import numpy as np
 import pytest
 
-from core.io import FORMATS, write_mesh
+from core.io import write_mesh
 from core.mesh.mesh import Mesh
+from tests.core.io.files import PLAIN
 from tests.service.support import Running, assert_problem, query, small_file, upload
 
 TRIANGLE = b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"
@@ -61,7 +62,7 @@ def test_a_file_that_cannot_be_used_is_refused_by_its_cause(shared: Running, fil
     assert shared.client.get("/shapes").json()["total"] == stored
 
 
-@pytest.mark.parametrize("format", sorted(FORMATS))
+@pytest.mark.parametrize("format", sorted(PLAIN))
 def test_no_beginning_of_a_file_is_a_fault_of_the_service(shared: Running, format: str) -> None:
     data = small_file(1, format)
     for length in np.linspace(0, len(data) - 1, 9).astype(int):

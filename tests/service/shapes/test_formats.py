@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from core.io import read_mesh, step, write_mesh
+from core.io import read_mesh, write_mesh
 from tests.core.io.step_files import step_box
 from tests.core.io.threemf_files import mesh, model, package, thing
 from tests.service.support import Running, assert_problem, query, upload
@@ -38,7 +38,7 @@ def test_units_are_respected_across_formats(shared: Running) -> None:
 
 
 def test_without_the_extra_the_answer_names_it(shared: Running, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(step, "find_spec", lambda name: None)
+    monkeypatch.setattr("core.io.formats.find_spec", lambda name: None)
     answer = upload(shared.client, STORED, "other.step")
     assert_problem(answer, 415, "unknown-format")
     assert "isoshape[step]" in answer.json()["detail"]

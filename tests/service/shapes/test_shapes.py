@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from core.errors import MeshTooComplexError
-from core.io import WRITABLE, read_mesh, write_mesh
+from core.io import FORMATS, read_mesh, writable, write_mesh
 from core.mesh.mesh import Mesh
 from core.serialization import embedding_from_bytes
 from service.client import Client
 from service.collection import DEFAULT_COLLECTION
-from service.shapes import files, repository
+from service.shapes import repository
 from service.shapes.exporting import check_size
 from tests.service.engines import either_engine, on_both
 from tests.service.support import Running, assert_problem, pipeline_in_use, small_file, upload
@@ -355,12 +355,12 @@ def test_the_embedding_is_the_one_that_is_stored(service: Running) -> None:
     assert assert_problem(answer, 422, "bad-request-fields")["errors"][0]["field"] == "format"
 
 
-@pytest.mark.parametrize("format", WRITABLE)
+@pytest.mark.parametrize("format", writable())
 def test_a_mesh_is_written_in_another_format(service: Running, format: str) -> None:
     shape = service.store(small_file(0), name="bird.off")
     answer = service.client.get(f"/shapes/{shape['id']}/file", params={"format": format})
     assert answer.status_code == 200
-    assert answer.headers["content-type"] == files.media_type(format)
+    assert answer.headers["content-type"] == FORMATS[format].media_type
     assert answer.headers["content-disposition"].endswith(
         f"''bird.off{'' if format == 'off' else f'.{format}'}"
     )
@@ -384,7 +384,7 @@ def test_no_larger_file_is_written_than_may_be_uploaded() -> None:
     mesh = read_mesh(small_file(0), "off")
     # As many digits as there are.
     mesh = Mesh(-np.pi * 1e-300 * (1.0 + mesh.vertices**2), mesh.faces)
-    for format in WRITABLE:
+    for format in writable():
         size = len(write_mesh(mesh, format)) - 1024
         with pytest.raises(MeshTooComplexError, match=format.upper()):
             check_size(mesh, format, size)

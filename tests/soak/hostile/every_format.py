@@ -4,9 +4,9 @@ from functools import partial
 
 import numpy as np
 
-from core.io import FORMATS, write_mesh
+from core.io import write_mesh
 from core.mesh.mesh import Mesh
-from tests.core.io.files import CUBE, TRIANGLES, binary_ply, binary_stl, glb, obj, off, ply, stl
+from tests.core.io.files import CUBE, PLAIN, TRIANGLES, binary_ply, binary_stl, glb, obj, off, ply, stl
 from tests.soak.hostile.bodies import STRANGE, WITHOUT_AREA, with_value
 from tests.soak.hostile.case import STORED, Hostile, malformed, refused, stored
 
@@ -37,7 +37,7 @@ def cases() -> list[Hostile]:
 
 
 def _empty() -> list[Hostile]:
-    return refused("empty", "empty-file", {f"empty.{format}": b"" for format in FORMATS})
+    return refused("empty", "empty-file", {f"empty.{format}": b"" for format in PLAIN})
 
 
 def _cut() -> list[Hostile]:
@@ -57,7 +57,7 @@ def _misnamed() -> list[Hostile]:
     """A sound file of each kind under the name of each other format; an OBJ is any text."""
     cases = []
     for name, data in SOUND.items():
-        for format in FORMATS:
+        for format in PLAIN:
             if not name.endswith(format):
                 kind = "no-triangles" if format == "obj" and b"\0" not in data else "malformed-mesh"
                 cases += refused("cut", kind, {f"{name.replace('.', '-')}-called.{format}": data})
@@ -67,7 +67,7 @@ def _misnamed() -> list[Hostile]:
 def _no_mesh() -> list[Hostile]:
     cases = []
     for name, data in NO_MESH.items():
-        for format in FORMATS:
+        for format in PLAIN:
             kind = "no-triangles" if format == "obj" and b"\0" not in data else "malformed-mesh"
             cases += refused("cut", kind, {f"{name}.{format}": data})
     return cases
@@ -107,7 +107,7 @@ def _bodies() -> list[Hostile]:
         for name, write in WRITERS.items():
             cases += refused("degenerate", "degenerate-mesh", {body + NAME[name]: write(*make())})
     for body, make in STRANGE.items():
-        for format in FORMATS:
+        for format in PLAIN:
             # Twenty thousand parts take seconds to embed.
             slow = body == "loose" and format != "stl"
             cases.append(

@@ -2,8 +2,9 @@
 
 import numpy as np
 
-from core.io import FORMATS, write_mesh
+from core.io import write_mesh
 from core.mesh.mesh import Mesh
+from tests.core.io.files import PLAIN
 from tests.soak.hostile.bodies import sheet
 from tests.soak.hostile.case import STORED, Hostile
 
@@ -18,7 +19,7 @@ def cases() -> list[Hostile]:
             Hostile(
                 "million", f"million.{format}", lambda format=format: _million(format), *STORED, slow=True
             )
-            for format in FORMATS
+            for format in PLAIN
         ),
         Hostile("limit", "vertices.off", _many_vertices, 422, "mesh-too-complex", slow=True),
         Hostile("limit", "faces.obj", _many_triangles, 422, "mesh-too-complex", slow=True),

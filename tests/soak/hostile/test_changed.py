@@ -7,8 +7,9 @@ from itertools import islice
 import numpy as np
 import pytest
 
-from core.io import FORMATS, read_mesh, write_mesh
+from core.io import read_mesh, write_mesh
 from service.storage.sqlite import path_of
+from tests.core.io.files import PLAIN
 from tests.service.support import Running, serving, settings_in
 from tests.service.trouble import url_of
 from tests.soak.hostile.changed import faults_of_archive, upload_changed
@@ -25,7 +26,7 @@ def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
 
 
 def test_the_files_to_change_are_sound_and_of_every_format() -> None:
-    assert {format for format, _ in sources()} == set(FORMATS)
+    assert {format for format, _ in sources()} == set(PLAIN)
     for format, data in sources():
         assert len(read_mesh(data, format).faces) > 100
 

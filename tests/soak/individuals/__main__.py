@@ -10,7 +10,7 @@ from pathlib import Path
 from numpy.random import default_rng
 
 from core.gallery.bodies import make_body
-from core.io.write import write_mesh
+from core.io import write_mesh
 
 LABELS = ("person", "quadruped")
 VARIATION = 0.05

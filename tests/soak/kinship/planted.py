@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from core.io import step, write_mesh
+from core.io import FORMATS, write_mesh
 from core.mesh.mesh import Mesh
 from core.ranking.likeness import Likeness
 from tests.soak.duplicates.copies import moved
@@ -45,7 +45,7 @@ def planted_pairs(seed: int) -> Iterator[PlantedPair]:
             for kind in (*COPIES, *VARIANTS):
                 number += 1
                 yield _stl(family, kind, tolerance, number)
-    if step.is_read():
+    if FORMATS["step"].is_read:
         for kind in ("turned", "25.4", "1/3", "mirrored", "hole", "moved", "larger", "longer") * 2:
             number += 1
             yield _step(kind, number)

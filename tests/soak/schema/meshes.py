@@ -7,10 +7,10 @@ import requests
 import schemathesis
 from hypothesis import strategies as st
 
-from core.io import FORMATS
 from service.collection import DEFAULT_COLLECTION
 from service.collections.dependencies import HEADER, PARAMETER
 from service.shapes.pages import write_cursor
+from tests.core.io.files import PLAIN
 from tests.service.jobs.packing import pack
 from tests.service.support import small_file
 
@@ -20,7 +20,7 @@ MESH, ARCHIVE, CURSOR = "mesh", "archive", "cursor"
 @cache
 def meshes() -> dict[bytes, str]:
     """Sound files, each with its format."""
-    return {small_file(number, format): format for number in range(3) for format in FORMATS}
+    return {small_file(number, format): format for number in range(3) for format in PLAIN}
 
 
 @cache
