@@ -1,6 +1,6 @@
 // Requests to the service. Addresses are relative to its root, which a proxy may move.
 
-/** @import { Session } from "./types.js" */
+/** @import { Session, Version } from "./types.js" */
 
 const ROOT = new URL("../", import.meta.url);
 
@@ -101,6 +101,11 @@ export function send(url, form, progress, signal) {
     request.open("POST", url);
     request.send(form);
   });
+}
+
+/** @returns {Promise<Version>} */
+export async function version() {
+  return (await ask(address("version"))).json();
 }
 
 /** @returns {Promise<Session>} */

@@ -1,6 +1,6 @@
 // The main page: signs in, then shows the view of the address.
 
-import { session, signIn, signOut, signedOut } from "./api.js";
+import { session, signIn, signOut, signedOut, version } from "./api.js";
 import { openCollections } from "./collections.js";
 import { byId, showError } from "./dom.js";
 import { openDeleted } from "./deleted.js";
@@ -30,6 +30,15 @@ const OPEN = { find: openFind, browse: openGallery, map: openMap, duplicates: op
 /** The last state of each view, to which its link leads back. @type {Record<string, State>} */
 const left = {};
 
+/** Let the choice of files show the formats that the service reads. */
+async function offerFormats() {
+  const endings = (await version()).formats.flatMap((format) => (format.read ? format.endings : []));
+  for (const id of ["find-file", "upload-files"]) {
+    const input = byId(id, HTMLInputElement);
+    input.accept = [...endings.map((ending) => `.${ending}`), input.dataset.archives ?? ""].join();
+  }
+}
+
 /** @param {Session} own */
 async function enter(own) {
   const may = own.access !== "none";
@@ -41,6 +50,8 @@ async function enter(own) {
     /** @type {HTMLElement} */ (part).hidden = !full;
   }
   if (!may) return key.focus();
+  // Until there is an answer, the choice shows all files.
+  offerFormats().catch((error) => showError(errorBox, error));
   if (await openCollections()) return;
   allowChanges(full);
   allowDeletions(full);

@@ -27,6 +27,7 @@
  * @typedef {{ groups: Duplicate[][], shapes: number, unjudged: number }} Duplicates
  * @typedef {{ collections: { name: string, shapes: number }[] }} Collections
  * @typedef {{ access: "none" | "read" | "full", signed_in: boolean }} Session
+ * @typedef {{ formats: { endings: string[], read: boolean }[] }} Version
  */
 
 export {};

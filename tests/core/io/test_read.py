@@ -46,6 +46,18 @@ def test_names_of_formats():
     assert writable() == (*PLAIN, "3mf")
 
 
+def test_the_page_on_formats_has_a_row_for_each():
+    page = (Path(core.io.__file__).parents[2] / "docs" / "formats.md").read_text()
+    for format in FORMATS.values():
+        (row,) = (line for line in page.splitlines() if line.startswith("|") and f"`.{format.name}`" in line)
+        cells = [cell.strip() for cell in row.strip("|").split("|")]
+        assert cells[0].startswith(format.title)
+        assert cells[1] == ", ".join(f"`.{ending}`" for ending in format.endings)
+        assert cells[2] == ("with the extra `step`" if format.package else "yes")
+        assert cells[3] == ("yes" if format.is_written else "no")
+        assert cells[5] == ("y" if format.y_up else "z")
+
+
 def read(data, limits):
     """Return a file of the toy format: nine numbers for each triangle."""
     corners = np.array(data.removeprefix(b"TOY").split(), dtype=float).reshape(-1, 3)

@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from core.io import FORMATS
 from service.http.problem_document import MEDIA_TYPE, Problem
 from service.openapi_document import document, write
 from service.search.schemas import CompareAnswer, QueryAnswer
@@ -108,6 +109,11 @@ def test_the_service_tells_of_itself(shared: Running) -> None:
     assert told["pipeline"] == "default"
     assert told["fingerprint"] == pipeline_in_use(shared).fingerprint
     assert told["version"] == document()["info"]["version"]
+    formats = {known["name"]: known for known in told["formats"]}
+    assert list(formats) == list(FORMATS)
+    assert formats["step"]["endings"] == ["step", "stp"]
+    assert (formats["step"]["read"], formats["step"]["written"]) == (FORMATS["step"].is_read, False)
+    assert (formats["off"]["read"], formats["off"]["written"]) == (True, True)
 
 
 def test_operations_have_ids_of_their_own_and_say_what_they_answer() -> None:
