@@ -30,52 +30,37 @@ COMPILE := $(UV) pip compile --quiet --no-config --universal --python-version 3.
 LOCKS := requirements.lock tests/requirements.lock tests/soak/browser/requirements.lock docker/cluster.lock docker/test/requirements.lock \
 	tests/soak/supply/requirements.lock
 
-SOAK := kill-test load-test cluster-test postgresql-test method-test studies-test hostile-test mutation-test \
-	schema-test vector-test duplicates-test kinship-test likeness-test chirality-test partial-test
-
-.PHONY: help environment demo test soak $(SOAK) spread-test capacity-test collections-test lint types openapi lock lock-check image-test page-lint page-vendor \
-	browser-test screenshots sbom audit clean
+.PHONY: help environment demo test soak kill-test load-test cluster-test postgresql-test method-test studies-test hostile-test \
+	schema-test collections-test lint types openapi lock lock-check image-test page-lint page-vendor browser-test screenshots \
+	sbom audit clean
 
 help:
-	@echo 'make demo                ingest generated shapes, query them, print the nearest three (CHECK=1: also check them, PORT=: its port)'
-	@echo 'make environment         install the runtime and the test tools into .venv, and compile the kernels'
+	@echo 'make demo               ingest generated shapes, query them, print the nearest three (CHECK=1: also check them; PORT=)'
+	@echo 'make environment        install the runtime and the test tools into .venv, and compile the kernels'
+	@echo 'make test               the quick test suite of the library and the service'
+	@echo 'make lint types         ruff: rules and layout; mypy --strict'
+	@echo 'make openapi            write openapi/openapi.json'
 	@echo
-	@echo 'make test                the quick test suite of the library and the service'
-	@echo 'make lint                ruff: rules and layout'
-	@echo 'make types               mypy --strict'
-	@echo 'make openapi             write openapi/openapi.json'
+	@echo 'make soak               every test that runs for minutes, one after another: the next eight'
+	@echo 'make kill-test          kill the service while clients write (CYCLES=200)'
+	@echo 'make load-test          mixed load: answers, and the growth of memory (MINUTES=20)'
+	@echo 'make cluster-test       a Dask cluster that loses its workers and its scheduler'
+	@echo 'make postgresql-test    the tests of the service that depend on the database, on PostgreSQL'
+	@echo 'make method-test        the method on every class of the gallery, and its machine code'
+	@echo 'make studies-test       every study on small collections'
+	@echo 'make hostile-test       every hostile file, and mutations of valid ones, over HTTP (COUNT=10000 SEED=0)'
+	@echo 'make schema-test        requests generated from the OpenAPI document (SEED=0)'
 	@echo
-	@echo 'make soak                every test that runs for minutes, one after another: the targets below down to partial-test'
-	@echo 'make kill-test           kill the service 200 times while clients write (CYCLES=20: 20 times)'
-	@echo 'make load-test           20 minutes of mixed load: answers, and the growth of memory (MINUTES=5: 5 minutes)'
-	@echo 'make cluster-test        a Dask cluster that loses its workers and its scheduler'
-	@echo 'make postgresql-test     the tests of the service that depend on the database, on PostgreSQL'
-	@echo 'make method-test         the method on every class of the gallery, and its machine code'
-	@echo 'make studies-test        every study on small collections, and benchmarks against running services'
-	@echo 'make hostile-test        upload every hostile file over HTTP'
-	@echo 'make mutation-test       upload 10,000 mutated files over HTTP (COUNT=, SEED=)'
-	@echo 'make schema-test         requests generated from the OpenAPI document (SEED=)'
-	@echo 'make vector-test         the nearest of a million signatures by PostgreSQL: times and recall (SIGNATURES=20000: of 20,000)'
-	@echo 'make duplicates-test     find 40 copies planted in a gallery of poses, and the copies among 60 parts (POSES=2: 2 poses of each body, PARTS=300)'
-	@echo 'make kinship-test        the likeness of 214 pairs of machine parts, their copies and variants (EVERY=7: every seventh; SEED=)'
-	@echo 'make likeness-test       the likeness of 200 pairs made by code, by a running service (EACH=3: 3 pairs of each kind; SEED=)'
-	@echo 'make chirality-test      which of 60 parts made by code are mirror images, by a running service (CHIRAL=4 SYMMETRIC=2: fewer)'
-	@echo 'make partial-test        cut parts of models in ISOSHAPE_DATA/psb and search for them (MODELS=10: 10 models)'
+	@echo 'make collections-test   real collections, in the folder that ISOSHAPE_DATA names (SAMPLE=64: 64 shapes of each)'
+	@echo 'make browser-test       the page in Chromium, which is installed if it is missing (root, Debian)'
+	@echo 'make page-lint          check the scripts of the page with tsc, and the vendored files (npm)'
+	@echo 'make image-test         build the image and run it as it is deployed (root, Debian, no Docker engine needed)'
 	@echo
-	@echo 'make spread-test         ingest and queries on a cluster of one and of two workers (SHAPES=2000: of 2,000 shapes)'
-	@echo 'make capacity-test       exact search of ten million signatures, and the bytes of a shape (VECTORS=20000: of 20,000)'
-	@echo 'make collections-test    the tests on real collections, in the folder that ISOSHAPE_DATA names (SAMPLE=64: calibration on 64 shapes of each)'
-	@echo 'make browser-test        the page in Chromium, which is installed if it is missing (root, Debian)'
-	@echo 'make page-lint           check the scripts of the page with tsc, and the vendored files (npm)'
-	@echo 'make image-test          build the image and run it as it is deployed (root, Debian, no Docker engine needed)'
-	@echo
-	@echo 'make page-vendor         bundle the vendored files of the page (npm)'
-	@echo 'make screenshots         draw docs/page-*.png (needs the tools of browser-test)'
-	@echo 'make lock                bring the lock files up to pyproject.toml (UPGRADE=1: and to the newest releases)'
-	@echo 'make lock-check          fail unless the lock files answer pyproject.toml'
-	@echo 'make sbom                write build/isoshape.cdx.json: the installed packages, as a CycloneDX bill of materials'
-	@echo 'make audit               ask the package index for vulnerabilities of the installed packages'
-	@echo 'make clean               remove the files that these targets make'
+	@echo 'make page-vendor        bundle the vendored files of the page (npm)'
+	@echo 'make screenshots        draw docs/page-*.png (needs the tools of browser-test)'
+	@echo 'make lock lock-check    bring the lock files up to pyproject.toml (UPGRADE=1: to the newest releases); check them'
+	@echo 'make sbom audit         write build/isoshape.cdx.json, a bill of materials; ask for vulnerabilities of the packages'
+	@echo 'make clean              remove the files that these targets make'
 
 # The environment is made again when its lock changes. Three files mark its state: the locked packages, this project
 # (whose build fetches setuptools into an environment of its own), and the tools for its tests. A lock written again
@@ -111,20 +96,7 @@ PYTEST := OMP_NUM_THREADS=1 $(BIN)/python -m pytest
 test: environment
 	$(PYTEST) $(AT_A_TIME) -p no:schemathesis -m 'not studies' -k 'not postgresql' --durations 15
 
-soak: $(SOAK)
-
-SHAPES ?= 20000
-spread-test: $(DEV)
-	OMP_NUM_THREADS=1 $(BIN)/python -m tests.soak.spread --shapes $(SHAPES)
-
-VECTORS ?= 10000000
-capacity-test: $(DEV)
-	OMP_NUM_THREADS=1 $(BIN)/python -m tests.soak.capacity --count $(VECTORS)
-
-# Tests of the collections may not be skipped here.
-collections-test: $(DEV)
-	@test -d "$${ISOSHAPE_DATA:-}" || { echo 'ISOSHAPE_DATA must name the folder of collections' >&2; exit 1; }
-	SAMPLE=$(SAMPLE) $(PYTEST) $(AT_A_TIME) tests/soak/collections -p tests.soak.no_skips
+soak: kill-test load-test cluster-test postgresql-test method-test studies-test hostile-test schema-test
 
 CYCLES ?= 200
 kill-test: $(DEV)
@@ -143,7 +115,21 @@ method-test: $(DEV)
 
 studies-test: $(DEV)
 	$(PYTEST) $(AT_A_TIME) -m studies tests/service
-	$(PYTEST) tests/soak/studies tests/soak/test_no_skips.py tests/soak/test_pages.py
+	$(PYTEST) tests/soak/studies tests/soak/test_no_skips.py
+
+# Tests of the collections may not be skipped here.
+collections-test: $(DEV)
+	@test -d "$${ISOSHAPE_DATA:-}" || { echo 'ISOSHAPE_DATA must name the folder of collections' >&2; exit 1; }
+	SAMPLE=$(SAMPLE) $(PYTEST) $(AT_A_TIME) tests/soak/collections -p tests.soak.no_skips
+
+COUNT ?= 10000
+SEED ?= 0
+hostile-test: $(DEV)
+	$(PYTEST) $(AT_A_TIME) tests/soak/hostile
+	OMP_NUM_THREADS=1 $(BIN)/python -m tests.soak.hostile.changed --count $(COUNT) --seed $(SEED)
+
+schema-test: $(DEV)
+	$(PYTEST) tests/soak/schema --hypothesis-seed=$(SEED)
 
 # locust brings a web server: it stays out of the environment that runs the service and its tests.
 LOCUST := $(VENV)/load
@@ -215,42 +201,6 @@ browser-test: $(BROWSER)
 
 screenshots: $(BROWSER)
 	OMP_NUM_THREADS=1 $(BIN)/python -m tests.soak.browser.screenshots docs
-
-hostile-test: $(DEV)
-	$(PYTEST) $(AT_A_TIME) tests/soak/hostile
-
-COUNT ?= 10000
-SEED ?= 0
-mutation-test: $(DEV)
-	OMP_NUM_THREADS=1 $(BIN)/python -m tests.soak.hostile.changed --count $(COUNT) --seed $(SEED)
-
-SIGNATURES ?= 1000000
-vector-test: $(DEV)
-	OMP_NUM_THREADS=1 $(BIN)/python -m tests.soak.vectors --count $(SIGNATURES)
-
-POSES ?= 8
-duplicates-test: $(DEV)
-	OMP_NUM_THREADS=1 $(BIN)/python -m tests.soak.duplicates --poses $(POSES)
-	OMP_NUM_THREADS=1 $(BIN)/python -m tests.soak.duplicates.first_report $(if $(PARTS),--parts $(PARTS) --no-force)
-
-kinship-test: $(DEV)
-	OMP_NUM_THREADS=1 $(BIN)/python -m tests.soak.kinship $(if $(EVERY),--every $(EVERY)) $(if $(SEED),--seed $(SEED))
-
-likeness-test: $(DEV)
-	OMP_NUM_THREADS=1 $(BIN)/python -m tests.soak.likeness $(if $(EACH),--each $(EACH)) $(if $(SEED),--seed $(SEED))
-
-CHIRAL ?= 40
-SYMMETRIC ?= 20
-chirality-test: $(DEV)
-	OMP_NUM_THREADS=1 $(BIN)/python -m tests.soak.chirality --chiral $(CHIRAL) --symmetric $(SYMMETRIC)
-
-MODELS ?= 95
-partial-test: $(DEV)
-	@test -d "$${ISOSHAPE_DATA:-}" || { echo 'ISOSHAPE_DATA must name the folder of collections' >&2; exit 1; }
-	OMP_NUM_THREADS=1 $(BIN)/python -m tests.soak.partial "$$ISOSHAPE_DATA/psb" --limit $(MODELS)
-
-schema-test: $(DEV)
-	$(PYTEST) tests/soak/schema --hypothesis-seed=$(SEED)
 
 # Tools that examine the packages have an environment of their own.
 $(SUPPLY)/.installed: tests/soak/supply/requirements.lock $(PACKAGES)

@@ -1,32 +1,32 @@
-"""The folders of the collections that ISOSHAPE_DATA names."""
+"""The collections in the folder that ISOSHAPE_DATA names, and the part of each that is tested."""
 
 import os
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from core.io import format_of, read_mesh
 from core.mesh.mesh import Mesh
+from service.datasets import read_collection
+
+SAMPLE = int(os.environ.get("SAMPLE") or 0)
+"""Number of shapes of each collection that are tested, drawn with a seed; 0: all."""
 
 
-def collections() -> list[Path]:
-    """The folders with labels in the one that ISOSHAPE_DATA names; none where it names none."""
+def data() -> Path:
+    """Return the folder of collections; skip the test that asks where there is none."""
     if "ISOSHAPE_DATA" not in os.environ:
-        return []
-    found = sorted(
-        labels.parent for labels in Path(os.environ["ISOSHAPE_DATA"]).resolve().glob("*/labels.csv")
-    )
-    assert found, "ISOSHAPE_DATA names a folder without collections"
-    return found
+        pytest.skip("ISOSHAPE_DATA does not name a folder of collections")
+    return Path(os.environ["ISOSHAPE_DATA"]).resolve()
 
 
-FOLDERS = collections() or [
-    pytest.param(None, marks=pytest.mark.skip(reason="ISOSHAPE_DATA does not name a folder of collections"))
-]
-every_collection = pytest.mark.parametrize(
-    "folder", FOLDERS, ids=lambda folder: folder.name if folder else "none"
-)
+def sample(name: str, count: int = SAMPLE) -> list[tuple[Path, str]]:
+    """Return files of a collection with their classes, so many, drawn with a seed; 0: all."""
+    files = sorted(read_collection(data() / name))
+    return [files[i] for i in np.random.default_rng(2).permutation(len(files))[: count or None]]
 
 
 def read(path: Path) -> Mesh:
+    """Return the mesh of a file."""
     return read_mesh(path.read_bytes(), format_of(path.name))

@@ -1,7 +1,6 @@
 """A bulk job of a real collection, with broken files among the good ones, by services that are killed."""
 
 import io
-import os
 import shutil
 import signal
 import zipfile
@@ -10,11 +9,11 @@ from pathlib import Path
 import httpx
 import pytest
 
-from service.datasets import read_collection
 from service.storage.checking import check
 from tests.service.jobs.support import begun, ended, files, has_stored
 from tests.service.processes import server
 from tests.service.support import wait_until
+from tests.soak.collections.folders import SAMPLE, sample
 
 pytestmark = pytest.mark.collections
 
@@ -26,10 +25,7 @@ Told = dict[str, tuple[str, str | None]]
 @pytest.fixture(scope="module")
 def collection() -> dict[str, bytes]:
     """The files of `psb` by class and name."""
-    if "ISOSHAPE_DATA" not in os.environ:
-        pytest.skip("ISOSHAPE_DATA does not name a folder of collections")
-    folder = Path(os.environ["ISOSHAPE_DATA"]).resolve() / "psb"
-    return {f"{label}/{path.name}": path.read_bytes() for path, label in read_collection(folder)}
+    return {f"{label}/{path.name}": path.read_bytes() for path, label in sample("psb")}
 
 
 @pytest.fixture(scope="module")
@@ -47,10 +43,10 @@ def broken(collection: dict[str, bytes]) -> dict[str, tuple[bytes, str]]:
 
 @pytest.fixture(scope="module")
 def archive(collection: dict[str, bytes], broken: dict[str, tuple[bytes, str]]) -> bytes:
-    """A zip of all, a broken file after every thirtieth good one."""
+    """Return a zip of all, the broken files spread among the good ones."""
     names = list(collection)
     for place, name in enumerate(broken):
-        names.insert(31 * place + 30, name)
+        names.insert((place + 1) * len(collection) // 6 + place, name)
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as packed:
         for name in names:
@@ -79,23 +75,25 @@ def test_all_are_stored_and_the_broken_ones_named_killed_or_not(
 ) -> None:
     truth: Told = dict.fromkeys(collection, ("stored", None))
     truth |= {path: ("refused", kind) for path, (_, kind) in broken.items()}
-    assert (len(truth), len(broken)) == (195, 5)
+    good = SAMPLE or 190
+    assert (len(truth), len(broken)) == (good + 5, 5)
+    counts = {"files": good + 5, "waiting": 0, "stored": good, "present": 0, "refused": 5}
     at_once, killed = tmp_path / "at once", tmp_path / "killed"
     at_once.mkdir()
     with server(at_once) as (_, client):
         job_id = begun(client, archive)
         done = ended(client, job_id, SECONDS)
         assert done["state"] == "done"
-        assert done["counts"] == {"files": 195, "waiting": 0, "stored": 190, "present": 0, "refused": 5}
+        assert done["counts"] == counts
         assert told(client, at_once, job_id, collection) == truth
     shutil.rmtree(at_once)
     killed.mkdir()
     with server(killed) as (process, client):
         job_id = begun(client, archive)
-        wait_until(lambda: has_stored(client, job_id, 80), seconds=SECONDS)
+        wait_until(lambda: has_stored(client, job_id, good // 3), seconds=SECONDS)
         process.send_signal(signal.SIGKILL)
         process.wait()
     with server(killed) as (_, client):
         done = ended(client, job_id, SECONDS)
-        assert done["counts"] == {"files": 195, "waiting": 0, "stored": 190, "present": 0, "refused": 5}
+        assert done["counts"] == counts
         assert told(client, killed, job_id, collection) == truth
