@@ -148,13 +148,8 @@ def _with_embedding() -> Select[int]:
 
 
 def _embedded(fingerprint: str) -> Select[int]:
-<<<<<<< HEAD
-    """The shapes that the index of signatures has: an embedding without its sketch is damaged."""
-    query = _with_embedding().join(CoarseSamplesRow, CoarseSamplesRow.embedding_number == EmbeddingRow.number)
-=======
     """Return the shapes that the index of signatures has: an embedding without its sketch is damaged."""
-    query = _with_embedding().join(SketchRow, SketchRow.embedding_number == EmbeddingRow.number)
->>>>>>> ff626c5 (Duplicates in five files; likeness is the one name of a copy's kind)
+    query = _with_embedding().join(CoarseSamplesRow, CoarseSamplesRow.embedding_number == EmbeddingRow.number)
     return query.where(EmbeddingRow.fingerprint == fingerprint)
 
 

@@ -5,13 +5,8 @@ from pathlib import Path
 
 import pytest
 
-<<<<<<< HEAD
-from service.duplicates import background
-from service.storage.tables import JudgedShapeRow
-=======
 from service.duplicates import service
-from service.storage.duplicate_tables import JudgedShapeRow
->>>>>>> ff626c5 (Duplicates in five files; likeness is the one name of a copy's kind)
+from service.storage.tables import JudgedShapeRow
 from tests.service.duplicates.test_judging import copy_of_plane, counted
 from tests.service.engines import on_postgresql
 from tests.service.support import serving, settings_in, wait_until
