@@ -133,7 +133,7 @@ def _store(client: Client, items: Sequence[Item]) -> None:
                 fail(f"{item.origin}: {outcome}")
             kept.add(outcome.shape.id)
             bar.advance(task)
-    for shape in list(client.shapes(tags=[MADE])):
+    for shape in list(client.shapes(tag=[MADE])):
         if shape.id not in kept:
             client.delete(shape.id)
 

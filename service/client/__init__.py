@@ -10,13 +10,18 @@
 `AsyncClient` has the same methods, to be awaited. Both return the models of the service's answers.
 """
 
-from service.client.asynchronous import AsyncClient
-from service.client.calls import File
-from service.client.errors import ClientError, ProblemError, UnexpectedAnswerError, UnreachableError
-from service.client.retries import PROXY_RETRIES, RETRIES
+from service.client.calls import Filters, Upload
+from service.client.clients import AsyncClient, Client
+from service.client.requests import (
+    PROXY_RETRIES,
+    RETRIES,
+    ClientError,
+    File,
+    ProblemError,
+    UnexpectedAnswerError,
+    UnreachableError,
+)
 from service.client.search_calls import QueryArguments
-from service.client.shape_calls import Upload
-from service.client.sync import Client
 
 __all__ = [
     "PROXY_RETRIES",
@@ -25,6 +30,7 @@ __all__ = [
     "Client",
     "ClientError",
     "File",
+    "Filters",
     "ProblemError",
     "QueryArguments",
     "UnexpectedAnswerError",

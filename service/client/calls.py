@@ -1,233 +1,303 @@
-"""Requests and the reading of their answers, for the synchronous and the asynchronous client."""
+"""The calls on stored shapes, bulk jobs, collections and the service itself."""
 
-import inspect
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack
-from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Any, Generic, Protocol, TypeVar, get_args, get_type_hints
-from urllib.parse import quote
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal, TypedDict, Unpack
 
 import httpx
-from pydantic import BaseModel, JsonValue, ValidationError
+from pydantic import JsonValue
 
-from service.client.errors import ClientError, UnexpectedAnswerError, UnreachableError
-from service.collection import is_name
-from service.shapes.fields import plain_values
+from service.client.requests import (
+    Call,
+    Conditions,
+    File,
+    Step,
+    conditions,
+    content,
+    given,
+    nothing,
+    pages,
+    parsed,
+    segment,
+)
+from service.collections.schemas import Collection, Collections
+from service.duplicates.schemas import DuplicatesAnswer
+from service.jobs.schemas import Job, JobFile, JobFilePage, JobPage
+from service.maps.schemas import MapAnswer
+from service.shapes.assembly_schemas import Assembly
+from service.shapes.deleted.schemas import DeletedShape, DeletedShapePage
+from service.shapes.records import Sort
+from service.shapes.schemas import EmbeddingArrays, Shape, ShapePage
+from service.system.schemas import Version
 
-File = str | Path | tuple[str, bytes]
-"""A mesh to send: its path, or its name (with the ending of its format) and its bytes."""
-
-Conditions = Mapping[str, JsonValue] | Sequence[str]
-"""Metadata that shapes must have: keys with their values, or texts of the form key=value."""
-
-T = TypeVar("T")
-U = TypeVar("U")
-Model = TypeVar("Model", bound=BaseModel)
-APage = TypeVar("APage", bound="Page")
-
-COLLECTION = "Isoshape-Collection"
-"""The header that names the collection of a call."""
-
-# The most items on one page.
 LONGEST_PAGE = 500
-# A large mesh may wait for a worker, and its embedding may take minutes.
-TIMEOUT = httpx.Timeout(600.0, connect=10.0)
-# The errors that httpx raises without an answer.
-NO_ANSWER = (httpx.TransportError, httpx.UnsupportedProtocol)
+"""The most items on one page."""
+
+
+class Filters(TypedDict, total=False):
+    """The filters of shapes: all of these tags, a text in the name, metadata, and ranges of sizes.
+
+    `metadata` holds keys with values, or conditions of the form key=value; `area`, `volume` and `length` are
+    ranges of the form min..max.
+    """
+
+    tag: Sequence[str]
+    name: str | None
+    metadata: Conditions
+    area: str | None
+    volume: str | None
+    length: str | None
 
 
 @dataclass(frozen=True)
-class Call(Generic[T]):
-    """A request and the function that reads its answer.
+class Upload:
+    """A stored shape, and whether this upload created it.
 
-    Attributes
-    ----------
-    method, path : str
-    read : callable
-        Takes a successful answer; its result is returned.
-    params, data, headers : dict
-        The parameters of the address, the fields of the form and the headers.
-    json : object
-        The JSON body, if any.
-    file : File, optional
-        The file of the form.
-    files : dict
-        Files of the form by the names of other fields.
-    streamed : bool
-        Whether the file is sent in pieces, because it may be too large for memory.
+    `parts` has the distinct parts of an assembly that is uploaded with split="parts".
     """
 
-    method: str
-    path: str
-    read: Callable[[httpx.Response], T]
-    params: Mapping[str, Any] = field(default_factory=dict)
-    data: Mapping[str, str | list[str]] = field(default_factory=dict)
-    headers: Mapping[str, str] = field(default_factory=dict)
-    json: object = None
-    file: File | None = None
-    files: Mapping[str, File] = field(default_factory=dict)
-    streamed: bool = False
-
-    def prepared(self, stack: ExitStack) -> dict[str, Any]:
-        """The arguments of an httpx request; the stack closes the files that this opens.
-
-        Raises
-        ------
-        OSError
-            The file cannot be read.
-        """
-        given: dict[str, Any] = {"headers": dict(self.headers)}
-        # A body without a file is no form, and an address given no parameters keeps its own.
-        given |= {"params": self.params} if self.params else {}
-        given |= {"json": self.json} if self.json is not None else {}
-        if isinstance(self.file, tuple):
-            given |= {"data": self.data, "files": {"file": self.file}}
-        elif self.file is not None:
-            path = Path(self.file)
-            content = stack.enter_context(path.open("rb")) if self.streamed else path.read_bytes()
-            given |= {"data": self.data, "files": {"file": (path.name, content)}}
-        if self.files:
-            parts = {name: _part(file) for name, file in self.files.items()}
-            given |= {"data": self.data, "files": parts}
-        return given
-
-    def then(self, change: Callable[[T], U]) -> "Call[U]":
-        """The same request, with another function applied to its result."""
-        return Call(**{**vars(self), "read": lambda answer: change(self.read(answer))})
+    shape: Shape
+    created: bool
+    parts: tuple["Upload", ...] = ()
 
 
-@dataclass(frozen=True)
-class Step(Generic[T]):
-    """Some items of a series, and the call for more of them, to be sent after `seconds` seconds."""
+def upload(
+    file: File,
+    *,
+    name: str | None = None,
+    tags: Sequence[str] = (),
+    metadata: Mapping[str, JsonValue] | None = None,
+    split: Literal["parts"] | None = None,
+) -> Call[Upload]:
+    """Store a mesh. If its bytes are already stored under the same name, `created` is false.
 
-    items: Sequence[T]
-    more: "Call[Step[T]] | None"
-    seconds: float = 0.0
-
-
-class Page(Protocol):
-    """A page of items, and the cursor of the next page."""
-
-    @property
-    def next_cursor(self) -> str | None:
-        """None on the last page."""
-
-
-def pages(one: Callable[[str | None], Call[APage]], items: Callable[[APage], Sequence[T]]) -> Call[Step[T]]:
-    """The items of all pages, from the call of a page by its cursor."""
-
-    def after(cursor: str | None) -> Call[Step[T]]:
-        return one(cursor).then(step)
-
-    def step(page: APage) -> Step[T]:
-        return Step(items(page), None if page.next_cursor is None else after(page.next_cursor))
-
-    return after(None)
-
-
-def _part(file: File) -> tuple[str, bytes]:
-    """The name and the bytes of a file."""
-    if isinstance(file, tuple):
-        return file
-    path = Path(file)
-    return path.name, path.read_bytes()
-
-
-def parsed(model: type[Model]) -> Callable[[httpx.Response], Model]:
-    """A function that reads answers of a model."""
-
-    def read(answer: httpx.Response) -> Model:
-        try:
-            return model.model_validate_json(answer.content)
-        except ValidationError as error:
-            raise UnexpectedAnswerError(f"{answer.request.url} gave no {model.__name__}") from error
-
-    return read
-
-
-def content(answer: httpx.Response) -> bytes:
-    """The bytes of the body."""
-    return answer.content
-
-
-def nothing(_answer: httpx.Response) -> None:
-    """None, for an answer without a body."""
-
-
-def segment(shape_id: str) -> str:
-    """An id as one segment of an address, with every reserved character quoted."""
-    return quote(shape_id, safe="")
-
-
-def given(**values: object) -> dict[str, Any]:
-    """The values that are not None, by name."""
-    return {name: value for name, value in values.items() if value is not None}
-
-
-def conditions(metadata: Conditions) -> list[str]:
-    """Conditions on metadata in the form key=value, which the service compares with the stored values.
-
-    Parameters
-    ----------
-    metadata : mapping or sequence of str
-        Keys with the values that shapes were uploaded with, or conditions that are already written.
-
-    Raises
-    ------
-    ClientError
-        A key has an equals sign, or a value is a list or an object; no filter can name these.
+    With split="parts", each distinct part of a STEP or 3MF is stored as a shape too.
     """
-    if not isinstance(metadata, Mapping):
-        return list(metadata)
-    values = plain_values(dict(metadata))
-    for key in metadata:
-        if "=" in key or key not in values:
-            raise ClientError(f"no filter can name the metadata {key!r}: {metadata[key]!r}")
-    return [f"{key}={value}" for key, value in values.items()]
+
+    def read(answer: httpx.Response) -> Upload:
+        return Upload(parsed(Shape)(answer), created=answer.status_code == httpx.codes.CREATED)
+
+    def read_assembly(answer: httpx.Response) -> Upload:
+        assembly = parsed(Assembly)(answer)
+        return Upload(
+            assembly, assembly.created, tuple(Upload(part, part.created) for part in assembly.parts)
+        )
+
+    data = _described(name, tags, metadata) | given(split=split)
+    return Call("POST", "/shapes", read if split is None else read_assembly, data=data, files={"file": file})
 
 
-def headers_with(key: str | None, collection: str | None) -> dict[str, str]:
-    """The headers with a key and the name of a collection.
-
-    Raises
-    ------
-    ClientError
-        A header cannot hold the key, or no collection can have the name.
-    """
-    key = (key or "").strip()
-    if not (key.isascii() and key.isprintable()):
-        raise ClientError("the key holds characters that no key has")
-    if collection is not None and not is_name(collection):
-        raise ClientError(f"no collection can have the name {collection!r}")
-    named = {} if collection is None else {COLLECTION: collection}
-    return {"Authorization": f"Bearer {key}", **named} if key else named
+def page(
+    *, sort: Sort = "oldest", limit: int = 50, cursor: str | None = None, **filters: Unpack[Filters]
+) -> Call[ShapePage]:
+    """Get one page of the stored shapes that pass the filters."""
+    params = _filtered(filters) | given(sort=sort, limit=limit, cursor=cursor)
+    return Call("GET", "/shapes", parsed(ShapePage), params=params)
 
 
-def no_address(url: str, error: Exception) -> UnreachableError:
-    """The error for an invalid address."""
-    return UnreachableError(f"{url!r} is not an address: {error}")
-
-
-def no_answer(url: str, fault: Exception) -> UnreachableError:
-    """The error for an address without an answer."""
-    return UnreachableError(f"no answer from {url}: {fault}")
-
-
-def signature_of(make: Callable[..., object], origin: Any = None) -> inspect.Signature:  # noqa: ANN401
-    """The signature of a client's method: the arguments of a function that makes a call, and the result.
-
-    Parameters
-    ----------
-    make : callable
-        Annotated to return a `Call`.
-    origin : generic type, optional
-        The type of a series of items, such as `Iterator`.
-    """
-    (read,) = get_args(get_type_hints(make)["return"])
-    signature = inspect.signature(make)
-    this = inspect.Parameter("self", inspect.Parameter.POSITIONAL_OR_KEYWORD)
-    return signature.replace(
-        parameters=[this, *signature.parameters.values()],
-        return_annotation=read if origin is None else origin[get_args(read)],
+def shapes(*, sort: Sort = "oldest", **filters: Unpack[Filters]) -> Call[Step[Shape]]:
+    """Get all stored shapes that pass the filters, page by page."""
+    return pages(
+        lambda cursor: page(sort=sort, limit=LONGEST_PAGE, cursor=cursor, **filters),
+        lambda answer: answer.shapes,
     )
+
+
+def shape(shape_id: str) -> Call[Shape]:
+    """Get the record of a shape."""
+    return Call("GET", _shape(shape_id), parsed(Shape))
+
+
+def file(shape_id: str, *, format: str | None = None) -> Call[bytes]:
+    """Get the uploaded file, or the mesh in another format."""
+    return Call("GET", f"{_shape(shape_id)}/file", content, params=given(format=format))
+
+
+def embedding(shape_id: str) -> Call[EmbeddingArrays]:
+    """Get the embedding of a shape."""
+    return Call("GET", f"{_shape(shape_id)}/embedding", parsed(EmbeddingArrays))
+
+
+def thumbnail(shape_id: str, *, size: Literal[64, 128, 256, 512] = 256) -> Call[bytes]:
+    """Get a PNG of `size` by `size` pixels with a transparent background."""
+    return Call("GET", f"{_shape(shape_id)}/thumbnail.png", content, params={"size": size})
+
+
+def preview(shape_id: str) -> Call[bytes]:
+    """Get the mesh for a viewer: a GLB with y up and coordinates in [-1, 1]; a large mesh is simplified."""
+    return Call("GET", f"{_shape(shape_id)}/preview.glb", content)
+
+
+def preview_file(file: File) -> Call[bytes]:
+    """Get the preview of a file that is not stored."""
+    return Call("POST", "/preview", content, files={"file": file})
+
+
+def replace_file(shape_id: str, file: File, *, if_sha256: str | None = None) -> Call[Shape]:
+    """Replace the file of a shape; with `if_sha256`, only if the present file has that SHA-256."""
+    headers = {} if if_sha256 is None else {"If-Match": f'"{if_sha256}"'}
+    return Call("PUT", f"{_shape(shape_id)}/file", parsed(Shape), headers=headers, files={"file": file})
+
+
+def update(
+    shape_id: str,
+    *,
+    name: str | None = None,
+    tags: Sequence[str] | None = None,
+    metadata: Mapping[str, JsonValue] | None = None,
+) -> Call[Shape]:
+    """Replace the given fields of a shape; the others stay."""
+    changes: dict[str, Any] = given(
+        name=name,
+        tags=None if tags is None else list(tags),
+        metadata=None if metadata is None else dict(metadata),
+    )
+    return Call("PATCH", _shape(shape_id), parsed(Shape), json=changes)
+
+
+def delete(shape_id: str, *, permanent: bool = False) -> Call[None]:
+    """Delete a shape; with `permanent`, for good at once."""
+    return Call("DELETE", _shape(shape_id), nothing, params=given(permanent=permanent or None))
+
+
+def deleted() -> Call[Step[DeletedShape]]:
+    """List the deleted shapes that can be restored, the first deleted first."""
+    return pages(
+        lambda cursor: Call("GET", "/deleted", parsed(DeletedShapePage), params=_at(cursor)),
+        lambda answer: answer.shapes,
+    )
+
+
+def restore(shape_id: str) -> Call[Shape]:
+    """Restore a deleted shape."""
+    return Call("POST", f"{_shape(shape_id)}/restore", parsed(Shape))
+
+
+def purge(shape_id: str) -> Call[None]:
+    """Delete a deleted shape permanently."""
+    return Call("DELETE", f"/deleted/{segment(shape_id)}", nothing)
+
+
+def duplicates(
+    *,
+    min_cc: float | None = None,
+    max_residual: float | None = None,
+    variants: bool | None = None,
+    **filters: Unpack[Filters],
+) -> Call[DuplicatesAnswer]:
+    """Find groups of near-identical shapes among the shapes that pass the filters.
+
+    With `variants`, rigid copies but for a local difference join groups too.
+    """
+    params = _filtered(filters) | given(min_cc=min_cc, max_residual=max_residual, variants=variants)
+    return Call("GET", "/duplicates", parsed(DuplicatesAnswer), params=params)
+
+
+def similarity_map(**filters: Unpack[Filters]) -> Call[MapAnswer]:
+    """Get positions of the shapes that pass the filters on a plane, similar shapes near each other."""
+    return Call("GET", "/map", parsed(MapAnswer), params=_filtered(filters))
+
+
+def send_archive(
+    archive: File, *, tags: Sequence[str] = (), metadata: Mapping[str, JsonValue] | None = None
+) -> Call[Job]:
+    """Start a job that stores every mesh of an archive, with tags and metadata."""
+    data = _described(None, tags, metadata)
+    return Call("POST", "/jobs", parsed(Job), data=data, files={"file": archive}, streamed=True)
+
+
+def job(job_id: str) -> Call[Job]:
+    """Get the progress of a job."""
+    return Call("GET", _job(job_id), parsed(Job))
+
+
+def follow_job(job_id: str, *, seconds: float = 1.0) -> Call[Step[Job]]:
+    """Get the progress of a job every `seconds` seconds; the last item is the ended job."""
+
+    def step(now: Job) -> Step[Job]:
+        return Step([now], None if now.has_ended else follow_job(job_id, seconds=seconds), seconds)
+
+    return job(job_id).then(step)
+
+
+def jobs() -> Call[Step[Job]]:
+    """List the jobs that run or ended in the last days, the latest first."""
+    return pages(
+        lambda cursor: Call("GET", "/jobs", parsed(JobPage), params=_at(cursor)), lambda answer: answer.jobs
+    )
+
+
+def job_files(
+    job_id: str, *, outcome: Literal["stored", "present", "refused"] | None = None
+) -> Call[Step[JobFile]]:
+    """List the files of a job's archive with their outcomes, in the order of the archive."""
+    return pages(
+        lambda cursor: Call(
+            "GET",
+            f"{_job(job_id)}/files",
+            parsed(JobFilePage),
+            params=_at(cursor) | given(outcome=outcome),
+        ),
+        lambda answer: answer.files,
+    )
+
+
+def cancel_job(job_id: str) -> Call[Job]:
+    """Stop a job; the shapes that it has stored stay."""
+    return Call("POST", f"{_job(job_id)}/cancel", parsed(Job))
+
+
+def delete_job(job_id: str) -> Call[None]:
+    """Cancel a job and delete its record; the shapes that it has stored stay."""
+    return Call("DELETE", _job(job_id), nothing)
+
+
+def collections() -> Call[Collections]:
+    """List the collections that the key may use, by name, each with the number of its shapes."""
+    return Call("GET", "/collections", parsed(Collections))
+
+
+def create_collection(name: str) -> Call[Collection]:
+    """Create a collection, unless it exists."""
+    return Call("PUT", f"/collections/{segment(name)}", parsed(Collection))
+
+
+def delete_collection(name: str) -> Call[None]:
+    """Delete a collection that has no shapes."""
+    return Call("DELETE", f"/collections/{segment(name)}", nothing)
+
+
+def version() -> Call[Version]:
+    """Get the version of the service and its pipeline."""
+    return Call("GET", "/version", parsed(Version))
+
+
+def _shape(shape_id: str) -> str:
+    return f"/shapes/{segment(shape_id)}"
+
+
+def _job(job_id: str) -> str:
+    return f"/jobs/{segment(job_id)}"
+
+
+def _at(cursor: str | None) -> dict[str, Any]:
+    """Return the parameters of a page."""
+    return given(limit=LONGEST_PAGE, cursor=cursor)
+
+
+def _described(
+    name: str | None, tags: Sequence[str], metadata: Mapping[str, JsonValue] | None
+) -> dict[str, str | list[str]]:
+    """Return the fields of a form that describe a shape."""
+    return given(
+        name=name,
+        tags=",".join(tags) if tags else None,
+        metadata=None if metadata is None else json.dumps(metadata),
+    )
+
+
+def _filtered(filters: Filters) -> dict[str, Any]:
+    """Return the parameters of the filters."""
+    lists = {"tag": list(filters.get("tag", ())), "metadata": conditions(filters.get("metadata", ()))}
+    return given(**{**filters, **lists})

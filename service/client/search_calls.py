@@ -6,12 +6,9 @@ from typing import Any, Literal, TypedDict, TypeVar, Unpack
 
 import httpx
 
-from service.client.calls import Call, Conditions, File, conditions, content, given, parsed, segment
-from service.duplicates.schemas import DuplicatesAnswer
-from service.maps.schemas import MapAnswer
+from service.client.requests import Call, Conditions, File, conditions, content, parsed, segment
 from service.search.rank_by import RankBy
 from service.search.schemas import CompareAnswer, QueryAnswer
-from service.system.schemas import Version
 
 T = TypeVar("T")
 
@@ -41,7 +38,7 @@ class QueryArguments(TypedDict, total=False):
 
 def query_file(file: File, **options: Unpack[QueryArguments]) -> Call[QueryAnswer]:
     """Find the stored shapes most similar to a file."""
-    return Call("POST", "/query", parsed(QueryAnswer), data=_fields(options), file=file)
+    return Call("POST", "/query", parsed(QueryAnswer), data=_fields(options), files={"file": file})
 
 
 def similar(shape_id: str, **options: Unpack[QueryArguments]) -> Call[QueryAnswer]:
@@ -97,53 +94,6 @@ def _compared(
         return Call("POST", "/compare", read, params=params, json={**ids, **options})
     fields = {name: _field(value) for name, value in options.items()}
     return Call("POST", "/compare", read, params=params, data={**ids, **fields}, files=files)
-
-
-def duplicates(
-    *,
-    min_cc: float | None = None,
-    max_residual: float | None = None,
-    variants: bool | None = None,
-    tag: Sequence[str] = (),
-    name: str | None = None,
-    metadata: Conditions = (),
-    area: str | None = None,
-    volume: str | None = None,
-    length: str | None = None,
-) -> Call[DuplicatesAnswer]:
-    """Find groups of near-identical shapes among the shapes that pass the filters.
-
-    With `variants`, rigid copies but for a local difference join groups too.
-    `metadata` holds keys with values, or conditions of the form key=value; `area`, `volume` and `length` are
-    ranges of the form min..max.
-    """
-    sizes = {"area": area, "volume": volume, "length": length}
-    limits = {"min_cc": min_cc, "max_residual": max_residual, "variants": variants}
-    wanted = given(**limits, tag=list(tag), name=name, metadata=conditions(metadata), **sizes)
-    return Call("GET", "/duplicates", parsed(DuplicatesAnswer), params=wanted)
-
-
-def similarity_map(
-    *,
-    tag: Sequence[str] = (),
-    name: str | None = None,
-    metadata: Conditions = (),
-    area: str | None = None,
-    volume: str | None = None,
-    length: str | None = None,
-) -> Call[MapAnswer]:
-    """Get positions of the shapes that pass the filters on a plane, similar shapes near each other.
-
-    The filters are those of `duplicates`.
-    """
-    sizes = {"area": area, "volume": volume, "length": length}
-    wanted = given(tag=list(tag), name=name, metadata=conditions(metadata), **sizes)
-    return Call("GET", "/map", parsed(MapAnswer), params=wanted)
-
-
-def version() -> Call[Version]:
-    """Get the version of the service and its pipeline."""
-    return Call("GET", "/version", parsed(Version))
 
 
 def _fields(options: QueryArguments) -> dict[str, str | list[str]]:

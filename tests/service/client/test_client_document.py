@@ -18,7 +18,7 @@ from tests.service.cli.awaited import Awaited
 DOCUMENT = document()
 FILE = ("bird.off", b"OFF")
 SIZES = {"area": "1..2", "volume": "..3", "length": "4.."}
-LISTED = {"tags": ["a", "b"], "name": "x", "metadata": ["k=1", "l=2"], "sort": "name", **SIZES}
+LISTED = {"tag": ["a", "b"], "name": "x", "metadata": ["k=1", "l=2"], "sort": "name", **SIZES}
 SEARCH = {
     "top_k": 2,
     "rank_by": "sim",
@@ -283,8 +283,8 @@ def test_a_call_is_as_the_document_says(
 
 
 def test_every_method_is_checked() -> None:
-    public = {name for name in vars(Client) if not name.startswith("_")}
-    assert public - {"close", "send"} == {method for method, *_ in CALLS}
+    public = {name for name in dir(Client) if not name.startswith("_")}
+    assert public - {"close", "send", "send_all"} == {method for method, *_ in CALLS}
 
 
 def test_every_operation_is_called_or_is_not_for_programs() -> None:

@@ -1,0 +1,274 @@
+"""The two clients: one that waits for each answer, and one whose answers are awaited."""
+
+import asyncio
+import inspect
+import time
+from collections.abc import AsyncIterator, Callable, Coroutine, Iterator
+from contextlib import ExitStack
+from functools import update_wrapper
+from itertools import count
+from types import TracebackType
+from typing import Any, Generic, ParamSpec, Self, TypeVar, overload
+
+import httpx
+
+from service.client import calls, search_calls
+from service.client.requests import (
+    NO_ANSWER,
+    TIMEOUT,
+    Call,
+    Step,
+    UnreachableError,
+    headers_with,
+    pause,
+)
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+
+class _Method(Generic[P, T]):
+    """A method of both clients: it makes a call, sends it and returns the answer."""
+
+    def __init__(self, make: Callable[P, Call[T]]) -> None:
+        self._make = make
+        self.__doc__ = make.__doc__
+
+    @overload
+    def __get__(self, client: None, kind: type) -> Self: ...
+    @overload
+    def __get__(self, client: "Client", kind: type) -> Callable[P, T]: ...
+    @overload
+    def __get__(self, client: "AsyncClient", kind: type) -> Callable[P, Coroutine[Any, Any, T]]: ...
+    def __get__(self, client: Any, kind: type) -> Any:
+        return self if client is None else _bound(self._make, client.send)
+
+
+class _Series(Generic[P, T]):
+    """A method of both clients that sends the calls of a series and iterates over all items."""
+
+    def __init__(self, make: Callable[P, Call[Step[T]]]) -> None:
+        self._make = make
+        self.__doc__ = make.__doc__
+
+    @overload
+    def __get__(self, client: None, kind: type) -> Self: ...
+    @overload
+    def __get__(self, client: "Client", kind: type) -> Callable[P, Iterator[T]]: ...
+    @overload
+    def __get__(self, client: "AsyncClient", kind: type) -> Callable[P, AsyncIterator[T]]: ...
+    def __get__(self, client: Any, kind: type) -> Any:
+        return self if client is None else _bound(self._make, client.send_all)
+
+
+def _bound(make: Callable[..., Any], send: Callable[[Any], Any]) -> Callable[..., Any]:
+    """Return a function that makes a call and sends it."""
+
+    def method(*arguments: object, **options: object) -> object:
+        return send(make(*arguments, **options))
+
+    update_wrapper(method, make)
+    # The function that makes the call returns a call; the method returns its answer.
+    signature = inspect.signature(make).replace(return_annotation=inspect.Signature.empty)
+    method.__dict__["__signature__"] = signature
+    return method
+
+
+class _Methods:
+    """The methods of both clients."""
+
+    upload = _Method(calls.upload)
+    page = _Method(calls.page)
+    shapes = _Series(calls.shapes)
+    shape = _Method(calls.shape)
+    file = _Method(calls.file)
+    embedding = _Method(calls.embedding)
+    thumbnail = _Method(calls.thumbnail)
+    preview = _Method(calls.preview)
+    preview_file = _Method(calls.preview_file)
+    replace_file = _Method(calls.replace_file)
+    update = _Method(calls.update)
+    delete = _Method(calls.delete)
+    deleted = _Series(calls.deleted)
+    restore = _Method(calls.restore)
+    purge = _Method(calls.purge)
+    query_file = _Method(search_calls.query_file)
+    similar = _Method(search_calls.similar)
+    query_shape = _Method(search_calls.query_shape)
+    compare = _Method(search_calls.compare)
+    duplicates = _Method(calls.duplicates)
+    similarity_map = _Method(calls.similarity_map)
+    send_archive = _Method(calls.send_archive)
+    job = _Method(calls.job)
+    jobs = _Series(calls.jobs)
+    follow_job = _Series(calls.follow_job)
+    job_files = _Series(calls.job_files)
+    cancel_job = _Method(calls.cancel_job)
+    delete_job = _Method(calls.delete_job)
+    collections = _Method(calls.collections)
+    create_collection = _Method(calls.create_collection)
+    delete_collection = _Method(calls.delete_collection)
+    version = _Method(calls.version)
+
+
+class Client(_Methods):
+    """A client of the service at an address.
+
+    Parameters
+    ----------
+    url : str
+        For example "http://127.0.0.1:8000".
+    key : str, optional
+        An API key, where the service asks for one.
+    collection : str, optional
+        The collection of all calls. Without it the service uses `default`, or the only collection of the key.
+    transport : httpx.BaseTransport, optional
+        A transport in the place of the network.
+    timeout : httpx.Timeout, optional
+        Ten minutes for an answer by default.
+
+    Raises
+    ------
+    ClientError
+        A header cannot hold the key or the name of the collection.
+
+    Notes
+    -----
+    Every method raises `ProblemError`, `UnreachableError` or `UnexpectedAnswerError`. Several threads may use
+    a client at the same time.
+    """
+
+    def __init__(
+        self,
+        url: str,
+        *,
+        key: str | None = None,
+        collection: str | None = None,
+        transport: httpx.BaseTransport | None = None,
+        timeout: httpx.Timeout = TIMEOUT,
+    ) -> None:
+        headers = headers_with(key, collection)
+        try:
+            self._http = httpx.Client(base_url=url, headers=headers, transport=transport, timeout=timeout)
+        except httpx.InvalidURL as error:
+            raise UnreachableError(f"{url!r} is not an address: {error}") from error
+        self.url = url
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the connections."""
+        self._http.close()
+
+    def ready(self) -> bool:
+        """Return whether the service is ready; false also when it does not answer."""
+        try:
+            return self._http.get("/readyz").is_success
+        except httpx.TransportError:
+            return False
+
+    def send(self, call: Call[T]) -> T:
+        """Send a call and read its answer; while the service is busy, send it again."""
+        with ExitStack() as stack:
+            prepared = call.prepared(stack)
+            for attempt in count():
+                try:
+                    answer = self._http.request(call.method, call.path, **prepared)
+                except NO_ANSWER as fault:
+                    raise UnreachableError(f"no answer from {self.url}: {fault}") from fault
+                seconds = pause(answer, attempt)
+                if seconds is None:
+                    break
+                time.sleep(seconds)
+        return call.read(answer)
+
+    def send_all(self, call: Call[Step[T]] | None) -> Iterator[T]:
+        """Send the calls of a series, and yield the items."""
+        while call is not None:
+            step = self.send(call)
+            yield from step.items
+            call = step.more
+            if call is not None and step.seconds:
+                time.sleep(step.seconds)
+
+
+class AsyncClient(_Methods):
+    """An asynchronous client, with the parameters, methods and errors of `Client`.
+
+    The methods are awaited; one that gives many items is an asynchronous iterator. Several tasks of one event
+    loop may use a client at the same time.
+    """
+
+    def __init__(
+        self,
+        url: str,
+        *,
+        key: str | None = None,
+        collection: str | None = None,
+        transport: httpx.AsyncBaseTransport | None = None,
+        timeout: httpx.Timeout = TIMEOUT,
+    ) -> None:
+        headers = headers_with(key, collection)
+        try:
+            self._http = httpx.AsyncClient(
+                base_url=url, headers=headers, transport=transport, timeout=timeout
+            )
+        except httpx.InvalidURL as error:
+            raise UnreachableError(f"{url!r} is not an address: {error}") from error
+        self.url = url
+
+    async def __aenter__(self) -> Self:
+        return self
+
+    async def __aexit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        await self.close()
+
+    async def close(self) -> None:
+        """Close the connections."""
+        await self._http.aclose()
+
+    async def ready(self) -> bool:
+        """Return whether the service is ready; false also when it does not answer."""
+        try:
+            return (await self._http.get("/readyz")).is_success
+        except httpx.TransportError:
+            return False
+
+    async def send(self, call: Call[T]) -> T:
+        """Send a call and read its answer; while the service is busy, send it again."""
+        with ExitStack() as stack:
+            prepared = await asyncio.to_thread(call.prepared, stack)
+            for attempt in count():
+                try:
+                    answer = await self._http.request(call.method, call.path, **prepared)
+                except NO_ANSWER as fault:
+                    raise UnreachableError(f"no answer from {self.url}: {fault}") from fault
+                seconds = pause(answer, attempt)
+                if seconds is None:
+                    break
+                await asyncio.sleep(seconds)
+        return call.read(answer)
+
+    async def send_all(self, call: Call[Step[T]] | None) -> AsyncIterator[T]:
+        """Send the calls of a series, and yield the items."""
+        while call is not None:
+            step = await self.send(call)
+            for item in step.items:
+                yield item
+            call = step.more
+            if call is not None and step.seconds:
+                await asyncio.sleep(step.seconds)

@@ -1,0 +1,279 @@
+"""Requests, the reading of their answers, their errors, and when a request is sent again."""
+
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack, suppress
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, Generic, Protocol, TypeVar
+from urllib.parse import quote
+
+import httpx
+from pydantic import BaseModel, JsonValue, ValidationError
+
+from service.collection import is_name
+from service.errors import ExpectedError
+from service.http.problem_document import MEDIA_TYPE, TYPE_PREFIX, Problem
+from service.shapes.fields import plain_values
+
+File = str | Path | tuple[str, bytes]
+"""A mesh to send: its path, or its name (with the ending of its format) and its bytes."""
+
+Conditions = Mapping[str, JsonValue] | Sequence[str]
+"""Metadata that shapes must have: keys with their values, or texts of the form key=value."""
+
+T = TypeVar("T")
+U = TypeVar("U")
+Model = TypeVar("Model", bound=BaseModel)
+APage = TypeVar("APage", bound="Page")
+
+COLLECTION = "Isoshape-Collection"
+"""The header that names the collection of a call."""
+
+# A large mesh may wait for a worker, and its embedding may take minutes.
+TIMEOUT = httpx.Timeout(600.0, connect=10.0)
+# The errors that httpx raises without an answer.
+NO_ANSWER = (httpx.TransportError, httpx.UnsupportedProtocol)
+
+# The most retries after an answer 429 or 503, by the kind of problem. A file that killed its worker may kill
+# another, so it has one retry only.
+RETRIES = {
+    "busy": 5,
+    "rate-limit": 5,
+    "not-ready": 5,
+    "shutting-down": 3,
+    "storage-unavailable": 3,
+    "worker-lost": 1,
+    "cluster-unavailable": 3,
+}
+# The same for a proxy, which answers without a problem document.
+PROXY_RETRIES = 5
+BUSY = frozenset({httpx.codes.TOO_MANY_REQUESTS, httpx.codes.SERVICE_UNAVAILABLE})
+LONGEST_WAIT_SECONDS = 30.0
+
+
+class ClientError(ExpectedError):
+    """A request failed."""
+
+
+class UnreachableError(ClientError):
+    """No answer: no service listens at the address, or the connection was lost."""
+
+
+class UnexpectedAnswerError(ClientError):
+    """The answer is not from an Isoshape service."""
+
+
+class ProblemError(ClientError):
+    """The service answered with a problem document.
+
+    Attributes
+    ----------
+    problem : Problem
+        The document.
+    kind : str
+        The last part of its type, such as "shape-not-found" or "no-triangles". Programs may branch on it.
+    """
+
+    def __init__(self, problem: Problem) -> None:
+        super().__init__(f"{problem.title}: {problem.detail}")
+        self.problem = problem
+        self.kind = problem.type.removeprefix(TYPE_PREFIX)
+
+
+@dataclass(frozen=True)
+class Call(Generic[T]):
+    """A request and the function that reads its answer.
+
+    Attributes
+    ----------
+    method, path : str
+    read : callable
+        Takes a successful answer; its result is returned.
+    params, data, headers : dict
+        The parameters of the address, the fields of the form and the headers.
+    json : object
+        The JSON body, if any.
+    files : dict
+        The files of the form by the names of their fields.
+    streamed : bool
+        Whether files are sent in pieces, because they may be too large for memory.
+    """
+
+    method: str
+    path: str
+    read: Callable[[httpx.Response], T]
+    params: Mapping[str, Any] = field(default_factory=dict)
+    data: Mapping[str, str | list[str]] = field(default_factory=dict)
+    headers: Mapping[str, str] = field(default_factory=dict)
+    json: object = None
+    files: Mapping[str, File] = field(default_factory=dict)
+    streamed: bool = False
+
+    def prepared(self, stack: ExitStack) -> dict[str, Any]:
+        """Return the arguments of an httpx request; the stack closes the files that this opens.
+
+        Raises
+        ------
+        OSError
+            A file cannot be read.
+        """
+        # A body without a file is no form, and an address given no parameters keeps its own.
+        arguments: dict[str, Any] = {"headers": dict(self.headers)}
+        arguments |= {"params": self.params} if self.params else {}
+        arguments |= {"json": self.json} if self.json is not None else {}
+        if self.files:
+            parts = {name: self._part(file, stack) for name, file in self.files.items()}
+            arguments |= {"data": self.data, "files": parts}
+        return arguments
+
+    def _part(self, file: File, stack: ExitStack) -> tuple[str, Any]:
+        """Return the name and the content of a file."""
+        if isinstance(file, tuple):
+            return file
+        path = Path(file)
+        return path.name, stack.enter_context(path.open("rb")) if self.streamed else path.read_bytes()
+
+    def then(self, change: Callable[[T], U]) -> "Call[U]":
+        """Return the same request, with another function applied to its result."""
+        return replace(self, read=lambda answer: change(self.read(answer)))  # type: ignore[arg-type, return-value]
+
+
+@dataclass(frozen=True)
+class Step(Generic[T]):
+    """Some items of a series, and the call for more of them, to be sent after `seconds` seconds."""
+
+    items: Sequence[T]
+    more: "Call[Step[T]] | None"
+    seconds: float = 0.0
+
+
+class Page(Protocol):
+    """A page of items, and the cursor of the next page."""
+
+    @property
+    def next_cursor(self) -> str | None:
+        """None on the last page."""
+
+
+def pages(
+    page_at: Callable[[str | None], Call[APage]], items: Callable[[APage], Sequence[T]]
+) -> Call[Step[T]]:
+    """Return the series of the items of all pages, from the call of a page by its cursor."""
+
+    def after(cursor: str | None) -> Call[Step[T]]:
+        return page_at(cursor).then(step)
+
+    def step(page: APage) -> Step[T]:
+        return Step(items(page), None if page.next_cursor is None else after(page.next_cursor))
+
+    return after(None)
+
+
+def parsed(model: type[Model]) -> Callable[[httpx.Response], Model]:
+    """Return a function that reads answers of a model."""
+
+    def read(answer: httpx.Response) -> Model:
+        try:
+            return model.model_validate_json(answer.content)
+        except ValidationError as error:
+            raise UnexpectedAnswerError(f"{answer.request.url} gave no {model.__name__}") from error
+
+    return read
+
+
+def content(answer: httpx.Response) -> bytes:
+    """Return the bytes of the body."""
+    return answer.content
+
+
+def nothing(_answer: httpx.Response) -> None:
+    """Return None, for an answer without a body."""
+
+
+def segment(shape_id: str) -> str:
+    """Return an id as one segment of an address, with every reserved character quoted."""
+    return quote(shape_id, safe="")
+
+
+def given(**values: object) -> dict[str, Any]:
+    """Return the values that are not None, by name."""
+    return {name: value for name, value in values.items() if value is not None}
+
+
+def conditions(metadata: Conditions) -> list[str]:
+    """Return conditions on metadata in the form key=value, which the service compares with stored values.
+
+    Parameters
+    ----------
+    metadata : mapping or sequence of str
+        Keys with the values that shapes were uploaded with, or conditions that are already written.
+
+    Raises
+    ------
+    ClientError
+        A key has an equals sign, or a value is a list or an object; no filter can name these.
+    """
+    if not isinstance(metadata, Mapping):
+        return list(metadata)
+    values = plain_values(dict(metadata))
+    for key in metadata:
+        if "=" in key or key not in values:
+            raise ClientError(f"no filter can name the metadata {key!r}: {metadata[key]!r}")
+    return [f"{key}={value}" for key, value in values.items()]
+
+
+def headers_with(key: str | None, collection: str | None) -> dict[str, str]:
+    """Return the headers with a key and the name of a collection.
+
+    Raises
+    ------
+    ClientError
+        A header cannot hold the key, or no collection can have the name.
+    """
+    key = (key or "").strip()
+    if not (key.isascii() and key.isprintable()):
+        raise ClientError("the key holds characters that no key has")
+    if collection is not None and not is_name(collection):
+        raise ClientError(f"no collection can have the name {collection!r}")
+    named = {} if collection is None else {COLLECTION: collection}
+    return {"Authorization": f"Bearer {key}", **named} if key else named
+
+
+def pause(answer: httpx.Response, attempt: int) -> float | None:
+    """Return the seconds to wait before the next attempt; None after a success.
+
+    The wait is the one that the service asks for, doubled with each attempt, so that many clients spread out.
+
+    Parameters
+    ----------
+    answer : httpx.Response
+    attempt : int
+        The number of attempts before this one.
+
+    Raises
+    ------
+    ProblemError, UnexpectedAnswerError
+        A retry is of no use, or the retries are used up.
+    """
+    if answer.is_success:
+        return None
+    error = _error_of(answer)
+    if isinstance(error, ProblemError):
+        retries = RETRIES.get(error.kind, 0)
+    else:
+        retries = PROXY_RETRIES if answer.status_code in BUSY else 0
+    if attempt >= retries:
+        raise error
+    asked = answer.headers.get("retry-after", "")
+    first = float(asked) if asked.isdecimal() else 1.0
+    return min(first * 2.0**attempt, LONGEST_WAIT_SECONDS)
+
+
+def _error_of(answer: httpx.Response) -> ProblemError | UnexpectedAnswerError:
+    """Return the error of an unsuccessful answer."""
+    if answer.headers.get("content-type", "").startswith(MEDIA_TYPE):
+        with suppress(ValidationError):
+            return ProblemError(Problem.model_validate_json(answer.content))
+    return UnexpectedAnswerError(
+        f"{answer.request.url} answered {answer.status_code}, and not with a problem document"
+    )
