@@ -3,8 +3,8 @@
     python -m tests.studies.faults OUT.csv --count 60 --seed 0 [--only core]
 
 The faults are drawn with a seed: flipped comparisons, swapped operators, limits off by one, conditions
-turned round, statements left out. Each is written into a copy of the tree, where the tests of the module's folder
-run until the first fails. A fault that no test notices may be equivalent to the original: read those rows.
+turned round, statements left out. Each is written into a copy of the tree, where the tests of the module's
+folder run until the first fails. A fault that no test notices may be equivalent to the original: read them.
 """
 
 import argparse

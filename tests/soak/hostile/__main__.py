@@ -1,4 +1,4 @@
-"""`python -m tests.soak.hostile`: upload every hostile file to a service, and write what came of it."""
+"""`python -m tests.soak.hostile`: upload every hostile file to a service, and print the table of answers."""
 
 import argparse
 import sys
@@ -7,8 +7,7 @@ from pathlib import Path
 
 from tests.soak.hostile.corpus import CORPUS
 from tests.soak.hostile.serving import memory, server
-from tests.soak.hostile.table import table
-from tests.soak.hostile.uploading import memory_after, upload_each
+from tests.soak.hostile.uploading import memory_after, table, upload_each
 
 ROUNDS = 3
 
@@ -24,8 +23,7 @@ def main() -> int:
         usual = [case for case in CORPUS if not case.slow]
         for number, after in enumerate(memory_after(pid, client, usual, ROUNDS), start=1):
             held[f"after {number} more of {len(usual)} files"] = after
-    text = table(outcomes, held)
-    print(text)
+    print(table(outcomes, held))
     return 0 if all(outcome.right for outcome in outcomes) else 1
 
 

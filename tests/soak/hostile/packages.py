@@ -12,6 +12,7 @@ LARGE = ("index too large", "an index of 4e9", "an index of 1e30")
 CIRCLES = ("its own component", "a circle", "a circle across parts")
 BROKEN = ("a damaged part", "no directory", "shorter than it says", "longer than it says", "cut in the XML")
 BOX = step_box()
+DEEP = 100_000
 
 
 def cases() -> list[Hostile]:
@@ -81,4 +82,11 @@ def _step() -> list[Hostile]:
             {"elsewhere.step": long, "elsewhere-short.step": short},
         ),
         *stored("strange", {"box.step": BOX}),
+        Hostile("nested", "brackets.step", _brackets, 422, "malformed-mesh", fatal=True),
     ]
+
+
+def _brackets() -> bytes:
+    """Return brackets in brackets, over which OpenCASCADE overflows its stack."""
+    head = b"ISO-10303-21;\nHEADER;\nFILE_DESCRIPTION((''),'2;1');\nENDSEC;\nDATA;\n"
+    return head + b"#1=A" + b"(" * DEEP + b")" * DEEP + b";\nENDSEC;\nEND-ISO-10303-21;\n"

@@ -16,7 +16,7 @@ from tests.soak.hostile.changed import faults_of_archive, upload_changed
 from tests.soak.hostile.mutation import mutation, mutations, sources
 from tests.soak.hostile.stored import fault_in_embedding, fault_in_mesh, other_format
 
-COUNT = 150
+COUNT = 20
 
 
 @pytest.fixture(scope="module")
@@ -40,17 +40,14 @@ def test_the_changes_are_the_same_each_time_and_change_something() -> None:
     assert sum(unchanged) < 20
 
 
-def test_no_change_is_a_fault_of_the_service_and_nothing_wrong_is_stored(running: Running) -> None:
+def test_few_changes_are_taken_and_refused(running: Running) -> None:
+    """`python -m tests.soak.hostile.changed` does the same with many."""
     tally = upload_changed(running.client, COUNT, seed=1)
     assert tally.faults == []
     assert sum(tally.answers.values()) == COUNT
     assert list(faults_of_archive(path_of(url_of(running.container.database)), tally)) == []
-    # Many were taken and many refused, so that both ways are tried.
-    assert tally.count("stored") > COUNT / 10
-    assert tally.count("malformed-mesh") > COUNT / 10
-    said = str(tally).splitlines()[-1]
-    assert said.startswith(f"{COUNT} changed files in ")
-    assert said.endswith("; 0 faults.")
+    assert tally.count("stored") > 0
+    assert tally.count("malformed-mesh") > 0
 
 
 def test_a_wrong_embedding_would_be_seen(running: Running) -> None:

@@ -1,14 +1,15 @@
-"""Uploads of hostile files, and what came of each."""
+"""Uploads of hostile files, and the table of their answers."""
 
 import time
-from collections.abc import Iterable
+from collections import Counter
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import httpx
 
 from service.http.problem_document import MEDIA_TYPE, TYPE_PREFIX
 from tests.service.support import wait_until
-from tests.soak.hostile.case import Hostile
+from tests.soak.hostile.case import ROWS, Hostile
 from tests.soak.hostile.serving import Memory, Peak, memory
 
 
@@ -88,3 +89,42 @@ def _all_started(client: httpx.Client) -> bool:
         for processes in ("workers", "readers")
         for state, count in (("idle", "2.0"), ("busy", "0.0"), ("starting", "0.0"))
     )
+
+
+def table(outcomes: list[Outcome], held: Mapping[str, Memory]) -> str:
+    """Return the table of the answers, a line of totals, and the memory of the service by moment."""
+    rows = ["| input | files | answer | worst seconds | peak memory, MiB |", "|---|---:|---|---:|---:|"]
+    for key, title in ROWS.items():
+        of_row = [outcome for outcome in outcomes if outcome.case.row == key]
+        seconds, peak = max(outcome.seconds for outcome in of_row), max(outcome.peak for outcome in of_row)
+        rows.append(f"| {title} | {len(of_row)} | {_answers(of_row)} | {seconds:.2f} | {peak:.0f} |")
+    wrong = [outcome for outcome in outcomes if not outcome.right]
+    failed = sum(outcome.status >= 500 for outcome in outcomes)
+    silent = sum(outcome.status == 0 for outcome in outcomes)
+    lines = [
+        *rows,
+        "",
+        f"{len(outcomes)} files: {len(wrong)} answered otherwise than they must be, {failed} answered with "
+        f"5xx, {silent} not answered in time.",
+        *(f"* {_wrong(outcome)}" for outcome in wrong),
+        "",
+        "| memory, MiB | service | its workers |",
+        "|---|---:|---:|",
+        *(f"| {moment} | {memory.service:.0f} | {memory.workers:.0f} |" for moment, memory in held.items()),
+    ]
+    return "\n".join(lines)
+
+
+def _answers(outcomes: list[Outcome]) -> str:
+    """The answers, the most frequent first."""
+    counted = Counter((outcome.status, outcome.kind) for outcome in outcomes)
+    return ", ".join(
+        f"{status} {kind}".strip() + (f" ({count})" if len(counted) > 1 else "")
+        for (status, kind), count in sorted(counted.items(), key=lambda item: (-item[1], item[0]))
+    )
+
+
+def _wrong(outcome: Outcome) -> str:
+    case = outcome.case
+    answer, right = f"{outcome.status} {outcome.kind}", f"{case.status} {case.kind}"
+    return f"`{case.filename}`: {answer.strip()}, and it must be {right.strip()}"
