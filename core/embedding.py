@@ -5,10 +5,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from core.arrays import Float32s, Int8s, Int32s
+from core.arrays import Bytes, Float32s, Int8s, Int32s
 
-NO_SPIN_IMAGES: NDArray[np.uint8] = np.empty((0, 0), dtype=np.uint8)
-NO_VIEWS: NDArray[np.uint8] = np.empty(0, dtype=np.uint8)
 NO_ORIENTATION: Int8s = np.empty((0, 0), dtype=np.int8)
 
 
@@ -52,8 +50,8 @@ class Facts:
         Numbers of vertices that cleaning merged, and of degenerate or repeated faces that it dropped.
     boundary_edges, nonmanifold_edges : int
         Numbers of edges with one face, and with more than two.
-    openness : float
-        The boundary ratio, >= 0 (`core.descriptors.boundary_ratio`); 0 in records that do not hold it.
+    boundary_ratio : float
+        In [0, 1]: see `core.descriptors.boundary_ratio`.
     """
 
     vertices: int
@@ -66,7 +64,7 @@ class Facts:
     dropped_faces: int
     boundary_edges: int
     nonmanifold_edges: int
-    openness: float = 0.0
+    boundary_ratio: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,14 +94,12 @@ class Embedding:
     spectra : tuple of Spectrum
         One or several spectral embeddings of the same d points.
     spin_images : uint8, shape (r, w)
-        Local descriptors (spin images) from `core.descriptors.descriptor_distance.describe`. The shape is
-        (0, 0) if the parameters ask for none.
+        Local descriptors from `core.descriptors.descriptor_distance.describe`.
     views : uint8, shape (v,)
-        The view descriptor from `core.descriptors.view_descriptor`. The shape is (0,) if the parameters ask
-        for none.
+        The view descriptor from `core.descriptors.view_descriptor`.
     orientation : int8, shape (m, p)
         Signed areas of the samples' regions from `core.spectral.orientation.quantised_areas`. The shape is
-        (0, 0) if the parameters ask for none, or the surface's faces are turned every way.
+        (0, 0) without Laplace-Beltrami coordinates, and if the surface's faces are turned every way.
     """
 
     fingerprint: str
@@ -116,8 +112,8 @@ class Embedding:
     regions: Int32s
     signature: Float32s
     spectra: tuple[Spectrum, ...]
-    spin_images: NDArray[np.uint8] = field(default_factory=lambda: NO_SPIN_IMAGES)
-    views: NDArray[np.uint8] = field(default_factory=lambda: NO_VIEWS)
+    spin_images: Bytes
+    views: Bytes
     orientation: Int8s = field(default_factory=lambda: NO_ORIENTATION)
 
 

@@ -5,15 +5,13 @@ from operator import attrgetter
 
 import numpy as np
 from cachetools import LRUCache
-from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from core import sparse_embedding
-from core.arrays import Bytes, Floats, Int8s, Ints
+from core.arrays import Floats, Int8s, Ints
 from core.dense.dense_correspondence import correspond
 from core.dense.records import DenseCorrespondence
 from core.dense.working_surface import MOST_VERTICES, SIMPLIFIED, WorkingSurface, working_surface
-from core.descriptors.descriptor_distance import DescriptorDistance
 from core.embedding import Embedding, Match, Scores
 from core.errors import IncompatibleEmbeddingsError
 from core.graph.sample_distances import sample_distances
@@ -25,8 +23,7 @@ from core.mesh.mesh import Mesh
 from core.mesh.preparation import PreparedSurface
 from core.numerics.guarding import check_finite, guarded
 from core.parameters import DEFAULT, Parameters
-from core.ranking.class_probability import class_probability, signature_features
-from core.ranking.combined import combined_scores, pools_experts
+from core.ranking.combined import combined_scores
 from core.ranking.local_density import LocalDensities
 from core.sampling.embedded_points import embedded_points
 
@@ -78,10 +75,6 @@ class Pipeline:
         """
         with guarded():
             return sparse_embedding.opened(clean(mesh), self.parameters)
-
-    def spin_images_of(self, mesh: Mesh) -> Bytes:
-        """The spin images of a mesh: see `core.sparse_embedding.spin_images_of`."""
-        return sparse_embedding.spin_images_of(mesh, self.parameters)
 
     def sample(self, mesh: Mesh, graph: csr_array) -> tuple[Ints, int]:
         """The embedded vertices and the number of samples: see `core.sampling.embedded_points`."""
@@ -215,52 +208,15 @@ class Pipeline:
 
     def _working(self, mesh: Mesh, embedding: Embedding) -> WorkingSurface:
         bounded = self.parameters.with_values(
-            decimate_above=MOST_VERTICES,
-            decimate_to=SIMPLIFIED,
-            decimate_pieces_above=0,
-            refine_simplified=0,
+            mesh={
+                "decimate_above": MOST_VERTICES,
+                "decimate_to": SIMPLIFIED,
+                "decimate_pieces_above": 0,
+                "refine_simplified": 0,
+            }
         )
         prepared = sparse_embedding.normalised(mesh, bounded)
         return working_surface(mesh, prepared.surface, prepared.frame, embedding.positions.astype(np.float64))
-
-    def features(
-        self, cc: Floats, sim: Floats, query: NDArray[np.float32], signatures: NDArray[np.float32]
-    ) -> Floats:
-        """The features of whole shapes that `combined` reads, shape (c, 2).
-
-        See `core.ranking.class_probability.signature_features`.
-        """
-        return signature_features(
-            cc, sim, query, signatures, global_descriptors=self.parameters.ranking.global_descriptors
-        )
-
-    def combined(
-        self,
-        cc: Floats,
-        sim: Floats,
-        query: NDArray[np.float32],
-        signatures: NDArray[np.float32],
-        descriptor_distance: DescriptorDistance | None = None,
-    ) -> Floats:
-        """The probability that one shape and each of c others are of one class, shape (c,), in [0, 1].
-
-        Calibrated for the default setting; under other parameters only its order has a meaning.
-
-        Parameters
-        ----------
-        cc, sim : float64, shape (c,)
-            As `score` gives them.
-        query : float32, shape (s,)
-        signatures : float32, shape (c, s)
-        descriptor_distance : DescriptorDistance, optional
-            Between their spin images. Without it the probability is less exact.
-        """
-        return class_probability(self.features(cc, sim, query, signatures), descriptor_distance)
-
-    @property
-    def pools_experts(self) -> bool:
-        """Whether `combined` reads all descriptors: see `core.ranking.combined`."""
-        return pools_experts(self.parameters.ranking)
 
     def combined_with(
         self,
@@ -271,4 +227,4 @@ class Pipeline:
         densities: LocalDensities | None = None,
     ) -> Floats:
         """`combined` of one embedding with c others, shape (c,): see `core.ranking.combined`."""
-        return combined_scores(query, others, scores, self.parameters.ranking, own, densities)
+        return combined_scores(query, others, scores, own, densities)

@@ -15,14 +15,7 @@ from safetensors.numpy import load, save
 from core.descriptors.descriptor_distance import ROW_COUNTS, ROW_LENGTH
 from core.descriptors.reliability import intrinsic_reliability
 from core.descriptors.view_bytes import VIEW_BYTES
-from core.embedding import (
-    NO_ORIENTATION,
-    NO_SPIN_IMAGES,
-    NO_VIEWS,
-    Embedding,
-    Facts,
-    Spectrum,
-)
+from core.embedding import NO_ORIENTATION, Embedding, Facts, Spectrum
 from core.errors import BadRecordError
 from core.ranking.pair_differences import ShapeDescriptors
 from core.spectral.orientation import ORIENTED, ORIENTING
@@ -43,13 +36,9 @@ def embedding_to_bytes(embedding: Embedding) -> bytes:
         "tree_edges": embedding.tree_edges,
         "regions": embedding.regions,
         "signature": embedding.signature,
+        "spin_images": embedding.spin_images,
+        "views": embedding.views,
     }
-    if embedding.spin_images.size:
-        header["patches"] = True
-        arrays["patches"] = embedding.spin_images
-    if embedding.views.size:
-        header["views"] = True
-        arrays["views"] = embedding.views
     if embedding.orientation.size:
         header["orientation"] = True
         arrays["orientation"] = embedding.orientation
@@ -86,8 +75,8 @@ def embedding_from_bytes(data: bytes) -> Embedding:
                 Spectrum(name, arrays[f"eigenvalues_{i}"], arrays[f"coordinates_{i}"])
                 for i, name in enumerate(header["spectra"])
             ),
-            spin_images=arrays["patches"] if header.get("patches") else NO_SPIN_IMAGES,
-            views=arrays["views"] if header.get("views") else NO_VIEWS,
+            spin_images=arrays["spin_images"],
+            views=arrays["views"],
             orientation=arrays["orientation"] if header.get("orientation") else NO_ORIENTATION,
         )
     except (SafetensorError, KeyError, TypeError, ValueError, RecursionError) as error:
@@ -101,8 +90,6 @@ def embedding_from_bytes(data: bytes) -> Embedding:
 def descriptors_from_bytes(data: bytes) -> ShapeDescriptors:
     """The descriptors of a record, without its embedded points.
 
-    Spin images have the shape (0, 0), and views the shape (0,), if the record has none.
-
     Raises
     ------
     BadRecordError
@@ -113,8 +100,8 @@ def descriptors_from_bytes(data: bytes) -> ShapeDescriptors:
         header = json.loads(arrays["header"].tobytes())
         found = ShapeDescriptors(
             arrays["signature"],
-            arrays["patches"] if header.get("patches") else NO_SPIN_IMAGES,
-            arrays["views"] if header.get("views") else NO_VIEWS,
+            arrays["spin_images"],
+            arrays["views"],
             intrinsic_reliability(Facts(**header["facts"])),
         )
     except (SafetensorError, KeyError, TypeError, ValueError, RecursionError, AttributeError) as error:
@@ -180,15 +167,13 @@ def _header_faults(embedding: Embedding) -> Iterator[str]:
 
 
 def _spin_image_faults(spin_images: NDArray[Any]) -> Iterator[str]:
-    if spin_images is not NO_SPIN_IMAGES:
-        yield from _array_faults("patches", spin_images, np.uint8, (None, ROW_LENGTH))
-        if len(spin_images) not in ROW_COUNTS.values():
-            yield f"there are {len(spin_images)} rows of spin images"
+    yield from _array_faults("spin_images", spin_images, np.uint8, (None, ROW_LENGTH))
+    if len(spin_images) not in ROW_COUNTS.values():
+        yield f"there are {len(spin_images)} rows of spin images"
 
 
 def _view_faults(views: NDArray[Any]) -> Iterator[str]:
-    if views is not NO_VIEWS:
-        yield from _array_faults("views", views, np.uint8, (VIEW_BYTES,))
+    yield from _array_faults("views", views, np.uint8, (VIEW_BYTES,))
 
 
 def _orientation_faults(embedding: Embedding, m: int) -> Iterator[str]:

@@ -8,7 +8,7 @@ from core.descriptors.descriptor_distance import describe
 from core.descriptors.facts import measure
 from core.descriptors.global_descriptors import GLOBAL_WEIGHT, global_descriptors
 from core.descriptors.view_descriptor import view_descriptor
-from core.embedding import NO_SPIN_IMAGES, NO_VIEWS, Embedding, Facts
+from core.embedding import Embedding, Facts
 from core.graph.bridges import component_bridges
 from core.graph.edge_graph import edge_graph
 from core.graph.sample_distances import sample_distances
@@ -33,25 +33,6 @@ def opened(cleaned: Cleaned, parameters: Parameters) -> Mesh:
     return open_surface(cleaned, parameters.mesh, least_vertices(parameters))
 
 
-def spin_images_of(mesh: Mesh, parameters: Parameters) -> Bytes:
-    """The spin images of a mesh, also if the parameters leave them out of embeddings.
-
-    Returns
-    -------
-    uint8, shape (r, ROW_LENGTH)
-        From `core.descriptors.descriptor_distance.describe`.
-
-    Raises
-    ------
-    DegenerateMeshError
-        The mesh has no area.
-    """
-    with guarded():
-        surface, cleaned, frame, _ = normalised(mesh, parameters)
-        facts = measure(mesh, cleaned, frame, pieces=parameters.ranking.views)
-        return _spin_images(surface, cleaned, facts, parameters)
-
-
 def embed(mesh: Mesh, parameters: Parameters) -> Embedding:
     """The sparse spectral embedding of a mesh.
 
@@ -62,7 +43,6 @@ def embed(mesh: Mesh, parameters: Parameters) -> Embedding:
     CannotBeEmbeddedError
         The method fails on the mesh, for example by a division by zero.
     """
-    ranking = parameters.ranking
     with guarded():
         surface, cleaned, frame, smoothed = normalised(mesh, parameters)
         bridges = component_bridges(surface)
@@ -82,13 +62,10 @@ def embed(mesh: Mesh, parameters: Parameters) -> Embedding:
         )
         check_finite(embedded.distances, embedded.areas)
         spectra, signature, orientation = spectra_of(surface, embedded, parameters.spectral)
-        if ranking.global_descriptors:
-            signature = np.concatenate([signature, GLOBAL_WEIGHT * global_descriptors(surface)])
-        facts = measure(mesh, cleaned, frame, pieces=ranking.views)
-        spin_images = (
-            _spin_images(surface, cleaned, facts, parameters) if ranking.spin_images else NO_SPIN_IMAGES
-        )
-        views = _views(cleaned, parameters, smoothed=smoothed) if ranking.views else NO_VIEWS
+        signature = np.concatenate([signature, GLOBAL_WEIGHT * global_descriptors(surface)])
+        facts = measure(mesh, cleaned, frame)
+        spin_images = _spin_images(surface, cleaned, facts, parameters)
+        views = _views(cleaned, parameters, smoothed=smoothed)
     positions = frame.invert(surface.vertices[samples])
     return Embedding(
         fingerprint=parameters.fingerprint,
@@ -109,9 +86,9 @@ def embed(mesh: Mesh, parameters: Parameters) -> Embedding:
 
 def _spin_images(surface: Mesh, cleaned: Cleaned, facts: Facts, parameters: Parameters) -> Bytes:
     """Spin images; incomplete surfaces are described without filling their holes."""
-    if facts.openness > INCOMPLETE:
+    if facts.boundary_ratio > INCOMPLETE:
         surface = opened(cleaned, parameters)
-    return describe(surface, boundary_ratio=facts.openness)
+    return describe(surface, boundary_ratio=facts.boundary_ratio)
 
 
 def _views(cleaned: Cleaned, parameters: Parameters, *, smoothed: bool) -> Bytes:

@@ -195,7 +195,6 @@ def _start(settings: Settings, parameters: Parameters, gate: Gate, metrics: Metr
         searches=ActivityGate(),
         comparing_is_ready=Event(),
         descriptors=EmbeddingCache(DESCRIPTOR_BYTES, descriptor_bytes),
-        spin_images=EmbeddingCache(DESCRIPTOR_BYTES // 4),
         density_samples=DensitySamples(),
         measurements=SurfaceMeasurements(),
         judging=set(),

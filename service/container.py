@@ -4,7 +4,6 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from threading import Event
 
-from core.arrays import Bytes
 from core.ranking.pair_differences import ShapeDescriptors
 from service.auth.gate import Gate
 from service.compute.executor import Executor
@@ -26,7 +25,7 @@ class Container:
 
     `threads` compare embeddings, and `searches` counts the searches that use them. `comparing_is_ready` is
     set when compiled code and match records are loaded. `descriptors` caches descriptors of stored shapes by
-    the number of the embedding, and `spin_images` spin images of files, for records that have none. `judging`
+    the number of the embedding. `judging`
     has the shapes that are compared with others to find near-identical ones, and whether the search is for
     variants.
     """
@@ -44,7 +43,6 @@ class Container:
     searches: ActivityGate
     comparing_is_ready: Event
     descriptors: EmbeddingCache[ShapeDescriptors]
-    spin_images: EmbeddingCache[Bytes]
     density_samples: DensitySamples
     measurements: SurfaceMeasurements
     judging: set[tuple[int, bool]]

@@ -8,11 +8,8 @@ from core.mesh.mesh import Mesh
 from core.mesh.normal_frame import NormalFrame
 
 
-def measure(mesh: Mesh, cleaned: Cleaned, frame: NormalFrame, *, pieces: bool) -> Facts:
-    """Measurements of a mesh, from the mesh as read, the cleaned mesh and its normal frame.
-
-    `pieces` is that of `core.descriptors.boundary_ratio`.
-    """
+def measure(mesh: Mesh, cleaned: Cleaned, frame: NormalFrame) -> Facts:
+    """Return the measurements of a mesh, from the mesh as read, the cleaned mesh and its normal frame."""
     faces = cleaned.mesh.faces
     volume = signed_volume(frame.apply(cleaned.mesh.vertices), faces)
     face_counts = cleaned.mesh.half_edges.face_counts
@@ -28,5 +25,5 @@ def measure(mesh: Mesh, cleaned: Cleaned, frame: NormalFrame, *, pieces: bool) -
         dropped_faces=cleaned.dropped_faces,
         boundary_edges=int((face_counts == 1).sum()),
         nonmanifold_edges=int((face_counts > 2).sum()),
-        openness=boundary_ratio(cleaned.mesh, cleaned.mesh.half_edges, area, pieces=pieces),
+        boundary_ratio=boundary_ratio(cleaned.mesh, cleaned.mesh.half_edges, area),
     )

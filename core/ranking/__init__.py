@@ -4,7 +4,6 @@ Signatures, coarse samples, points or scores in; a shortlist, approximate scores
 """
 
 __all__ = [
-    "class_probability",
     "coarse_differences",
     "coarse_ranking",
     "combined",

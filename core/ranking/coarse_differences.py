@@ -60,7 +60,7 @@ def coarse_differences(
     """
     count = len(others.signatures)
     views = signature_distance(query.view_signatures[0], others.view_signatures)
-    spectral = spectral_distances(query.signatures[0], others.signatures, global_descriptors=True)
+    spectral = spectral_distances(query.signatures[0], others.signatures)
     typical = np.full(count, TYPICAL_SPIN_IMAGES)
     return PairDifferences(
         cc=1.0 - np.minimum(LEAST_DISSIMILARITY + SLOPE * spectral, 1.0) if cc is None else cc,

@@ -7,11 +7,12 @@ intrinsic description: a logarithmic opinion pool (C. Genest, J. V. Zidek, "Comb
 distributions", Statistical Science 1, 1986).
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 from scipy.special import expit
 
 from core.arrays import Floats
-from core.ranking.class_probability import SPIN_IMAGE_FLOOR, Calibration
 from core.ranking.pair_differences import PairDifferences
 
 GATE = 0.05
@@ -31,8 +32,35 @@ LEAST_SPECTRAL_DENSITY, LEAST_VIEW_DENSITY = 0.02, 0.6
 """Smaller distances to the seventh neighbour count as these: many stored copies of a shape would make its
 poses unlikely otherwise."""
 
-SPECTRAL_FLOOR = 0.03
-"""Added to a spectral distance before its logarithm."""
+SPECTRAL_FLOOR, PART_FLOOR = 0.03, 0.05
+"""Added to a spectral distance and to the descriptor distance of a part before their logarithms."""
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """A logistic model: probability = 1 / (1 + exp(-(intercept + slopes . features))).
+
+    Attributes
+    ----------
+    intercept : float
+    slopes : tuple of float
+        One for each feature. All are negative: a larger difference makes one class less likely.
+    """
+
+    intercept: float
+    slopes: tuple[float, ...]
+
+    def log_odds(self, features: Floats) -> Floats:
+        """Log odds of one class, shape (...), of features, shape (..., p)."""
+        return np.asarray(self.intercept + (features * np.array(self.slopes)).sum(axis=-1))
+
+    def class_probability(self, features: Floats, offset: Floats | float = 0.0) -> Floats:
+        """Class probabilities in [0, 1], shape (...), of features, shape (..., p).
+
+        The offset, shape (...), is added to the log odds; it is no part of the fit.
+        """
+        return np.asarray(expit(self.log_odds(features) + offset))
+
 
 CALIBRATED_POOL = Calibration(
     intercept=3.6626,
@@ -82,7 +110,7 @@ def part_features(differences: PairDifferences) -> Floats:
     beside the differences, and of the densities that of the views alone.
     """
     logs = [
-        np.log(differences.part_distance + SPIN_IMAGE_FLOOR),
+        np.log(differences.part_distance + PART_FLOOR),
         *_logs(differences, 1.0),
         np.log(differences.spectral + SPECTRAL_FLOOR),
     ]
@@ -126,5 +154,5 @@ def pooled_log_odds(differences: PairDifferences) -> Floats:
 
 
 def pooled_probability(differences: PairDifferences) -> Floats:
-    """Class probabilities of pairs of surfaces with views, shape (...), in [0, 1]."""
+    """Class probabilities of pairs of surfaces, shape (...), in [0, 1]."""
     return np.asarray(expit(pooled_log_odds(differences)))

@@ -113,7 +113,7 @@ def differences_of(
     return PairDifferences(
         cc=scores.cc,
         sim=scores.sim,
-        spectral=spectral_distances(query.signature, signatures, global_descriptors=True),
+        spectral=spectral_distances(query.signature, signatures),
         global_distance=global_distances(query.signature, signatures),
         spin_images=whole,
         part=between.part,

@@ -6,17 +6,16 @@ from core.arrays import Float32s, Floats
 from core.descriptors.global_descriptors import GLOBAL_DESCRIPTORS, GLOBAL_WEIGHT
 
 
-def spectral_distances(query: Float32s, signatures: Float32s, *, global_descriptors: bool) -> Floats:
+def spectral_distances(query: Float32s, signatures: Float32s) -> Floats:
     """Euclidean distances between the log eigenvalues of one signature and of c others, shape (c,), >= 0.
 
     Parameters
     ----------
     query : float32, shape (s,)
     signatures : float32, shape (c, s)
-    global_descriptors : bool
-        Whether signatures end with global descriptors, which do not count here.
+        Their last values are global descriptors, which do not count here.
     """
-    values = len(query) - GLOBAL_DESCRIPTORS if global_descriptors else len(query)
+    values = len(query) - GLOBAL_DESCRIPTORS
     steps = signatures[:, :values].astype(np.float64) - query[:values]
     return np.asarray(np.linalg.norm(steps, axis=1))
 

@@ -87,7 +87,7 @@ def spectra_of(
             values, chosen, -wanted.eigenvalue_power, taper=wanted.taper
         ).astype(np.float32)
         spectra.append(Spectrum("laplace-beltrami", values.astype(np.float32), coordinates))
-        signs = face_signs(surface, areas) if wanted.orientation and ORIENTING in wanted.operators else None
+        signs = face_signs(surface, areas) if ORIENTING in wanted.operators else None
         if signs is not None:
             everywhere = _at_all_vertices(functions, points.vertices, coordinates[:, :ORIENTED])
             turns = signed_areas(everywhere, surface.faces, signs, points.regions, len(points.areas))

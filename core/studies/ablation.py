@@ -11,7 +11,7 @@ Block = Literal["alone", "together", "without"]
 
 @dataclass(frozen=True)
 class Change:
-    """A step: parameters (flat keys) that change together from `paper` to `default`, and the ranking."""
+    """A step: names of parameters that change together from `paper` to `default`, and the ranking."""
 
     title: str
     fields: tuple[str, ...]
@@ -54,18 +54,13 @@ NAMED = (
     ),
     Change(
         "second embedding by Laplace-Beltrami; its eigenvalues and global descriptors in the signature",
-        ("operators", "affinity_values", "laplacian_values", "form"),
+        ("operators", "affinity_values", "laplacian_values"),
     ),
 )
 """The steps, in the order in which they are added up."""
 
-LAST = (
-    Change("ranked by combined, which reads the signature", (), "combined"),
-    Change("spin images", ("patches",), "combined"),
-    Change("views and local density: two experts mixed by reliability", ("views",), "combined"),
-)
-"""Steps that affect the ranking by `combined` only; the first one changes no parameter. The last one needs
-the two steps before it, so it shows nothing alone."""
+LAST = (Change("ranked by combined, which reads all descriptors", (), "combined"),)
+"""The step that affects the ranking only; it changes no parameter."""
 
 
 @dataclass(frozen=True)
@@ -81,9 +76,8 @@ class Row:
 def changes() -> tuple[Change, ...]:
     """The steps from `paper` to `default`: `NAMED`, a step for any parameter they leave out, and `LAST`."""
     named = {name for change in (*NAMED, *LAST) for name in change.fields} | {"name"}
-    rest = tuple(
-        key for key, value in DEFAULT.flat().items() if key not in named and PAPER.flat()[key] != value
-    )
+    default, paper = values_of(DEFAULT), values_of(PAPER)
+    rest = tuple(key for key in default if key not in named and paper[key] != default[key])
     left_out = (Change(f"the rest of default: {', '.join(rest)}", rest),) if rest else ()
     return (*NAMED, *left_out, *LAST)
 
@@ -126,5 +120,14 @@ def rows(*, without: bool = False) -> tuple[Row, ...]:
 
 def _taken(parameters: Parameters, source: Parameters, change: Change) -> Parameters:
     """The parameters with the change's fields as they are in `source`."""
-    values = source.flat()
-    return parameters.with_values(**{key: values[key] for key in change.fields})
+    groups: dict[str, dict[str, object]] = {}
+    for key in change.fields:
+        group, value = values_of(source)[key]
+        groups.setdefault(group, {})[key] = value
+    return parameters.with_values(**groups)
+
+
+def values_of(parameters: Parameters) -> dict[str, tuple[str, object]]:
+    """Return the group and the value of each parameter, by name."""
+    groups = parameters.model_dump(exclude={"name"}).items()
+    return {name: (group, value) for group, values in groups for name, value in values.items()}

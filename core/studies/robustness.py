@@ -149,14 +149,14 @@ def tau_parameters(tau: float) -> Parameters:
     """
     return DEFAULT.with_values(
         name=f"tau {tau}",
-        samples=0,
-        tau=tau,
-        sample_cap=TAU_CAP,
-        refine_vertices=TAU_LEAST,
-        decimate_above=TAU_VERTICES + 1,
-        decimate_to=TAU_VERTICES,
-        decimate_pieces_above=0,
-        refine_simplified=0,
+        sampling={"samples": 0, "tau": tau, "sample_cap": TAU_CAP},
+        mesh={
+            "refine_vertices": TAU_LEAST,
+            "decimate_above": TAU_VERTICES + 1,
+            "decimate_to": TAU_VERTICES,
+            "decimate_pieces_above": 0,
+            "refine_simplified": 0,
+        },
     )
 
 

@@ -48,10 +48,10 @@ class Embedded:
         See `core.ranking.coarse_ranking`.
     quantised_points : bytes
         See `core.ranking.quantised_points`.
-    view_signature : uint8, shape (v,), or None
-        See `core.descriptors.view_signature`; None if the parameters ask for no views.
-    reliability : float or None
-        See `core.descriptors.reliability`; None likewise.
+    view_signature : uint8, shape (v,)
+        See `core.descriptors.view_signature`.
+    reliability : float
+        See `core.descriptors.reliability`.
     facts : dict
         Measurements of the mesh, by name: `core.embedding.Facts` and the bounding box.
     milliseconds : dict
@@ -62,8 +62,8 @@ class Embedded:
     signature: NDArray[np.float32]
     coarse_samples: bytes
     quantised_points: bytes
-    view_signature: Bytes | None
-    reliability: float | None
+    view_signature: Bytes
+    reliability: float
     facts: dict[str, Any]
     milliseconds: dict[str, float]
 
@@ -103,8 +103,8 @@ def embed_mesh(mesh: Mesh, parameters: Parameters, read: float) -> Embedded:
             signature=embedding.signature,
             coarse_samples=coarse_samples(embedding).tobytes(),
             quantised_points=quantised_points(embedding),
-            view_signature=view_signature(embedding.views) if embedding.views.size else None,
-            reliability=intrinsic_reliability(embedding.facts) if embedding.views.size else None,
+            view_signature=view_signature(embedding.views),
+            reliability=intrinsic_reliability(embedding.facts),
             facts={**asdict(embedding.facts), "bounding_box": list(bounding_box(mesh))},
             milliseconds={"read": read, "embed": embed},
         )
@@ -160,11 +160,6 @@ def part_of_mesh(mesh: Mesh, parameters: Parameters) -> Bytes:
         return describe_part(_pipeline(parameters).open_surface(mesh))
 
 
-def spin_images_of_mesh(mesh: Mesh, parameters: Parameters) -> Bytes:
-    """The spin images of a mesh: see `core.pipeline.Pipeline.spin_images_of`."""
-    return _pipeline(parameters).spin_images_of(mesh)
-
-
 @lru_cache(maxsize=4)
 def warm(parameters: Parameters) -> None:
     """Run each task once, so that all imports and compiled functions are loaded before the first request.
@@ -194,10 +189,9 @@ def warm_comparing(records: Sequence[bytes], parameters: Parameters) -> None:
     signature_distances(embeddings[0].signature, np.stack([one.signature for one in embeddings]))
     none = np.zeros(len(embeddings))
     for embedding in embeddings:
-        combined_scores(embedding, embeddings, Scores(none, none, none), parameters.ranking)
-    if parameters.ranking.views:
-        signatures = np.stack([view_signature(embedding.views) for embedding in embeddings])
-        signature_distance(signatures[0], signatures)
+        combined_scores(embedding, embeddings, Scores(none, none, none))
+    signatures = np.stack([view_signature(embedding.views) for embedding in embeddings])
+    signature_distance(signatures[0], signatures)
     if matcher_of(parameters).uses_match_records:
         match_records = [match_record(embedding, parameters) for embedding in embeddings]
         score_match_records(match_records[0], match_records, parameters)

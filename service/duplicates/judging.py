@@ -133,10 +133,7 @@ class ShapeJudge:
             return _Snapshot(measured, index, record or b"", near, links, repository.latest(session))
 
     def _measured(self, session: ReadSession) -> MeasuredShapes:
-        ranking = self.active_pipeline.pipeline.parameters.ranking
-        return self.container.measurements.current(
-            session, self.active_pipeline.index, global_descriptors=ranking.global_descriptors
-        )
+        return self.container.measurements.current(session, self.active_pipeline.index)
 
     def _near(self, measured: MeasuredShapes, index: int) -> NDArray[np.intp]:
         """Return candidates of the same collection, the least spectral distance first."""
@@ -290,7 +287,7 @@ async def registered(
     BadRecordError, FileTimeLimitError, MeshError, ShapeNotFoundError
         A record or a file cannot be used, or was deleted.
     """
-    copy = await run_in_threadpool(_by_samples, first.record, second.record, parameters)
+    copy = await run_in_threadpool(_by_samples, first.record, second.record)
     if copy is not None:
         return copy
     meshes = await first.mesh(), await second.mesh()
@@ -299,11 +296,7 @@ async def registered(
     )
 
 
-def _by_samples(first: bytes, second: bytes, parameters: Parameters) -> RigidCopy | None:
+def _by_samples(first: bytes, second: bytes) -> RigidCopy | None:
     embeddings = embedding_from_bytes(first), embedding_from_bytes(second)
-    spectral = spectral_distances(
-        embeddings[0].signature,
-        embeddings[1].signature[None],
-        global_descriptors=parameters.ranking.global_descriptors,
-    )
+    spectral = spectral_distances(embeddings[0].signature, embeddings[1].signature[None])
     return copy_by_samples(*embeddings, float(spectral[0]))

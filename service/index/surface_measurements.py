@@ -48,19 +48,8 @@ class SurfaceMeasurements:
         self._facts: dict[int, tuple[float, ...]] = {}
         self._known: tuple[SignatureIndex, int, MeasuredShapes] | None = None
 
-    def current(
-        self, session: ReadSession, index: SignatureIndex, *, global_descriptors: bool
-    ) -> MeasuredShapes:
-        """The shapes that the session sees.
-
-        Parameters
-        ----------
-        session : ReadSession
-        index : SignatureIndex
-            Of the active pipeline.
-        global_descriptors : bool
-            Whether its signatures end with global descriptors.
-        """
+    def current(self, session: ReadSession, index: SignatureIndex) -> MeasuredShapes:
+        """Return the shapes that the session sees; `index` is that of the active pipeline."""
         with self._lock:
             # The index is read first: another query may bring it to a later revision while facts are read,
             # and an older revision rebuilds it.
@@ -73,11 +62,11 @@ class SurfaceMeasurements:
             for number, facts in repository.facts_since(session, self._revision):
                 self._facts[number] = _numbers(facts)
             self._revision = revision
-            found = self._measured(entries, global_descriptors)
+            found = self._measured(entries)
             self._known = index, revision, found
             return found
 
-    def _measured(self, entries: repository.IndexEntries, global_descriptors: bool) -> MeasuredShapes:
+    def _measured(self, entries: repository.IndexEntries) -> MeasuredShapes:
         stored = entries.shapes.tolist()
         if len(self._facts) > 2 * len(stored):
             here = set(stored)
@@ -87,7 +76,7 @@ class SurfaceMeasurements:
         shapes = entries.shapes[order]
         facts = np.array([self._facts[number] for number in shapes.tolist()]).reshape(len(shapes), 5)
         signatures = entries.signatures[order]
-        values = signatures.shape[1] - GLOBAL_DESCRIPTORS if global_descriptors else signatures.shape[1]
+        values = max(signatures.shape[1] - GLOBAL_DESCRIPTORS, 0)
         invariants = Invariants(
             eigenvalues=signatures[:, :values],
             descriptors=signatures[:, values:].astype(np.float64) / GLOBAL_WEIGHT,
@@ -101,8 +90,7 @@ class SurfaceMeasurements:
 
 
 def _numbers(facts: Mapping[str, Any]) -> tuple[float, ...]:
-    """The radius, the logarithms of the three extents, NaN if unknown, and 1 for a closed surface."""
+    """Return the radius, the logarithms of the three extents, and 1 for a closed surface."""
     unit = float(facts["area"]) ** 0.5
-    box = facts.get("bounding_box")
-    extents = [np.nan] * 3 if box is None else np.log(np.maximum(np.array(box) / unit, 1e-9)).tolist()
-    return (facts["scale"] / unit, *extents, float(facts.get("boundary_edges") == 0))
+    extents = np.log(np.maximum(np.array(facts["bounding_box"]) / unit, 1e-9)).tolist()
+    return (facts["scale"] / unit, *extents, float(facts["boundary_edges"] == 0))

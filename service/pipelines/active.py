@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from core.arrays import Float32s
 from core.errors import ParameterError
-from core.parameters import DEFAULT, EARLIER_VALUES, METHOD_VERSION, PAPER, Parameters
+from core.parameters import DEFAULT, METHOD_VERSION, PAPER, Parameters
 from core.pipeline import Pipeline
 from service.errors import PipelineUnavailableError
 from service.index.cache import POINTS_BYTES, EmbeddingCache
@@ -19,9 +19,6 @@ from service.storage.database import ReadSession, WriteSession
 log = get_logger("pipelines")
 
 REMEDY = "run `isoshape reembed` on the archive"
-
-ADDS_VIEWS = " It adds views, by which web and CAD models are found, to the embeddings."
-ADDS_ORIENTATION = " It adds orientation, by which correspondences tell left from right, to the embeddings."
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,12 +115,7 @@ class Pipelines:
         if repository.active(session) == self.wanted.fingerprint:
             return None
         embedded, files = repository.count_embedded(session, self.wanted.fingerprint)
-        active = self.current(session).pipeline.parameters
-        wanted = self.wanted
-        adds = ADDS_VIEWS if wanted.ranking.views and not active.ranking.views else ""
-        if wanted.spectral.orientation and not active.spectral.orientation:
-            adds += ADDS_ORIENTATION
-        return Pending(self.wanted.name, self.wanted.fingerprint, embedded, files, REEMBED + adds)
+        return Pending(self.wanted.name, self.wanted.fingerprint, embedded, files, REEMBED)
 
     @property
     def indexed(self) -> int:
@@ -147,16 +139,16 @@ def fingerprint(session: ReadSession) -> str:
 
 def keep(session: WriteSession, parameters: Parameters) -> None:
     """Store the parameters of a pipeline in the archive."""
-    repository.write(session, parameters.fingerprint, PipelineRecord(METHOD_VERSION, parameters.flat()))
+    repository.write(
+        session, parameters.fingerprint, PipelineRecord(METHOD_VERSION, parameters.model_dump(mode="json"))
+    )
 
 
 def _parameters(fingerprint: str, written: PipelineRecord | None) -> Parameters:
     """The stored parameters with a fingerprint."""
     if written is None:
         raise PipelineUnavailableError(
-            f"the archive was embedded by pipeline {fingerprint}, of another version of the method or of "
-            "parameters that Isoshape 0.1 did not write down. Start with the ISOSHAPE_PIPELINE that made it, "
-            f"or {REMEDY}"
+            f"the archive was embedded by pipeline {fingerprint}, whose parameters it does not hold: {REMEDY}"
         )
     if written.method != METHOD_VERSION:
         raise PipelineUnavailableError(
@@ -164,7 +156,7 @@ def _parameters(fingerprint: str, written: PipelineRecord | None) -> Parameters:
             f"version {METHOD_VERSION}: use the Isoshape that embedded it, or {REMEDY}"
         )
     try:
-        parameters = Parameters.from_values({**EARLIER_VALUES, **written.parameters})
+        parameters = Parameters.from_values(written.parameters)
     except ParameterError:
         parameters = None
     if parameters is None or parameters.fingerprint != fingerprint:

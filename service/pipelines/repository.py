@@ -40,7 +40,7 @@ def is_empty(session: ReadSession) -> bool:
 
 
 def written(session: ReadSession, fingerprint: str) -> PipelineRecord | None:
-    """The record of a pipeline; None for a pipeline that only version 0.1.0 has used."""
+    """The record of a pipeline; None if the archive does not hold it."""
     row = session.get(PipelineRow, fingerprint)
     return None if row is None else PipelineRecord(row.method, row.parameters)
 

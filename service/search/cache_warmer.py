@@ -126,10 +126,9 @@ class CacheWarmer:
                     active_pipeline.cache.keep(embeddings)
                     active_pipeline.points.keep(embeddings)
                     descriptors.keep(embeddings)
-                    self._container.spin_images.keep(embeddings)
                     self._seen = seen
                 room -= entries.nbytes
-        room = max(room - descriptors.nbytes - self._container.spin_images.nbytes, most // LEAST_SHARE)
+        room = max(room - descriptors.nbytes, most // LEAST_SHARE)
         of_points = 0
         if len(embeddings) >= settings.shortlist_from:
             of_points = min(POINTS_BYTES * len(embeddings), int(POINTS_SHARE * room))

@@ -5,10 +5,7 @@ from numpy.typing import NDArray
 from scipy.special import expit
 
 from core.arrays import Floats
-from core.descriptors.descriptor_distance import DescriptorDistance, descriptor_distance
 from core.embedding import Scores
-from core.pipeline import Pipeline
-from core.ranking.coarse_differences import TYPICAL_SIM
 from core.ranking.opinion_pool import pooled_log_odds
 from core.ranking.pair_differences import differences_of
 from service.container import Container
@@ -43,34 +40,8 @@ def class_scores_of(
 ) -> Floats:
     """The class scores of c candidates by their CC and sim, shape (c,); the least for one deleted meanwhile.
 
-    The score is the log odds that two shapes are of one class, which do not saturate. For pipelines that do
-    not pool experts it is the probability itself.
+    The score is the log odds that two shapes are of one class, which do not saturate.
     """
-    found = _log_odds if query.active_pipeline.pipeline.pools_experts else _probabilities
-    return found(container, query, candidates, cc, sim)
-
-
-def probabilities(pipeline: Pipeline, class_scores: Floats) -> Floats:
-    """The class probabilities of class scores, shape (c,), in [0, 1]."""
-    return np.asarray(expit(class_scores)) if pipeline.pools_experts else class_scores
-
-
-def unknown_sim(pipeline: Pipeline, count: int) -> Floats:
-    """The sim that stands for those of candidates that were only re-ranked, shape (count,)."""
-    return np.full(count, TYPICAL_SIM if pipeline.pools_experts else 0.0)
-
-
-def coarse_class_scores(query: Query, candidates: Candidates, cc: Floats) -> Floats:
-    """Class scores of c candidates by approximate CC and short descriptors alone, shape (c,)."""
-    pipeline = query.active_pipeline.pipeline
-    if not pipeline.pools_experts:
-        return pipeline.combined(cc, np.zeros(len(cc)), candidates.signature, candidates.signatures)
-    return coarse_log_odds(
-        query, candidates.signatures, candidates.view_signatures, candidates.reliabilities, cc
-    )
-
-
-def _log_odds(container: Container, query: Query, candidates: Candidates, cc: Floats, sim: Floats) -> Floats:
     numbers = candidates.embeddings.tolist()
     known = stored_descriptors(container, numbers)
     present = [place for place, number in enumerate(numbers) if number in known]
@@ -87,16 +58,13 @@ def _log_odds(container: Container, query: Query, candidates: Candidates, cc: Fl
     return found
 
 
-def _probabilities(
-    container: Container, query: Query, candidates: Candidates, cc: Floats, sim: Floats
-) -> Floats:
-    pipeline, own, signatures = query.active_pipeline.pipeline, query.spin_images, candidates.signatures
-    if not own.size:
-        return pipeline.combined(cc, sim, candidates.signature, signatures)
-    numbers = candidates.embeddings.tolist()
-    known = stored_descriptors(container, numbers)
-    present = [p for p, number in enumerate(numbers) if number in known and known[number].spin_images.size]
-    found = descriptor_distance(own, [known[numbers[place]].spin_images for place in present])
-    distance, part = np.full(len(numbers), np.inf), np.full(len(numbers), False)
-    distance[present], part[present] = found.distance, found.part
-    return pipeline.combined(cc, sim, candidates.signature, signatures, DescriptorDistance(distance, part))
+def probabilities(class_scores: Floats) -> Floats:
+    """Return the class probabilities of class scores, shape (c,), in [0, 1]."""
+    return np.asarray(expit(class_scores))
+
+
+def coarse_class_scores(query: Query, candidates: Candidates, cc: Floats) -> Floats:
+    """Return class scores of c candidates by approximate CC and short descriptors alone, shape (c,)."""
+    return coarse_log_odds(
+        query, candidates.signatures, candidates.view_signatures, candidates.reliabilities, cc
+    )

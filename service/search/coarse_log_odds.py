@@ -12,9 +12,9 @@ from service.index.repository import IndexEntries
 from service.search.records import Options, Query
 
 
-def ranks_by_log_odds(query: Query, options: Options) -> bool:
+def ranks_by_log_odds(options: Options) -> bool:
     """Whether approximate log odds choose the shortlist."""
-    return options.rank_by == "combined" and query.active_pipeline.pipeline.pools_experts
+    return options.rank_by == "combined"
 
 
 def likeliest(query: Query, entries: IndexEntries, count: int) -> NDArray[np.intp]:
@@ -30,7 +30,7 @@ def coarse_log_odds(
     reliabilities: Float32s,
     cc: Floats | None = None,
 ) -> Floats:
-    """Log odds of c shapes, shape (c,), for pipelines that pool experts.
+    """Log odds of c shapes, shape (c,).
 
     Parameters
     ----------

@@ -63,15 +63,14 @@ def entries_in_database(
     by_hnsw = shapes.is_empty and _is_half(session, shapes.collection, stored)
     how: _How = {"shapes": shapes, "ef_search": ef_search if by_hnsw else None}
     numbers, embeddings = _by_signature(session, query, options.shortlist_length, itself, how)
-    view_signature, by_log_odds = query.view_signature, ranks_by_log_odds(query, options)
+    by_log_odds = ranks_by_log_odds(options)
     length, both = options.shortlist_length, options.shortlist_length + views_of(options.shortlist_length)
-    if view_signature.size:
-        count = length if by_log_odds else both - length
-        alike = repository.nearest_views(session, fingerprint, view_signature, count + len(itself), **how)
-        places = np.flatnonzero(~np.isin(alike.shapes, itself))[:count]
-        places = places[~np.isin(alike.shapes[places], numbers)]
-        numbers = np.concatenate([numbers, alike.shapes[places]])
-        embeddings = np.concatenate([embeddings, alike.embeddings[places]])
+    count = length if by_log_odds else both - length
+    alike = repository.nearest_views(session, fingerprint, query.view_signature, count + len(itself), **how)
+    places = np.flatnonzero(~np.isin(alike.shapes, itself))[:count]
+    places = places[~np.isin(alike.shapes[places], numbers)]
+    numbers = np.concatenate([numbers, alike.shapes[places]])
+    embeddings = np.concatenate([embeddings, alike.embeddings[places]])
     entries = _entries(session, numbers, embeddings, shapes.collection)
     return entries.only(likeliest(query, entries, length)) if by_log_odds else entries, True
 

@@ -33,10 +33,8 @@ def collection_sample(
     session: ReadSession,
     active_pipeline: ActivePipeline,
     collection: CollectionNumber,
-) -> CollectionSample | None:
-    """The sample of a collection, as the session sees it; None for pipelines that use no densities."""
-    if not active_pipeline.pipeline.pools_experts:
-        return None
+) -> CollectionSample:
+    """Return the sample of a collection, as the session sees it."""
     fingerprint, now = active_pipeline.fingerprint, revision(session)
     kept = container.density_samples.get(fingerprint, collection)
     if kept is not None and kept[0] == now:

@@ -113,13 +113,7 @@ async def relation_of(
     parameters = comparison.pipeline.parameters
     first = _Side(comparison.first, records[0], meshes[0])
     second = _Side(comparison.second, records[1], meshes[1])
-    spectral = float(
-        spectral_distances(
-            first.embedding.signature,
-            second.embedding.signature[None],
-            global_descriptors=parameters.ranking.global_descriptors,
-        )[0]
-    )
+    spectral = float(spectral_distances(first.embedding.signature, second.embedding.signature[None])[0])
     copy = None
     if may_be_copy(spectral, first.radius, second.radius):
         copy = await _copy(container, first, second, spectral, parameters)

@@ -88,9 +88,8 @@ class Query:
 
     @cached_property
     def view_signature(self) -> Bytes:
-        """The view signature, shape (v,); v is 0 if the pipeline makes no views."""
-        views = self.embedding.views
-        return view_signature(views) if views.size else views
+        """The view signature, shape (v,)."""
+        return view_signature(self.embedding.views)
 
     @property
     def spin_images(self) -> Bytes:

@@ -7,7 +7,7 @@ from sqlalchemy import select
 from service.collection import CollectionNumber
 from service.index.density_samples import FIRST, PRIME, SAMPLE, SECOND
 from service.observability.logging import get_logger
-from service.storage.checksums import is_whole, whole_file
+from service.storage.checksums import is_whole
 from service.storage.database import ReadSession
 from service.storage.tables import BlobRow, EmbeddingRow, QuantisedPointsRow, ShapeRow
 
@@ -62,19 +62,3 @@ def numbers_of_bytes(session: ReadSession, collection: CollectionNumber, sha256:
     query = select(ShapeRow.number).join(BlobRow, BlobRow.number == ShapeRow.blob_number)
     own = ShapeRow.collection_number == collection
     return list(session.scalars(query.where(BlobRow.sha256 == sha256, own)))
-
-
-def file_of(session: ReadSession, embedding: int) -> tuple[bytes, str] | None:
-    """The bytes of an embedding's file, and their format.
-
-    Raises
-    ------
-    BadRecordError
-        The bytes are damaged.
-    """
-    row = session.execute(
-        select(BlobRow.data, BlobRow.sha256, EmbeddingRow.format)
-        .join(EmbeddingRow, EmbeddingRow.blob_number == BlobRow.number)
-        .where(EmbeddingRow.number == embedding)
-    ).first()
-    return None if row is None else (whole_file(row.data, row.sha256), row.format)

@@ -10,12 +10,13 @@ from starlette.concurrency import run_in_threadpool
 
 from core.arrays import Floats, Ints
 from core.descriptors.descriptor_distance import is_part
+from core.ranking.coarse_differences import TYPICAL_SIM
 from core.ranking.shortlist import least
 from service.container import Container
 from service.observability.logging import get_logger
 from service.search import repository
 from service.search.batches import by_embedding, by_threads, in_batches
-from service.search.class_probability import class_scores, coarse_class_scores, unknown_sim
+from service.search.class_probability import class_scores, coarse_class_scores
 from service.search.match_records import QueryScorer
 from service.search.rank_by import RankBy
 from service.search.ranking import Compared
@@ -74,13 +75,12 @@ async def _finalists(
 
     Each step keeps the candidates of greatest approximate CC, or of greatest class score if the answer
     is ranked by it. Approximate class scores choose the re-ranked candidates whose descriptors are read.
-    Without views they tell little about an incomplete query: then all of its candidates are re-ranked.
     """
-    by_probability, pools = rank_by == "combined", query.active_pipeline.pipeline.pools_experts
+    by_probability = rank_by == "combined"
     part = by_probability and is_part(query.spin_images)
     reranked = candidates.reranked
     if part and reranked is not None:
-        reranked = PART_FACTOR * reranked if pools else None
+        reranked *= PART_FACTOR
     if reranked is not None and reranked < len(candidates.shapes):
         score = by_threads(container, scorer.rank_coarsely)
         workers = container.settings.workers
@@ -92,12 +92,12 @@ async def _finalists(
     if finalists is not None and finalists < len(candidates.shapes):
         score = by_threads(container, scorer.rerank)
         rough = (await by_embedding(container, candidates, THREAD_BATCH, 1, score))[0]
-        if by_probability and pools and not part:
+        if by_probability and not part:
             described = max(finalists, math.ceil(len(rough) * DESCRIBED))
             first = _greatest(candidates, coarse_class_scores(query, candidates, rough), described)
             candidates, rough = candidates.only(first), rough[first]
         if by_probability:
-            sim = unknown_sim(query.active_pipeline.pipeline, len(rough))
+            sim = np.full(len(rough), TYPICAL_SIM)
             rough = await class_scores(container, query, candidates, rough, sim)
         candidates = candidates.only(_greatest(candidates, rough, finalists))
     return candidates

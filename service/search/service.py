@@ -127,7 +127,7 @@ async def search(container: Container, query: Query, options: Options, timings: 
         best_cc=float(compared.cc.max()) if len(compared.cc) else None,
         compared=len(compared.shapes),
         stored=chosen.stored,
-        boundary_ratio=query.embedding.facts.openness,
+        boundary_ratio=query.embedding.facts.boundary_ratio,
         embedding=query.embedding if options.embedding else None,
     )
 
@@ -145,7 +145,7 @@ async def compare(
     Their class probability depends on how dense the shapes of the collection are.
     """
 
-    def read() -> CollectionSample | None:
+    def read() -> CollectionSample:
         with container.database.read() as session:
             return collection_sample(container, session, active_pipeline, collection)
 
@@ -175,8 +175,7 @@ async def results(
 
     `scored` are the shapes of `compared`; `best` are places in both.
     """
-    pipeline = query.active_pipeline.pipeline
-    fingerprint, collection = pipeline.fingerprint, options.filter.collection
+    fingerprint, collection = query.active_pipeline.fingerprint, options.filter.collection
 
     def measured() -> tuple[list[tuple[ShapeRecord, StoredEmbedding | None]], Floats, Floats]:
         scores = compared.combined
@@ -198,14 +197,10 @@ async def results(
     shown, cc, sim = scored.only(best), compared.cc[best], compared.sim[best]
     with short_of_memory():
         shapes, scores, typical_scores = await run_in_threadpool(measured)
-    spectral = spectral_distances(
-        scored.signature,
-        shown.signatures,
-        global_descriptors=pipeline.parameters.ranking.global_descriptors,
-    )
+    spectral = spectral_distances(scored.signature, shown.signatures)
     spectral_of = dict(zip(best.tolist(), spectral.tolist(), strict=True))
-    probability_of = dict(zip(best.tolist(), probabilities(pipeline, scores).tolist(), strict=True))
-    typical_of = dict(zip(best.tolist(), probabilities(pipeline, typical_scores).tolist(), strict=True))
+    probability_of = dict(zip(best.tolist(), probabilities(scores).tolist(), strict=True))
+    typical_of = dict(zip(best.tolist(), probabilities(typical_scores).tolist(), strict=True))
     places = {int(compared.shapes[place]): int(place) for place in best}
     found = []
     for shape, stored in shapes:

@@ -167,11 +167,9 @@ def _nearest(
 
     by_signature = partial(signature_distances, query.embedding.signature)
     length, view = options.shortlist_length, query.view_signature
-    if not view.size:
-        return nearest(by_signature, entries.signatures, length)
     by_views = partial(signature_distance, view)
     both = length + views_of(length)
-    if not ranks_by_log_odds(query, options):
+    if not ranks_by_log_odds(options):
         chosen = nearest(by_signature, entries.signatures, length)
         alike = nearest(by_views, entries.view_signatures, both - length)
         return np.concatenate([chosen, alike[~np.isin(alike, chosen)]])

@@ -32,7 +32,7 @@ SHAPE: dict[str, Any] = {
         "dropped_faces": 0,
         "boundary_edges": 0,
         "nonmanifold_edges": 0,
-        "openness": 0.0,
+        "boundary_ratio": 0.0,
         "bounding_box": [1.213, 0.954, 0.318],
         "closed": True,
     },
@@ -43,14 +43,13 @@ SHAPE: dict[str, Any] = {
 }
 
 
-def warnings_of(openness: float) -> list[str]:
-    """Warnings for comparisons with a surface."""
-    if openness <= INCOMPLETE:
+def warnings_of(boundary_ratio: float) -> list[str]:
+    """Return warnings for comparisons with a surface."""
+    if boundary_ratio <= INCOMPLETE:
         return []
-    share = min(openness, 1.0)
     return [
-        f"the surface looks incomplete: its open rims would bound {100 * share:.0f} % of its area. A query "
-        "finds what it is a part of with rank_by=combined or partial=true"
+        f"the surface looks incomplete: its open rims would bound {100 * boundary_ratio:.0f} % of its area. "
+        "A query finds what it is a part of with rank_by=combined or partial=true"
     ]
 
 
@@ -67,12 +66,9 @@ class MeshFacts(BaseModel):
     dropped_faces: int = Field(description="Removed faces: without area, or repeated.")
     boundary_edges: int = Field(description="Edges of one face only.")
     nonmanifold_edges: int = Field(description="Edges of more than two faces.")
-    openness: float = Field(
-        default=0.0,
-        description="The boundary ratio: the areas of discs with the lengths of the boundary loops, over "
-        "the surface area, at most 1; 0 for a closed surface, for a surface of several pieces none of which "
-        "has 3/4 of the area, and for one embedded by a version without this measure. Embeddings of versions "
-        "without views have other values, also above 1.",
+    boundary_ratio: float = Field(
+        description="The areas of discs with the lengths of the boundary loops, over the surface area, at "
+        "most 1; 0 for a closed surface, and for one of several pieces none of which has 3/4 of the area.",
     )
     bounding_box: Annotated[list[float], Field(min_length=3, max_length=3)] = Field(
         description="Length, width and height along the principal axes of the surface, the largest first."
@@ -116,7 +112,7 @@ class Shape(BaseModel):
             bytes=record.size,
             sha256=record.sha256,
             facts=MeshFacts.model_validate({**record.facts, "closed": record.facts["boundary_edges"] == 0}),
-            warnings=warnings_of(record.facts.get("openness", 0.0)),
+            warnings=warnings_of(record.facts["boundary_ratio"]),
             embedded=record.embedded,
             created_at=record.created_at,
             updated_at=record.updated_at,

@@ -238,10 +238,8 @@ def _others(connection: sqlite3.Connection, report: CheckReport) -> None:
         _check_rows(connection, table, f"{column}, {checksum}", BLOBS_AT_ONCE, check_bytes, report, key)
 
 
-def _views_of(embedding: Embedding) -> tuple[bytes | None, float | None]:
-    """Return the view signature and the reliability of an embedding; None without views."""
-    if not embedding.views.size:
-        return None, None
+def _views_of(embedding: Embedding) -> tuple[bytes, float]:
+    """Return the view signature and the reliability of an embedding."""
     return view_signature(embedding.views).tobytes(), intrinsic_reliability(embedding.facts)
 
 

@@ -46,16 +46,16 @@ class PairScores:
     cc, ssd, sim : float64
         See `core.embedding.Scores`; the diagonal compares each shape with itself.
     combined : float64
-        Log odds of the class probability, or the probability itself if the parameters disable views.
-    differences : PairDifferences, optional
-        Of all pairs, each an array of shape (n, n); None if the parameters disable views.
+        Log odds of the class probability.
+    differences : PairDifferences
+        Of all pairs, each an array of shape (n, n).
     """
 
     cc: Floats
     ssd: Floats
     sim: Floats
     combined: Floats
-    differences: PairDifferences | None
+    differences: PairDifferences
 
 
 _pipeline: Pipeline
@@ -87,7 +87,7 @@ def score_pairs(
 ) -> PairScores:
     """Scores of all pairs. Scores are symmetric, so that each pair is scored once."""
     n = len(embeddings)
-    cc, ssd, sim, combined = np.eye(n), np.zeros((n, n)), np.eye(n), np.zeros((n, n))
+    cc, ssd, sim = np.eye(n), np.zeros((n, n)), np.eye(n)
     differences = {each.name: np.zeros((n, n)) for each in fields(PairDifferences)}
     with TemporaryDirectory() as folder:
         # Each worker reads the file of all embeddings once, instead of once per row.
@@ -96,13 +96,9 @@ def score_pairs(
         for i, (row, found) in _each(pool, partial(_score_row, path), {i: i for i in range(n)}):
             for matrix, values in ((cc, row.cc), (ssd, row.ssd), (sim, row.sim)):
                 matrix[i, i + 1 :] = matrix[i + 1 :, i] = values[1:]
-            named = vars(found).items() if isinstance(found, PairDifferences) else [("combined", found)]
-            for name, values in named:
-                matrix = differences.get(name, combined)
-                matrix[i, i:] = matrix[i:, i] = values
+            for name, values in vars(found).items():
+                differences[name][i, i:] = differences[name][i:, i] = values
             done(n - 1 - i)
-    if not pipeline.pools_experts:
-        return PairScores(cc, ssd, sim, combined, None)
     part = differences.pop("part") > 0.0
     pairs = PairDifferences(**differences, part=part)
     pairs = replace(
@@ -156,13 +152,11 @@ def _embed(path: Path) -> Embedding | str:
         return f"{type(error).__name__}: {error}"
 
 
-def _score_row(path: Path, i: int) -> tuple[Scores, PairDifferences | Floats]:
-    """The scores of an embedding with itself and all later ones, and the differences or the probability."""
+def _score_row(path: Path, i: int) -> tuple[Scores, PairDifferences]:
+    """Return the scores and the differences of an embedding with itself and all later ones."""
     others = _load(path)[i:]
     own = others[0]
     scores = _pipeline.score(own, others)
-    if not _pipeline.pools_experts:
-        return scores, _pipeline.combined_with(own, others, scores)
     return scores, differences_of(descriptors_of(own), [descriptors_of(other) for other in others], scores)
 
 

@@ -13,7 +13,7 @@ from core.pipeline import Pipeline
 from tests.core.shapes import SAME_SHAPE, decimated, subdivided, turned
 
 # The paper's 400 samples would cost a minute of matching and test nothing else.
-SETTINGS = {"default": DEFAULT, "paper": PAPER.with_values(sample_cap=120)}
+SETTINGS = {"default": DEFAULT, "paper": PAPER.with_values(sampling={"sample_cap": 120})}
 STORED = [
     (label, pose) for label in ("cup", "fish", "hand", "octopus", "person", "quadruped") for pose in (0, 1)
 ]
@@ -60,7 +60,7 @@ def test_a_shape_given_otherwise_has_the_same_neighbours(setting, shape, change)
 
 @pytest.mark.parametrize("change", ["turned", "all of these"])
 def test_a_random_draw_belongs_to_the_shape_and_not_to_the_file(change):
-    pipeline = Pipeline(DEFAULT.with_values(selection="random-draw"))
+    pipeline = Pipeline(DEFAULT.with_values(sampling={"selection": "random-draw"}))
     mesh = make_shape("person", 0)
     expected, found = pipeline.embed(mesh), pipeline.embed(SAME_SHAPE[change](mesh))
     assert pipeline.match(expected, found).cc >= 1.0 - DRIFT
@@ -70,7 +70,7 @@ def test_a_random_draw_belongs_to_the_shape_and_not_to_the_file(change):
 @pytest.mark.parametrize("change", ["turned", "vertices shuffled", "faces shuffled", "all of these"])
 def test_a_mesh_too_large_is_simplified_alike_however_it_is_given(change):
     # Cut into coplanar triangles it has no edge that must go before another: rounding could choose.
-    pipeline = Pipeline(DEFAULT.with_values(decimate_above=3000, decimate_to=2000))
+    pipeline = Pipeline(DEFAULT.with_values(mesh={"decimate_above": 3000, "decimate_to": 2000}))
     mesh = subdivided(make_shape("person", 0))
     assert len(mesh.vertices) > 3000
     expected, found = pipeline.embed(mesh), pipeline.embed(SAME_SHAPE[change](mesh))

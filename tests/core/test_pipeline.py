@@ -60,10 +60,9 @@ def to_surface(points, mesh):
 def test_fields_have_their_shapes_and_types(embedded):
     pipeline, embeddings = embedded
     sampling, spectral = pipeline.parameters.sampling, pipeline.parameters.spectral
-    form = pipeline.parameters.ranking.global_descriptors
     for made in embeddings:
         m, edges = len(made.positions), len(made.graph_edges)
-        signature = spectral.affinity_values + spectral.laplacian_values + (GLOBAL_DESCRIPTORS if form else 0)
+        signature = spectral.affinity_values + spectral.laplacian_values + GLOBAL_DESCRIPTORS
         assert made.fingerprint == pipeline.fingerprint
         for array, kind, shape in (
             (made.positions, np.float32, (m, 3)),
@@ -226,7 +225,7 @@ def test_the_same_mesh_gives_the_same_bytes_in_another_process(embedded):
     ],
 )
 def test_as_many_samples_as_asked(changes, count):
-    assert len(Pipeline(PAPER.with_values(**changes)).embed(blob(3)).positions) == count
+    assert len(Pipeline(PAPER.with_values(sampling=changes)).embed(blob(3)).positions) == count
 
 
 def test_the_default_takes_its_fixed_number_of_samples(embedded):
@@ -338,12 +337,14 @@ def test_meshes_without_an_area_are_refused(kind, setting):
 
 
 def test_a_mesh_above_the_limit_is_simplified_and_one_below_is_not():
-    wanted = DEFAULT.with_values(refine_vertices=0, decimate_above=1000, decimate_to=600, refine_simplified=0)
+    wanted = DEFAULT.with_values(
+        mesh={"refine_vertices": 0, "decimate_above": 1000, "decimate_to": 600, "refine_simplified": 0}
+    )
     pipeline = Pipeline(wanted)
     large, small = blob(subdivisions=4), blob(subdivisions=3)
     assert 540 <= len(pipeline.normalise(large)[0].vertices) <= 660
     assert len(pipeline.normalise(small)[0].vertices) == len(small.vertices)
-    kept = Pipeline(wanted.with_values(decimate_above=0)).normalise(large)[0]
+    kept = Pipeline(wanted.with_values(mesh={"decimate_above": 0})).normalise(large)[0]
     assert len(kept.vertices) == len(large.vertices)
     made = pipeline.embed(large)
     assert made.facts.vertices == len(large.vertices)
@@ -355,7 +356,7 @@ def test_a_soup_of_triangles_keeps_them_up_to_a_limit_of_its_own():
     triangles = make_soup(make_shape("octopus", 0), 0.02, 0)
     mesh = DEFAULT.mesh
     assert mesh.decimate_above < len(triangles.vertices) < mesh.decimate_pieces_above
-    bounded = DEFAULT.with_values(decimate_pieces_above=0)
+    bounded = DEFAULT.with_values(mesh={"decimate_pieces_above": 0})
     kept, simplified = (
         Pipeline(parameters).normalise(triangles).surface for parameters in (DEFAULT, bounded)
     )
@@ -368,7 +369,9 @@ def test_the_long_edges_of_a_simplified_mesh_are_split():
     """The flat sides of a box need few vertices, but samples are spread over them."""
     cut = refine(box(4, 2, 1), 9000)
     for even in (0, 3000):
-        pipeline = Pipeline(DEFAULT.with_values(decimate_to=600, refine_simplified=even, refine_vertices=0))
+        pipeline = Pipeline(
+            DEFAULT.with_values(mesh={"decimate_to": 600, "refine_simplified": even, "refine_vertices": 0})
+        )
         surface = pipeline.normalise(cut).surface
         edges = np.unique(np.sort(surface.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1), axis=0)
         longest = np.linalg.norm(np.diff(surface.vertices[edges], axis=1), axis=2).max()

@@ -11,7 +11,7 @@ from core.descriptors.descriptor_distance import ROW_LENGTH
 from core.descriptors.reliability import intrinsic_reliability
 from core.descriptors.spin_images import KEYPOINTS
 from core.descriptors.view_bytes import VIEW_BYTES
-from core.embedding import NO_ORIENTATION, NO_SPIN_IMAGES, NO_VIEWS, Embedding, Facts, Spectrum
+from core.embedding import NO_ORIENTATION, Embedding, Facts, Spectrum
 from core.errors import BadRecordError
 from core.gallery import make_shape
 from core.parameters import DEFAULT, PAPER
@@ -30,6 +30,7 @@ FACTS = Facts(
     dropped_faces=1,
     boundary_edges=0,
     nonmanifold_edges=4,
+    boundary_ratio=0.25,
 )
 
 
@@ -64,8 +65,6 @@ def embedding(*, samples=12, spectra=2, seed=0):
 
 
 ARRAYS = [field.name for field in fields(Embedding) if field.name not in ("fingerprint", "facts", "spectra")]
-RECORD_NAMES = {"spin_images": "patches"}
-"""Arrays that a record has under another name."""
 
 
 @pytest.mark.parametrize("spectra", [1, 2])
@@ -144,7 +143,7 @@ def test_tensors_without_the_fields_are_refused():
 @pytest.mark.parametrize("missing", ["header", *ARRAYS, "eigenvalues_0", "coordinates_1"])
 def test_a_record_without_one_of_its_arrays_is_refused(missing):
     arrays = load(embedding_to_bytes(embedding()))
-    del arrays[RECORD_NAMES.get(missing, missing)]
+    del arrays[missing]
     with pytest.raises(BadRecordError):
         embedding_from_bytes(save(arrays))
 
@@ -179,7 +178,7 @@ def test_the_embeddings_that_the_pipeline_makes_are_records():
 
 
 def changed(name, change):
-    name, arrays = RECORD_NAMES.get(name, name), load(embedding_to_bytes(embedding()))
+    arrays = load(embedding_to_bytes(embedding()))
     arrays[name] = np.array(change(arrays[name].copy()), order="C")
     return save(arrays)
 
@@ -263,19 +262,14 @@ def test_a_header_with_a_value_of_the_wrong_kind_is_refused(change):
 
 def test_descriptors_are_those_of_the_embedding():
     made = embedding()
-    for one in (
-        made,
-        replace(made, views=NO_VIEWS),
-        replace(made, views=NO_VIEWS, spin_images=NO_SPIN_IMAGES),
-    ):
-        found, expected = descriptors_from_bytes(embedding_to_bytes(one)), descriptors_of(one)
-        for name in ("signature", "spin_images", "views"):
-            assert np.array_equal(getattr(found, name), getattr(expected, name))
-            assert getattr(found, name).dtype == getattr(expected, name).dtype
-        assert found.reliability == intrinsic_reliability(FACTS)
+    found, expected = descriptors_from_bytes(embedding_to_bytes(made)), descriptors_of(made)
+    for name in ("signature", "spin_images", "views"):
+        assert np.array_equal(getattr(found, name), getattr(expected, name))
+        assert getattr(found, name).dtype == getattr(expected, name).dtype
+    assert found.reliability == intrinsic_reliability(FACTS)
 
 
-@pytest.mark.parametrize("missing", ["header", "signature", "patches", "views"])
+@pytest.mark.parametrize("missing", ["header", "signature", "spin_images", "views"])
 def test_descriptors_of_a_record_without_one_of_them_are_refused(missing):
     arrays = load(embedding_to_bytes(embedding()))
     del arrays[missing]
@@ -287,7 +281,7 @@ def test_descriptors_of_a_record_without_one_of_them_are_refused(missing):
     ("name", "value"),
     [
         ("signature", np.zeros(9)),
-        ("patches", np.zeros((KEYPOINTS + 1, ROW_LENGTH), np.uint8)),
+        ("spin_images", np.zeros((KEYPOINTS + 1, ROW_LENGTH), np.uint8)),
         ("views", np.zeros(VIEW_BYTES - 1, np.uint8)),
         ("views", np.zeros(VIEW_BYTES, np.int8)),
     ],

@@ -28,10 +28,12 @@ from core.spectral.laplace_beltrami import laplacian
 
 STUDY_PARAMETERS: Parameters = DEFAULT.with_values(
     name="sampling study",
-    decimate_above=4000,
-    decimate_to=3000,
-    decimate_pieces_above=0,
-    refine_simplified=0,
+    mesh={
+        "decimate_above": 4000,
+        "decimate_to": 3000,
+        "decimate_pieces_above": 0,
+        "refine_simplified": 0,
+    },
 )
 """The default parameters, but large meshes are simplified, since all pairwise distances are used."""
 

@@ -9,7 +9,7 @@ import typer
 
 from core.evaluation.retrieval_measures import Evaluation
 from core.parameters import PAPER
-from core.studies.ablation import Row, rows
+from core.studies.ablation import Row, rows, values_of
 from service.cli.options import Workers
 from service.console import fail, say
 from service.datasets import read_collection
@@ -35,7 +35,7 @@ class Finding:
 
     def as_json(self) -> dict[str, object]:
         """The object that `--json` prints."""
-        paper = PAPER.flat()
+        paper = values_of(PAPER)
         return {
             "collection": self.collection,
             "block": self.row.block,
@@ -43,7 +43,9 @@ class Finding:
             "rank_by": self.row.rank_by,
             "fingerprint": self.row.parameters.fingerprint,
             "changed": {
-                name: value for name, value in self.row.parameters.flat().items() if value != paper[name]
+                name: value
+                for name, (group, value) in values_of(self.row.parameters).items()
+                if (group, value) != paper[name]
             },
             "shapes": self.figures.shapes,
             "classes": len(self.figures.classes),

@@ -118,7 +118,7 @@ def command(
     if method == "isoshape":
         parameters = PAPER if setting == "paper" else DEFAULT
         if uncapped:
-            parameters = parameters.with_values(sample_cap=0)
+            parameters = parameters.with_values(sampling={"sample_cap": 0})
         labels, scores = score_collection(files, parameters, workers or default_workers())
         cc = score_quantiles(scores.cc, labels, parameters.ranking.match_threshold)
         reports = [

@@ -3,7 +3,7 @@
 from textwrap import fill
 
 from core.evaluation.calibration import BINS, Reliability
-from core.ranking.class_probability import Calibration
+from core.ranking.opinion_pool import Calibration
 from service.studies.calibration.study import UPPER, CalibrationStudy
 
 DIGITS = 4

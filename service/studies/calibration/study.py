@@ -14,7 +14,7 @@ from core.evaluation.calibration import (
     reliability,
 )
 from core.evaluation.retrieval_measures import Evaluation, evaluate
-from core.ranking.class_probability import Calibration
+from core.ranking.opinion_pool import Calibration
 
 UPPER = 1
 """The first bin of pairs whose class probability exceeds 0.1: most of the others clearly have two classes."""

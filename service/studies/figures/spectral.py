@@ -27,7 +27,11 @@ def samples_figure(mesh: Mesh) -> bytes:
     """Fig. 3: the samples of the default parameters at three sparse ratios tau."""
     panels = []
     for tau in TAUS:
-        points = Pipeline(DEFAULT.with_values(samples=0, tau=tau)).embed(mesh).positions.astype(np.float64)
+        points = (
+            Pipeline(DEFAULT.with_values(sampling={"samples": 0, "tau": tau}))
+            .embed(mesh)
+            .positions.astype(np.float64)
+        )
         caption = f"tau {tau}: {len(points)} samples"
         panels.append(Panel(mesh, caption, points, np.full(len(points), 0.62), size=2.5))
     return draw_grid([panels], size=3.2)

@@ -75,7 +75,7 @@ def test_the_distance_is_the_same_both_ways_whatever_others_there_are() -> None:
 def test_a_soup_of_triangles_is_no_part() -> None:
     soup = PIPELINE.embed(make_soup(make_shape("octopus", 0), 0.02, 0))
     assert soup.facts.boundary_edges > 1000
-    assert soup.facts.openness <= INCOMPLETE
+    assert soup.facts.boundary_ratio <= INCOMPLETE
     assert soup.spin_images.shape == (KEYPOINTS, ROW_LENGTH)
     wholes = [embedded(label).spin_images for label in ("bird", "cup", "octopus", "person")]
     assert descriptor_distance(soup.spin_images, wholes).distance.argmin() == 2
@@ -104,7 +104,7 @@ def test_a_coarse_mesh_and_a_fine_one_of_the_same_box_are_alike() -> None:
     scores = PIPELINE.score(first, [second])
     assert scores.cc[0] > 0.98
     assert PIPELINE.combined_with(first, [second], scores)[0] > 0.9
-    blob = Pipeline(DEFAULT.with_values(smooth_refined=False))
+    blob = Pipeline(DEFAULT.with_values(mesh={"smooth_refined": False}))
     assert (
         descriptor_distance(blob.embed(coarse).spin_images, [blob.embed(fine).spin_images]).distance[0] > 1.0
     )

@@ -10,7 +10,7 @@ from core.parameters import DEFAULT
 from core.pipeline import Pipeline
 from core.studies.perturbation import make_soup
 
-FACTS = Pipeline(DEFAULT.with_values(views=False)).embed(make_shape("cup", 0)).facts
+FACTS = Pipeline(DEFAULT).embed(make_shape("cup", 0)).facts
 
 
 def test_a_closed_manifold_surface_of_one_piece_is_reliable() -> None:

@@ -26,7 +26,7 @@ def embedded(clouds, m):
     regions[:m] = places
     return Embedding(
         fingerprint="",
-        facts=Facts(3, 1, 1.0, 1.0, 1.0, 1, 0, 0, 3, 0),
+        facts=Facts(3, 1, 1.0, 1.0, 1.0, 1, 0, 0, 3, 0, 0.0),
         positions=np.zeros((m, 3), dtype=np.float32),
         vertices=places,
         graph_edges=edges,
@@ -35,13 +35,17 @@ def embedded(clouds, m):
         regions=regions.astype(np.int32),
         signature=nothing,
         spectra=tuple(Spectrum(f"{i}", np.ones(20, dtype=np.float32), one) for i, one in enumerate(clouds)),
+        spin_images=np.empty((0, 0), np.uint8),
+        views=np.empty(0, np.uint8),
     )
 
 
 def parameters_for(k):
     """The default in k dimensions."""
     return DEFAULT.with_values(
-        dimensions=k, first_dimensions=min(3, k), search_dimensions=min(6, k), name="by hand"
+        name="by hand",
+        spectral={"dimensions": k},
+        matching={"first_dimensions": min(3, k), "search_dimensions": min(6, k)},
     )
 
 

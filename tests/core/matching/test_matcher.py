@@ -38,7 +38,7 @@ def embedding(spectra):
     nothing = np.empty(0, dtype=np.float32)
     return Embedding(
         fingerprint="",
-        facts=Facts(3, 1, 1.0, 1.0, 1.0, 1, 0, 0, 3, 0),
+        facts=Facts(3, 1, 1.0, 1.0, 1.0, 1, 0, 0, 3, 0, 0.0),
         positions=np.zeros((len(places), 3), dtype=np.float32),
         vertices=places,
         graph_edges=np.stack([places[:-1], places[1:]], axis=1),
@@ -47,6 +47,8 @@ def embedding(spectra):
         regions=places,
         signature=nothing,
         spectra=spectra,
+        spin_images=np.empty((0, 0), np.uint8),
+        views=np.empty(0, np.uint8),
     )
 
 

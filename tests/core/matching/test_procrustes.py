@@ -97,7 +97,7 @@ def test_splines_are_symmetric():
 
 
 def test_search_samples_of_nothing_are_all():
-    everything = DEFAULT.with_values(search_samples=0, search_dimensions=0)
+    everything = DEFAULT.with_values(matching={"search_samples": 0, "search_dimensions": 0})
     assert record_of(made(3, 40, 60), everything).searched.shape == (2, K, 40)
 
 

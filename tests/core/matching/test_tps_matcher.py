@@ -11,7 +11,9 @@ from tests.core.matching.clouds import cloud, embedded
 
 SETTINGS = {
     "paper": PAPER,
-    "progressive": PAPER.with_values(dimensions=5, sign_starts=True, kept_starts=3, stiffness=100.0),
+    "progressive": PAPER.with_values(
+        spectral={"dimensions": 5}, matching={"sign_starts": True, "kept_starts": 3, "stiffness": 100.0}
+    ),
 }
 
 

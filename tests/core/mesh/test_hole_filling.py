@@ -11,7 +11,6 @@ from core.mesh.mesh import Mesh
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
 from core.studies.perturbation import make_soup, remove_discs
-from tests.core.parameters.earlier_parameters import BEFORE_VIEWS
 from tests.core.shapes import icosphere, joined, rectangle, turned
 
 
@@ -102,14 +101,7 @@ def test_a_shape_with_holes_is_more_like_the_whole_one_once_they_are_closed():
     shape = make_shape("quadruped", 1)
     holed = remove_discs(turned(Mesh(shape.vertices, shape.faces), 3), 0.15, 1)
     found = []
-    for parameters in (DEFAULT, DEFAULT.with_values(fill_holes=0.0)):
+    for parameters in (DEFAULT, DEFAULT.with_values(mesh={"fill_holes": 0.0})):
         method = Pipeline(parameters)
         found.append(method.score(method.embed(shape), [method.embed(holed)]).cc[0])
     assert found[0] > found[1]
-
-
-def test_a_pipeline_without_it_is_the_one_from_before_there_was_this():
-    """Which an archive may have been embedded by."""
-    before = BEFORE_VIEWS.with_values(fill_holes=0.0, decimate_above=40_000, decimate_to=20_000)
-    before = before.with_values(smooth_refined=False, patches=False)
-    assert before.fingerprint == "9973095625c03507"

@@ -5,10 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from core.gallery import make_shape
+from core.parameters import DEFAULT
+from core.pipeline import Pipeline
 from core.ranking.opinion_pool import (
     FINE,
     FINEST,
     PART_FEATURES,
+    Calibration,
     features,
     offset,
     part_features,
@@ -124,3 +128,55 @@ def test_copies_of_a_shape_do_not_make_its_poses_unlikely() -> None:
     )
     assert pooled_probability(pose)[0] > 0.9
     assert features(pose)[0] == pytest.approx(plain_features(pose))
+
+
+@pytest.fixture(scope="module")
+def embedded():
+    pipeline = Pipeline(DEFAULT)
+    shapes = [
+        make_shape(label, pose) for label, pose in (("cup", 0), ("cup", 1), ("octopus", 0), ("snake", 2))
+    ]
+    return pipeline, [pipeline.embed(mesh) for mesh in shapes]
+
+
+def combined(pipeline, query, candidates):
+    return pipeline.combined_with(query, candidates, pipeline.score(query, candidates))
+
+
+def test_a_model_of_known_numbers():
+    model = Calibration(intercept=np.log(3.0), slopes=(-1.0, -2.0))
+    logs = np.log([[1.0, 1.0], [3.0, 1.0], [1.0, 3.0]])
+    assert model.class_probability(logs) == pytest.approx([3.0 / 4.0, 1.0 / 2.0, 1.0 / 4.0])
+
+
+def test_a_shape_against_itself_is_of_its_class(embedded):
+    pipeline, embeddings = embedded
+    for embedding in embeddings:
+        (itself,) = combined(pipeline, embedding, [embedding])
+        others = combined(pipeline, embedding, [other for other in embeddings if other is not embedding])
+        assert itself > 0.9
+        assert (others < itself).all()
+
+
+def test_both_ways_to_the_last_bit(embedded):
+    pipeline, embeddings = embedded
+    rows = np.stack([combined(pipeline, embedding, embeddings) for embedding in embeddings])
+    assert rows.shape == (4, 4)
+    assert rows.dtype == np.float64
+    assert (rows == rows.T).all()
+    assert ((rows >= 0.0) & (rows <= 1.0)).all()
+
+
+def test_the_others_compared_change_nothing(embedded):
+    pipeline, embeddings = embedded
+    together = combined(pipeline, embeddings[0], embeddings)
+    for embedding, likelihood in zip(embeddings, together, strict=True):
+        assert combined(pipeline, embeddings[0], [embedding])[0] == likelihood
+
+
+def test_poses_of_one_class_are_likelier_than_two_classes(embedded):
+    pipeline, (cup, other_cup, octopus, snake) = embedded
+    alike, *different = combined(pipeline, cup, [other_cup, octopus, snake])
+    assert alike > 0.2
+    assert max(different) < 0.001
+    assert alike > 1000.0 * max(different)

@@ -48,7 +48,7 @@ def gate(second: Embedding) -> bool:
 
 
 def spectral(first: Embedding, second: Embedding) -> float:
-    return float(spectral_distances(first.signature, second.signature[None], global_descriptors=True)[0])
+    return float(spectral_distances(first.signature, second.signature[None])[0])
 
 
 def by_samples(second: Embedding) -> RigidCopy | None:

@@ -6,6 +6,7 @@ import pytest
 from core.gallery import make_shape
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
+from core.studies.ablation import values_of
 from core.studies.robustness import (
     KINDS,
     TAU_CAP,
@@ -86,5 +87,6 @@ def test_samples_are_the_share_tau_of_about_so_many_vertices(tau, mesh):
     changed = {"name", "samples", "tau", "sample_cap"}
     changed |= {"refine_vertices", "refine_simplified"}
     changed |= {"decimate_above", "decimate_to", "decimate_pieces_above"}
-    for key, value in DEFAULT.flat().items():
-        assert parameters.flat()[key] == value or key in changed
+    values = values_of(parameters)
+    for key, value in values_of(DEFAULT).items():
+        assert values[key] == value or key in changed

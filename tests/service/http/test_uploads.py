@@ -247,6 +247,6 @@ def test_an_incomplete_shape_is_stored_and_searched_with_a_warning(service: Runn
     stored = service.store(part, "part.off")
     (warning,) = stored["warnings"]
     assert "looks incomplete" in warning
-    assert f"{100 * stored['facts']['openness']:.0f} %" in warning
+    assert f"{100 * stored['facts']['boundary_ratio']:.0f} %" in warning
     assert query(service.client, part).json()["warnings"] == [warning]
     assert query(service.client, small_file(1)).json()["warnings"] == []

@@ -119,9 +119,12 @@ def archive_of(parameters: Parameters, folder: Path) -> Database:
     ("change", "said"),
     [
         (lambda few: update(PipelineRow).values(method=0), "version 0 of the method"),
-        (lambda few: update(PipelineRow).values(parameters={**few, "dimensions": 9}), "does not have"),
+        (
+            lambda few: update(PipelineRow).values(parameters={**few, "spectral": {"dimensions": 9}}),
+            "does not have",
+        ),
         (lambda few: update(PipelineRow).values(parameters={**few, "newer": 1}), "does not have"),
-        (lambda few: delete(PipelineRow), "Start with the ISOSHAPE_PIPELINE that made it"),
+        (lambda few: delete(PipelineRow), "whose parameters it does not hold"),
     ],
 )
 def test_an_archive_of_an_unknown_pipeline_is_refused_at_the_start(
@@ -130,7 +133,7 @@ def test_an_archive_of_an_unknown_pipeline_is_refused_at_the_start(
     few = write_parameters(tmp_path)
     database = archive_of(few, tmp_path)
     with database.write() as session:
-        session.execute(change(few.flat()))
+        session.execute(change(few.model_dump(mode="json")))
     with pytest.raises(PipelineUnavailableError, match=said) as refused:
         begin(Pipelines(DEFAULT), database)
     assert "isoshape reembed" in str(refused.value)

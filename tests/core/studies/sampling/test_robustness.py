@@ -38,7 +38,7 @@ def surface():
 
 
 def make_small(patch):
-    small = sampling_surface.STUDY_PARAMETERS.with_values(refine_vertices=0)
+    small = sampling_surface.STUDY_PARAMETERS.with_values(mesh={"refine_vertices": 0})
     patch.setattr(sampling_surface, "STUDY_PARAMETERS", small)
 
 

@@ -16,10 +16,9 @@ from core.io import format_of, read_mesh
 from core.mesh.cleaning import clean
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
-from core.ranking.class_probability import Calibration
 from core.ranking.density_sample import densities_in, density_sample
 from core.ranking.local_density import ENOUGH, TYPICAL_SPECTRAL, TYPICAL_VIEW
-from core.ranking.opinion_pool import PART_FEATURES, features, offset, part_features
+from core.ranking.opinion_pool import PART_FEATURES, Calibration, features, offset, part_features
 from core.ranking.pair_differences import PairDifferences, descriptors_of, differences_of
 from service.cli.studies import calibrate
 from service.datasets import read_collection
@@ -90,7 +89,7 @@ def plain_parts(folder: Path, count: int) -> list[LabelledPairs]:
         told, asked = np.zeros((count, count, PART_FEATURES)), np.zeros((count, count), dtype=bool)
         for i, (path, _) in enumerate(files):
             query = pipeline.embed(kind.perturb(meshes[i], amount, seed_of(path, SEED)))
-            if query.facts.openness <= INCOMPLETE:
+            if query.facts.boundary_ratio <= INCOMPLETE:
                 continue
             asked[i] = True
             own = densities_in(sample, [descriptors_of(query)])

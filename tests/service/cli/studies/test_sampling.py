@@ -19,7 +19,7 @@ PNG = b"\x89PNG\r\n\x1a\n"
 @pytest.fixture(autouse=True)
 def small(monkeypatch):
     """Surfaces of under 1,000 vertices: distances between all pairs are what takes the time."""
-    features = sampling_surface.STUDY_PARAMETERS.with_values(refine_vertices=0)
+    features = sampling_surface.STUDY_PARAMETERS.with_values(mesh={"refine_vertices": 0})
     monkeypatch.setattr(sampling_surface, "STUDY_PARAMETERS", features)
 
 

@@ -30,7 +30,7 @@ def test_a_stage_inside_another_counts_once(monkeypatch):
     """Cleaning is a stage of its own, and a part of simplifying."""
     clock = iter(range(100))
     monkeypatch.setattr("service.studies.benchmark.stages.perf_counter", lambda: float(next(clock)))
-    small = DEFAULT.with_values(decimate_above=900, decimate_to=500)
+    small = DEFAULT.with_values(mesh={"decimate_above": 900, "decimate_to": 500})
     mesh = read_mesh(DATA, "ply")
     assert len(mesh.vertices) > 900
     with watched() as seconds:

@@ -1,8 +1,17 @@
-"""The five groups of parameters, one for each part of the method, with their defaults and ranges."""
+"""The parameters of the method in five groups, their two named settings, and the fingerprint."""
 
-from typing import Annotated, Literal, Self
+import hashlib
+import json
+from collections.abc import Mapping
+from functools import cached_property
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from core.errors import ParameterError
+
+METHOD_VERSION = 2
+"""Raised whenever the same parameters would give other embeddings or other scores."""
 
 Selection = Literal["sort-and-cut", "random-draw", "covering"]
 Distances = Literal["tree", "graph", "geodesic"]
@@ -137,9 +146,6 @@ class SpectralParameters(Group):
         `core.spectral.coordinates.spectral_coordinates`.
     affinity_values, laplacian_values : int
         The numbers of eigenvalues of each operator in the signature; at least one is above 0.
-    orientation : bool
-        Whether an embedding with Laplace-Beltrami coordinates holds the signed areas that tell a map from its
-        mirror image (`core.spectral.orientation`); pairs "both-ways" use them.
     """
 
     distances: Distances = "geodesic"
@@ -154,7 +160,6 @@ class SpectralParameters(Group):
     taper: bool = True
     affinity_values: SignatureLength = 0
     laplacian_values: SignatureLength = 30
-    orientation: bool = True
 
     @model_validator(mode="after")
     def _has_operators_and_values(self) -> Self:
@@ -225,26 +230,181 @@ class MatchingParameters(Group):
 
 
 class RankingParameters(Group):
-    """Descriptors beside the embeddings, and the threshold of a match.
+    """The threshold of a match.
 
     Attributes
     ----------
-    global_descriptors : bool
-        Whether the signature also holds volume, hull and compactness ratios
-        (`core.descriptors.global_descriptors`). In flat files the key is `form`.
-    spin_images : bool
-        Whether an embedding holds spin images of its surface, which `combined` compares
-        (`core.descriptors.descriptor_distance`). In flat files the key is `patches`.
-    views : bool
-        Whether an embedding holds views of its surface from outside, which `combined` compares
-        (`core.descriptors.view_descriptor`).
     match_threshold : float
         A query whose best CC is below this value has no match (Algorithm 3's unmatched shapes).
         `isoshape classify` finds the best value for a collection: 0.980 for half of PSB, 0.985 for the made
         gallery, 0.992 for half of SHREC'11.
     """
 
-    global_descriptors: bool = Field(default=True, serialization_alias="form")
-    spin_images: bool = Field(default=True, serialization_alias="patches")
-    views: bool = True
     match_threshold: float = Field(default=0.98, ge=-1.0, le=1.0)
+
+
+GROUPS = ("mesh", "sampling", "spectral", "matching", "ranking")
+
+
+class Parameters(BaseModel):
+    """A frozen, hashable set of parameters in groups; every stored embedding carries its fingerprint.
+
+    Attributes
+    ----------
+    name : str
+        The name that people use; not part of the fingerprint.
+    mesh : MeshParameters
+    sampling : SamplingParameters
+    spectral : SpectralParameters
+    matching : MatchingParameters
+    ranking : RankingParameters
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
+
+    name: str = "default"
+    mesh: MeshParameters = MeshParameters()
+    sampling: SamplingParameters = SamplingParameters()
+    spectral: SpectralParameters = SpectralParameters()
+    matching: MatchingParameters = MatchingParameters()
+    ranking: RankingParameters = RankingParameters()
+
+    @model_validator(mode="after")
+    def _fit_the_dimensions(self) -> Self:
+        """Check the rules that hold between groups."""
+        least = self.spectral.dimensions + 2
+        for name, value, zero in (
+            ("samples", self.sampling.samples, True),
+            ("sample_cap", self.sampling.sample_cap, True),
+            ("search_samples", self.matching.search_samples, True),
+            ("align_samples", self.matching.align_samples, False),
+        ):
+            if value < least and not (zero and value == 0):
+                raise ValueError(f"{name} must be {'0 or ' if zero else ''}at least dimensions + 2")
+        first = self.matching.first_dimensions
+        most = self.spectral.dimensions
+        if first > min(6, most) and (self.matching.sign_starts or first != most):
+            raise ValueError(
+                "first_dimensions must be at most 6 and at most dimensions, or equal to dimensions if "
+                "sign_starts is false"
+            )
+        return self
+
+    @classmethod
+    def from_values(cls, values: Mapping[str, Any]) -> Self:
+        """Return parameters from a name and groups of values; all others have the defaults.
+
+        Raises
+        ------
+        ParameterError
+            An unknown parameter, a wrong type, or a value out of its range.
+        """
+        try:
+            return cls.model_validate(values)
+        except ValidationError as error:
+            raise ParameterError("; ".join(_explained(fault) for fault in error.errors())) from error
+
+    def with_values(self, **changes: object) -> Self:
+        """Return these parameters with another name, or other values in the named groups.
+
+        `DEFAULT.with_values(name="few", sampling={"samples": 60})` differs from `DEFAULT` in these two.
+
+        Raises
+        ------
+        ParameterError
+            See `from_values`.
+        """
+        values: dict[str, Any] = self.model_dump()
+        for key, change in changes.items():
+            values[key] = (
+                {**values[key], **change} if isinstance(change, Mapping) and key in GROUPS else change
+            )
+        return self.from_values(values)
+
+    @cached_property
+    def fingerprint(self) -> str:
+        """Sixteen hexadecimal digits: a hash of the values of all groups and of the method version."""
+        values = {"method": METHOD_VERSION, **self.model_dump(exclude={"name"})}
+        return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()[:16]
+
+    def to_json(self) -> str:
+        """Return the parameters as a JSON object of groups."""
+        return self.model_dump_json(indent=2)
+
+    @classmethod
+    def from_json(cls, text: str) -> Self:
+        """Return parameters from a JSON object of groups; values that it lacks have the defaults.
+
+        Raises
+        ------
+        ParameterError
+            Not a JSON object, or not valid: see `from_values`.
+        """
+        try:
+            values = json.loads(text)
+        except (ValueError, RecursionError) as error:
+            raise ParameterError(f"not JSON: {error}") from error
+        if not isinstance(values, dict):
+            raise ParameterError("parameters must be a JSON object")
+        return cls.from_values(values)
+
+
+def _explained(error: Mapping[str, Any]) -> str:
+    """Return the parameter and the cause of one of pydantic's errors."""
+    path = [str(part) for part in error["loc"]]
+    if error["type"] == "extra_forbidden":
+        model = Parameters if len(path) == 1 else Parameters.model_fields[path[0]].annotation
+        known = ", ".join(getattr(model, "model_fields", {}))
+        return f"unknown parameter {'.'.join(path)!r}; known are {known}"
+    if error["type"] == "value_error":
+        return str(error["ctx"]["error"])
+    return f"{'.'.join(path)}: {error['msg'][0].lower()}{error['msg'][1:]}"
+
+
+DEFAULT = Parameters()
+"""The best that was measured; see docs/results.md."""
+
+PAPER = Parameters(
+    name="paper",
+    mesh=MeshParameters(
+        fill_holes=0.0,
+        refine_vertices=0,
+        decimate_above=0,
+        decimate_to=5_000,
+        decimate_pieces_above=0,
+        refine_simplified=0,
+        smooth_above=0.0,
+        smooth_refined=False,
+    ),
+    sampling=SamplingParameters(
+        normalise_weights=False,
+        selection="sort-and-cut",
+        samples=0,
+        tau=0.3,
+        sample_cap=400,
+        points=0,
+    ),
+    spectral=SpectralParameters(
+        distances="tree",
+        unfold=False,
+        affinity="distance",
+        operators=("affinity",),
+        dimensions=3,
+        eigenvalue_power=0.0,
+        taper=False,
+        affinity_values=20,
+        laplacian_values=0,
+    ),
+    matching=MatchingParameters(
+        search_samples=0,
+        search_dimensions=0,
+        first_dimensions=3,
+        sign_starts=False,
+        kept_starts=1,
+        start_iterations=10,
+        step_iterations=1,
+        stiffness=1.0,
+        pairs="nearest",
+    ),
+)
+"""As literal as the text allows, with the errata of the page docs/method.md."""

@@ -1,0 +1,305 @@
+"""Parameters: the fingerprint, JSON and back, and the ranges."""
+
+import json
+import pickle
+import re
+import subprocess
+import sys
+
+import pytest
+from pydantic import ValidationError
+
+from core.errors import ParameterError
+from core.parameters import DEFAULT, GROUPS, PAPER, Parameters
+
+OTHER = {
+    "mesh": {
+        "fill_holes": 0.2,
+        "refine_vertices": 2001,
+        "decimate_pieces_above": 20000,
+        "refine_simplified": 2000,
+        "decimate_above": 50000,
+        "decimate_to": 5000,
+        "smooth_above": 0.3,
+        "smooth_rounds": 5,
+        "smooth_refined": False,
+    },
+    "sampling": {
+        "degree": 7,
+        "epsilon": 0.02,
+        "normalise_weights": False,
+        "selection": "random-draw",
+        "coverage_power": 0.5,
+        "seed": 1,
+        "samples": 101,
+        "tau": 0.4,
+        "sample_cap": 300,
+        "points": 600,
+    },
+    "spectral": {
+        "unfold": False,
+        "distances": "graph",
+        "affinity": "distance",
+        "width": 1.6,
+        "operators": ("laplace-beltrami", "affinity"),
+        "dimensions": 9,
+        "eigenvalue_power": 0.25,
+        "taper": False,
+        "affinity_values": 21,
+        "laplacian_values": 16,
+    },
+    "matching": {
+        "search_samples": 65,
+        "search_dimensions": 5,
+        "first_dimensions": 4,
+        "sign_starts": False,
+        "kept_starts": 4,
+        "start_iterations": 6,
+        "step_iterations": 4,
+        "stiffness": 10.0,
+        "warp_stiffness": 0.02,
+        "pairs": "nearest",
+        "align_samples": 63,
+        "kept_maps": 3,
+        "align_rounds": 5,
+        "final_rounds": 4,
+        "slide_rounds": 3,
+    },
+    "ranking": {"match_threshold": 0.8},
+}
+"""Another value of each parameter."""
+
+EACH = [(group, name, value) for group, values in OTHER.items() for name, value in values.items()]
+
+OUT_OF_RANGE = [
+    ("mesh", "fill_holes", -0.1),
+    ("mesh", "fill_holes", 10.1),
+    ("mesh", "refine_vertices", -1),
+    ("mesh", "refine_vertices", 100001),
+    ("mesh", "decimate_to", 499),
+    ("mesh", "decimate_to", 8000),
+    ("mesh", "decimate_pieces_above", -1),
+    ("mesh", "decimate_pieces_above", 4000),
+    ("mesh", "refine_simplified", -1),
+    ("mesh", "refine_simplified", 100001),
+    ("mesh", "smooth_above", -0.1),
+    ("mesh", "smooth_above", 1001.0),
+    ("mesh", "smooth_rounds", 0),
+    ("sampling", "degree", 0),
+    ("sampling", "degree", 13),
+    ("sampling", "epsilon", 0.0),
+    ("sampling", "epsilon", 0.15),
+    ("sampling", "coverage_power", -0.1),
+    ("sampling", "coverage_power", 4.1),
+    ("sampling", "seed", -1),
+    ("sampling", "seed", 4611686018427387905),
+    ("sampling", "samples", 11),
+    ("sampling", "samples", 10001),
+    ("sampling", "tau", 0.0),
+    ("sampling", "tau", 1.01),
+    ("sampling", "sample_cap", 11),
+    ("sampling", "points", -1),
+    ("sampling", "points", 20001),
+    ("spectral", "width", 0.0),
+    ("spectral", "width", 1000000.0),
+    ("spectral", "dimensions", 1),
+    ("spectral", "dimensions", 51),
+    ("spectral", "eigenvalue_power", -0.5),
+    ("spectral", "eigenvalue_power", 5.0),
+    ("matching", "search_samples", 11),
+    ("matching", "search_samples", 10001),
+    ("matching", "search_dimensions", 2),
+    ("matching", "search_dimensions", 51),
+    ("matching", "first_dimensions", 1),
+    ("matching", "first_dimensions", 7),
+    ("matching", "kept_starts", 0),
+    ("matching", "start_iterations", 1001),
+    ("matching", "step_iterations", 0),
+    ("matching", "align_samples", 11),
+    ("matching", "align_samples", 10001),
+    ("matching", "kept_maps", 0),
+    ("matching", "align_rounds", 0),
+    ("matching", "final_rounds", 0),
+    ("matching", "slide_rounds", -1),
+    ("matching", "slide_rounds", 1001),
+    ("matching", "stiffness", 0.0),
+    ("matching", "warp_stiffness", 1000000000000.0),
+    ("spectral", "affinity_values", 101),
+    ("spectral", "laplacian_values", -1),
+    ("ranking", "match_threshold", 1.5),
+    ("sampling", "selection", "best"),
+    ("spectral", "distances", "straight"),
+    ("spectral", "affinity", "cosine"),
+    ("matching", "pairs", "all"),
+    ("spectral", "operators", []),
+    ("spectral", "operators", ["affinity", "graph"]),
+]
+
+WRONG_TYPES = [
+    ("sampling", "degree", True),
+    ("sampling", "degree", 6.0),
+    ("sampling", "degree", "6"),
+    ("sampling", "degree", None),
+    ("sampling", "tau", True),
+    ("sampling", "tau", "0.3"),
+    ("sampling", "tau", [0.3]),
+    ("spectral", "unfold", 1),
+    ("spectral", "unfold", "true"),
+    ("sampling", "selection", 1),
+    ("spectral", "operators", "affinity"),
+    ("spectral", "operators", [1]),
+    ("spectral", "operators", {"affinity": 1}),
+]
+
+
+def test_every_parameter_has_another_value_here():
+    values = DEFAULT.model_dump(exclude={"name"})
+    assert {group: set(OTHER[group]) for group in OTHER} == {group: set(values[group]) for group in values}
+    assert tuple(values) == GROUPS
+
+
+def test_the_fingerprint_is_sixteen_digits_and_leaves_out_the_name():
+    for parameters in (DEFAULT, PAPER):
+        assert re.fullmatch("[0-9a-f]{16}", parameters.fingerprint)
+    assert DEFAULT.with_values(name="mine").fingerprint == DEFAULT.fingerprint
+
+
+def test_each_parameter_and_the_method_version_change_the_fingerprint(monkeypatch):
+    changed = [DEFAULT.with_values(**{group: {name: value}}).fingerprint for group, name, value in EACH]
+    assert len({DEFAULT.fingerprint, PAPER.fingerprint, *changed}) == len(EACH) + 2
+    monkeypatch.setattr("core.parameters.METHOD_VERSION", 99)
+    assert Parameters().fingerprint not in {DEFAULT.fingerprint, *changed}
+
+
+def test_another_process_has_the_same_fingerprints():
+    code = "from core.parameters import *; print(DEFAULT.fingerprint, PAPER.fingerprint)"
+    for seed in ("1", "2"):
+        out = subprocess.run(
+            [sys.executable, "-c", code],
+            env={"PYTHONHASHSEED": seed, "PYTHONPATH": ":".join(sys.path)},
+            capture_output=True,
+            text=True,
+            check=True,
+        ).stdout
+        assert out.split() == [DEFAULT.fingerprint, PAPER.fingerprint]
+
+
+@pytest.mark.parametrize("parameters", [DEFAULT, PAPER, DEFAULT.with_values(name="other", **OTHER)])
+def test_json_and_back(parameters):
+    for back in (
+        Parameters.from_json(parameters.to_json()),
+        Parameters.from_values(json.loads(json.dumps(parameters.model_dump(mode="json")))),
+        pickle.loads(pickle.dumps(parameters)),
+    ):
+        assert back == parameters
+        assert back.fingerprint == parameters.fingerprint
+    assert list(json.loads(parameters.to_json())) == ["name", *GROUPS]
+
+
+def test_values_that_are_not_named_stay():
+    assert Parameters.from_json("{}") == DEFAULT
+    few = Parameters.from_json('{"sampling": {"degree": 4}, "name": "four"}')
+    assert few == DEFAULT.with_values(sampling={"degree": 4}, name="four")
+    assert few.with_values(sampling={"tau": 0.4}).sampling.degree == 4
+    assert few.with_values(sampling={"degree": 6}, name="default") == DEFAULT
+
+
+def test_parameters_are_frozen_and_hashable():
+    assert len({DEFAULT, PAPER, Parameters.from_json(PAPER.to_json())}) == 2
+    with pytest.raises(ValidationError, match="frozen"):
+        DEFAULT.mesh.fill_holes = 0.5
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"mesh": 3}, "mesh: input should be a valid dictionary"),
+        ({"mesh": {"samples": 60}}, r"unknown parameter 'mesh.samples'; known are fill_holes, .*"),
+        ({"samples": 60}, "unknown parameter 'samples'; known are name, mesh, sampling, .*"),
+        ({"from_json": 1}, "unknown parameter 'from_json'"),
+        ({"": 1}, "unknown parameter ''"),
+        ({"name": 3}, "name: input should be a valid string"),
+        ({"sampling": {"degree": 13, "tau": 2.0}}, "sampling.degree: .* 12; sampling.tau: .* 1"),
+        ({"spectral": {"operators": ["affinity", "graph"]}}, "spectral.operators.1: input should be .*"),
+        ({"spectral": {"operators": ["affinity", "affinity"]}}, "operators must differ"),
+        ({"spectral": {"affinity_values": 0, "laplacian_values": 0}}, "must not both be 0"),
+    ],
+)
+def test_an_error_names_the_parameter_and_the_cause(values, message):
+    with pytest.raises(ParameterError, match=message):
+        Parameters.from_json(json.dumps(values))
+    with pytest.raises(ParameterError, match=message):
+        DEFAULT.with_values(**values)
+
+
+@pytest.mark.parametrize(
+    ("group", "name", "whole"),
+    [("sampling", "tau", 1), ("spectral", "width", 2), ("sampling", "coverage_power", 0)],
+)
+def test_a_whole_number_and_the_same_as_a_float_have_one_fingerprint(group, name, whole):
+    first, second = (DEFAULT.with_values(**{group: {name: value}}) for value in (whole, float(whole)))
+    assert first.fingerprint == second.fingerprint
+    assert first.to_json() == second.to_json()
+    assert Parameters.from_json(json.dumps({group: {name: whole}})) == first
+
+
+def test_a_whole_number_past_all_floats_is_refused():
+    with pytest.raises(ParameterError, match=r"matching\.stiffness: input should be a valid number"):
+        DEFAULT.with_values(matching={"stiffness": 10**400})
+
+
+@pytest.mark.parametrize("text", ["", "{", "degree: 4", '{"degree": }', "\x00", "[" * 100_000])
+def test_text_that_is_not_json_is_refused(text):
+    with pytest.raises(ParameterError, match="not JSON"):
+        Parameters.from_json(text)
+
+
+@pytest.mark.parametrize("text", ["[]", '[{"degree": 4}]', "3", "null", '"degree"', "true"])
+def test_json_that_is_no_object_is_refused(text):
+    with pytest.raises(ParameterError, match="JSON object"):
+        Parameters.from_json(text)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        '{"sampling": {"tau": 1' + "0" * 400 + "}}",
+        '{"sampling": {"seed": ' + "1" * 5000 + "}}",
+        *(f'{{"sampling": {{"tau": {value}}}}}' for value in ("NaN", "Infinity", "-Infinity")),
+    ],
+)
+def test_a_number_that_is_not_finite_is_refused(text):
+    with pytest.raises(ParameterError):
+        Parameters.from_json(text)
+
+
+@pytest.mark.parametrize(("group", "name", "value"), [*OUT_OF_RANGE, *WRONG_TYPES])
+def test_a_wrong_type_or_a_value_out_of_range_is_refused(group, name, value):
+    with pytest.raises(ParameterError, match=name):
+        Parameters.from_json(json.dumps({group: {name: value}}))
+    with pytest.raises(ParameterError, match=name):
+        DEFAULT.with_values(**{group: {name: value}})
+
+
+def test_limits_themselves_are_allowed():
+    DEFAULT.with_values(
+        sampling={"degree": 12, "tau": 1.0, "samples": 12, "seed": 2**62},
+        matching={"search_samples": 12, "slide_rounds": 0},
+        ranking={"match_threshold": -1.0},
+    )
+    DEFAULT.with_values(
+        mesh={"decimate_above": 0, "decimate_to": 0},
+        sampling={"sample_cap": 12, "points": 0},
+        spectral={"affinity_values": 0},
+    )
+
+
+def test_many_first_dimensions_need_that_no_signs_are_tried():
+    many = {"first_dimensions": 20, "search_dimensions": 20}
+    with pytest.raises(ParameterError, match="first_dimensions"):
+        DEFAULT.with_values(spectral={"dimensions": 20}, matching={"sign_starts": True, **many})
+    DEFAULT.with_values(spectral={"dimensions": 20}, matching={"sign_starts": False, **many})
+
+
+def test_both_named_settings_are_named():
+    assert (DEFAULT.name, PAPER.name) == ("default", "paper")
