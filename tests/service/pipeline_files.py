@@ -10,7 +10,7 @@ from tests.service.engines import rows
 def write_parameters(folder: Path) -> Parameters:
     """Parameters called "few", which are in the file few.json of a folder."""
     path = folder / "few.json"
-    path.write_text('{"samples": 40, "points": 100, "search_samples": 20}')
+    path.write_text('{"sampling": {"samples": 40, "points": 100}, "matching": {"search_samples": 20}}')
     return load_parameters(str(path))
 
 

@@ -174,16 +174,16 @@ def test_parameters_come_from_a_file(tmp_path: Path) -> None:
 
 def test_parameters_without_a_name_are_called_as_their_file(tmp_path: Path) -> None:
     path = tmp_path / "few samples.json"
-    path.write_text('{"samples": 60}')
+    path.write_text('{"sampling": {"samples": 60}}')
     parameters = load_parameters(str(path))
     assert (parameters.name, parameters.sampling.samples) == ("few samples", 60)
-    path.write_text('{"samples": 60, "name": "sixty"}')
+    path.write_text('{"sampling": {"samples": 60}, "name": "sixty"}')
     assert load_parameters(str(path)).name == "sixty"
     assert load_parameters(str(path)).fingerprint == parameters.fingerprint
 
 
 @pytest.mark.parametrize(
-    "content", [b"{", b"[]", b'{"samples": "many"}', b'{"no such parameter": 1}', b"\xff\xfe"]
+    "content", [b"{", b"[]", b'{"sampling": {"samples": "many"}}', b'{"no such parameter": 1}', b"\xff\xfe"]
 )
 def test_a_file_that_holds_no_parameters_is_refused(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "parameters.json"
