@@ -6,8 +6,6 @@ __all__ = [
     "CLASSES",
     "GalleryShape",
     "bodies",
-    "individuals",
     "make_gallery",
     "make_shape",
-    "poses_of_one_person",
 ]

@@ -1,14 +1,13 @@
-"""Animals with a backbone: quadruped, bird, fish, snake."""
+"""Animals: quadruped, bird, fish and snake with a backbone, octopus and spider without one."""
 
 import numpy as np
 from numpy.random import Generator
 
-from core.gallery.frames import Frame, chain
-from core.gallery.parts import Part, ellipsoid, mirrored, plate, tube
+from core.gallery.solids import Frame, Part, chain, ellipsoid, mirrored, plate, tube
 
 
 def quadruped(rng: Generator) -> list[Part]:
-    """A dog or horse: trunk, neck, head with muzzle and ears, four jointed legs, a tail."""
+    """Build a dog or horse: trunk, neck, head with muzzle and ears, four jointed legs, a tail."""
     u = rng.uniform
     length, girth, leg = u(0.85, 1.15), u(0.19, 0.25), u(0.3, 0.44)
     bow, curve = u(-12, 12), u(-14, 14)
@@ -61,7 +60,7 @@ def quadruped(rng: Generator) -> list[Part]:
 def _leg(
     root: Frame, left: int, bones: list[tuple[float, float, float]], girth: float, rng: Generator
 ) -> list[Part]:
-    """A leg with a paw, from bones given as length, bend in degrees and thickness by the trunk's."""
+    """Build a leg with a paw, from bones given as length, bend in degrees and thickness by the trunk's."""
     u = rng.uniform
     down = root.rotate("y", 90 - u(-30, 30)).rotate("z", left * u(3, 14))
     joints, foot = chain(down, [length for length, _, _ in bones], [(bend, 0.0) for _, bend, _ in bones])
@@ -72,7 +71,7 @@ def _leg(
 
 
 def bird(rng: Generator) -> list[Part]:
-    """Body, neck, head with beak, two wings jointed at the elbow, a fan of tail, two legs with toes."""
+    """Build body, neck, head with beak, two wings jointed at the elbow, a fan of tail, two legs with toes."""
     u = rng.uniform
     size, slim = u(0.9, 1.1), u(0.17, 0.23)
     body = Frame()
@@ -109,7 +108,7 @@ def bird(rng: Generator) -> list[Part]:
 
 
 def _wing(shoulder: Frame, left: int, *, span: float, chord: float, sweep: float, fold: float) -> list[Part]:
-    """Two plates that meet at the elbow, where the outer one is turned up by `fold` degrees."""
+    """Build two plates that meet at the elbow, where the outer one is turned up by `fold` degrees."""
     inner, outer = 0.45 * span, 0.55 * span
     arm = [(0.5 * chord, 0.0), (0.55 * chord, inner), (-0.5 * chord, inner), (-0.6 * chord, 0.0)]
     tip = [
@@ -138,7 +137,7 @@ def _bird_leg(hip: Frame, left: int, rng: Generator) -> list[Part]:
 
 
 def fish(rng: Generator) -> list[Part]:
-    """A body bent sideways as in swimming, tail fin, back fin, belly fin and two breast fins."""
+    """Build a body bent sideways as in swimming, tail fin, back fin, belly fin and two breast fins."""
     u = rng.uniform
     tall, flat = u(0.17, 0.29), u(1.9, 2.8)
     sway = u(-9, 9)
@@ -188,7 +187,7 @@ def fish(rng: Generator) -> list[Part]:
 
 
 def snake(rng: Generator) -> list[Part]:
-    """A long body in waves or in a loose coil, with a flattened head and a pointed tail."""
+    """Build a long body in waves or in a loose coil, with a flattened head and a pointed tail."""
     u = rng.uniform
     bones = 44
     step, thick = u(0.075, 0.09), u(0.075, 0.1)
@@ -207,4 +206,52 @@ def snake(rng: Generator) -> list[Part]:
     parts.append(
         tube(skull, np.array([1.1, 1.35, 0.8]) * thick, blend=0.04, across=head.axes[:, 2], squash=1.6)
     )
+    return parts
+
+
+def octopus(rng: Generator) -> list[Part]:
+    """Build a bulbous mantle with eyes, and eight arms that taper and curl."""
+    u = rng.uniform
+    bulb, tall = u(0.26, 0.36), u(1.1, 1.6)
+    mantle = Frame().move(z=0.12).rotate("y", u(-30, 15)).rotate("x", u(-15, 15))
+    crown = mantle.move(z=bulb * tall * 0.75)
+    parts = [
+        ellipsoid(Frame(), (0.27, 0.27, 0.16), blend=0.05),
+        ellipsoid(crown, (bulb, bulb, bulb * tall), blend=0.12),
+    ]
+    for left in (-1, 1):
+        parts.append(ellipsoid(mantle.move(0.22, left * 0.17, 0.08), (0.075, 0.075, 0.075), blend=0.03))
+    length, bones = u(1.0, 1.5), 12
+    for arm in range(8):
+        root = Frame().rotate("z", 22.5 + 45 * arm + u(-5, 5)).move(0.2, z=-0.04).rotate("y", u(0, 25))
+        reach = length * u(0.85, 1.1)
+        lift, curl, side = u(-5, 2), u(-11, 11), u(-5, 5)
+        bends = [
+            (lift * (i < 4) + curl * (i >= 5), side * (i < 7) + 1.5 * side * (i >= 7)) for i in range(bones)
+        ]
+        joints, _ = chain(root, [reach / bones] * bones, bends)
+        parts.append(tube(joints, np.linspace(0.115, 0.034, bones + 1), blend=0.06))
+    return parts
+
+
+def spider(rng: Generator) -> list[Part]:
+    """Build head and thorax in one, a round abdomen, two feelers, and eight legs of three bones each."""
+    u = rng.uniform
+    front = Frame()
+    abdomen = u(0.24, 0.36)
+    rear = front.rotate("y", u(-15, 25)).rotate("z", u(-12, 12)).move(-0.16 - abdomen)
+    parts = [
+        ellipsoid(front, (0.25, 0.19, 0.13), blend=0.03),
+        ellipsoid(rear, (abdomen * 1.15, abdomen * 0.9, abdomen * 0.8), blend=0.06),
+    ]
+    thigh, shin, foot, thick = u(0.4, 0.55), u(0.42, 0.6), u(0.25, 0.4), u(0.04, 0.052)
+    for left in (-1, 1):
+        feeler = front.move(0.2, left * 0.08).rotate("z", left * u(5, 20)).rotate("y", u(-20, 10))
+        joints, _ = chain(feeler, [0.12, 0.12], [(0, 0), (u(20, 60), 0)])
+        parts.append(tube(joints, [0.045, 0.04, 0.036], blend=0.03))
+        for place, yaw in ((0.14, 40), (0.05, 72), (-0.04, 105), (-0.12, 138)):
+            hip = front.move(place, left * 0.13, 0.0).rotate("z", left * (yaw + u(-9, 9)))
+            lift, knee, ankle = u(15, 55), u(50, 90), u(0, 25)
+            joints, _ = chain(hip.rotate("y", -lift), [thigh, shin, foot], [(0, 0), (knee, 0), (ankle, 0)])
+            parts.append(tube(joints, thick * np.array([1.15, 1.0, 0.85, 0.7]), blend=0.04))
     return parts

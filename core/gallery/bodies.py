@@ -1,28 +1,55 @@
 """One body in several poses: every pose has the same vertices in the same order.
 
-`make_shape` makes another individual each time, and `one_body.make_person` meshes every pose. Here the body
-is meshed once, at rest, and skinning moves the mesh with its solids, so vertex i of one pose corresponds to
-vertex i of another.
+`make_shape` makes another individual each time, and `make_person` meshes every pose. `make_body` meshes a
+body once, at rest, and skinning moves the mesh with its solids, so vertex i of one pose corresponds to
+vertex i of another. Two individuals of a class correspond by the solids that both are made of.
+
+At rest a creature looks along x, y is its left and z is up. A hand and pliers stand upright, so that x is
+across the palm and the flat of the jaws. Deviations from the listed symmetries (the eyes of an octopus, the
+position of a thumb) are smaller than the thickness of the limbs.
 """
 
 from dataclasses import dataclass
+from itertools import product
 from zlib import crc32
 
-from numpy.random import SeedSequence, default_rng
+import numpy as np
+from numpy.random import PCG64, Generator, SeedSequence, default_rng
+from scipy.spatial import cKDTree
 
 from core.arrays import Floats, Ints
 from core.errors import MeshError, ParameterError
 from core.gallery.collection import CLASSES, kind_of, placed
-from core.gallery.draws import DRAWS, BodyDraws
-from core.gallery.fields import Field
-from core.gallery.skinning import skinned, skinning_weights
-from core.gallery.surface import surface
-from core.gallery.symmetry import symmetric_partners
-from core.gallery.topology import components, handles, is_closed_manifold
+from core.gallery.people import person
+from core.gallery.posing import DRAWS, BodyDraws, rotations, skinned, skinning_weights
+from core.gallery.solids import Field, rotation
+from core.gallery.surface import components, handles, is_closed_manifold, surface
 from core.mesh.mesh import Mesh
 
 VERTICES = 2500
 _ATTEMPTS = 25
+_LEAST_EXTENT = 1e-6
+"""Least extent of the vertices of a solid, relative to the largest."""
+
+_PROPORTIONS = 5
+"""Number of random numbers that `person` draws before those of the pose: build, limbs, hips, shoulders."""
+
+_SIDES = np.diag([1.0, -1.0, 1.0])
+_FLAT = np.diag([-1.0, 1.0, 1.0])
+_UPSIDE = np.diag([1.0, 1.0, -1.0])
+_ARMS = 8
+
+_OCTOPUS = [
+    rotation("z", 360.0 / _ARMS * turn) @ mirror
+    for turn, mirror in product(range(_ARMS), (np.eye(3), _SIDES))
+]
+
+_BOTH = {
+    "hand": [np.eye(3), _FLAT],
+    "octopus": _OCTOPUS,
+    "pliers": [np.eye(3), _SIDES, _FLAT, _FLAT @ _SIDES],
+    "snake": [np.eye(3), _SIDES, _UPSIDE, _UPSIDE @ _SIDES],
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +79,7 @@ class Body:
     variation: float | None = None
 
     def partners(self, other: "Body") -> Ints:
-        """True correspondences of the vertices on a mesh of the same body, shape (g, n).
+        """Return the true correspondences of the vertices on a mesh of the same body, shape (g, n).
 
         Each row belongs to a symmetry and is a correspondence of two poses, to within half an edge. On the
         same mesh the first row is 0 .. n - 1.
@@ -60,7 +87,7 @@ class Body:
         return symmetric_partners(self.label, self.rest.vertices, other.rest.vertices)
 
     def posed(self, pose: int) -> Mesh:
-        """The body in a pose, with random rotation, scale and position; the faces are those at rest.
+        """Return the body in a pose, with random rotation, scale and position; the faces are those at rest.
 
         Limbs may intersect, which changes no distance on the surface.
 
@@ -77,7 +104,7 @@ class Body:
 
 
 def make_body(label: str, body: int = 0, *, vertices: int = VERTICES, variation: float | None = None) -> Body:
-    """An individual of a class; its proportions depend on the label, the number and the variation only.
+    """Return an individual of a class; its proportions depend on label, number and variation only.
 
     Parameters
     ----------
@@ -122,3 +149,116 @@ def _solids(body: Body, pose: int) -> list[Field]:
     seeds = SeedSequence(body.seeds), SeedSequence([*body.seeds, pose])
     draws = BodyDraws(DRAWS[body.label], *seeds, body.variation)
     return [solid for part in kind_of(body.label).build(draws) for solid in part.fields]
+
+
+def individual_partners(first: Body, second: Body) -> Ints:
+    """Return the true correspondences of one individual's vertices on another of its class, shape (g, n).
+
+    Each vertex moves with the solids that hold it (linear blend skinning), and each solid is scaled along its
+    own axes to the extents of the same solid of the other individual. The nearest vertex then is the partner:
+    where solids blend into each other, it is known to the width of the blend only.
+
+    Returns
+    -------
+    int64, shape (g, n)
+        A row for each symmetry of the class, as of `core.gallery.bodies.Body.partners`.
+
+    Raises
+    ------
+    ParameterError
+        The two are of different classes, or have different solids.
+    """
+    if first.label != second.label or len(first.solids) != len(second.solids):
+        raise ParameterError(f"a {first.label} and a {second.label} have no solids in common")
+    moved = np.zeros_like(first.rest.vertices)
+    turns = rotations(first.solids, second.solids)
+    for i, (before, after) in enumerate(zip(first.solids, second.solids, strict=True)):
+        sizes, wanted = _extents(before, first, i), _extents(after, second, i)
+        ratio = (wanted / sizes) if sizes.min() > _LEAST_EXTENT * sizes.max() else np.ones(3)
+        local = before.frame.local(first.rest.vertices) * ratio
+        turned = local @ before.frame.axes.T @ turns[i].T
+        moved += first.hold[:, i, None] * (turned + after.frame.origin)
+    return symmetric_partners(first.label, moved, second.rest.vertices)
+
+
+def _extents(solid: Field, body: Body, which: int) -> Floats:
+    """Return the root mean squares of a solid's vertices along its axes, shape (3,).
+
+    Across a round bone all directions are alike.
+    """
+    squares = np.average(
+        solid.frame.local(body.rest.vertices) ** 2, axis=0, weights=body.hold[:, which] + np.finfo(float).tiny
+    )
+    if solid.round:
+        squares[1:] = squares[1:].mean()
+    return np.sqrt(np.asarray(squares))
+
+
+class _BodyThenPose(Generator):
+    """Random numbers: one stream for the proportions, and another one for the pose."""
+
+    def __init__(self, body: SeedSequence, pose: SeedSequence) -> None:
+        super().__init__(PCG64(pose))
+        self._body = default_rng(body)
+        self._left = _PROPORTIONS
+
+    def uniform(self, low: float = 0.0, high: float = 1.0) -> float:  # type: ignore[override]
+        """Return the next number, uniform in [low, high)."""
+        if self._left == 0:
+            return super().uniform(low, high)
+        self._left -= 1
+        return self._body.uniform(low, high)
+
+
+def make_person(body: int, pose: int) -> Mesh:
+    """Return a person about 1.75 tall, of about 2,500 vertices: watertight, in one piece, faces outward.
+
+    Parameters
+    ----------
+    body : int
+        >= 0; the individual, with its own proportions.
+    pose : int
+        >= 0; the pose of the limbs. Every pose has its own mesh.
+
+    Raises
+    ------
+    ParameterError
+        The body or the pose is negative.
+    """
+    if body < 0 or pose < 0:
+        raise ParameterError(f"body and pose must be at least 0, not {body} and {pose}")
+    for attempt in range(_ATTEMPTS):
+        draws = _BodyThenPose(SeedSequence([body]), SeedSequence([body, pose, attempt]))
+        vertices, faces = surface(person(draws), VERTICES)
+        # Touching limbs shorten geodesics; they show as an additional handle.
+        if is_closed_manifold(faces) and components(faces) == 1 and handles(faces) == 0:
+            return Mesh(vertices, faces)
+    raise MeshError(f"no sound shape of body {body} in {_ATTEMPTS} draws of pose {pose}")
+
+
+def symmetries(label: str) -> Floats:
+    """Return the orthogonal maps of a body at rest onto itself, the identity first, shape (g, 3, 3).
+
+    Left and right for every class but the hand, whose palm and back are alike; pliers are alike from both
+    faces too, a snake from above and below, and an octopus from each of its eight arms.
+    """
+    return np.array(_BOTH.get(label, [np.eye(3), _SIDES]))
+
+
+def symmetric_partners(label: str, vertices: Floats, rest: Floats) -> Ints:
+    """Return the vertex of a body at rest nearest to each point's image under each symmetry.
+
+    Parameters
+    ----------
+    label : str
+    vertices : float64, shape (n, 3)
+        Vertices of a mesh of the same body at rest, this one or another.
+    rest : float64, shape (m, 3)
+
+    Returns
+    -------
+    int64, shape (g, n)
+        One row for each symmetry; the first row belongs to the identity.
+    """
+    tree = cKDTree(rest)
+    return np.array([tree.query(vertices @ turn.T)[1] for turn in symmetries(label)], dtype=np.int64)

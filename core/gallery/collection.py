@@ -9,14 +9,11 @@ from numpy.random import Generator, default_rng
 
 from core.arrays import Floats
 from core.errors import MeshError, ParameterError
-from core.gallery.animals import bird, fish, quadruped, snake
-from core.gallery.frames import rotation
-from core.gallery.many_legged import octopus, spider
+from core.gallery.animals import bird, fish, octopus, quadruped, snake, spider
 from core.gallery.objects import chair, cup, glasses, plane, pliers
-from core.gallery.parts import Part
 from core.gallery.people import hand, person, teddy
-from core.gallery.surface import surface
-from core.gallery.topology import components, handles, is_closed_manifold
+from core.gallery.solids import Part, rotation
+from core.gallery.surface import components, handles, is_closed_manifold, surface
 from core.mesh.mesh import Mesh
 
 _FEWEST, _MOST = 900, 3800
@@ -65,12 +62,12 @@ CLASSES: tuple[str, ...] = tuple(_KINDS)
 
 
 def kind_of(label: str) -> Kind:
-    """The builder of one of `CLASSES`."""
+    """Return the builder of one of `CLASSES`."""
     return _KINDS[label]
 
 
 def make_shape(label: str, pose: int, *, seed: int = 0) -> Mesh:
-    """One shape: watertight, in one piece, faces outward.
+    """Return one shape: watertight, in one piece, faces outward.
 
     Proportions, pose, number of vertices (about 900 to 3,800), place, size and orientation (any turn about
     the vertical z, a tilt of up to 30 degrees) are drawn from the three arguments alone: the same arguments

@@ -3,12 +3,11 @@
 import numpy as np
 from numpy.random import Generator
 
-from core.gallery.frames import Frame
-from core.gallery.parts import Part, box, mirrored, plate, revolved, tube
+from core.gallery.solids import Frame, Part, box, mirrored, plate, revolved, tube
 
 
 def chair(rng: Generator) -> list[Part]:
-    """A seat, a closed back and four splayed legs."""
+    """Build a seat, a closed back and four splayed legs."""
     u = rng.uniform
     width, depth, thick = u(0.42, 0.58), u(0.4, 0.55), u(0.05, 0.08)
     legs, back, tilt = u(0.35, 0.6), u(0.4, 0.8), u(-3, 18)
@@ -35,7 +34,7 @@ def chair(rng: Generator) -> list[Part]:
 
 
 def cup(rng: Generator) -> list[Part]:
-    """A hollow turned body with a floor and one handle."""
+    """Build a hollow turned body with a floor and one handle."""
     u = rng.uniform
     height, bottom, top = u(0.7, 1.2), u(0.28, 0.42), u(0.36, 0.5)
     wall, belly = u(0.035, 0.05), u(-0.05, 0.1)
@@ -60,7 +59,7 @@ def cup(rng: Generator) -> list[Part]:
 
 
 def plane(rng: Generator) -> list[Part]:
-    """An airliner: fuselage, swept wings with engines under them, tail fin and tail planes."""
+    """Build an airliner: fuselage, swept wings with engines under them, tail fin and tail planes."""
     u = rng.uniform
     long, thick = u(1.7, 2.3), u(0.1, 0.14)
     body = Frame()
@@ -96,12 +95,12 @@ def plane(rng: Generator) -> list[Part]:
 
 
 def _wing(root: float, tip: float, span: float, sweep: float) -> list[tuple[float, float]]:
-    """Outline of a tapered wing along y whose leading edge runs back by `sweep` over the span."""
+    """Return the outline of a tapered wing along y whose leading edge runs back by `sweep` over the span."""
     return [(root / 2, 0.0), (root / 2 - sweep, span), (root / 2 - sweep - tip, span), (-root / 2, 0.0)]
 
 
 def pliers(rng: Generator) -> list[Part]:
-    """Two arms that cross at a pivot, open: short jaws in front, long bent handles behind."""
+    """Build two arms that cross at a pivot, open: short jaws in front, long bent handles behind."""
     u = rng.uniform
     opening, jaw, grip = u(11, 30), u(0.35, 0.6), u(0.95, 1.4)
     thick, bulge, flare = u(0.07, 0.1), u(0.08, 0.18), u(-0.06, 0.14)
@@ -134,7 +133,7 @@ def pliers(rng: Generator) -> list[Part]:
 
 
 def glasses(rng: Generator) -> list[Part]:
-    """Two empty rims, a bridge and two folding temples with hooked ends."""
+    """Build two empty rims, a bridge and two folding temples with hooked ends."""
     u = rng.uniform
     wide, tall, power = u(0.24, 0.32), u(0.17, 0.25), u(0.6, 1.0)
     gap, wire = u(0.09, 0.14), u(0.028, 0.038)

@@ -3,12 +3,11 @@
 import numpy as np
 from numpy.random import Generator
 
-from core.gallery.frames import Frame, chain
-from core.gallery.parts import Part, ellipsoid, tube
+from core.gallery.solids import Frame, Part, chain, ellipsoid, tube
 
 
 def person(rng: Generator) -> list[Part]:
-    """Head, torso, arms with hands, legs with feet; about 1.75 tall when standing."""
+    """Build head, torso, arms with hands, legs with feet; about 1.75 tall when standing."""
     u = rng.uniform
     build, leg_scale, arm_scale = u(0.85, 1.3), u(0.9, 1.12), u(0.92, 1.1)
     hip_width, shoulder_width = u(0.085, 0.11), u(0.17, 0.22)
@@ -89,7 +88,7 @@ def _leg(hip: Frame, left: int, scale: float, build: float, rng: Generator) -> l
 
 
 def teddy(rng: Generator) -> list[Part]:
-    """A stuffed bear: round head with ears and muzzle, round belly, stubby arms and legs."""
+    """Build a stuffed bear: round head with ears and muzzle, round belly, stubby arms and legs."""
     u = rng.uniform
     belly = u(0.36, 0.46)
     body = Frame()
@@ -122,7 +121,7 @@ def teddy(rng: Generator) -> list[Part]:
 
 
 def hand(rng: Generator) -> list[Part]:
-    """A right hand with a stump of forearm: palm, four fingers and a thumb, each with its own bend."""
+    """Build a right hand with a stump of forearm: palm, four fingers and a thumb, each with its own bend."""
     u = rng.uniform
     slim, length = u(0.85, 1.1), u(0.88, 1.15)
     # Upright, fingers up.

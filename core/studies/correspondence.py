@@ -8,8 +8,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from core.arrays import Floats, Ints
 from core.embedding import Embedding
-from core.gallery.bodies import Body, make_body
-from core.gallery.individuals import individual_partners
+from core.gallery.bodies import Body, individual_partners, make_body
 from core.graph.edge_graph import edge_graph
 from core.matching.dense_correspondence import Basis, basis, extend
 from core.mesh.cleaning import face_areas

@@ -15,7 +15,7 @@ from threadpoolctl import threadpool_limits
 
 from core.errors import CoreError
 from core.gallery import CLASSES, make_shape
-from core.gallery.poses_of_one_person import make_person
+from core.gallery.bodies import make_person
 from core.io import format_of, read_mesh, readable
 from core.mesh.mesh import Mesh
 from core.studies.sampling.robustness import DELTAS, ROBUST_TAU

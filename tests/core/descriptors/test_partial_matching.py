@@ -25,7 +25,7 @@ from core.descriptors.spin_images import (
     spin_images,
 )
 from core.gallery import make_shape
-from core.gallery.frames import rotation
+from core.gallery.solids import rotation
 from core.mesh.cleaning import clean
 from core.mesh.mesh import Mesh
 from core.studies.perturbation import cut_part, subdivide

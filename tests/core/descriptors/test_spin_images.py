@@ -18,7 +18,7 @@ from core.descriptors.spin_images import (
     spin_images,
 )
 from core.gallery import make_shape
-from core.gallery.frames import rotation
+from core.gallery.solids import rotation
 from core.mesh.cleaning import clean, face_areas
 from core.mesh.mesh import Mesh
 from core.sampling.surface_samples import evenly_spread

@@ -5,13 +5,11 @@ import pytest
 from numpy.random import SeedSequence, default_rng
 
 from core.errors import MeshError, ParameterError
-from core.gallery import CLASSES, bodies, fields
-from core.gallery.bodies import make_body
-from core.gallery.draws import DRAWS, BodyDraws, Draws, at_rest
-from core.gallery.frames import rotation
-from core.gallery.skinning import rotations, skinned, skinning_weights
-from core.gallery.symmetry import symmetries
-from core.gallery.topology import components, is_closed_manifold
+from core.gallery import CLASSES, bodies
+from core.gallery.bodies import make_body, symmetries
+from core.gallery.posing import DRAWS, BodyDraws, Draws, at_rest, rotations, skinned, skinning_weights
+from core.gallery.solids import capsule, rotation
+from core.gallery.surface import components, is_closed_manifold
 from core.mesh.cleaning import face_areas
 from core.mesh.edges import half_edges
 from core.studies.correspondence import surface_distances
@@ -124,10 +122,10 @@ def test_a_bone_takes_its_surface_along():
     start = np.zeros(3)
     elbow, tip, bent = np.array([1.0, 0, 0]), np.array([2.0, 0, 0]), np.array([1.0, 1.0, 0])
     rest = [
-        fields.capsule(start, elbow, (0.1, 0.1), up, 1.0),
-        fields.capsule(elbow, tip, (0.1, 0.1), up, 1.0),
+        capsule(start, elbow, (0.1, 0.1), up, 1.0),
+        capsule(elbow, tip, (0.1, 0.1), up, 1.0),
     ]
-    posed = [rest[0], fields.capsule(elbow, bent, (0.1, 0.1), up, 1.0)]
+    posed = [rest[0], capsule(elbow, bent, (0.1, 0.1), up, 1.0)]
     points = np.array([[0.2, 0.1, 0.0], [1.8, 0.1, 0.0], [1.8, 0.0, 0.1]])
     faces = np.array([[0, 1, 2]])
     hold = skinning_weights(points, faces, rest)
@@ -140,8 +138,8 @@ def test_a_bone_takes_its_surface_along():
 
 def test_a_bone_that_is_turned_right_round():
     up = np.array([0.0, 0.0, 1.0])
-    rest = [fields.capsule(np.zeros(3), np.array([1.0, 0, 0]), (0.1, 0.1), up, 1.0)]
-    posed = [fields.capsule(np.zeros(3), np.array([-1.0, 0, 0]), (0.1, 0.1), up, 1.0)]
+    rest = [capsule(np.zeros(3), np.array([1.0, 0, 0]), (0.1, 0.1), up, 1.0)]
+    posed = [capsule(np.zeros(3), np.array([-1.0, 0, 0]), (0.1, 0.1), up, 1.0)]
     turn = rotations(rest, posed)[0]
     np.testing.assert_allclose(turn @ [1.0, 0, 0], [-1.0, 0, 0], atol=1e-12)
     assert np.linalg.det(turn) == pytest.approx(1.0)

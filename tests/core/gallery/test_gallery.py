@@ -11,12 +11,20 @@ import trimesh
 from scipy.spatial import ConvexHull
 
 from core.errors import MeshError, ParameterError
-from core.gallery import CLASSES, collection, fields, make_gallery, make_shape
-from core.gallery.frames import Frame, chain, rotation
-from core.gallery.grid import smooth_minimum
-from core.gallery.parts import ellipsoid, tube
-from core.gallery.surface import surface
-from core.gallery.topology import components, handles, is_closed_manifold
+from core.gallery import CLASSES, collection, make_gallery, make_shape
+from core.gallery.solids import (
+    Frame,
+    box,
+    capsule,
+    chain,
+    ellipsoid,
+    plate,
+    polygon_distance,
+    revolved,
+    rotation,
+    tube,
+)
+from core.gallery.surface import components, handles, is_closed_manifold, smooth_minimum, surface
 
 POSES = 5
 # Handles by what the things are: a cup has one, an empty pair of spectacles a loop for each eye.
@@ -179,22 +187,23 @@ def test_fields_are_distances():
     rng = np.random.default_rng(5)
     points = rng.uniform(-2, 2, size=(3000, 3))
     frame = Frame(np.array([0.2, -0.1, 0.3]), rotation("z", 40) @ rotation("x", 25))
-    square = np.array([[-0.5, -0.4], [0.5, -0.4], [0.5, 0.4], [-0.5, 0.4]])
+    square = [(-0.5, -0.4), (0.5, -0.4), (0.5, 0.4), (-0.5, 0.4)]
     across = np.array([0.0, 0.0, 1.0])
     solids = {
-        "ball": (fields.ellipsoid(frame, np.full(3, 0.5)), lambda p: np.linalg.norm(p, axis=1) - 0.5),
-        "box": (fields.box(frame, np.array([0.5, 0.4, 0.3]), 0.1), lambda p: _box(p, [0.4, 0.3, 0.2]) - 0.1),
-        "plate": (fields.plate(frame, square, 0.1), lambda p: np.maximum(_box(p, [0.5, 0.4, 0]), 0) - 0.1),
+        "ball": (ellipsoid(frame, (0.5,) * 3, blend=0), lambda p: np.linalg.norm(p, axis=1) - 0.5),
+        "box": (box(frame, (1, 0.8, 0.6), rounding=0.1, blend=0), lambda p: _box(p, [0.4, 0.3, 0.2]) - 0.1),
+        "plate": (plate(frame, square, 0.2, blend=0), lambda p: np.maximum(_box(p, [0.5, 0.4, 0]), 0) - 0.1),
         "turned": (
-            fields.revolved(frame, np.array([[0.0, -0.3], [0.6, -0.3], [0.6, 0.3], [0.0, 0.3]]), 0.1),
+            revolved(frame, [(0.0, -0.3), (0.6, -0.3), (0.6, 0.3), (0.0, 0.3)], 0.1, blend=0),
             lambda p: _box(np.column_stack([np.hypot(p[:, 0], p[:, 1]), p[:, 2]]), [0.6, 0.3]) - 0.1,
         ),
         "capsule": (
-            fields.capsule(frame.at(-1), frame.at(1), (0.3, 0.3), across, 1.0),
+            tube(np.array([frame.at(-1), frame.at(1)]), (0.3, 0.3), blend=0, across=across),
             lambda p: np.linalg.norm(p - np.clip(p, [-1, 0, 0], [1, 0, 0]), axis=1) - 0.3,
         ),
     }
-    for name, (field, truth) in solids.items():
+    for name, (part, truth) in solids.items():
+        (field,) = part.fields
         expected = truth(frame.local(points))
         outside = expected > 0
         np.testing.assert_allclose(
@@ -213,7 +222,7 @@ def _box(points, half):
 
 
 def test_a_squashed_capsule_is_thinner_across():
-    field = fields.capsule(np.zeros(3), np.array([1.0, 0, 0]), (0.4, 0.4), np.array([0.0, 0, 1]), 2.0)
+    field = capsule(np.zeros(3), np.array([1.0, 0, 0]), (0.4, 0.4), np.array([0.0, 0, 1]), 2.0)
     on_surface = np.array([[0.5, 0.4, 0], [0.5, 0, 0.2], [-0.4, 0, 0], [1.4, 0, 0]])
     np.testing.assert_allclose(field.distance(on_surface), 0, atol=1e-12)
     np.testing.assert_allclose(field.distance(np.array([[0.5, 0, 0.21]])), 0.01, atol=1e-12)
@@ -223,7 +232,7 @@ def test_a_polygon_that_is_not_convex_has_its_inside():
     corner = np.array([[0.0, 0], [2, 0], [2, 1], [1, 1], [1, 2], [0, 2]])
     points = np.array([[0.5, 0.5], [1.5, 1.5], [0.5, 1.9], [3.0, 0.5], [1.5, 0.75]])
     expected = [-0.5, 0.5, -0.1, 1.0, -0.25]
-    np.testing.assert_allclose(fields.polygon_distance(points, corner), expected, atol=1e-12)
+    np.testing.assert_allclose(polygon_distance(points, corner), expected, atol=1e-12)
 
 
 def test_the_smooth_minimum_is_the_minimum_where_they_differ_and_below_it_where_they_meet():

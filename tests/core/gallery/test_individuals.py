@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from core.errors import ParameterError
-from core.gallery.bodies import make_body
-from core.gallery.individuals import individual_partners
+from core.gallery.bodies import individual_partners, make_body
 from core.studies.correspondence import surface_distances
 
 

@@ -5,8 +5,7 @@ import pytest
 
 from core.embedding import Embedding
 from core.gallery.bodies import make_body
-from core.gallery.frames import Frame
-from core.gallery.parts import ellipsoid, tube
+from core.gallery.solids import Frame, ellipsoid, tube
 from core.gallery.surface import surface
 from core.mesh.mesh import Mesh
 from core.pipeline import Pipeline

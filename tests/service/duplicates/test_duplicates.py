@@ -11,7 +11,7 @@ from sqlalchemy import delete
 from core.arrays import Float32s
 from core.embedding import Scores
 from core.gallery import make_shape
-from core.gallery.poses_of_one_person import make_person
+from core.gallery.bodies import make_person
 from core.io import write_mesh
 from core.matching.match_records import score_match_records
 from core.parameters import Parameters

@@ -5,8 +5,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.random import Generator, default_rng
 
-from core.gallery.frames import Frame
-from core.gallery.parts import Part, box, ellipsoid, plate, revolved, tube
+from core.gallery.solids import Frame, Part, box, ellipsoid, plate, revolved, tube
 from core.gallery.surface import surface
 from core.mesh.mesh import Mesh
 

@@ -15,8 +15,7 @@ from typing import Any
 import numpy as np
 
 from core.gallery import CLASSES
-from core.gallery.bodies import make_body
-from core.gallery.poses_of_one_person import make_person
+from core.gallery.bodies import make_body, make_person
 from core.io import write_mesh
 from core.mesh.cleaning import face_areas
 from core.mesh.mesh import Mesh

@@ -7,9 +7,9 @@ import pytest
 from scipy.spatial import cKDTree
 
 from core.gallery import make_shape
-from core.gallery.frames import rotation
-from core.gallery.poses_of_one_person import make_person
-from core.gallery.topology import components, handles, is_closed_manifold
+from core.gallery.bodies import make_person
+from core.gallery.solids import rotation
+from core.gallery.surface import components, handles, is_closed_manifold
 from core.mesh.cleaning import face_areas
 from core.mesh.mesh import Mesh
 from core.mesh.subdivision import refine
