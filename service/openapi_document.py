@@ -1,7 +1,6 @@
 """The OpenAPI document of the service, created without starting the service."""
 
 import json
-from pathlib import Path
 from typing import Any
 
 from service.app import create_app
@@ -9,12 +8,10 @@ from service.settings import Settings
 
 
 def document() -> dict[str, Any]:
-    """The OpenAPI document, which does not depend on settings or environment."""
+    """Return the OpenAPI document, which does not depend on settings or environment."""
     return create_app(Settings.model_construct()).openapi()
 
 
-def write(path: Path) -> None:
-    """Write the document to a file, always with the same bytes for the same service."""
-    path.write_text(
-        json.dumps(document(), indent=2, sort_keys=True, ensure_ascii=False) + "\n", encoding="utf-8"
-    )
+def text() -> str:
+    """Return the document as a file, always the same for the same service."""
+    return json.dumps(document(), indent=2, sort_keys=True, ensure_ascii=False) + "\n"

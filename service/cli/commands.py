@@ -54,8 +54,8 @@ def command_line() -> typer.Typer:
 
 def _imported(name: str) -> TyperCommand:
     app = plain_app()
-    module = import_module(f"{COMMANDS[name].package}.{name}")
-    app.command(name)(_in_one_line(module.command))
+    module = import_module(f"service.cli.{COMMANDS[name].module}")
+    app.command(name)(_in_one_line(getattr(module, f"{name}_command")))
     command = get_command(app)
     assert isinstance(command, TyperCommand)
     return command

@@ -13,9 +13,9 @@ from rich.table import Table
 
 from core.gallery import CLASSES, make_shape
 from core.io import write_mesh
-from service.cli.compile import compile_with_bar
+from service.cli.archives import bring_up
 from service.cli.demo_picture import draw_answers
-from service.cli.reembed import bring_up
+from service.cli.serve import compile_with_bar
 from service.cli.service_address import Key
 from service.client import Client
 from service.client.concurrent_uploads import Item, upload_all
@@ -53,7 +53,7 @@ class Answered:
         return bool(self.answer.results) and self.label in self.answer.results[0].shape.tags
 
 
-def command(
+def demo_command(
     *,
     check: Annotated[
         bool,

@@ -1,22 +1,222 @@
-"""`isoshape ingest`: store many files."""
+"""`isoshape ingest`: store files, folders of files and archives."""
 
+import csv
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
+from pydantic import ValidationError
+from rich.progress import Progress
 
 from core.io import readable
-from service.cli.archive_upload import is_archive, store_archive
-from service.cli.ingest_tally import Tally
-from service.cli.metadata import About, read_metadata, row_of
 from service.cli.service_address import Collection, Key, Url, service_at
+from service.client import Client, ProblemError, Upload
 from service.client.concurrent_uploads import AT_ONCE, Item, upload_all
-from service.console import fail, progress, say
-from service.datasets import MeshFile, find_meshes
-from service.shapes.fields import TAG_CHARACTERS
+from service.console import fail, output, progress, say
+from service.datasets import DatasetError, MeshFile, find_meshes
+from service.http.problem_document import TYPE_PREFIX, Problem, faults_of
+from service.jobs.schemas import Cause
+from service.shapes.fields import TAG_CHARACTERS, split_tags
+from service.shapes.schemas import ShapeFields
+
+ENDINGS = (".zip", ".tar", ".tar.gz", ".tgz", ".tar.bz2", ".tbz2", ".tar.xz", ".txz")
 
 
-def command(
+@dataclass(frozen=True)
+class Done:
+    """The numbers of files stored and already present, and the refused files with their causes."""
+
+    stored: int
+    present: int
+    refused: list[tuple[str, str]]
+
+
+def is_archive(path: Path) -> bool:
+    """Whether a file is an archive, by its name."""
+    return path.is_file() and path.name.lower().endswith(ENDINGS)
+
+
+def store_archive(client: Client, path: Path, tags: Sequence[str], bar: Progress) -> Done:
+    """Send an archive, and wait until its job has ended.
+
+    Raises
+    ------
+    ClientError
+        The service does not answer, or gives an unexpected answer.
+    """
+    task = bar.add_task(f"storing {path.name}", total=None)
+    try:
+        sent = client.send_archive(path, tags=tags)
+    except ProblemError as error:
+        return Done(0, 0, [(str(path), _said(error.problem))])
+    except OSError as error:
+        return Done(0, 0, [(str(path), error.strerror or str(error))])
+    for job in client.follow_job(sent.id):
+        counts = job.counts
+        bar.update(task, total=counts.files or None, completed=counts.files - counts.waiting)
+    refused = [
+        (f"{path}: {file.path}", _said(file.problem))
+        for file in client.job_files(sent.id, outcome="refused")
+        if file.problem is not None
+    ]
+    if job.problem is not None:
+        refused.append((str(path), _said(job.problem)))
+    elif job.state == "cancelled":
+        refused.append((str(path), "the job was cancelled"))
+    return Done(job.counts.stored, job.counts.present, refused)
+
+
+def _said(problem: Problem | Cause) -> str:
+    return f"{problem.type.removeprefix(TYPE_PREFIX)}: {problem.detail}"
+
+
+NAME, TAGS = "name", "tags"
+
+
+@dataclass(frozen=True)
+class About:
+    """The tags and the metadata of a mesh."""
+
+    tags: tuple[str, ...] = ()
+    metadata: dict[str, str] | None = None
+
+
+def read_metadata(path: Path) -> dict[str, About]:
+    """The rows of a CSV file by their column `name`.
+
+    The column holds the name of a file, with folders before it where names are repeated. The column `tags` is
+    split at commas and semicolons. Every other column is a key; its empty cells are left out. Values stay
+    text: a part number may begin with a zero.
+
+    Raises
+    ------
+    DatasetError
+        The file cannot be read, has no column `name`, names a mesh twice, or holds a value that no shape may
+        have.
+    """
+    try:
+        # Spreadsheets write a byte order mark, which would become part of the first column's name.
+        with path.open(encoding="utf-8-sig", newline="") as stream:
+            reader = csv.DictReader(stream, skipinitialspace=True, strict=True)
+            _check_columns(path, list(reader.fieldnames or ()))
+            rows: dict[str, About] = {}
+            for row in reader:
+                name = (row[NAME] or "").strip().replace("\\", "/")
+                if not name or name in rows:
+                    told = f"{name} is listed twice" if name else "no name"
+                    raise DatasetError(f"{path}, line {reader.line_num}: {told}")
+                rows[name] = _about(path, reader.line_num, row)
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise DatasetError(f"{path}: {error}") from error
+    return rows
+
+
+def row_of(rows: dict[str, About], path: Path) -> str | None:
+    """The name in the rows that fits a file, the longest if several fit."""
+    parts = path.parts
+    names = ("/".join(parts[start:]) for start in range(len(parts)))
+    return next((name for name in names if name in rows), None)
+
+
+def _check_columns(path: Path, columns: list[str]) -> None:
+    if NAME not in columns:
+        raise DatasetError(f"{path}: the first line must name the columns, {NAME} among them")
+    if not all(columns) or len(set(columns)) < len(columns):
+        raise DatasetError(f"{path}: a column has no name, or the name of another")
+
+
+def _about(path: Path, line: int, row: dict[str, str | None]) -> About:
+    if None in row or None in row.values():
+        raise DatasetError(f"{path}, line {line}: not as many cells as there are columns")
+    cells = {key: (cell or "").strip() for key, cell in row.items()}
+    tags = split_tags([cells.pop(TAGS, "").replace(";", ",")])
+    del cells[NAME]
+    metadata = {key: cell for key, cell in cells.items() if cell}
+    try:
+        checked = ShapeFields.model_validate({"name": "any", "tags": tags, "metadata": metadata})
+    except ValidationError as error:
+        faults = "; ".join(f"{fault.field}: {fault.message}" for fault in faults_of(error.errors()))
+        raise DatasetError(f"{path}, line {line}: {faults}") from error
+    return About(tuple(checked.tags), metadata)
+
+
+SECONDS_BETWEEN_LINES = 30.0
+"""Seconds between two lines of progress, where standard error is no terminal that shows a bar."""
+
+
+@dataclass
+class Tally:
+    """Numbers of files and archives by their outcomes.
+
+    Attributes
+    ----------
+    total : int
+        Files and archives to send.
+    ignored : int
+        Files of other formats.
+    finished, created, present : int
+        Files and archives that have an outcome, and shapes that were stored or there before.
+    refused, warnings : list
+        Files by their origin, each with the cause or the warning.
+    """
+
+    total: int
+    ignored: int
+    finished: int = 0
+    created: int = 0
+    present: int = 0
+    refused: list[tuple[str, str]] = field(default_factory=list)
+    warnings: list[tuple[str, str]] = field(default_factory=list)
+    _said: float = field(default_factory=time.monotonic)
+
+    @property
+    def left(self) -> int:
+        """The number of files and archives without an outcome."""
+        return self.total - self.finished
+
+    def add(self, item: Item, outcome: Upload | str) -> None:
+        """Count the outcome of a file: the shapes of its upload, or the cause of its refusal."""
+        self.finished += 1
+        if isinstance(outcome, str):
+            self.refused.append((item.origin, outcome))
+        else:
+            for one in (outcome, *outcome.parts):
+                self._count(item, one)
+
+    def _count(self, item: Item, one: Upload) -> None:
+        """Count a shape of a file."""
+        if one.created:
+            self.created += 1
+            self.warnings += [(item.origin, warning) for warning in one.shape.warnings]
+        else:
+            self.present += 1
+
+    def add_archive(self, done: Done) -> None:
+        """Count the outcomes of the files of an archive."""
+        self.finished += 1
+        self.created += done.stored
+        self.present += done.present
+        self.refused += done.refused
+
+    def say_now_and_then(self, *, visible: bool) -> None:
+        """Print a line of progress, if it is `visible` and the last one is some time ago."""
+        if visible and time.monotonic() > self._said + SECONDS_BETWEEN_LINES:
+            self._said = time.monotonic()
+            say(f"{self.finished} of {self.total} done, {len(self.refused)} refused")
+
+    def print(self) -> None:
+        """Print the summary, then each warning and each refusal with its file."""
+        left_out = f", {self.ignored} of other formats left out" if self.ignored else ""
+        counts = f"{self.created} stored, {self.present} already there, {len(self.refused)} refused"
+        output().print(f"{counts}{left_out}", soft_wrap=True)
+        for origin, cause in sorted(self.warnings) + sorted(self.refused):
+            say(f"{origin}: {cause}")
+
+
+def ingest_command(
     paths: Annotated[
         list[Path], typer.Argument(metavar="PATH...", help="Mesh files, folders of mesh files, and archives.")
     ],

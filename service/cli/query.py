@@ -21,7 +21,7 @@ from service.shapes.size_words import box_in_words, number_in_words, volume_in_w
 UNASKED = {"results": {"__all__": {"correspondence"}}}
 
 
-def command(
+def query_command(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A mesh file.")],
     *,
     top_k: Annotated[int, typer.Option(min=1, max=100, help="The most results.")] = 3,

@@ -1,17 +1,32 @@
-"""`isoshape serve`: the service in the foreground."""
+"""`isoshape serve`, `isoshape compile` and `isoshape openapi`."""
 
-from contextlib import AbstractContextManager, nullcontext
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from pathlib import Path
+from socket import AF_INET6, socket
 from typing import Annotated
 
+import httpx
 import typer
 
-from service.console import say
+from core.parameters import Parameters
+from service.client import Client, ClientError
+from service.compute.compilation import compile_kernels, is_compiled
+from service.console import fail, progress, say
 from service.errors import ArchiveServedError
-from service.server.process import bind, is_loopback
+from service.server.process import LOOPBACK, bind, is_loopback
 from service.settings import SettingsError, load_parameters, load_settings
 
+ASK_SECONDS = 0.1
+PROBE = httpx.Timeout(5.0)
+END_SECONDS = 1.0
 
-def command(
+
+def serve_command(
     host: Annotated[
         str | None, typer.Option(help="Address to listen on. [default: ISOSHAPE_HOST or 127.0.0.1]")
     ] = None,
@@ -31,7 +46,6 @@ def command(
     """
     # Here, so that the help does not wait for these imports.
     from service.app import create_app  # noqa: PLC0415
-    from service.cli.starting import compiling, told_when_ready  # noqa: PLC0415
     from service.server.uvicorn_server import run  # noqa: PLC0415
 
     settings = load_settings()
@@ -57,7 +71,7 @@ def command(
 
 
 def _alone(database_url: str, url: str) -> AbstractContextManager[object]:
-    """The lock of the one service of an SQLite archive; a PostgreSQL database needs none.
+    """Return the lock of the one service of an SQLite archive; a PostgreSQL database needs none.
 
     Raises
     ------
@@ -77,3 +91,98 @@ def _alone(database_url: str, url: str) -> AbstractContextManager[object]:
             f"{error}: use that service, or start this one with --shared, or name another archive in "
             "ISOSHAPE_DATABASE_URL"
         ) from error
+
+
+@contextmanager
+def compiling(parameters: Parameters, scheduler: str) -> Iterator[None]:
+    """Show the compilation of missing kernels, in a process of its own, for which the workers wait.
+
+    The memory of a compiler would stay with the service. Workers of a cluster compile where they are.
+    """
+    if scheduler or is_compiled(parameters):
+        yield
+        return
+    # -P: files in the working folder are not part of the program.
+    process = subprocess.Popen([sys.executable, "-P", "-m", "service.cli", "compile"])
+    try:
+        yield
+    finally:
+        process.terminate()
+        process.wait()
+
+
+@contextmanager
+def told_when_ready(bound: socket, url: str) -> Iterator[None]:
+    """Say that the service listens once it is ready, if it becomes so during the block."""
+    ended = threading.Event()
+
+    def watch() -> None:
+        with Client(_reachable(bound), timeout=PROBE) as client:
+            while not ended.wait(ASK_SECONDS):
+                try:
+                    ready = client.ready()
+                except ClientError:
+                    continue
+                if ready:
+                    say(f"Isoshape listens on {url}")
+                    return
+
+    thread = threading.Thread(target=watch, daemon=True, name="isoshape-ready")
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join(END_SECONDS)
+
+
+def _reachable(bound: socket) -> str:
+    """Return the address at which this process reaches a socket that may listen on all addresses."""
+    host, port = bound.getsockname()[:2]
+    if bound.family == AF_INET6:
+        return f"http://[{'::1' if host == '::' else host}]:{port}"
+    return f"http://{LOOPBACK if host == '0.0.0.0' else host}:{port}"
+
+
+def compile_command() -> None:
+    """Compile the kernels for this processor, once.
+
+    numba keeps them beside the sources, or in the folder that NUMBA_CACHE_DIR names. ISOSHAPE_PIPELINE names
+    the pipeline. A service compiles what is missing when it starts; this command does it in advance, as when
+    Isoshape is installed.
+    """
+    parameters = load_parameters(load_settings().pipeline)
+    if is_compiled(parameters):
+        say("the kernels are compiled for this processor")
+        return
+    try:
+        compile_with_bar(parameters)
+    except KeyboardInterrupt:
+        fail("stopped; the next start goes on", status=130)
+
+
+def compile_with_bar(parameters: Parameters) -> None:
+    """Compile the kernels that are missing, and show the progress."""
+    say("compiling for this processor, once; it takes about a minute on an idle machine")
+    start = time.monotonic()
+    with progress() as bar:
+        task = bar.add_task("compiling", total=None)
+        compile_kernels(parameters, lambda done, total: bar.update(task, completed=done, total=total))
+    say(f"compiled in {time.monotonic() - start:.0f} s")
+
+
+def openapi_command(
+    output: Annotated[Path, typer.Option(help="File to write, or - for standard output.")] = Path(
+        "openapi/openapi.json"
+    ),
+) -> None:
+    """Write the OpenAPI document of the service."""
+    # Here, so that `isoshape serve` binds its port before the service is imported.
+    from service import openapi_document  # noqa: PLC0415
+
+    text = openapi_document.text()
+    if output == Path("-"):
+        typer.echo(text, nl=False)
+    else:
+        output.parent.mkdir(parents=True, exist_ok=True)
+        output.write_text(text, encoding="utf-8")

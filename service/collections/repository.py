@@ -8,7 +8,8 @@ from sqlalchemy import delete, func, insert, select
 from service.collection import CollectionNumber, CollectionRecord, Counted
 from service.errors import CollectionNotFoundError
 from service.storage.database import ReadSession, WriteSession
-from service.storage.tables import ENDED, CollectionRow, DeletedRow, JobRow, ShapeRow
+from service.storage.job_states import ENDED
+from service.storage.tables import CollectionRow, DeletedRow, JobRow, ShapeRow
 
 
 def by_name(session: ReadSession, name: str) -> CollectionRecord | None:

@@ -6,7 +6,7 @@ from datetime import datetime, timedelta
 from typing import Any, Literal
 
 from service.collection import CollectionNumber
-from service.storage.tables import State
+from service.storage.job_states import State
 
 Outcome = Literal["stored", "present", "refused"]
 """The outcome of a member: a new shape, an existing shape, or no shape."""

@@ -18,7 +18,8 @@ from service.jobs.records import (
 )
 from service.storage.checksums import checksum_of
 from service.storage.database import ReadSession, WriteSession
-from service.storage.tables import ACTIVE, ENDED, JobFileRow, JobPieceRow, JobRow, State
+from service.storage.job_states import ACTIVE, ENDED, State
+from service.storage.tables import JobFileRow, JobPieceRow, JobRow
 
 ARRIVING: State = "arriving"
 

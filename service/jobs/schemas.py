@@ -10,7 +10,7 @@ from service.http.problem_document import TYPE_PREFIX
 from service.jobs import records
 from service.jobs.records import FileRecord, FilesPage, JobRecord, JobsPage, Progress
 from service.shapes.pages import write_cursor
-from service.storage.tables import ENDED
+from service.storage.job_states import ENDED
 
 CAUSE: dict[str, Any] = {
     "type": TYPE_PREFIX + "member-damaged",

@@ -9,6 +9,7 @@ __all__ = [
     "database",
     "hnsw",
     "hnsw_parameters",
+    "job_states",
     "lock",
     "migrate",
     "revisions",

@@ -8,7 +8,7 @@ these classes.
 """
 
 from datetime import datetime
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -310,13 +310,6 @@ class JudgedShapeRow(Table):
     max_residual: Mapped[float]
     compared: Mapped[int]
     aligned: Mapped[int]
-
-
-State = Literal["arriving", "waiting", "running", "done", "failed", "cancelled"]
-"""The state of a job. A job in the state "arriving" is not acknowledged yet, and is hidden."""
-
-ACTIVE: tuple[State, ...] = ("waiting", "running")
-ENDED: tuple[State, ...] = ("done", "failed", "cancelled")
 
 
 class JobRow(Table):

@@ -53,7 +53,7 @@ class Finding:
         }
 
 
-def command(
+def ablation_command(
     folders: Annotated[
         list[Path],
         typer.Argument(metavar="DIR...", help="Folders of meshes with labels.csv, or with a folder a class."),

@@ -36,7 +36,7 @@ class Subject(StrEnum):
     PICTURES = "pictures"
 
 
-def command(
+def benchmark_command(
     folder: Annotated[
         Path | None,
         typer.Argument(

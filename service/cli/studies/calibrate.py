@@ -29,7 +29,7 @@ PARTS = 48
 """Each of them is made incomplete in several ways, and each result is a query."""
 
 
-def command(
+def calibrate_command(
     folders: Annotated[
         list[Path],
         typer.Argument(metavar="DIR...", help="Folders of meshes with labels.csv, or with a folder a class."),

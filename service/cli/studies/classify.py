@@ -20,7 +20,7 @@ from service.studies.retrieval import Ranking, ranked, score_collection
 from service.studies.subset import spread
 
 
-def command(
+def classify_command(
     folder: Annotated[
         Path,
         typer.Argument(metavar="DIR", help="Folder of meshes with labels.csv, or with a folder a class."),

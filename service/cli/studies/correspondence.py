@@ -22,7 +22,7 @@ from service.studies.pairwise_scores import default_workers, worker_pool
 from service.studies.truth import ORIENTED, OURS, PLAIN, TruthSummary, read_truth, study_truth
 
 
-def command(
+def correspondence_command(
     *,
     only: Annotated[
         list[str] | None, typer.Option(metavar="CLASS", help=f"One of {', '.join(CLASSES)}; repeatable.")

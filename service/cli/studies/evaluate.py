@@ -69,7 +69,7 @@ class RetrievalReport:
         }
 
 
-def command(
+def evaluate_command(
     folder: Annotated[
         Path,
         typer.Argument(metavar="DIR", help="Folder of meshes with labels.csv, or with a folder a class."),

@@ -27,7 +27,7 @@ POSES = 4
 SHOWN = "person"
 
 
-def command(
+def figures_command(
     folder: Annotated[
         Path | None,
         typer.Argument(

@@ -29,7 +29,7 @@ from service.studies.subset import spread
 NAMES = (*(kind.name for kind in KINDS), TAU)
 
 
-def command(
+def robustness_command(
     folder: Annotated[
         Path,
         typer.Argument(metavar="DIR", help="Folder of meshes with labels.csv, or with a folder a class."),

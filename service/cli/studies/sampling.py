@@ -32,7 +32,7 @@ BODY_POSES = 4
 Source = tuple[str, Callable[[], Mesh]]
 
 
-def command(
+def sampling_command(
     paths: Annotated[
         list[Path] | None,
         typer.Argument(

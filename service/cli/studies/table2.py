@@ -42,7 +42,7 @@ class Line:
         }
 
 
-def command(
+def table2_command(
     folder: Annotated[
         Path,
         typer.Argument(metavar="DIR", help="Folder of meshes with labels.csv, or with a folder a class."),

@@ -14,22 +14,19 @@ from service.cli.command_table import COMMANDS, LONGEST_SUMMARY, Group
 from tests.service.cli.conftest import Run
 
 
-def modules_with_a_command() -> set[str]:
-    folder = Path(cli.__file__).parent
-    return {
-        ".".join(("service.cli", *path.relative_to(folder).with_suffix("").parts))
-        for path in folder.rglob("*.py")
-        if re.search(r"^def command\(", path.read_text(encoding="utf-8"), re.MULTILINE)
-    }
-
-
 def test_the_table_names_every_command() -> None:
-    assert {f"{command.package}.{name}" for name, command in COMMANDS.items()} == modules_with_a_command()
+    folder = Path(cli.__file__).parent
+    functions = {
+        (".".join(path.relative_to(folder).with_suffix("").parts), name)
+        for path in folder.rglob("*.py")
+        for name in re.findall(r"^def (\w+)_command\(", path.read_text(encoding="utf-8"), re.MULTILINE)
+    }
+    assert {(command.module, name) for name, command in COMMANDS.items()} == functions
 
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_a_summary_is_the_first_line_of_the_docstring(name: str) -> None:
-    function = import_module(f"{COMMANDS[name].package}.{name}").command
+    function = getattr(import_module(f"service.cli.{COMMANDS[name].module}"), f"{name}_command")
     assert COMMANDS[name].summary == function.__doc__.splitlines()[0]
     assert len(COMMANDS[name].summary) <= LONGEST_SUMMARY == 60
     assert COMMANDS[name].summary.endswith(".")

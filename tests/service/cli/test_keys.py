@@ -65,7 +65,7 @@ def test_no_public_address_without_a_key(run: Run, monkeypatch: pytest.MonkeyPat
 
 @pytest.mark.parametrize("name", ["API_KEYS", "READ_KEYS"])
 def test_a_public_address_with_a_key(run: Run, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
-    monkeypatch.setattr("service.cli.serve.run", lambda app, bound, **seconds: None)
+    monkeypatch.setattr("service.server.uvicorn_server.run", lambda app, bound, seconds: None)
     monkeypatch.setenv(f"ISOSHAPE_{name}", "0" * 64)
     done = run("serve", "--host", "0.0.0.0", "--port", 0)
     assert (done.status, done.stderr[:30]) == (0, "Isoshape starts on http://0.0.")

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from core.parameters import DEFAULT, Parameters
-from service.cli.reembed import bring_up
+from service.cli.archives import bring_up
 from service.collection import DEFAULT_COLLECTION
 from service.pipelines import repository
 from service.pipelines.active import keep
@@ -151,7 +151,7 @@ def test_nothing_to_do_is_said_and_starts_no_worker(
 ) -> None:
     archive_to_reembed(tmp_path, monkeypatch, 1)
     assert run("reembed").status == 0
-    monkeypatch.setattr("service.cli.reembed.start_executors", None)
+    monkeypatch.setattr("service.cli.archives.start_executors", None)
     again = run("reembed")
     assert again.status == 0
     assert again.stdout.startswith("nothing to do: pipeline ")

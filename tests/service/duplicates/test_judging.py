@@ -10,7 +10,7 @@ from sqlalchemy import func, select
 from core.gallery import make_shape
 from core.io import write_mesh
 from core.parameters import DEFAULT, PAPER
-from service.cli.reembed import reembed
+from service.cli.archives import reembed
 from service.duplicates import judging, repository, service
 from service.duplicates.groups import Judgement, Search
 from service.duplicates.judging import ShapeJudge

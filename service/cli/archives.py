@@ -1,14 +1,19 @@
-"""`isoshape reembed`: change the pipeline of an archive."""
+"""The commands on archives: `isoshape check`, `backup`, `restore`, `copy` and `reembed`."""
 
 import asyncio
+import json
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
+from dataclasses import asdict
+from pathlib import Path
 from typing import Annotated
 
 import typer
+from rich.progress import TaskID
 
 from core.parameters import Parameters
+from service.cli.local_service import database_named
 from service.compute.executor import start_executors
 from service.compute.request_queue import RequestQueue
 from service.console import fail, messages, output, progress, say
@@ -17,8 +22,120 @@ from service.pipelines import repository
 from service.server.process import sigterm_exits
 from service.settings import Settings, load_parameters, load_settings
 from service.shapes.reembedding import Reembedding, ReembeddingResult, prune_others
+from service.storage.backup import back_up, restore
+from service.storage.checking import CheckReport, check
+from service.storage.copying import copy_archive
 from service.storage.database import Database
 from service.storage.migrate import migrate
+from service.storage.sqlite import path_of
+
+
+def archive_in_use() -> Path:
+    """The file that ISOSHAPE_DATABASE_URL names, or the default file."""
+    return path_of(load_settings().database_url)
+
+
+def print_counts(report: CheckReport) -> None:
+    """Print the numbers of shapes, files and embeddings of an archive."""
+    console = output()
+    console.print(
+        f"{report.shapes} shapes on {report.blobs} files of {report.bytes} bytes, "
+        f"{report.embeddings} embeddings",
+        soft_wrap=True,
+    )
+    for fingerprint, count in sorted(report.pipelines.items()):
+        console.print(f"pipeline {fingerprint}: {count} embeddings", soft_wrap=True)
+
+
+def check_command(
+    file: Annotated[
+        Path | None,
+        typer.Argument(help="An archive or a backup. [default: the database of ISOSHAPE_DATABASE_URL]"),
+    ] = None,
+    *,
+    as_json: Annotated[bool, typer.Option("--json", help="Print everything as one JSON object.")] = False,
+) -> None:
+    """Check every file, reference and embedding of an archive.
+
+    The check includes the SHA-256 of every file. A service may use the archive at the same time. The command
+    names each fault and ends with status 1 if there is any.
+    """
+    path = file or archive_in_use()
+    report = check(path, lock_seconds=load_settings().lock_seconds)
+    if as_json:
+        output().print(json.dumps({"archive": str(path), **asdict(report)}), soft_wrap=True)
+    else:
+        print_counts(report)
+        for fault in report.faults:
+            output().print(fault, soft_wrap=True)
+    if report.faults:
+        say(f"isoshape: {len(report.faults)} faults in {path}")
+        raise typer.Exit(1)
+
+
+def backup_command(
+    file: Annotated[Path, typer.Argument(help="The file to write.")],
+    *,
+    force: Annotated[bool, typer.Option("--force", help="Replace the file if it exists.")] = False,
+) -> None:
+    """Copy the archive into a file while services use it.
+
+    The archive is the database of ISOSHAPE_DATABASE_URL. The copy is checked as by `isoshape check` before it
+    gets its name.
+    """
+    print_counts(back_up(archive_in_use(), file, replace=force))
+
+
+def restore_command(
+    file: Annotated[Path, typer.Argument(help="A file that `isoshape backup` wrote.")],
+    *,
+    force: Annotated[
+        bool, typer.Option("--force", help="Replace an archive that is not empty; its shapes are lost.")
+    ] = False,
+) -> None:
+    """Replace the archive by a backup.
+
+    The archive is the database of ISOSHAPE_DATABASE_URL; no service may use it. The backup is checked first,
+    as by `isoshape check`.
+    """
+    print_counts(restore(file, archive_in_use(), replace=force))
+
+
+def copy_command(
+    source: Annotated[str, typer.Argument(help="The archive to copy: a file or an SQLAlchemy URL.")],
+    target: Annotated[str, typer.Argument(help="An empty database: a file or an SQLAlchemy URL.")],
+) -> None:
+    """Copy an archive between SQLite and PostgreSQL.
+
+    The command compares every row of both. The copy is of one moment and lacks later changes of the source.
+    Services that write to an SQLite source wait for the copy to end. A copy that is stopped or differs from
+    the source leaves the target empty.
+    """
+    settings = load_settings()
+    from_url, to_url = database_named("SOURCE", source), database_named("TARGET", target)
+    if from_url.startswith("sqlite") and not path_of(from_url).is_file():
+        fail(f"there is no archive at {path_of(from_url)}")
+    if from_url == to_url:
+        fail("an archive cannot be copied onto itself")
+    with (
+        closing(Database(from_url, lock_seconds=settings.lock_seconds)) as origin,
+        closing(Database(to_url, lock_seconds=settings.lock_seconds)) as copy,
+        progress() as bar,
+    ):
+        tasks: dict[str, TaskID] = {}
+
+        def advance(table: str, done: int, total: int) -> None:
+            if table not in tasks:
+                tasks[table] = bar.add_task(table, total=total)
+            bar.update(tasks[table], completed=done)
+
+        copied = copy_archive(origin, copy, advance)
+    output().print(
+        f"{copied.shapes} shapes on {copied.blobs} files of {copied.bytes} bytes, {copied.embeddings} "
+        "embeddings: copied, and compared row by row",
+        soft_wrap=True,
+    )
+
 
 # Where standard error is no terminal, which would show every state of a bar.
 SECONDS_BETWEEN_LINES = 10.0
@@ -28,7 +145,7 @@ STOPPED = "stopped; the new embeddings are kept, and the same command continues"
 Advance = Callable[[int, int], object]
 
 
-def command(
+def reembed_command(
     *,
     prune: Annotated[
         bool, typer.Option("--prune", help="Delete the embeddings of all other pipelines afterwards.")
@@ -72,9 +189,7 @@ def reembed(
     settings: Settings, parameters: Parameters, *, leave_out: bool = False, prune: bool = False
 ) -> tuple[ReembeddingResult, int]:
     """Change the pipeline of an archive; return the result and the number of embeddings pruned."""
-    database = Database(settings.database_url, lock_seconds=settings.lock_seconds)
-    try:
-        migrate(database)
+    with _migrated(settings) as database:
         if _is_done(database, parameters):
             outcome = ReembeddingResult(active=True)
         else:
@@ -86,23 +201,24 @@ def reembed(
                 )
         pruned = prune_others(database, parameters.fingerprint) if prune and outcome.active else 0
         return outcome, pruned
-    finally:
-        database.close()
 
 
 def bring_up(settings: Settings) -> None:
     """Change an archive to the pipeline of the settings, unless it has that pipeline."""
     parameters = load_parameters(settings.pipeline)
-    database = Database(settings.database_url, lock_seconds=settings.lock_seconds)
-    try:
-        migrate(database)
-        with database.read() as session:
-            active = repository.active(session)
-    finally:
-        database.close()
+    with _migrated(settings) as database, database.read() as session:
+        active = repository.active(session)
     if active not in {None, parameters.fingerprint}:
         say("embedding the stored shapes again, by another pipeline")
         reembed(settings, parameters, leave_out=True, prune=True)
+
+
+@contextmanager
+def _migrated(settings: Settings) -> Iterator[Database]:
+    """Yield the database of the settings, with all tables."""
+    with closing(Database(settings.database_url, lock_seconds=settings.lock_seconds)) as database:
+        migrate(database)
+        yield database
 
 
 def _is_done(database: Database, parameters: Parameters) -> bool:
