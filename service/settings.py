@@ -165,6 +165,12 @@ class Settings(BaseSettings):
         description="The largest file that may be uploaded; larger ones are answered 413. A worker may "
         "need twenty times the size of a file.",
     )
+    job_folder: str = Field(
+        default="",
+        description="The folder of the archives of unfinished bulk jobs; a missing folder is created. The "
+        "default is a folder beside the SQLite file, or isoshape-data/jobs with PostgreSQL. Services that "
+        "share a PostgreSQL database need one folder that all of them reach.",
+    )
     max_archive_bytes: PositiveInt = Field(
         default=512 * 1024 * 1024,
         description="The largest archive that a bulk job accepts; larger ones are answered 413. The "
@@ -184,8 +190,8 @@ class Settings(BaseSettings):
         default=200.0,
         gt=1,
         allow_inf_nan=False,
-        description="The largest ratio of unpacked size to packed size, for an archive and for its "
-        "members, from 1 MiB of unpacked data on. Meshes are seldom compressed to less than "
+        description="The largest ratio of unpacked size to packed size of a member of an archive, from "
+        "1 MiB of unpacked data on. Meshes are seldom compressed to less than "
         "a thirtieth.",
     )
     max_jobs: PositiveInt = Field(

@@ -22,8 +22,6 @@ from service.jobs.schemas import Cause
 from service.shapes.fields import TAG_CHARACTERS, split_tags
 from service.shapes.schemas import ShapeFields
 
-ENDINGS = (".zip", ".tar", ".tar.gz", ".tgz", ".tar.bz2", ".tbz2", ".tar.xz", ".txz")
-
 
 @dataclass(frozen=True)
 class Done:
@@ -36,7 +34,7 @@ class Done:
 
 def is_archive(path: Path) -> bool:
     """Whether a file is an archive, by its name."""
-    return path.is_file() and path.name.lower().endswith(ENDINGS)
+    return path.is_file() and path.suffix.lower() == ".zip"
 
 
 def store_archive(client: Client, path: Path, tags: Sequence[str], bar: Progress) -> Done:
@@ -244,8 +242,8 @@ def ingest_command(
     below the given folder. A file given by itself has a class only from labels.csv.
 
     A file that is already stored under its name stays as it is, so the command can be repeated, also after
-    Ctrl-C. A refused file does not stop the others. The service unpacks archives (zip, tar, tar.gz, tar.bz2,
-    tar.xz); their files have no class and no metadata, and are not split.
+    Ctrl-C. A refused file does not stop the others. The service unpacks archives (zip); their files have no
+    class and no metadata, and are not split.
 
     With --split parts, the parts of a STEP or 3MF have the metadata assembly, assembly_path and instances.
     """

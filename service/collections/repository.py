@@ -8,7 +8,6 @@ from sqlalchemy import delete, func, insert, select
 from service.collection import CollectionNumber, CollectionRecord, Counted
 from service.errors import CollectionNotFoundError
 from service.storage.database import ReadSession, WriteSession
-from service.storage.job_states import ENDED
 from service.storage.tables import CollectionRow, DeletedRow, JobRow, ShapeRow
 
 
@@ -70,6 +69,6 @@ def remove(session: WriteSession, collection: CollectionNumber) -> None:
 
 
 def has_open_job(session: ReadSession, collection: CollectionNumber) -> bool:
-    """Whether a collection has an unfinished job, or one whose archive is being received."""
-    query = select(JobRow.number).where(JobRow.collection_number == collection, JobRow.state.not_in(ENDED))
+    """Return whether a collection has an unfinished job."""
+    query = select(JobRow.number).where(JobRow.collection_number == collection, JobRow.ended_at.is_(None))
     return session.scalar(query.limit(1)) is not None

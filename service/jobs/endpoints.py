@@ -16,10 +16,10 @@ from service.http.duplicate_parameters import once
 from service.http.problems import documented
 from service.http.request_bodies import RequestBody
 from service.jobs import events, service
-from service.jobs.members import shown
 from service.jobs.records import NewJob, Outcome
 from service.jobs.runner import Runner
 from service.jobs.schemas import Job, JobFilePage, JobPage
+from service.jobs.zip_archive import check_zip, shown
 from service.shapes.documentation import READ_PROBLEMS, WRITE_PROBLEMS
 from service.shapes.fields import base_name
 from service.shapes.pages import read_cursor
@@ -56,8 +56,7 @@ class ArchiveUpload(BaseModel):
     model_config = ConfigDict(extra="forbid")
 
     file: UploadFile = Field(
-        description="The archive: zip (stored or deflated), or tar, plain or compressed by gzip, bzip2 or "
-        "xz. The service reads the format from the content, not from the file's name."
+        description="The archive: a zip, stored or deflated. The name of the file may end otherwise."
     )
     tags: FormTags
     metadata: FormMetadata
@@ -79,7 +78,6 @@ ARCHIVE = RequestBody(ArchiveUpload, limit="max_archive_bytes")
         "body-too-large",
         "unsupported-media-type",
         "unknown-archive",
-        "archive-too-large",
         "busy",
         *WRITE_PROBLEMS,
     ),
@@ -94,22 +92,21 @@ async def create_job(
     collection: InCollection,
     upload: Annotated[ArchiveUpload, Depends(ARCHIVE, scope="function")],
 ) -> Job:
-    """Store every mesh of a zip or tar file as a single upload would, with these tags and this metadata.
+    """Store every mesh of a zip as a single upload would, with these tags and this metadata.
 
     A shape has the name of its file, without the folders. A file that cannot be stored is refused with a
     cause, and the job goes on with the others. The job survives a restart of the service.
     """
-    settings, file = container.settings, upload.file
-    format = await run_in_threadpool(service.format_of_archive, file.file, settings)
+    file, most = upload.file, container.settings.max_jobs
+    await run_in_threadpool(check_zip, file.file)
     new = NewJob(
         collection=collection.number,
         archive=shown(base_name(file.filename or ""))[:ARCHIVE_CHARACTERS],
-        format=format,
         size=file.size or 0,
         tags=tuple(upload.tags),
         metadata=upload.metadata,
     )
-    job = await run_in_threadpool(service.receive, container.database, file.file, new, settings.max_jobs)
+    job = await run_in_threadpool(service.receive, container.database, jobs.folder, file.file, new, most)
     jobs.look()
     response.headers["Location"] = address(f"{ADDRESS}/{job.id}", collection)
     return await run_in_threadpool(events.read, container.database, collection.number, job.id)
@@ -124,7 +121,7 @@ async def create_job(
 def list_jobs(
     container: Service, collection: InCollection, cursor: Cursor = None, limit: Limit = 50
 ) -> JobPage:
-    """Jobs that have not ended, and jobs that ended in the last days, the latest first."""
+    """Return the unfinished jobs, and those that ended in the last days, the latest first."""
     before = read_cursor(cursor)
     with container.database.read() as session:
         return JobPage.of(service.list_page(session, collection.number, before=before, limit=limit))
@@ -132,7 +129,7 @@ def list_jobs(
 
 @router.get("/jobs/{job_id}", summary="Read a job", responses=documented("job-not-found", *READ_PROBLEMS))
 def read_job(job_id: JobId, container: Service, collection: InCollection) -> Job:
-    """The progress of a job, and the time that it still needs."""
+    """Return the progress of a job, and the time that it still needs."""
     return events.read(container.database, collection.number, job_id)
 
 
@@ -150,11 +147,11 @@ def list_job_files(
     cursor: Cursor = None,
     limit: Limit = 50,
 ) -> JobFilePage:
-    """The outcome of each file of the archive, in the order of the archive; empty until the job begins."""
-    after = read_cursor(cursor)
+    """Return the outcome of each file of the archive, in its order; none until the job begins."""
+    start = read_cursor(cursor)
     with container.database.read() as session:
-        found = service.list_files(session, collection.number, job_id, outcome, after=after, limit=limit)
-        return JobFilePage.of(found)
+        job = service.get(session, collection.number, job_id)
+        return JobFilePage.of(service.list_files(session, job, outcome, start=start, limit=limit), job)
 
 
 @router.get(
@@ -177,7 +174,7 @@ def list_job_files(
 async def follow_job(
     job_id: JobId, request: Request, container: Service, jobs: Jobs, collection: InCollection
 ) -> Response:
-    """The progress of a job as a stream for `EventSource`; the stream ends with the job."""
+    """Stream the progress of a job for `EventSource`; the stream ends with the job."""
     job = await run_in_threadpool(events.read, container.database, collection.number, job_id)
     last = request.headers.get("Last-Event-ID")
     if job.has_ended and last == events.name_of(job):
@@ -199,7 +196,7 @@ async def follow_job(
 )
 async def cancel_job(job_id: JobId, container: Service, jobs: Jobs, collection: InCollection) -> Job:
     """Stop the job. Stored shapes stay; a job that has ended does not change."""
-    await run_in_threadpool(service.cancel, container.database, collection.number, job_id)
+    await run_in_threadpool(service.cancel, container.database, jobs.folder, collection.number, job_id)
     jobs.look()
     return await run_in_threadpool(events.read, container.database, collection.number, job_id)
 
@@ -212,5 +209,5 @@ async def cancel_job(job_id: JobId, container: Service, jobs: Jobs, collection: 
 )
 async def delete_job(job_id: JobId, container: Service, jobs: Jobs, collection: InCollection) -> None:
     """Cancel the job, unless it has ended, and delete its record. Stored shapes stay."""
-    await run_in_threadpool(service.remove, container.database, collection.number, job_id)
+    await run_in_threadpool(service.remove, container.database, jobs.folder, collection.number, job_id)
     jobs.look()

@@ -39,7 +39,7 @@ RECONNECT_MILLISECONDS = 2000
 
 
 def read(database: Database, collection: CollectionNumber, job_id: str) -> Job:
-    """The current state of a job.
+    """Return the current state of a job.
 
     Raises
     ------
@@ -51,7 +51,7 @@ def read(database: Database, collection: CollectionNumber, job_id: str) -> Job:
 
 
 def name_of(job: Job) -> str:
-    """The id of an event, which a reconnecting client sends as Last-Event-ID."""
+    """Return the id of an event, which a reconnecting client sends as Last-Event-ID."""
     return f"{job.state}-{job.counts.files - job.counts.waiting}"
 
 

@@ -2,22 +2,19 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from datetime import datetime, timedelta
+from datetime import datetime
 from typing import Any, Literal
 
 from service.collection import CollectionNumber
-from service.storage.job_states import State
+
+State = Literal["waiting", "running", "done", "failed", "cancelled"]
+"""The state of a job."""
+
+ACTIVE: tuple[State, ...] = ("waiting", "running")
+ENDED: tuple[State, ...] = ("done", "failed", "cancelled")
 
 Outcome = Literal["stored", "present", "refused"]
 """The outcome of a member: a new shape, an existing shape, or no shape."""
-
-
-# Without renewal for this long, a service counts as dead and others may run its jobs.
-LEASE = timedelta(seconds=10)
-# The lease while an archive is received.
-ARRIVING_LEASE = 6 * LEASE
-# A lease that ends later was written before the clock was set back. Slow processes write late leases.
-LONGEST_LEASE = timedelta(minutes=10)
 
 
 @dataclass(frozen=True)
@@ -30,29 +27,22 @@ class FailureCause:
 
 @dataclass(frozen=True)
 class NewJob:
-    """An archive to receive, its collection, and the tags and metadata of all its shapes."""
+    """An archive that was received, its collection, and the tags and metadata of all its shapes."""
 
     collection: CollectionNumber
     archive: str
-    format: str
     size: int
     tags: tuple[str, ...]
     metadata: Mapping[str, Any]
 
 
 @dataclass(frozen=True)
-class JobRecord:
+class JobRecord(NewJob):
     """A job. `number` orders jobs and is never sent to clients; `cause` tells why the job failed."""
 
     number: int
     id: str
-    collection: CollectionNumber
     state: State
-    archive: str
-    format: str
-    size: int
-    tags: tuple[str, ...]
-    metadata: Mapping[str, Any]
     cause: FailureCause | None
     created_at: datetime
     started_at: datetime | None
@@ -63,19 +53,10 @@ class JobRecord:
 class FileRecord:
     """A member and its outcome, None until it is processed; `cause` tells why it was refused."""
 
-    place: int
+    position: int
     path: str
     name: str
-    outcome: Outcome | None
-    shape_id: str | None
-    cause: FailureCause | None
-
-
-@dataclass(frozen=True)
-class MemberOutcome:
-    """The outcome of a member, its shape, and the reason if it was refused."""
-
-    outcome: Outcome
+    outcome: Outcome | None = None
     shape_id: str | None = None
     cause: FailureCause | None = None
 
@@ -101,22 +82,3 @@ class Progress:
     def remaining(self) -> float | None:
         """Estimated time to the end, in seconds."""
         return self.counts.get(None, 0) / self.rate if self.rate and self.job.state == "running" else None
-
-
-@dataclass(frozen=True)
-class JobsPage:
-    """A page of jobs, the number of all, and the number of its last job if more follow."""
-
-    jobs: list[Progress]
-    total: int
-    after: int | None
-
-
-@dataclass(frozen=True)
-class FilesPage:
-    """A page of members, the number of all, and the place of its last member if more follow."""
-
-    job: JobRecord
-    files: list[FileRecord]
-    total: int
-    after: int | None

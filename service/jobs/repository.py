@@ -1,107 +1,70 @@
 """The SQL of jobs."""
 
-import uuid
 from collections.abc import Iterable, Mapping
-from datetime import datetime
+from datetime import datetime, timedelta
 
-from sqlalchemy import ColumnElement, Select, delete, func, insert, or_, select, update
+from sqlalchemy import delete, func, insert, or_, select, update
 
 from service.collection import CollectionNumber
-from service.jobs.records import (
-    LONGEST_LEASE,
-    FailureCause,
-    FileRecord,
-    JobRecord,
-    MemberOutcome,
-    NewJob,
-    Outcome,
-)
-from service.storage.checksums import checksum_of
+from service.jobs.records import ACTIVE, FailureCause, FileRecord, JobRecord, NewJob, Outcome, State
 from service.storage.database import ReadSession, WriteSession
-from service.storage.job_states import ACTIVE, ENDED, State
-from service.storage.tables import JobFileRow, JobPieceRow, JobRow
+from service.storage.tables import JobFileRow, JobRow
 
-ARRIVING: State = "arriving"
+# A lease that ends later was written before the clock was set back. Slow processes write late leases.
+LONGEST_LEASE = timedelta(minutes=10)
 
 
-def add(session: WriteSession, new: NewJob, runner: str, until: datetime, now: datetime) -> int:
-    """Add a job whose archive is being received; its number."""
+def add(session: WriteSession, job_id: str, new: NewJob, now: datetime) -> JobRecord:
+    """Add a job, which waits for its turn."""
     row = JobRow(
-        id=str(uuid.uuid4()),
+        id=job_id,
         collection_number=new.collection,
-        state=ARRIVING,
+        state="waiting",
         archive=new.archive,
-        format=new.format,
         size=new.size,
         tags=list(new.tags),
         meta=dict(new.metadata),
-        runner=runner,
-        leased_until=until,
         created_at=now,
     )
     session.add(row)
     session.flush()
-    return row.number
-
-
-def add_piece(session: WriteSession, number: int, place: int, data: bytes, until: datetime) -> None:
-    """Store the next piece of an archive that is being received."""
-    session.add(JobPieceRow(job_number=number, position=place, data=data, checksum=checksum_of(data)))
-    session.execute(update(JobRow).where(JobRow.number == number).values(leased_until=until))
-
-
-def acknowledge(session: WriteSession, number: int) -> None:
-    """Mark an archive as complete, which makes the job visible."""
-    session.execute(
-        update(JobRow).where(JobRow.number == number).values(state="waiting", runner=None, leased_until=None)
-    )
-
-
-def piece(session: ReadSession, number: int, place: int) -> bytes | None:
-    """A piece of a job's archive; None if the job or its archive was deleted."""
-    return session.scalar(
-        select(JobPieceRow.data).where(JobPieceRow.job_number == number, JobPieceRow.position == place)
-    )
+    return _record(row)
 
 
 def by_id(session: ReadSession, collection: CollectionNumber, job_id: str) -> JobRecord | None:
-    """The job with this id in this collection."""
-    row = session.scalars(_shown(collection).where(JobRow.id == job_id)).one_or_none()
+    """Return the job of a collection with an id."""
+    query = select(JobRow).where(JobRow.collection_number == collection, JobRow.id == job_id)
+    row = session.scalars(query).one_or_none()
     return None if row is None else _record(row)
 
 
-def by_number(session: ReadSession, number: int) -> JobRecord:
-    """The job with a number, which must exist."""
-    return _record(session.scalars(select(JobRow).where(JobRow.number == number)).one())
-
-
 def page(session: ReadSession, collection: CollectionNumber, *, before: int, limit: int) -> list[JobRecord]:
-    """The next jobs of a collection before the one with a number, the latest first; 0 is no bound."""
-    query = _shown(collection).order_by(JobRow.number.desc()).limit(limit)
+    """Return the next jobs of a collection before the job with a number, the latest first; 0 is no bound."""
+    query = select(JobRow).where(JobRow.collection_number == collection)
     if before:
         query = query.where(JobRow.number < before)
-    return [_record(row) for row in session.scalars(query)]
+    return [_record(row) for row in session.scalars(query.order_by(JobRow.number.desc()).limit(limit))]
 
 
 def count(session: ReadSession, collection: CollectionNumber) -> int:
-    """The number of jobs of a collection."""
-    return session.scalar(select(func.count()).select_from(_shown(collection).subquery())) or 0
+    """Return the number of jobs of a collection."""
+    return session.scalar(select(func.count()).where(JobRow.collection_number == collection)) or 0
 
 
-def count_open(session: ReadSession) -> int:
-    """The number of unfinished jobs, including those whose archives are being received."""
-    return session.scalar(select(func.count()).where(JobRow.state.not_in(ENDED))) or 0
+def active_ids(session: ReadSession) -> set[str]:
+    """Return the ids of the unfinished jobs."""
+    return set(session.scalars(select(JobRow.id).where(JobRow.state.in_(ACTIVE))))
 
 
 def counts(session: ReadSession, number: int) -> dict[Outcome | None, int]:
-    """The numbers of a job's members by outcome."""
+    """Return the numbers of a job's members by outcome."""
     query = select(JobFileRow.outcome, func.count()).where(JobFileRow.job_number == number)
-    found = session.execute(query.group_by(JobFileRow.outcome)).all()
-    return {outcome: many for outcome, many in found}  # type: ignore[misc]  # noqa: C416
+    rows = session.execute(query.group_by(JobFileRow.outcome)).all()
+    return {outcome: many for outcome, many in rows}  # type: ignore[misc]  # noqa: C416
 
 
 def latest_ends(session: ReadSession, number: int, after: datetime, limit: int) -> list[datetime]:
-    """The latest times at which members were processed, in descending order."""
+    """Return the latest times at which members were processed, in descending order."""
     query = (
         select(JobFileRow.ended_at)
         .where(JobFileRow.job_number == number, JobFileRow.ended_at > after)
@@ -112,77 +75,57 @@ def latest_ends(session: ReadSession, number: int, after: datetime, limit: int) 
 
 
 def files(
-    session: ReadSession, number: int, outcome: Outcome | None, *, after: int, limit: int
+    session: ReadSession, number: int, outcome: Outcome | None, *, start: int, limit: int
 ) -> list[FileRecord]:
-    """The next members of a job after a place, with one outcome or with any."""
-    query = select(JobFileRow).where(JobFileRow.job_number == number, JobFileRow.position > after)
+    """Return the next members of a job from a position on, with one outcome or with any."""
+    query = select(JobFileRow).where(JobFileRow.job_number == number, JobFileRow.position >= start)
     if outcome is not None:
         query = query.where(JobFileRow.outcome == outcome)
     return [_file(row) for row in session.scalars(query.order_by(JobFileRow.position).limit(limit))]
 
 
 def without_outcome(session: ReadSession, number: int) -> list[FileRecord]:
-    """The members of a job that have not been processed."""
+    """Return the members of a job that have not been processed."""
     query = select(JobFileRow).where(JobFileRow.job_number == number, JobFileRow.outcome.is_(None))
     return [_file(row) for row in session.scalars(query.order_by(JobFileRow.position))]
 
 
 def claim(session: WriteSession, runner: str, until: datetime, now: datetime) -> JobRecord | None:
-    """Take over the oldest job that no living service runs; None if there is none."""
-    free = or_(JobRow.leased_until.is_(None), _is_over(now), JobRow.runner == runner)
+    """Take over the oldest job that no living service runs; return None if there is none."""
+    is_over = or_(JobRow.leased_until <= now, JobRow.leased_until > now + LONGEST_LEASE)
+    free = or_(JobRow.leased_until.is_(None), is_over, JobRow.runner == runner)
     query = select(JobRow).where(JobRow.state.in_(ACTIVE), free).order_by(JobRow.number).limit(1)
     row = session.scalars(query).one_or_none()
     if row is None:
         return None
-    taken = session.execute(
-        update(JobRow)
-        .where(JobRow.number == row.number, JobRow.state.in_(ACTIVE), free)
-        .values(runner=runner, leased_until=until)
-        .returning(JobRow.number)
-    )
-    return None if taken.one_or_none() is None else _record(row)
+    row.runner, row.leased_until = runner, until
+    session.flush()
+    return _record(row)
 
 
 def renew(session: WriteSession, number: int, runner: str, until: datetime) -> bool:
-    """Renew the lease of a job; whether this service still runs it."""
-    renewed = session.execute(
-        update(JobRow)
-        .where(JobRow.number == number, JobRow.runner == runner, JobRow.state.in_(ACTIVE))
-        .values(leased_until=until)
-        .returning(JobRow.number)
-    )
+    """Renew the lease of a job; return whether this service still runs it."""
+    lease = update(JobRow).where(JobRow.number == number, JobRow.runner == runner, JobRow.state.in_(ACTIVE))
+    renewed = session.execute(lease.values(leased_until=until).returning(JobRow.number))
     return renewed.one_or_none() is not None
 
 
 def release(session: WriteSession, runner: str) -> None:
     """Release the jobs of this service to other services."""
-    session.execute(
-        update(JobRow)
-        .where(JobRow.runner == runner, JobRow.state.in_(ACTIVE))
-        .values(runner=None, leased_until=None)
-    )
+    own = JobRow.runner == runner, JobRow.state.in_(ACTIVE)
+    session.execute(update(JobRow).where(*own).values(runner=None, leased_until=None))
 
 
-def begin(
-    session: WriteSession,
-    number: int,
-    members: Iterable[FileRecord],
-    cause: FailureCause | None,
-    now: datetime,
-) -> None:
+def begin(session: WriteSession, number: int, members: Iterable[FileRecord], now: datetime) -> None:
     """Write the members of a waiting job and start it; nothing happens if it no longer waits."""
-    begun = session.execute(
-        update(JobRow)
-        .where(JobRow.number == number, JobRow.state == "waiting")
-        .values(state="running", started_at=now, **_cause_values(cause))
-        .returning(JobRow.number)
-    )
+    waiting = update(JobRow).where(JobRow.number == number, JobRow.state == "waiting")
+    begun = session.execute(waiting.values(state="running", started_at=now).returning(JobRow.number))
     if begun.one_or_none() is None:
         return
     rows = [
         {
             "job_number": number,
-            "position": member.place,
+            "position": member.position,
             "path": member.path,
             "name": member.name,
             "outcome": member.outcome,
@@ -195,75 +138,42 @@ def begin(
         session.execute(insert(JobFileRow), rows)
 
 
-def settle(session: WriteSession, number: int, place: int, settled: MemberOutcome, now: datetime) -> bool:
-    """Write the outcome of a member; whether the job still runs and the member had none."""
-    state = session.scalar(select(JobRow.state).where(JobRow.number == number))
-    if state != "running":
+def settle(
+    session: WriteSession,
+    number: int,
+    position: int,
+    outcome: Outcome,
+    now: datetime,
+    *,
+    shape_id: str | None = None,
+    cause: FailureCause | None = None,
+) -> bool:
+    """Write the outcome of a member; return whether the job still runs and the member had none."""
+    if session.scalar(select(JobRow.state).where(JobRow.number == number)) != "running":
         return False
     done = session.execute(
         update(JobFileRow)
-        .where(JobFileRow.job_number == number, JobFileRow.position == place, JobFileRow.outcome.is_(None))
-        .values(
-            outcome=settled.outcome, shape_id=settled.shape_id, ended_at=now, **_cause_values(settled.cause)
-        )
+        .where(JobFileRow.job_number == number, JobFileRow.position == position, JobFileRow.outcome.is_(None))
+        .values(outcome=outcome, shape_id=shape_id, ended_at=now, **_cause_values(cause))
         .returning(JobFileRow.position)
     )
     return done.one_or_none() is not None
 
 
-def end(session: WriteSession, number: int, state: State, cause: FailureCause | None, now: datetime) -> bool:
-    """End a job; whether it had not ended."""
-    ended = session.execute(
-        update(JobRow)
-        .where(JobRow.number == number, JobRow.state.in_(ACTIVE))
-        .values(
-            state=state,
-            ended_at=now,
-            runner=None,
-            leased_until=None,
-            **({} if cause is None else _cause_values(cause)),
-        )
-        .returning(JobRow.number)
-    )
-    return ended.one_or_none() is not None
+def end(session: WriteSession, number: int, state: State, cause: FailureCause | None, now: datetime) -> None:
+    """End a job, unless it has ended."""
+    ended = {"state": state, "ended_at": now, "runner": None, "leased_until": None, **_cause_values(cause)}
+    session.execute(update(JobRow).where(JobRow.number == number, JobRow.state.in_(ACTIVE)).values(ended))
 
 
-def with_leftovers(session: ReadSession, now: datetime, forget_before: datetime) -> list[tuple[int, bool]]:
-    """The numbers of jobs with data to delete, each with whether the whole job is to be deleted.
-
-    These are archives of ended jobs, records of jobs that ended long ago, and incompletely received archives.
-    """
-    gone = (JobRow.state == ARRIVING) & _is_over(now) | (JobRow.ended_at <= forget_before)
-    archived = (
-        JobRow.state.in_(ENDED)
-        & select(JobPieceRow.position).where(JobPieceRow.job_number == JobRow.number).exists()
-    )
-    query = select(JobRow.number, gone).where(or_(gone, archived)).order_by(JobRow.number)
-    return [(number, bool(all_of_it)) for number, all_of_it in session.execute(query)]
-
-
-def drop_pieces(session: WriteSession, number: int, limit: int) -> int:
-    """Delete at most `limit` pieces of a job's archive; how many."""
-    query = select(JobPieceRow.position).where(JobPieceRow.job_number == number).limit(limit)
-    places = session.scalars(query).all()
-    session.execute(
-        delete(JobPieceRow).where(JobPieceRow.job_number == number, JobPieceRow.position.in_(places))
-    )
-    return len(places)
+def ended_before(session: ReadSession, moment: datetime) -> list[int]:
+    """Return the numbers of the jobs that ended at a time or before."""
+    return list(session.scalars(select(JobRow.number).where(JobRow.ended_at <= moment)))
 
 
 def remove(session: WriteSession, number: int) -> None:
-    """Delete a job with its members and its archive."""
+    """Delete a job with its members."""
     session.execute(delete(JobRow).where(JobRow.number == number))
-
-
-def _is_over(now: datetime) -> ColumnElement[bool]:
-    """Whether a lease has ended. A lease beyond the longest was written before the clock was set back."""
-    return or_(JobRow.leased_until <= now, JobRow.leased_until > now + LONGEST_LEASE)
-
-
-def _shown(collection: CollectionNumber) -> Select[JobRow]:
-    return select(JobRow).where(JobRow.collection_number == collection, JobRow.state != ARRIVING)
 
 
 def _cause_values(cause: FailureCause | None) -> Mapping[str, str | None]:
@@ -276,15 +186,14 @@ def _cause(row: JobRow | JobFileRow) -> FailureCause | None:
 
 def _record(row: JobRow) -> JobRecord:
     return JobRecord(
-        number=row.number,
-        id=row.id,
         collection=CollectionNumber(row.collection_number),
-        state=row.state,  # type: ignore[arg-type]
         archive=row.archive,
-        format=row.format,
         size=row.size,
         tags=tuple(row.tags),
         metadata=row.meta,
+        number=row.number,
+        id=row.id,
+        state=row.state,  # type: ignore[arg-type]
         cause=_cause(row),
         created_at=row.created_at,
         started_at=row.started_at,
@@ -293,11 +202,5 @@ def _record(row: JobRow) -> JobRecord:
 
 
 def _file(row: JobFileRow) -> FileRecord:
-    return FileRecord(
-        place=row.position,
-        path=row.path,
-        name=row.name,
-        outcome=row.outcome,  # type: ignore[arg-type]
-        shape_id=row.shape_id,
-        cause=_cause(row),
-    )
+    outcome: Outcome | None = row.outcome  # type: ignore[assignment]
+    return FileRecord(row.position, row.path, row.name, outcome, row.shape_id, _cause(row))

@@ -28,11 +28,8 @@ from service.errors import (
     WorkerLostError,
 )
 from service.jobs import repository, service
-from service.jobs.archives import read_members
-from service.jobs.errors import ArchiveTooLargeError, JobNotFoundError, MemberDamagedError
-from service.jobs.members import MemberFault
-from service.jobs.records import LEASE, FailureCause, FileRecord, JobRecord, MemberOutcome, Outcome
-from service.jobs.stored_archive import StoredArchive
+from service.jobs.records import FailureCause, FileRecord, JobRecord, Outcome
+from service.jobs.zip_archive import ArchiveTooLargeError, MalformedArchiveError, MemberFault
 from service.observability.logging import get_logger
 from service.shapes.records import StoredShape
 from service.shapes.service import ingest
@@ -43,6 +40,8 @@ log = get_logger("jobs")
 # Interval at which the runner looks for jobs of dead services and for records to delete.
 LOOK_SECONDS = 2.0
 IDLE_SECONDS = 10.0
+# Without renewal for this long, a service counts as dead and others may run its jobs.
+LEASE = timedelta(seconds=10)
 BEAT_SECONDS = LEASE.total_seconds() / 4
 # The wait after an internal error; the member is not refused.
 PAUSES = (1.0, 2.0, 5.0, 10.0, 30.0)
@@ -70,13 +69,14 @@ class JobLostError(Exception):
 class Runner:
     """The runner of an archive's jobs, in the event loop of a service. Call `start`, then `stop`.
 
-    `followers` contains the open event streams.
+    `followers` contains the open event streams, and `folder` the archives of unfinished jobs.
     """
 
     def __init__(self, container: Container) -> None:
         self._container = container
         self._database = container.database
         self._limits = service.limits_of(container.settings)
+        self.folder = service.folder_of(container.settings)
         self._id = str(uuid.uuid4())
         self._look = asyncio.Event()
         self._active_members = 0
@@ -156,18 +156,18 @@ class Runner:
             (doing if doing.done() else renewal).result()
             self._faults = 0
             log.info("a job has ended", extra={"fields": {"job": job.id}})
-        except (JobLostError, JobNotFoundError):
+        except JobLostError:
             log.info("a job was ended or taken over by another service", extra={"fields": {"job": job.id}})
         except OWN_FAULTS:
             raise
-        except ArchiveTooLargeError as error:
-            await run_in_threadpool(service.fail, self._database, job, service.cause_of(error))
+        except (ArchiveTooLargeError, MalformedArchiveError) as error:
+            await run_in_threadpool(self._fail, job, service.cause_of(error))
         except Exception:
             self._faults += 1
             if self._faults == FAULTS:
                 # Later jobs must not wait forever.
                 self._faults = 0
-                await run_in_threadpool(service.fail, self._database, job, UNFORESEEN)
+                await run_in_threadpool(self._fail, job, UNFORESEEN)
             raise
         finally:
             for task in (doing, renewal):
@@ -176,9 +176,9 @@ class Runner:
 
     async def _do(self, job: JobRecord) -> None:
         if job.state == "waiting":
-            await run_in_threadpool(service.begin, self._database, job, self._limits)
-        files = {file.place: file for file in await run_in_threadpool(self._left, job)}
-        members = self._members(job, files)
+            await run_in_threadpool(service.begin, self._database, self.folder, job, self._limits)
+        files = await run_in_threadpool(self._left, job)
+        members = service.unprocessed(self.folder, job, files, self._limits)
         turn = asyncio.Lock()
         try:
             async with asyncio.TaskGroup() as group:
@@ -186,8 +186,7 @@ class Runner:
                     group.create_task(self._take(job, members, turn))
         except ExceptionGroup as several:
             raise several.exceptions[0] from None
-        await run_in_threadpool(service.finish, self._database, job)
-        await run_in_threadpool(service.delete_archive, self._database, job.number)
+        await run_in_threadpool(service.finish, self._database, self.folder, job)
 
     async def _take(
         self, job: JobRecord, members: Iterator[tuple[FileRecord, bytes | MemberFault]], turn: asyncio.Lock
@@ -214,7 +213,8 @@ class Runner:
 
         def settle(session: WriteSession, stored: StoredShape) -> None:
             outcome: Outcome = "stored" if stored.created else "present"
-            if not service.settle(session, job, file, MemberOutcome(outcome, stored.shape.id)):
+            now, shape_id = datetime.now(UTC), stored.shape.id
+            if not repository.settle(session, job.number, file.position, outcome, now, shape_id=shape_id):
                 raise JobLostError
 
         for tries_left in reversed(range(TRIES)):
@@ -238,21 +238,11 @@ class Runner:
     async def _refuse(self, job: JobRecord, file: FileRecord, cause: FailureCause) -> None:
         def write() -> None:
             with self._database.write() as session:
-                if not service.settle(session, job, file, MemberOutcome("refused", cause=cause)):
+                now = datetime.now(UTC)
+                if not repository.settle(session, job.number, file.position, "refused", now, cause=cause):
                     raise JobLostError
 
         await run_in_threadpool(write)
-
-    def _members(
-        self, job: JobRecord, files: dict[int, FileRecord]
-    ) -> Iterator[tuple[FileRecord, bytes | MemberFault]]:
-        """The unprocessed members, each with its bytes or the reason of refusal."""
-        archive = StoredArchive(self._database, job)
-        unread = dict(files)
-        for place, data in read_members(archive, job.format, self._limits, files.keys()):
-            yield unread.pop(place), data
-        for file in unread.values():
-            yield file, MemberDamagedError("the archive is damaged before this file")
 
     async def _wait_for_worker(self) -> None:
         """Wait for a worker that no request needs."""
@@ -276,14 +266,16 @@ class Runner:
         self._look.clear()
 
     def _claim(self) -> JobRecord | None:
-        service.clear(self._database, timedelta(days=self._container.settings.job_days))
-        now = datetime.now(UTC)
-        with self._database.read() as session:
-            self._open = repository.count_open(session) > 0
+        keep = timedelta(days=self._container.settings.job_days)
+        self._open = service.clear(self._database, self.folder, keep)
         if not self._open:
             return None
+        now = datetime.now(UTC)
         with self._database.write() as session:
             return repository.claim(session, self._id, now + LEASE, now)
+
+    def _fail(self, job: JobRecord, cause: FailureCause) -> None:
+        service.fail(self._database, self.folder, job, cause)
 
     def _left(self, job: JobRecord) -> list[FileRecord]:
         with self._database.read() as session:

@@ -8,9 +8,8 @@ from pydantic import BaseModel, ConfigDict, Field, JsonValue
 from service.errors import PROBLEMS
 from service.http.problem_document import TYPE_PREFIX
 from service.jobs import records
-from service.jobs.records import FileRecord, FilesPage, JobRecord, JobsPage, Progress
-from service.shapes.pages import write_cursor
-from service.storage.job_states import ENDED
+from service.jobs.records import ENDED, FileRecord, JobRecord, Progress, State
+from service.shapes.pages import Page, write_cursor
 
 CAUSE: dict[str, Any] = {
     "type": TYPE_PREFIX + "member-damaged",
@@ -22,7 +21,6 @@ JOB: dict[str, Any] = {
     "id": "5d2c8e0a-93ff-4f6b-8a55-7b1f1a2f0d11",
     "state": "running",
     "archive": "parts.zip",
-    "format": "zip",
     "bytes": 48211034,
     "tags": ["2026"],
     "metadata": {"source": "scan"},
@@ -35,7 +33,7 @@ JOB: dict[str, Any] = {
     "ended_at": None,
 }
 FILE: dict[str, Any] = {
-    "place": 7,
+    "position": 7,
     "path": "cups/7.off",
     "outcome": "refused",
     "shape_id": None,
@@ -55,7 +53,7 @@ class Cause(BaseModel):
 
     @classmethod
     def of(cls, cause: records.FailureCause) -> "Cause":
-        """The JSON of a recorded cause."""
+        """Return the JSON of a recorded cause."""
         row = PROBLEMS[cause.kind]
         return cls(type=TYPE_PREFIX + cause.kind, title=row.title, status=row.status, detail=cause.detail)
 
@@ -76,33 +74,30 @@ class Job(BaseModel):
     model_config = ConfigDict(json_schema_extra={"example": JOB})
 
     id: str
-    state: Literal["waiting", "running", "done", "failed", "cancelled"] = Field(
-        description="`failed` means that the archive is damaged or exceeds the limits; refused files alone "
-        "do not make a job fail."
+    state: State = Field(
+        description="`failed` means that the archive cannot be read or exceeds the limits; refused files "
+        "alone do not make a job fail."
     )
     archive: str = Field(description="The file name of the archive.")
-    format: str = Field(description="zip, tar, tar.gz, tar.bz2 or tar.xz.")
     bytes: int = Field(description="Size of the archive.")
     tags: list[str] = Field(description="Tags of every shape that the job stores.")
     metadata: dict[str, JsonValue] = Field(description="Metadata of every shape that the job stores.")
     counts: Counts
     files_per_second: float | None = Field(description="Recent speed of a running job.")
     remaining_seconds: float | None = Field(description="Estimated time to the end of a running job.")
-    problem: Cause | None = Field(description="The reason why the job failed, or will fail at its end.")
+    problem: Cause | None = Field(description="The reason why the job failed.")
     created_at: datetime = Field(description="UTC.")
     started_at: datetime | None = Field(description="UTC; the time at which the archive had been listed.")
     ended_at: datetime | None = Field(description="UTC.")
 
     @classmethod
     def of(cls, progress: Progress) -> "Job":
-        """The JSON of a job."""
+        """Return the JSON of a job."""
         job, counts = progress.job, progress.counts
-        assert job.state != "arriving"
         return cls(
             id=job.id,
             state=job.state,
             archive=job.archive,
-            format=job.format,
             bytes=job.size,
             tags=list(job.tags),
             metadata=dict(job.metadata),
@@ -123,7 +118,7 @@ class Job(BaseModel):
 
     @property
     def has_ended(self) -> bool:
-        """Whether the job has ended."""
+        """Return whether the job has ended."""
         return self.state in ENDED
 
 
@@ -139,10 +134,10 @@ class JobPage(BaseModel):
     next_cursor: str | None = Field(description="The `cursor` of the next page; null on the last page.")
 
     @classmethod
-    def of(cls, page: JobsPage) -> "JobPage":
-        """The JSON of a page."""
+    def of(cls, page: Page[Progress]) -> "JobPage":
+        """Return the JSON of a page."""
         return cls(
-            jobs=[Job.of(progress) for progress in page.jobs],
+            jobs=[Job.of(progress) for progress in page.items],
             total=page.total,
             next_cursor=None if page.after is None else write_cursor(page.after),
         )
@@ -153,7 +148,7 @@ class JobFile(BaseModel):
 
     model_config = ConfigDict(json_schema_extra={"example": FILE})
 
-    place: int = Field(description="Index among the files of the archive, from 0.")
+    position: int = Field(description="Index among the files of the archive, from 0.")
     path: str = Field(description="Name in the archive.")
     outcome: Literal["waiting", "stored", "present", "refused", "cancelled"]
     shape_id: str | None = Field(description="The new or existing shape; it may have been deleted since.")
@@ -161,10 +156,10 @@ class JobFile(BaseModel):
 
     @classmethod
     def of(cls, file: FileRecord, job: JobRecord) -> "JobFile":
-        """The JSON of a file."""
+        """Return the JSON of a file."""
         left: Literal["waiting", "cancelled"] = "cancelled" if job.state in ENDED else "waiting"
         return cls(
-            place=file.place,
+            position=file.position,
             path=file.path,
             outcome=left if file.outcome is None else file.outcome,
             shape_id=file.shape_id,
@@ -184,10 +179,10 @@ class JobFilePage(BaseModel):
     next_cursor: str | None = Field(description="The `cursor` of the next page; null on the last page.")
 
     @classmethod
-    def of(cls, page: FilesPage) -> "JobFilePage":
-        """The JSON of a page."""
+    def of(cls, page: Page[FileRecord], job: JobRecord) -> "JobFilePage":
+        """Return the JSON of a page."""
         return cls(
-            files=[JobFile.of(file, page.job) for file in page.files],
+            files=[JobFile.of(file, job) for file in page.items],
             total=page.total,
             next_cursor=None if page.after is None else write_cursor(page.after),
         )

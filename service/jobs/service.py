@@ -1,40 +1,67 @@
-"""Operations on jobs: receive, list, process, cancel and delete."""
+"""Operations on jobs: receive, list, process, cancel and delete.
 
+The archive of an unfinished job is a file of a folder, named by the id of the job.
+"""
+
+import errno
+import os
+import shutil
+import time
 import uuid
+from collections.abc import Iterator
+from contextlib import suppress
 from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import BinaryIO
 
 from core.io import format_of
 from service.collection import CollectionNumber
 from service.collections import repository as collections_repository
-from service.errors import BusyError
-from service.jobs import repository
-from service.jobs.archives import archive_format, list_members
-from service.jobs.errors import JobNotFoundError
-from service.jobs.members import ArchiveFile, ArchiveLimits, ArchiveMember, MemberFault, shown
-from service.jobs.records import (
-    ARRIVING_LEASE,
-    FailureCause,
-    FileRecord,
-    FilesPage,
-    JobRecord,
-    JobsPage,
-    MemberOutcome,
-    NewJob,
-    Outcome,
-    Progress,
+from service.errors import (
+    ArchiveError,
+    BusyError,
+    ServiceError,
+    StorageFullError,
+    StorageUnavailableError,
 )
-from service.jobs.stored_archive import PIECE_BYTES, StoredArchive
+from service.jobs import repository
+from service.jobs.records import FailureCause, FileRecord, JobRecord, NewJob, Outcome, Progress
+from service.jobs.zip_archive import (
+    ArchiveLimits,
+    ArchiveMember,
+    MalformedArchiveError,
+    MemberError,
+    MemberFault,
+    list_members,
+    read_members,
+    shown,
+)
 from service.settings import Settings
+from service.shapes.pages import Page
 from service.shapes.records import NewShape
-from service.storage.database import Database, ReadSession, WriteSession
+from service.storage.archive_file import put_in_place
+from service.storage.database import Database, ReadSession
+from service.storage.sqlite import path_of
 
-BATCHES_AT_ONCE = 8
 RATE_WINDOW = 30
 DETAIL_CHARACTERS = 1000
 
+# A file without a job may belong to a job that is being stored now.
+ORPHAN_SECONDS = 3600.0
+_ARCHIVES = "????????-????-????-????-????????????.*"
+
+
+class JobNotFoundError(ServiceError):
+    """No job has the id, or its record was deleted."""
+
+    kind = "job-not-found"
+
+    def __init__(self, job_id: str) -> None:
+        super().__init__(f"there is no job {job_id!r}")
+
 
 def limits_of(settings: Settings) -> ArchiveLimits:
-    """The limits of archives; a member is limited like an upload."""
+    """Return the limits of archives; a member is limited like an upload."""
     return ArchiveLimits(
         members=settings.max_archive_files,
         member_bytes=settings.max_upload_bytes,
@@ -43,11 +70,21 @@ def limits_of(settings: Settings) -> ArchiveLimits:
     )
 
 
-def receive(database: Database, file: ArchiveFile, new: NewJob, most: int) -> JobRecord:
-    """Store an archive and its job; when this returns, the job is durable and waits for its turn.
+def folder_of(settings: Settings) -> Path:
+    """Return the folder of archives: that of the settings, or one beside the SQLite file."""
+    if settings.job_folder:
+        return Path(settings.job_folder)
+    try:
+        path = path_of(settings.database_url)
+    except ArchiveError:
+        return Path("isoshape-data/jobs")
+    return path.with_name(f"{path.name}-jobs")
 
-    Each piece is written in its own transaction, so that other writers wait briefly. An incomplete archive is
-    deleted.
+
+def receive(database: Database, folder: Path, file: BinaryIO, new: NewJob, most: int) -> JobRecord:
+    """Store an archive and its job; when this returns, both are durable and the job waits for its turn.
+
+    Stages: check that the job is accepted; copy the archive into the folder; insert the job.
 
     Raises
     ------
@@ -55,33 +92,31 @@ def receive(database: Database, file: ArchiveFile, new: NewJob, most: int) -> Jo
         The collection was deleted.
     BusyError
         `most` jobs are unfinished.
+    StorageFullError, StorageUnavailableError
+        The archive cannot be written.
     """
-    receiver = str(uuid.uuid4())
-    with database.write() as session:
-        if repository.count_open(session) >= most:
-            raise BusyError(f"{most} jobs are unfinished; send the archive when one has ended")
-        collections_repository.require(session, new.collection)
-        now = datetime.now(UTC)
-        number = repository.add(session, new, receiver, now + ARRIVING_LEASE, now)
+    with database.read() as session:
+        _check_room(session, most)
+    job_id = str(uuid.uuid4())
+    path = archive_path(folder, job_id)
     try:
-        file.seek(0)
-        place = 0
-        while data := file.read(PIECE_BYTES):
-            with database.write() as session:
-                repository.add_piece(session, number, place, data, datetime.now(UTC) + ARRIVING_LEASE)
-            place += 1
+        _copy(file, path)
         with database.write() as session:
-            repository.acknowledge(session, number)
-            return repository.by_number(session, number)
+            _check_room(session, most)
+            collections_repository.require(session, new.collection)
+            return repository.add(session, job_id, new, datetime.now(UTC))
     except BaseException:
-        delete_archive(database, number)
-        with database.write() as session:
-            repository.remove(session, number)
+        path.unlink(missing_ok=True)
         raise
 
 
+def archive_path(folder: Path, job_id: str) -> Path:
+    """Return the file of a job's archive."""
+    return folder / f"{job_id}.zip"
+
+
 def progress(session: ReadSession, job: JobRecord) -> Progress:
-    """The progress of a job."""
+    """Return the progress of a job."""
     rate = None
     if job.state == "running" and job.started_at is not None:
         ends = repository.latest_ends(session, job.number, job.started_at, RATE_WINDOW + 1)
@@ -92,7 +127,7 @@ def progress(session: ReadSession, job: JobRecord) -> Progress:
 
 
 def get(session: ReadSession, collection: CollectionNumber, job_id: str) -> JobRecord:
-    """The job of a collection with an id.
+    """Return the job of a collection with an id.
 
     Raises
     ------
@@ -105,140 +140,164 @@ def get(session: ReadSession, collection: CollectionNumber, job_id: str) -> JobR
     return job
 
 
-def list_page(session: ReadSession, collection: CollectionNumber, *, before: int, limit: int) -> JobsPage:
-    """One page of a collection's jobs, the latest first."""
-    found = repository.page(session, collection, before=before, limit=limit + 1)
-    more = len(found) > limit
-    found = found[:limit]
-    jobs = [progress(session, job) for job in found]
-    return JobsPage(jobs, repository.count(session, collection), found[-1].number if more else None)
+def list_page(
+    session: ReadSession, collection: CollectionNumber, *, before: int, limit: int
+) -> Page[Progress]:
+    """Return one page of a collection's jobs, the latest first."""
+    jobs = repository.page(session, collection, before=before, limit=limit + 1)
+    after = jobs[limit - 1].number if len(jobs) > limit else None
+    total = repository.count(session, collection)
+    return Page([progress(session, job) for job in jobs[:limit]], total, after)
 
 
 def list_files(
-    session: ReadSession,
-    collection: CollectionNumber,
-    job_id: str,
-    outcome: Outcome | None,
-    *,
-    after: int,
-    limit: int,
-) -> FilesPage:
-    """One page of the members of a job, in the order of the archive."""
-    job = get(session, collection, job_id)
-    # Places begin at 0; a cursor contains the place of the next member.
-    found = repository.files(session, job.number, outcome, after=after - 1, limit=limit + 1)
-    more = len(found) > limit
-    found = found[:limit]
+    session: ReadSession, job: JobRecord, outcome: Outcome | None, *, start: int, limit: int
+) -> Page[FileRecord]:
+    """Return one page of the members of a job from a position on, in the order of the archive."""
+    files = repository.files(session, job.number, outcome, start=start, limit=limit + 1)
     counts = repository.counts(session, job.number)
     total = sum(counts.values()) if outcome is None else counts.get(outcome, 0)
-    return FilesPage(job, found, total, found[-1].place + 1 if more else None)
+    return Page(files[:limit], total, files[limit].position if len(files) > limit else None)
 
 
-def cancel(database: Database, collection: CollectionNumber, job_id: str) -> JobRecord:
-    """End a job unless it has ended. Its stored shapes stay; no further ones are stored."""
+def cancel(database: Database, folder: Path, collection: CollectionNumber, job_id: str) -> JobRecord:
+    """End a job unless it has ended. Its stored shapes stay; no further shapes are stored."""
     with database.write() as session:
         job = get(session, collection, job_id)
-        ended = repository.end(session, job.number, "cancelled", None, datetime.now(UTC))
-        job = get(session, collection, job_id)
-    if ended:
-        delete_archive(database, job.number)
+        repository.end(session, job.number, "cancelled", job.cause, datetime.now(UTC))
+    delete_archive(folder, job)
     return job
 
 
-def remove(database: Database, collection: CollectionNumber, job_id: str) -> None:
+def remove(database: Database, folder: Path, collection: CollectionNumber, job_id: str) -> None:
     """Cancel a job and delete its record."""
-    job = cancel(database, collection, job_id)
+    job = cancel(database, folder, collection, job_id)
     with database.write() as session:
         repository.remove(session, job.number)
 
 
-def begin(database: Database, job: JobRecord, limits: ArchiveLimits) -> None:
+def begin(database: Database, folder: Path, job: JobRecord, limits: ArchiveLimits) -> None:
     """List the members of a waiting job and start it.
 
     Raises
     ------
     ArchiveTooLargeError
         The archive exceeds the limits.
+    MalformedArchiveError
+        The archive cannot be read, or is not in the folder.
     """
-    listing = list_members(StoredArchive(database, job), job.format, limits)
-    members = [_listed(member) for member in listing.members]
-    problem = None if listing.problem is None else cause_of(listing.problem)
+    with _open(folder, job) as archive:
+        members = [_listed(member) for member in list_members(archive, limits)]
     with database.write() as session:
-        repository.begin(session, job.number, members, problem, datetime.now(UTC))
+        repository.begin(session, job.number, members, datetime.now(UTC))
 
 
-def shape_of(job: JobRecord, file: FileRecord, data: bytes) -> NewShape:
-    """The shape of a member."""
-    return NewShape(
-        data=data,
-        format=format_of(file.name),
-        collection=job.collection,
-        name=file.name,
-        tags=job.tags,
-        metadata=job.metadata,
-    )
-
-
-def settle(session: WriteSession, job: JobRecord, file: FileRecord, settled: MemberOutcome) -> bool:
-    """Write the outcome of a member; False if the job has ended or another service was first."""
-    return repository.settle(session, job.number, file.place, settled, datetime.now(UTC))
-
-
-def finish(database: Database, job: JobRecord) -> None:
-    """End a completely processed job: as failed if its archive is damaged."""
-    with database.write() as session:
-        if repository.without_outcome(session, job.number):
-            return
-        failed = get(session, job.collection, job.id).cause is not None
-        repository.end(session, job.number, "failed" if failed else "done", None, datetime.now(UTC))
-
-
-def fail(database: Database, job: JobRecord, cause: FailureCause) -> None:
-    """End a job that cannot continue; its stored shapes stay."""
-    with database.write() as session:
-        repository.end(session, job.number, "failed", cause, datetime.now(UTC))
-    delete_archive(database, job.number)
-
-
-def delete_archive(database: Database, number: int) -> None:
-    """Delete the archive of a job, a few pieces per transaction, so that other writers wait briefly."""
-    deleted = BATCHES_AT_ONCE
-    while deleted == BATCHES_AT_ONCE:
-        with database.write(deleting=True) as session:
-            deleted = repository.drop_pieces(session, number, BATCHES_AT_ONCE)
-
-
-def clear(database: Database, keep: timedelta) -> None:
-    """Delete archives of ended jobs, incomplete archives, and records of jobs that ended before `keep`."""
-    now = datetime.now(UTC)
-    with database.read() as session:
-        leftovers = repository.with_leftovers(session, now, now - keep)
-    for number, all_of_it in leftovers:
-        delete_archive(database, number)
-        if all_of_it:
-            with database.write(deleting=True) as session:
-                repository.remove(session, number)
-
-
-def _listed(member: ArchiveMember) -> FileRecord:
-    """The initial record of a member: refused, or without an outcome."""
-    if member.fault is None:
-        return FileRecord(member.place, member.path, member.name, None, None, None)
-    cause = cause_of(member.fault)
-    return FileRecord(member.place, member.path, member.name, "refused", None, cause)
-
-
-def cause_of(fault: MemberFault) -> FailureCause:
-    """The record of a fault."""
-    return FailureCause(fault.kind, shown(str(fault))[:DETAIL_CHARACTERS])
-
-
-def format_of_archive(file: ArchiveFile, settings: Settings) -> str:
-    """The format of an archive.
+def unprocessed(
+    folder: Path, job: JobRecord, files: list[FileRecord], limits: ArchiveLimits
+) -> Iterator[tuple[FileRecord, bytes | MemberFault]]:
+    """Yield members of a job, each with its bytes or the reason of refusal.
 
     Raises
     ------
-    UnknownArchiveError
-        The format is not supported.
+    ArchiveTooLargeError, MalformedArchiveError
+        As `begin`.
     """
-    return archive_format(file, limits_of(settings))
+    unread = {file.position: file for file in files}
+    with _open(folder, job) as archive:
+        for position, data in read_members(archive, limits, frozenset(unread)):
+            yield unread.pop(position), data
+    for file in unread.values():
+        yield file, MemberError("the archive is damaged before this file")
+
+
+def shape_of(job: JobRecord, file: FileRecord, data: bytes) -> NewShape:
+    """Return the shape of a member."""
+    return NewShape(data, format_of(file.name), job.collection, file.name, job.tags, job.metadata)
+
+
+def finish(database: Database, folder: Path, job: JobRecord) -> None:
+    """End a job, if all its members are processed."""
+    with database.write() as session:
+        if repository.without_outcome(session, job.number):
+            return
+        repository.end(session, job.number, "done", None, datetime.now(UTC))
+    delete_archive(folder, job)
+
+
+def fail(database: Database, folder: Path, job: JobRecord, cause: FailureCause) -> None:
+    """End a job that cannot continue; its stored shapes stay."""
+    with database.write() as session:
+        repository.end(session, job.number, "failed", cause, datetime.now(UTC))
+    delete_archive(folder, job)
+
+
+def delete_archive(folder: Path, job: JobRecord) -> None:
+    """Delete the archive of a job that has ended."""
+    archive_path(folder, job.id).unlink(missing_ok=True)
+
+
+def clear(database: Database, folder: Path, keep: timedelta) -> bool:
+    """Delete records of jobs that ended before `keep`, and files of no job.
+
+    Returns
+    -------
+    bool
+        Whether a job is unfinished.
+    """
+    with database.read() as session:
+        active = repository.active_ids(session)
+        gone = repository.ended_before(session, datetime.now(UTC) - keep)
+    for number in gone:
+        with database.write(deleting=True) as session:
+            repository.remove(session, number)
+    for path in folder.glob(_ARCHIVES):
+        # Another service may delete the file meanwhile.
+        with suppress(OSError):
+            if path.stem not in active and path.stat().st_mtime < time.time() - ORPHAN_SECONDS:
+                path.unlink()
+    return bool(active)
+
+
+def cause_of(fault: MemberFault) -> FailureCause:
+    """Return the record of a fault."""
+    return FailureCause(fault.kind, shown(str(fault))[:DETAIL_CHARACTERS])
+
+
+def _check_room(session: ReadSession, most: int) -> None:
+    if len(repository.active_ids(session)) >= most:
+        raise BusyError(f"{most} jobs are unfinished; send the archive when one has ended")
+
+
+def _copy(file: BinaryIO, path: Path) -> None:
+    """Copy an archive into its folder, durably and under its name only when it is complete."""
+    partial = path.with_suffix(".partial")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        file.seek(0)
+        with partial.open("xb") as copy:
+            os.fchmod(copy.fileno(), 0o600)
+            shutil.copyfileobj(file, copy, 1024 * 1024)
+        put_in_place(partial, path)
+    except OSError as error:
+        if error.errno in {errno.ENOSPC, errno.EDQUOT}:
+            raise StorageFullError("the folder of the jobs' archives is full") from error
+        raise StorageUnavailableError(f"the archive cannot be written: {error.strerror}") from error
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def _open(folder: Path, job: JobRecord) -> BinaryIO:
+    try:
+        return archive_path(folder, job.id).open("rb")
+    except FileNotFoundError as error:
+        raise MalformedArchiveError(
+            "the archive is not in the folder of this service (ISOSHAPE_JOB_FOLDER); send it again"
+        ) from error
+
+
+def _listed(member: ArchiveMember) -> FileRecord:
+    """Return the initial record of a member: refused, or without an outcome."""
+    if member.fault is None:
+        return FileRecord(member.position, member.path, member.name)
+    cause = cause_of(member.fault)
+    return FileRecord(member.position, member.path, member.name, "refused", None, cause)

@@ -3,10 +3,22 @@
 import base64
 import binascii
 import json
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, Generic, TypeVar
 
 from service.errors import BadRequestFieldsError, FieldFault
 from service.shapes.records import Place, Sort
+
+Item = TypeVar("Item")
+
+
+@dataclass(frozen=True)
+class Page(Generic[Item]):
+    """A page of a list, the number of all items, and the cursor's number if more follow."""
+
+    items: list[Item]
+    total: int
+    after: int | None
 
 
 def write_cursor(after: int) -> str:

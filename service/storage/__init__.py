@@ -1,6 +1,7 @@
 """The database: an address in; sessions, tables, migrations, backups and checks out."""
 
 __all__ = [
+    "archive_file",
     "backup",
     "checking",
     "checksums",
@@ -9,7 +10,6 @@ __all__ = [
     "database",
     "hnsw",
     "hnsw_parameters",
-    "job_states",
     "lock",
     "migrate",
     "revisions",

@@ -38,7 +38,6 @@ OTHER_BYTES = {
     "coarse_samples": ("embedding_number", "data", "checksum"),
     "quantised_points": ("embedding_number", "data", "checksum"),
     "thumbnails": ("rowid", "data", "checksum"),
-    "job_pieces": ("rowid", "data", "checksum"),
     "deleted_shapes": ("number", "data", "sha256"),
 }
 

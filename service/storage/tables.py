@@ -315,8 +315,9 @@ class JudgedShapeRow(Table):
 class JobRow(Table):
     """A bulk job, which stores the members of an archive.
 
-    `number` increases in the order of creation. `state` is one of `State`.
-    `runner` identifies the service that receives or runs the job; it counts as dead after `leased_until`.
+    `number` increases in the order of creation. `state` is one of `service.jobs.records.State`. `runner` identifies the service
+    that runs the job; it counts as dead after `leased_until`. Until the job ends, its archive is a file
+    (`service.jobs.service.archive_path`).
     """
 
     __tablename__ = "jobs"
@@ -331,7 +332,6 @@ class JobRow(Table):
     collection_number: Mapped[int] = mapped_column(ForeignKey("collections.number"))
     state: Mapped[str] = mapped_column(String(16))
     archive: Mapped[str] = mapped_column(String(255))
-    format: Mapped[str] = mapped_column(String(8))
     size: Mapped[int]
     tags: Mapped[list[str]] = mapped_column(JSON)
     meta: Mapped[dict[str, Any]] = mapped_column(JSON)
@@ -342,17 +342,6 @@ class JobRow(Table):
     created_at: Mapped[datetime] = mapped_column(UtcDateTime)
     started_at: Mapped[datetime | None] = mapped_column(UtcDateTime)
     ended_at: Mapped[datetime | None] = mapped_column(UtcDateTime)
-
-
-class JobPieceRow(Table):
-    """A piece of the archive of an unfinished job."""
-
-    __tablename__ = "job_pieces"
-
-    job_number: Mapped[int] = mapped_column(ForeignKey("jobs.number", ondelete="CASCADE"), primary_key=True)
-    position: Mapped[int] = mapped_column(primary_key=True, autoincrement=False)
-    data: Mapped[bytes] = mapped_column(LargeBinary)
-    checksum: Mapped[str] = mapped_column(String(LENGTH))
 
 
 class JobFileRow(Table):

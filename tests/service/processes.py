@@ -27,6 +27,7 @@ def server(
         port = free.getsockname()[1]
     environment = {key: value for key, value in os.environ.items() if not key.startswith("ISOSHAPE_")} | {
         "ISOSHAPE_DATABASE_URL": url_in(folder),
+        "ISOSHAPE_JOB_FOLDER": str(folder / "jobs"),
         "ISOSHAPE_WORKERS": "1",
         **settings,
     }

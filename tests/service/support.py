@@ -54,6 +54,7 @@ def settings_in(folder: Path, **values: Any) -> Settings:
     return Settings(
         **{
             "database_url": url_in(folder),
+            "job_folder": str(folder / "jobs"),
             "workers": 1,
             "undo_days": 0.0,
             "duplicates_in_background": False,

@@ -6,7 +6,7 @@ import { reload } from "./gallery.js";
 
 /** @import { Job, JobFilePage, JobPage } from "./types.js" */
 
-const ENDINGS = /\.(zip|tar|tar\.gz|tgz|tar\.bz2|tbz2|tar\.xz|txz)$/i;
+const ENDINGS = /\.zip$/i;
 const REFUSED = "100";
 
 const list = byId("jobs", HTMLUListElement);

@@ -24,7 +24,7 @@ from service.search.schemas import QueryOptions
 from tests.core.io.step_files import step_assembly, step_box
 from tests.service.cli.awaited import Awaited
 from tests.service.cli.conftest import mesh_bytes
-from tests.service.jobs.packing import pack
+from tests.service.jobs.support import pack
 
 CUP = ("cup-0.off", mesh_bytes("cup", 0))
 OCTOPUS = ("octopus-0.off", mesh_bytes("octopus", 0))

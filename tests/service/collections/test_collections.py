@@ -13,8 +13,7 @@ from service.collections.dependencies import HEADER, PARAMETER
 from service.storage.tables import BlobRow, CollectionRow, DeletedRow, EmbeddingRow, IdempotencyKeyRow, JobRow
 from tests.service.collections.support import working_in
 from tests.service.engines import on_both
-from tests.service.jobs.packing import pack
-from tests.service.jobs.support import ended
+from tests.service.jobs.support import ended, pack
 from tests.service.support import Running, assert_problem, query, serving, settings_in, small_file, upload
 
 pytestmark = on_both

@@ -12,8 +12,7 @@ from service.collections.dependencies import HEADER, PARAMETER
 from service.openapi_document import document
 from tests.service.collections.support import working_in
 from tests.service.engines import either_engine
-from tests.service.jobs.packing import pack
-from tests.service.jobs.support import begun, ended
+from tests.service.jobs.support import begun, ended, pack
 from tests.service.support import Running, assert_problem, serving, settings_in, small_file, upload
 
 pytestmark = either_engine

@@ -1,11 +1,38 @@
-"""Jobs over HTTP."""
+"""Archives made for the tests, honest ones and others, and jobs over HTTP."""
 
+import io
 import json
+import stat
+import zipfile
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import httpx
 
 from tests.service.support import Running, small_file, wait_until
+
+
+def pack(files: Mapping[str, bytes] | Sequence[tuple[str, bytes]]) -> bytes:
+    """Return a zip of files by their names, of which some may be there twice."""
+    pairs = list(files.items()) if isinstance(files, Mapping) else list(files)
+    return zipped([(zipfile.ZipInfo(name), data) for name, data in pairs])
+
+
+def zipped(members: Sequence[tuple[zipfile.ZipInfo, bytes]]) -> bytes:
+    """Return a zip of members with their headers; deflated, unless a header says otherwise."""
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w") as archive:
+        for info, data in members:
+            archive.writestr(info, data, info.compress_type or zipfile.ZIP_DEFLATED)
+    return buffer.getvalue()
+
+
+def zip_link(name: str) -> zipfile.ZipInfo:
+    """Return the header of a symbolic link."""
+    info = zipfile.ZipInfo(name)
+    info.create_system = 3
+    info.external_attr = (stat.S_IFLNK | 0o777) << 16
+    return info
 
 
 def send(client: httpx.Client, archive: bytes, name: str = "meshes.zip", **fields: Any) -> httpx.Response:

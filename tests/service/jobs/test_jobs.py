@@ -1,9 +1,15 @@
 """Bulk jobs over HTTP, on both engines: what is in an archive is stored, and what cannot be is named."""
 
+import errno
+import io
+import os
 import threading
+import time
 import zipfile
 from collections.abc import Iterator
 from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from uuid import uuid4
 
 import pytest
 from sqlalchemy import func, select, update
@@ -11,14 +17,26 @@ from sqlalchemy import func, select, update
 from service.collection import DEFAULT_COLLECTION
 from service.errors import StorageFullError, StorageUnavailableError, WorkerLostError
 from service.jobs import events as events_module
-from service.jobs import runner as running_module
 from service.jobs import service as jobs_service
-from service.jobs.errors import ArchiveTooLargeError
+from service.jobs.zip_archive import ArchiveTooLargeError
+from service.settings import Settings
 from service.shapes import service as shapes_service
-from service.storage.tables import JobFileRow, JobPieceRow, JobRow
+from service.storage.tables import JobFileRow, JobRow
 from tests.service.engines import either_engine, on_both
-from tests.service.jobs.packing import FORMATS, pack, zip_link, zipped
-from tests.service.jobs.support import begun, causes, ended, events, files, job, meshes, send, stored
+from tests.service.jobs.support import (
+    begun,
+    causes,
+    ended,
+    events,
+    files,
+    job,
+    meshes,
+    pack,
+    send,
+    stored,
+    zip_link,
+    zipped,
+)
 from tests.service.support import Running, assert_problem, small_file, wait_until
 
 pytestmark = either_engine
@@ -53,20 +71,22 @@ def held(clean: Running, monkeypatch: pytest.MonkeyPatch) -> Iterator[threading.
     go_on.set()
 
 
-@pytest.mark.parametrize("format", FORMATS)
-def test_every_mesh_of_an_archive_is_stored_as_an_upload_would_be(clean: Running, format: str) -> None:
+def archives(running: Running) -> list[Path]:
+    """Return the files in the folder of archives."""
+    return list(jobs_service.folder_of(running.container.settings).glob("*"))
+
+
+def test_every_mesh_of_an_archive_is_stored_as_an_upload_would_be(clean: Running) -> None:
     made = meshes(range(5))
-    job_id = begun(
-        clean.client, pack(made, format), name=f"parts.{format}", tags="a,b", metadata='{"year": 2026}'
-    )
+    job_id = begun(clean.client, pack(made), name="parts.zip", tags="a,b", metadata='{"year": 2026}')
     done = ended(clean.client, job_id)
-    assert (done["state"], done["format"], done["archive"]) == ("done", format, f"parts.{format}")
+    assert (done["state"], done["archive"]) == ("done", "parts.zip")
     assert done["counts"] == {"files": 5, "waiting": 0, "stored": 5, "present": 0, "refused": 0}
     assert done["problem"] is None
     assert done["created_at"] <= done["started_at"] <= done["ended_at"]
     assert stored(clean) == {path.rpartition("/")[2]: data for path, data in made.items()}
     outcomes = files(clean.client, job_id)
-    assert [file["place"] for file in outcomes] == list(range(5))
+    assert [file["position"] for file in outcomes] == list(range(5))
     assert [file["path"] for file in outcomes] == list(made)
     for file in outcomes:
         assert (file["outcome"], file["problem"]) == ("stored", None)
@@ -74,7 +94,7 @@ def test_every_mesh_of_an_archive_is_stored_as_an_upload_would_be(clean: Running
         assert (shape["tags"], shape["metadata"]) == (["a", "b"], {"year": 2026})
         assert shape["name"] == file["path"].rpartition("/")[2]
         assert shape["embedded"]
-    wait_until(lambda: rows(clean, JobPieceRow) == 0, seconds=30)
+    wait_until(lambda: not archives(clean), seconds=30)
 
 
 def test_files_that_cannot_be_stored_are_named_and_hold_up_nothing(clean: Running) -> None:
@@ -127,31 +147,27 @@ def test_an_archive_without_files(clean: Running) -> None:
     assert (done["state"], done["counts"]["files"]) == ("done", 0)
 
 
-def test_an_archive_that_ends_in_the_middle_fails_and_gives_what_came_before(clean: Running) -> None:
-    data = pack(meshes(range(3)), "tar")
-    job_id = begun(clean.client, data[: len(data) // 2])
-    done = ended(clean.client, job_id)
-    assert done["state"] == "failed"
+def test_an_archive_that_is_cut_or_gone_fails(clean: Running, monkeypatch: pytest.MonkeyPatch) -> None:
+    data = pack(meshes(range(3)))
+    done = ended(clean.client, begun(clean.client, data[: len(data) // 2]))
+    assert (done["state"], done["counts"]["files"]) == ("failed", 0)
     assert done["problem"]["type"].endswith(":malformed-archive")
-    assert done["counts"]["stored"] == 1
-    assert list(stored(clean)) == ["0.off"]
-    assert set(causes(clean.client, job_id).values()) <= {"member-damaged"}
+
+    def lose(_file: object, path: Path) -> None:
+        path.parent.mkdir(exist_ok=True)
+
+    monkeypatch.setattr(jobs_service, "_copy", lose)
+    done = ended(clean.client, begun(clean.client, data))
+    assert done["state"] == "failed"
+    assert "ISOSHAPE_JOB_FOLDER" in done["problem"]["detail"]
+    assert stored(clean) == {}
 
 
-@pytest.mark.parametrize(
-    ("archive", "status", "kind"),
-    [
-        (b"", 415, "unknown-archive"),
-        (small_file(0), 415, "unknown-archive"),
-        (b"\x1f\x8b" + bytes(40), 415, "unknown-archive"),
-    ],
-)
-def test_bytes_that_are_no_archive_are_refused_at_once(
-    clean: Running, archive: bytes, status: int, kind: str
-) -> None:
-    assert_problem(send(clean.client, archive), status, kind)
+@pytest.mark.parametrize("archive", [b"", small_file(0), b"\x1f\x8b" + bytes(40)])
+def test_bytes_that_are_no_archive_are_refused_at_once(clean: Running, archive: bytes) -> None:
+    assert_problem(send(clean.client, archive), 415, "unknown-archive")
     assert clean.client.get("/jobs").json() == {"jobs": [], "total": 0, "next_cursor": None}
-    assert rows(clean, JobRow) == 0
+    assert archives(clean) == []
 
 
 def test_fields_that_cannot_be_used(clean: Running) -> None:
@@ -234,14 +250,14 @@ def test_rate_and_remaining_time(clean: Running, monkeypatch: pytest.MonkeyPatch
         session.execute(
             JobFileRow.__table__.insert(),
             [
-                {"job_number": number, "place": 10 + i, "path": "x", "name": "x",
+                {"job_number": number, "position": 10 + i, "path": "x", "name": "x",
                  "outcome": "stored" if i < 50 else None,
                  "ended_at": start + timedelta(seconds=1 + i) if i < 50 else None}
                 for i in range(250)
             ],
         )  # fmt: skip
         # The thirty that ended last took from the 22nd second on, of a hundred.
-        session.execute(update(JobFileRow).where(JobFileRow.place < 10).values(ended_at=start))
+        session.execute(update(JobFileRow).where(JobFileRow.position < 10).values(ended_at=start))
     now = job(clean.client, job_id)
     assert now["counts"]["waiting"] == 200
     assert now["files_per_second"] == pytest.approx(30 / 80, rel=0.05)
@@ -259,7 +275,7 @@ def test_a_job_that_is_cancelled_stores_nothing_more(clean: Running, held: threa
     wait_until(lambda: at_work(clean) == 0, seconds=180)
     assert stored(clean) == {}
     assert {file["outcome"] for file in files(clean.client, job_id)} == {"cancelled"}
-    wait_until(lambda: rows(clean, JobPieceRow) == 0, seconds=30)
+    wait_until(lambda: not archives(clean), seconds=30)
     # Again, it changes nothing; and the next job has its turn.
     assert clean.client.post(f"/jobs/{job_id}/cancel").json() == cancelled.json()
     assert ended(clean.client, begun(clean.client, pack(meshes(range(2)))))["counts"]["stored"] == 2
@@ -301,7 +317,7 @@ def test_a_job_that_is_deleted_is_cancelled_and_forgotten(clean: Running, held: 
     for method, address in (("POST", "/cancel"), ("DELETE", "")):
         assert_problem(clean.client.request(method, f"/jobs/{job_id}{address}"), 404, "job-not-found")
     assert stored(clean) == {}
-    wait_until(lambda: rows(clean, JobPieceRow) == 0, seconds=30)
+    wait_until(lambda: not archives(clean), seconds=30)
     assert rows(clean, JobRow) == rows(clean, JobFileRow) == 0
 
 
@@ -381,14 +397,13 @@ def test_a_job_that_cannot_be_gone_on_with_fails_and_the_next_has_its_turn(
         def fail(*_arguments: object) -> None:
             raise error
 
-        patch.setattr(running_module, "read_members", fail)
+        patch.setattr(jobs_service, "read_members", fail)
         job_id = begun(clean.client, pack(meshes(range(3))))
         failed = ended(clean.client, job_id)
     assert failed["state"] == "failed"
     assert failed["problem"]["type"].endswith(f":{kind}")
     assert {file["outcome"] for file in files(clean.client, job_id)} == {"cancelled"}
-    # They go after the job has ended, a few at a time.
-    wait_until(lambda: rows(clean, JobPieceRow) == 0, seconds=30)
+    wait_until(lambda: not archives(clean), seconds=30)
     assert ended(clean.client, begun(clean.client, pack(meshes(range(3)))))["counts"]["stored"] == 3
 
 
@@ -396,46 +411,51 @@ def test_a_job_that_cannot_be_gone_on_with_fails_and_the_next_has_its_turn(
 def test_leftovers_are_cleared(clean: Running) -> None:
     job_id = begun(clean.client, pack(meshes(range(1))))
     ended(clean.client, job_id)
-    database, now = clean.container.database, datetime.now(UTC)
+    database, folder = clean.container.database, jobs_service.folder_of(clean.container.settings)
+    wait_until(lambda: not archives(clean), seconds=30)
+    left, arriving, other = (folder / name for name in (f"{uuid4()}.zip", f"{uuid4()}.partial", "notes.zip"))
+    for path in (left, arriving, other):
+        path.touch()
+    jobs_service.clear(database, folder, timedelta(days=1))
+    assert set(archives(clean)) == {left, arriving, other}
+    hours_ago = time.time() - 2 * jobs_service.ORPHAN_SECONDS
+    for path in (left, arriving, other):
+        os.utime(path, (hours_ago, hours_ago))
+    assert not jobs_service.clear(database, folder, timedelta(days=1))
+    assert archives(clean) == [other]
+    other.unlink()
     with database.write() as session:
-        number = session.scalars(select(JobRow.number)).one()
-        session.add_all(
-            JobPieceRow(job_number=number, position=place, data=b"x", checksum="") for place in range(20)
-        )
-    jobs_service.clear(database, timedelta(days=1))
-    assert rows(clean, JobPieceRow) == 0
+        session.execute(update(JobRow).values(ended_at=datetime.now(UTC) - timedelta(hours=25)))
+    jobs_service.clear(database, folder, timedelta(hours=26))
     assert job(clean.client, job_id)["state"] == "done"
-    with database.write() as session:
-        session.execute(update(JobRow).values(ended_at=now - timedelta(hours=25)))
-    jobs_service.clear(database, timedelta(hours=26))
-    assert job(clean.client, job_id)["state"] == "done"
-    jobs_service.clear(database, timedelta(hours=24))
+    jobs_service.clear(database, folder, timedelta(hours=24))
     assert_problem(clean.client.get(f"/jobs/{job_id}"), 404, "job-not-found")
     assert rows(clean, JobRow) == rows(clean, JobFileRow) == 0
     assert len(stored(clean)) == 1
 
 
-def test_an_archive_that_never_arrived_whole_is_no_job(clean: Running) -> None:
-    class Broken:
-        def __init__(self) -> None:
-            self.left = 3
+@pytest.mark.parametrize(
+    ("code", "error"), [(errno.ENOSPC, StorageFullError), (errno.EIO, StorageUnavailableError)]
+)
+def test_an_archive_that_cannot_be_written_is_no_job(
+    clean: Running, code: int, error: type[Exception]
+) -> None:
+    class Broken(io.BytesIO):
+        def read(self, size: int | None = -1) -> bytes:
+            assert len(archives(clean)) == 1
+            raise OSError(code, os.strerror(code))
 
-        def seek(self, position: int, whence: int = 0) -> int:
-            return position
-
-        def tell(self) -> int:
-            return 0
-
-        def read(self, size: int) -> bytes:
-            self.left -= 1
-            if not self.left:
-                assert rows(clean, JobPieceRow) == 2
-                assert clean.client.get("/jobs").json()["total"] == 0
-                raise OSError("the disk is gone")
-            return b"x" * size
-
-    new = jobs_service.NewJob(DEFAULT_COLLECTION.number, "a", "zip", 10**8, (), {})
-    with pytest.raises(OSError, match="gone"):
-        jobs_service.receive(clean.container.database, Broken(), new, 10)
-    wait_until(lambda: rows(clean, JobPieceRow) == 0, seconds=30)
+    new = jobs_service.NewJob(DEFAULT_COLLECTION.number, "a", 10**8, (), {})
+    folder = jobs_service.folder_of(clean.container.settings)
+    with pytest.raises(error):
+        jobs_service.receive(clean.container.database, folder, Broken(), new, 10)
+    assert archives(clean) == []
     assert rows(clean, JobRow) == 0
+
+
+def test_archives_are_beside_the_database_or_in_the_folder_of_the_settings(tmp_path: Path) -> None:
+    url = f"sqlite:///{tmp_path}/archive.sqlite3"
+    assert jobs_service.folder_of(Settings(database_url=url)) == tmp_path / "archive.sqlite3-jobs"
+    assert jobs_service.folder_of(Settings(database_url=url, job_folder="/x")) == Path("/x")
+    other = Settings(database_url="postgresql+psycopg://host/archive")
+    assert jobs_service.folder_of(other) == Path("isoshape-data/jobs")

@@ -12,14 +12,13 @@ from service.collection import DEFAULT_COLLECTION
 from service.jobs import repository as job_repository
 from service.jobs import runner as job_running
 from service.jobs import service as jobs
-from service.jobs.records import ARRIVING_LEASE, NewJob
+from service.jobs.records import NewJob
 from service.shapes import endpoints, repository
 from service.shapes import service as shapes
 from service.shapes.deleted import service as deleted
 from service.storage.tables import JobRow
 from tests.service.engines import either_engine
-from tests.service.jobs.packing import pack
-from tests.service.jobs.support import ended
+from tests.service.jobs.support import ended, pack
 from tests.service.support import Running, assert_problem, query, serving, settings_in, small_file, upload
 
 pytestmark = either_engine
@@ -103,43 +102,25 @@ def test_a_job_is_done(clocked: Running, monkeypatch: pytest.MonkeyPatch) -> Non
     """And so is that of a service which died before the clock was set back: its lease ends tomorrow."""
     client, database = clocked.client, clocked.container.database
     archive = pack({"7.off": small_file(7)})
+    path = jobs.archive_path(jobs.folder_of(clocked.container.settings), "left")
+    path.parent.mkdir(exist_ok=True)
+    path.write_bytes(archive)
     with database.write() as session:
         now = datetime.now(UTC)
-        new = NewJob(
-            DEFAULT_COLLECTION.number,
-            archive="left.zip",
-            format="zip",
-            size=len(archive),
-            tags=(),
-            metadata={},
-        )
-        number = job_repository.add(session, new, "died", now, now)
-        job_repository.add_piece(session, number, 0, archive, now)
-        job_repository.acknowledge(session, number)
-        left = update(JobRow).where(JobRow.number == number).values(runner="died", leased_until=now + DAY)
+        new = NewJob(DEFAULT_COLLECTION.number, "left.zip", len(archive), (), {})
+        job = job_repository.add(session, "left", new, now)
+        left = update(JobRow).where(JobRow.number == job.number).values(runner="died", leased_until=now + DAY)
         session.execute(left)
     with monkeypatch.context() as patch:
         set_back(patch)
         told = client.post("/jobs", files={"file": ("new.zip", pack({"8.off": small_file(8)}))})
         assert told.status_code == 202
-        for job in client.get("/jobs").json()["jobs"]:
-            done = ended(client, job["id"])
+        for shown in client.get("/jobs").json()["jobs"]:
+            done = ended(client, shown["id"])
             assert (done["state"], done["counts"]["stored"]) == ("done", 1)
     names = [shape["name"] for shape in client.get("/shapes").json()["shapes"]]
     assert names == ["7.off", "8.off"]
     clocked.clear()
-
-
-def test_an_archive_is_left_alone_while_it_arrives(clocked: Running) -> None:
-    """Also by who asked for the time a moment before its receiver did; not for ever by a clock set back."""
-    now = datetime.now(UTC)
-    new = NewJob(DEFAULT_COLLECTION.number, archive="half.zip", format="zip", size=1, tags=(), metadata={})
-    for lease, left_over in ((ARRIVING_LEASE + timedelta(seconds=5), False), (DAY, True), (-DAY, True)):
-        with clocked.container.database.write() as session:
-            number = job_repository.add(session, new, "receiver", now + lease, now)
-            leftovers = job_repository.with_leftovers(session, now, now - DAY)
-            assert ((number, True) in leftovers) is left_over
-            job_repository.remove(session, number)
 
 
 def test_a_session_lasts(clocked: Running, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -12,8 +12,7 @@ from service.compute.cluster import ClusterPool
 from service.errors import ClusterUnavailableError
 from tests.service.clusters import made, on_cluster, pool, service
 from tests.service.dask_cluster import Cluster
-from tests.service.jobs.packing import pack
-from tests.service.jobs.support import begun, ended, files
+from tests.service.jobs.support import begun, ended, files, pack
 from tests.service.support import Running, assert_problem, query, small_file, upload, wait_until
 from tests.service.tasks import add, nap
 
@@ -34,7 +33,7 @@ def test_the_work_of_a_lost_worker_goes_to_another(made: Cluster, pool: ClusterP
 
 def test_a_worker_that_is_killed_in_the_middle_of_a_bulk_job(made: Cluster, service: Running) -> None:
     members = {f"{number}.off": small_file(number) for number in range(MEMBERS)}
-    job_id = begun(service.client, pack(members, "zip"))
+    job_id = begun(service.client, pack(members))
     wait_until(lambda: service.client.get("/shapes").json()["total"] >= 4, seconds=240)
     made.kill_worker()
     ended(service.client, job_id)
@@ -47,7 +46,7 @@ def test_a_worker_that_is_killed_in_the_middle_of_a_bulk_job(made: Cluster, serv
 def test_a_scheduler_that_is_away(made: Cluster, service: Running) -> None:
     client = service.client
     service.store(small_file(1), "kept.off")
-    job_id = begun(client, pack({f"{number}.off": small_file(number) for number in range(10, 20)}, "zip"))
+    job_id = begun(client, pack({f"{number}.off": small_file(number) for number in range(10, 20)}))
     outcomes: list[httpx.Response] = []
     sent: list[Callable[[], httpx.Response]] = [
         lambda: upload(client, small_file(2), "new.off"),

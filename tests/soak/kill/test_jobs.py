@@ -10,8 +10,7 @@ import httpx
 
 from service.storage.checking import check
 from tests.service.archives import opened
-from tests.service.jobs.packing import pack
-from tests.service.jobs.support import begun, ended, events, files, has_stored, job
+from tests.service.jobs.support import begun, ended, events, files, has_stored, job, pack
 from tests.service.processes import server
 from tests.service.support import small_file, wait_until
 
@@ -58,7 +57,7 @@ def assert_all_there(client: httpx.Client, folder: Path, job_id: str) -> None:
 
 def test_a_job_of_a_service_that_is_killed_again_and_again_and_then_asked_to_stop(tmp_path: Path) -> None:
     with server(tmp_path) as (process, client):
-        job_id = begun(client, pack(mixed(), "tar.gz"))
+        job_id = begun(client, pack(mixed()))
         # Acknowledged, so it is there whatever happens next.
         process.send_signal(signal.SIGKILL)
         process.wait()

@@ -242,7 +242,7 @@ def _create_duplicates() -> None:
 
 
 def _create_jobs() -> None:
-    """Create the tables of bulk jobs, their archives and the files of these."""
+    """Create the tables of bulk jobs and of the files in their archives."""
     op.create_table(
         "jobs",
         _column("number", Number),
@@ -250,7 +250,6 @@ def _create_jobs() -> None:
         _column("collection_number", Number),
         _column("state", sa.String(16)),
         _column("archive", sa.String(255)),
-        _column("format", sa.String(8)),
         _column("size", Number),
         _column("tags", sa.JSON()),
         _column("meta", sa.JSON()),
@@ -268,15 +267,6 @@ def _create_jobs() -> None:
     )
     op.create_index("jobs_by_state", "jobs", ["state"])
     op.create_index("jobs_by_collection", "jobs", ["collection_number", "number"])
-    op.create_table(
-        "job_pieces",
-        _column("job_number", Number),
-        _column("position", Number),
-        _column("data", sa.LargeBinary()),
-        _column("checksum", Checksum),
-        sa.PrimaryKeyConstraint("job_number", "position"),
-        _reference("job_number", "jobs"),
-    )
     op.create_table(
         "job_files",
         _column("job_number", Number),

@@ -1,0 +1,331 @@
+"""Zip archives: a file in; its members, each with its bytes or the reason of its refusal, out.
+
+Sizes in headers are compared with the limits and not trusted after that: bytes are counted while they are
+unpacked. No member is written to disk.
+"""
+
+import re
+import stat
+import zipfile
+from collections.abc import Container, Iterator
+from dataclasses import dataclass
+from typing import BinaryIO
+
+from core.errors import CoreError
+from core.io import format_of
+from service.errors import ServiceError
+from service.shapes.fields import base_name, clean_name
+
+PIECE = 64 * 1024
+"""Bytes that are unpacked at a time."""
+
+RATIO_FROM = 1024 * 1024
+"""Unpacked size in bytes below which the compression ratio is not limited."""
+
+PATH_CHARACTERS = 1024
+
+ENTRY_BYTES = 512
+"""The limit of the directory's size per member, three times the usual size."""
+
+LEAST_DIRECTORY_BYTES = 1024 * 1024
+
+# For other methods the library does not limit the size of the output, nor the memory of lzma.
+METHODS = frozenset({zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED})
+ENCRYPTED = 0x1 | 0x40 | 0x2000
+
+_MAGIC = (b"PK\x03\x04", b"PK\x05\x06")
+_NESTED = frozenset({"zip", "tar", "gz", "tgz", "bz2", "tbz2", "xz", "txz", "zst", "7z", "rar"})
+_DRIVE = re.compile(r"[A-Za-z]:")
+_UNSHOWN = re.compile(r"[\x00-\x1f\x7f-\x9f\ud800-\udfff]")
+
+MemberFault = ServiceError | CoreError
+"""The reason to refuse a member; its `kind` is that of the problem."""
+
+
+class UnknownArchiveError(ServiceError):
+    """The file is not a zip."""
+
+    kind = "unknown-archive"
+
+
+class MalformedArchiveError(ServiceError):
+    """The directory of the archive cannot be read, or the archive is gone."""
+
+    kind = "malformed-archive"
+
+
+class ArchiveTooLargeError(ServiceError):
+    """The archive exceeds the limits."""
+
+    kind = "archive-too-large"
+
+
+class MemberError(ServiceError):
+    """A member is refused; by default, because it cannot be unpacked completely."""
+
+    kind = "member-damaged"
+
+
+class MemberNameError(MemberError):
+    """The name of the member leads out of the archive, or is not a valid name of a shape."""
+
+    kind = "member-name"
+
+
+class MemberRepeatedError(MemberError):
+    """A member before has the same name."""
+
+    kind = "member-repeated"
+
+
+class MemberKindError(MemberError):
+    """The member is a link or a device, or is compressed by another method."""
+
+    kind = "member-kind"
+
+
+class MemberEncryptedError(MemberError):
+    """The member is encrypted."""
+
+    kind = "member-encrypted"
+
+
+class MemberTooLargeError(MemberError):
+    """The member exceeds the limits of size or compression ratio."""
+
+    kind = "member-too-large"
+
+
+class NestedArchiveError(MemberError):
+    """The member is an archive."""
+
+    kind = "nested-archive"
+
+
+@dataclass(frozen=True)
+class ArchiveLimits:
+    """The limits of an archive.
+
+    Attributes
+    ----------
+    members : int
+        Number of members, folders included.
+    member_bytes : int
+        Unpacked size of one member.
+    total_bytes : int
+        Unpacked size of all members.
+    ratio : float
+        Unpacked size divided by packed size; applies above `RATIO_FROM` bytes.
+    """
+
+    members: int
+    member_bytes: int
+    total_bytes: int
+    ratio: float
+
+    def check_member(self, unpacked: int, packed: int | None = None) -> None:
+        """Raise if a member, by its header or by its unpacked bytes, is too large.
+
+        Raises
+        ------
+        MemberTooLargeError
+            It has more than `member_bytes` bytes, or more than `ratio` times its packed size.
+        """
+        if unpacked > self.member_bytes:
+            raise MemberTooLargeError(f"at most {self.member_bytes} bytes of one file are taken")
+        if packed is not None and unpacked > RATIO_FROM and unpacked > self.ratio * packed:
+            raise MemberTooLargeError(f"it unpacks to more than {self.ratio:g} times its packed size")
+
+
+@dataclass(frozen=True)
+class ArchiveMember:
+    """A member that is not a folder.
+
+    Attributes
+    ----------
+    position : int
+        Index of the member in the archive.
+    path : str
+        Name in the archive, with unprintable characters replaced.
+    name : str
+        Name of the shape: the last part of the path.
+    fault : MemberFault or None
+        The reason to refuse the member, as far as its header tells.
+    """
+
+    position: int
+    path: str
+    name: str
+    fault: MemberFault | None
+
+
+def check_zip(file: BinaryIO) -> None:
+    """Raise unless a file begins as a zip does, whatever its name.
+
+    Raises
+    ------
+    UnknownArchiveError
+    """
+    file.seek(0)
+    if file.read(4) not in _MAGIC:
+        raise UnknownArchiveError("the file is not a zip")
+
+
+def list_members(file: BinaryIO, limits: ArchiveLimits) -> list[ArchiveMember]:
+    """List all members by the directory of an archive.
+
+    Raises
+    ------
+    ArchiveTooLargeError
+        The archive exceeds the limit of members or of bytes.
+    MalformedArchiveError
+        The directory cannot be read.
+    """
+    members: list[ArchiveMember] = []
+    paths: set[str] = set()
+    total = 0
+    for position, info in _opened(file, limits)[2]:
+        path = info.orig_filename
+        fault: MemberFault | None = None
+        try:
+            normalised = _normalised(path)
+            if normalised in paths:
+                raise MemberRepeatedError("a member of the archive before it has this name")
+            _check_name(path)
+            paths.add(normalised)
+            _check_header(info, limits)
+            format_of(base_name(path))
+        except (ServiceError, CoreError) as error:
+            fault = error
+        shown_path = shown(path)[:PATH_CHARACTERS]
+        name = base_name(shown_path) if fault is not None else clean_name(base_name(path))
+        members.append(ArchiveMember(position, shown_path, name, fault))
+        total += info.file_size if fault is None else 0
+    if total > limits.total_bytes:
+        raise ArchiveTooLargeError(f"it unpacks to {total} bytes, more than {limits.total_bytes}")
+    return members
+
+
+def read_members(
+    file: BinaryIO, limits: ArchiveLimits, wanted: Container[int]
+) -> Iterator[tuple[int, bytes | MemberFault]]:
+    """Yield the positions of the wanted members with their bytes, or the reasons of refusal, in order.
+
+    Raises
+    ------
+    ArchiveTooLargeError
+        The archive exceeds the limit of members.
+    MalformedArchiveError
+        The directory cannot be read.
+    """
+    archive, bounded, infos = _opened(file, limits)
+    for position, info in infos:
+        if position in wanted:
+            try:
+                yield position, _unpacked(archive, bounded, info, limits)
+            except MemberError as error:
+                yield position, error
+
+
+def shown(text: str) -> str:
+    """Replace unprintable characters of a text, so that it can be stored and displayed."""
+    return _UNSHOWN.sub("\ufffd", text)
+
+
+class _BoundedFile:
+    """A file that limits the size of one read: the library reads the whole directory at once.
+
+    `taken` counts the bytes that were read.
+    """
+
+    def __init__(self, file: BinaryIO, most: int) -> None:
+        self._file = file
+        self._most = most
+        self._size = file.seek(0, 2)
+        self.seek, self.tell, self.seekable = file.seek, file.tell, lambda: True
+        self.taken = 0
+
+    def read(self, size: int = -1) -> bytes:
+        """Read `size` bytes, or all remaining ones."""
+        if size < 0:
+            size = max(0, self._size - self._file.tell())
+        if size > self._most:
+            raise ArchiveTooLargeError("its directory is too long for the largest number of members")
+        data = self._file.read(size)
+        self.taken += len(data)
+        return data
+
+
+def _opened(
+    file: BinaryIO, limits: ArchiveLimits
+) -> tuple[zipfile.ZipFile, _BoundedFile, list[tuple[int, zipfile.ZipInfo]]]:
+    """Return the archive, the file that it reads, and its members except folders with their positions."""
+    bounded = _BoundedFile(file, max(LEAST_DIRECTORY_BYTES, ENTRY_BYTES * limits.members))
+    try:
+        archive = zipfile.ZipFile(bounded)
+    except ServiceError:
+        raise
+    # Hostile directories can make the library raise any exception.
+    except Exception as error:
+        raise MalformedArchiveError(f"the archive's directory cannot be read: {error}") from error
+    infos = archive.infolist()
+    if len(infos) > limits.members:
+        raise ArchiveTooLargeError(f"it has {len(infos)} members, more than {limits.members}")
+    return archive, bounded, list(enumerate(info for info in infos if not info.is_dir()))
+
+
+def _unpacked(
+    archive: zipfile.ZipFile, bounded: _BoundedFile, info: zipfile.ZipInfo, limits: ArchiveLimits
+) -> bytes:
+    """Unpack a member and check the limits meanwhile."""
+    data = bytearray()
+    before = bounded.taken
+    try:
+        with archive.open(info) as opened:
+            while piece := opened.read(PIECE):
+                data += piece
+                limits.check_member(len(data), bounded.taken - before)
+    except ServiceError:
+        raise
+    except Exception as error:
+        raise MemberError(f"it cannot be unpacked: {error}") from error
+    if len(data) != info.file_size:
+        raise MemberError("it has fewer bytes than the directory says")
+    return bytes(data)
+
+
+def _normalised(path: str) -> str:
+    """Return the path without empty parts and `.`; raise MemberNameError if it leads out of the archive."""
+    slashed = path.replace("\\", "/")
+    parts = [part for part in slashed.split("/") if part not in {"", "."}]
+    if slashed.startswith("/") or _DRIVE.match(slashed):
+        raise MemberNameError("its name is an absolute path")
+    if ".." in parts:
+        raise MemberNameError("its name leads out of the archive")
+    if len(path) > PATH_CHARACTERS:
+        raise MemberNameError(f"its name has more than {PATH_CHARACTERS} characters")
+    return "/".join(parts)
+
+
+def _check_name(path: str) -> None:
+    """Raise unless the last part of a path can be the name of a shape, and is not that of an archive."""
+    try:
+        name = clean_name(base_name(path))
+    except ValueError as error:
+        raise MemberNameError(f"its name cannot be a shape's: {error}") from error
+    if name.rpartition(".")[2].lower() in _NESTED:
+        raise NestedArchiveError("an archive inside of an archive is not read: send it by itself")
+
+
+def _check_header(info: zipfile.ZipInfo, limits: ArchiveLimits) -> None:
+    """Raise if the directory says that a member is no plain file of a size that is taken."""
+    kind = stat.S_IFMT(info.external_attr >> 16)
+    if stat.S_ISLNK(kind):
+        raise MemberKindError("it is a link")
+    if kind and not stat.S_ISREG(kind):
+        raise MemberKindError("it is not a regular file")
+    if info.flag_bits & ENCRYPTED:
+        raise MemberEncryptedError("it is encrypted")
+    if info.compress_type not in METHODS:
+        raise MemberKindError("its compression method is not supported; deflate is, and no compression")
+    limits.check_member(info.file_size)
