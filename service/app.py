@@ -11,8 +11,7 @@ from starlette.concurrency import run_in_threadpool
 from threadpoolctl import threadpool_limits
 
 from core.parameters import Parameters
-from service.auth.gate import Gate
-from service.auth.hosts import Hosts
+from service.auth.gate import Gate, Hosts
 from service.auth.keys import KeyRing
 from service.collections.dependencies import PARAMETER
 from service.collections.dependencies import PROBLEMS as CHOOSING_PROBLEMS
@@ -23,10 +22,9 @@ from service.compute.request_queue import ActivityGate, RequestQueue
 from service.container import Container
 from service.duplicates.endpoints import router as duplicates_router
 from service.duplicates.service import keep_judging
-from service.http.access_control import AccessControl
 from service.http.body_limits import BodyLimit, ClientQuotas
 from service.http.idempotency.keys import InFlight
-from service.http.middleware import RequestContext
+from service.http.middleware import AccessControl, RequestContext
 from service.http.openapi import DESCRIPTION, TAGS, describe
 from service.http.problems import handle_problems
 from service.index.cache import EmbeddingCache, descriptor_bytes
@@ -52,8 +50,8 @@ from service.shapes.file_endpoints import router as files_router
 from service.storage.database import Database
 from service.storage.migrate import migrate
 from service.system.endpoints import router as service_router
+from service.system.endpoints import session_router
 from service.system.schemas import VERSION
-from service.system.session_endpoints import router as session_router
 from service.web.endpoints import router as page_router
 
 DESCRIPTOR_BYTES = 256 * 1024**2

@@ -1,3 +1,3 @@
 """Authentication: the headers of a request in, the grant of its key or session out."""
 
-__all__ = ["gate", "hosts", "keys", "rules", "sessions"]
+__all__ = ["gate", "keys"]

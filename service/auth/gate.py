@@ -1,14 +1,172 @@
-"""The access decision for each request: key or session, access level, collections and rate limit."""
+"""The access decision for each request: key or session, access level, collections, names and rate limit."""
+
+import ipaddress
+import math
+import time
+from collections.abc import Callable, Collection
+from urllib.parse import urlsplit
 
 from starlette.datastructures import Headers
 from starlette.requests import cookie_parser
 
-from service.auth.hosts import Hosts, name_in
-from service.auth.keys import Grant, KeyRing
-from service.auth.rate_limits import RateLimit
-from service.auth.rules import PROBES, SAFE_METHODS, from_another_site, needed, of_all_collections
-from service.auth.sessions import COOKIE, Sessions
-from service.errors import CrossSiteError, ForbiddenError, RateLimitError, UnauthorizedError
+from service.auth.keys import COOKIE, Grant, KeyRing, Level, Sessions
+from service.errors import (
+    CrossSiteError,
+    ForbiddenError,
+    MisdirectedRequestError,
+    RateLimitError,
+    UnauthorizedError,
+)
+
+
+def name_in(host: str) -> str:
+    """The name or address of a header Host, in lower case, without port, brackets and final dot."""
+    name = host.strip().lower()
+    if name.startswith("["):
+        return name[1:].partition("]")[0]
+    if name.count(":") > 1:
+        # An IPv6 address without brackets, as settings have it.
+        return name
+    return name.partition(":")[0].removesuffix(".")
+
+
+def is_loopback_name(name: str) -> bool:
+    """Whether a name stands for this machine alone: localhost, or an address of the loopback interface."""
+    if name == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(name).is_loopback
+    except ValueError:
+        return False
+
+
+class Hosts:
+    """The check of the header Host.
+
+    Parameters
+    ----------
+    names : collection of str
+        Names of the service; those of the loopback interface are always among them.
+    any : bool
+        Whether the service answers under every name.
+    """
+
+    def __init__(self, names: Collection[str], *, any: bool) -> None:
+        self._names = frozenset(map(name_in, names))
+        self._any = any
+
+    def check(self, headers: Headers) -> None:
+        """Refuse a request for another name.
+
+        Raises
+        ------
+        MisdirectedRequestError
+            The request names another host, or none.
+        """
+        if self._any:
+            return
+        given = [name_in(host) for host in headers.getlist("host")] or [""]
+        for name in given:
+            if not (name in self._names or is_loopback_name(name)):
+                raise MisdirectedRequestError(
+                    f"this service does not answer as {name[:80]!r}; the setting ISOSHAPE_HOSTS adds a name"
+                )
+
+
+class RateLimit:
+    """A rate limit per key: a burst of `per_minute` requests, and as many per minute after it.
+
+    The generic cell rate algorithm (ITU-T I.371) on a monotonic clock stores one number per key and gives the
+    exact time of the next admitted request. The library `limits` uses the wall clock and starts a thread per
+    request.
+
+    Parameters
+    ----------
+    per_minute : int
+        Requests per minute; 0 is no limit.
+    """
+
+    def __init__(self, per_minute: int, clock: Callable[[], float] = time.monotonic) -> None:
+        self._interval = 60.0 / per_minute if per_minute else 0.0
+        self._clock = clock
+        self._empty_at: dict[str, float] = {}
+
+    def wait(self, key: str) -> int | None:
+        """Count a request: None if it is admitted, else the number of seconds until the next one is."""
+        if not self._interval:
+            return None
+        now = self._clock()
+        # The time at which the bucket, which loses one request per interval, becomes empty.
+        empty_at = max(self._empty_at.get(key, now), now) + self._interval
+        excess = empty_at - now - 60.0
+        # The tolerance covers rounding of the sum of many intervals.
+        if excess > 1e-6:
+            return max(1, math.ceil(excess))
+        self._empty_at[key] = empty_at
+        return None
+
+
+SAFE_METHODS = frozenset({"GET", "HEAD", "OPTIONS"})
+
+# Probes know an address of the service, and no name.
+PROBES = frozenset({"/healthz", "/readyz"})
+
+# Health probes, the documentation, and the addresses that a browser needs before it signs in.
+PUBLIC = frozenset(
+    {
+        ("GET", "/"),
+        ("GET", "/docs"),
+        ("GET", "/openapi.json"),
+        ("GET", "/healthz"),
+        ("GET", "/readyz"),
+        ("GET", "/session"),
+        ("DELETE", "/session"),
+    }
+)
+
+# Static files of the page, without data.
+PAGE_FILES = "/page/"
+
+# POST requests that change no stored data.
+READING_POSTS = frozenset({"/query", "/compare", "/preview", "/session"})
+
+
+# Addresses about all collections: a key for some collections has no access.
+OF_ALL_COLLECTIONS = frozenset({"/metrics"})
+
+
+def of_all_collections(method: str, path: str) -> bool:
+    """Whether a request needs a key for all collections."""
+    return path in OF_ALL_COLLECTIONS or (path.startswith("/collections/") and method not in SAFE_METHODS)
+
+
+def needed(method: str, path: str) -> Level | None:
+    """The access level that a request needs; None for a public path."""
+    if ("GET" if method == "HEAD" else method, path) in PUBLIC:
+        return None
+    if method in SAFE_METHODS and path.startswith(PAGE_FILES):
+        return None
+    if method in SAFE_METHODS or (method == "POST" and path in READING_POSTS):
+        return "read"
+    return "full"
+
+
+def from_another_site(headers: Headers) -> bool:
+    """Whether a browser sends the request for a page of another site.
+
+    Current browsers send Sec-Fetch-Site. Older ones send the Origin of the page, which is compared with the
+    Host of the request. Other programs send neither. An Origin that is no URL is another site's.
+    """
+    site = headers.get("sec-fetch-site")
+    if site is not None:
+        return site not in {"same-origin", "none"}
+    origin = headers.get("origin")
+    if origin is None:
+        return False
+    try:
+        return urlsplit(origin).netloc != headers.get("host", "")
+    except ValueError:
+        return True
 
 
 class Gate:

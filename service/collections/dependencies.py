@@ -11,8 +11,8 @@ from service.collection import DEFAULT_COLLECTION, NAME, CollectionRecord
 from service.collections import service
 from service.dependencies import Service
 from service.errors import BadRequestFieldsError, FieldFault, ForbiddenError
-from service.http.access_control import COLLECTION_IN_SCOPE, GRANT_IN_SCOPE
-from service.http.duplicate_parameters import once
+from service.http.middleware import COLLECTION_IN_SCOPE, GRANT_IN_SCOPE
+from service.http.request_bodies import once
 
 HEADER, PARAMETER = "Isoshape-Collection", "collection"
 

@@ -9,7 +9,7 @@ from service.collection import NAME
 from service.collections import service
 from service.collections.schemas import Collection, Collections
 from service.dependencies import Service
-from service.http.access_control import GRANT_IN_SCOPE
+from service.http.middleware import GRANT_IN_SCOPE
 from service.http.problems import documented
 
 router = APIRouter(tags=["collections"])

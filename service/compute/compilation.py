@@ -27,7 +27,7 @@ COMPILING_SECONDS = 3600.0
 
 ASK_SECONDS = 0.2
 
-STAMPED = "service.rendering.rasteriser"
+STAMPED = "service.rendering.thumbnail"
 """The module of one kernel, beside whose compiled form the stamp is."""
 
 

@@ -13,9 +13,9 @@ from service.duplicates import service
 from service.duplicates.groups import MIN_CC
 from service.duplicates.schemas import DuplicatesAnswer
 from service.duplicates.service import DuplicateCriteria, Duplicates
-from service.http.disconnects import while_connected
-from service.http.duplicate_parameters import once_each
+from service.http.middleware import while_connected
 from service.http.problems import documented
+from service.http.request_bodies import once_each
 from service.observability.timings import Timings
 from service.pipelines.active import ActivePipeline
 from service.search.service import in_one_pipeline

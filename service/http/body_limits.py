@@ -11,7 +11,7 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from service.errors import BusyError, FileTooLargeError, ServiceError, StalledBodyError, StorageFullError
-from service.http.access_control import client_of
+from service.http.middleware import client_of
 from service.http.problems import RefusedBodyError, problem_of
 
 FORM_OVERHEAD = 1024 * 1024

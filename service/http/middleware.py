@@ -1,22 +1,60 @@
-"""Middleware of every request: an id, a count, and a line in the log."""
+"""Middleware of every request: an id, a count, a line in the log, and access control."""
 
 import asyncio
 import logging
 import re
 import time
 import uuid
+from collections.abc import Coroutine
+from typing import Any, TypeVar
 
 from h11 import LocalProtocolError
 from starlette.datastructures import Headers, MutableHeaders
-from starlette.requests import ClientDisconnect
+from starlette.requests import ClientDisconnect, Request
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from service.auth.rules import PROBES
-from service.errors import ShuttingDownError
-from service.http.access_control import COLLECTION_IN_SCOPE, KEY_IN_SCOPE
+from service.auth.gate import PROBES, Gate
+from service.errors import ServiceError, ShuttingDownError
 from service.http.problems import KIND_IN_SCOPE, problem_of, problem_response
 from service.observability.logging import get_logger, request_id
 from service.observability.metrics import METHODS, OTHER, Metrics
+
+# Keys of the request's scope: the digest of its API key, for the log, and its grant.
+KEY_IN_SCOPE = "isoshape.key"
+GRANT_IN_SCOPE = "isoshape.grant"
+# The name of the collection that the request works in, once it is known.
+COLLECTION_IN_SCOPE = "isoshape.collection"
+
+
+class AccessControl:
+    """Middleware that asks the gate about each request."""
+
+    def __init__(self, app: ASGIApp, gate: Gate) -> None:
+        self._app = app
+        self._gate = gate
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Serve one request."""
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        headers = Headers(scope=scope)
+        try:
+            grant = self._gate.admit(scope["method"], scope["path"], headers)
+        except ServiceError as error:
+            await problem_of(error)(scope, receive, send)
+            return
+        scope[GRANT_IN_SCOPE] = grant
+        if grant is not None and grant.digest is not None:
+            scope[KEY_IN_SCOPE] = grant.digest
+        await self._app(scope, receive, send)
+
+
+def client_of(scope: Scope) -> str:
+    """The client of an admitted request: the digest of its key, or its address where there are no keys."""
+    digest, client = scope.get(KEY_IN_SCOPE), scope.get("client")
+    return str(digest or (client[0] if client else ""))
+
 
 HEADER = "X-Request-ID"
 
@@ -107,3 +145,40 @@ class RequestContext:
         metrics.request_seconds.labels(method, route).observe(seconds)
         if KIND_IN_SCOPE in scope:
             metrics.problems.labels(scope[KIND_IN_SCOPE]).inc()
+
+
+Answer = TypeVar("Answer")
+
+
+async def while_connected(request: Request, work: Coroutine[Any, Any, Answer]) -> Answer:
+    """The result of the work. A body that has not been read by now is dropped.
+
+    The work is cancelled when the client disconnects, and when the server stops. A transaction goes on in its
+    thread, and is committed whole or not at all.
+
+    Raises
+    ------
+    ClientDisconnect
+        The client disconnected.
+    RefusedBodyError
+        The request has a body, which nobody reads, and the body is refused.
+    """
+    doing = asyncio.ensure_future(work)
+    leaving = asyncio.ensure_future(_left(request))
+    try:
+        await asyncio.wait({doing, leaving}, return_when=asyncio.FIRST_COMPLETED)
+        if not doing.done():
+            leaving.result()
+            raise ClientDisconnect
+        return doing.result()
+    finally:
+        doing.cancel()
+        leaving.cancel()
+        # Nobody waits for either, so errors of the cancelled tasks are dropped.
+        await asyncio.gather(doing, leaving, return_exceptions=True)
+
+
+async def _left(request: Request) -> None:
+    """Return when the client has disconnected."""
+    while (await request.receive())["type"] != "http.disconnect":
+        pass

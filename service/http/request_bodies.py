@@ -1,10 +1,11 @@
-"""Request bodies as dependencies: a form with files, or JSON, in; a pydantic model out."""
+"""Bodies and parameters of requests as dependencies: a form with files, or JSON, in; a pydantic model out."""
 
 import errno
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable, Coroutine
 from typing import Any, Generic, Literal, TypeVar, get_origin
 
 from fastapi import Request
+from fastapi.params import Depends
 from pydantic import BaseModel, ValidationError
 from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 from pydantic_core import core_schema
@@ -191,3 +192,23 @@ def _validated(model: type[Model], values: dict[str, Any]) -> Model:
         return model.model_validate(values)
     except ValidationError as error:
         raise BadRequestFieldsError(*faults_of(error.errors())) from error
+
+
+def once(*names: str) -> Depends:
+    """A dependency that refuses to have one of these parameters repeated; FastAPI takes the last value."""
+    return Depends(_refusing(frozenset(names)))
+
+
+def once_each(model: type[BaseModel]) -> Depends:
+    """The same for a model of query parameters: for every field that is not a list."""
+    fields = model.model_fields.items()
+    return once(*(name for name, field in fields if get_origin(field.annotation) is not list))
+
+
+def _refusing(names: frozenset[str]) -> Callable[[Request], Coroutine[Any, Any, None]]:
+    async def refuse_duplicates(request: Request) -> None:
+        repeated = sorted(name for name in names if len(request.query_params.getlist(name)) > 1)
+        if repeated:
+            raise BadRequestFieldsError(*(FieldFault(name, "given more than once") for name in repeated))
+
+    return refuse_duplicates

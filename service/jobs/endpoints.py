@@ -11,10 +11,9 @@ from starlette.concurrency import run_in_threadpool
 from service.collections.dependencies import InCollection, address
 from service.dependencies import Service
 from service.errors import BusyError
-from service.http.access_control import client_of
-from service.http.duplicate_parameters import once
+from service.http.middleware import client_of
 from service.http.problems import documented
-from service.http.request_bodies import RequestBody
+from service.http.request_bodies import RequestBody, once
 from service.jobs import events, service
 from service.jobs.records import NewJob, Outcome
 from service.jobs.runner import Runner

@@ -10,9 +10,9 @@ from core.ranking.similarity_map import similarity_map
 from service.collections.dependencies import InCollection, NamedInAddress
 from service.container import Container
 from service.dependencies import Service
-from service.http.disconnects import while_connected
-from service.http.duplicate_parameters import once_each
+from service.http.middleware import while_connected
 from service.http.problems import documented
+from service.http.request_bodies import once_each
 from service.maps.repository import map_shapes
 from service.maps.schemas import MapAnswer
 from service.pipelines.active import ActivePipeline

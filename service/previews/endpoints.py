@@ -8,10 +8,9 @@ from core.io import format_of
 from service.collection import DEFAULT_COLLECTION
 from service.collections.dependencies import InCollection
 from service.dependencies import Service
-from service.http.disconnects import while_connected
-from service.http.duplicate_parameters import once
+from service.http.middleware import while_connected
 from service.http.problems import documented
-from service.http.request_bodies import RequestBody
+from service.http.request_bodies import RequestBody, once
 from service.previews import service
 from service.rendering.glb import MEDIA_TYPE
 from service.rendering.tasks import FACES
@@ -20,7 +19,7 @@ from service.shapes import files
 from service.shapes.documentation import FILE_PROBLEMS, READ_PROBLEMS
 from service.shapes.endpoints import ShapeId
 from service.shapes.uploads import MeshUpload
-from service.web.answers import page, viewing_page
+from service.web.endpoints import page, viewing_page
 
 router = APIRouter(tags=["shapes"])
 

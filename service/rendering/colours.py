@@ -1,10 +1,14 @@
-"""Colours by position, which show the correspondence of two shapes."""
+"""Colours of vertices: by position, by correspondence and by difference."""
+
+from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from core.arrays import Floats
+from core.dense.records import DenseCorrespondence
 
 _NEIGHBOURS = 3
 
@@ -39,3 +43,104 @@ def interpolate_colours(points: Floats, colours: Floats, vertices: Floats) -> ND
     mixed = np.einsum("nk,nkc->nc", weights, colours[near])
     opaque = np.ones((len(vertices), 1))
     return np.asarray(np.rint(255.0 * np.clip(np.hstack([mixed, opaque]), 0.0, 1.0)), dtype=np.uint8)
+
+
+Paint = Literal["correspondence", "difference"]
+
+SCALE = (
+    np.array(
+        [
+            (228, 229, 232),
+            (253, 217, 138),
+            (254, 196, 79),
+            (254, 153, 41),
+            (236, 112, 20),
+            (204, 76, 2),
+            (153, 52, 4),
+            (102, 37, 6),
+        ]
+    )
+    / 255.0
+)
+"""Light grey for no difference, over orange, to brown for the largest: after YlOrBr of ColorBrewer (Harrower
+and Brewer 2003). It grows darker evenly, which people with and without colour blindness see alike."""
+
+NO_PARTNER = np.array((31, 91, 255)) / 255.0
+"""Blue, which people who do not see red, or green, tell from orange and brown."""
+
+LEAST_DISPLACEMENT = 0.01
+"""Smallest end of the scale of displacements, over the diagonal of the bounding box: differences that are
+rounding stay grey."""
+
+LARGEST_STRETCH = 1.0
+"""End of the scale of stretch: twice as long, or half as long."""
+
+
+@dataclass(frozen=True, eq=False)
+class Difference:
+    """How much two shapes differ at each vertex of one of them.
+
+    Attributes
+    ----------
+    quantity : "displacement" or "stretch"
+        The magnitude of the displacement in units of the mesh, or of the binary logarithm of the stretch.
+    values : float64, shape (n,)
+    maximum : float
+        The end of the colour scale, > 0.
+    """
+
+    quantity: Literal["displacement", "stretch"]
+    values: Floats
+    maximum: float
+
+
+def differences(
+    ways: tuple[DenseCorrespondence, DenseCorrespondence], extents: tuple[float, float]
+) -> tuple[Difference, Difference]:
+    """The differences of both shapes, on one scale.
+
+    Parameters
+    ----------
+    ways : two DenseCorrespondence
+        From the first shape to the second, and back.
+    extents : two float
+        Diagonals of the bounding boxes.
+    """
+    first, second = (way.displacement for way in ways)
+    if first is None or second is None:
+        one, other = (np.abs(np.log2(way.stretch.astype(np.float64))) for way in ways)
+        return Difference("stretch", one, LARGEST_STRETCH), Difference("stretch", other, LARGEST_STRETCH)
+    scale = ways[0].scale
+    least = LEAST_DISPLACEMENT * max(extents[0], extents[1] / scale)
+    maximum = max(float(first.max()), float(second.max()) / scale, least)
+    return (
+        Difference("displacement", first.astype(np.float64), maximum),
+        Difference("displacement", second.astype(np.float64), maximum * scale),
+    )
+
+
+def difference_colours(difference: Difference, partnered: NDArray[np.bool_]) -> Floats:
+    """The colours of n vertices on the scale; places without a partner are blue, shape (n, 3)."""
+    place = np.clip(difference.values / difference.maximum, 0.0, 1.0) * (len(SCALE) - 1)
+    channels = [np.interp(place, np.arange(len(SCALE)), channel) for channel in SCALE.T]
+    return np.where(partnered[:, None], np.stack(channels, axis=1), NO_PARTNER)
+
+
+def correspondence_colours(
+    points: Floats, format_up: Floats, back: DenseCorrespondence
+) -> tuple[Floats, Floats]:
+    """Colours of the n vertices of the first shape by position, and of the m of the second by its partners.
+
+    Places of the second shape without a partner are grey.
+
+    Parameters
+    ----------
+    points : float64, shape (n, 3)
+        Vertices of the first shape.
+    format_up : float64, shape (3, 3)
+        The rotation after which y is up.
+    back : DenseCorrespondence
+        From the second shape to the first.
+    """
+    first = colours_of_points(points, format_up)
+    return first, np.where(back.partnered[:, None], first[back.vertices], 0.6)

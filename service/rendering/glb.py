@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from core.arrays import Floats, Ints
 from core.io import FORMATS
-from service.rendering.viewpoint import frame, upright
+from service.rendering.thumbnail import frame, upright
 
 MEDIA_TYPE = FORMATS["glb"].media_type
 

@@ -13,16 +13,16 @@ from core.dense.records import DenseCorrespondence
 from core.mesh.cleaning import merge_vertices
 from core.mesh.mesh import Mesh
 from core.mesh.simplification import decimate, diagonal
-from service.rendering.colours import colours_of_points, interpolate_colours
-from service.rendering.dense_colours import (
+from service.rendering.colours import (
     Paint,
+    colours_of_points,
     correspondence_colours,
     difference_colours,
     differences,
+    interpolate_colours,
 )
 from service.rendering.glb import GlbPart, write_glb
-from service.rendering.thumbnail import draw_painted
-from service.rendering.viewpoint import upright
+from service.rendering.thumbnail import draw_painted, upright
 
 FACES = 20_000
 """Faces of a preview, enough for a picture that fills a screen."""

@@ -1,17 +1,103 @@
-"""Thumbnails of meshes in one colour, or coloured by points."""
+"""Pictures of meshes: the view, the rasteriser, thumbnails in one colour or coloured by points."""
 
 from collections.abc import Callable
 from io import BytesIO
 
 import numpy as np
+from numpy.typing import NDArray
 from PIL import Image
 
 from core.arrays import Floats, Ints
+from core.io import FORMATS
 from core.mesh.face_normals import face_normals
 from core.mesh.mesh import Mesh
+from core.numerics.compilation import compiled
 from service.rendering.colours import interpolate_colours
-from service.rendering.rasteriser import NOTHING, nearest_triangles
-from service.rendering.viewpoint import camera, frame, upright
+
+# The initial view in degrees, as on the page.
+ELEVATION, AZIMUTH = 18.0, 28.0
+
+_Z_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+
+
+def upright(format: str) -> Floats:
+    """The rotation matrix, shape (3, 3), that turns the upward axis of a format to y."""
+    return np.eye(3) if FORMATS[format].y_up else _Z_UP
+
+
+def camera() -> Floats:
+    """The camera's axes as rows, shape (3, 3): right, up and towards the viewer, where y is up."""
+    elevation, azimuth = np.radians([ELEVATION, AZIMUTH])
+    towards = np.array(
+        [
+            np.cos(elevation) * np.sin(azimuth),
+            np.sin(elevation),
+            np.cos(elevation) * np.cos(azimuth),
+        ]
+    )
+    right = np.array([np.cos(azimuth), 0.0, -np.sin(azimuth)])
+    return np.stack([right, np.cross(towards, right), towards])
+
+
+def frame(vertices: Floats) -> tuple[NDArray[np.float64], float]:
+    """The centre of the points' bounding box, shape (3,), and half its longest edge; 1 if all coincide."""
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    half = float((0.5 * high - 0.5 * low).max())
+    return 0.5 * low + 0.5 * high, half or 1.0
+
+
+NOTHING = -1
+
+
+def nearest_triangles(corners: Floats, size: int) -> NDArray[np.int64]:
+    """The visible triangle of each pixel.
+
+    Parameters
+    ----------
+    corners : float64, shape (f, 3, 3)
+        Corners of each triangle: x from the left and y from the top in pixels, and height towards the viewer.
+        The centre of pixel (i, j) is at x = j + 0.5, y = i + 0.5.
+    size : int
+        Width and height in pixels.
+
+    Returns
+    -------
+    int64, shape (size, size)
+        The highest triangle at the pixel, the first one of equals; `NOTHING` where there is none.
+    """
+    seen = np.full((size, size), NOTHING, dtype=np.int64)
+    _fill(np.ascontiguousarray(corners, dtype=np.float64), np.full((size, size), -np.inf), seen)
+    return seen
+
+
+@compiled
+def _fill(corners: Floats, height: Floats, seen: NDArray[np.int64]) -> None:
+    size = seen.shape[0]
+    for f in range(len(corners)):
+        ax, ay, az = corners[f, 0]
+        bx, by, bz = corners[f, 1]
+        cx, cy, cz = corners[f, 2]
+        twice_area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+        if twice_area == 0.0:
+            continue
+        left = max(0, int(np.ceil(min(ax, bx, cx) - 0.5)))
+        right = min(size - 1, int(np.floor(max(ax, bx, cx) - 0.5)))
+        top = max(0, int(np.ceil(min(ay, by, cy) - 0.5)))
+        bottom = min(size - 1, int(np.floor(max(ay, by, cy) - 0.5)))
+        for i in range(top, bottom + 1):
+            y = i + 0.5
+            for j in range(left, right + 1):
+                x = j + 0.5
+                # Barycentric coordinates of the pixel, for either orientation of the triangle.
+                a = ((bx - x) * (cy - y) - (by - y) * (cx - x)) / twice_area
+                b = ((cx - x) * (ay - y) - (cy - y) * (ax - x)) / twice_area
+                c = 1.0 - a - b
+                if a >= 0.0 and b >= 0.0 and c >= 0.0:
+                    z = a * az + b * bz + c * cz
+                    if z > height[i, j]:
+                        height[i, j] = z
+                        seen[i, j] = f
+
 
 SIZES = (64, 128, 256, 512)
 

@@ -10,8 +10,7 @@ from core.arrays import Floats
 from core.io import read_mesh
 from core.mesh.mesh import Mesh
 from service.rendering.colours import colours_of_points
-from service.rendering.thumbnail import draw, draw_painted
-from service.rendering.viewpoint import upright
+from service.rendering.thumbnail import draw, draw_painted, upright
 from service.search.schemas import Pair
 
 SIZE = 256

@@ -11,10 +11,9 @@ from service.collections.dependencies import InCollection
 from service.container import Container
 from service.dependencies import Service
 from service.errors import BadRequestFieldsError, FieldFault
-from service.http.disconnects import while_connected
-from service.http.duplicate_parameters import once_each
+from service.http.middleware import while_connected
 from service.http.problems import documented
-from service.http.request_bodies import RequestBody
+from service.http.request_bodies import RequestBody, once_each
 from service.observability.timings import Timings
 from service.pipelines.active import ActivePipeline
 from service.rendering.glb import MEDIA_TYPE
@@ -31,7 +30,7 @@ from service.search.endpoints import WORK_PROBLEMS
 from service.search.records import Comparison, Relation
 from service.search.schemas import CompareAnswer, CompareRequest
 from service.shapes.documentation import FILE_PROBLEMS
-from service.web.answers import comparing_page
+from service.web.endpoints import comparing_page
 
 router = APIRouter(tags=["search"])
 

@@ -7,7 +7,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from service.collections.dependencies import NamedInAddress
 from service.errors import BadRequestFieldsError, FieldFault
-from service.rendering.dense_colours import Paint
+from service.rendering.colours import Paint
 from service.search.schemas import DENSE, CompareRequest
 from service.shapes.uploads import ENDINGS_IN_WORDS
 

@@ -5,7 +5,7 @@ import asyncio
 from core.dense.records import DenseCorrespondence
 from service.container import Container
 from service.rendering import tasks
-from service.rendering.dense_colours import Paint
+from service.rendering.colours import Paint
 from service.rendering.tasks import FACES, ComparedMesh, PaintedMesh
 from service.search.compared_shapes import ComparedShape
 from service.search.records import Comparison

@@ -10,10 +10,9 @@ from service.collection import CollectionRecord
 from service.collections.dependencies import InCollection
 from service.container import Container
 from service.dependencies import Service
-from service.http.disconnects import while_connected
-from service.http.duplicate_parameters import once_each
+from service.http.middleware import while_connected
 from service.http.problems import documented
-from service.http.request_bodies import RequestBody
+from service.http.request_bodies import RequestBody, once_each
 from service.observability.timings import Timings
 from service.pipelines.active import ActivePipeline
 from service.search import partial_queries, records, service

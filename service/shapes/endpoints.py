@@ -10,13 +10,11 @@ from core.io import format_of
 from service.collections.dependencies import InCollection, NamedInAddress, address
 from service.container import Container
 from service.dependencies import Service
-from service.http.access_control import KEY_IN_SCOPE
-from service.http.disconnects import while_connected
-from service.http.duplicate_parameters import once_each
 from service.http.idempotency.keys import KEPT_TIME, REPLAYED, payload_of
 from service.http.idempotency.records import Claim, Kept
+from service.http.middleware import KEY_IN_SCOPE, while_connected
 from service.http.problems import documented
-from service.http.request_bodies import FILE, RequestBody
+from service.http.request_bodies import FILE, RequestBody, once_each
 from service.pipelines.active import fingerprint
 from service.shapes import assemblies, service
 from service.shapes.assembly_schemas import Assembly

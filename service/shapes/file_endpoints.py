@@ -8,10 +8,9 @@ from starlette.concurrency import run_in_threadpool
 from core.io import FORMATS, format_of, writable
 from service.collections.dependencies import InCollection
 from service.dependencies import Service
-from service.http.disconnects import while_connected
-from service.http.duplicate_parameters import once
+from service.http.middleware import while_connected
 from service.http.problems import documented
-from service.http.request_bodies import RequestBody
+from service.http.request_bodies import RequestBody, once
 from service.pipelines.active import fingerprint
 from service.shapes import exporting, files, replacing, service
 from service.shapes.documentation import EXPORT_PROBLEMS, FILE_PROBLEMS, READ_PROBLEMS, WRITE_PROBLEMS

@@ -1,3 +1,3 @@
 """The service itself over HTTP: health, readiness, version, metrics and signing in."""
 
-__all__ = ["endpoints", "schemas", "session_endpoints"]
+__all__ = ["endpoints", "schemas"]

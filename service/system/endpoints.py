@@ -1,19 +1,22 @@
-"""The addresses that tell of the service itself."""
+"""The endpoints of the service itself: health, version, metrics, and signing in."""
 
 from dataclasses import asdict
+from typing import Literal
 
 from fastapi import APIRouter, Request, Response
 from fastapi.responses import PlainTextResponse
 from prometheus_client.exposition import choose_encoder
+from pydantic import BaseModel, Field
 from starlette.concurrency import run_in_threadpool
 
 from core.io import FORMATS
 from core.parameters import METHOD_VERSION
-from service.auth.keys import Grant
+from service.auth.gate import name_in, token_in
+from service.auth.keys import COOKIE, SECONDS, Grant
 from service.compute.compilation import is_compiled
 from service.dependencies import Service
 from service.errors import ServiceError
-from service.http.access_control import GRANT_IN_SCOPE
+from service.http.middleware import GRANT_IN_SCOPE
 from service.http.problems import documented, problem_response
 from service.system.schemas import VERSION, FileFormat, Health, PendingPipeline, Readiness, Version
 
@@ -105,3 +108,51 @@ def read_version(request: Request, container: Service) -> Version:
         ],
         pending=None if pending is None else PendingPipeline(**asdict(pending)),
     )
+
+
+session_router = APIRouter(tags=["session"])
+
+
+class Session(BaseModel):
+    """The rights of this browser or program."""
+
+    access: Literal["none", "read", "full"] = Field(
+        description="Nothing; read, query and compare; or everything, as all may do where there are no keys."
+    )
+    signed_in: bool = Field(description="Whether a cookie says so, which signing out ends.")
+
+
+@session_router.get("/session", summary="What may I do?", responses=documented("unauthorized"))
+async def read_session(request: Request, container: Service) -> Session:
+    """Answers without a key too: a page asks it whether to sign in first."""
+    grant = container.gate.grant(request.headers)
+    if grant is None:
+        return Session(access="none", signed_in=False)
+    return Session(access=grant.level, signed_in=grant.signed_in)
+
+
+@session_router.post("/session", summary="Sign in")
+async def begin_session(request: Request, response: Response, container: Service) -> Session:
+    """Trade a key, in a header, for a cookie that the page's scripts cannot read; it lasts twelve hours."""
+    grant = container.gate.grant(request.headers)
+    assert grant is not None
+    if grant.digest is None or grant.signed_in:
+        return Session(access=grant.level, signed_in=grant.signed_in)
+    response.set_cookie(
+        COOKIE,
+        container.gate.sessions.begin(grant, name_in(request.headers.get("host", ""))),
+        max_age=SECONDS,
+        httponly=True,
+        samesite="strict",
+        secure=request.url.scheme == "https",
+    )
+    return Session(access=grant.level, signed_in=True)
+
+
+@session_router.delete("/session", status_code=204, summary="Sign out")
+async def end_session(request: Request, response: Response, container: Service) -> None:
+    """End the session, if there is one, and drop its cookie."""
+    token = token_in(request.headers)
+    if token is not None:
+        container.gate.sessions.end(token)
+    response.delete_cookie(COOKIE, httponly=True, samesite="strict", secure=request.url.scheme == "https")

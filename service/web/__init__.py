@@ -1,3 +1,3 @@
 """The page at / and the documentation at /docs: a request in, package files with their headers out."""
 
-__all__ = ["answers", "endpoints"]
+__all__ = ["endpoints"]

@@ -1,9 +1,135 @@
-"""The addresses of the page and of the documentation. Anybody may ask for them: they hold no data."""
+"""The page at / and the documentation at /docs: package data with their headers, open to anybody."""
+
+import gzip
+import hashlib
+from dataclasses import dataclass
+from functools import cache
+from html import escape
+from importlib.resources import files
+from importlib.resources.abc import Traversable
 
 from fastapi import APIRouter, HTTPException, Request, Response
 
-from service.web import assets
-from service.web.answers import page, send
+MEDIA_TYPES = {
+    "css": "text/css; charset=utf-8",
+    "html": "text/html; charset=utf-8",
+    "js": "text/javascript; charset=utf-8",
+    "png": "image/png",
+    "svg": "image/svg+xml",
+    "txt": "text/plain; charset=utf-8",
+}
+
+# Scripts, styles, pictures and answers of this service alone; nothing written into the page itself is run.
+POLICY = "; ".join(
+    [
+        "default-src 'none'",
+        "script-src 'self'",
+        "style-src 'self'",
+        "img-src 'self' data: blob:",
+        "connect-src 'self'",
+        "form-action 'self'",
+        "base-uri 'none'",
+        "frame-ancestors 'none'",
+    ]
+)
+
+
+@dataclass(frozen=True)
+class Asset:
+    """A file as it is sent."""
+
+    data: bytes
+    packed: bytes
+    media_type: str
+
+    @property
+    def tag(self) -> str:
+        """The ETag of its bytes."""
+        return f'"{hashlib.sha256(self.data).hexdigest()[:32]}"'
+
+
+def find(name: str) -> Asset | None:
+    """The file with a name such as `main.js` or `vendor/three.js`; None where there is none."""
+    return load(name) if name in names() else None
+
+
+@cache
+def load(name: str) -> Asset:
+    """A file that is there."""
+    data = _folder().joinpath(name).read_bytes()
+    # A compressed file holds the time unless it is told one.
+    return Asset(data, gzip.compress(data, mtime=0), MEDIA_TYPES[name.rpartition(".")[2]])
+
+
+@cache
+def names() -> frozenset[str]:
+    """Every file that is sent; those of other kinds beside them are not."""
+    found = set()
+    for folder in ("", "vendor/"):
+        for entry in _folder().joinpath(folder).iterdir():
+            if entry.name.rpartition(".")[2] in MEDIA_TYPES:
+                found.add(folder + entry.name)
+    return frozenset(found)
+
+
+def _folder() -> Traversable:
+    return files("service.web").joinpath("static")
+
+
+_ALWAYS = {"Referrer-Policy": "same-origin", "X-Content-Type-Options": "nosniff"}
+
+
+def page(request: Request, name: str) -> Response:
+    """An HTML file."""
+    return send(request, load(name), {"Content-Security-Policy": POLICY})
+
+
+def viewing_page(collection: str) -> Response:
+    """The page of a shape, told the collection that the shape is in."""
+    return _filled(_view(collection=collection))
+
+
+def comparing_page(first: str, second: str, collection: str) -> Response:
+    """The page of a shape with two of a collection in it, by their ids."""
+    # It is sent from /compare, not from /shapes/<id>/view.
+    return _filled(_view(first=first, second=second, collection=collection).replace("../../", "./"))
+
+
+def _view(**told: str) -> str:
+    text = load("view.html").data.decode()
+    for name, value in told.items():
+        text = text.replace(f'data-{name}=""', f'data-{name}="{escape(value)}"')
+    return text
+
+
+def _filled(text: str) -> Response:
+    headers = {"Content-Security-Policy": POLICY, **_ALWAYS}
+    return Response(text, media_type="text/html", headers=headers)
+
+
+def send(request: Request, asset: Asset, headers: dict[str, str] | None = None) -> Response:
+    """A file, packed where the browser takes that; nothing where it has it already.
+
+    A browser asks each time, so that a new version is seen at once, and has the answer without the file.
+    """
+    headers = {
+        **(headers or {}),
+        "Cache-Control": "no-cache",
+        "ETag": asset.tag,
+        "Vary": "Accept-Encoding",
+        **_ALWAYS,
+    }
+    given = request.headers.get("if-none-match", "")
+    if asset.tag in [part.strip().removeprefix("W/") for part in given.split(",")]:
+        return Response(status_code=304, headers=headers)
+    data = asset.data
+    accepted = [
+        part.partition(";")[0].strip() for part in request.headers.get("accept-encoding", "").split(",")
+    ]
+    if "gzip" in accepted and len(asset.packed) < len(data):
+        data, headers["Content-Encoding"] = asset.packed, "gzip"
+    return Response(data, media_type=asset.media_type, headers=headers)
+
 
 router = APIRouter(include_in_schema=False)
 
@@ -23,7 +149,7 @@ def read_documentation(request: Request) -> Response:
 @router.get("/page/{name:path}")
 def read_page_file(name: str, request: Request) -> Response:
     """A script, style or picture of the page."""
-    asset = assets.find(name)
+    asset = find(name)
     if asset is None:
         raise HTTPException(404)
     return send(request, asset)

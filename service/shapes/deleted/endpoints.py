@@ -8,9 +8,9 @@ from pydantic import ConfigDict, Field
 
 from service.collections.dependencies import InCollection, NamedInAddress
 from service.dependencies import Service
-from service.http.disconnects import while_connected
-from service.http.duplicate_parameters import once, once_each
+from service.http.middleware import while_connected
 from service.http.problems import documented
+from service.http.request_bodies import once, once_each
 from service.pipelines.active import fingerprint
 from service.shapes.deleted import service
 from service.shapes.deleted.schemas import DeletedShapePage

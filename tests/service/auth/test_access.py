@@ -6,12 +6,8 @@ import re
 import pytest
 from starlette.datastructures import Headers
 
-from service.auth.gate import Gate, key_in
-from service.auth.hosts import Hosts, name_in
-from service.auth.keys import Grant, KeyRing, digest_of, new_key
-from service.auth.rate_limits import RateLimit
-from service.auth.rules import from_another_site, needed
-from service.auth.sessions import COOKIE, MOST_EACH, SECONDS, Sessions
+from service.auth.gate import Gate, Hosts, RateLimit, from_another_site, key_in, name_in, needed
+from service.auth.keys import COOKIE, MOST_EACH, SECONDS, Grant, KeyRing, Sessions, digest_of, new_key
 from service.errors import (
     CrossSiteError,
     ForbiddenError,

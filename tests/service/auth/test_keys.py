@@ -9,8 +9,7 @@ from pathlib import Path
 import httpx
 import pytest
 
-from service.auth.keys import digest_of
-from service.auth.sessions import COOKIE, SECONDS
+from service.auth.keys import COOKIE, SECONDS, digest_of
 from service.observability.logging import LOGGER, JsonFormatter
 from tests.service.support import (
     Running,

@@ -13,11 +13,9 @@ from core.io import read_mesh, write_mesh
 from core.mesh.mesh import Mesh
 from service.rendering.colours import colours_of_points, interpolate_colours
 from service.rendering.glb import GlbPart, write_glb
-from service.rendering.rasteriser import NOTHING, nearest_triangles
 from service.rendering.tasks import FACES
 from service.rendering.tasks import preview as make_preview
-from service.rendering.thumbnail import SIZES, draw
-from service.rendering.viewpoint import camera, upright
+from service.rendering.thumbnail import NOTHING, SIZES, camera, draw, nearest_triangles, upright
 from service.storage.checksums import checksum_of
 from service.storage.tables import ThumbnailRow
 from tests.service.engines import on_both

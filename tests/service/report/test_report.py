@@ -10,8 +10,7 @@ from core.io import read_mesh
 from core.mesh.mesh import Mesh
 from service.rendering.tasks import FACES
 from service.rendering.tasks import preview as make_preview
-from service.rendering.thumbnail import draw, draw_painted
-from service.rendering.viewpoint import camera, upright
+from service.rendering.thumbnail import camera, draw, draw_painted, upright
 from service.report.page import SCORES, MatchReport, PicturedResult, page
 from service.report.pictures import SIZE, Preview, alone, matched
 from service.search.schemas import MILLISECONDS, RESULT, Pair, Point, QueryAnswer, Result

@@ -12,7 +12,7 @@ from core.dense.records import DenseCorrespondence
 from core.errors import CannotBeEmbeddedError
 from core.io import read_mesh, write_mesh
 from core.mesh.mesh import Mesh
-from service.rendering import dense_colours
+from service.rendering import colours as dense_colours
 from service.search import compared_shapes
 from tests.core.dense.solids import chair
 from tests.core.shapes import scaled, turned

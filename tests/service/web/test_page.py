@@ -9,7 +9,7 @@ import httpx
 import pytest
 
 from service.auth.keys import digest_of
-from service.web import assets
+from service.web import endpoints as assets
 from tests.service.support import Running, assert_problem, serving, settings_in
 
 ROOT = Path(__file__).parents[3]
@@ -109,9 +109,9 @@ def test_a_file_is_sent_packed_or_not_and_once(shared: Running, name: str) -> No
     [
         "nothing.js",
         "vendor/three.d.ts",
-        "../assets.py",
-        "%2e%2e/assets.py",
-        "..%2fassets.py",
+        "../endpoints.py",
+        "%2e%2e/endpoints.py",
+        "..%2fendpoints.py",
         "/etc/passwd",
         "vendor",
     ],
