@@ -26,7 +26,7 @@ FULL, READ, BUSY = "isoshape_full-key", "isoshape_read-key", "isoshape_busy-key"
 
 @pytest.fixture(scope="module")
 def locked(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
-    """A service with keys, and a client that sends none."""
+    """A service with keys behind a proxy, and a client that sends none."""
     settings = settings_in(
         tmp_path_factory.mktemp("locked"),
         workers=1,
@@ -35,8 +35,11 @@ def locked(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
         rate_limit=30,
         log_level="debug",
     )
-    with serving(settings, ready=False) as running:
-        yield running
+    with pytest.MonkeyPatch.context() as patch:
+        # A proxy on this machine says what connection it took.
+        patch.setenv("FORWARDED_ALLOW_IPS", "127.0.0.1")
+        with serving(settings, ready=False) as running:
+            yield running
 
 
 @pytest.fixture
@@ -116,7 +119,6 @@ def test_signing_in_and_out(locked: Running, browser: httpx.Client) -> None:
 
 
 def test_over_https_the_cookie_is_for_https_alone(browser: httpx.Client) -> None:
-    # What a proxy on this machine says of the connection that it took.
     headers = {"x-api-key": READ, "x-forwarded-proto": "https"}
     for answer in (browser.post("/session", headers=headers), browser.delete("/session", headers=headers)):
         assert "; secure" in answer.headers["set-cookie"].lower()
