@@ -16,8 +16,8 @@ from core.embedding import Embedding, Match, Scores
 from core.errors import IncompatibleEmbeddingsError
 from core.graph.sample_distances import sample_distances
 from core.graph.sparse_graph import SparseGraph
-from core.matching.matcher import Prepared, embedding_key
-from core.matching.matcher_choice import matcher_of
+from core.matching.match_records import embedding_key
+from core.matching.matcher import Prepared, matcher_of
 from core.mesh.cleaning import clean
 from core.mesh.mesh import Mesh
 from core.mesh.preparation import PreparedSurface

@@ -3,19 +3,35 @@
 The kernels release the GIL, so several threads may score at once.
 """
 
+import hashlib
 from collections.abc import Sequence
 
-from core.arrays import Float32s
+import numpy as np
+
+from core.arrays import Bytes, Float32s, Floats, Int16s, Ints
 from core.embedding import Embedding, Scores
 from core.errors import IncompatibleEmbeddingsError, ParameterError
-from core.matching.matcher import embedding_key
-from core.matching.matcher_choice import matcher_of
-from core.matching.procrustes import ProcrustesMatcher
+from core.matching.kernels.match_record import ONE, MatchRecord, encoded
+from core.matching.kernels.one_to_many import MATCH_RECORD, compare_many
+from core.matching.kernels.spline_search import SearchRounds
+from core.matching.similarity import EFFECTIVE
+from core.matching.thin_plate_spline import compiled_spline_operators
 from core.parameters import Parameters
+
+TOGETHER = 32
+"""Match records that are copied into one array for one call of the kernel."""
+
+
+def embedding_key(embedding: Embedding) -> bytes:
+    """Return a hash of the coordinates and of the samples that the points belong to, 16 bytes."""
+    state = hashlib.blake2b(np.ascontiguousarray(embedding.regions).tobytes(), digest_size=16)
+    for spectrum in embedding.spectra:
+        state.update(np.ascontiguousarray(spectrum.coordinates).tobytes())
+    return state.digest()
 
 
 def match_record(embedding: Embedding, parameters: Parameters) -> Float32s:
-    """The match record of an embedding, float32, shape (l,), about 100 kB.
+    """Return the match record of an embedding, float32, shape (l,), about 100 kB.
 
     The bytes are the same only while linear algebra runs on one thread: see `core.numerics.threads`.
 
@@ -30,13 +46,80 @@ def match_record(embedding: Embedding, parameters: Parameters) -> Float32s:
         raise IncompatibleEmbeddingsError(
             f"embedding {embedding.fingerprint} under pipeline {parameters.fingerprint}"
         )
-    if not matcher_of(parameters).uses_match_records:
+    if parameters.matching.pairs != "both-ways":
         raise ParameterError('only pipelines with pairs "both-ways" have match records')
-    return ProcrustesMatcher(parameters).prepare(embedding, embedding_key(embedding))
+    return encoded(make_match_record(embedding, embedding_key(embedding), parameters))
+
+
+def make_match_record(embedding: Embedding, key: bytes, parameters: Parameters) -> MatchRecord:
+    """Return the match record of one shape, in contiguous arrays that share no memory with the embedding.
+
+    For arrays of another layout numba would compile the kernels again, to slower loops.
+
+    Parameters
+    ----------
+    embedding : Embedding
+    key : bytes
+        16, from `embedding_key`.
+    parameters : Parameters
+    """
+    regions = embedding.regions.astype(np.int64)
+    m = int(regions.max()) + 1
+    rows = min(parameters.matching.search_samples or m, m)
+    columns = parameters.matching.search_dimensions or parameters.spectral.dimensions
+    clouds = [spectrum.coordinates.astype(np.float64) for spectrum in embedding.spectra]
+    samples = [points[:m] for points in clouds]
+    searched = [points[:rows, :columns] for points in samples]
+    centred = [points - points.mean(axis=0) for points in samples]
+    return MatchRecord(
+        points=np.ascontiguousarray(np.concatenate(clouds, axis=1), dtype=np.float32),
+        searched=np.ascontiguousarray(np.stack([points.T for points in searched]), dtype=np.float32),
+        operators=_quantised(
+            [
+                compiled_spline_operators(
+                    samples_searched, parameters.matching.first_dimensions, parameters.matching.stiffness
+                )
+                for samples_searched in searched
+            ]
+        ),
+        offsets=np.searchsorted(np.sort(regions), np.arange(m + 1)).astype(np.int32),
+        members=np.argsort(regions, kind="stable").astype(np.int32),
+        warp=_quantised(
+            [
+                compiled_spline_operators(points, points.shape[1], parameters.matching.warp_stiffness)[0]
+                for points in samples
+            ]
+        ),
+        radius=np.array([np.linalg.norm(points, axis=1).mean() for points in centred], dtype=np.float32),
+        key=np.frombuffer(key, dtype=">u4").astype(np.uint32).view(np.int32),
+    )
+
+
+def _quantised(matrices: Sequence[Floats]) -> Int16s:
+    """Return matrices of entries in [-1, 1], stacked, in whole numbers over `ONE`."""
+    return np.rint(np.clip(np.stack(matrices), -1.0, 1.0) * ONE).astype(np.int16)
+
+
+def search_rounds(parameters: Parameters) -> SearchRounds:
+    """Return the sizes and numbers of rounds that the parameters ask for."""
+    return SearchRounds(
+        parameters.matching.search_samples or parameters.sampling.samples,
+        parameters.matching.first_dimensions,
+        2**parameters.matching.first_dimensions if parameters.matching.sign_starts else 1,
+        parameters.matching.start_iterations,
+        parameters.matching.step_iterations,
+        2,
+        parameters.matching.align_samples,
+        parameters.matching.kept_maps,
+        parameters.matching.align_rounds,
+        parameters.matching.final_rounds,
+        parameters.matching.slide_rounds,
+        EFFECTIVE,
+    )
 
 
 def score_match_records(query: Float32s, records: Sequence[Float32s], parameters: Parameters) -> Scores:
-    """CC, SSD and sim of one shape with each of c others, the same whichever of two is the query.
+    """Return CC, SSD and sim of one shape with each of c others, the same whichever of two is the query.
 
     Parameters
     ----------
@@ -45,4 +128,27 @@ def score_match_records(query: Float32s, records: Sequence[Float32s], parameters
     parameters : Parameters
         Those that all match records were made with.
     """
-    return ProcrustesMatcher(parameters).score(query, records)
+    rounds = search_rounds(parameters)
+    scores = np.empty((len(records), 3))
+    for start in range(0, len(records), TOGETHER):
+        batch = records[start : start + TOGETHER]
+        data = np.concatenate(batch, dtype=np.float32, casting="no").view(np.uint8)
+        ends = np.cumsum([record.nbytes for record in batch])
+        scores[start : start + TOGETHER] = compared(query, data, ends, MATCH_RECORD, rounds)[0]
+    cc, ssd, sim = np.ascontiguousarray(scores.T)
+    return Scores(cc=cc, ssd=ssd, sim=sim)
+
+
+def compared(
+    query: Float32s, others: Bytes, ends: Ints, form: int, rounds: SearchRounds
+) -> tuple[Floats, Float32s]:
+    """Return the scores of one shape with each of c others, shape (c, 3), and the map of the last pair.
+
+    Parameters and results are those of `core.matching.kernels.one_to_many.compare_many`.
+    """
+    # Writeable: numba would compile the kernels once more for arrays that are not.
+    record, data = (np.require(array, requirements=["C", "W"]) for array in (query, others))
+    columns = int(np.prod(record[3:5].view(np.int32)))
+    scores, rotation = np.empty((len(ends), 3)), np.empty((columns, columns), dtype=np.float32)
+    compare_many(record, data, ends, form, rounds, scores, rotation)
+    return scores, rotation

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from core.arrays import Float32s, Floats, Int8s, Int32s, Ints
 from core.matching.kernels.match_record import MatchRecord
-from core.matching.kernels.orthogonal_procrustes import EXACT, ROUGH
-from core.matching.kernels.pair_matching import SearchRounds, refine_map
-from core.matching.kernels.sign_starts import maps_of_starts
+from core.matching.kernels.pair_matching import refine_map
+from core.matching.kernels.procrustes import EXACT, ROUGH
+from core.matching.kernels.spline_search import SearchRounds, search_maps
 from core.spectral.orientation import orientation_agreement
 
 FITS_AS_WELL = 0.02
@@ -44,16 +44,16 @@ class CandidateMaps:
     Attributes
     ----------
     rotations : list of float32, shape (b k, b k)
-        As in `core.matching.procrustes.ProcrustesMatch`.
-    there, back : list of int32, shapes (m,) and (n,)
+        x.points @ rotation lies on y.points.
+    forward, backward : list of int32, shapes (m,) and (n,)
         The partner of each sample of the first shape, and of the second.
     mirrored : bool
         Whether they reverse orientation, since no map that fits about as well preserves it.
     """
 
     rotations: list[Float32s]
-    there: list[Int32s]
-    back: list[Int32s]
+    forward: list[Int32s]
+    backward: list[Int32s]
     mirrored: bool
 
 
@@ -61,11 +61,11 @@ def candidate_maps(
     x: MatchRecord,
     y: MatchRecord,
     orientations: tuple[Int8s, Int8s],
-    block: int,
+    domain: int,
     rounds: SearchRounds,
     most: int,
 ) -> CandidateMaps:
-    """At most `most` maps, all of one orientation: preserving, if such a map fits about as well as any.
+    """Return at most `most` maps of one orientation: preserving, if such a map fits about as well as any.
 
     Parameters
     ----------
@@ -73,104 +73,126 @@ def candidate_maps(
         Of m and n samples.
     orientations : pair of int8, shapes (m, e) and (n, e)
         Of their embeddings.
-    block : int
+    domain : int
         The spectral domain whose coordinates they belong to.
     rounds : SearchRounds
     most : int
         >= 1.
     """
     maps = _maps(x, y, rounds)
-    agreements = _agreements(x, maps, orientations, block)
+    agreements = _agreements(x, maps, orientations, domain)
     fitting, preserving = _fitting(maps, agreements)
     if most > 1 or not preserving.any():
         maps = _joined(maps, _composed(x, y, rounds, maps))
-        agreements = _agreements(x, maps, orientations, block)
+        agreements = _agreements(x, maps, orientations, domain)
         fitting, preserving = _fitting(maps, agreements)
     mirrored = not preserving.any()
     rotations, scores, partners = maps
     order = np.argsort(-(scores + AGREEMENT_WEIGHT * np.abs(agreements)), kind="stable")
     chosen = _different(partners, order[(fitting if mirrored else preserving)[order]], most)
-    found = CandidateMaps([rotations[which] for which in chosen], [], [], mirrored)
-    m, n = len(x.offsets) - 1, len(y.offsets) - 1
-    mine, yours = x.points[:m], y.points[:n]
-    targets = np.ascontiguousarray(yours.T)
-    for rotation in found.rotations:
-        found.there.append(np.empty(m, dtype=np.int32))
-        found.back.append(np.empty(n, dtype=np.int32))
-        count = max(1, rounds.final_rounds + rounds.slides)
-        refine_map(
-            mine, yours, targets, len(x.radius), count, EXACT, rotation, found.there[-1], found.back[-1]
+    candidates = CandidateMaps([rotations[which] for which in chosen], [], [], mirrored)
+    count = max(1, rounds.final_rounds + rounds.slides)
+    for rotation in candidates.rotations:
+        _, forward, backward = _refined(x, y, None, EXACT, count, rotation)
+        candidates.forward.append(forward)
+        candidates.backward.append(backward)
+    return candidates
+
+
+def _refined(
+    x: MatchRecord, y: MatchRecord, samples: int | None, steps: Float32s, count: int, rotation: Float32s
+) -> tuple[float, Int32s, Int32s]:
+    """Refine a map in place, on the first samples or on all, and return its correlation and pairs."""
+    samples_of_x, samples_of_y = (each.points[: len(each.offsets) - 1][:samples] for each in (x, y))
+    targets = np.ascontiguousarray(samples_of_y.T)
+    forward, backward = (np.empty(len(points), dtype=np.int32) for points in (samples_of_x, samples_of_y))
+    score = 0.0
+    for _ in range(count):
+        score = refine_map(
+            samples_of_x, samples_of_y, targets, len(x.radius), steps, rotation, forward, backward
         )
-    return found
+    return score, forward, backward
 
 
 def _maps(x: MatchRecord, y: MatchRecord, rounds: SearchRounds) -> _Maps:
-    """The map of each start of each search."""
-    m, blocks, columns = len(x.offsets) - 1, len(x.radius), x.points.shape[1]
-    number = rounds.sides * blocks * rounds.starts
-    rotations = np.zeros((number, columns, columns), dtype=np.float32)
-    scores = np.empty(number, dtype=np.float32)
-    partners = np.empty((number, min(rounds.align_samples, m)), dtype=np.int32)
-    maps_of_starts(x, y, rounds, rotations, scores, partners)
-    return rotations, scores, partners
+    """Return the map of each sign start of each search, refined on the first samples.
+
+    `search_maps` keeps the best start alone. A symmetric shape has several maps that fit equally well, which
+    the searches from other signs find.
+    """
+    one_start = rounds._replace(starts=1, sides=1)
+    columns, domains = x.points.shape[1], len(x.radius)
+    rotations = np.zeros((domains, columns, columns), dtype=np.float32)
+    correlations = np.empty(domains, dtype=np.float32)
+    maps, scores, partners = [], [], []
+    for start in range(rounds.starts):
+        signs = np.ones((1, x.searched.shape[1], 1), dtype=np.float32)
+        for c in range(rounds.first_dimensions):
+            signs[0, c, 0] = -1.0 if (start >> c) & 1 else 1.0
+        for source, target in ((x, y), (y, x))[: rounds.sides]:
+            turned = source._replace(searched=signs * source.searched)
+            search_maps(turned, target, one_start, rotations, correlations)
+            for rotation in rotations:
+                refined = rotation.copy() if source is x else rotation.T.copy()
+                score, forward, _ = _refined(
+                    x, y, rounds.align_samples, ROUGH, 1 + rounds.align_rounds, refined
+                )
+                maps.append(refined)
+                scores.append(score)
+                partners.append(forward)
+    return np.array(maps), np.array(scores, dtype=np.float32), np.array(partners)
 
 
-def _agreements(x: MatchRecord, maps: _Maps, orientations: tuple[Int8s, Int8s], block: int) -> Floats:
-    """The agreement of orientation under each map, in one spectral domain, shape (c,)."""
+def _agreements(x: MatchRecord, maps: _Maps, orientations: tuple[Int8s, Int8s], domain: int) -> Floats:
+    """Return the agreement of orientation under each map, in one spectral domain, shape (c,)."""
     rotations, _, partners = maps
     first, second = (each.astype(np.float64) for each in orientations)
-    low, k = block * (x.points.shape[1] // len(x.radius)), int(np.sqrt(2.0 * first.shape[1])) + 1
+    low, k = domain * (x.points.shape[1] // len(x.radius)), int(np.sqrt(2.0 * first.shape[1])) + 1
     parts = rotations[:, low : low + k, low : low + k].astype(np.float64)
     return orientation_agreement(first[: partners.shape[1]], second[partners], parts)
 
 
 def _fitting(maps: _Maps, agreements: Floats) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """The maps that fit about as well as the best one, and those of them that preserve orientation."""
+    """Return the maps that fit about as well as the best one, and those of them that preserve orientation."""
     scores = maps[1]
     fitting = scores >= scores.max() - FITS_AS_WELL
     return fitting, fitting & (agreements > 0.0)
 
 
 def _composed(x: MatchRecord, y: MatchRecord, rounds: SearchRounds, maps: _Maps) -> _Maps:
-    """The best maps after the symmetries of the first shape, refined.
+    """Return the best maps after the symmetries of the first shape, refined.
 
     The search from one shape to the other may miss a map of a symmetric shape. The symmetries are the maps of
     the shape to itself.
     """
-    blocks = len(x.radius)
-    own = _maps(x, x, rounds)
+    symmetries = _maps(x, x, rounds)
     turns, ends = (
-        each[0][_different(each[2], np.argsort(-each[1], kind="stable"), SYMMETRIES)] for each in (own, maps)
+        each[0][_different(each[2], np.argsort(-each[1], kind="stable"), SYMMETRIES)]
+        for each in (symmetries, maps)
     )
-    some = x.points[: maps[2].shape[1]]
-    others = y.points[: min(rounds.align_samples, len(y.offsets) - 1)]
-    targets = np.ascontiguousarray(others.T)
     rotations = np.array([turn @ end for turn in turns for end in ends])
-    partners = np.empty((len(rotations), len(some)), dtype=np.int32)
-    back = np.empty(len(others), dtype=np.int32)
     count = 1 + rounds.align_rounds
-    scores = [
-        refine_map(some, others, targets, blocks, count, ROUGH, rotation, there, back)
-        for rotation, there in zip(rotations, partners, strict=True)
-    ]
-    kept = np.array(scores) >= maps[1].max() - COMPOSED_FITS
-    return rotations[kept], np.array(scores, dtype=np.float32)[kept], partners[kept]
-
-
-def _joined(one: _Maps, other: _Maps) -> _Maps:
-    return (
-        np.concatenate([one[0], other[0]]),
-        np.concatenate([one[1], other[1]]),
-        np.concatenate([one[2], other[2]]),
+    refined = [_refined(x, y, rounds.align_samples, ROUGH, count, rotation) for rotation in rotations]
+    scores, partners = (
+        np.array([each[0] for each in refined], np.float32),
+        np.array([each[1] for each in refined]),
     )
+    kept = scores >= maps[1].max() - COMPOSED_FITS
+    return rotations[kept], scores[kept], partners[kept]
+
+
+def _joined(first: _Maps, second: _Maps) -> _Maps:
+    """Return the maps of both."""
+    rotations, scores, partners = (np.concatenate(pair) for pair in zip(first, second, strict=True))
+    return rotations, scores, partners
 
 
 def _different(partners: Int32s, order: Ints, most: int) -> list[int]:
-    """The first maps in an order, at most `most`, none like one before it."""
+    """Return the first maps in an order, at most `most`, none like one before it."""
     chosen: list[int] = []
     for which in order.tolist():
         if len(chosen) < most and not any(
-            (partners[which] == partners[one]).mean() >= ALIKE for one in chosen
+            (partners[which] == partners[before]).mean() >= ALIKE for before in chosen
         ):
             chosen.append(which)
     return chosen

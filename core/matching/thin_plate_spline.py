@@ -1,14 +1,20 @@
-"""The thin-plate spline, Eqs. 14-16."""
+"""The thin-plate spline, Eqs. 14-16, and its linear operators at its own points."""
+
+import math
 
 import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
-from core.arrays import Floats
+from core.arrays import Float32s, Floats
 from core.errors import ParameterError
+from core.numerics.compilation import compiled
+
+FLAT = 1e-12
+"""The least eigenvalue over the greatest, of the cross-products of points beside ones, that are flat."""
 
 
 def tps_kernel(first: Floats, second: Floats) -> Floats:
-    """phi(r) = r^2 log r^2 between points, shape (m, n).
+    """Return phi(r) = r^2 log r^2 between points, shape (m, n).
 
     In two dimensions it gives the minimiser of Eq. 14's bending energy; in k >= 3 it is simply a
     conditionally positive definite kernel of order two.
@@ -18,7 +24,7 @@ def tps_kernel(first: Floats, second: Floats) -> Floats:
 
 
 def mean_pair_distance(points: Floats) -> float:
-    """Mean distance between all pairs of different points: the paper's choice for beta."""
+    """Return the mean distance between all pairs of different points: the paper's choice for beta."""
     distances = np.sqrt(((points[:, None, :] - points[None, :, :]) ** 2).sum(axis=2))
     count = len(points)
     return float(distances.sum()) / (count * (count - 1))
@@ -67,7 +73,7 @@ class ThinPlateSpline:
             raise ParameterError("points nearly coincide, so beta must be larger") from error
 
     def fit(self, targets: Floats) -> tuple[Floats, Floats]:
-        """Coefficients of Eq. 15 for targets of shape (m, d).
+        """Return the coefficients of Eq. 15 for targets of shape (m, d).
 
         Returns
         -------
@@ -81,13 +87,116 @@ class ThinPlateSpline:
         return w, np.asarray(np.linalg.lstsq(self._upper, rest, rcond=None)[0])
 
     def transform(self, points: Floats, w: Floats, t: Floats) -> Floats:
-        """Values of g (Eq. 15) at points of shape (n, k): shape (n, d)."""
+        """Return the values of g (Eq. 15) at points of shape (n, k): shape (n, d)."""
         return np.asarray(t[0] + points @ t[1:] + tps_kernel(points, self.source) @ w)
 
     def smoother(self) -> Floats:
-        """S, shape (m, m), with g(source) = S targets: one small product is an iteration's whole warp.
+        """Return S, shape (m, m), with g(source) = S targets: one small product is an iteration's whole warp.
 
         At the source points K w + P t = targets - beta w, so S = I - beta Q2 (Q2^T (K + beta I) Q2)^-1 Q2^T.
         """
         warping = self._bending @ cho_solve(self._factor, self._bending.T, check_finite=False)
         return np.asarray(np.eye(len(self.source)) - self.beta * warping)
+
+
+def spline_operators(points: Floats, first_dimensions: int, stiffness: float) -> Float32s:
+    """Return the operators S of the splines on one cloud, one for each number of dimensions.
+
+    S targets are the values of the spline at the points. The TPS matcher reads these; they are the reference
+    of `compiled_spline_operators`.
+
+    Parameters
+    ----------
+    points : float64, shape (m, k)
+    first_dimensions : int
+        Dimensions of the first operator; each of the others has one dimension more.
+    stiffness : float
+        beta as a multiple of the mean distance between all pairs of points.
+
+    Returns
+    -------
+    float32, shape (k - first_dimensions + 1, m, m)
+    """
+    beta = stiffness * mean_pair_distance(points)
+    stages = range(first_dimensions, points.shape[1] + 1)
+    return np.stack([ThinPlateSpline(points[:, :k], beta).smoother() for k in stages]).astype(np.float32)
+
+
+def compiled_spline_operators(points: Floats, first_dimensions: int, stiffness: float) -> Floats:
+    """Return the matrices of `spline_operators`, each from one bordered matrix inverted (Eq. 16).
+
+    Compiled, and without the GIL, for the Procrustes matcher. Points that do not determine the affine part,
+    as those in a plane, are left to `spline_operators`.
+
+    Parameters
+    ----------
+    points : float64, shape (m, k)
+    first_dimensions : int
+    stiffness : float
+        beta as a multiple of the mean distance between all pairs of points.
+
+    Returns
+    -------
+    float64, shape (k - first_dimensions + 1, m, m)
+        Symmetric, of entries in [-1, 1].
+    """
+    m, k = points.shape
+    operators = np.empty((k - first_dimensions + 1, m, m))
+    if not _solved(np.array(points), first_dimensions, stiffness, operators):
+        return spline_operators(points, first_dimensions, stiffness).astype(np.float64)
+    return operators
+
+
+@compiled
+def _add_squares(column: Floats, squares: Floats) -> None:
+    """Add the squared differences of one coordinate of m points to those between all pairs, shape (m, m)."""
+    for i in range(len(column)):
+        for j in range(len(column)):
+            squares[i, j] += (column[i] - column[j]) ** 2
+
+
+@compiled
+def _solved(points: Floats, first: int, stiffness: float, operators: Floats) -> bool:
+    """Write the matrices, and return whether the points are not flat."""
+    m, k = points.shape
+    # Ones beside the coordinates, each column of unit length.
+    affine = np.ones((m, k + 1))
+    for c in range(k):
+        size = math.sqrt((points[:, c] ** 2).sum())
+        if size == 0.0:
+            return False
+        affine[:, c + 1] = points[:, c] / size
+    affine[:, 0] /= math.sqrt(m)
+    spread = np.linalg.eigvalsh(np.dot(affine.T, affine))
+    if not spread[0] > FLAT * spread[-1]:
+        return False
+    columns = np.ascontiguousarray(points.T)
+    squares = np.zeros((m, m))
+    for c in range(k):
+        _add_squares(columns[c], squares)
+    # beta, from the mean distance in all dimensions.
+    total = 0.0
+    for i in range(m):
+        for j in range(i):
+            total += 2.0 * math.sqrt(squares[i, j])
+    beta = stiffness * total / (m * (m - 1))
+    # For each number of dimensions the bordered matrix of Eq. 16, inverted.
+    squares[:] = 0.0
+    for c in range(k):
+        _add_squares(columns[c], squares)
+        if c + 1 < first:
+            continue
+        bordered = np.zeros((m + c + 2, m + c + 2))
+        for i in range(m):
+            for j in range(i):
+                if squares[i, j] > 0.0:
+                    bordered[i, j] = bordered[j, i] = squares[i, j] * math.log(squares[i, j])
+            bordered[i, i] = beta
+            for d in range(c + 2):
+                bordered[i, m + d] = bordered[m + d, i] = affine[i, d]
+        inverse = np.linalg.inv(bordered)
+        for i in range(m):
+            for j in range(m):
+                operators[c + 1 - first, i, j] = -0.5 * beta * (inverse[i, j] + inverse[j, i])
+            operators[c + 1 - first, i, i] += 1.0
+    return True

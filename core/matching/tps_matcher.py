@@ -1,4 +1,7 @@
-"""The TPS matcher, the paper's: nearest neighbours under the iterated spline, in each spectral domain."""
+"""The TPS matcher, the paper's: nearest neighbours under an iterated thin-plate spline (Eq. 17).
+
+Its search in plain NumPy is also the reference of `core.matching.kernels.spline_search`.
+"""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -6,13 +9,107 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from core.arrays import Float32s, Floats, Int8s, Ints
+from core.arrays import Float32s, Floats, Int8s, Ints, Reals
 from core.embedding import Embedding, Scores
-from core.matching.correspondence import spline_search
-from core.matching.matcher import PairMatch
-from core.matching.similarity import correlation, effective_distance, effective_pairs, squared_difference
-from core.matching.spline_operators import spline_operators
+from core.matching.similarity import (
+    PairMatch,
+    correlation,
+    effective_distance,
+    effective_pairs,
+    squared_difference,
+)
+from core.matching.thin_plate_spline import spline_operators
 from core.parameters import Parameters
+
+
+def spline_search(
+    points: Reals,
+    targets: Reals,
+    operators: Reals,
+    *,
+    starts: int,
+    kept_starts: int,
+    start_iterations: int,
+    step_iterations: int,
+) -> Ints:
+    """Return the correspondence from one cloud to another, dimension by dimension.
+
+    Each start flips signs of the first coordinates, takes nearest neighbours and alternates the spline with
+    them. The best starts are carried on: the spline in k + 1 dimensions is fitted to the correspondence found
+    in k, which settles the sign and the order of the next coordinate (the idea of ZoomOut, Melzi et al. 2019,
+    with the spline in place of the functional map).
+
+    Parameters
+    ----------
+    points : float32 or float64, shape (m, k)
+    targets : of the same type, shape (n, k)
+    operators : of the same type, shape (stages, m, m)
+        `core.matching.thin_plate_spline.spline_operators` of `points`. The search begins in k - stages + 1
+        dimensions; each stage adds one.
+    starts : int
+        Sign changes of the first coordinates: 2^(k - stages + 1) for all, 1 for none.
+    kept_starts : int
+        Number of starts, best correlation first, that are carried through all stages.
+    start_iterations, step_iterations : int
+        Rounds of spline and nearest neighbours for each start, and after each added dimension.
+
+    Returns
+    -------
+    int64, shape (m,)
+        A row of `targets` for each row of `points`.
+    """
+    k_all = points.shape[1]
+    first = k_all - len(operators) + 1
+    # Every start in the first dimensions.
+    started: list[tuple[float, Ints]] = []
+    for start in range(starts):
+        signs = np.array([-1.0 if (start >> c) & 1 else 1.0 for c in range(first)], dtype=points.dtype)
+        matches = _nearest(points[:, :first] * signs, targets[:, :first])
+        for _ in range(start_iterations):
+            matches = _nearest(_warp(operators[0], targets[matches, :first]), targets[:, :first])
+        started.append((_signless_correlation(points[:, :first], targets[matches, :first]), matches))
+    # The best starts in one more dimension at a time.
+    started.sort(key=lambda scored: -scored[0])
+    finished: list[tuple[float, Ints]] = []
+    for _, start_matches in started[:kept_starts]:
+        matches = start_matches
+        for stage, k in enumerate(range(first + 1, k_all + 1), start=1):
+            for _ in range(step_iterations):
+                matches = _nearest(_warp(operators[stage], targets[matches, :k]), targets[:, :k])
+        finished.append((_signless_correlation(points, targets[matches]), matches))
+    return max(finished, key=lambda scored: scored[0])[1]
+
+
+def _nearest(points: Reals, targets: Reals) -> Ints:
+    """Return the row of targets (n, k) nearest to each of the points (m, k); of equals, the first."""
+    squares = np.zeros((len(points), len(targets)), dtype=points.dtype)
+    step = np.empty_like(squares)
+    for x, y in zip(points.T, np.ascontiguousarray(targets.T), strict=True):
+        np.subtract(x[:, None], y[None, :], out=step)
+        squares += np.square(step, out=step)
+    return np.asarray(squares.argmin(axis=1))
+
+
+def _warp(operator: Reals, matched: Reals) -> Reals:
+    """Return operator @ matched, shape (m, k), of a symmetric operator (m, m).
+
+    Summed row by row, in one order on every machine: the order of a matrix product hangs on the library, and
+    last bits decide between neighbours that are nearly equally near.
+    """
+    return np.stack([(operator * column[:, None]).sum(axis=0) for column in matched.T], axis=1)
+
+
+def _signless_correlation(points: Reals, targets: Reals) -> float:
+    """Return the correlation of matched points, both of shape (m, k), column signs aside."""
+    x, y = points.astype(np.float64), targets.astype(np.float64)
+    x, y = x - x.mean(axis=0), y - y.mean(axis=0)
+    squares = _sum(x.T**2) * _sum(y.T**2)
+    return _sum(np.abs((x * y).sum(axis=0))) / float(np.sqrt(squares)) if squares > 0.0 else 0.0
+
+
+def _sum(values: Floats) -> float:
+    """Return the sum in the order of memory, for the reason told in `_warp`."""
+    return float(np.cumsum(values)[-1])
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,7 +120,7 @@ class Domain:
     ----------
     points : float64, shape (m, k)
     operators : float32, shape (k - first_dimensions + 1, m, m)
-        Their splines: see `core.matching.spline_operators.spline_operators`.
+        Their splines: see `core.matching.thin_plate_spline.spline_operators`.
     """
 
     points: Floats
@@ -39,7 +136,7 @@ class Domains:
     samples : int
         m.
     key : bytes
-        `core.matching.matcher.embedding_key`.
+        `core.matching.match_records.embedding_key`.
     domains : tuple of Domain
         One a spectrum.
     """
@@ -83,7 +180,7 @@ class TpsMatcher:
         self._parameters = parameters
 
     def prepare(self, embedding: Embedding, key: bytes) -> Domains:
-        """The samples of an embedding in each domain, with their splines."""
+        """Return the samples of an embedding in each domain, with their splines."""
         wanted = self._parameters.matching
         samples = int(embedding.regions.max()) + 1
         clouds = [spectrum.coordinates[:samples].astype(np.float64) for spectrum in embedding.spectra]
@@ -94,38 +191,39 @@ class TpsMatcher:
         return Domains(samples, key, domains)
 
     def score(self, query: Domains, candidates: Iterable[Domains]) -> Scores:
-        """CC, SSD and sim of one shape with each of c others: arrays of shape (c,)."""
-        found = [self.match(query, candidate) for candidate in candidates]
+        """Return CC, SSD and sim of one shape with each of c others: arrays of shape (c,)."""
+        matches = [self.match(query, candidate) for candidate in candidates]
         cc, ssd, sim = (
-            np.array([getattr(one, name) for one in found], dtype=np.float64) for name in ("cc", "ssd", "sim")
+            np.array([getattr(match, name) for match in matches], dtype=np.float64)
+            for name in ("cc", "ssd", "sim")
         )
         return Scores(cc=cc, ssd=ssd, sim=sim)
 
     def candidates(
         self, first: Domains, second: Domains, orientations: tuple[Int8s, Int8s], most: int
     ) -> tuple[list[Ints], bool | None]:
-        """The pairs of `match` alone; neither orientations nor `most` are used."""
+        """Return the pairs of `match` alone; neither orientations nor `most` are used."""
         return [self.match(first, second).pairs], None
 
     def match(
         self, first: Domains, second: Domains, orientations: tuple[Int8s, Int8s] | None = None
     ) -> PairMatch:
-        """The scores, and the pairs of the smaller cloud's samples in the first domain.
+        """Return the scores, and the pairs of the smaller cloud's samples in the first domain.
 
         Orientations are not used.
         """
         swapped = (first.samples, first.key) > (second.samples, second.key)
         x, y = (second, first) if swapped else (first, second)
-        there = [self.match_one_way(*pair) for pair in zip(x.domains, y.domains, strict=True)]
-        back = [self.match_one_way(*pair) for pair in zip(y.domains, x.domains, strict=True)]
-        cc, ssd, sim = np.mean([one.scores for one in there + back], axis=0).tolist()
-        shown = there[0]
+        forward = [self.match_one_way(*pair) for pair in zip(x.domains, y.domains, strict=True)]
+        backward = [self.match_one_way(*pair) for pair in zip(y.domains, x.domains, strict=True)]
+        cc, ssd, sim = np.mean([match.scores for match in forward + backward], axis=0).tolist()
+        shown = forward[0]
         pairs = np.stack([np.arange(len(shown.matches)), shown.matches], axis=1)
-        found = PairMatch(cc, ssd, sim, pairs, shown.distances, shown.effective)
-        return found.swapped() if swapped else found
+        match = PairMatch(cc, ssd, sim, pairs, shown.distances, shown.effective)
+        return match.swapped() if swapped else match
 
     def match_one_way(self, first: Domain, second: Domain) -> OneWayMatch:
-        """The nearest neighbours of the warped samples of one domain, and their scores."""
+        """Return the nearest neighbours of the warped samples of one domain, and their scores."""
         wanted = self._parameters.matching
         matches = spline_search(
             first.points.astype(np.float32),

@@ -1,15 +1,16 @@
 """Coarse ranking: an approximate CC from the first samples of each shape, in a few hundred bytes."""
 
-from functools import partial
-
 import numpy as np
 
 from core.arrays import Bytes, Float32s
 from core.embedding import Embedding
-from core.matching.kernels.one_to_many import COARSE_SAMPLES, coarse_rank_many
-from core.matching.procrustes import search_rounds
+from core.matching.kernels import one_to_many
+from core.matching.match_records import compared, search_rounds
 from core.parameters import Parameters
 from core.ranking.quantised_points import joined, quantised
+
+COARSE_SAMPLES = 32
+"""Samples of each shape that a coarse ranking reads."""
 
 
 def coarse_samples(embedding: Embedding) -> Bytes:
@@ -44,10 +45,9 @@ def coarse_ranking(query: Float32s, coarse_samples: Bytes, parameters: Parameter
     float32, shape (c,)
         -1 for coarse samples without a sample.
     """
-    scores = np.empty(len(coarse_samples), dtype=np.float32)
     rounds = search_rounds(parameters)._replace(
-        sides=1, kept_maps=1, align_rounds=0, align_samples=COARSE_SAMPLES
+        sides=1, kept_maps=1, align_rounds=0, align_samples=COARSE_SAMPLES, final_rounds=0
     )
-    own = partial(np.require, requirements=["C", "W"])
-    coarse_rank_many(own(query), own(coarse_samples), rounds, scores)
-    return scores
+    ends = coarse_samples.shape[1] * np.arange(1, len(coarse_samples) + 1)
+    scores, _ = compared(query, coarse_samples.ravel(), ends, one_to_many.COARSE_SAMPLES, rounds)
+    return np.maximum(scores[:, 0], -1.0).astype(np.float32)

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from core.arrays import Float32s
-from core.matching.kernels.reranking import rerank_many
-from core.matching.procrustes import search_rounds
+from core.matching.kernels.one_to_many import POINTS
+from core.matching.match_records import compared, search_rounds
 from core.parameters import Parameters
 
 
@@ -31,18 +31,11 @@ def rerank(query: Float32s, others: Sequence[bytes], parameters: Parameters) -> 
         of a sample, or the number of columns is not that of the parameters.
     """
     scores = np.full(len(others), np.nan, dtype=np.float32)
-    whole = [place for place, points in enumerate(others) if points and len(points) % 4 == 0]
+    whole = [i for i, points in enumerate(others) if points and len(points) % 4 == 0]
     if not whole:
         return scores
-    found = np.empty(len(whole), dtype=np.float32)
-    search = parameters.matching.search_samples or parameters.sampling.samples
-    rerank_many(
-        np.require(query, requirements=["C", "W"]),
-        np.frombuffer(bytearray().join(others[place] for place in whole), dtype=np.uint8),
-        np.cumsum([len(others[place]) for place in whole]),
-        np.array([search, parameters.matching.first_dimensions]),
-        search_rounds(parameters),
-        found,
-    )
-    scores[whole] = np.where(found < -1.5, np.nan, found)
+    data = np.frombuffer(bytearray().join(others[i] for i in whole), dtype=np.uint8)
+    ends = np.cumsum([len(others[i]) for i in whole])
+    cc = compared(query, data, ends, POINTS, search_rounds(parameters))[0][:, 0]
+    scores[whole] = np.where(cc < -1.5, np.nan, cc)
     return scores

@@ -18,7 +18,7 @@ from core.embedding import Embedding, Match, Scores
 from core.errors import BadRecordError, CannotBeEmbeddedError, DegenerateMeshError
 from core.io import Limits, read_mesh
 from core.matching.match_records import match_record, score_match_records
-from core.matching.matcher_choice import matcher_of
+from core.matching.matcher import matcher_of
 from core.mesh.bounding_box import bounding_box
 from core.mesh.edge_contraction import contract_edges
 from core.mesh.mesh import Mesh

@@ -48,7 +48,7 @@ class MatchRecord(NamedTuple):
 
 
 def encoded(record: MatchRecord) -> Float32s:
-    """The match record as one array, float32, shape (l,); `decoded` reads it."""
+    """Return the match record as one array, float32, shape (l,); `decoded` reads it."""
     head = np.zeros(HEAD, dtype=np.int32)
     b, j, s = record.searched.shape
     d, columns = record.points.shape
@@ -67,45 +67,84 @@ def encoded(record: MatchRecord) -> Float32s:
 
 
 def _floats(array: NDArray[Any]) -> Float32s:
-    """The bytes of an array as float32, filled up to whole ones."""
+    """Return the bytes of an array as float32, filled up to whole numbers."""
     data = np.ascontiguousarray(array).tobytes()
     return np.frombuffer(data + bytes(-len(data) % 4), dtype=np.float32)
 
 
 @kernel
 def decoded(record: Float32s) -> MatchRecord:
-    """The arrays of an encoded match record: views of it, except `searched`, which is a copy."""
+    """Return the arrays of an encoded match record: views of it, except `searched`, which is a copy."""
     head = record[:HEAD].view(np.int32)
     sizes = head.astype(np.int64)
     m, d, s, b, k, j, stages = sizes[0], sizes[1], sizes[2], sizes[3], sizes[4], sizes[5], sizes[6]
-    at = np.int64(HEAD)
-    radius = record[at : at + b]
-    at += b
-    points = record[at : at + d * b * k].reshape((d, b * k))
-    at += d * b * k
-    offsets = record[at : at + m + 1].view(np.int32)
-    at += m + 1
-    members = record[at : at + d].view(np.int32)
-    at += d
+    # The arrays follow one another in the order of `encoded`; two int16 numbers take one place.
+    start = np.int64(HEAD)
+    radius = record[start : start + b]
+    start += b
+    points = record[start : start + d * b * k].reshape((d, b * k))
+    start += d * b * k
+    offsets = record[start : start + m + 1].view(np.int32)
+    start += m + 1
+    members = record[start : start + d].view(np.int32)
+    start += d
     length = (b * stages * s * s + 1) // 2
-    operators = record[at : at + length].view(np.int16)[: b * stages * s * s].reshape((b, stages, s, s))
-    at += length
+    operators = record[start : start + length].view(np.int16)[: b * stages * s * s]
+    start += length
     length = (b * m * m + 1) // 2
-    warp = record[at : at + length].view(np.int16)[: b * m * m].reshape((b, m, m))
-    searched = np.empty((b, j, s), dtype=np.float32)
-    for block in range(b):
-        for c in range(j):
-            for i in range(s):
-                searched[block, c, i] = points[i, block * k + c]
-    return MatchRecord(points, searched, operators, offsets, members, warp, radius, head[7:11])
+    warp = record[start : start + length].view(np.int16)[: b * m * m]
+    return MatchRecord(
+        points,
+        searched_columns(points, b, j, s),
+        operators.reshape((b, stages, s, s)),
+        offsets,
+        members,
+        warp.reshape((b, m, m)),
+        radius,
+        head[7:11],
+    )
+
+
+@kernel
+def searched_columns(points: Float32s, domains: int, dimensions: int, samples: int) -> Float32s:
+    """Return the first samples and dimensions of each domain, by columns, shape (b, j, s).
+
+    Parameters
+    ----------
+    points : float32, shape (d, b k)
+    domains, dimensions, samples : int
+        b, j <= k and s <= d.
+    """
+    k = points.shape[1] // domains
+    searched = np.empty((domains, dimensions, samples), dtype=np.float32)
+    for domain in range(domains):
+        for c in range(dimensions):
+            for i in range(samples):
+                searched[domain, c, i] = points[i, domain * k + c]
+    return searched
 
 
 @kernel
 def dequantised(matrix: Int16s) -> Float32s:
-    """A spline's matrix of integers over `ONE`, shape (m, m), in float32."""
+    """Return a spline's matrix of integers over `ONE`, shape (m, m), in float32."""
     m = len(matrix)
-    found = np.empty((m, m), dtype=np.float32)
+    floats = np.empty((m, m), dtype=np.float32)
     for i in range(m):
         for j in range(m):
-            found[i, j] = np.float32(matrix[i, j]) * np.float32(1.0 / ONE)
-    return found
+            floats[i, j] = np.float32(matrix[i, j]) * np.float32(1.0 / ONE)
+    return floats
+
+
+@kernel
+def precedes(x: MatchRecord, y: MatchRecord) -> int:
+    """Return 1 if x comes first of the two (the smaller, then by key), 0 if both are one shape, else -1."""
+    m = len(x.offsets)
+    n = len(y.offsets)
+    if m != n:
+        return 1 if m < n else -1
+    key_of_x = x.key.view(np.uint32)
+    key_of_y = y.key.view(np.uint32)
+    for part in range(len(key_of_x)):
+        if key_of_x[part] != key_of_y[part]:
+            return 1 if key_of_x[part] < key_of_y[part] else -1
+    return 0

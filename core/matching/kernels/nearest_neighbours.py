@@ -1,33 +1,50 @@
-"""Nearest neighbours both ways between two clouds, and the cross-covariance of their pairs."""
+"""Nearest neighbours between two clouds, and the cross-covariance of their pairs."""
 
 import numpy as np
 
-from core.arrays import Float32s, Floats, Int32s, Ints
-from core.matching.kernels.matrix_product import cross_product, product
-from core.matching.kernels.spline_search import FAR
-from core.matching.kernels.squared_distance import squared_distance
+from core.arrays import Float32s, Int32s
+from core.matching.kernels.simd import cross_product, product, squared_distance
 from core.numerics.compilation import kernel
 
 OFFSET = np.float32(1e-3)
 """Added to squared distances: rounding could make them negative, and their bits are compared as integers."""
 
+FAR = np.int32(2**31 - 1)
+
 
 @kernel
-def nearest_both_ways(rotated: Float32s, targets: Float32s, low: int, there: Int32s, back: Int32s) -> None:
+def number_bits(n: int) -> int:
+    """Return a power of two above n, at least 128: so many of a distance's last values hold a number."""
+    limit = 128
+    while limit <= n:
+        limit *= 2
+    return limit
+
+
+@kernel
+def nearest_both_ways(
+    rotated: Float32s, targets: Float32s, limit: int, forward: Int32s, backward: Int32s
+) -> None:
     """Write the nearest target to each rotated point, and the nearest rotated point to each target.
+
+    Squared distances are compared as integers, whose last bits hold the number of the point or target: the
+    minimum brings its number along, in a SIMD loop.
 
     Parameters
     ----------
     rotated : float32, shape (m, k)
     targets : float32, shape (k, n)
         By columns: row c holds coordinate c of all.
-    low : int
-        2^b > m, n: the b last bits of a distance hold a number, as in `core.matching.kernels.spline_search`.
-    there : int32, shape (m,)
-    back : int32, shape (n,)
+    limit : int
+        2^b > m, n, from `number_bits`: the b last bits of a distance hold a number.
+    forward : int32, shape (m,)
+        Written.
+    backward : int32, shape (n,)
+        Written.
     """
     m, k = rotated.shape
     n = targets.shape[1]
+    # All products of points and targets, and the squared lengths of the targets.
     products = np.empty((m, n), dtype=np.float32)
     product(rotated, targets, products)
     lengths = np.zeros(n, dtype=np.float32)
@@ -36,29 +53,31 @@ def nearest_both_ways(rotated: Float32s, targets: Float32s, low: int, there: Int
             lengths[j] += targets[c, j] * targets[c, j]
     squares = np.empty(n, dtype=np.float32)
     bits = squares.view(np.int32)
-    high = np.int32(-low)
-    last = np.int32(low - 1)
+    high = np.int32(-limit)
+    last = np.int32(limit - 1)
     nought = np.float32(0.0)
     for j in range(n):
-        back[j] = FAR
+        backward[j] = FAR
     for i in range(m):
-        own = OFFSET + square(rotated, i)
+        # |x - y|^2 = |x|^2 + |y|^2 - 2 x y to all targets.
+        length = OFFSET + squared_length(rotated, i)
         for j in range(n):
-            squares[j] = max(own + lengths[j] - np.float32(2.0) * products[i, j], nought)
+            squares[j] = max(length + lengths[j] - np.float32(2.0) * products[i, j], nought)
+        # The minimum over targets, and that of each target so far.
         least = FAR
         number = np.int32(i)
         for j in range(n):
             key = np.int32(bits[j] & high)
             least = min(least, np.int32(key | np.int32(j)))
-            back[j] = min(back[j], np.int32(key | number))
-        there[i] = least & last
+            backward[j] = min(backward[j], np.int32(key | number))
+        forward[i] = least & last
     for j in range(n):
-        back[j] &= last
+        backward[j] &= last
 
 
 @kernel
-def square(points: Float32s, row: int) -> np.float32:
-    """Squared length of a row, in four sums: one would wait for itself at each step."""
+def squared_length(points: Float32s, row: int) -> np.float32:
+    """Return the squared length of a row, in four sums: one would wait for itself at each step."""
     k = points.shape[1]
     whole = k - k % 4
     a = b = c = d = np.float32(0.0)
@@ -73,39 +92,104 @@ def square(points: Float32s, row: int) -> np.float32:
 
 
 @kernel
-def closest(points: Float32s, members: Int32s, start: int, stop: int, ends: Float32s, end: int) -> int:
-    """The one of the rows members[start:stop] of points that is closest to row `end` of ends."""
-    least = np.float32(3e38)
-    found = members[start]
-    for place in range(start, stop):
-        row = members[place]
-        distance = squared_distance(points, row, ends, end)
-        if distance < least:
-            least = distance
-            found = row
-    return int(found)
+def nearest_columns(points: Float32s, targets: Float32s, k: int, limit: int, nearest: Int32s) -> None:
+    """Write the nearest of n targets to each of p points, both held by columns, in their first k dimensions.
+
+    Squared distances are compared in their leading bits; among equals the first target wins.
+
+    Parameters
+    ----------
+    points : float32, shape (>= k, p)
+    targets : float32, shape (>= k, n)
+    k : int
+    limit : int
+        2^b > n, at most 2^14: the b last of a distance's 23 bits hold the target's number.
+    nearest : int32, shape (p,)
+        Written.
+    """
+    p = points.shape[1]
+    squares = np.empty(p, dtype=np.float32)
+    bits = squares.view(np.int32)
+    high = np.int32(-limit)
+    for i in range(p):
+        nearest[i] = FAR
+    for j in range(targets.shape[1]):
+        # Squared distances of all points to one target.
+        y = targets[0, j]
+        for i in range(p):
+            squares[i] = (points[0, i] - y) * (points[0, i] - y)
+        for c in range(1, k):
+            y = targets[c, j]
+            for i in range(p):
+                squares[i] += (points[c, i] - y) * (points[c, i] - y)
+        number = np.int32(j)
+        for i in range(p):
+            nearest[i] = min(nearest[i], np.int32(np.int32(bits[i] & high) | number))
+    last = np.int32(limit - 1)
+    for i in range(p):
+        nearest[i] &= last
 
 
 @kernel
-def gather(points: Float32s, rows: Int32s, found: Float32s) -> None:
-    """Write found = points[rows], by numbers: the compiler calls a function for each row that is assigned."""
+def nearest_member(points: Float32s, members: Int32s, start: int, stop: int, ends: Float32s, end: int) -> int:
+    """Return the one of the rows members[start:stop] of points that is nearest to row `end` of ends."""
+    least = np.float32(3e38)
+    nearest = members[start]
+    for position in range(start, stop):
+        row = members[position]
+        distance = squared_distance(points, row, ends, end)
+        if distance < least:
+            least = distance
+            nearest = row
+    return int(nearest)
+
+
+@kernel
+def gather(points: Float32s, rows: Int32s, gathered: Float32s) -> None:
+    """Write gathered = points[rows], number by number: assigned rows cost a function call each."""
     for i in range(len(rows)):
         for c in range(points.shape[1]):
-            found[i, c] = points[rows[i], c]
+            gathered[i, c] = points[rows[i], c]
+
+
+@kernel
+def centred_squares(
+    sums: Float32s, squares: Float32s, share: float, first: Float32s, second: Float32s
+) -> None:
+    """Write the centred square sums of both sides of pairs, over each of b blocks of columns.
+
+    Parameters
+    ----------
+    sums, squares : float32, shape (2, b k)
+        Sums of the coordinates of both sides, and of their squares.
+    share : float32
+        1 / the number of pairs.
+    first, second : float32, shape (b,)
+        Written.
+    """
+    blocks = len(first)
+    k = sums.shape[1] // blocks
+    for block in range(blocks):
+        square_of_x = np.float32(0.0)
+        square_of_y = np.float32(0.0)
+        for c in range(block * k, block * k + k):
+            square_of_x += squares[0, c] - sums[0, c] * sums[0, c] * share
+            square_of_y += squares[1, c] - sums[1, c] * sums[1, c] * share
+        first[block] = square_of_x
+        second[block] = square_of_y
 
 
 @kernel
 def cross_covariance_both_ways(
     x: Float32s,
     y: Float32s,
-    there: Int32s,
-    back: Int32s,
-    blocks: int,
+    forward: Int32s,
+    backward: Int32s,
     covariance: Float32s,
     first: Float32s,
     second: Float32s,
 ) -> None:
-    """`cross_covariance` of x with y[there] and of x[back] with y.
+    """Write `cross_covariance` of x with y[forward] and of x[backward] with y.
 
     The points of x that are paired with one point of y are added up, so that one product serves both ways.
 
@@ -113,47 +197,45 @@ def cross_covariance_both_ways(
     ----------
     x : float32, shape (m, b k)
     y : float32, shape (n, b k)
-    there : int32, shape (m,)
-    back : int32, shape (n,)
+    forward : int32, shape (m,)
+    backward : int32, shape (n,)
+    covariance : float32, shape (b k, b k)
+        Written.
+    first, second : float32, shape (b,)
+        Written.
     """
     m, columns = x.shape
     n = len(y)
-    k = columns // blocks
     share = np.float32(1.0) / np.float32(m + n)
+    # For each point of y the sum of its partners; for each point the number of pairs it is in.
     gathered = np.empty((n, columns), dtype=np.float32)
-    counts = np.ones(n, dtype=np.float32)
-    times = np.ones(m, dtype=np.float32)
+    counts_of_y = np.ones(n, dtype=np.float32)
+    counts_of_x = np.ones(m, dtype=np.float32)
     for j in range(n):
-        times[back[j]] += np.float32(1.0)
+        counts_of_x[backward[j]] += np.float32(1.0)
         for c in range(columns):
-            gathered[j, c] = x[back[j], c]
+            gathered[j, c] = x[backward[j], c]
     for i in range(m):
-        j = there[i]
-        counts[j] += np.float32(1.0)
+        j = forward[i]
+        counts_of_y[j] += np.float32(1.0)
         for c in range(columns):
             gathered[j, c] += x[i, c]
+    # Sums and square sums of both sides, each point as often as it is paired.
     sums = np.zeros((2, columns), dtype=np.float32)
     squares = np.zeros((2, columns), dtype=np.float32)
     for i in range(m):
-        weight = times[i]
+        weight = counts_of_x[i]
         for c in range(columns):
-            weighed = weight * x[i, c]
-            sums[0, c] += weighed
-            squares[0, c] += weighed * x[i, c]
+            weighted = weight * x[i, c]
+            sums[0, c] += weighted
+            squares[0, c] += weighted * x[i, c]
     for j in range(n):
-        weight = counts[j]
+        weight = counts_of_y[j]
         for c in range(columns):
-            weighed = weight * y[j, c]
-            sums[1, c] += weighed
-            squares[1, c] += weighed * y[j, c]
-    for block in range(blocks):
-        one = np.float32(0.0)
-        other = np.float32(0.0)
-        for c in range(block * k, block * k + k):
-            one += squares[0, c] - sums[0, c] * sums[0, c] * share
-            other += squares[1, c] - sums[1, c] * sums[1, c] * share
-        first[block] = one
-        second[block] = other
+            weighted = weight * y[j, c]
+            sums[1, c] += weighted
+            squares[1, c] += weighted * y[j, c]
+    centred_squares(sums, squares, share, first, second)
     products = np.empty((columns, columns), dtype=np.float32)
     cross_product(gathered, y, products)
     for c in range(columns):
@@ -168,7 +250,6 @@ def cross_covariance(
     partners: Float32s,
     sources: Float32s,
     targets: Float32s,
-    blocks: int,
     covariance: Float32s,
     first: Float32s,
     second: Float32s,
@@ -181,15 +262,13 @@ def cross_covariance(
     ----------
     points, partners : float32, shape (m, b k)
     sources, targets : float32, shape (n, b k)
-    blocks : int
-        b.
     covariance : float32, shape (b k, b k)
         Written.
     first, second : float32, shape (b,)
-        Written: square sums over each block of columns of one side and of the other.
+        Written: square sums over each block of columns, of points and sources and of partners and targets.
     """
     columns = points.shape[1]
-    k = columns // blocks
+    # Sums and square sums of both sides.
     sums = np.zeros((2, columns), dtype=np.float32)
     squares = np.zeros((2, columns), dtype=np.float32)
     for i in range(len(points)):
@@ -205,27 +284,15 @@ def cross_covariance(
             squares[0, c] += sources[i, c] * sources[i, c]
             squares[1, c] += targets[i, c] * targets[i, c]
     share = np.float32(1.0) / np.float32(len(points) + len(sources))
-    for block in range(blocks):
-        one = np.float32(0.0)
-        other = np.float32(0.0)
-        for c in range(block * k, block * k + k):
-            one += squares[0, c] - sums[0, c] * sums[0, c] * share
-            other += squares[1, c] - sums[1, c] * sums[1, c] * share
-        first[block] = one
-        second[block] = other
-    there = np.zeros((columns, columns), dtype=np.float32)
-    back = np.zeros((columns, columns), dtype=np.float32)
+    centred_squares(sums, squares, share, first, second)
+    # Products of both sets, less that of the means.
+    forward = np.zeros((columns, columns), dtype=np.float32)
+    backward = np.zeros((columns, columns), dtype=np.float32)
     if len(points) > 0:
-        cross_product(points, partners, there)
+        cross_product(points, partners, forward)
     if len(sources) > 0:
-        cross_product(sources, targets, back)
+        cross_product(sources, targets, backward)
     for c in range(columns):
         mean = sums[0, c] * share
         for d in range(columns):
-            covariance[c, d] = there[c, d] + back[c, d] - mean * sums[1, d]
-
-
-def nearest_both_ways_reference(rotated: Floats, targets: Floats) -> tuple[Ints, Ints]:
-    """The plain form of `nearest_both_ways`, with exact squared distances."""
-    squares = ((rotated[:, None, :] - targets[None, :, :]) ** 2).sum(axis=2)
-    return np.asarray(squares.argmin(axis=1)), np.asarray(squares.argmin(axis=0))
+            covariance[c, d] = forward[c, d] + backward[c, d] - mean * sums[1, d]

@@ -1,99 +1,257 @@
-"""One shape against many: in full by match records, and roughly by coarse samples."""
+"""One shape matched with many others, in each of the three forms in which others are held.
+
+Match records are matched in full. Quantised points have flat splines in place of those of a match record, and
+coarse samples have none: both give an approximate CC.
+"""
+
+import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-from core.arrays import Float32s, Floats, Ints
-from core.matching.kernels.match_record import MatchRecord, decoded
-from core.matching.kernels.pair_matching import SearchRounds, best_map, match_pair
+from core.arrays import Bytes, Float32s, Floats, Int16s, Int32s, Ints
+from core.matching.kernels.match_record import ONE, MatchRecord, decoded, precedes, searched_columns
+from core.matching.kernels.pair_matching import fit_map, score_pairs
+from core.matching.kernels.spline_search import SearchRounds
 from core.numerics.compilation import kernel
 
-COARSE_SAMPLES = 32
-"""Samples of each shape that a coarse ranking reads."""
+MATCH_RECORD, POINTS, COARSE_SAMPLES = 0, 1, 2
+"""The form of the others: encoded match records, quantised points (`core.ranking.quantised_points`), or
+coarse samples (`core.ranking.coarse_ranking`)."""
+
+FLAT = 1e-6
+"""The least norm of a new direction, over the norm of its coordinate, that is more than rounding."""
+
+EXPONENT, LARGE = 0x7F800000, 0x7C000000
+"""The bits of a float32 number's exponent, and the least exponent whose numbers times 128 are not finite."""
 
 
 @kernel
-def precedes(x: MatchRecord, y: MatchRecord) -> int:
-    """1 if x comes first of the two (the smaller, then by key), 0 if both are one shape, else -1."""
-    m = len(x.offsets)
-    n = len(y.offsets)
-    if m != n:
-        return 1 if m < n else -1
-    one = x.key.view(np.uint32)
-    other = y.key.view(np.uint32)
-    for part in range(len(one)):
-        if one[part] != other[part]:
-            return 1 if one[part] < other[part] else -1
-    return 0
+def flat_splines(searched: Float32s, first: int, operators: Int16s) -> None:
+    """Write the operators of splines that do not bend: projections that fit affine maps by least squares.
+
+    Stiff splines are nearly these, and take a hundred times as long to make.
+
+    Parameters
+    ----------
+    searched : float32, shape (b, j, s)
+    first : int
+        Dimensions of the first stage.
+    operators : int16, shape (b, j - first + 1, s, s)
+        Written, over `ONE`: projections onto the constants and the first coordinates.
+    """
+    b, j, s = searched.shape
+    axes = np.empty((j + 1, s), dtype=np.float32)
+    for block in range(b):
+        # The projection onto the constants.
+        projection = np.full((s, s), np.float32(1.0 / s))
+        for i in range(s):
+            axes[0, i] = np.float32(1.0 / math.sqrt(s))
+        known = 1
+        for c in range(j):
+            # The part of the next coordinate that is orthogonal to the axes before it.
+            axis = axes[known]
+            for i in range(s):
+                axis[i] = searched[block, c, i]
+            size = math.sqrt(np.dot(axis, axis))
+            # Twice, so that rounding leaves nothing of the other axes.
+            for _ in range(2):
+                for before in range(known):
+                    along = np.dot(axes[before], axis)
+                    for i in range(s):
+                        axis[i] -= along * axes[before, i]
+            # It joins the projection, unless it is rounding.
+            length = math.sqrt(np.dot(axis, axis))
+            if length > FLAT * size:
+                scale = np.float32(1.0 / length)
+                for i in range(s):
+                    axis[i] *= scale
+                for i in range(s):
+                    for column in range(s):
+                        projection[i, column] += axis[i] * axis[column]
+                known += 1
+            if c + 1 >= first:
+                for i in range(s):
+                    for column in range(s):
+                        whole = np.rint(projection[i, column] * np.float32(ONE))
+                        operators[block, c + 1 - first, i, column] = np.int16(min(max(whole, -ONE), ONE))
 
 
 @kernel
-def match_many(query: Float32s, records: Float32s, ends: Ints, rounds: SearchRounds, scores: Floats) -> None:
-    """Write CC, SSD and sim of one shape and each of c others, the same whichever of two is the query.
+def sorted_regions(regions: Int32s, offsets: Int32s, members: Int32s) -> bool:
+    """Write the points of each sample's region, and return whether each region has a point.
+
+    Parameters
+    ----------
+    regions : int32, shape (d,)
+        The sample nearest to each point, at least 0.
+    offsets : int32, shape (m + 1,)
+        Written: sample i's region is `members[offsets[i]:offsets[i + 1]]`.
+    members : int32, shape (d,)
+        Written.
+    """
+    m = len(offsets) - 1
+    offsets[:] = 0
+    for i in range(len(regions)):
+        offsets[regions[i] + 1] += 1
+    complete = True
+    for i in range(m):
+        complete = complete and offsets[i + 1] > 0
+        offsets[i + 1] += offsets[i]
+    following = offsets.copy()
+    for i in range(len(regions)):
+        members[following[regions[i]]] = i
+        following[regions[i]] += 1
+    return complete
+
+
+@kernel
+def dequantised_points(whole: Bytes, scales: Float32s) -> Float32s:
+    """Return coordinates in int8, row after row, times the scales of their columns, shape (d, columns)."""
+    numbers = whole.view(np.int8)
+    columns = len(scales)
+    points = np.empty((len(numbers) // columns, columns), dtype=np.float32)
+    for i in range(len(points)):
+        for c in range(columns):
+            points[i, c] = np.float32(numbers[i * columns + c]) * scales[c]
+    return points
+
+
+@kernel
+def points_of(data: Bytes, columns: int) -> tuple[Float32s, Int32s]:
+    """Return the coordinates, shape (d, columns), and regions, shape (d,), in the bytes of points.
+
+    d is 0 if the bytes, a multiple of four, are not those of points in so many columns, or a coordinate is
+    not finite.
+    """
+    nothing = np.empty((0, columns), dtype=np.float32), np.empty(0, dtype=np.int32)
+    head = data.view(np.int32)
+    if len(head) < 2 or head[0] < 1 or head[1] != columns:
+        return nothing
+    d = np.int64(head[0])
+    start = 8 + 4 * columns + 4 * d
+    if len(data) != (start + d * columns + 3) // 4 * 4:
+        return nothing
+    # Fast arithmetic assumes finite numbers: look at the bits.
+    for c in range(columns):
+        if (head[2 + c] & EXPONENT) >= LARGE:
+            return nothing
+    scales = data[8 : 8 + 4 * columns].view(np.float32)
+    regions = data[8 + 4 * columns : start].view(np.int32)
+    return dequantised_points(data[start : start + d * columns], scales), regions
+
+
+@kernel
+def record_of_points(data: Bytes, x: MatchRecord, rounds: SearchRounds) -> MatchRecord:
+    """Return a match record with flat splines, and with the warp, radius and key of x, which no map reads.
+
+    Its points are none if the bytes are not those of points in b k columns, a coordinate is not finite, or a
+    region is not that of a sample.
+    """
+    domains, dimensions, _ = x.searched.shape
+    columns = x.points.shape[1]
+    points, regions = points_of(data, columns)
+    d = len(regions)
+    # The regions are those of the samples 0 to n - 1.
+    n = np.int64(0)
+    for i in range(d):
+        if regions[i] < 0 or regions[i] >= d:
+            return MatchRecord(
+                points[:0], x.searched, x.operators, x.offsets, x.members, x.warp, x.radius, x.key
+            )
+        n = max(n, np.int64(regions[i]) + 1)
+    offsets = np.empty(n + 1, dtype=np.int32)
+    members = np.empty(d, dtype=np.int32)
+    if not sorted_regions(regions, offsets, members):
+        points = points[:0]
+    samples = min(rounds.search_samples, n, len(points))
+    searched = searched_columns(points, domains, dimensions, samples)
+    stages = dimensions - rounds.first_dimensions + 1
+    operators = np.empty((domains, stages, samples, samples), dtype=np.int16)
+    if samples > 0:
+        flat_splines(searched, rounds.first_dimensions, operators)
+    return MatchRecord(points, searched, operators, offsets, members, x.warp, x.radius, x.key)
+
+
+@kernel
+def record_of_samples(data: Bytes, x: MatchRecord) -> MatchRecord:
+    """Return a match record without splines or regions, for a search from the samples of x alone."""
+    domains, dimensions, _ = x.searched.shape
+    columns = x.points.shape[1]
+    count = np.int64(data[:4].view(np.int32)[0])
+    start = 4 + 4 * columns
+    points = dequantised_points(data[start : start + count * columns], data[4:start].view(np.float32))
+    searched = searched_columns(points, domains, dimensions, count)
+    offsets = np.empty(count + 1, dtype=np.int32)
+    for i in range(count + 1):
+        offsets[i] = i
+    return MatchRecord(points, searched, x.operators, offsets, offsets, x.warp, x.radius, x.key)
+
+
+@kernel
+def compare_many(
+    query: Float32s,
+    others: Bytes,
+    ends: Ints,
+    form: int,
+    rounds: SearchRounds,
+    scores: Floats,
+    rotation: Float32s,
+) -> None:
+    """Write the scores of one shape with each of c others, the same whichever of two is the query.
 
     Parameters
     ----------
     query : float32, shape (l,)
         A match record: see `core.matching.kernels.match_record`.
-    records : float32, shape (l_1 + ... + l_c,)
-        The match records of the others, one after another.
+    others : uint8, shape (l_1 + ... + l_c,)
+        The bytes of the others, one shape after another, each a multiple of four.
     ends : int64, shape (c,)
-        The end of each in `records`.
+        The end of each shape in `others`.
+    form : int
+        `MATCH_RECORD`, `POINTS` or `COARSE_SAMPLES`.
     rounds : SearchRounds
+        With coarse samples, of one side and without final rounds.
     scores : float64, shape (c, 3)
-        Written.
-    """
-    x = decoded(query)
-    rotation = np.empty((x.points.shape[1], x.points.shape[1]), dtype=np.float32)
-    for i in range(len(ends)):
-        y = decoded(records[ends[i - 1] if i else 0 : ends[i]])
-        order = precedes(x, y)
-        there = np.empty(len(x.offsets) - 1, dtype=np.int32)
-        back = np.empty(len(y.offsets) - 1, dtype=np.int32)
-        if order < 0:
-            match_pair(y, x, rounds, False, back, there, rotation, scores[i])
-        else:
-            match_pair(x, y, rounds, order == 0, there, back, rotation, scores[i])
-
-
-@kernel
-def coarse_rank_many(
-    query: Float32s, coarse_samples: NDArray[np.uint8], rounds: SearchRounds, scores: Float32s
-) -> None:
-    """Write the approximate CC of one shape and each of c others: see `core.ranking.coarse_ranking`.
-
-    Parameters
-    ----------
-    query : float32, shape (l,)
-        A match record.
-    coarse_samples : uint8, shape (c, 4 + 36 b k)
-    rounds : SearchRounds
-        Of one side.
-    scores : float32, shape (c,)
-        Written.
+        Written: CC, SSD and sim for match records; of other forms CC alone, -2 if the bytes are not those of
+        a shape with a sample.
+    rotation : float32, shape (b k, b k)
+        Written: the map of the last pair, from the shape that comes first (`precedes`) to the second.
     """
     x = decoded(query)
     columns = x.points.shape[1]
-    blocks, dimensions, _ = x.searched.shape
-    k = columns // blocks
-    rotation = np.empty((columns, columns), dtype=np.float32)
-    for i in range(len(coarse_samples)):
-        count = int(coarse_samples[i, :4].view(np.int32)[0])
-        if count == 0:
-            scores[i] = -1.0
+    for i in range(len(ends)):
+        # The other shape, in whichever form it is held.
+        data = others[ends[i - 1] if i else 0 : ends[i]]
+        if form == MATCH_RECORD:
+            y = decoded(data.view(np.float32))
+        elif form == POINTS:
+            y = record_of_points(data, x, rounds)
+        else:
+            y = record_of_samples(data, x)
+        scores[i, 0] = -2.0
+        if len(y.points) == 0:
             continue
-        scales = coarse_samples[i, 4 : 4 + 4 * columns].view(np.float32)
-        whole = coarse_samples[i, 4 + 4 * columns :].view(np.int8)
-        points = np.empty((count, columns), dtype=np.float32)
-        for j in range(count):
+        order = precedes(x, y) if form == MATCH_RECORD else 1
+        rotation[:] = 0.0
+        # A shape with itself: a search might find one of its symmetries. A domain that is one point counts 0.
+        if order == 0:
             for c in range(columns):
-                points[j, c] = np.float32(whole[j * columns + c]) * scales[c]
-        searched = np.empty((blocks, dimensions, count), dtype=np.float32)
-        for block in range(blocks):
-            for c in range(dimensions):
-                for j in range(count):
-                    searched[block, c, j] = points[j, block * k + c]
-        places = np.arange(count + 1).astype(np.int32)
-        # A search from one side reads no splines of the other, and no warp or radius.
-        y = MatchRecord(points, searched, x.operators, places, places, x.warp, x.radius, x.key)
-        scores[i] = best_map(x, y, rounds, rotation)
+                rotation[c, c] = 1.0
+            scores[i, 0] = (x.radius > 0.0).mean()
+            scores[i, 1] = 0.0
+            scores[i, 2] = 1.0
+            continue
+        # The map between both, in their order, and the scores of the pairs under it.
+        first = x if order > 0 else y
+        second = y if order > 0 else x
+        m = len(first.offsets) - 1
+        n = len(second.offsets) - 1
+        forward = np.empty(m, dtype=np.int32)
+        backward = np.empty(n, dtype=np.int32)
+        partners = np.empty((m if rounds.final_rounds else 0, columns), dtype=np.float32)
+        sources = np.empty((n if rounds.final_rounds else 0, columns), dtype=np.float32)
+        scores[i, 0] = fit_map(first, second, rounds, forward, backward, partners, sources, rotation)
+        if form == MATCH_RECORD:
+            score_pairs(
+                first, second, forward, backward, partners, sources, rotation, rounds.effective, scores[i]
+            )

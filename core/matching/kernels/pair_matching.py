@@ -1,103 +1,26 @@
-"""Two shapes matched: maps found by search, refined by nearest neighbours both ways, scored."""
+"""Two shapes matched: maps found by search and refined by nearest neighbours both ways, and pairs scored."""
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
 from core.arrays import Float32s, Floats, Int16s, Int32s
 from core.matching.kernels.match_record import ONE, MatchRecord
-from core.matching.kernels.matrix_product import product
 from core.matching.kernels.nearest_neighbours import (
-    closest,
     cross_covariance,
     cross_covariance_both_ways,
     gather,
     nearest_both_ways,
+    nearest_member,
+    number_bits,
 )
-from core.matching.kernels.orthogonal_procrustes import EXACT, ROUGH, fit_rotation
-from core.matching.kernels.spline_search import spline_search
+from core.matching.kernels.procrustes import EXACT, ROUGH, fit_rotation
+from core.matching.kernels.simd import product
+from core.matching.kernels.spline_search import SearchRounds, search_maps
 from core.numerics.compilation import kernel
 
 FINEST = 8191
 """The largest coordinate in integers, where the entries of a spline's matrix are at most `ONE`."""
-
-
-class SearchRounds(NamedTuple):
-    """Numbers of rounds: see `core.parameters.Parameters`.
-
-    Searches begin from both shapes (`sides` is 2), or from the first alone.
-    """
-
-    first_dimensions: int
-    starts: int
-    start_iterations: int
-    step_iterations: int
-    sides: int
-    align_samples: int
-    kept_maps: int
-    align_rounds: int
-    final_rounds: int
-    slides: int
-    effective: float
-
-
-@kernel
-def lowest_bits(n: int) -> int:
-    """A power of two above n, at least 128."""
-    low = 128
-    while low <= n:
-        low *= 2
-    return low
-
-
-@kernel
-def search_maps(
-    x: MatchRecord, y: MatchRecord, rounds: SearchRounds, rotations: Float32s, scores: Float32s
-) -> None:
-    """Write orthogonal maps to begin from: one for each search, in each domain and from each side.
-
-    The pairs found in one domain determine the map in all.
-
-    Parameters
-    ----------
-    x, y : MatchRecord
-    rounds : SearchRounds
-    rotations : float32, shape (sides b, b k, b k)
-    scores : float32, shape (sides b,)
-        Their correlations.
-    """
-    blocks = x.searched.shape[0]
-    columns = x.points.shape[1]
-    covariance = np.empty((columns, columns), dtype=np.float32)
-    first = np.empty(blocks, dtype=np.float32)
-    second = np.empty(blocks, dtype=np.float32)
-    none = np.empty((0, columns), dtype=np.float32)
-    for which in range(rounds.sides * blocks):
-        domain = which // rounds.sides
-        forth = which % rounds.sides == 0
-        one = x if forth else y
-        other = y if forth else x
-        s = one.searched.shape[2]
-        matches = np.empty(s, dtype=np.int32)
-        spline_search(
-            one.searched[domain],
-            other.searched[domain],
-            one.operators[domain],
-            rounds.first_dimensions,
-            rounds.starts,
-            rounds.start_iterations,
-            rounds.step_iterations,
-            lowest_bits(other.searched.shape[2]),
-            matches,
-        )
-        found = np.empty((s, columns), dtype=np.float32)
-        gather(other.points, matches, found)
-        if forth:
-            cross_covariance(x.points[:s], found, none, none, blocks, covariance, first, second)
-        else:
-            cross_covariance(found, y.points[:s], none, none, blocks, covariance, first, second)
-        scores[which] = fit_rotation(covariance, first, second, ROUGH, rotations[which])
 
 
 @kernel
@@ -106,13 +29,12 @@ def refine_map(
     y: Float32s,
     targets: Float32s,
     blocks: int,
-    count: int,
     steps: Float32s,
     rotation: Float32s,
-    there: Int32s,
-    back: Int32s,
+    forward: Int32s,
+    backward: Int32s,
 ) -> float:
-    """Nearest neighbours both ways under a map, and the map fitted to them again, `count` times.
+    """Pair nearest neighbours both ways under a map, and fit the map to them again.
 
     Parameters
     ----------
@@ -120,14 +42,16 @@ def refine_map(
     y : float32, shape (n, b k)
     targets : float32, shape (b k, n)
         y by columns.
-    blocks, count : int
+    blocks : int
+        b.
     steps : float32, shape (n, 3)
-        Of `core.matching.kernels.orthogonal_procrustes.nearest_rotation`.
+        Of `core.matching.kernels.procrustes.nearest_rotation`.
     rotation : float32, shape (b k, b k)
         Read, and written where blocks meet themselves.
-    there : int32, shape (m,)
-        Written: the partner of each of x, before the last fit.
-    back : int32, shape (n,)
+    forward : int32, shape (m,)
+        Written: the partner of each of x, before the fit.
+    backward : int32, shape (n,)
+        Written: the partner of each of y.
 
     Returns
     -------
@@ -135,175 +59,14 @@ def refine_map(
         Correlation of the m + n pairs after the map.
     """
     m, columns = x.shape
-    n = y.shape[0]
-    low = lowest_bits(max(m, n))
     covariance = np.empty((columns, columns), dtype=np.float32)
     first = np.empty(blocks, dtype=np.float32)
     second = np.empty(blocks, dtype=np.float32)
     rotated = np.empty((m, columns), dtype=np.float32)
-    score = 0.0
-    for _ in range(count):
-        product(x, rotation, rotated)
-        nearest_both_ways(rotated, targets, low, there, back)
-        cross_covariance_both_ways(x, y, there, back, blocks, covariance, first, second)
-        score = fit_rotation(covariance, first, second, steps, rotation)
-    return score
-
-
-@kernel
-def best_map(x: MatchRecord, y: MatchRecord, rounds: SearchRounds, rotation: Float32s) -> float:
-    """Write the best of several maps, each searched for and then refined on the first samples.
-
-    Returns
-    -------
-    float
-        Correlation of those samples after the map.
-    """
-    blocks = x.searched.shape[0]
-    columns = x.points.shape[1]
-    number = rounds.sides * blocks
-    rotations = np.zeros((number, columns, columns), dtype=np.float32)
-    scores = np.zeros(number, dtype=np.float32)
-    search_maps(x, y, rounds, rotations, scores)
-    some = x.points[: min(rounds.align_samples, len(x.offsets) - 1)]
-    others = y.points[: min(rounds.align_samples, len(y.offsets) - 1)]
-    targets = np.ascontiguousarray(others.T)
-    there = np.empty(len(some), dtype=np.int32)
-    back = np.empty(len(others), dtype=np.int32)
-    for which in range(number):
-        scores[which] = refine_map(some, others, targets, blocks, 1, ROUGH, rotations[which], there, back)
-    order = np.argsort(-scores, kind="mergesort")
-    best = -2.0
-    for place in range(min(rounds.kept_maps, number)):
-        found = rotations[order[place]]
-        score = scores[order[place]]
-        if rounds.align_rounds > 0:
-            score = refine_map(some, others, targets, blocks, rounds.align_rounds, ROUGH, found, there, back)
-        if score > best:
-            best = score
-            rotation[:] = found
-    return best
-
-
-@kernel
-def _effective_share(
-    warp: Int16s, targets: Float32s, matches: Int32s, low: int, k: int, gamma: float, count: int
-) -> float:
-    """Distinct matches that the softer spline brings a point within gamma of, over min(m, count).
-
-    In integers: their sums may be taken in any order, and so by SIMD. A point is left as soon as some of its
-    coordinates are too far away. A spline makes no vector longer, so the largest coordinate after it is at
-    most the root of m times the largest before, and products stay under 2^31.
-    """
-    m = len(matches)
-    most = np.float32(0.0)
-    for i in range(m):
-        for c in range(k):
-            most = max(most, abs(targets[i, low + c]))
-    largest = min(FINEST, math.floor(2**31 / ONE / math.sqrt(m)) - 1)
-    scale = np.float32(largest) / most if most > 0.0 else np.float32(0.0)
-    block = np.empty((k, m), dtype=np.int16)
-    for i in range(m):
-        for c in range(k):
-            block[c, i] = np.int16(np.floor(targets[i, low + c] * scale + np.float32(0.5)))
-    limit = np.float32((gamma * scale) ** 2)
-    taken = np.zeros(count, dtype=np.bool_)
-    share = 0.0
-    for i in range(m):
-        if taken[matches[i]]:
-            continue
-        square = np.float32(0.0)
-        for c in range(k):
-            total = np.int32(0)
-            for j in range(m):
-                total = np.int32(total + np.int32(np.int32(warp[i, j]) * np.int32(block[c, j])))
-            step = np.float32(total) * np.float32(1.0 / ONE) - np.float32(block[c, i])
-            square += step * step
-            if square > limit:
-                break
-        if square <= limit:
-            taken[matches[i]] = True
-            share += 1.0
-    return share / min(m, count)
-
-
-@kernel
-def score_pairs(
-    x: MatchRecord,
-    y: MatchRecord,
-    there: Int32s,
-    back: Int32s,
-    partners: Float32s,
-    sources: Float32s,
-    rotation: Float32s,
-    effective: float,
-    scores: Floats,
-) -> None:
-    """Write CC, SSD and sim of pairs under a map: Eqs. 18-20, means over the domains.
-
-    Parameters
-    ----------
-    x, y : MatchRecord
-        Of m and n samples.
-    there, back : int32, shapes (m,) and (n,)
-        The sample whose region each one's partner lies in.
-    partners, sources : float32, shapes (m, b k) and (n, b k)
-        The partners of the samples of x and of those of y.
-    rotation : float32, shape (b k, b k)
-    effective : float
-        gamma over the mean radius of the two clouds.
-    scores : float64, shape (3,)
-        CC in [-1, 1], SSD >= 0, sim in [0, 1].
-    """
-    m = len(there)
-    n = len(back)
-    blocks = len(x.radius)
-    columns = x.points.shape[1]
-    k = columns // blocks
-    ends = np.empty((m, columns), dtype=np.float32)
-    rotated = np.empty((n, columns), dtype=np.float32)
-    product(x.points[:m], rotation, ends)
-    product(sources, rotation, rotated)
-    scores[:] = 0.0
-    yours = y.points[:n]
-    sums = np.zeros((2, columns), dtype=np.float32)
-    products = np.zeros((3, columns), dtype=np.float32)
-    steps = np.zeros(columns, dtype=np.float32)
-    for i in range(m):
-        for c in range(columns):
-            sums[0, c] += ends[i, c]
-            sums[1, c] += partners[i, c]
-            products[0, c] += ends[i, c] * ends[i, c]
-            products[1, c] += partners[i, c] * partners[i, c]
-            products[2, c] += ends[i, c] * partners[i, c]
-            steps[c] += (ends[i, c] - partners[i, c]) ** 2
-    for j in range(n):
-        for c in range(columns):
-            sums[0, c] += rotated[j, c]
-            sums[1, c] += yours[j, c]
-            products[0, c] += rotated[j, c] * rotated[j, c]
-            products[1, c] += yours[j, c] * yours[j, c]
-            products[2, c] += rotated[j, c] * yours[j, c]
-            steps[c] += (rotated[j, c] - yours[j, c]) ** 2
-    share = np.float32(1.0) / np.float32(m + n)
-    for block in range(blocks):
-        low = block * k
-        one = np.float32(0.0)
-        other = np.float32(0.0)
-        both = np.float32(0.0)
-        square = np.float32(0.0)
-        for c in range(low, low + k):
-            one += products[0, c] - sums[0, c] * sums[0, c] * share
-            other += products[1, c] - sums[1, c] * sums[1, c] * share
-            both += products[2, c] - sums[0, c] * sums[1, c] * share
-            square += steps[c]
-        size = math.sqrt(max(0.0, float(one * other)))
-        if size > 0.0:
-            scores[0] += max(-1.0, min(1.0, float(both) / size)) / blocks
-        scores[1] += math.sqrt(square) / (m + n) / blocks
-        gamma = effective * 0.5 * (x.radius[block] + y.radius[block])
-        scores[2] += 0.5 * _effective_share(x.warp[block], partners, there, low, k, gamma, n) / blocks
-        scores[2] += 0.5 * _effective_share(y.warp[block], sources, back, low, k, gamma, m) / blocks
+    product(x, rotation, rotated)
+    nearest_both_ways(rotated, targets, number_bits(max(m, len(y))), forward, backward)
+    cross_covariance_both_ways(x, y, forward, backward, covariance, first, second)
+    return fit_rotation(covariance, first, second, steps, rotation)
 
 
 @kernel
@@ -311,8 +74,8 @@ def fit_map(
     x: MatchRecord,
     y: MatchRecord,
     rounds: SearchRounds,
-    there: Int32s,
-    back: Int32s,
+    forward: Int32s,
+    backward: Int32s,
     partners: Float32s,
     sources: Float32s,
     rotation: Float32s,
@@ -329,99 +92,222 @@ def fit_map(
     x, y : MatchRecord
         Of m and n samples. `warp`, `radius` and `key` are not read.
     rounds : SearchRounds
-    there : int32, shape (m,)
+        Without `final_rounds` the map is that of the first samples, and there are no pairs: nothing but it is
+        written.
+    forward : int32, shape (m,)
         Written: the sample of y that each of x is paired with.
-    back : int32, shape (n,)
+    backward : int32, shape (n,)
         Written: the sample of x that each of y is paired with.
-    partners, sources : float32, shapes (m, b k) and (n, b k)
-        Written: the partners of the samples of x and of those of y.
+    partners : float32, shape (m, b k)
+        Written: the points of y that are partners of the samples of x.
+    sources : float32, shape (n, b k)
+        Written: the points of x that are partners of the samples of y.
     rotation : float32, shape (b k, b k)
-        Zeros; written where blocks meet themselves: x.points @ rotation lies on y.points.
+        Written: x.points @ rotation lies on y.points; 0 outside the blocks.
 
     Returns
     -------
     float
         CC of the pairs, the mean over the domains.
     """
-    m = len(there)
-    n = len(back)
+    m = len(forward)
+    n = len(backward)
     blocks = x.searched.shape[0]
     columns = x.points.shape[1]
-    mine = x.points[:m]
-    yours = y.points[:n]
-    best_map(x, y, rounds, rotation)
-    targets = np.ascontiguousarray(yours.T)
-    score = refine_map(mine, yours, targets, blocks, rounds.final_rounds, EXACT, rotation, there, back)
+
+    # A map for each search.
+    count = rounds.sides * blocks
+    rotations = np.zeros((count, columns, columns), dtype=np.float32)
+    scores = np.zeros(count, dtype=np.float32)
+    search_maps(x, y, rounds, rotations, scores)
+
+    # Each refined once on the first samples.
+    first_of_x = x.points[: min(rounds.align_samples, m)]
+    first_of_y = y.points[: min(rounds.align_samples, n)]
+    targets = np.ascontiguousarray(first_of_y.T)
+    for search in range(count):
+        scores[search] = refine_map(
+            first_of_x, first_of_y, targets, blocks, ROUGH, rotations[search], forward, backward
+        )
+
+    # The best few refined further; the best of them is kept.
+    score = -2.0
+    for _ in range(min(rounds.kept_maps, count)):
+        candidate = np.argmax(scores)
+        refined = scores[candidate]
+        for _ in range(rounds.align_rounds):
+            refined = refine_map(
+                first_of_x, first_of_y, targets, blocks, ROUGH, rotations[candidate], forward, backward
+            )
+        scores[candidate] = -3.0
+        if refined > score:
+            score = refined
+            for c in range(columns):
+                for d in range(columns):
+                    rotation[c, d] = rotations[candidate, c, d]
+    if rounds.final_rounds == 0:
+        return score
+
+    # Refined on all samples.
+    samples_of_x = x.points[:m]
+    samples_of_y = y.points[:n]
+    targets = np.ascontiguousarray(samples_of_y.T)
+    for _ in range(rounds.final_rounds):
+        score = refine_map(samples_of_x, samples_of_y, targets, blocks, EXACT, rotation, forward, backward)
+    gather(samples_of_y, forward, partners)
+    gather(samples_of_x, backward, sources)
+
+    # Partners moved within their regions, and the map fitted to them.
     covariance = np.empty((columns, columns), dtype=np.float32)
     first = np.empty(blocks, dtype=np.float32)
     second = np.empty(blocks, dtype=np.float32)
-    gather(yours, there, partners)
-    gather(mine, back, sources)
     ends = np.empty((m, columns), dtype=np.float32)
     starts = np.empty((n, columns), dtype=np.float32)
     for _ in range(rounds.slides):
-        product(mine, rotation, ends)
-        product(yours, np.ascontiguousarray(rotation.T), starts)
+        product(samples_of_x, rotation, ends)
+        product(samples_of_y, np.ascontiguousarray(rotation.T), starts)
         for i in range(m):
-            region = there[i]
-            row = closest(y.points, y.members, y.offsets[region], y.offsets[region + 1], ends, i)
+            region = forward[i]
+            row = nearest_member(y.points, y.members, y.offsets[region], y.offsets[region + 1], ends, i)
             for c in range(columns):
                 partners[i, c] = y.points[row, c]
         for j in range(n):
-            region = back[j]
-            row = closest(x.points, x.members, x.offsets[region], x.offsets[region + 1], starts, j)
+            region = backward[j]
+            row = nearest_member(x.points, x.members, x.offsets[region], x.offsets[region + 1], starts, j)
             for c in range(columns):
                 sources[j, c] = x.points[row, c]
-        cross_covariance(mine, partners, sources, yours, blocks, covariance, first, second)
+        cross_covariance(samples_of_x, partners, sources, samples_of_y, covariance, first, second)
         score = fit_rotation(covariance, first, second, EXACT, rotation)
     return score
 
 
 @kernel
-def match_pair(
+def _effective_share(
+    warp: Int16s, targets: Float32s, matches: Int32s, low: int, k: int, gamma: float, count: int
+) -> float:
+    """Return the number of distinct matches that the softer spline brings a point within gamma of, a share.
+
+    The share is of min(m, count). In integers: their sums may be taken in any order, and so by SIMD. A spline
+    makes no vector longer, so the largest coordinate after it is at most the root of m times the largest
+    before, and products stay under 2^31.
+
+    Parameters
+    ----------
+    warp : int16, shape (m, m)
+        The spline's matrix, over `ONE`.
+    targets : float32, shape (m, >= low + k)
+        The partners; their domain has the k columns from `low` on.
+    matches : int32, shape (m,)
+        The samples that the partners belong to, each less than `count`.
+    low, k : int
+    gamma : float
+    count : int
+    """
+    m = len(matches)
+    # The partners in integers, by columns.
+    largest = np.float32(0.0)
+    for i in range(m):
+        for c in range(k):
+            largest = max(largest, abs(targets[i, low + c]))
+    finest = min(FINEST, math.floor(2**31 / ONE / math.sqrt(m)) - 1)
+    scale = np.float32(finest) / largest if largest > 0.0 else np.float32(0.0)
+    columns = np.empty((k, m), dtype=np.int16)
+    for i in range(m):
+        for c in range(k):
+            columns[c, i] = np.int16(np.floor(targets[i, low + c] * scale + np.float32(0.5)))
+    # Each partner after the spline. It is left as soon as its coordinates so far are too far away.
+    limit = np.float32((gamma * scale) ** 2)
+    taken = np.zeros(count, dtype=np.bool_)
+    share = 0.0
+    for i in range(m):
+        if taken[matches[i]]:
+            continue
+        square = np.float32(0.0)
+        for c in range(k):
+            total = np.int32(0)
+            for j in range(m):
+                total = np.int32(total + np.int32(np.int32(warp[i, j]) * np.int32(columns[c, j])))
+            difference = np.float32(total) * np.float32(1.0 / ONE) - np.float32(columns[c, i])
+            square += difference * difference
+            if square > limit:
+                break
+        if square <= limit:
+            taken[matches[i]] = True
+            share += 1.0
+    return share / min(m, count)
+
+
+@kernel
+def score_pairs(
     x: MatchRecord,
     y: MatchRecord,
-    rounds: SearchRounds,
-    same: bool,
-    there: Int32s,
-    back: Int32s,
+    forward: Int32s,
+    backward: Int32s,
+    partners: Float32s,
+    sources: Float32s,
     rotation: Float32s,
+    effective: float,
     scores: Floats,
 ) -> None:
-    """Match two shapes: `fit_map`, then `score_pairs`.
+    """Write CC, SSD and sim of pairs under a map: Eqs. 18-20, means over the domains.
 
     Parameters
     ----------
     x, y : MatchRecord
         Of m and n samples.
-    rounds : SearchRounds
-    same : bool
-        Whether both are one shape: then each sample's partner is itself, and the scores are 1, 0 and 1 (CC
-        counts 0 in a domain that is one point). A search might find one of the shape's symmetries.
-    there : int32, shape (m,)
-        Written: the sample of y that each of x is paired with.
-    back : int32, shape (n,)
-        Written: the sample of x that each of y is paired with.
+    forward, backward : int32, shapes (m,) and (n,)
+        The sample whose region each partner lies in.
+    partners, sources : float32, shapes (m, b k) and (n, b k)
+        The partners of the samples of x and of those of y.
     rotation : float32, shape (b k, b k)
-        Written: x.points @ rotation lies on y.points.
+    effective : float
+        gamma over the mean radius of the two clouds.
     scores : float64, shape (3,)
-        Written: CC, SSD and sim.
+        Written: CC in [-1, 1], SSD >= 0, sim in [0, 1].
     """
-    m = len(x.offsets) - 1
-    n = len(y.offsets) - 1
+    m = len(forward)
+    n = len(backward)
+    blocks = len(x.radius)
     columns = x.points.shape[1]
-    rotation[:] = 0.0
-    if same:
+    k = columns // blocks
+    # Both sides of all m + n pairs, the side of x after the map.
+    ends = np.empty((m + n, columns), dtype=np.float32)
+    product(x.points[:m], rotation, ends[:m])
+    product(sources, rotation, ends[m:])
+    targets = np.empty((m + n, columns), dtype=np.float32)
+    for i in range(m + n):
         for c in range(columns):
-            rotation[c, c] = 1.0
-        for i in range(m):
-            there[i] = i
-            back[i] = i
-        scores[0] = (x.radius > 0.0).mean()
-        scores[1] = 0.0
-        scores[2] = 1.0
-        return
-    partners = np.empty((m, columns), dtype=np.float32)
-    sources = np.empty((n, columns), dtype=np.float32)
-    fit_map(x, y, rounds, there, back, partners, sources, rotation)
-    score_pairs(x, y, there, back, partners, sources, rotation, rounds.effective, scores)
+            targets[i, c] = partners[i, c] if i < m else y.points[i - m, c]
+    # Sums of each column: of both sides, of their squares and products, and of the squared differences.
+    sums = np.zeros((2, columns), dtype=np.float32)
+    products = np.zeros((3, columns), dtype=np.float32)
+    differences = np.zeros(columns, dtype=np.float32)
+    for i in range(m + n):
+        for c in range(columns):
+            sums[0, c] += ends[i, c]
+            sums[1, c] += targets[i, c]
+            products[0, c] += ends[i, c] * ends[i, c]
+            products[1, c] += targets[i, c] * targets[i, c]
+            products[2, c] += ends[i, c] * targets[i, c]
+            differences[c] += (ends[i, c] - targets[i, c]) ** 2
+    # The scores of each domain.
+    share = np.float32(1.0) / np.float32(m + n)
+    scores[:] = 0.0
+    for block in range(blocks):
+        low = block * k
+        square_of_x = np.float32(0.0)
+        square_of_y = np.float32(0.0)
+        cross = np.float32(0.0)
+        difference = np.float32(0.0)
+        for c in range(low, low + k):
+            square_of_x += products[0, c] - sums[0, c] * sums[0, c] * share
+            square_of_y += products[1, c] - sums[1, c] * sums[1, c] * share
+            cross += products[2, c] - sums[0, c] * sums[1, c] * share
+            difference += differences[c]
+        size = math.sqrt(max(0.0, float(square_of_x * square_of_y)))
+        if size > 0.0:
+            scores[0] += max(-1.0, min(1.0, float(cross) / size)) / blocks
+        scores[1] += math.sqrt(difference) / (m + n) / blocks
+        gamma = effective * 0.5 * (x.radius[block] + y.radius[block])
+        scores[2] += 0.5 * _effective_share(x.warp[block], partners, forward, low, k, gamma, n) / blocks
+        scores[2] += 0.5 * _effective_share(y.warp[block], sources, backward, low, k, gamma, m) / blocks

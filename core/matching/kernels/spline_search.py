@@ -1,61 +1,55 @@
-"""The compiled spline search of the Procrustes matcher, on few points (Eq. 17).
+"""The compiled search for initial maps: a thin-plate spline of few points, iterated (Eq. 17).
 
-The search is that of `core.matching.correspondence.spline_search`, its reference, with one start kept. Every
-inner loop is a SIMD loop: all first signs go through one product, and the nearest neighbour is a running
-minimum over the targets, in integers that carry the target's number in their lowest bits.
+`core.matching.correspondence.spline_search` is the reference, with one start kept. All first signs go through
+one product, and inner loops are SIMD loops.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from core.arrays import Float32s, Int16s, Int32s
-from core.matching.kernels.match_record import dequantised
-from core.matching.kernels.matrix_product import product
+from core.matching.kernels.match_record import MatchRecord, dequantised
+from core.matching.kernels.nearest_neighbours import cross_covariance, gather, nearest_columns, number_bits
+from core.matching.kernels.procrustes import ROUGH, fit_rotation
+from core.matching.kernels.simd import product
 from core.numerics.compilation import kernel
 
-FAR = np.int32(2**31 - 1)
+
+class SearchRounds(NamedTuple):
+    """Sizes of the search and numbers of rounds: see `core.parameters.Parameters`.
+
+    Searches begin from both shapes (`sides` is 2), or from the first alone. `effective` is gamma over the
+    mean radius of two clouds.
+    """
+
+    search_samples: int
+    first_dimensions: int
+    starts: int
+    start_iterations: int
+    step_iterations: int
+    sides: int
+    align_samples: int
+    kept_maps: int
+    align_rounds: int
+    final_rounds: int
+    slides: int
+    effective: float
 
 
 @kernel
-def nearest_columns(points: Float32s, targets: Float32s, k: int, low: int, nearest: Int32s) -> None:
-    """Write the nearest of n targets to each of p points, both held by columns, in their first k dimensions.
-
-    Squared distances are compared in their leading bits; among equals the first target wins.
+def signless_correlation(points: Float32s, targets: Float32s, matches: Int32s, k: int) -> float:
+    """Return the correlation of matched clouds in their first k columns, each with the sign that suits it.
 
     Parameters
     ----------
     points : float32, shape (>= k, p)
     targets : float32, shape (>= k, n)
-    low : int
-        2^b > n, at most 2^14: the b last of a distance's 23 bits hold the target's number.
-    nearest : int32, shape (p,)
+    matches : int32, shape (p,)
+        A target for each point.
+    k : int
     """
-    p = points.shape[1]
-    squares = np.empty(p, dtype=np.float32)
-    bits = squares.view(np.int32)
-    high = np.int32(-low)
-    for i in range(p):
-        nearest[i] = FAR
-    for j in range(targets.shape[1]):
-        y = targets[0, j]
-        for i in range(p):
-            squares[i] = (points[0, i] - y) * (points[0, i] - y)
-        for c in range(1, k):
-            y = targets[c, j]
-            for i in range(p):
-                squares[i] += (points[c, i] - y) * (points[c, i] - y)
-        number = np.int32(j)
-        for i in range(p):
-            nearest[i] = min(nearest[i], np.int32(np.int32(bits[i] & high) | number))
-    last = np.int32(low - 1)
-    for i in range(p):
-        nearest[i] &= last
-
-
-@kernel
-def signless_correlation(points: Float32s, targets: Float32s, matches: Int32s, k: int) -> float:
-    """Correlation of the first k of matched columns, each with the sign that suits it; clouds by columns."""
     p = points.shape[1]
     cross = np.float32(0.0)
     first = np.float32(0.0)
@@ -90,7 +84,7 @@ def spline_search(
     starts: int,
     start_rounds: int,
     step_rounds: int,
-    low: int,
+    limit: int,
     matches: Int32s,
 ) -> None:
     """Write the target of each point, as the best start finds it (Eq. 17).
@@ -108,38 +102,42 @@ def spline_search(
         2^first sign changes of the first coordinates, or 1 for none.
     start_rounds, step_rounds : int
         Spline rounds of every start, and of the best one after each dimension added.
-    low : int
+    limit : int
         See `nearest_columns`.
     matches : int32, shape (s,)
     """
     k_all, s = points.shape
+    # The first coordinates with all signs side by side, and the target nearest to each.
     several = starts * s
     stacked = np.empty((first, several), dtype=np.float32)
-    found = np.empty(several, dtype=np.int32)
+    nearest = np.empty(several, dtype=np.int32)
     for c in range(first):
         for start in range(starts):
             sign = np.float32(-1.0) if (start >> c) & 1 else np.float32(1.0)
             for i in range(s):
                 stacked[c, start * s + i] = sign * points[c, i]
-    nearest_columns(stacked, targets, first, low, found)
+    nearest_columns(stacked, targets, first, limit, nearest)
+    # Rounds of the spline in the first dimensions, for all starts in one product.
     matched = np.empty((max(first * starts, k_all), s), dtype=np.float32)
     warped = np.empty((len(matched), s), dtype=np.float32)
     for _ in range(start_rounds):
         for c in range(first):
             for start in range(starts):
                 for i in range(s):
-                    matched[c * starts + start, i] = targets[c, found[start * s + i]]
+                    matched[c * starts + start, i] = targets[c, nearest[start * s + i]]
         product(matched[: first * starts], dequantised(operators[0]), warped[: first * starts])
-        nearest_columns(warped[: first * starts].reshape(first, several), targets, first, low, found)
+        nearest_columns(warped[: first * starts].reshape(first, several), targets, first, limit, nearest)
+    # The start of the best correlation.
     best = 0
     score = -2.0
     for start in range(starts):
-        likeness = signless_correlation(points, targets, found[start * s : start * s + s], first)
-        if likeness > score:
-            score = likeness
+        correlation = signless_correlation(points, targets, nearest[start * s : start * s + s], first)
+        if correlation > score:
+            score = correlation
             best = start
     for i in range(s):
-        matches[i] = found[best * s + i]
+        matches[i] = nearest[best * s + i]
+    # The best start in one more dimension at a time.
     for k in range(first + 1, k_all + 1):
         operator = dequantised(operators[k - first])
         for _ in range(step_rounds):
@@ -147,4 +145,57 @@ def spline_search(
                 for i in range(s):
                     matched[c, i] = targets[c, matches[i]]
             product(matched[:k], operator, warped[:k])
-            nearest_columns(warped[:k], targets, k, low, matches)
+            nearest_columns(warped[:k], targets, k, limit, matches)
+
+
+@kernel
+def search_maps(
+    x: MatchRecord, y: MatchRecord, rounds: SearchRounds, rotations: Float32s, scores: Float32s
+) -> None:
+    """Write orthogonal maps to begin from: one for each search, in each domain and from each side.
+
+    The pairs found in one domain determine the map in all.
+
+    Parameters
+    ----------
+    x, y : MatchRecord
+    rounds : SearchRounds
+    rotations : float32, shape (sides b, b k, b k)
+        Zeros; written where blocks meet themselves.
+    scores : float32, shape (sides b,)
+        Written: their correlations.
+    """
+    blocks = x.searched.shape[0]
+    columns = x.points.shape[1]
+    covariance = np.empty((columns, columns), dtype=np.float32)
+    first = np.empty(blocks, dtype=np.float32)
+    second = np.empty(blocks, dtype=np.float32)
+    none = np.empty((0, columns), dtype=np.float32)
+    for search in range(rounds.sides * blocks):
+        # Pairs by the spline search in one domain, from one of the two shapes.
+        domain = search // rounds.sides
+        from_x = search % rounds.sides == 0
+        source = x if from_x else y
+        target = y if from_x else x
+        s = source.searched.shape[2]
+        matches = np.empty(s, dtype=np.int32)
+        spline_search(
+            source.searched[domain],
+            target.searched[domain],
+            source.operators[domain],
+            rounds.first_dimensions,
+            rounds.starts,
+            rounds.start_iterations,
+            rounds.step_iterations,
+            number_bits(target.searched.shape[2]),
+            matches,
+        )
+        # The map of all domains that fits these pairs, from x to y.
+        partners = np.empty((s, columns), dtype=np.float32)
+        gather(target.points, matches, partners)
+        points = source.points[:s]
+        if from_x:
+            cross_covariance(points, partners, none, none, covariance, first, second)
+        else:
+            cross_covariance(partners, points, none, none, covariance, first, second)
+        scores[search] = fit_rotation(covariance, first, second, ROUGH, rotations[search])

@@ -10,11 +10,7 @@ from typing import TypeVar
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from core.embedding import Embedding
-from core.matching.kernels.match_record import MatchRecord
 from core.matching.match_records import match_record, score_match_records
-from core.matching.matcher import embedding_key
-from core.matching.procrustes import ProcrustesMatch, make_match_record, procrustes_match
 from core.mesh.mesh import Mesh
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
@@ -127,8 +123,8 @@ class _Pair:
         _, coarse = _seconds(lambda: coarse_ranking(self._match_record, self._coarse_samples, DEFAULT))
         _, score = _seconds(lambda: self._method.score(query, [candidate]))
         embeddings, decode = _seconds(lambda: [embedding_from_bytes(record) for record in self._records])
-        shapes, packing = _seconds(lambda: [_record(embedding) for embedding in embeddings])
-        _, match = _seconds(lambda: _match(shapes))
+        shapes, packing = _seconds(lambda: [match_record(embedding, DEFAULT) for embedding in embeddings])
+        _, match = _seconds(lambda: score_match_records(shapes[0], shapes[1:], DEFAULT))
         return {
             "many": many / MANY,
             "reranked": reranked / MANY,
@@ -166,15 +162,6 @@ class _Pair:
             parts={part: spread(part) for part in PARTS},
             peer=_peer_times(turns) if turns[0].stages else None,
         )
-
-
-def _record(embedding: Embedding) -> MatchRecord:
-    return make_match_record(embedding, embedding_key(embedding), DEFAULT)
-
-
-def _match(shapes: Sequence[MatchRecord]) -> ProcrustesMatch:
-    first, second = shapes
-    return procrustes_match(first, second, DEFAULT, same=False)
 
 
 def _seconds(work: Callable[[], T]) -> tuple[T, float]:

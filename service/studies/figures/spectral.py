@@ -10,13 +10,13 @@ from scipy.spatial import cKDTree
 from core.arrays import Floats, Ints
 from core.embedding import Embedding
 from core.matching.dense_correspondence import basis, extend
-from core.matching.kernels.orthogonal_procrustes import fit_rotation_reference
 from core.mesh.cleaning import clean
 from core.mesh.mesh import Mesh
 from core.mesh.normal_frame import normal_frame
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
 from service.rendering.drawing import Panel, draw_grid, draw_panel, png
+from tests.core.matching.reference import fit_rotation_reference
 
 TAUS = (0.1, 0.2, 0.5)
 _LARGEST = 0.85

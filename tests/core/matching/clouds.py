@@ -4,8 +4,7 @@ import numpy as np
 from scipy.spatial.distance import cdist
 
 from core.embedding import Embedding, Facts, Spectrum
-from core.matching.matcher import embedding_key
-from core.matching.procrustes import make_match_record
+from core.matching.match_records import embedding_key, make_match_record
 from core.parameters import DEFAULT
 
 

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from core.matching.correspondence import spline_search
-from core.matching.spline_operators import spline_operators
-from core.matching.thin_plate_spline import mean_pair_distance, tps_kernel
+from core.matching.thin_plate_spline import mean_pair_distance, spline_operators, tps_kernel
+from core.matching.tps_matcher import spline_search
 
 
 def cloud(seed, count, k):

@@ -8,8 +8,8 @@ import pytest
 from core.embedding import Embedding, Facts, Spectrum
 from core.gallery import make_shape
 from core.matching.kernels.match_record import decoded
-from core.matching.matcher import embedding_key
-from core.matching.matcher_choice import matcher_of
+from core.matching.match_records import embedding_key
+from core.matching.matcher import matcher_of
 from core.parameters import DEFAULT, PAPER
 from core.pipeline import Pipeline
 

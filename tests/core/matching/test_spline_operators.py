@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from core.matching import spline_operators as module
-from core.matching.spline_operators import compiled_spline_operators, spline_operators
+from core.matching import thin_plate_spline as module
+from core.matching.thin_plate_spline import compiled_spline_operators, spline_operators
 from tests.core.matching.clouds import cloud
 
 

@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from core.matching.correspondence import spline_search
-from core.matching.matcher import embedding_key
-from core.matching.tps_matcher import TpsMatcher
+from core.matching.match_records import embedding_key
+from core.matching.tps_matcher import TpsMatcher, spline_search
 from core.parameters import PAPER
 from tests.core.matching.clouds import cloud, embedded
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import core
-from core.matching.kernels.orthogonal_procrustes import fit_rotation
+from core.matching.kernels.procrustes import fit_rotation
 
 PROBE = """
 import json
@@ -59,7 +59,7 @@ def names(copied, changes):
 
 
 def test_a_change_of_any_source_of_the_package_changes_the_name(copied):
-    assert {"pair_matching.py", "orthogonal_procrustes.py", "spline_search.py"} < set(SOURCES)
+    assert {"pair_matching.py", "procrustes.py", "spline_search.py"} < set(SOURCES)
     found = names(copied, [(copied / "matching" / "kernels" / source, "# Changed.\n") for source in SOURCES])
     assert len(set(found)) == len(found) == len(SOURCES) + 1
     # Another interpreter, another folder: the same sources give the same name.

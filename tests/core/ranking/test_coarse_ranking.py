@@ -7,14 +7,12 @@ import pytest
 
 from core.gallery import make_shape
 from core.matching.kernels.match_record import decoded
-from core.matching.kernels.one_to_many import COARSE_SAMPLES
-from core.matching.match_records import match_record, score_match_records
-from core.matching.numpy_reference import best_map_reference
-from core.matching.procrustes import search_rounds
+from core.matching.match_records import match_record, score_match_records, search_rounds
 from core.parameters import DEFAULT, PAPER
 from core.pipeline import Pipeline
-from core.ranking.coarse_ranking import coarse_ranking, coarse_samples
+from core.ranking.coarse_ranking import COARSE_SAMPLES, coarse_ranking, coarse_samples
 from tests.core.matching.clouds import cloud, embedded
+from tests.core.matching.reference import best_map_reference
 
 K = DEFAULT.spectral.dimensions
 B = len(DEFAULT.spectral.operators)

@@ -7,15 +7,14 @@ import pytest
 
 from core.gallery import make_shape
 from core.matching.kernels.match_record import ONE, decoded
-from core.matching.kernels.reranking import flat_splines, points_of
-from core.matching.match_records import match_record, score_match_records
-from core.matching.numpy_reference import fit_map_reference
-from core.matching.procrustes import search_rounds
+from core.matching.kernels.one_to_many import flat_splines, points_of
+from core.matching.match_records import match_record, score_match_records, search_rounds
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
 from core.ranking.quantised_points import quantised_points
 from core.ranking.reranking import rerank
 from tests.core.matching.clouds import cloud, embedded
+from tests.core.matching.reference import fit_map_reference
 
 FIRST, LAST = DEFAULT.matching.first_dimensions, DEFAULT.matching.search_dimensions
 

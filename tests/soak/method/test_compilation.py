@@ -28,4 +28,4 @@ def test_who_compiles_a_match_and_who_loads_it_find_the_same_bits(tmp_path):
     for name in ("pliers", "hand", "person"):
         paths.append(tmp_path / name)
         paths[-1].write_bytes(embedding_to_bytes(pipeline.embed(make_shape(name, 0))))
-    assert_compiled_and_loaded_alike(MATCH, tmp_path, "match_pair", *paths)
+    assert_compiled_and_loaded_alike(MATCH, tmp_path, "compare_many", *paths)

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from core.matching.kernels.match_record import ONE, decoded, dequantised, encoded
-from core.matching.match_records import score_match_records
-from core.matching.matcher import embedding_key
+from core.matching.match_records import embedding_key, score_match_records
 from core.matching.procrustes import ProcrustesMatcher
 from core.parameters import DEFAULT
 from tests.core.matching.clouds import cloud, embedded, random_record

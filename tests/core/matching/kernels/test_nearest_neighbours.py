@@ -4,15 +4,20 @@ import numpy as np
 import pytest
 
 from core.matching.kernels.nearest_neighbours import (
-    closest,
     cross_covariance,
     cross_covariance_both_ways,
     nearest_both_ways,
-    nearest_both_ways_reference,
-    square,
+    nearest_columns,
+    nearest_member,
+    squared_length,
 )
-from core.matching.numpy_reference import closest_reference, cross_covariance_reference
 from tests.core.matching.clouds import cloud
+from tests.core.matching.reference import (
+    closest_reference,
+    cross_covariance_reference,
+    nearest_both_ways_reference,
+    nearest_columns_reference,
+)
 
 
 def random_cloud(seed, count, k):
@@ -35,9 +40,9 @@ def precision(low):
     return low * 2.0**-23, 3e-5 + low * 2.0**-23 * 1e-3
 
 
-@pytest.mark.parametrize("low", [128, 512, 16384])
-@pytest.mark.parametrize(("m", "n"), [(2, 2), (100, 100), (37, 90), (120, 12)])
-@pytest.mark.parametrize("k", [2, 3, 7, 12, 20])
+@pytest.mark.parametrize("low", [128, 16384])
+@pytest.mark.parametrize(("m", "n"), [(2, 2), (37, 90), (120, 12)])
+@pytest.mark.parametrize("k", [2, 7, 20])
 def test_mutual_neighbours_are_the_plain_ones_but_for_the_bits_that_are_left_out(k, m, n, low):
     points, targets = random_cloud(k, m, k), random_cloud(50 + k, n, k)
     squares = squared(points, targets)
@@ -85,15 +90,15 @@ def test_distances_of_which_rounding_leaves_less_than_nothing():
         assert matches.max() < 50
 
 
-@pytest.mark.parametrize("scale", [1e-12, 1e-3, 1.0, 1e3, 1e12])
-@pytest.mark.parametrize("k", [2, 3, 10, 24])
+@pytest.mark.parametrize("scale", [1e-12, 1.0, 1e12])
+@pytest.mark.parametrize("k", [2, 10, 24])
 def test_the_closest_of_a_region_is_the_plain_one(k, scale):
     rng = np.random.default_rng(k)
     points, ends = random_cloud(k, 80, k) * np.float32(scale), random_cloud(9, 40, k) * np.float32(scale)
     members = rng.permutation(80).astype(np.int32)
     for start, stop in ((0, 80), (0, 1), (79, 80), (10, 13), (20, 60)):
         for place, end in enumerate(ends):
-            found = closest(points, members, start, stop, ends, place)
+            found = nearest_member(points, members, start, stop, ends, place)
             assert found == closest_reference(points, members, start, stop, end)
             assert found in members[start:stop]
 
@@ -102,14 +107,14 @@ def test_the_first_of_equally_close_members_is_taken():
     points = np.ones((6, 3), dtype=np.float32)
     members = np.int32([4, 2, 5, 0])
     ends = np.float32([[0, 0, 0], [1, 1, 1]])
-    assert closest(points, members, 0, 4, ends, 0) == 4
-    assert closest(points, members, 1, 4, ends, 1) == 2
+    assert nearest_member(points, members, 0, 4, ends, 0) == 4
+    assert nearest_member(points, members, 1, 4, ends, 1) == 2
 
 
 @pytest.mark.parametrize("k", [1, 3, 4, 7, 20, 24])
 def test_the_square_of_a_row_is_the_plain_one(k):
     points = random_cloud(k, 10, k)
-    found = [square(points, row) for row in range(10)]
+    found = [squared_length(points, row) for row in range(10)]
     assert found == pytest.approx((points.astype(np.float64) ** 2).sum(axis=1), rel=1e-6)
 
 
@@ -117,14 +122,14 @@ def cross_products(points, partners, sources, targets, blocks):
     columns = points.shape[1]
     cross = np.full((columns, columns), np.nan, dtype=np.float32)
     first, second = np.full((2, blocks), np.nan, dtype=np.float32)
-    cross_covariance(points, partners, sources, targets, blocks, cross, first, second)
+    cross_covariance(points, partners, sources, targets, cross, first, second)
     return cross, first, second
 
 
-@pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
-@pytest.mark.parametrize("blocks", [1, 2, 3])
-@pytest.mark.parametrize(("m", "n"), [(100, 100), (30, 70), (1, 1), (32, 0)])
-@pytest.mark.parametrize("k", [2, 3, 10, 12])
+@pytest.mark.parametrize("scale", [1e-6, 1e6])
+@pytest.mark.parametrize("blocks", [1, 2])
+@pytest.mark.parametrize(("m", "n"), [(30, 70), (1, 1), (32, 0)])
+@pytest.mark.parametrize("k", [2, 10])
 def test_cross_products_and_square_sums_are_the_plain_ones(k, m, n, blocks, scale):
     rng = np.random.default_rng(k)
     given = [
@@ -140,10 +145,10 @@ def test_cross_products_and_square_sums_are_the_plain_ones(k, m, n, blocks, scal
         assert np.array_equal(array, kept)
 
 
-@pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
-@pytest.mark.parametrize("blocks", [1, 2, 3])
-@pytest.mark.parametrize(("m", "n"), [(100, 100), (30, 70), (1, 1), (70, 5)])
-@pytest.mark.parametrize("k", [2, 3, 10, 12])
+@pytest.mark.parametrize("scale", [1e-6, 1e6])
+@pytest.mark.parametrize("blocks", [1, 2])
+@pytest.mark.parametrize(("m", "n"), [(30, 70), (1, 1), (70, 5)])
+@pytest.mark.parametrize("k", [2, 10])
 def test_cross_products_of_pairs_both_ways_are_the_plain_ones(k, m, n, blocks, scale):
     rng = np.random.default_rng(k)
     x, y = (
@@ -153,7 +158,7 @@ def test_cross_products_of_pairs_both_ways_are_the_plain_ones(k, m, n, blocks, s
     there, back = rng.integers(n, size=m).astype(np.int32), rng.integers(m, size=n).astype(np.int32)
     cross = np.full((blocks * k, blocks * k), np.nan, dtype=np.float32)
     first, second = np.full((2, blocks), np.nan, dtype=np.float32)
-    cross_covariance_both_ways(x, y, there, back, blocks, cross, first, second)
+    cross_covariance_both_ways(x, y, there, back, cross, first, second)
     expected = cross_covariance_reference(x, y[there], x[back], y, blocks)
     size = scale**2 * (m + n) * k
     for one, other in zip((cross, first, second), expected, strict=True):
@@ -175,11 +180,47 @@ def test_the_side_that_a_pair_is_found_from_does_not_matter():
         assert one == pytest.approx(other, abs=1e-4)
 
 
-def test_arrays_that_cannot_be_written_to_are_read_all_the_same():
-    """They compile another form; what `core.matching.procrustes.pack` makes can be written to."""
-    points, targets = random_cloud(8, 40, 5), random_cloud(9, 30, 5)
-    expected = both(points, targets, 128)
-    for array in (points, targets):
-        array.flags.writeable = False
-    for one, other in zip(both(points, targets, 128), expected, strict=True):
-        assert np.array_equal(one, other)
+SCALES = [1e-12, 1.0, 1e12]
+
+
+def columns(seed, count, k, scale=1.0):
+    return np.ascontiguousarray(cloud(np.random.default_rng(seed), count, k).T) * np.float32(scale)
+
+
+def nearest_column(points, targets, k, low):
+    found = np.empty(points.shape[1], dtype=np.int32)
+    nearest_columns(points, targets, k, low, found)
+    return found
+
+
+@pytest.mark.parametrize("scale", SCALES)
+@pytest.mark.parametrize(("p", "n"), [(2, 2), (7, 30), (64, 100)])
+@pytest.mark.parametrize("k", [2, 12])
+def test_the_nearest_column_is_the_plain_one_but_for_the_bits_that_are_left_out(k, p, n, scale):
+    points, targets = columns(k, p, 12, scale), columns(100 + k, n, 12, scale)
+    found = nearest_column(points, targets, k, 128)
+    expected = nearest_columns_reference(points, targets, k)
+    squares = squared(points[:k].T, targets[:k].T)
+    chosen, least = squares[np.arange(p), found], squares[np.arange(p), expected]
+    assert (chosen <= least * (1 + 128 * 2.0**-23 + 1e-5)).all()
+    assert (found == expected).mean() > 0.98
+
+
+@pytest.mark.parametrize("low", [128, 16384])
+def test_so_many_targets_that_their_numbers_take_up_to_fourteen_bits(low):
+    n = low - 1
+    points, targets = columns(1, 50, 3), columns(2, n, 3)
+    found = nearest_column(points, targets, 3, low)
+    squares = squared(points.T, targets.T)
+    least = squares.min(axis=1)
+    assert (squares[np.arange(50), found] <= least * (1 + low * 2.0**-23 + 1e-5)).all()
+    separate = np.sort(squares, axis=1)[:, 1] > least * (1 + 2 * low * 2.0**-23)
+    assert separate.sum() > 25
+    assert np.array_equal(found[separate], nearest_columns_reference(points, targets, 3)[separate])
+
+
+def test_the_first_of_equally_near_targets_is_taken():
+    targets = np.repeat(columns(3, 10, 4), 3, axis=1)
+    assert np.array_equal(nearest_column(targets, targets, 4, 128), np.repeat(np.arange(0, 30, 3), 3))
+    one = np.zeros((4, 20), dtype=np.float32)
+    assert np.array_equal(nearest_column(one, one, 4, 128), np.zeros(20))

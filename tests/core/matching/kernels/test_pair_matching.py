@@ -6,12 +6,20 @@ import numpy as np
 import pytest
 
 from core.gallery import make_shape
-from core.matching.kernels.pair_matching import match_pair
-from core.matching.numpy_reference import match_pair_reference
-from core.matching.procrustes import search_rounds
+from core.matching.kernels.match_record import encoded
+from core.matching.kernels.one_to_many import MATCH_RECORD
+from core.matching.kernels.pair_matching import fit_map, refine_map, score_pairs
+from core.matching.kernels.procrustes import EXACT
+from core.matching.match_records import compared, search_rounds
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
 from tests.core.matching.clouds import cloud, embedded, parameters_for, random_record, record_of
+from tests.core.matching.reference import (
+    best_map_reference,
+    match_pair_reference,
+    refine_map_reference,
+    score_pairs_reference,
+)
 
 K = DEFAULT.spectral.dimensions
 ROUNDS = search_rounds(DEFAULT)
@@ -28,12 +36,24 @@ def shapes():
     ]
 
 
-def match(x, y, rounds=ROUNDS, same=False):
+def match(x, y, rounds=ROUNDS):
+    """Pairs both ways, map and scores, from the kernels of the steps."""
     m, n, columns = len(x.offsets) - 1, len(y.offsets) - 1, x.points.shape[1]
     there, back = np.full(m, -1, dtype=np.int32), np.full(n, -1, dtype=np.int32)
-    rotation, scores = np.full((columns, columns), np.nan, dtype=np.float32), np.full(3, np.nan)
-    match_pair(x, y, rounds, same, there, back, rotation, scores)
+    partners, sources = (np.empty((count, columns), dtype=np.float32) for count in (m, n))
+    rotation, scores = np.zeros((columns, columns), dtype=np.float32), np.full(3, np.nan)
+    fit_map(x, y, rounds, there, back, partners, sources, rotation)
+    score_pairs(x, y, there, back, partners, sources, rotation, rounds.effective, scores)
     return there, back, rotation, scores
+
+
+def compare(x, y):
+    """Scores and map of two shapes, from the kernel that compares many."""
+    record = encoded(y)
+    scores, rotation = compared(
+        encoded(x), record.view(np.uint8), np.array([record.nbytes]), MATCH_RECORD, ROUNDS
+    )
+    return scores[0], rotation
 
 
 def alike(found, expected):
@@ -46,7 +66,7 @@ def alike(found, expected):
 
 
 def test_the_match_is_the_plain_one(shapes):
-    same = [alike(match(x, y), match_pair_reference(x, y, ROUNDS, False)) for x, y in permutations(shapes, 2)]
+    same = [alike(match(x, y), match_pair_reference(x, y, ROUNDS)) for x, y in permutations(shapes, 2)]
     assert np.mean(same) > 0.9
 
 
@@ -58,8 +78,7 @@ def test_any_number_of_domains_and_dimensions(k, blocks):
         random_record(10 * k + i, m, d, k, blocks) for i, (m, d) in enumerate([(50, 80), (70, 70), (14, 30)])
     ]
     same = [
-        alike(match(x, y, rounds), match_pair_reference(x, y, rounds, False))
-        for x, y in permutations(clouds, 2)
+        alike(match(x, y, rounds), match_pair_reference(x, y, rounds)) for x, y in permutations(clouds, 2)
     ]
     assert np.mean(same) > 0.8
 
@@ -68,18 +87,27 @@ def test_any_number_of_domains_and_dimensions(k, blocks):
 def test_any_number_of_rounds(changes):
     x, y = random_record(1, 70, 120, K, 2), random_record(3, 80, 100, K, 2)
     rounds = ROUNDS._replace(**changes)
-    assert alike(match(x, y, rounds), match_pair_reference(x, y, rounds, False))
+    assert alike(match(x, y, rounds), match_pair_reference(x, y, rounds))
+
+
+def test_many_are_compared_in_one_order_as_their_steps_say(shapes):
+    for x, y in permutations(shapes[:2] + shapes[-2:], 2):
+        scores, rotation = compare(x, y)
+        first, second = (
+            (x, y)
+            if (len(x.offsets), *x.key.view(np.uint32)) < (len(y.offsets), *y.key.view(np.uint32))
+            else (y, x)
+        )
+        _, _, expected, expected_scores = match(first, second)
+        assert np.array_equal(rotation, expected)
+        assert np.array_equal(scores, expected_scores)
 
 
 def test_one_shape_is_matched_with_itself_without_a_search(shapes):
     for x in shapes:
-        found = match(x, x, same=True)
-        m = len(x.offsets) - 1
-        assert np.array_equal(found[0], np.arange(m))
-        assert np.array_equal(found[1], np.arange(m))
-        assert np.array_equal(found[2], np.eye(2 * K))
-        assert alike(found, match_pair_reference(x, x, ROUNDS, True))
-        assert found[3][:2] == pytest.approx([1.0, 0.0], abs=1e-6)
+        scores, rotation = compare(x, x)
+        assert np.array_equal(rotation, np.eye(2 * K))
+        assert scores.tolist() == [1.0, 0.0, 1.0]
 
 
 def degenerate():
@@ -112,7 +140,7 @@ def test_as_few_samples_as_the_splines_need():
     x, y = random_record(4, K + 2, K + 2, K, 2), random_record(5, K + 2, 200, K, 2)
     for first, second in ((x, y), (y, x)):
         there, back, rotation, scores = match(first, second)
-        expected = match_pair_reference(first, second, ROUNDS, False)
+        expected = match_pair_reference(first, second, ROUNDS)
         assert there.max() < K + 2
         assert back.max() < K + 2
         assert np.linalg.norm(rotation, 2) < 1.001
@@ -126,3 +154,82 @@ def test_the_same_match_twice_is_the_same_and_what_it_reads_is_left(shapes):
             assert np.array_equal(one, other)
     for shape, kept in zip(shapes, before, strict=True):
         assert all(np.array_equal(array, other) for array, other in zip(shape, kept, strict=True))
+
+
+def rotation_of(seed, k, blocks):
+    found = np.zeros((blocks * k, blocks * k), dtype=np.float32)
+    for block, rows in enumerate(np.split(np.arange(blocks * k), blocks)):
+        rng = np.random.default_rng(seed + block)
+        found[np.ix_(rows, rows)] = np.linalg.qr(rng.normal(size=(k, k)))[0]
+    return found
+
+
+@pytest.mark.parametrize("count", [1, 2])
+@pytest.mark.parametrize("blocks", [1, 2])
+@pytest.mark.parametrize(("m", "n"), [(30, 100), (100, 40), (12, 12)])
+@pytest.mark.parametrize("k", [2, 10])
+def test_a_map_is_refined_as_the_plain_one_is(k, m, n, blocks, count):
+    x, y = (random_record(seed, rows, rows, k, blocks).points for seed, rows in ((k, m), (60 + k, n)))
+    rotation = rotation_of(k, k, blocks)
+    score, plain, plain_there, plain_back = refine_map_reference(
+        x.astype(np.float64), y.astype(np.float64), blocks, count, EXACT, rotation.astype(np.float64)
+    )
+    there, back = np.empty(m, dtype=np.int32), np.empty(n, dtype=np.int32)
+    targets = np.ascontiguousarray(y.T)
+    for _ in range(count):
+        found = refine_map(x, y, targets, blocks, EXACT, rotation, there, back)
+    assert np.array_equal(there, plain_there)
+    assert np.array_equal(back, plain_back)
+    assert found == pytest.approx(score, abs=1e-5)
+    assert rotation == pytest.approx(plain, abs=2e-3)
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(("m", "n"), [(50, 80), (110, 90)])
+def test_the_best_map_is_the_plain_one(m, n, seed):
+    x, y = random_record(seed, m, m, K, 2), random_record(70 + seed, n, n + 30, K, 2)
+    for changes in ({}, {"sides": 1, "kept_maps": 1, "align_rounds": 0}):
+        rounds = search_rounds(parameters_for(K))._replace(final_rounds=0, **changes)
+        found, pairs = np.zeros((2 * K, 2 * K), dtype=np.float32), np.empty((2, max(m, n)), dtype=np.int32)
+        nothing = np.empty((0, 2 * K), dtype=np.float32)
+        score = fit_map(x, y, rounds, pairs[0, :m], pairs[1, :n], nothing, nothing, found)
+        expected, plain = best_map_reference(x, y, rounds)
+        assert score == pytest.approx(expected, abs=1e-4)
+        assert found == pytest.approx(plain, abs=5e-3)
+
+
+@pytest.mark.parametrize("blocks", [1, 2, 3])
+@pytest.mark.parametrize(("m", "n"), [(30, 90), (90, 30), (12, 12)])
+@pytest.mark.parametrize("k", [2, 10])
+def test_scores_are_those_of_the_definitions(k, m, n, blocks):
+    x, y = random_record(k, m, m, k, blocks), random_record(80 + k, n, n, k, blocks)
+    rng = np.random.default_rng(m + n)
+    there, back = rng.integers(n, size=m), rng.integers(m, size=n)
+    partners, sources = y.points[there], x.points[back]
+    rotation = rotation_of(90 + k, k, blocks)
+    for effective in (0.05, 0.5):
+        scores = np.empty(3)
+        score_pairs(
+            x,
+            y,
+            there.astype(np.int32),
+            back.astype(np.int32),
+            partners,
+            sources,
+            rotation,
+            effective,
+            scores,
+        )
+        expected = score_pairs_reference(x, y, there, back, partners, sources, rotation, effective)
+        assert scores == pytest.approx(expected, abs=1e-6)
+
+
+def test_pairs_all_with_one_point_have_no_correlation_and_one_effective_partner():
+    x, y = random_record(1, 40, 40, 4, 1), random_record(2, 30, 30, 4, 1)
+    there, back = np.zeros(40, dtype=np.int32), np.zeros(30, dtype=np.int32)
+    partners, sources = y.points[there], x.points[back]
+    scores = np.empty(3)
+    score_pairs(x, y, there, back, partners, sources, np.eye(4, dtype=np.float32), 0.05, scores)
+    expected = score_pairs_reference(x, y, there, back, partners, sources, np.eye(4), 0.05)
+    assert scores == pytest.approx(expected, abs=1e-6)
+    assert scores[2] == pytest.approx(1 / 30)

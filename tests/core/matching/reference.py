@@ -1,4 +1,4 @@
-"""The compiled matching in plain NumPy, float64 throughout: the tests compare the kernels with it.
+"""The compiled matching in plain NumPy, float64 throughout, to compare the kernels with.
 
 The two may differ if rounding decides between two neighbours, or if a map is not determined.
 """
@@ -7,12 +7,47 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.arrays import Float32s, Floats, Ints, Reals
-from core.matching.correspondence import spline_search
 from core.matching.kernels.match_record import ONE, MatchRecord
-from core.matching.kernels.nearest_neighbours import nearest_both_ways_reference
-from core.matching.kernels.orthogonal_procrustes import EXACT, ROUGH, fit_rotation_reference
-from core.matching.kernels.pair_matching import SearchRounds
+from core.matching.kernels.procrustes import EXACT, ROUGH
+from core.matching.kernels.spline_search import SearchRounds
 from core.matching.similarity import correlation, squared_difference
+from core.matching.tps_matcher import spline_search
+
+
+def nearest_both_ways_reference(rotated: Floats, targets: Floats) -> tuple[Ints, Ints]:
+    """The plain form of `nearest_both_ways`, with exact squared distances."""
+    squares = ((rotated[:, None, :] - targets[None, :, :]) ** 2).sum(axis=2)
+    return np.asarray(squares.argmin(axis=1)), np.asarray(squares.argmin(axis=0))
+
+
+def nearest_rotation_reference(matrix: Floats, steps: Float32s) -> tuple[float, Floats]:
+    """The plain form of `nearest_rotation`, for a matrix (k, k), by its singular values."""
+    left, sigma, right = np.linalg.svd(matrix)
+    size = np.linalg.norm(sigma)
+    ends = sigma / size if size > 0.0 else sigma
+    for a, b, c in steps.astype(np.float64):
+        ends = a * ends + b * ends**3 + c * ends**5
+    return float(sigma @ ends), left * ends @ right
+
+
+def fit_rotation_reference(
+    points: Floats, targets: Floats, blocks: int, steps: Float32s = EXACT
+) -> tuple[float, Floats]:
+    """The plain form of `fit_rotation`, for paired points: the correlation and the map.
+
+    Parameters
+    ----------
+    points, targets : float64, shape (p, blocks k)
+    """
+    rotation = np.zeros((points.shape[1], points.shape[1]))
+    score = 0.0
+    for columns in np.split(np.arange(points.shape[1]), blocks):
+        x = points[:, columns] - points[:, columns].mean(axis=0)
+        y = targets[:, columns] - targets[:, columns].mean(axis=0)
+        trace, rotation[np.ix_(columns, columns)] = nearest_rotation_reference(x.T @ y, steps)
+        size = np.sqrt((x**2).sum() * (y**2).sum())
+        score += trace / size / blocks if size > 0.0 else 0.0
+    return float(score), rotation
 
 
 def nearest_columns_reference(points: Reals, targets: Reals, k: int) -> Ints:
@@ -150,15 +185,9 @@ def fit_map_reference(
 
 
 def match_pair_reference(
-    x: MatchRecord, y: MatchRecord, rounds: SearchRounds, same: bool
+    x: MatchRecord, y: MatchRecord, rounds: SearchRounds
 ) -> tuple[Ints, Ints, Floats, Floats]:
-    """Partners there (m,) and back (n,), map (b k, b k) and scores (3,): the results of `match_pair`."""
-    if same:
-        there = back = np.arange(len(x.offsets) - 1)
-        mine, yours = (each.points[: len(there)].astype(np.float64) for each in (x, y))
-        rotation = np.eye(x.points.shape[1])
-        scores = score_pairs_reference(x, y, there, back, yours, mine, rotation, rounds.effective)
-        return there, back, rotation, scores
+    """Partners there (m,) and back (n,), map (b k, b k) and scores (3,), of `fit_map` and `score_pairs`."""
     _, there, back, partners, sources, rotation = fit_map_reference(x, y, rounds)
     scores = score_pairs_reference(x, y, there, back, partners, sources, rotation, rounds.effective)
     return there, back, rotation, scores

@@ -1,68 +1,19 @@
-"""Where the search begins: neighbours by columns, correlation whatever the signs, the spline search."""
+"""The search for initial maps: correlation whatever the signs, the spline search, the maps of both sides."""
 
 import numpy as np
 import pytest
 
-from core.matching.correspondence import spline_search as plain_search
 from core.matching.kernels.match_record import ONE
-from core.matching.kernels.spline_search import (
-    nearest_columns,
-    signless_correlation,
-    spline_search,
-)
-from core.matching.numpy_reference import nearest_columns_reference, signless_correlation_reference
-from core.matching.spline_operators import spline_operators
-from tests.core.matching.clouds import cloud
-
-SCALES = [1e-12, 1e-3, 1.0, 1e5, 1e12]
+from core.matching.kernels.spline_search import search_maps, signless_correlation, spline_search
+from core.matching.match_records import search_rounds
+from core.matching.thin_plate_spline import spline_operators
+from core.matching.tps_matcher import spline_search as plain_search
+from tests.core.matching.clouds import cloud, parameters_for, random_record
+from tests.core.matching.reference import search_maps_reference, signless_correlation_reference
 
 
 def columns(seed, count, k, scale=1.0):
     return np.ascontiguousarray(cloud(np.random.default_rng(seed), count, k).T) * np.float32(scale)
-
-
-def nearest(points, targets, k, low):
-    found = np.empty(points.shape[1], dtype=np.int32)
-    nearest_columns(points, targets, k, low, found)
-    return found
-
-
-def distances(points, targets, k):
-    step = points[:k, :, None].astype(np.float64) - targets[:k, None, :]
-    return (step**2).sum(axis=0)
-
-
-@pytest.mark.parametrize("scale", SCALES)
-@pytest.mark.parametrize(("p", "n"), [(2, 2), (7, 30), (100, 32), (64, 100)])
-@pytest.mark.parametrize("k", [2, 3, 6, 12])
-def test_the_nearest_column_is_the_plain_one_but_for_the_bits_that_are_left_out(k, p, n, scale):
-    points, targets = columns(k, p, 12, scale), columns(100 + k, n, 12, scale)
-    found = nearest(points, targets, k, 128)
-    expected = nearest_columns_reference(points, targets, k)
-    squares = distances(points, targets, k)
-    chosen, least = squares[np.arange(p), found], squares[np.arange(p), expected]
-    assert (chosen <= least * (1 + 128 * 2.0**-23 + 1e-5)).all()
-    assert (found == expected).mean() > 0.98
-
-
-@pytest.mark.parametrize("low", [128, 1024, 16384])
-def test_so_many_targets_that_their_numbers_take_up_to_fourteen_bits(low):
-    n = low - 1
-    points, targets = columns(1, 50, 3), columns(2, n, 3)
-    found = nearest(points, targets, 3, low)
-    squares = distances(points, targets, 3)
-    least = squares.min(axis=1)
-    assert (squares[np.arange(50), found] <= least * (1 + low * 2.0**-23 + 1e-5)).all()
-    separate = np.sort(squares, axis=1)[:, 1] > least * (1 + 2 * low * 2.0**-23)
-    assert separate.sum() > 25
-    assert np.array_equal(found[separate], nearest_columns_reference(points, targets, 3)[separate])
-
-
-def test_the_first_of_equally_near_targets_is_taken():
-    targets = np.repeat(columns(3, 10, 4), 3, axis=1)
-    assert np.array_equal(nearest(targets, targets, 4, 128), np.repeat(np.arange(0, 30, 3), 3))
-    one = np.zeros((4, 20), dtype=np.float32)
-    assert np.array_equal(nearest(one, one, 4, 128), np.zeros(20))
 
 
 @pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
@@ -127,3 +78,27 @@ def test_the_search_leaves_what_it_reads_and_finds_the_same_twice():
     assert np.array_equal(*found)
     for array, before in zip((points, targets, operators), kept, strict=True):
         assert np.array_equal(array, before)
+
+
+def searched(x, y, rounds):
+    columns = x.points.shape[1]
+    rotations = np.zeros((rounds.sides * len(x.radius), columns, columns), dtype=np.float32)
+    scores = np.zeros(len(rotations), dtype=np.float32)
+    search_maps(x, y, rounds, rotations, scores)
+    return scores, rotations
+
+
+@pytest.mark.parametrize("blocks", [1, 2, 3])
+@pytest.mark.parametrize(("m", "n"), [(40, 100), (100, 24)])
+@pytest.mark.parametrize("k", [2, 5, 10])
+@pytest.mark.parametrize("sides", [1, 2])
+def test_maps_searched_for_are_the_plain_ones(k, m, n, blocks, sides):
+    x, y = random_record(k, m, m + 20, k, blocks), random_record(30 + k, n, n, k, blocks)
+    rounds = search_rounds(parameters_for(k))._replace(sides=sides)
+    scores, rotations = searched(x, y, rounds)
+    plain_scores, plain = search_maps_reference(x, y, rounds)
+    assert scores == pytest.approx(plain_scores, abs=1e-5)
+    assert rotations == pytest.approx(plain, abs=5e-3)
+    for one in range(blocks):
+        own = slice(one * k, one * k + k)
+        assert not np.delete(rotations[:, own], np.r_[own], axis=2).any()

@@ -4,21 +4,23 @@ import math
 
 import numpy as np
 
-from core.arrays import Float32s, Floats
+from core.arrays import Float32s
 from core.matching.kernels.simd import SIMD_WIDTH, product_row
-from core.numerics.compilation import kernel
+from core.numerics.compilation import constant, kernel
 
-ROUGH = np.array(
-    [
-        (8.458838, -24.8550361, 18.2648487),
-        (4.2136983, -3.0980635, 0.5703304),
-        (4.1435814, -3.0500064, 0.5649399),
-        (3.8766156, -2.864991, 0.5442039),
-        (3.1194696, -2.3174629, 0.4831764),
-        (2.1571445, -1.5274061, 0.3980536),
-        (1.876218, -1.2468613, 0.3706892),
-    ],
-    dtype=np.float32,
+ROUGH = constant(
+    np.array(
+        [
+            (8.458838, -24.8550361, 18.2648487),
+            (4.2136983, -3.0980635, 0.5703304),
+            (4.1435814, -3.0500064, 0.5649399),
+            (3.8766156, -2.864991, 0.5442039),
+            (3.1194696, -2.3174629, 0.4831764),
+            (2.1571445, -1.5274061, 0.3980536),
+            (1.876218, -1.2468613, 0.3706892),
+        ],
+        dtype=np.float32,
+    )
 )
 """Polynomials a x + b x^3 + c x^5, rows (a, b, c), that one after another take [3e-4, 1] to within 3e-4 of 1.
 
@@ -26,19 +28,21 @@ Each is the best one on the interval that the ones before leave, made wider by h
 (Amsel et al. 2025, The Polar Express). For maps whose pairs still change.
 """
 
-EXACT = np.array(
-    [
-        (8.4675707, -24.8891883, 18.2917509),
-        (4.2285156, -3.1081925, 0.5714667),
-        (4.2046087, -3.0918455, 0.5696329),
-        (4.1069739, -3.0248317, 0.5621167),
-        (3.7503418, -2.776237, 0.5342698),
-        (2.866187, -2.123686, 0.461817),
-        (2.0249173, -1.4006321, 0.3852356),
-        (1.8714169, -1.2417401, 0.3703295),
-        (1.875, -1.25, 0.375),
-    ],
-    dtype=np.float32,
+EXACT = constant(
+    np.array(
+        [
+            (8.4675707, -24.8891883, 18.2917509),
+            (4.2285156, -3.1081925, 0.5714667),
+            (4.2046087, -3.0918455, 0.5696329),
+            (4.1069739, -3.0248317, 0.5621167),
+            (3.7503418, -2.776237, 0.5342698),
+            (2.866187, -2.123686, 0.461817),
+            (2.0249173, -1.4006321, 0.3852356),
+            (1.8714169, -1.2417401, 0.3703295),
+            (1.875, -1.25, 0.375),
+        ],
+        dtype=np.float32,
+    )
 )
 """As `ROUGH`, from [1e-4, 1] to within rounding of 1, for maps that are scored."""
 
@@ -63,6 +67,7 @@ def nearest_rotation(matrix: Float32s, steps: Float32s, rotation: Float32s, work
         Written.
     """
     k, width = matrix.shape
+    # The Frobenius norm, in a sum for each column.
     squares = np.zeros(width, dtype=np.float32)
     for i in range(k):
         for j in range(width):
@@ -71,29 +76,36 @@ def nearest_rotation(matrix: Float32s, steps: Float32s, rotation: Float32s, work
     for j in range(k):
         size += squares[j]
     scale = np.float32(1.0 / math.sqrt(size)) if size > 0.0 else np.float32(0.0)
-    found = rotation
+    current = rotation
     following = workspace[0]
     gram = workspace[1]
     factor = workspace[2]
     for i in range(k):
         for j in range(width):
-            found[i, j] = matrix[i, j] * scale
+            current[i, j] = matrix[i, j] * scale
     for step in range(len(steps)):
         a, b, c = steps[step]
+        # G = X^T X, then b G + c G^2, then a X + X (b G + c G^2), a vector of each row at a time.
         for i in range(k):
-            for at in range(i * width, i * width + width, SIMD_WIDTH):
-                product_row(gram, at, 0.0, found, 1.0, found, i, width, k, found, at - i * width, width)
+            for place in range(i * width, i * width + width, SIMD_WIDTH):
+                column = place - i * width
+                product_row(gram, place, 0.0, current, 1.0, current, i, width, k, current, column, width)
         for i in range(k):
-            for at in range(i * width, i * width + width, SIMD_WIDTH):
-                product_row(factor, at, b, gram, c, gram, i * width, 1, k, gram, at - i * width, width)
+            for place in range(i * width, i * width + width, SIMD_WIDTH):
+                column = place - i * width
+                product_row(factor, place, b, gram, c, gram, i * width, 1, k, gram, column, width)
         for i in range(k):
-            for at in range(i * width, i * width + width, SIMD_WIDTH):
+            for place in range(i * width, i * width + width, SIMD_WIDTH):
+                column = place - i * width
                 product_row(
-                    following, at, a, found, 1.0, found, i * width, 1, k, factor, at - i * width, width
+                    following, place, a, current, 1.0, current, i * width, 1, k, factor, column, width
                 )
-        found, following = following, found
+        current, following = following, current
     if len(steps) % 2:
-        rotation[:] = found
+        for i in range(k):
+            for j in range(width):
+                rotation[i, j] = current[i, j]
+    # The trace with the matrix, in a sum for each column.
     for j in range(width):
         squares[j] = 0.0
     for i in range(k):
@@ -131,50 +143,20 @@ def fit_rotation(
     blocks = len(first)
     k = covariance.shape[0] // blocks
     width = (k + SIMD_WIDTH - 1) // SIMD_WIDTH * SIMD_WIDTH
-    matrix = np.zeros((k, width), dtype=np.float32)
-    found = np.empty((k, width), dtype=np.float32)
+    padded = np.zeros((k, width), dtype=np.float32)
+    factor = np.empty((k, width), dtype=np.float32)
     workspace = np.zeros((3, k, width), dtype=np.float32)
     score = 0.0
     for block in range(blocks):
         low = block * k
         for i in range(k):
             for j in range(k):
-                matrix[i, j] = covariance[low + i, low + j]
-        trace = nearest_rotation(matrix, steps, found, workspace)
+                padded[i, j] = covariance[low + i, low + j]
+        trace = nearest_rotation(padded, steps, factor, workspace)
         for i in range(k):
             for j in range(k):
-                rotation[low + i, low + j] = found[i, j]
+                rotation[low + i, low + j] = factor[i, j]
         size = math.sqrt(max(0.0, first[block] * second[block]))
         if size > 0.0:
             score += min(1.0, trace / size) / blocks
     return score
-
-
-def nearest_rotation_reference(matrix: Floats, steps: Float32s) -> tuple[float, Floats]:
-    """The plain form of `nearest_rotation`, for a matrix (k, k), by its singular values."""
-    left, sigma, right = np.linalg.svd(matrix)
-    size = np.linalg.norm(sigma)
-    ends = sigma / size if size > 0.0 else sigma
-    for a, b, c in steps.astype(np.float64):
-        ends = a * ends + b * ends**3 + c * ends**5
-    return float(sigma @ ends), left * ends @ right
-
-
-def fit_rotation_reference(
-    points: Floats, targets: Floats, blocks: int, steps: Float32s = EXACT
-) -> tuple[float, Floats]:
-    """The plain form of `fit_rotation`, for paired points: the correlation and the map.
-
-    Parameters
-    ----------
-    points, targets : float64, shape (p, blocks k)
-    """
-    rotation = np.zeros((points.shape[1], points.shape[1]))
-    score = 0.0
-    for columns in np.split(np.arange(points.shape[1]), blocks):
-        x = points[:, columns] - points[:, columns].mean(axis=0)
-        y = targets[:, columns] - targets[:, columns].mean(axis=0)
-        trace, rotation[np.ix_(columns, columns)] = nearest_rotation_reference(x.T @ y, steps)
-        size = np.sqrt((x**2).sum() * (y**2).sum())
-        score += trace / size / blocks if size > 0.0 else 0.0
-    return float(score), rotation

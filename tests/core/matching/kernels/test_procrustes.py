@@ -5,17 +5,14 @@ import pytest
 from scipy.linalg import polar, svdvals
 from scipy.optimize import linprog
 
-from core.matching.kernels.orthogonal_procrustes import (
-    EXACT,
-    ROUGH,
-    fit_rotation,
+from core.matching.kernels.procrustes import EXACT, ROUGH, fit_rotation, nearest_rotation
+from core.matching.kernels.simd import SIMD_WIDTH
+from tests.core.matching.clouds import cloud
+from tests.core.matching.reference import (
+    cross_covariance_reference,
     fit_rotation_reference,
-    nearest_rotation,
     nearest_rotation_reference,
 )
-from core.matching.kernels.simd import SIMD_WIDTH
-from core.matching.numpy_reference import cross_covariance_reference
-from tests.core.matching.clouds import cloud
 
 
 def factor(matrix, steps=EXACT):
@@ -74,7 +71,7 @@ def test_the_steps_take_singular_values_to_one_and_lesser_ones_to_no_more(steps,
 
 @pytest.mark.parametrize("steps", [ROUGH, EXACT])
 @pytest.mark.parametrize("scale", [1e-12, 1.0, 1e12])
-@pytest.mark.parametrize("k", [1, 2, 3, 6, 10, 12, 16, 17, 33, 50])
+@pytest.mark.parametrize("k", [1, 3, 10, 16, 17, 33])
 def test_the_factor_is_the_plain_one(k, scale, steps):
     for seed in range(10):
         matrix = (scale * np.random.default_rng(seed).normal(size=(k, k))).astype(np.float32)
@@ -85,7 +82,7 @@ def test_the_factor_is_the_plain_one(k, scale, steps):
         assert trace == pytest.approx(expected_trace, rel=3e-6)
 
 
-@pytest.mark.parametrize("k", [1, 2, 3, 6, 10, 16, 17, 33])
+@pytest.mark.parametrize("k", [1, 3, 10, 17])
 def test_the_factor_is_scipy_s_where_singular_values_are_not_too_small(k):
     for seed in range(10):
         matrix = of_singular_values(seed, np.geomspace(1.0, 1e-3, k))
