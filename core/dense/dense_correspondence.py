@@ -1,6 +1,6 @@
 """A vertex for each vertex: spectral correspondence, replaced by registration where the two are rigid copies.
 
-The functional map of `core.matching.dense_correspondence` pairs all vertices both ways. A vertex whose way
+The functional map of `core.dense.functional_maps` pairs all vertices both ways. A vertex whose way
 there and back ends far away has no partner: the other surface lacks the place. Where large parts of the two
 surfaces are rigid copies, the nearest point after registration is the more exact partner.
 """
@@ -13,11 +13,10 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from core.arrays import Floats, Ints
+from core.dense.functional_maps import Basis, basis, functional_map, nearest_both_ways
 from core.dense.records import DenseCorrespondence
 from core.dense.stretch import stretch
 from core.dense.working_surface import WorkingSurface
-from core.matching.dense_correspondence import Basis, basis, functional_map
-from core.matching.nearest_pairs import nearest_both_ways
 from core.mesh.cleaning import vertex_areas
 from core.registration.near_rigid import NEAR, near_rigid
 from core.registration.similarity import Similarity

@@ -147,7 +147,8 @@ def compared(
     Parameters and results are those of `core.matching.kernels.one_to_many.compare_many`.
     """
     # Writeable: numba would compile the kernels once more for arrays that are not.
-    record, data = (np.require(array, requirements=["C", "W"]) for array in (query, others))
+    record = np.require(query, requirements=["C", "W"])
+    data = np.require(others, requirements=["C", "W"])
     columns = int(np.prod(record[3:5].view(np.int32)))
     scores, rotation = np.empty((len(ends), 3)), np.empty((columns, columns), dtype=np.float32)
     compare_many(record, data, ends, form, rounds, scores, rotation)

@@ -7,10 +7,10 @@ import numpy as np
 from scipy.sparse.csgraph import dijkstra
 
 from core.arrays import Floats, Ints
+from core.dense.functional_maps import Basis, basis, extend
 from core.embedding import Embedding
 from core.gallery.bodies import Body, individual_partners, make_body
 from core.graph.edge_graph import edge_graph
-from core.matching.dense_correspondence import Basis, basis, extend
 from core.mesh.cleaning import face_areas
 from core.mesh.mesh import Mesh
 from core.parameters import Parameters

@@ -7,11 +7,11 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from core.arrays import Floats, Ints
+from core.dense.functional_maps import Basis, basis, extend
 from core.embedding import Embedding
 from core.errors import ParameterError
 from core.graph.edge_graph import edge_graph
 from core.graph.geodesics import geodesics
-from core.matching.dense_correspondence import Basis, basis, extend
 from core.mesh.cleaning import clean, face_areas
 from core.mesh.mesh import Mesh
 from core.pipeline import Pipeline

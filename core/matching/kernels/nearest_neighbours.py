@@ -154,7 +154,7 @@ def gather(points: Float32s, rows: Int32s, gathered: Float32s) -> None:
 
 @kernel
 def centred_squares(
-    sums: Float32s, squares: Float32s, share: float, first: Float32s, second: Float32s
+    sums: Float32s, squares: Float32s, share: np.float32, first: Float32s, second: Float32s
 ) -> None:
     """Write the centred square sums of both sides of pairs, over each of b blocks of columns.
 

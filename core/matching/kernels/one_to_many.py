@@ -152,13 +152,13 @@ def record_of_points(data: Bytes, x: MatchRecord, rounds: SearchRounds) -> Match
     points, regions = points_of(data, columns)
     d = len(regions)
     # The regions are those of the samples 0 to n - 1.
-    n = np.int64(0)
+    n = 0
     for i in range(d):
         if regions[i] < 0 or regions[i] >= d:
             return MatchRecord(
                 points[:0], x.searched, x.operators, x.offsets, x.members, x.warp, x.radius, x.key
             )
-        n = max(n, np.int64(regions[i]) + 1)
+        n = max(n, int(regions[i]) + 1)
     offsets = np.empty(n + 1, dtype=np.int32)
     members = np.empty(d, dtype=np.int32)
     if not sorted_regions(regions, offsets, members):
@@ -177,7 +177,7 @@ def record_of_samples(data: Bytes, x: MatchRecord) -> MatchRecord:
     """Return a match record without splines or regions, for a search from the samples of x alone."""
     domains, dimensions, _ = x.searched.shape
     columns = x.points.shape[1]
-    count = np.int64(data[:4].view(np.int32)[0])
+    count = int(data[:4].view(np.int32)[0])
     start = 4 + 4 * columns
     points = dequantised_points(data[start : start + count * columns], data[4:start].view(np.float32))
     searched = searched_columns(points, domains, dimensions, count)

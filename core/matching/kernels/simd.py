@@ -177,9 +177,7 @@ def _tile_intrinsic(
     return types.void(*arguments), generate
 
 
-_tile = cast(
-    "Callable[[Float32s, int, int, Float32s, int, int, int, Float32s, int, int, int], None]", _tile_intrinsic
-)
+_tile = cast("Callable[..., None]", _tile_intrinsic)
 """`_tile(out, corner, width, left, first, down, across, right, begin, step, count)`, float32.
 
 TILE_ROWS x SIMD_WIDTH numbers of `out`, whose rows of `width` numbers begin at its number `corner`, become
@@ -228,6 +226,7 @@ def product(left: Float32s, right: Float32s, out: Float32s) -> None:
     out : float32, shape (m, n), contiguous
         Written.
     """
+    # A literal 1 would be compiled apart.
     _product(left, left.shape[1], np.int64(1), right, out)
 
 
@@ -247,7 +246,9 @@ def cross_product(left: Float32s, right: Float32s, out: Float32s) -> None:
 
 
 @kernel
-def _product(left: Float32s, down: int, across: int, right: Float32s, out: Float32s) -> None:
+def _product(
+    left: Float32s, down: int | np.int64, across: int | np.int64, right: Float32s, out: Float32s
+) -> None:
     """Write the product whose left matrix has its entry (i, c) at number i down + c across of `left`."""
     m, n = out.shape
     k = len(right)

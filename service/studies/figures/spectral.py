@@ -8,8 +8,8 @@ from mpl_toolkits.mplot3d import Axes3D
 from scipy.spatial import cKDTree
 
 from core.arrays import Floats, Ints
+from core.dense.functional_maps import basis, extend
 from core.embedding import Embedding
-from core.matching.dense_correspondence import basis, extend
 from core.mesh.cleaning import clean
 from core.mesh.mesh import Mesh
 from core.mesh.normal_frame import normal_frame

@@ -17,13 +17,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from core.arrays import Floats, Ints
+from core.dense.subspace_eigenpairs import approximate_laplace_beltrami
 from core.errors import ParameterError
-from core.matching.nearest_pairs import nearest_both_ways
 from core.mesh.cleaning import face_areas
 from core.mesh.mesh import Mesh
 from core.spectral.laplace_beltrami import laplacian
 from core.spectral.orientation import ORIENTED, face_signs, orientation_agreement, signed_areas
-from core.spectral.subspace_eigenpairs import approximate_laplace_beltrami
 
 FUNCTIONS = 100
 """Size of the last map, the constant function counted."""
@@ -43,6 +42,9 @@ PRESERVING = 20.0
 
 SEARCHED, REFINED = 600, 2000
 """Vertices of each surface that all maps are fitted to, and the chosen one; the last map then pairs all."""
+
+_ROWS = 1024
+"""Rows of the first set whose products are held at a time."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +71,7 @@ class Basis:
 
 
 def basis(mesh: Mesh, count: int = FUNCTIONS) -> Basis:
-    """The first eigenfunctions of a mesh, as many as `count`, or as its n vertices allow.
+    """Return the first eigenfunctions of a mesh, as many as `count`, or as its n vertices allow.
 
     Parameters
     ----------
@@ -96,7 +98,7 @@ def _orientation(mesh: Mesh, functions: Floats, areas: Floats) -> Floats | None:
 
 
 def extend(first: Basis, second: Basis, pairs: Ints | Sequence[Ints], mirrored: bool | None = None) -> Ints:
-    """The vertex of the second surface that corresponds to each vertex of the first.
+    """Return the vertex of the second surface that corresponds to each vertex of the first.
 
     Parameters and errors are those of `functional_map`.
 
@@ -113,7 +115,7 @@ def extend(first: Basis, second: Basis, pairs: Ints | Sequence[Ints], mirrored: 
 def functional_map(
     first: Basis, second: Basis, pairs: Ints | Sequence[Ints], mirrored: bool | None = None
 ) -> Floats:
-    """The orthogonal map C between the functions of two surfaces that a few pairs of vertices determine.
+    """Return the orthogonal map C between the functions of two surfaces, from a few pairs of vertices.
 
     Parameters
     ----------
@@ -137,29 +139,36 @@ def functional_map(
         No pair, or of wrong shape.
     """
     known = [pairs] if isinstance(pairs, np.ndarray) else pairs
-    for one in known:
-        if one.ndim != 2 or one.shape[1] != 2 or len(one) == 0:
-            raise ParameterError(f"pairs must have shape (p, 2) with p at least 1, not {one.shape}")
+    for start in known:
+        if start.ndim != 2 or start.shape[1] != 2 or len(start) == 0:
+            raise ParameterError(f"pairs must have shape (p, 2) with p at least 1, not {start.shape}")
     largest = min(first.functions.shape[1], second.functions.shape[1])
-    few, others = _some(first, SEARCHED), _some(second, SEARCHED)
+    few_of_first, few_of_second = _some(first, SEARCHED), _some(second, SEARCHED)
     grown = [
-        _upsampled(few, others, _start(first, second, one, size), _sizes(size, min(EARLY, largest), STEP))
-        for one in known
-        for size in [size for size in STARTS if size <= min(largest, len(one))] or [min(largest, STARTS[0])]
+        _upsampled(
+            few_of_first,
+            few_of_second,
+            _start(first, second, start, size),
+            _sizes(size, min(EARLY, largest), STEP),
+        )
+        for start in known
+        for size in [size for size in STARTS if size <= min(largest, len(start))] or [min(largest, STARTS[0])]
     ]
-    best = min(grown, key=lambda one: _cost(few, others, one, mirrored))
+    best = min(grown, key=lambda rotation: _cost(few_of_first, few_of_second, rotation, mirrored))
     sizes = _sizes(len(best), largest, LATE_STEP) or [largest]
     return _upsampled(_some(first, REFINED), _some(second, REFINED), best, sizes)
 
 
 def _cost(first: Basis, second: Basis, rotation: Floats, mirrored: bool | None) -> float:
-    """How badly a map brings the functions together, keeps the Laplacian, and has its orientation."""
+    """Return how badly a map brings the functions together, keeps the Laplacian, and has its orientation."""
     size = len(rotation)
-    one, two = first.functions[:, :size] @ rotation, second.functions[:, :size]
-    found, back = nearest_both_ways(one, two)
-    residual = first.areas @ _squares(one - two[found]) + second.areas @ _squares(two - one[back])
+    rotated, targets = first.functions[:, :size] @ rotation, second.functions[:, :size]
+    forward, backward = nearest_both_ways(rotated, targets)
+    residual = first.areas @ _squares(rotated - targets[forward]) + second.areas @ _squares(
+        targets - rotated[backward]
+    )
     low = min(size, COMMUTING)
-    paired = (first.areas[:, None] * first.functions[:, :low]).T @ second.functions[found, :low]
+    paired = (first.areas[:, None] * first.functions[:, :low]).T @ second.functions[forward, :low]
     ours, theirs = first.eigenvalues[:low], second.eigenvalues[:low]
     commutator = np.linalg.norm((ours[:, None] - theirs) * paired) / np.linalg.norm(ours)
     cost = float(residual + ISOMETRIC * commutator)
@@ -169,7 +178,7 @@ def _cost(first: Basis, second: Basis, rotation: Floats, mirrored: bool | None) 
     weights = np.sqrt(first.areas)[:, None]
     (agreement,) = orientation_agreement(
         weights * first.orientation,
-        weights * second.orientation[found][None],
+        weights * second.orientation[forward][None],
         rotation[None, 1 : width + 1, 1 : width + 1],
     )
     return cost + PRESERVING * float(agreement if mirrored else -agreement)
@@ -180,7 +189,7 @@ def _squares(rows: Floats) -> Floats:
 
 
 def _some(side: Basis, most: int) -> Basis:
-    """The surface at `most` of its vertices, drawn with a seed from their number."""
+    """Return the surface at `most` of its vertices, drawn with a seed from their number."""
     count = len(side.areas)
     chosen = np.random.default_rng(count).permutation(count)[:most]
     orientation = None if side.orientation is None else side.orientation[chosen]
@@ -189,27 +198,66 @@ def _some(side: Basis, most: int) -> Basis:
 
 
 def _start(first: Basis, second: Basis, pairs: Ints, size: int) -> Floats:
-    here, there = pairs[:, 0], pairs[:, 1]
-    return _orthogonal(first.functions[here, :size].T @ second.functions[there, :size])
+    return _orthogonal(first.functions[pairs[:, 0], :size].T @ second.functions[pairs[:, 1], :size])
 
 
 def _orthogonal(cross: Floats) -> Floats:
-    """Procrustes: of all orthogonal maps the one that brings the paired rows closest."""
+    """Return the orthogonal map that brings the paired rows closest (Procrustes)."""
     left, _, right = np.linalg.svd(cross)
     return np.asarray(left @ right)
 
 
 def _sizes(size: int, largest: int, step: int) -> list[int]:
-    """The sizes to which a map of one size grows."""
+    """Return the sizes to which a map of one size grows."""
     return [min(grown, largest) for grown in range(size + step, largest + step, step)]
 
 
 def _upsampled(first: Basis, second: Basis, rotation: Floats, sizes: Sequence[int]) -> Floats:
-    """The map grown to each of several sizes in turn."""
+    """Return the map grown to each of several sizes in turn."""
     for size in sizes:
         known = len(rotation)
-        there, back = nearest_both_ways(first.functions[:, :known] @ rotation, second.functions[:, :known])
+        forward, backward = nearest_both_ways(
+            first.functions[:, :known] @ rotation, second.functions[:, :known]
+        )
         ours, theirs = first.functions[:, :size], second.functions[:, :size]
-        ahead = (first.areas[:, None] * ours).T @ theirs[there]
-        rotation = _orthogonal(ahead + ours[back].T @ (second.areas[:, None] * theirs))
+        ahead = (first.areas[:, None] * ours).T @ theirs[forward]
+        rotation = _orthogonal(ahead + ours[backward].T @ (second.areas[:, None] * theirs))
     return rotation
+
+
+def nearest_both_ways(ours: Floats, theirs: Floats) -> tuple[Ints, Ints]:
+    """Return the nearest row of `theirs` for each of `ours`, and the nearest of `ours` for each of `theirs`.
+
+    Products are in single precision: of two rows that are equally near but for rounding either may be found.
+
+    Parameters
+    ----------
+    ours, theirs : float64, shapes (n, k) and (m, k)
+
+    Returns
+    -------
+    int64, shape (n,)
+    int64, shape (m,)
+    """
+    # The unit of length, so that squares stay within single precision.
+    scale = 1.0 / max(float(np.abs(ours).max()), float(np.abs(theirs).max()), np.finfo(np.float64).tiny)
+    first, second = scale * ours, scale * theirs
+    # The product of these rows is the squared distance.
+    ones_of_first, ones_of_second = np.ones((len(first), 1)), np.ones((len(second), 1))
+    left = np.hstack([-2.0 * first, _squares(first)[:, None], ones_of_first]).astype(np.float32)
+    right = np.hstack([second, ones_of_second, _squares(second)[:, None]]).astype(np.float32)
+    forward = np.empty(len(left), dtype=np.int64)
+    nearest_block = np.zeros(len(right), dtype=np.int64)
+    least = np.full(len(right), np.inf, dtype=np.float32)
+    for start in range(0, len(left), _ROWS):
+        squares = left[start : start + _ROWS] @ right.T
+        forward[start : start + _ROWS] = squares.argmin(axis=1)
+        lowest = squares.min(axis=0)
+        nearer = lowest < least
+        least[nearer], nearest_block[nearer] = lowest[nearer], start
+    # The minimum of a column is fast, its row is not: it is looked for in the one block that has it.
+    backward = np.empty(len(right), dtype=np.int64)
+    for start in range(0, len(left), _ROWS):
+        columns = np.flatnonzero(nearest_block == start)
+        backward[columns] = start + (right[columns] @ left[start : start + _ROWS].T).argmin(axis=1)
+    return forward, backward

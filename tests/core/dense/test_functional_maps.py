@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 import trimesh
+from scipy.spatial import cKDTree
 
+from core.dense.functional_maps import basis, extend, nearest_both_ways
 from core.errors import ParameterError
 from core.gallery.bodies import make_body
-from core.matching.dense_correspondence import basis, extend
 from core.mesh.mesh import Mesh
 from core.studies.correspondence import surface_distances
 
@@ -91,3 +92,18 @@ def test_a_mesh_of_fewer_vertices_than_functions():
 def test_pairs_that_say_nothing(shuffled, pairs):
     with pytest.raises(ParameterError):
         extend(shuffled[1], shuffled[2], pairs)
+
+
+@pytest.mark.parametrize("scale", [1.0, 1e12, 1e-12])
+def test_the_rows_are_those_of_a_tree(scale):
+    rng = np.random.default_rng(4)
+    ours, theirs = scale * rng.normal(size=(2500, 6)), scale * rng.normal(size=(1300, 6))
+    there, back = nearest_both_ways(ours, theirs)
+    np.testing.assert_array_equal(there, cKDTree(theirs).query(ours)[1])
+    np.testing.assert_array_equal(back, cKDTree(ours).query(theirs)[1])
+
+
+def test_rows_and_themselves():
+    rows = np.random.default_rng(5).normal(size=(40, 100))
+    for found in nearest_both_ways(rows, rows):
+        np.testing.assert_array_equal(found, np.arange(40))
