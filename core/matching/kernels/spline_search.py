@@ -1,6 +1,6 @@
 """The compiled search for initial maps: a thin-plate spline of few points, iterated (Eq. 17).
 
-`core.matching.correspondence.spline_search` is the reference, with one start kept. All first signs go through
+`core.matching.tps_matcher.spline_search` is the reference, with one start kept. All first signs go through
 one product, and inner loops are SIMD loops.
 """
 
@@ -95,7 +95,7 @@ def spline_search(
         By columns: row c holds coordinate c of all points.
     targets : float32, shape (k, n)
     operators : int16, shape (k - first + 1, s, s)
-        Symmetric: `core.matching.spline_operators` of the points, over `match_record.ONE`.
+        Symmetric: `core.matching.thin_plate_spline.spline_operators` of the points, over `match_record.ONE`.
     first : int
         Dimensions of the first stage.
     starts : int
