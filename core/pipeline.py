@@ -14,8 +14,7 @@ from core.dense.records import DenseCorrespondence
 from core.dense.working_surface import MOST_VERTICES, SIMPLIFIED, WorkingSurface, working_surface
 from core.embedding import Embedding, Match, Scores
 from core.errors import IncompatibleEmbeddingsError
-from core.graph.sample_distances import sample_distances
-from core.graph.sparse_graph import SparseGraph
+from core.graph.sparse_graph import SparseGraph, sample_distances
 from core.matching.match_records import embedding_key
 from core.matching.matcher import Prepared, matcher_of
 from core.mesh.cleaning import clean
@@ -25,7 +24,7 @@ from core.numerics.guarding import check_finite, guarded
 from core.parameters import DEFAULT, Parameters
 from core.ranking.combined import combined_scores
 from core.ranking.local_density import LocalDensities
-from core.sampling.embedded_points import embedded_points
+from core.sampling.sampling import embedded_points
 
 PREPARED_BYTES = 128 * 1024 * 1024
 """The most bytes of prepared shapes that a pipeline caches, unless another number is given."""
@@ -77,11 +76,11 @@ class Pipeline:
             return sparse_embedding.opened(clean(mesh), self.parameters)
 
     def sample(self, mesh: Mesh, graph: csr_array) -> tuple[Ints, int]:
-        """The embedded vertices and the number of samples: see `core.sampling.embedded_points`."""
+        """The embedded vertices and the number of samples: see `core.sampling.sampling`."""
         return embedded_points(mesh, graph, self.parameters)
 
     def distances(self, graph: csr_array, points: Ints, samples: Ints, sparse: SparseGraph) -> Floats:
-        """Distances from the points to the samples: see `core.graph.sample_distances`."""
+        """Distances from the points to the samples: see `core.graph.sparse_graph`."""
         return sample_distances(graph, points, samples, sparse, self.parameters.spectral.distances)
 
     def embed(self, mesh: Mesh) -> Embedding:

@@ -11,15 +11,13 @@ from core.descriptors.view_descriptor import view_descriptor
 from core.embedding import Embedding, Facts
 from core.graph.bridges import component_bridges
 from core.graph.edge_graph import edge_graph
-from core.graph.sample_distances import sample_distances
-from core.graph.sparse_graph import sparse_graph
+from core.graph.sparse_graph import sample_distances, sparse_graph
 from core.mesh.cleaning import Cleaned, vertex_areas
 from core.mesh.mesh import Mesh
-from core.mesh.nearest_vertices import nearest_vertices
-from core.mesh.preparation import PreparedSurface, open_surface, prepared_surface
+from core.mesh.preparation import PreparedSurface, nearest_vertices, open_surface, prepared_surface
 from core.numerics.guarding import check_finite, guarded
 from core.parameters import Parameters
-from core.sampling.embedded_points import embedded_points, least_vertices
+from core.sampling.sampling import embedded_points, least_vertices
 from core.spectral.spectral_embedding import SampledSurface, spectra_of
 
 

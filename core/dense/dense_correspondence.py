@@ -18,8 +18,7 @@ from core.dense.records import DenseCorrespondence
 from core.dense.stretch import stretch
 from core.dense.working_surface import WorkingSurface
 from core.mesh.cleaning import vertex_areas
-from core.registration.near_rigid import NEAR, near_rigid
-from core.registration.similarity import Similarity
+from core.registration.similarity import NEAR, Similarity, near_rigid
 from core.sampling.surface_samples import SurfaceSamples, closest_points, surface_samples
 
 ASTRAY = 0.1

@@ -2,9 +2,8 @@
 
 import numpy as np
 
-from core.mesh.boundary import boundary_edges
 from core.mesh.cleaning import component_areas
-from core.mesh.edges import HalfEdges, component_labels
+from core.mesh.edges import HalfEdges, boundary_edges, component_labels
 from core.mesh.mesh import Mesh
 
 LEAST_COMPONENT_AREA = 0.01

@@ -20,8 +20,8 @@ from core.descriptors.spin_images import (
     spin_image_count,
     spin_images,
 )
-from core.mesh.boundary import boundary_edges
 from core.mesh.cleaning import face_areas
+from core.mesh.edges import boundary_edges
 from core.mesh.mesh import Mesh
 
 MISSING_SHARES = (0.0, 0.15, 0.3, 0.5, 0.7)

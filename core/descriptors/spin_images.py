@@ -14,8 +14,7 @@ import numpy as np
 
 from core.arrays import Bytes, Float32s, Floats, Int32s, Ints
 from core.mesh.cleaning import face_areas
-from core.mesh.face_normals import face_normals
-from core.mesh.mesh import Mesh
+from core.mesh.mesh import Mesh, face_normals
 from core.numerics.compilation import compiled, constant
 from core.sampling.surface_samples import evenly_spread
 

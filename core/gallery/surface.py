@@ -16,7 +16,7 @@ from skimage.measure import marching_cubes
 
 from core.arrays import Floats, Ints
 from core.gallery.solids import Field, Part
-from core.mesh.face_normals import face_normals
+from core.mesh.mesh import face_normals
 
 _FAR = 1e3
 """A distance larger than any shape; finite, so that differences are defined."""

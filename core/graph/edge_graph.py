@@ -15,7 +15,7 @@ MOST_FACES = 6
 
 
 def diagonals(vertices: Floats, faces: Ints, sides: HalfEdges | None = None) -> tuple[Ints, Floats]:
-    """Straight paths across pairs of adjacent faces.
+    """Return straight paths across pairs of adjacent faces.
 
     Two adjacent faces are unfolded into a plane. If the segment between their opposite corners crosses the
     shared edge, it is a path on the surface. With diagonals a shortest path follows twelve directions instead
@@ -38,7 +38,7 @@ def diagonals(vertices: Floats, faces: Ints, sides: HalfEdges | None = None) -> 
     few = np.minimum(sides.face_counts, MOST_FACES + 1)
     most = int((few * (few - 1) // 2).sum())
     ends, lengths = np.empty((most, 2), dtype=np.int64), np.empty(most)
-    found = _diagonals(
+    total = _diagonals(
         constant(vertices),
         constant(faces[:, [2, 0, 1]].ravel()[sides.order]),
         constant(sides.edges),
@@ -48,7 +48,7 @@ def diagonals(vertices: Floats, faces: Ints, sides: HalfEdges | None = None) -> 
         ends,
         lengths,
     )
-    return ends[:found], lengths[:found]
+    return ends[:total], lengths[:total]
 
 
 @compiled
@@ -67,7 +67,7 @@ def _diagonals(
     `opposite`, shape (3 f,), has the opposite corners of the faces at each edge, edge after edge. `tie` is
     `core.mesh.ordering.TIE`, an argument since the compiler's cache does not notice changes of other files.
     """
-    found = 0
+    total = 0
     axis, along, up = np.empty(3), np.empty(MOST_FACES), np.empty(MOST_FACES)
     for e in range(len(edges)):
         count, start = face_counts[e], first[e]
@@ -95,14 +95,14 @@ def _diagonals(
                     continue
                 crossing = (along[k] * up[j] + along[j] * up[k]) / height
                 if tie * edge < crossing < (1.0 - tie) * edge:
-                    ends[found, 0], ends[found, 1] = opposite[start + j], opposite[start + k]
-                    lengths[found] = np.hypot(along[k] - along[j], height)
-                    found += 1
-    return found
+                    ends[total, 0], ends[total, 1] = opposite[start + j], opposite[start + k]
+                    lengths[total] = np.hypot(along[k] - along[j], height)
+                    total += 1
+    return total
 
 
 def symmetric(edges: Ints, lengths: Floats, count: int) -> csr_array:
-    """The symmetric csr matrix of a graph, shape (count, count); the shortest of parallel edges is kept.
+    """Return the symmetric csr matrix of a graph, shape (count, count), with the shortest of parallel edges.
 
     Parameters
     ----------
@@ -122,7 +122,7 @@ def symmetric(edges: Ints, lengths: Floats, count: int) -> csr_array:
 
 
 def edge_graph(mesh: Mesh, bridges: Ints | None = None, *, unfold: bool = True) -> csr_array:
-    """The graph of the mesh's vertices: edges, bridges between components, and diagonals, with their lengths.
+    """Return the graph of the mesh's vertices: edges, bridges between components, and diagonals.
 
     Parameters
     ----------

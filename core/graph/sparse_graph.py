@@ -1,4 +1,4 @@
-"""The sparse graph of the samples and its minimum spanning tree (Algorithm 2)."""
+"""The sparse graph of the samples, its minimum spanning tree (Eq. 13, Algorithm 2), and distances on both."""
 
 from dataclasses import dataclass
 
@@ -8,6 +8,7 @@ from scipy.sparse.csgraph import dijkstra, minimum_spanning_tree
 
 from core.arrays import Floats, Ints
 from core.graph.edge_graph import symmetric
+from core.graph.geodesics import geodesics
 from core.mesh.ordering import tied_ranks
 from core.numerics.compilation import compiled
 
@@ -52,7 +53,7 @@ def _settle_ties(
 
 
 def sparse_graph(graph: csr_array, samples: Ints) -> SparseGraph:
-    """The sparse graph of the samples and its minimum spanning tree, by one multi-source Dijkstra search.
+    """Return the samples' sparse graph and minimum spanning tree, by one multi-source Dijkstra search.
 
     The search gives the nearest sample of each vertex. An edge (u, v) between two regions gives an edge
     between their samples of length d(u) + |uv| + d(v), and the shortest of these is kept. The minimum
@@ -65,11 +66,13 @@ def sparse_graph(graph: csr_array, samples: Ints) -> SparseGraph:
     samples : int64, shape (m,)
         Distinct vertices.
     """
+    # The nearest sample of each vertex.
     distance, _, source = dijkstra(graph, indices=samples, min_only=True, return_predecessors=True)
     number = np.full(graph.shape[0], -1, dtype=np.int64)
     number[samples] = np.arange(len(samples))
     region = number[source]
     _settle_ties(graph.indptr, graph.indices, graph.data, np.argsort(distance), distance, region)
+    # Edges between regions propose edges between their samples.
     links = graph.tocoo()
     between = region[links.row] < region[links.col]
     u, v = links.row[between], links.col[between]
@@ -82,17 +85,18 @@ def sparse_graph(graph: csr_array, samples: Ints) -> SparseGraph:
     half = upper.row < upper.col
     edges = np.stack([upper.row[half], upper.col[half]], axis=1).astype(np.int64)
     lengths = upper.data[half]
+    # Ranks in place of lengths: ties within rounding go to the first edge.
     shortest_first = np.argsort(tied_ranks(lengths, ROUNDING), kind="stable")
-    place = np.empty(len(edges), dtype=np.int64)
-    place[shortest_first] = np.arange(1, len(edges) + 1)
-    tree = minimum_spanning_tree(csr_array((place, edges.T), shape=proposals.shape))
+    rank = np.empty(len(edges), dtype=np.int64)
+    rank[shortest_first] = np.arange(1, len(edges) + 1)
+    tree = minimum_spanning_tree(csr_array((rank, edges.T), shape=proposals.shape))
     return SparseGraph(
         edges, lengths, tree=np.sort(shortest_first[tree.data.astype(np.int64) - 1]), regions=region
     )
 
 
 def graph_distances(graph: SparseGraph, count: int) -> Floats:
-    """Path lengths between the samples along the sparse graph, shape (m, m).
+    """Return the path lengths between the samples along the sparse graph, shape (m, m).
 
     Parameters
     ----------
@@ -101,3 +105,43 @@ def graph_distances(graph: SparseGraph, count: int) -> Floats:
         Number of samples m.
     """
     return np.asarray(dijkstra(symmetric(graph.edges, graph.lengths, count)))
+
+
+def tree_distances(graph: SparseGraph, count: int) -> Floats:
+    """Return path lengths between the samples along the minimum spanning tree (the paper), shape (m, m).
+
+    Parameters
+    ----------
+    graph : SparseGraph
+    count : int
+        Number of samples m.
+    """
+    tree = symmetric(graph.edges[graph.tree], graph.lengths[graph.tree], count)
+    return np.asarray(dijkstra(tree))
+
+
+def sample_distances(graph: csr_array, points: Ints, samples: Ints, sparse: SparseGraph, kind: str) -> Floats:
+    """Return the distances from the d points to the m samples, shape (d, m).
+
+    Distances along the minimum spanning tree or the sparse graph exist between samples only (d = m).
+
+    Parameters
+    ----------
+    graph : csr_array, shape (n, n)
+        The edge graph.
+    points : int64, shape (d,)
+        Vertices; the samples come first.
+    samples : int64, shape (m,)
+        Vertices.
+    sparse : SparseGraph
+        The sparse graph of the samples.
+    kind : "tree", "graph" or "geodesic"
+        See `core.parameters.SpectralParameters`.
+    """
+    if kind == "geodesic":
+        between = geodesics(graph, samples, points)
+        core = between[: len(samples)]
+        core[:] = np.minimum(core, core.T)
+        return between
+    along = tree_distances if kind == "tree" else graph_distances
+    return along(sparse, len(samples))

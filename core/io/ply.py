@@ -152,10 +152,15 @@ def _read_header(data: bytes) -> Header:
                 raise MalformedMeshError("a line in the header of the PLY makes no sense")
     if not encoding:
         raise MalformedMeshError("the header of the PLY does not say whether it is text or binary")
-    for names in [[name for name, _, _ in elements], *([p.name for p in own] for _, _, own in elements)]:
+    for names in [
+        [name for name, _, _ in elements],
+        *([p.name for p in properties] for _, _, properties in elements),
+    ]:
         if len(set(names)) < len(names):
             raise MalformedMeshError("the header of the PLY declares a name twice")
-    return Header(encoding, tuple(Element(name, n, tuple(own)) for name, n, own in elements), end.end())
+    return Header(
+        encoding, tuple(Element(name, n, tuple(properties)) for name, n, properties in elements), end.end()
+    )
 
 
 def _property(words: list[str]) -> Property:

@@ -16,8 +16,7 @@ from core.errors import (
 from core.io.checks import DEFAULT_LIMITS, Limits
 from core.io.formats import Format, read_format, written_format
 from core.io.parts import Part
-from core.mesh.face_normals import face_normals
-from core.mesh.mesh import Mesh
+from core.mesh.mesh import Mesh, face_normals
 
 _ARCHIVES = {
     b"\x1f\x8b": "gzip",

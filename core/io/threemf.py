@@ -39,10 +39,10 @@ def read(data: bytes, limits: Limits) -> tuple[Floats, Ints]:
     vertices: list[Floats] = []
     faces: list[Ints] = []
     count = 0
-    for one in placed:
-        solid = solids[one.key]
-        vertices.append((solid.vertices @ one.matrix[:3, :3] + one.matrix[3, :3]) * unit)
-        mirrored = np.linalg.det(one.matrix[:3, :3]) < 0
+    for instance in placed:
+        solid = solids[instance.key]
+        vertices.append((solid.vertices @ instance.matrix[:3, :3] + instance.matrix[3, :3]) * unit)
+        mirrored = np.linalg.det(instance.matrix[:3, :3]) < 0
         faces.append((solid.faces[:, ::-1] if mirrored else solid.faces) + count)
         count += len(solid.vertices)
     return np.concatenate(vertices), np.concatenate(faces)
@@ -96,8 +96,8 @@ def _read_placed(data: bytes, limits: Limits) -> tuple[dict[Key, Solid], list[Pl
     placed = _expand(solids, items, limits)
     if not placed:
         raise NoTrianglesError("the build of the 3MF places no triangles")
-    within(sum(len(solids[one.key].faces) for one in placed), limits.faces, "triangles")
-    within(sum(len(solids[one.key].vertices) for one in placed), limits.vertices, "vertices")
+    within(sum(len(solids[instance.key].faces) for instance in placed), limits.faces, "triangles")
+    within(sum(len(solids[instance.key].vertices) for instance in placed), limits.vertices, "vertices")
     return solids, placed, unit
 
 
@@ -114,24 +114,24 @@ def _models(package: Package, limits: Limits) -> tuple[dict[Key, Solid], list[Pl
             *(model.items if model is root else ()),
             *(p for s in model.solids.values() for p in s.components),
         ]
-        for part in dict.fromkeys(one.key[0] for one in references):
+        for part in dict.fromkeys(reference.key[0] for reference in references):
             if part in seen:
                 continue
             seen.add(part)
             within(len(seen), _MODELS, "models")
-            other = Model(package, part, limits)
-            if other.unit != root.unit:
+            referenced = Model(package, part, limits)
+            if referenced.unit != root.unit:
                 raise MalformedMeshError("the models in the 3MF have different units")
-            solids.update(other.solids)
+            solids.update(referenced.solids)
             within(sum(len(s.vertices) for s in solids.values()), limits.vertices, "vertices")
             within(sum(len(s.faces) for s in solids.values()), limits.faces, "triangles")
-            waiting.append(other)
+            waiting.append(referenced)
     return solids, root.items, root.unit
 
 
 def _refuse_circles(solids: dict[Key, Solid]) -> None:
     """Raise if an object contains itself or refers to a missing object."""
-    graph = {key: {one.key for one in solid.components} for key, solid in solids.items()}
+    graph = {key: {component.key for component in solid.components} for key, solid in solids.items()}
     if not set().union(*graph.values()) <= set(solids):
         raise MalformedMeshError("a component of the 3MF refers to an object that is not there")
     try:
@@ -146,18 +146,20 @@ def _expand(solids: dict[Key, Solid], items: list[Placed], limits: Limits) -> li
     visits = 0
     waiting = list(reversed(items))
     while waiting:
-        one = waiting.pop()
+        instance = waiting.pop()
         visits += 1
         within(visits, _VISITS_PER_PART * limits.parts, "places of objects")
-        if one.key not in solids:
+        if instance.key not in solids:
             raise MalformedMeshError("the build of the 3MF refers to an object that is not there")
-        solid = solids[one.key]
+        solid = solids[instance.key]
         if solid.kind not in _SHOWN:
             continue
         if len(solid.faces):
-            placed.append(one)
+            placed.append(instance)
             within(len(placed), limits.parts, "places of meshes")
-        waiting += [Placed(part.key, part.matrix @ one.matrix, one) for part in reversed(solid.components)]
+        waiting += [
+            Placed(part.key, part.matrix @ instance.matrix, instance) for part in reversed(solid.components)
+        ]
         within(len(waiting), _VISITS_PER_PART * limits.parts, "places of objects")
     return placed
 
@@ -166,32 +168,33 @@ def _instances(
     solids: dict[Key, Solid], placed: list[Placed], unit: float
 ) -> Iterator[tuple[tuple[str, bytes, bytes], Callable[[], Part]]]:
     digests = {
-        key: mesh_digest(solids[key].vertices, solids[key].faces) for key in {one.key for one in placed}
+        key: mesh_digest(solids[key].vertices, solids[key].faces)
+        for key in {instance.key for instance in placed}
     }
-    for one in placed:
-        path = _path(solids, one)
+    for instance in placed:
+        path = _path(solids, instance)
         name = path[-1] if path else ""
-        stretch = _stretch(one.matrix[:3, :3])
+        stretch = _stretch(instance.matrix[:3, :3])
 
         def part(
             name: str = name,
             path: tuple[str, ...] = path,
-            solid: Solid = solids[one.key],
+            solid: Solid = solids[instance.key],
             stretch: Floats = stretch,
         ) -> Part:
             faces = solid.faces[:, ::-1] if np.linalg.det(stretch) < 0 else solid.faces
             return Part(name, path, 1, Mesh(solid.vertices @ stretch * unit, faces))
 
-        yield (name, digests[one.key], _rounded(stretch, _KEY_DIGITS).tobytes()), part
+        yield (name, digests[instance.key], _rounded(stretch, _KEY_DIGITS).tobytes()), part
 
 
 def _path(solids: dict[Key, Solid], placed: Placed) -> tuple[str, ...]:
     """Return the names from the build item to an instance; objects without a name are left out."""
     names: list[str] = []
-    one: Placed | None = placed
-    while one is not None and len(names) < PATH_NAMES:
-        names.append(solids[one.key].name)
-        one = one.above
+    instance: Placed | None = placed
+    while instance is not None and len(names) < PATH_NAMES:
+        names.append(solids[instance.key].name)
+        instance = instance.above
     return tuple(name for name in reversed(names) if name)
 
 

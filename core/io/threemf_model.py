@@ -232,12 +232,12 @@ def numbers(texts: list[str]) -> Floats:
     if "_" in joined or not joined.isascii():
         raise MalformedMeshError("a number in the 3MF is not one")
     try:
-        found = np.fromiter(map(float, texts), dtype=np.float64, count=len(texts))
+        values = np.fromiter(map(float, texts), dtype=np.float64, count=len(texts))
     except ValueError:
         raise MalformedMeshError("a number in the 3MF is not one") from None
-    if not np.isfinite(found).all():
+    if not np.isfinite(values).all():
         raise NonFiniteCoordinatesError("a number in the 3MF is NaN or infinite")
-    return found
+    return values
 
 
 def _matrix(text: str | None) -> Floats:

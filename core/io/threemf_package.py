@@ -88,18 +88,18 @@ class Package:
         ExternalReferenceError
             The start part is outside the package.
         """
-        found: list[dict[str, str]] = []
+        relationships: list[dict[str, str]] = []
 
         def start(name: str, attributes: dict[str, str]) -> None:
             if name == _RELATIONSHIP and attributes.get("Type") == _MODEL:
-                found.append(attributes)
+                relationships.append(attributes)
 
         self.parse(_RELATIONSHIPS, start)
-        if not found or "Target" not in found[0]:
+        if not relationships or "Target" not in relationships[0]:
             raise MalformedMeshError("the ZIP is not a 3MF: it does not say which of its parts is the model")
-        if found[0].get("TargetMode", "Internal") != "Internal":
+        if relationships[0].get("TargetMode", "Internal") != "Internal":
             raise ExternalReferenceError("the model of the 3MF is not in it")
-        return found[0]["Target"]
+        return relationships[0]["Target"]
 
     def parse(
         self,

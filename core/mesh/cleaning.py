@@ -53,18 +53,18 @@ class Cleaned:
 
 
 def vertex_areas(vertices: Floats, faces: Ints) -> Floats:
-    """A third of the area of the faces at each vertex, shape (n,)."""
+    """Return a third of the area of the faces at each vertex, shape (n,)."""
     third = np.repeat(face_areas(vertices, faces) / 3.0, 3)
     return np.bincount(faces.ravel(), weights=third, minlength=len(vertices)).astype(np.float64)
 
 
 def face_areas(vertices: Floats, faces: Ints) -> Floats:
-    """Area of each face, shape (f,)."""
+    """Return the area of each face, shape (f,)."""
     return _face_areas(constant(vertices), constant(faces))
 
 
 def component_areas(mesh: Mesh) -> Floats:
-    """Area of the connected component of each vertex, shape (n,)."""
+    """Return the area of the connected component of each vertex, shape (n,)."""
     count, part = component_labels(len(mesh.vertices), mesh.faces)
     areas = face_areas(mesh.vertices, mesh.faces)
     return np.asarray(np.bincount(part[mesh.faces[:, 0]], weights=areas, minlength=count)[part])
@@ -91,7 +91,7 @@ def _face_areas(vertices: Floats, faces: Ints) -> Floats:
 
 
 def centroid(vertices: Floats, faces: Ints, areas: Floats) -> Floats:
-    """Area-weighted centroid of the surface, shape (3,).
+    """Return the area-weighted centroid of the surface, shape (3,).
 
     Parameters
     ----------
@@ -143,7 +143,7 @@ def merge_vertices(vertices: Floats) -> tuple[Ints, Ints]:
 
 
 def bounds(vertices: Floats) -> tuple[Floats, Floats]:
-    """The least and the largest coordinate along each axis, shapes (3,), of n >= 1 vertices, shape (n, 3)."""
+    """Return the least and the largest coordinates, shapes (3,), of n >= 1 vertices, shape (n, 3)."""
     return _bounds(constant(vertices))
 
 
@@ -159,7 +159,7 @@ def _bounds(vertices: Floats) -> tuple[Floats, Floats]:
 
 @compiled
 def _rounded(vertices: Floats, low: Floats, step: float) -> Ints:
-    """Coordinates from `low` on as whole numbers of steps, shape (3, n)."""
+    """Return coordinates from `low` on as whole numbers of steps, shape (3, n)."""
     columns = np.empty((3, len(vertices)), dtype=np.int64)
     for v in range(len(vertices)):
         for axis in range(3):
@@ -169,30 +169,30 @@ def _rounded(vertices: Floats, low: Floats, step: float) -> Ints:
 
 @compiled
 def _groups(columns: Ints, order: Ints) -> tuple[Ints, Ints]:
-    """The first of each group of equal columns, shape (u,), and the group of each, shape (n,), in order."""
+    """Return the first of each group of equal columns, shape (u,), and the group of each, shape (n,)."""
     first, group = np.empty(len(order), dtype=np.int64), np.empty(len(order), dtype=np.int64)
     count = 0
-    for place in range(len(order)):
-        here, before = order[place], order[max(place - 1, 0)]
+    for position in range(len(order)):
+        vertex, previous = order[position], order[max(position - 1, 0)]
         if (
-            place == 0
-            or columns[0, here] != columns[0, before]
-            or columns[1, here] != columns[1, before]
-            or columns[2, here] != columns[2, before]
+            position == 0
+            or columns[0, vertex] != columns[0, previous]
+            or columns[1, vertex] != columns[1, previous]
+            or columns[2, vertex] != columns[2, previous]
         ):
-            first[count] = here
+            first[count] = vertex
             count += 1
-        group[here] = count - 1
+        group[vertex] = count - 1
     return first[:count].copy(), group
 
 
 def _distinct_faces(faces: Ints) -> NDArray[np.bool_]:
-    """Whether each face has three different corners and is the first on these corners, shape (f,)."""
+    """Return whether each face has three corners and is the first on these corners, shape (f,)."""
     # Columns take a tenth of the time that rows of three take.
-    one, other, third = faces.T
-    low = np.minimum(np.minimum(one, other), third)
-    high = np.maximum(np.maximum(one, other), third)
-    middle = one + other + third - low - high
+    a, b, c = faces.T
+    low = np.minimum(np.minimum(a, b), c)
+    high = np.maximum(np.maximum(a, b), c)
+    middle = a + b + c - low - high
     proper = (low != middle) & (middle != high)
     order = lexical_order(low, middle, high)
     again = ~starts_of(low[order], middle[order], high[order])
@@ -201,11 +201,11 @@ def _distinct_faces(faces: Ints) -> NDArray[np.bool_]:
 
 
 @compiled
-def _renumbered(faces: Ints, place: Ints) -> Ints:
-    """Faces with renumbered vertices, rotated so that the smallest index comes first; orientation is kept."""
+def _renumbered(faces: Ints, numbers: Ints) -> Ints:
+    """Return renumbered faces, turned so that the smallest index comes first; orientation is kept."""
     result = np.empty_like(faces)
     for f in range(len(faces)):
-        a, b, c = place[faces[f, 0]], place[faces[f, 1]], place[faces[f, 2]]
+        a, b, c = numbers[faces[f, 0]], numbers[faces[f, 1]], numbers[faces[f, 2]]
         if b < a and b < c:
             a, b, c = b, c, a
         elif c < a:
@@ -215,12 +215,12 @@ def _renumbered(faces: Ints, place: Ints) -> Ints:
 
 
 def _ordered(vertices: Floats, faces: Ints) -> Mesh:
-    """The mesh with its vertices in canonical order and its faces in lexical order."""
+    """Return the mesh with its vertices in canonical order and its faces in lexical order."""
     areas = face_areas(vertices, faces)
     order = canonical_order(vertices, faces, centroid(vertices, faces, areas))
-    place = np.empty(len(order), dtype=np.int64)
-    place[order] = np.arange(len(order))
-    faces = _renumbered(faces, place)
+    numbers = np.empty(len(order), dtype=np.int64)
+    numbers[order] = np.arange(len(order))
+    faces = _renumbered(faces, numbers)
     return Mesh(vertices[order], faces[lexical_order(*faces.T)])
 
 
@@ -241,12 +241,14 @@ def clean(mesh: Mesh) -> Cleaned:
     faces = faces[_distinct_faces(faces)]
     if len(faces) == 0:
         raise DegenerateMeshError("every face is a point or a line")
+    # A surface has area, beside the extent of its vertices.
     areas = face_areas(vertices, faces)
     total = float(areas.sum())
     low, high = bounds(vertices)
     extent = float((high - low).max())
     if total <= 1e-12 * extent * extent:
         raise DegenerateMeshError("the faces have no area")
+    # The components that cover the area, and those as large as the last of them.
     _, labels = component_labels(len(vertices), faces)
     by_component = np.bincount(labels[faces[:, 0]], weights=areas)
     order = np.argsort(-by_component, kind="stable")
@@ -254,6 +256,7 @@ def clean(mesh: Mesh) -> Cleaned:
     last = by_component[order[before < COVERED_AREA * total][-1]]
     kept = by_component >= (1.0 - EQUAL_AREA) * last
     faces = faces[kept[labels[faces[:, 0]]]]
+    # The vertices that their faces use, in canonical order.
     mask = np.zeros(len(vertices), dtype=bool)
     mask[faces.ravel()] = True
     used = np.flatnonzero(mask)

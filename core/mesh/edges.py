@@ -1,4 +1,4 @@
-"""Edges and connected components of a triangulation."""
+"""Edges, boundary loops and connected components of a triangulation."""
 
 from dataclasses import dataclass
 
@@ -40,7 +40,7 @@ class HalfEdges:
 
 
 def half_edges(faces: Ints) -> HalfEdges:
-    """The half-edges of the faces, shape (f, 3), sorted by edge."""
+    """Return the half-edges of the faces, shape (f, 3), sorted by edge."""
     start, end = faces.ravel(), faces[:, [1, 2, 0]].ravel()
     low, high = np.minimum(start, end), np.maximum(start, end)
     order = edge_order(low, high)
@@ -50,7 +50,7 @@ def half_edges(faces: Ints) -> HalfEdges:
 
 @compiled
 def edge_order(low: Ints, high: Ints) -> Ints:
-    """The stable order of edges by their first vertices, then by the second, shape (e,).
+    """Return the stable order of edges by their first vertices, then by the second, shape (e,).
 
     As `core.numerics.radix_sort.lexical_order`, with one count of each vertex: a third of the time.
 
@@ -62,23 +62,23 @@ def edge_order(low: Ints, high: Ints) -> Ints:
     total = 0
     for vertex in high:
         total = max(total, vertex + 1)
-    order, other = np.arange(len(low)), np.empty(len(low), dtype=np.int64)
+    order, reordered = np.arange(len(low)), np.empty(len(low), dtype=np.int64)
     for ends in (high, low):
-        places = np.zeros(total + 1, dtype=np.int64)
+        offsets = np.zeros(total + 1, dtype=np.int64)
         for vertex in ends:
-            places[vertex + 1] += 1
+            offsets[vertex + 1] += 1
         for vertex in range(total):
-            places[vertex + 1] += places[vertex]
+            offsets[vertex + 1] += offsets[vertex]
         for edge in order:
             vertex = ends[edge]
-            other[places[vertex]] = edge
-            places[vertex] += 1
-        order, other = other, order
+            reordered[offsets[vertex]] = edge
+            offsets[vertex] += 1
+        order, reordered = reordered, order
     return order
 
 
 def edge_lengths(vertices: Floats, edges: Ints) -> Floats:
-    """Lengths of edges, shape (e,), between vertices, shape (n, 3)."""
+    """Return the lengths of edges, shape (e,), between vertices, shape (n, 3)."""
     return _lengths(constant(vertices), constant(edges))
 
 
@@ -94,7 +94,7 @@ def _lengths(vertices: Floats, edges: Ints) -> Floats:
 
 
 def starts_of(*columns: Ints) -> NDArray[np.bool_]:
-    """Whether each row differs from the row before it, shape (n,); the first row does.
+    """Return whether each row differs from the row before it, shape (n,); the first row does.
 
     Parameters
     ----------
@@ -129,7 +129,7 @@ def _join(cells: Ints, root: Ints) -> None:
 
 
 def component_labels(count: int, cells: Ints) -> tuple[int, Ints]:
-    """Connected components of the vertices, linked by edges or by the edges of faces.
+    """Return the connected components of the vertices, linked by edges or by the edges of faces.
 
     Parameters
     ----------
@@ -149,3 +149,46 @@ def component_labels(count: int, cells: Ints) -> tuple[int, Ints]:
     _join(constant(cells), root)
     first = root == np.arange(count)
     return int(first.sum()), (np.cumsum(first) - 1)[root]
+
+
+def boundary_edges(sides: HalfEdges) -> Ints:
+    """Return the edges of exactly one face, shape (b, 2), the vertex of lower number first."""
+    alone: Ints = sides.edges[sides.face_counts == 1]
+    return alone
+
+
+def boundary_half_edges(faces: Ints, sides: HalfEdges) -> Ints:
+    """Return the edges of `boundary_edges`, each in the direction of its face, shape (b, 2).
+
+    Parameters
+    ----------
+    faces : int64, shape (f, 3)
+    sides : HalfEdges
+        Half-edges of these faces.
+    """
+    alone = sides.order[sides.first[sides.face_counts == 1]]
+    return np.stack([faces.ravel()[alone], faces[:, [1, 2, 0]].ravel()[alone]], axis=1)
+
+
+def boundary_loops(edges: Ints, vertices: int) -> Ints:
+    """Return the loop of each boundary half-edge, shape (b,); -1 for edges of no simple closed loop.
+
+    At each vertex of a loop, one half-edge begins and one ends. Loops are numbered from 0 in the order of
+    their lowest vertices.
+
+    Parameters
+    ----------
+    edges : int64, shape (b, 2)
+        As `boundary_half_edges` gives them.
+    vertices : int
+        The number of vertices of the mesh.
+    """
+    _, labels = component_labels(vertices, edges)
+    starts, ends = (np.bincount(column, minlength=vertices) for column in edges.T)
+    simple = np.ones(vertices, dtype=bool)
+    simple[labels[(starts != ends) | (starts > 1)]] = False
+    component = labels[edges[:, 0]]
+    on = simple[component]
+    loops = np.full(len(edges), -1, dtype=np.int64)
+    loops[on] = np.unique(component[on], return_inverse=True)[1]
+    return loops

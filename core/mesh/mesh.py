@@ -1,4 +1,4 @@
-"""The triangle mesh, validated on construction."""
+"""The triangle mesh, validated on construction; normals of triangles."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -67,3 +67,20 @@ class Mesh:
         from core.mesh.edges import half_edges  # noqa: PLC0415  readers of files need no compiler
 
         return half_edges(self.faces)
+
+
+def face_normals(corners: Floats, *, unit: bool = True) -> Floats:
+    """Return the normals of triangles by the right-hand rule, shape (f, 3).
+
+    Parameters
+    ----------
+    corners : float64, shape (f, 3, 3)
+        The three corners of each triangle, counterclockwise seen from the tip of its normal.
+    unit : bool
+        True for normals of length 1, and 0 for triangles without area; False for normals as long as twice the
+        area of their triangle.
+    """
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    if unit:
+        normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(np.float64).tiny)
+    return np.asarray(normals)

@@ -1,9 +1,10 @@
-"""The normal frame: centroid at the origin, principal axes, unit root mean square radius, area-weighted."""
+"""Principal axes, area-weighted: the normal frame of a surface, and its bounding box along the axes."""
 
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import ConvexHull, QhullError
 
 from core.arrays import Floats, Ints
 from core.mesh.cleaning import centroid, face_areas
@@ -25,6 +26,9 @@ ORDERS = (3, 5, 2, 4, 6, 7, 8)
 
 SYMMETRIC = 1e-5
 """A third moment below this fraction of the cubed scale is rounding and cannot decide the sign of an axis."""
+
+SIDES = 32
+"""Most sides of the convex hull that a box may stand on, if all three axes are tied."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +59,7 @@ class NormalFrame:
 
 
 def _mean_power(values: Floats | Complexes, faces: Ints, areas: Floats, order: int) -> complex:
-    """Mean over the surface of the m-th power of a linear function, given at the vertices, shape (n,).
+    """Return the mean over the surface of the m-th power of a linear function, given at the vertices.
 
     The mean is exact on planar faces, so it does not depend on the tessellation: over one triangle it is
     2 / ((m + 1)(m + 2)) times the complete homogeneous symmetric polynomial of degree m of the three values.
@@ -66,7 +70,7 @@ def _mean_power(values: Floats | Complexes, faces: Ints, areas: Floats, order: i
 
 @compiled
 def _power_sum(values: Complexes, faces: Ints, areas: Floats, order: int) -> np.complex128:
-    """Sum over the faces of area times the symmetric polynomial."""
+    """Return the sum over the faces of area times the symmetric polynomial."""
     total = np.complex128(0.0)
     terms = np.empty(order + 1, dtype=np.complex128)
     for f in range(len(faces)):
@@ -81,42 +85,42 @@ def _power_sum(values: Complexes, faces: Ints, areas: Floats, order: int) -> np.
 
 
 def second_moments(vertices: Floats, faces: Ints, areas: Floats) -> Floats:
-    """Mean of p p^T over the surface, exact on planar faces, shape (3, 3)."""
+    """Return the mean of p p^T over the surface, exact on planar faces, shape (3, 3)."""
     upper = _second_sum(constant(vertices), constant(faces), areas)
     return np.asarray((upper + upper.T - np.diag(np.diag(upper))) / (12.0 * areas.sum()))
 
 
 @compiled
 def _second_sum(vertices: Floats, faces: Ints, areas: Floats) -> Floats:
-    """Upper triangle of the sum over faces of 12 times area times the mean of p p^T, shape (3, 3)."""
+    """Return the upper triangle of 12 times the sum over faces of area times the mean of p p^T."""
     second = np.zeros((3, 3))
     for f in range(len(faces)):
         a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
         for i in range(3):
             total = vertices[a, i] + vertices[b, i] + vertices[c, i]
             for j in range(i, 3):
-                here = vertices[a, i] * vertices[a, j]
-                here += vertices[b, i] * vertices[b, j]
-                here += vertices[c, i] * vertices[c, j]
-                here += total * (vertices[a, j] + vertices[b, j] + vertices[c, j])
-                second[i, j] += areas[f] * here
+                product = vertices[a, i] * vertices[a, j]
+                product += vertices[b, i] * vertices[b, j]
+                product += vertices[c, i] * vertices[c, j]
+                product += total * (vertices[a, j] + vertices[b, j] + vertices[c, j])
+                second[i, j] += areas[f] * product
     return second
 
 
 def _farthest(offsets: Floats) -> Floats:
-    """The longest row as a unit vector; the first of equally long rows."""
+    """Return the longest row as a unit vector; the first of equally long rows."""
     squares = np.einsum("ni,ni->n", offsets, offsets)
     row = offsets[np.argmax(squares >= (1.0 - TIE) * squares.max())]
     return np.asarray(row / np.linalg.norm(row))
 
 
 def _ordered_sum(mesh: Mesh) -> Floats:
-    """A vector from the canonical order of the vertices; it decides between symmetric directions."""
+    """Return a vector from the canonical order of the vertices; it decides between symmetric directions."""
     return np.asarray(independent_weights(np.arange(len(mesh.vertices))) @ mesh.vertices)
 
 
 def _sign(mesh: Mesh, areas: Floats, axis: Floats) -> float:
-    """Sign of the third moment along an axis, 1 or -1."""
+    """Return the sign of the third moment along an axis, 1 or -1."""
     skew = _mean_power(mesh.vertices @ axis, mesh.faces, areas, 3).real
     if abs(skew) < SYMMETRIC:
         skew = float(_ordered_sum(mesh) @ axis)
@@ -124,7 +128,7 @@ def _sign(mesh: Mesh, areas: Floats, axis: Floats) -> float:
 
 
 def _tied_axis(mesh: Mesh, areas: Floats, normal: Floats) -> Floats:
-    """A direction perpendicular to `normal` that rotates with the shape, for tied axes of the plane.
+    """Return a direction perpendicular to `normal` that rotates with the shape, for tied axes of the plane.
 
     `mesh` is centred. The planar moment of order m is the mean of (u + iv)^m; its phase over m is a direction
     up to rotations by 1/m of a circle, and moments along oblique lines choose among these. On a body of
@@ -152,7 +156,7 @@ def _tied_axis(mesh: Mesh, areas: Floats, normal: Floats) -> Floats:
 
 
 def normal_frame(mesh: Mesh) -> NormalFrame:
-    """The frame for the fit z = f(x, y) of Eq. 4, independent of the tessellation.
+    """Return the frame for the fit z = f(x, y) of Eq. 4, independent of the tessellation.
 
     z is the direction of least spread. If all three axes are tied, x points to the surface's farthest point;
     if two are, `_tied_axis` chooses the first of them. Third moments give the signs, so that a rotated copy
@@ -182,3 +186,75 @@ def normal_frame(mesh: Mesh) -> NormalFrame:
         axes[i] *= _sign(unit, areas, axes[i])
     axes[2] = np.cross(axes[0], axes[1])
     return NormalFrame(centre=centre, axes=axes, scale=scale)
+
+
+def bounding_box(mesh: Mesh) -> tuple[float, float, float]:
+    """Return the length, width and height of a surface along its principal axes.
+
+    The principal axes are the eigenvectors of the area-weighted second moments. Tied axes
+    (`core.mesh.normal_frame.TIED`) have no direction of their own. The box of two tied axes is the rectangle
+    of least area in their plane; the box of three is the least box on one of the largest sides of the convex
+    hull.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        With area > 0. Every face counts, also the debris that cleaning drops.
+
+    Returns
+    -------
+    tuple of float
+        The three extents in the units of the file, the largest first.
+    """
+    areas = face_areas(mesh.vertices, mesh.faces)
+    centred = mesh.vertices - centroid(mesh.vertices, mesh.faces, areas)
+    values, vectors = np.linalg.eigh(second_moments(centred, mesh.faces, areas))
+    values, axes = values[::-1], vectors.T[::-1]
+    used = np.zeros(len(centred), dtype=bool)
+    used[mesh.faces] = True
+    along = centred[used] @ axes.T
+    tied = values[:-1] - values[1:] < TIED * values[:-1]
+    extents = np.ptp(along, axis=0)
+    try:
+        if tied.all():
+            extents = _least_box(along)
+        elif tied[0]:
+            extents = np.array([*_least_rectangle(along[:, :2]), extents[2]])
+        elif tied[1]:
+            extents = np.array([extents[0], *_least_rectangle(along[:, 1:])])
+    except QhullError:
+        # The points lie on a line to the precision of their coordinates.
+        pass
+    length, width, height = sorted(map(float, extents), reverse=True)
+    return length, width, height
+
+
+def _least_box(points: Floats) -> Floats:
+    """Return the extents of the least box on one of the largest sides of the hull of points, shape (n, 3)."""
+    hull = ConvexHull(points)
+    corners = points[hull.vertices]
+    first, second, third = (points[hull.simplices[:, i]] for i in range(3))
+    areas = np.linalg.norm(np.cross(second - first, third - first), axis=1)
+    rounded = np.round(hull.equations[:, :3], 3)
+    _, first_of, side_of = np.unique(rounded, axis=0, return_index=True, return_inverse=True)
+    largest = np.argsort(-np.bincount(side_of.ravel(), weights=areas))[:SIDES]
+    boxes = []
+    for normal in hull.equations[first_of[largest], :3]:
+        across = np.linalg.svd(normal[None])[2][1:]
+        boxes.append([*_least_rectangle(corners @ across.T), np.ptp(corners @ normal)])
+    return np.array(min(boxes, key=np.prod))
+
+
+def _least_rectangle(points: Floats) -> Floats:
+    """Return the extents of the rectangle of least area around points in a plane, shape (n, 2).
+
+    One of its sides lies on an edge of the convex hull (Freeman and Shapira 1975).
+    """
+    corners = points[ConvexHull(points).vertices]
+    edges = np.roll(corners, -1, axis=0) - corners
+    edges /= np.linalg.norm(edges, axis=1)[:, None]
+    _, distinct = np.unique(np.round(edges, 5), axis=0, return_index=True)
+    rectangles = [
+        (float(np.ptp(corners @ (x, y))), float(np.ptp(corners @ (-y, x)))) for x, y in edges[distinct]
+    ]
+    return np.array(min(rectangles, key=np.prod))

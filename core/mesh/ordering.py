@@ -18,7 +18,7 @@ MOST_VERTICES = 300_000
 
 
 def tied_ranks(values: Floats, tolerance: float = TIE) -> Ints:
-    """Ranks of the values, shape (n,), 0 for the smallest; values that differ by rounding only share a rank.
+    """Return the ranks of the values, shape (n,), 0 for the smallest; equal but for rounding is tied.
 
     Parameters
     ----------
@@ -30,7 +30,7 @@ def tied_ranks(values: Floats, tolerance: float = TIE) -> Ints:
 
 
 def independent_weights(ranks: Ints) -> Floats:
-    """Weights in (-1, 1) of the ranks, linearly independent over the rationals.
+    """Return weights in (-1, 1) of the ranks, linearly independent over the rationals.
 
     The weight is the sine of rank + 1: sines of positive integers are linearly independent over the rationals
     (Lindemann and Weierstrass).
@@ -39,7 +39,7 @@ def independent_weights(ranks: Ints) -> Floats:
 
 
 def _refined_ranks(ranks: Ints, values: Floats, tolerance: float = TIE) -> Ints:
-    """Ranks by the given ranks, then by the values with ties up to the tolerance, shape (n,)."""
+    """Return the ranks by the given ranks, then by the values with ties up to the tolerance, shape (n,)."""
     order = lexical_order(ranks, values)
     ranked, sorted_values = ranks[order], values[order]
     step = np.zeros(len(order), dtype=np.int64)
@@ -52,7 +52,7 @@ def _refined_ranks(ranks: Ints, values: Floats, tolerance: float = TIE) -> Ints:
 
 @compiled
 def _side_lengths(vertices: Floats, faces: Ints) -> Floats:
-    """Length of each face's sides, from each corner to the next, shape (f, 3)."""
+    """Return the length of each face's sides, from each corner to the next, shape (f, 3)."""
     lengths = np.empty((len(faces), 3))
     for f in range(len(faces)):
         for i in range(3):
@@ -66,7 +66,7 @@ def _side_lengths(vertices: Floats, faces: Ints) -> Floats:
 
 @compiled
 def _from_neighbours(faces: Ints, lengths: Floats, weights: Floats) -> Floats:
-    """Sum over the sides at each vertex of length times the weight of the other end, shape (n,)."""
+    """Return sums over the sides at each vertex of length times weight of the other end, shape (n,)."""
     sums = np.zeros(len(weights))
     for f in range(len(faces)):
         for i in range(3):
@@ -77,7 +77,7 @@ def _from_neighbours(faces: Ints, lengths: Floats, weights: Floats) -> Floats:
 
 
 def canonical_order(vertices: Floats, faces: Ints, centre: Floats) -> Ints:
-    """The canonical order of the vertices, the same in any pose and for any order of the file.
+    """Return the canonical order of the vertices, the same in any pose and for any order of the file.
 
     Vertices are ranked by distance from the centroid. Colour refinement (Weisfeiler and Leman 1968) separates
     equal ranks by the neighbours' ranks and the lengths of the edges to them. Vertices that remain equal are

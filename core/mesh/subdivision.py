@@ -14,7 +14,7 @@ PASSES = 24
 
 
 def edge_table(faces: Ints) -> tuple[Ints, Ints]:
-    """Distinct edges, shape (e, 2), and the indices of each face's edges 01, 12 and 20, shape (f, 3)."""
+    """Return the distinct edges, shape (e, 2), and each face's edges 01, 12 and 20, shape (f, 3)."""
     sides = half_edges(faces)
     of_side = np.empty(len(sides.order), dtype=np.int64)
     of_side[sides.order] = np.repeat(np.arange(len(sides.first)), sides.face_counts)
@@ -22,15 +22,15 @@ def edge_table(faces: Ints) -> tuple[Ints, Ints]:
 
 
 @compiled
-def _distance(vertices: Floats, one: int, other: int) -> float:
+def _distance(vertices: Floats, start: int, end: int) -> float:
     total = 0.0
     for axis in range(3):
-        total += (vertices[one, axis] - vertices[other, axis]) ** 2
+        total += (vertices[start, axis] - vertices[end, axis]) ** 2
     return float(np.sqrt(total))
 
 
 def split_faces(faces: Ints, middle: Ints, vertices: Floats) -> Ints:
-    """Faces after the subdivision of edges, conforming.
+    """Return the faces after the subdivision of edges, conforming.
 
     A face with two midpoints is cut along the shorter diagonal, or at the earlier vertex if both are equal.
 
@@ -47,14 +47,15 @@ def split_faces(faces: Ints, middle: Ints, vertices: Floats) -> Ints:
 
 @compiled
 def _split(faces: Ints, middle: Ints, vertices: Floats, tie: float) -> Ints:
-    """Faces in blocks: the uncut ones, then the first, second, ... pieces of those with 1, 2, 3 midpoints."""
+    """Return faces in blocks: the uncut ones, then the pieces of those with 1, 2 and 3 midpoints."""
     counts = np.zeros(4, dtype=np.int64)
     for f in range(len(faces)):
         counts[(middle[f] >= 0).sum()] += 1
     total = counts[0] + 2 * counts[1] + 3 * counts[2] + 4 * counts[3]
     pieces = np.empty((total, 3), dtype=np.int64)
-    places = np.zeros(4, dtype=np.int64)
-    places[1:] = counts[0] + np.array([0, 2 * counts[1], 2 * counts[1] + 3 * counts[2]])
+    offsets = np.zeros(4, dtype=np.int64)
+    offsets[1:] = counts[0] + np.array([0, 2 * counts[1], 2 * counts[1] + 3 * counts[2]])
+    # The first corner is the one that makes the cases of a face alike.
     for f in range(len(faces)):
         number = (middle[f] >= 0).sum()
         first = 0
@@ -67,24 +68,24 @@ def _split(faces: Ints, middle: Ints, vertices: Floats, tie: float) -> Ints:
         second, third = (first + 1) % 3, (first + 2) % 3
         a, b, c = faces[f, first], faces[f, second], faces[f, third]
         ab, bc, ca = middle[f, first], middle[f, second], middle[f, third]
-        here, step = places[number], counts[number]
-        places[number] += 1
+        row, step = offsets[number], counts[number]
+        offsets[number] += 1
         if number == 0:
-            pieces[here] = a, b, c
+            pieces[row] = a, b, c
         elif number == 1:
-            pieces[here] = a, ab, c
-            pieces[here + step] = ab, b, c
+            pieces[row] = a, ab, c
+            pieces[row + step] = ab, b, c
         elif number == 2:
-            across, other = _distance(vertices, a, bc), _distance(vertices, ab, c)
-            short = a < c if abs(across - other) <= tie * other else across < other
-            pieces[here] = ab, b, bc
-            pieces[here + step] = a, ab, bc if short else c
-            pieces[here + 2 * step] = a if short else ab, bc, c
+            across, diagonal = _distance(vertices, a, bc), _distance(vertices, ab, c)
+            short = a < c if abs(across - diagonal) <= tie * diagonal else across < diagonal
+            pieces[row] = ab, b, bc
+            pieces[row + step] = a, ab, bc if short else c
+            pieces[row + 2 * step] = a if short else ab, bc, c
         else:
-            pieces[here] = a, ab, ca
-            pieces[here + step] = ab, b, bc
-            pieces[here + 2 * step] = ca, bc, c
-            pieces[here + 3 * step] = ab, bc, ca
+            pieces[row] = a, ab, ca
+            pieces[row + step] = ab, b, bc
+            pieces[row + 2 * step] = ca, bc, c
+            pieces[row + 3 * step] = ab, bc, ca
     return pieces
 
 
@@ -112,9 +113,9 @@ def split_long_edges(mesh: Mesh, longest: float, most: int) -> Mesh:
             break
         middle = np.full(len(edges), -1, dtype=np.int64)
         middle[long] = len(vertices) + np.arange(len(long))
-        one, other = edges[long].T
+        start, end = edges[long].T
         # A zero of either sign becomes +0.
-        vertices = np.concatenate([vertices, 0.5 * (vertices[one] + vertices[other]) + 0.0])
+        vertices = np.concatenate([vertices, 0.5 * (vertices[start] + vertices[end]) + 0.0])
         faces = split_faces(faces, middle[of_face], vertices)
     return mesh if faces is mesh.faces else Mesh(vertices, faces)
 

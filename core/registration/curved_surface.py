@@ -14,9 +14,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from core.arrays import Floats, Ints
-from core.mesh.face_normals import face_normals
-from core.mesh.mesh import Mesh
-from core.registration.corner_normals import TINY, corner_normals, edge_lengths
+from core.mesh.mesh import Mesh, face_normals
 from core.sampling.triangle_tree import TriangleTree, triangle_tree
 
 ON_EDGE = 1e-9
@@ -28,6 +26,11 @@ CREASE = float(np.cos(np.radians(46.0)))
 
 COPLANAR = float(np.cos(np.radians(0.1)))
 """Least cosine between the normals of two triangles of one plane facet."""
+
+TINY = float(np.finfo(np.float64).tiny)
+
+POWER = 2.0
+"""Power of the area of a facet in its weight: a plane gives the normal at its border to a fillet."""
 
 SPACING, QUALITY = 0.5, 0.5
 """Error of an even mesh at edges and tips that its vertices do not follow, over the length of its edges; and
@@ -88,7 +91,7 @@ class CurvedSurface:
         return triangle_tree(self.corners)
 
     def at(self, shares: Floats, faces: Ints) -> tuple[Floats, Floats, Floats]:
-        """Points of the smooth surface above points of triangles, its normals, and the chord error there.
+        """Return points of the smooth surface above points of triangles, with normals and chord errors.
 
         Parameters
         ----------
@@ -113,7 +116,7 @@ class CurvedSurface:
         return points + bulge, smooth, np.einsum("nc,nc->n", shares, self.spread[faces])
 
     def closest(self, points: Floats, guess: Ints | None = None) -> tuple[Floats, Ints]:
-        """The closest points of the triangles, as shares and faces.
+        """Return the closest points of the triangles, as shares and faces.
 
         The arc of a rim belongs to the curved surface on its one side, not to the plane on its other side: of
         the two triangles at an edge, the one with the larger chord error counts.
@@ -138,22 +141,25 @@ class CurvedSurface:
 
 
 def curved_surface(mesh: Mesh, centre: Floats, unit: float) -> CurvedSurface:
-    """The surface of a cleaned mesh, moved by `-centre` and divided by `unit`."""
+    """Return the surface of a cleaned mesh, moved by `-centre` and divided by `unit`."""
     vertices = (mesh.vertices - centre) / unit
     corners = vertices[mesh.faces]
     flat = face_normals(corners)
+    # Angles across the edges of two faces; twins in one direction have opposite normals.
     sides = mesh.half_edges
     paired = sides.face_counts == 2
-    one, other = sides.order[sides.first[paired]], sides.order[sides.first[paired] + 1]
-    faces, others = one // 3, other // 3
+    half_edge, twin = sides.order[sides.first[paired]], sides.order[sides.first[paired] + 1]
+    faces, others = half_edge // 3, twin // 3
     cosines = np.einsum("ex,ex->e", flat[faces], flat[others])
-    opposed = mesh.faces[faces, one % 3] != mesh.faces[others, other % 3]
+    opposed = mesh.faces[faces, half_edge % 3] != mesh.faces[others, twin % 3]
     cosines = np.where(opposed, cosines, -cosines)
+    # Edges are flat, bent (of a curved surface) or sharp.
     folded, gentle = cosines < COPLANAR, cosines >= CREASE
     facets = _regions(len(corners), faces[~folded], others[~folded])
     rounded = _rounded(facets, facets[faces[gentle & folded]], facets[others[gentle & folded]])
     bent = gentle & folded & (rounded[faces] | rounded[others])
     smooth = bent | ~folded
+    # Sagittas of arcs across the bent edges, summed over each triangle and averaged over its region.
     edges = sides.edges
     ends = edges[paired]
     lengths = np.linalg.norm(vertices[ends[:, 1]] - vertices[ends[:, 0]], axis=1)
@@ -165,6 +171,7 @@ def curved_surface(mesh: Mesh, centre: Floats, unit: float) -> CurvedSurface:
     round_areas = areas * (chord > 0.0)
     means = _sums(regions, round_areas * chord) / np.maximum(_sums(regions, round_areas), TINY)
     errors = np.maximum(chord, means[regions])
+    # Even meshes do not follow edges and tips: their error is a share of the edge length.
     loose = _scattered(
         corners,
         areas,
@@ -172,16 +179,17 @@ def curved_surface(mesh: Mesh, centre: Floats, unit: float) -> CurvedSurface:
         np.concatenate([faces[folded], others[folded]]),
     )
     errors = np.where(loose, np.maximum(errors, SPACING * edge_lengths(corners).mean(axis=1)), errors)
+    # The largest error around each vertex.
     around = np.zeros(len(vertices))
     np.maximum.at(around, mesh.faces.ravel(), np.repeat(errors, 3))
     twins = np.full(3 * len(corners), -1)
-    twins[one], twins[other] = other, one
+    twins[half_edge], twins[twin] = twin, half_edge
     unpaired = sides.order[sides.first[~paired]]
-    on_curved = np.where(chord[others] > chord[faces], other, one)
+    on_curved = np.where(chord[others] > chord[faces], twin, half_edge)
     return CurvedSurface(
         corners=corners,
         normals=corner_normals(
-            mesh.faces, corners, flat, _sums(facets, areas)[facets], one[smooth], other[smooth]
+            mesh.faces, corners, flat, _sums(facets, areas)[facets], half_edge[smooth], twin[smooth]
         ),
         flat=flat,
         chord=chord,
@@ -189,19 +197,19 @@ def curved_surface(mesh: Mesh, centre: Floats, unit: float) -> CurvedSurface:
         regions=regions,
         twins=twins,
         sharp=np.concatenate([on_curved[~smooth], unpaired]),
-        folds=one[bent],
+        folds=half_edge[bent],
         corner_vertices=mesh.faces.ravel(),
         handles=_handles(mesh, len(edges)) if paired.all() else None,
     )
 
 
 def _sums(groups: Ints, values: Floats, count: int = 0) -> Floats:
-    """Sums of the values of each group."""
+    """Return the sums of the values of each group."""
     return np.bincount(groups, weights=values, minlength=count).astype(np.float64)
 
 
 def _handles(mesh: Mesh, edges: int) -> int:
-    """Number of handles of a closed mesh, of all components together, by Euler's formula."""
+    """Return the number of handles of a closed mesh, of all components together, by Euler's formula."""
     pairs = mesh.faces[:, [0, 1]], mesh.faces[:, [1, 2]]
     rows, columns = np.concatenate([pair.T for pair in pairs], axis=1)
     size = len(mesh.vertices)
@@ -211,7 +219,7 @@ def _handles(mesh: Mesh, edges: int) -> int:
 
 
 def _scattered(corners: Floats, areas: Floats, bent: Ints, folded: Ints) -> NDArray[np.bool_]:
-    """Whether each triangle is one of an even mesh, whose vertices do not follow edges of the surface.
+    """Return whether each triangle is one of an even mesh, whose vertices follow no edges of the surface.
 
     Such a triangle is well shaped, bends smoothly at two edges or more, and is coplanar with no neighbour.
 
@@ -229,13 +237,13 @@ def _scattered(corners: Floats, areas: Floats, bent: Ints, folded: Ints) -> NDAr
 
 
 def _regions(count: int, faces: Ints, others: Ints) -> Ints:
-    """Connected components of triangles, by pairs of neighbours, shape (f,)."""
+    """Return the connected components of triangles, by pairs of neighbours, shape (f,)."""
     graph = coo_array((np.ones(len(faces)), (faces, others)), shape=(count, count))
     return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
 
 
-def _rounded(facets: Ints, one: Ints, other: Ints) -> NDArray[np.bool_]:
-    """Whether the facet of each triangle bends smoothly to two facets or more, shape (f,).
+def _rounded(facets: Ints, facet: Ints, neighbour: Ints) -> NDArray[np.bool_]:
+    """Return whether the facet of each triangle bends smoothly to two facets or more, shape (f,).
 
     Two large planes may meet at a small angle; the facets of a curved surface come in rows.
 
@@ -243,9 +251,49 @@ def _rounded(facets: Ints, one: Ints, other: Ints) -> NDArray[np.bool_]:
     ----------
     facets : int64, shape (f,)
         The facet of each triangle.
-    one, other : int64, shape (e,)
+    facet, neighbour : int64, shape (e,)
         The facets on both sides of each edge at which the surface bends smoothly.
     """
     count = int(facets.max()) + 1
-    pairs = np.unique(np.concatenate([one * count + other, other * count + one]))
+    pairs = np.unique(np.concatenate([facet * count + neighbour, neighbour * count + facet]))
     return np.asarray((np.bincount(pairs // count, minlength=count) >= 2)[facets])
+
+
+def edge_lengths(corners: Floats) -> Floats:
+    """Return the lengths of the edges of triangles, shape (f, 3)."""
+    return np.asarray(np.linalg.norm(corners[:, [1, 2, 0]] - corners, axis=2))
+
+
+def corner_normals(
+    faces: Ints, corners: Floats, flat: Floats, facets: Floats, half_edge: Ints, twin: Ints
+) -> Floats:
+    """Return means of the normals around each corner, up to sharp edges, weighted by angles, shape (f, 3, 3).
+
+    Parameters
+    ----------
+    faces : int64, shape (f, 3)
+    corners : float64, shape (f, 3, 3)
+    flat : float64, shape (f, 3)
+    half_edge, twin : int64, shape (e,)
+        The two half-edges of each smooth edge.
+    """
+    # Half-edge 3 f + i starts at corner i of its face and ends at corner i + 1.
+    next_edge, next_twin = half_edge - half_edge % 3 + (half_edge + 1) % 3, twin - twin % 3 + (twin + 1) % 3
+    corner_of = faces.ravel()
+    crossed = corner_of[half_edge] == corner_of[twin]
+    joined = np.where(crossed, twin, next_twin), np.where(crossed, next_twin, twin)
+    rows, columns = np.concatenate([half_edge, next_edge]), np.concatenate(joined)
+    size = 3 * len(faces)
+    graph = coo_array((np.ones(len(rows)), (rows, columns)), shape=(size, size))
+    count, group = connected_components(graph, directed=False)
+    sides = corners[:, [1, 2, 0]] - corners
+    lengths = np.maximum(edge_lengths(corners), TINY)
+    products = np.einsum("fcx,fcx->fc", sides, sides[:, [2, 0, 1]])
+    cosines = -products / (lengths * lengths[:, [2, 0, 1]])
+    weights = np.arccos(np.clip(cosines, -1.0, 1.0)) * (facets**POWER)[:, None]
+    weighted = np.repeat(flat, 3, axis=0) * weights.reshape(-1, 1)
+    sums: Floats = np.stack(
+        [np.bincount(group, weights=weighted[:, x], minlength=count) for x in range(3)], axis=1
+    )
+    sums /= np.maximum(np.linalg.norm(sums, axis=1, keepdims=True), TINY)
+    return np.asarray(sums[group].reshape(-1, 3, 3))

@@ -41,7 +41,7 @@ FORWARDED, RATIO = 4, 2.0
 def initial_alignments(
     first: ProbedSurface, second: ProbedSurface, pairs: tuple[Floats, Floats], sign: int
 ) -> list[Similarity]:
-    """Coarse alignments at scale 1, the nearest first; those that are far are left out.
+    """Return coarse alignments at scale 1, the nearest first; those that are far are left out.
 
     Parameters
     ----------
@@ -59,15 +59,20 @@ def initial_alignments(
         for signs in product((1.0, -1.0), repeat=3)
         if np.prod(signs) == sign
     ]
-    moments = [((one.samples.points @ one.samples.axes.T) ** 2).mean(axis=0) for one in (first, second)]
-    for axis, (one, other) in ((2, (0, 1)), (0, (1, 2))):
-        if all(abs(each[one] - each[other]) < TIED * each[one] for each in moments):
+    moments = [
+        ((first_axis.samples.points @ first_axis.samples.axes.T) ** 2).mean(axis=0)
+        for first_axis in (first, second)
+    ]
+    for axis, (first_axis, second_axis) in ((2, (0, 1)), (0, (1, 2))):
+        if all(
+            abs(values[first_axis] - values[second_axis]) < TIED * values[first_axis] for values in moments
+        ):
             starts += _about(first, second, axis, sign)
     nearest = sorted(starts, key=lambda start: _distance(first, second, start))[:FORWARDED]
-    found = [_iterated(first, second, start, sign) for start in nearest]
-    near = [motion for motion in found if _spread_distance(first, second, motion) <= HOPELESS]
+    iterated = [_iterated(first, second, start, sign) for start in nearest]
+    near = [motion for motion in iterated if _spread_distance(first, second, motion) <= HOPELESS]
     gaps = [_distance(first, second, motion) for motion in near]
-    return [near[place] for place in np.argsort(gaps, kind="stable") if gaps[place] <= RATIO * min(gaps)]
+    return [near[index] for index in np.argsort(gaps, kind="stable") if gaps[index] <= RATIO * min(gaps)]
 
 
 def _few(points: Floats) -> Floats:
@@ -77,7 +82,7 @@ def _few(points: Floats) -> Floats:
 def _closest(
     first: ProbedSurface, second: ProbedSurface, motion: Similarity
 ) -> tuple[Floats, Floats, Floats]:
-    """Sample points and points of sharp edges, their distances from those of the second, and these."""
+    """Return points on the surface and on its sharp edges, and their distances to the second surface."""
     points = _few(first.samples.points)
     gaps, near = second.samples.tree.query(motion.apply(points))
     targets = second.samples.points[near]
@@ -90,19 +95,19 @@ def _closest(
 
 
 def _distance(first: ProbedSurface, second: ProbedSurface, motion: Similarity) -> float:
-    """Root mean square distance of sample points and of points of sharp edges, cut off at `FAR`."""
+    """Return the root mean square distance of sample points and points of sharp edges, cut off at `FAR`."""
     gaps = np.minimum(_closest(first, second, motion)[1], FAR)
     return float(np.sqrt((gaps**2).mean()))
 
 
 def _spread_distance(first: ProbedSurface, second: ProbedSurface, motion: Similarity) -> float:
-    """Root mean square distance of the sample points alone; edges of an uneven mesh are ragged."""
+    """Return the root mean square distance of the sample points alone; edges of an uneven mesh are ragged."""
     gaps = second.samples.tree.query(motion.apply(_few(first.samples.points)))[0]
     return float(np.sqrt((gaps**2).mean()))
 
 
 def _iterated(first: ProbedSurface, second: ProbedSurface, motion: Similarity, sign: int) -> Similarity:
-    """The alignment after iterations between closest points, without scaling."""
+    """Return the alignment after iterations between closest points, without scaling."""
     before = np.empty(0)
     for _ in range(ROUNDS):
         points, gaps, targets = _closest(first, second, motion)
@@ -115,12 +120,12 @@ def _iterated(first: ProbedSurface, second: ProbedSurface, motion: Similarity, s
 
 
 def _about(first: ProbedSurface, second: ProbedSurface, axis: int, sign: int) -> list[Similarity]:
-    """Alignments that map one principal axis to the other, at the angles of highest correlation."""
-    frames = [one.samples.axes[[(axis + 1) % 3, (axis + 2) % 3, axis]] for one in (first, second)]
+    """Return alignments that map one principal axis to the other, at the angles of highest correlation."""
+    frames = [surface.samples.axes[[(axis + 1) % 3, (axis + 2) % 3, axis]] for surface in (first, second)]
     with_rims = len(first.rims) and len(second.rims)
     points = [
-        (one.rims if with_rims else one.samples.points) @ frame.T
-        for one, frame in zip((first, second), frames, strict=True)
+        (surface.rims if with_rims else surface.samples.points) @ frame.T
+        for surface, frame in zip((first, second), frames, strict=True)
     ]
     reach = float(np.hypot(points[0][:, 0], points[0][:, 1]).max())
     height = float(np.abs(points[0][:, 2]).max())
@@ -144,7 +149,7 @@ def _about(first: ProbedSurface, second: ProbedSurface, axis: int, sign: int) ->
 
 
 def _spectrum(points: Floats, reach: float, height: float) -> Floats:
-    """Fourier transform over the angle of a blurred histogram of cylindrical coordinates."""
+    """Return the Fourier transform over the angle of a blurred histogram of cylindrical coordinates."""
     angles = (np.arctan2(points[:, 1], points[:, 0]) / (2.0 * np.pi) % 1.0 * ANGLES).astype(int) % ANGLES
     radii = np.hypot(points[:, 0], points[:, 1])
     rings = np.clip(radii / reach * RINGS, 0, RINGS - 1).astype(int)

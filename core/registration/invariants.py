@@ -43,43 +43,43 @@ class Invariants:
     extents: Floats
     closed: NDArray[np.bool_]
 
-    def spectral_distances(self, place: int, others: NDArray[np.intp]) -> Floats:
-        """Distances between the log eigenvalues of one surface and of k others, shape (k,)."""
-        steps = self.eigenvalues[others].astype(np.float64) - self.eigenvalues[place]
+    def spectral_distances(self, index: int, others: NDArray[np.intp]) -> Floats:
+        """Return the distances between the log eigenvalues of one surface and of k others, shape (k,)."""
+        steps = self.eigenvalues[others].astype(np.float64) - self.eigenvalues[index]
         return np.asarray(np.linalg.norm(steps, axis=1))
 
 
-def possible_copies(surfaces: Invariants, place: int, residual: float) -> NDArray[np.intp]:
-    """Indices of the other surfaces that may be rigid copies of a surface.
+def possible_copies(surfaces: Invariants, index: int, residual: float) -> NDArray[np.intp]:
+    """Return the indices of the other surfaces that may be rigid copies of a surface.
 
     Parameters
     ----------
     surfaces : Invariants
-    place : int
+    index : int
         Index of the surface.
     residual : float
         Largest root mean square distance of two copies over the square root of the area, > 0. Their radii
         differ by at most this.
     """
-    near = _of_radius(surfaces, place, residual)
+    near = _of_radius(surfaces, index, residual)
     # Shapes stored by earlier versions may have no bounding box yet.
-    gaps = np.abs(surfaces.extents[near] - surfaces.extents[place])
+    gaps = np.abs(surfaces.extents[near] - surfaces.extents[index])
     near = near[~(gaps > EXTENT).any(axis=1)]
     if not surfaces.descriptors.shape[1]:
         return np.asarray(near)
-    gaps = np.abs(surfaces.descriptors[near] - surfaces.descriptors[place])
+    gaps = np.abs(surfaces.descriptors[near] - surfaces.descriptors[index])
     # Of an open surface, the volume is only a number.
-    closed = surfaces.closed[near] & surfaces.closed[place]
+    closed = surfaces.closed[near] & surfaces.closed[index]
     within = (gaps <= [VOLUME, VOLUME, HULL_AREA]).all(axis=1) | (~closed & (gaps[:, 2] <= OPEN_HULL_AREA))
     return np.asarray(near[within], dtype=np.intp)
 
 
-def possible_variants(surfaces: Invariants, place: int) -> NDArray[np.intp]:
-    """Indices of the other surfaces that may be copies or variants of a surface (`may_be_copy`)."""
-    near = _of_radius(surfaces, place, COPY_RADIUS)
-    return np.asarray(near[surfaces.spectral_distances(place, near) <= COPY_SPECTRAL])
+def possible_variants(surfaces: Invariants, index: int) -> NDArray[np.intp]:
+    """Return the indices of the surfaces that may be copies or variants of a surface (`may_be_copy`)."""
+    near = _of_radius(surfaces, index, COPY_RADIUS)
+    return np.asarray(near[surfaces.spectral_distances(index, near) <= COPY_SPECTRAL])
 
 
-def _of_radius(surfaces: Invariants, place: int, most: float) -> NDArray[np.intp]:
-    near = np.flatnonzero(np.abs(surfaces.radii - surfaces.radii[place]) <= most)
-    return np.asarray(near[near != place])
+def _of_radius(surfaces: Invariants, index: int, most: float) -> NDArray[np.intp]:
+    near = np.flatnonzero(np.abs(surfaces.radii - surfaces.radii[index]) <= most)
+    return np.asarray(near[near != index])

@@ -12,7 +12,7 @@ SIZE = 0.03
 
 
 def kinship(scale: float, *, mirrored: bool, variant: bool = False, size: float = SIZE) -> Kinship:
-    """Relation of two copies.
+    """Return the relation of two copies.
 
     Parameters
     ----------

@@ -8,8 +8,7 @@ from scipy.spatial import cKDTree
 
 from core.arrays import Floats, Ints
 from core.mesh.cleaning import clean
-from core.mesh.face_normals import face_normals
-from core.mesh.mesh import Mesh
+from core.mesh.mesh import Mesh, face_normals
 from core.registration.curved_surface import CurvedSurface, curved_surface
 from core.sampling.surface_samples import SurfaceSamples, evenly_spread_shares, samples_of_cleaned
 
@@ -62,7 +61,7 @@ class ProbedSurface:
 
 
 def probed_surface(mesh: Mesh) -> ProbedSurface:
-    """The samples and the probes of a mesh.
+    """Return the samples and the probes of a mesh.
 
     Raises
     ------
@@ -106,7 +105,7 @@ def probed_surface(mesh: Mesh) -> ProbedSurface:
 
 
 def _some(sides: Ints, curved: CurvedSurface) -> Ints:
-    """At most `MIDDLES` half-edges, evenly chosen, and in addition some of each smooth region."""
+    """Return at most `MIDDLES` half-edges, evenly chosen, and in addition some of each smooth region."""
     if len(sides) <= MIDDLES:
         return sides
     regions = curved.regions[sides // 3]
@@ -120,7 +119,7 @@ def _some(sides: Ints, curved: CurvedSurface) -> Ints:
 
 
 def _along(curved: CurvedSurface) -> tuple[Ints, Floats]:
-    """Half-edges of points spread evenly by length along the sharp edges, and the place of each on it."""
+    """Return half-edges of points spread evenly along the sharp edges, and the place of each on it."""
     ends = curved.corners[curved.sharp // 3]
     rows = np.arange(len(ends))
     lengths = np.linalg.norm(ends[rows, (curved.sharp + 1) % 3] - ends[rows, curved.sharp % 3], axis=1)

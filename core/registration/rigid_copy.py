@@ -12,10 +12,9 @@ import numpy as np
 from core.arrays import Floats
 from core.embedding import Embedding
 from core.registration.initial_alignments import initial_alignments
-from core.registration.local_deviation import LocalDeviation, local_deviation
 from core.registration.probed_surface import ProbedSurface
 from core.registration.similarity import RESIDUAL, Similarity, best_similarity
-from core.registration.surface_fit import coarsely_fitted, fitted
+from core.registration.surface_fit import LocalDeviation, coarsely_fitted, fitted, local_deviation
 
 COPY_SPECTRAL, COPY_RADIUS = 0.06, 0.01
 """Largest spectral distance, and largest difference of the ratios of root mean square radius to root of the
@@ -88,7 +87,7 @@ class RigidCopy:
 
 
 def may_be_copy(spectral: float, first_radius: float, second_radius: float) -> bool:
-    """Whether eigenvalues and area allow that two surfaces are rigid copies or variants.
+    """Return whether eigenvalues and area allow that two surfaces are rigid copies or variants.
 
     Parameters
     ----------
@@ -102,7 +101,7 @@ def may_be_copy(spectral: float, first_radius: float, second_radius: float) -> b
 
 
 def copy_by_samples(first: Embedding, second: Embedding, spectral: float) -> RigidCopy | None:
-    """The second surface as a copy of the first, by two embeddings; None if they do not decide it.
+    """Return the second surface as a copy of the first, by two embeddings; None if they do not decide it.
 
     The samples must coincide, in their order, after a rotation and a scaling: surfaces with other
     tessellations have other samples. Samples that coincide after a reflection tell nothing, as the surface
@@ -133,7 +132,7 @@ def copy_by_samples(first: Embedding, second: Embedding, spectral: float) -> Rig
 def copy_by_surfaces(
     first: ProbedSurface, second: ProbedSurface, pairs: tuple[Floats, Floats], *, variants: bool = True
 ) -> RigidCopy | None:
-    """The second surface as a copy or a variant of the first, by registration; None if it is neither.
+    """Register two surfaces; return the second as a copy or variant of the first, None if it is neither.
 
     A variant is a rotated copy, of any size, but for a local difference; variants of the mirror image are not
     sought.
@@ -167,7 +166,7 @@ def copy_by_surfaces(
 def _best(
     first: ProbedSurface, second: ProbedSurface, pairs: tuple[Floats, Floats], sign: int
 ) -> tuple[Similarity | None, float]:
-    """The coarse fit of one sign with the least share of deviating points; None if no alignment is near."""
+    """Return the coarse fit of one sign with the least share of deviating points; None if no fit is near."""
     tried: list[Similarity] = []
     chosen: Similarity | None = None
     least = np.inf
@@ -186,7 +185,7 @@ def _best(
 
 
 def _alike(one: Similarity, other: Similarity) -> bool:
-    """Whether two alignments lead to one fit: their rotations differ by less than three degrees."""
+    """Return whether two alignments lead to one fit: their rotations differ by less than three degrees."""
     return bool(np.trace(one.rotation.T @ other.rotation) > 1.0 + 2.0 * np.cos(np.radians(3.0)))
 
 

@@ -1,14 +1,20 @@
-"""The similarity transform of paired points.
+"""The similarity transform of paired points, and of surfaces that are rigid copies in large part.
 
 S. Umeyama, "Least-squares estimation of transformation parameters between two point patterns", IEEE PAMI
 13(4), 1991, with a given sign of the determinant.
+
+Of two surfaces that are rigid copies in large part only, a part that is missing, added or bent must not pull
+the rest: of the closest pairs only the nearest share counts (trimmed ICP; D. Chetverikov, D. Svirko, D.
+Stepanov and P. Krsek, "The trimmed iterative closest point algorithm", ICPR 2002).
 """
 
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
 from core.arrays import Floats
+from core.sampling.surface_samples import SurfaceSamples, closest_points
 
 RESIDUAL = 0.003
 """Largest root mean square distance of two copies of one shape, over the square root of the area.
@@ -18,6 +24,20 @@ Copies that are rotated, scaled, mirrored, subdivided or simplified to half thei
 distances are between surfaces and not between samples, because another meshing moves the samples by their
 spacing: between samples the two figures would be 0.037 and 0.044.
 """
+
+SHARE = 0.7
+"""Share of either surface that must lie on the other."""
+
+FEW, FIRST_ROUNDS, COARSE_ROUNDS, ROUNDS = 200, 5, 20, 8
+"""Sample points of a coarse iteration, and the largest numbers of first coarse iterations, of further
+ones and of fine iterations."""
+
+FIRST_RESIDUAL, COARSE_RESIDUAL, RESIDUAL_RATIO = 0.025, 0.02, 2.0
+"""Largest residuals, between sample points, of an alignment that is kept after the first and after all coarse
+iterations; and its largest ratio to the least residual."""
+
+NEAR = 3.0 * RESIDUAL
+"""Distance over the root of the area within which a point lies on the other surface."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +67,7 @@ class Similarity:
 
 
 def best_similarity(source: Floats, target: Floats, *, sign: int, scaled: bool) -> Similarity:
-    """The least-squares similarity transform of paired points (Umeyama 1991, Eqs. 39 to 43).
+    """Return the least-squares similarity transform of paired points (Umeyama 1991, Eqs. 39 to 43).
 
     Parameters
     ----------
@@ -58,11 +78,106 @@ def best_similarity(source: Floats, target: Floats, *, sign: int, scaled: bool) 
     scaled : bool
         Whether the scale is fitted; else it is 1, as for a source whose points coincide.
     """
-    here, there = source.mean(axis=0), target.mean(axis=0)
-    centred = source - here
-    left, values, right = np.linalg.svd((target - there).T @ centred / len(source))
+    source_centre, target_centre = source.mean(axis=0), target.mean(axis=0)
+    centred = source - source_centre
+    left, values, right = np.linalg.svd((target - target_centre).T @ centred / len(source))
     signs = np.array([1.0, 1.0, sign * np.sign(np.linalg.det(left) * np.linalg.det(right))])
     rotation = left * signs @ right
     variance = float((centred**2).sum() / len(source))
     scale = float(values @ signs) / variance if scaled and variance > 0.0 else 1.0
-    return Similarity(scale, rotation, there - scale * rotation @ here)
+    return Similarity(scale, rotation, target_centre - scale * rotation @ source_centre)
+
+
+def near_rigid(
+    first: SurfaceSamples, second: SurfaceSamples, pairs: tuple[Floats, Floats], same_units: float
+) -> Similarity | None:
+    """Return the similarity transform of the first surface onto the second, both at unit area.
+
+    Parameters
+    ----------
+    first, second : SurfaceSamples
+    pairs : two of float64, shape (m, 3)
+        Corresponding points of both surfaces, in the units of the sampled meshes; some may be wrong. They
+        give one initial rotation, the principal axes four more.
+    same_units : float
+        Scale of the transform if both files have one unit. The other initial scale makes the areas equal:
+        a part that is missing changes the area, another unit changes the lengths.
+
+    Returns
+    -------
+    Similarity or None
+        None unless `SHARE` of either surface lies on the other, with a root mean square distance of at most
+        `RESIDUAL` over the root of the area.
+    """
+    ends = first.to_unit(pairs[0]), second.to_unit(pairs[1])
+    rotations = [best_similarity(*ends, sign=1, scaled=False).rotation] + [
+        second.axes.T * signs @ first.axes for signs in product((1.0, -1.0), repeat=3) if np.prod(signs) > 0
+    ]
+    scales = [1.0] if abs(same_units - 1.0) < RESIDUAL else [1.0, same_units]
+    starts = [Similarity(scale, turn, np.zeros(3)) for scale in scales for turn in rotations]
+    begun = [_coarse(first, second, start, FIRST_ROUNDS) for start in starts]
+    coarse = [_coarse(first, second, motion, COARSE_ROUNDS) for motion in _best(begun, FIRST_RESIDUAL)]
+    fine = [_fine(first, second, motion) for motion in _best(coarse, COARSE_RESIDUAL)]
+    refined = [motion for motion in fine if motion is not None]
+    return min(refined, key=lambda motion: _clipped(first, second, motion), default=None)
+
+
+def _best(fits: list[tuple[float, Similarity]], most: float) -> list[Similarity]:
+    """Return transforms with a residual of at most `most`, and not far above the least."""
+    least = min((residual for residual, _ in fits), default=np.inf)
+    return [motion for residual, motion in fits if residual <= min(most, RESIDUAL_RATIO * least)]
+
+
+def _coarse(
+    first: SurfaceSamples, second: SurfaceSamples, motion: Similarity, rounds: int
+) -> tuple[float, Similarity]:
+    """Return the trimmed residual and the transform after coarse iterations at a given scale."""
+    few = first.points[:: len(first.points) // FEW]
+    kept = round(SHARE * len(few))
+    before = np.empty(0, dtype=np.intp)
+    for _ in range(rounds):
+        gaps, near = second.tree.query(motion.apply(few))
+        order = np.argsort(gaps)[:kept]
+        if np.array_equal(near[order], before):
+            break
+        before = near[order]
+        turned = best_similarity(motion.scale * few[order], second.points[before], sign=1, scaled=False)
+        motion = Similarity(motion.scale, turned.rotation, turned.shift)
+    gaps = np.sort(second.tree.query(motion.apply(few))[0])[:kept]
+    return float(np.sqrt((gaps**2).mean())), motion
+
+
+def _fine(first: SurfaceSamples, second: SurfaceSamples, motion: Similarity) -> Similarity | None:
+    """Return the transform refined in both directions; None if too little of one surface is on the other."""
+    for _ in range(ROUNDS):
+        ours, theirs = _closest(first, second, motion)
+        sources, targets = [], []
+        for source, target in (ours, theirs):
+            gaps = np.linalg.norm(motion.apply(source) - target, axis=1)
+            order = np.argsort(gaps)
+            # The share grows to all points that lie on the other surface.
+            kept = order[: max(round(SHARE * len(gaps)), int((gaps <= NEAR).sum()))]
+            sources.append(source[kept])
+            targets.append(target[kept])
+        motion = best_similarity(np.concatenate(sources), np.concatenate(targets), sign=1, scaled=True)
+    for source, target in _closest(first, second, motion):
+        gaps = np.sort(np.linalg.norm(motion.apply(source) - target, axis=1))[: round(SHARE * len(source))]
+        if np.sqrt((gaps**2).mean()) > RESIDUAL:
+            return None
+    return motion
+
+
+def _closest(
+    first: SurfaceSamples, second: SurfaceSamples, motion: Similarity
+) -> tuple[tuple[Floats, Floats], tuple[Floats, Floats]]:
+    """Return paired points of both surfaces: from the first to the second, and back."""
+    ours, theirs = first.representatives, second.representatives
+    ahead = ours, closest_points(second, motion.apply(ours))
+    behind = closest_points(first, motion.invert(theirs)), theirs
+    return ahead, behind
+
+
+def _clipped(first: SurfaceSamples, second: SurfaceSamples, motion: Similarity) -> float:
+    """Return the mean distance both ways, of which no point gives more than some times `NEAR`."""
+    gaps = [np.linalg.norm(motion.apply(a) - b, axis=1) for a, b in _closest(first, second, motion)]
+    return float(np.minimum(np.concatenate(gaps), 5.0 * NEAR).mean())

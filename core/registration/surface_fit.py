@@ -4,12 +4,19 @@ Y. Chen and G. Medioni, "Object modelling by registration of multiple range imag
 Computing 10(3), 1992, with a scale and in both directions. Each pair counts by its variance, which its chord
 errors give, and far pairs hardly count (the weights of S. Geman and D. McClure, as in Q.-Y. Zhou, J. Park and
 V. Koltun, "Fast global registration", ECCV 2016), so that a local difference does not pull.
+
+Two tessellations of one surface differ by their chord errors. A deviation beyond these errors, after the fit,
+is a difference of the surfaces: of a few probes, or, smaller, of a whole smooth region such as the wall of a
+hole.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
+from numpy.typing import NDArray
 
 from core.arrays import Floats, Ints
-from core.registration.probed_surface import ProbedSurface
+from core.registration.probed_surface import SPREAD, ProbedSurface
 from core.registration.similarity import Similarity
 
 ROUNDS = 8
@@ -37,11 +44,21 @@ _Faces = tuple[Ints | None, Ints | None]
 DAMPING = 1e-9
 """Relative damping, for surfaces that a motion leaves as they are."""
 
+OUTLIERS = 3
+"""Rank of the deviation that counts as the largest: a single probe may lie on a flaw of the mesh."""
+
+REGION_PROBES = 6
+"""Least number of probes of a region whose mean deviation counts."""
+
+REGION = 1.15
+"""Root mean square deviation of a region over its expected standard deviation, above which sampling does not
+explain it."""
+
 
 def coarsely_fitted(
     first: ProbedSurface, second: ProbedSurface, motion: Similarity
 ) -> tuple[Similarity, float]:
-    """The transform fitted to some of the points, and the share of these that deviate."""
+    """Return the transform fitted to some of the points, and the share of these that deviate."""
     faces: _Faces = (None, None)
     width = WIDTH
     while width > PRECISION:
@@ -52,7 +69,7 @@ def coarsely_fitted(
 
 
 def fitted(first: ProbedSurface, second: ProbedSurface, motion: Similarity) -> Similarity:
-    """The similarity transform of the first surface onto the second, both at unit area, from a coarse fit."""
+    """Return the transform of the first surface onto the second, at unit area, from a coarse fit."""
     faces: _Faces = (None, None)
     for _ in range(ROUNDS):
         motion, faces, moved, _ = _stepped(first, second, motion, 1, PRECISION, faces)
@@ -64,7 +81,7 @@ def fitted(first: ProbedSurface, second: ProbedSurface, motion: Similarity) -> S
 def _stepped(
     first: ProbedSurface, second: ProbedSurface, motion: Similarity, stride: int, width: float, faces: _Faces
 ) -> tuple[Similarity, _Faces, float, float]:
-    """One Gauss-Newton step.
+    """Take one Gauss-Newton step.
 
     Parameters
     ----------
@@ -89,32 +106,105 @@ def _stepped(
         Share of the points that deviated before the step.
     """
     ours, theirs = first.fit[::stride], second.fit[::stride]
+    # Pairs of points and closest points, both ways, in the frame of the second surface.
     moved, targets = motion.apply(first.points[ours]), second.points[theirs]
-    there, near = second.curved.closest(moved, faces[0])
-    here, behind = first.curved.closest(motion.invert(targets), faces[1])
-    ahead, ahead_normals, ahead_errors = second.curved.at(there, near)
-    back, back_normals, back_errors = first.curved.at(here, behind)
+    second_shares, second_faces = second.curved.closest(moved, faces[0])
+    first_shares, first_faces = first.curved.closest(motion.invert(targets), faces[1])
+    ahead, ahead_normals, ahead_errors = second.curved.at(second_shares, second_faces)
+    back, back_normals, back_errors = first.curved.at(first_shares, first_faces)
     points = np.concatenate([moved, motion.apply(back)])
     normals = np.concatenate([ahead_normals, back_normals @ motion.rotation.T])
     gaps = np.concatenate([ahead, targets]) - points
+    # Robust weights: near pairs count by their variance, far ones hardly.
     squares = (gaps**2).sum(axis=1)
     spans = np.concatenate([first.errors[ours] + ahead_errors, second.errors[theirs] + back_errors])
     deviations = PRECISION + CURVED * spans
     widths = np.maximum(width, deviations)
     weights = (widths / deviations * widths / (widths**2 + squares)) ** 2
+    # The linear system of rotation, log scale and shift.
     rows = np.column_stack([np.cross(points, normals), (normals * points).sum(axis=1), normals])
     matrix = rows.T @ (rows * weights[:, None])
     matrix[np.diag_indices(7)] += DAMPING * np.trace(matrix)
     step = np.linalg.solve(matrix, rows.T @ (weights * (normals * gaps).sum(axis=1)))
     turn, factor = _rotation(step[:3]), float(np.exp(step[3]))
-    found = Similarity(motion.scale * factor, turn @ motion.rotation, factor * turn @ motion.shift + step[4:])
+    next_motion = Similarity(
+        motion.scale * factor, turn @ motion.rotation, factor * turn @ motion.shift + step[4:]
+    )
     deviating = float((squares > (PRECISION + FARTHEST * spans) ** 2).mean())
-    return found, (near, behind), float(np.abs(step).max()), deviating
+    return next_motion, (second_faces, first_faces), float(np.abs(step).max()), deviating
 
 
 def _rotation(vector: Floats) -> Floats:
-    """The rotation about a vector by its length in radians (Rodrigues), shape (3, 3)."""
+    """Return the rotation about a vector by its length in radians (Rodrigues), shape (3, 3)."""
     angle = float(np.linalg.norm(vector))
     cross = np.cross(vector, np.eye(3)).T
     turn = np.eye(3) + np.sinc(angle / np.pi) * cross
     return np.asarray(turn + 0.5 * np.sinc(0.5 * angle / np.pi) ** 2 * cross @ cross)
+
+
+@dataclass(frozen=True, eq=False)
+class LocalDeviation:
+    """The deviation of two surfaces after registration.
+
+    Attributes
+    ----------
+    within : bool
+        Whether sampling explains the deviation, so that the surfaces are equal.
+    largest : float
+        The largest distance between the surfaces, in both directions, in units of the root of the area.
+    share : float
+        Share of the probes that deviate.
+    residual : float
+        Root mean square distance of the probes that do not deviate.
+    rms : float
+        Root mean square distance of the probes that are spread by area.
+    points : float64, shape (k, 3)
+        The probes that deviate, on the first surface at unit area, the farthest first.
+    """
+
+    within: bool
+    largest: float
+    share: float
+    residual: float
+    rms: float
+    points: Floats
+
+
+def local_deviation(first: ProbedSurface, second: ProbedSurface, motion: Similarity) -> LocalDeviation:
+    """Return the deviation under a transform of the first surface onto the second, both at unit area."""
+    back = Similarity(
+        1.0 / motion.scale, motion.rotation.T, -(motion.rotation.T @ motion.shift) / motion.scale
+    )
+    ahead, ahead_spans, ahead_regions = _one_way(first, second, motion)
+    behind, behind_spans, behind_regions = _one_way(second, first, back)
+    gaps, spans = np.concatenate([ahead, behind]), np.concatenate([ahead_spans, behind_spans])
+    regions = np.concatenate([ahead_regions, behind_regions])
+    points = np.concatenate([first.points, back.apply(second.points)])
+    excess = gaps / (PRECISION + FARTHEST * spans)
+    far = regions | (excess > 1.0)
+    order = np.flatnonzero(far)[np.argsort(-gaps[far], kind="stable")]
+    worst = np.partition(excess, -OUTLIERS)[-OUTLIERS]
+    return LocalDeviation(
+        within=bool(worst <= 1.0 and not regions.any()),
+        largest=float(gaps[order[0]] if len(order) else gaps.max()),
+        share=float(far.mean()),
+        residual=float(np.sqrt((gaps[~far] ** 2).mean())) if not far.all() else float(gaps.max()),
+        rms=float(np.sqrt(0.5 * (ahead[-SPREAD:] ** 2).mean() + 0.5 * (behind[-SPREAD:] ** 2).mean())),
+        points=points[order],
+    )
+
+
+def _one_way(
+    first: ProbedSurface, second: ProbedSurface, motion: Similarity
+) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+    """Return distances of the probes, chord errors of both meshes, and which probes deviate by region."""
+    moved = motion.apply(first.points)
+    targets, _, errors = second.curved.at(*second.curved.closest(moved))
+    gaps = np.linalg.norm(targets - moved, axis=1)
+    spans = first.errors + errors
+    region = first.curved.regions[first.faces]
+    count = np.maximum(np.bincount(region), 1)
+    deviation = np.sqrt(np.bincount(region, gaps**2) / count)
+    expected = PRECISION + CURVED * np.sqrt(np.bincount(region, spans**2) / count)
+    deviating = (count >= REGION_PROBES) & (deviation > REGION * expected)
+    return gaps, spans, deviating[region] & (gaps > PRECISION + CURVED * spans)

@@ -4,8 +4,6 @@ A mesh and its graph in; selected vertices or points out.
 """
 
 __all__ = [
-    "embedded_points",
-    "farthest_point",
     "lewis_weights",
     "poisson_disk",
     "sampling",

@@ -35,7 +35,7 @@ class LewisWeights:
 
 
 def polynomial_basis(x: Floats, y: Floats, degree: int) -> Floats:
-    """B of Eq. 8: the monomials x^i y^j with i + j <= degree, shape (n, (degree + 1)(degree + 2) / 2).
+    """Return B of Eq. 8, the monomials x^i y^j with i + j <= degree: (degree + 1)(degree + 2) / 2 columns.
 
     x and y are first scaled to [-1, 1], which changes the columns but not their span.
 
@@ -61,7 +61,7 @@ def polynomial_basis(x: Floats, y: Floats, degree: int) -> Floats:
 
 
 def orthonormal_basis(matrix: Floats) -> Floats:
-    """An orthonormal basis of the columns' span, shape (n, rank), by a rank-revealing QR.
+    """Return an orthonormal basis of the columns' span, shape (n, rank), by a rank-revealing QR.
 
     For p = 2 this is the well-conditioned basis of Theorem 4.
     """
@@ -72,7 +72,7 @@ def orthonormal_basis(matrix: Floats) -> Floats:
 
 
 def leverage_scores(matrix: Floats) -> Floats:
-    """Leverage score a_i^T (A^T A)^-1 a_i of each row (Eq. 2), shape (n,), in [0, 1].
+    """Return the leverage score a_i^T (A^T A)^-1 a_i of each row (Eq. 2), shape (n,), in [0, 1].
 
     For p = 2 leverage scores are the Lewis weights (Theorem 2).
     """
@@ -81,7 +81,7 @@ def leverage_scores(matrix: Floats) -> Floats:
 
 
 def printed_constants(rank: int, epsilon: float) -> tuple[float, float]:
-    """r1 of Eq. 11 and r2 of Eq. 12 as printed, for p = 2 and the exponent k = 2.
+    """Return r1 of Eq. 11 and r2 of Eq. 12 as printed, for p = 2 and the exponent k = 2.
 
     Raises
     ------
@@ -103,7 +103,7 @@ def lewis_weights(
     normalise: bool = True,
     random: NDArray[np.float64] | None = None,
 ) -> LewisWeights:
-    """Algorithm 1 for the points of a mesh in its normal frame.
+    """Compute Algorithm 1 for the points of a mesh in its normal frame.
 
     Stage one draws rows with probabilities from their leverage scores and fits z to these rows; stage two
     raises the weight of rows with a large residual (Eqs. 11 and 12).

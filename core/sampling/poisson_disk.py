@@ -10,7 +10,7 @@ _HALVINGS = 40
 
 
 def poisson_disk(distances: Floats, radius: float, order: Ints) -> Ints:
-    """A maximal set of points at least `radius` apart, by dart throwing (Cook 1986).
+    """Return a maximal set of points at least `radius` apart, by dart throwing (Cook 1986).
 
     Darts are tried in the given order; a dart nearer than the radius to an earlier sample is rejected. On a
     mesh the darts are its vertices and the distances are geodesic.
@@ -39,7 +39,7 @@ def poisson_disk(distances: Floats, radius: float, order: Ints) -> Ints:
 
 
 def poisson_disk_of(distances: Floats, count: int, order: Ints) -> tuple[Ints, float]:
-    """A Poisson-disk set of exactly `count` points, and its radius, found by bisection.
+    """Return a Poisson-disk set of exactly `count` points, and its radius, found by bisection.
 
     If no radius gives the exact number, the last few samples are dropped: the samples stay a radius apart,
     and the set is not quite maximal. Parameters as in `poisson_disk`.

@@ -37,7 +37,7 @@ class TriangleTree:
     boxes: Floats
 
     def closest(self, points: Floats, guess: Ints | None = None) -> tuple[Floats, Ints]:
-        """The closest point of the surface to each point, by its triangle.
+        """Return the closest point of the surface to each point, by its triangle.
 
         Parameters
         ----------
@@ -65,7 +65,7 @@ class TriangleTree:
 
 
 def triangle_tree(corners: Floats) -> TriangleTree:
-    """The tree of one or more triangles, shape (f, 3, 3)."""
+    """Return the tree of one or more triangles, shape (f, 3, 3)."""
     centroids = corners.mean(axis=1)
     low = centroids.min(axis=0)
     span = max(float((centroids.max(axis=0) - low).max()), float(np.finfo(np.float64).tiny))
@@ -89,7 +89,7 @@ def triangle_tree(corners: Floats) -> TriangleTree:
 
 
 def _interleaved(cells: Ints) -> Ints:
-    """Morton codes of cells, shape (n, 3) of 20 bits each: shape (n,)."""
+    """Return the Morton codes, shape (n,), of cells of 20 bits each, shape (n, 3)."""
     code = np.zeros(len(cells), dtype=np.int64)
     for axis in range(3):
         bits = cells[:, axis]
@@ -107,7 +107,7 @@ def _interleaved(cells: Ints) -> Ints:
 
 @compiled
 def _squared_gap(boxes: Floats, node: int, px: float, py: float, pz: float) -> float:
-    """Squared distance of a point from the box of a node."""
+    """Return the squared distance of a point from the box of a node."""
     x = max(boxes[node, 0, 0] - px, px - boxes[node, 1, 0], 0.0)
     y = max(boxes[node, 0, 1] - py, py - boxes[node, 1, 1], 0.0)
     z = max(boxes[node, 0, 2] - pz, pz - boxes[node, 1, 2], 0.0)
@@ -118,7 +118,7 @@ def _squared_gap(boxes: Floats, node: int, px: float, py: float, pz: float) -> f
 def _nearest(  # noqa: PLR0911 - one return for each region of the plane
     corners: Floats, face: int, px: float, py: float, pz: float
 ) -> tuple[float, float]:
-    """Shares of the second and of the third corner in the closest point of a triangle.
+    """Return the shares of the second and of the third corner in the closest point of a triangle.
 
     C. Ericson, "Real-Time Collision Detection", 2005, section 5.1.5.
     """
@@ -168,11 +168,12 @@ def _closest(corners: Floats, order: Ints, boxes: Floats, points: Floats, guess:
             node = waiting[count]
             if gaps[count] >= least:
                 continue
+            # A leaf: its triangles.
             if node < 0 or node >= inner:
                 start = 0 if node < 0 else (node - inner) * LEAF
                 stop = start + 1 if node < 0 else min(start + LEAF, len(order))
-                for place in range(start, stop):
-                    face = guess[i] if node < 0 else order[place]
+                for position in range(start, stop):
+                    face = guess[i] if node < 0 else order[position]
                     u, v = _nearest(corners, face, px, py, pz)
                     w = 1.0 - u - v
                     x = w * corners[face, 0, 0] + u * corners[face, 1, 0] + v * corners[face, 2, 0]
@@ -184,14 +185,15 @@ def _closest(corners: Floats, order: Ints, boxes: Floats, points: Floats, guess:
                         faces[i] = face
                         shares[i, 0], shares[i, 1], shares[i, 2] = w, u, v
                 continue
-            one, other = 2 * node + 1, 2 * node + 2
-            near, far = _squared_gap(boxes, one, px, py, pz), _squared_gap(boxes, other, px, py, pz)
+            # A branch: of its two boxes the nearer one is searched first.
+            child, sibling = 2 * node + 1, 2 * node + 2
+            near, far = _squared_gap(boxes, child, px, py, pz), _squared_gap(boxes, sibling, px, py, pz)
             if far < near:
-                one, other, near, far = other, one, far, near
+                child, sibling, near, far = sibling, child, far, near
             if far < least:
-                waiting[count], gaps[count] = other, far
+                waiting[count], gaps[count] = sibling, far
                 count += 1
             if near < least:
-                waiting[count], gaps[count] = one, near
+                waiting[count], gaps[count] = child, near
                 count += 1
     return shares, faces

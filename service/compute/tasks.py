@@ -19,9 +19,9 @@ from core.errors import BadRecordError, CannotBeEmbeddedError, DegenerateMeshErr
 from core.io import Limits, read_mesh
 from core.matching.match_records import match_record, score_match_records
 from core.matching.matcher import matcher_of
-from core.mesh.bounding_box import bounding_box
-from core.mesh.edge_contraction import contract_edges
 from core.mesh.mesh import Mesh
+from core.mesh.normal_frame import bounding_box
+from core.mesh.simplification import contract_edges
 from core.numerics.guarding import guarded
 from core.parameters import Parameters
 from core.pipeline import Pipeline

@@ -12,8 +12,7 @@ from mpl_toolkits.mplot3d import Axes3D
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from numpy.typing import NDArray
 
-from core.mesh.face_normals import face_normals
-from core.mesh.mesh import Mesh
+from core.mesh.mesh import Mesh, face_normals
 
 SURFACE = (0.80, 0.83, 0.87)
 TOWARDS_LIGHT = np.array([0.35, -0.75, 0.56])

@@ -9,8 +9,7 @@ from PIL import Image
 
 from core.arrays import Floats, Ints
 from core.io import FORMATS
-from core.mesh.face_normals import face_normals
-from core.mesh.mesh import Mesh
+from core.mesh.mesh import Mesh, face_normals
 from core.numerics.compilation import compiled
 from service.rendering.colours import interpolate_colours
 

@@ -13,7 +13,7 @@ ROOT = Path(__file__).parents[2]
 ORDER = (
     "core.errors", "core.arrays", "core.parameters", "core.embedding", "core.numerics", "core.mesh",
     "core.io",
-    "core.sampling", "core.graph", "core.spectral", "core.descriptors", "core.registration",
+    "core.graph", "core.sampling", "core.spectral", "core.descriptors", "core.registration",
     "core.matching.kernels", "core.matching", "core.dense", "core.ranking", "core.serialization",
     "core.sparse_embedding", "core.pipeline",
     "core.evaluation", "core.gallery", "core.studies", "core.studies.sampling", "core",

@@ -9,8 +9,8 @@ from scipy.spatial import cKDTree
 from scipy.special import ndtri
 
 from core.arrays import Floats, Ints
+from core.graph.geodesics import farthest_points
 from core.mesh.mesh import Mesh
-from core.sampling.farthest_point import farthest_points
 from core.sampling.sampling import keyed_uniform
 from core.studies.sampling.measures import distance_histogram, region_shares, total_variation
 from core.studies.sampling.surface import METHODS, SamplingMethod, Surface

@@ -10,11 +10,11 @@ from scipy.sparse.csgraph import dijkstra
 
 from core.arrays import Floats, Ints
 from core.graph.edge_graph import edge_graph
+from core.graph.geodesics import farthest_points
 from core.mesh.mesh import Mesh
 from core.mesh.normal_frame import NormalFrame
 from core.parameters import DEFAULT, Parameters
 from core.pipeline import Pipeline
-from core.sampling.farthest_point import farthest_points
 from core.sampling.lewis_weights import lewis_weights
 from core.sampling.poisson_disk import poisson_disk_of
 from core.sampling.sampling import (

@@ -11,12 +11,11 @@ from numpy.typing import NDArray
 from sklearn.manifold import MDS
 
 from core.graph.edge_graph import edge_graph
-from core.graph.geodesics import geodesic_distances
+from core.graph.geodesics import farthest_points, geodesic_distances
 from core.mesh.cleaning import clean
 from core.mesh.mesh import Mesh
 from core.mesh.normal_frame import normal_frame
 from core.mesh.subdivision import refine
-from core.sampling.farthest_point import farthest_points
 from service.studies.baselines.icp import closest_motion
 
 Floats = NDArray[np.float64]

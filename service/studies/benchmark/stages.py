@@ -8,11 +8,11 @@ from typing import Any
 
 from core import sparse_embedding as embedding_steps
 from core.embedding import Embedding
-from core.graph import sample_distances
+from core.graph import sparse_graph as graph_steps
 from core.io import read_mesh
 from core.mesh import preparation, simplification
 from core.pipeline import Pipeline
-from core.sampling import embedded_points
+from core.sampling import sampling
 from core.spectral import spectral_embedding as spectra
 
 READING, REST = "read", "rest"
@@ -24,10 +24,10 @@ STAGES: dict[str, tuple[tuple[ModuleType, str], ...]] = {
     "simplify": ((preparation, "simplify"),),
     "refine": ((preparation, "refine"),),
     "edge graph": ((embedding_steps, "component_bridges"), (embedding_steps, "edge_graph")),
-    "Lewis weights": ((embedded_points, "lewis_weights"),),
-    "samples": ((embedded_points, "weighted_farthest_points"),),
+    "Lewis weights": ((sampling, "lewis_weights"),),
+    "samples": ((sampling, "weighted_farthest_points"),),
     "sparse graph, MST": ((embedding_steps, "sparse_graph"),),
-    "geodesics": ((sample_distances, "geodesics"),),
+    "geodesics": ((graph_steps, "geodesics"),),
     "affinity": ((spectra, "_affinity_pairs"),),
     "Laplace-Beltrami": ((spectra, "laplace_beltrami"),),
     "global descriptors": ((embedding_steps, "global_descriptors"),),

@@ -8,8 +8,7 @@ from matplotlib.collections import PolyCollection
 from numpy.typing import NDArray
 
 from core.arrays import Floats, Ints
-from core.mesh.face_normals import face_normals
-from core.mesh.mesh import Mesh
+from core.mesh.mesh import Mesh, face_normals
 
 _CHUNK = 128
 """Vertices whose visibility is computed at a time."""

@@ -6,8 +6,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
 from scipy.spatial import cKDTree
 
-from core.graph.bridges import bridges
-from core.graph.point_tree import LEAF, point_tree
+from core.graph.bridges import LEAF, bridges, point_tree
 from core.mesh.ordering import TIE, tied_ranks
 from tests.core.shapes import rotation
 

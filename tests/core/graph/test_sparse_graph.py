@@ -10,8 +10,7 @@ from scipy.spatial.distance import cdist
 from core.graph.bridges import bridges
 from core.graph.edge_graph import diagonals, edge_graph
 from core.graph.geodesics import geodesic_distances
-from core.graph.minimum_spanning_tree import tree_distances
-from core.graph.sparse_graph import graph_distances, sparse_graph
+from core.graph.sparse_graph import graph_distances, sparse_graph, tree_distances
 from core.mesh.cleaning import clean
 from core.mesh.edges import component_labels, half_edges
 from core.mesh.mesh import Mesh

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from core.mesh.boundary import boundary_edges, boundary_half_edges, boundary_loops
-from core.mesh.edges import half_edges
+from core.mesh.edges import boundary_edges, boundary_half_edges, boundary_loops, half_edges
 from core.mesh.mesh import Mesh
 from tests.core.shapes import MANY_KINDS, icosphere, joined, rectangle
 

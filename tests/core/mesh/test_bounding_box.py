@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from core.mesh.bounding_box import bounding_box
 from core.mesh.mesh import Mesh
+from core.mesh.normal_frame import bounding_box
 from tests.core.shapes import SAME_SHAPE, blob, box, icosphere, rectangle, scaled, shifted, subdivided, turned
 
 SQUARES = {

@@ -6,9 +6,9 @@ import trimesh
 
 from core.gallery import make_shape
 from core.mesh.cleaning import face_areas
-from core.mesh.denoising import neighbour_means, roughness, taubin_smoothing, vertex_normals
 from core.mesh.edges import half_edges
 from core.mesh.mesh import Mesh
+from core.mesh.preparation import neighbour_means, roughness, taubin_smoothing, vertex_normals
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
 from core.studies.perturbation import add_noise

@@ -3,7 +3,7 @@
 import numpy as np
 
 from core.mesh.cleaning import face_areas
-from core.mesh.face_normals import face_normals
+from core.mesh.mesh import face_normals
 from tests.core.shapes import icosphere
 
 

@@ -6,8 +6,8 @@ import pytest
 from core.gallery import make_shape
 from core.mesh.cleaning import clean, face_areas
 from core.mesh.edges import half_edges
-from core.mesh.hole_filling import fill_holes
 from core.mesh.mesh import Mesh
+from core.mesh.preparation import fill_holes
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
 from core.studies.perturbation import make_soup, remove_discs

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from core.mesh import nearest_vertices as module
-from core.mesh.nearest_vertices import nearest_vertices
+from core.mesh import preparation as module
+from core.mesh.preparation import nearest_vertices
 
 
 @pytest.mark.parametrize("most", [0, 10_000])

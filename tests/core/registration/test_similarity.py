@@ -7,8 +7,7 @@ from scipy.optimize import minimize
 
 from core.gallery import make_shape
 from core.registration.similarity import best_similarity
-from core.sampling.closest_on_triangles import closest_on_triangles
-from core.sampling.surface_samples import closest_points, surface_samples
+from core.sampling.surface_samples import closest_on_triangles, closest_points, surface_samples
 
 
 def orthogonal(seed: int, sign: int) -> np.ndarray:

@@ -5,7 +5,7 @@ import pytest
 from scipy.sparse.csgraph import dijkstra
 
 from core.graph.edge_graph import edge_graph, symmetric
-from core.sampling.farthest_point import WIDTH, _select, farthest_points, farthest_points_reference
+from core.graph.geodesics import WIDTH, _select, farthest_points, farthest_points_reference
 from tests.core.shapes import GALLERY, MANY_KINDS, make_shape
 
 KINDS = [*GALLERY[:6], "soup", "loose parts", "sphere", "sheet"]

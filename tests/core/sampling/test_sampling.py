@@ -5,8 +5,8 @@ import pytest
 from scipy.sparse.csgraph import dijkstra
 
 from core.graph.edge_graph import edge_graph
+from core.graph.geodesics import farthest_points
 from core.mesh.normal_frame import normal_frame
-from core.sampling.farthest_point import farthest_points
 from core.sampling.lewis_weights import lewis_weights
 from core.sampling.sampling import (
     draw_scale,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from core.sampling.closest_on_triangles import closest_on_triangles
+from core.sampling.surface_samples import closest_on_triangles
 from core.sampling.triangle_tree import triangle_tree
 
 
