@@ -1,26 +1,28 @@
 """`isoshape demo`: the whole path, on shapes made by code."""
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 from typing import Annotated
 
 import typer
+from PIL import Image, ImageDraw, ImageFont
 from rich import box
 from rich.table import Table
 
 from core.gallery import CLASSES, make_shape
 from core.io import write_mesh
 from service.cli.archives import bring_up
-from service.cli.demo_picture import draw_answers
 from service.cli.serve import compile_with_bar
 from service.cli.service_address import Key
 from service.client import Client
 from service.client.concurrent_uploads import Item, upload_all
 from service.compute.compilation import is_compiled
 from service.console import fail, output, progress, say
+from service.report.pictures import SIZE, Preview, matched
 from service.search.schemas import QueryAnswer
 from service.search.score_words import score_in_words
 from service.server.process import (
@@ -37,6 +39,12 @@ from service.settings import load_parameters, load_settings
 POSES = 8
 FOLDER = Path("isoshape-data")
 MADE = "gallery"
+
+DRAWN = ("person", "quadruped", "hand", "octopus", "plane")
+"""The classes with a row in the picture."""
+
+CAPTION_PIXELS = 24
+"""The height of the line under each shape of the picture."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +72,7 @@ def demo_command(
     port: Annotated[int, typer.Option(min=1, max=65535, help="Port of the service.")] = DEFAULT_PORT,
     picture: Annotated[
         Path | None,
-        typer.Option(help="Write a picture of some answers, corresponding points in one colour."),
+        typer.Option(help="Write a picture of some answers, corresponding places in one colour."),
     ] = None,
     key: Key = None,
 ) -> None:
@@ -101,7 +109,7 @@ def _run(port: int, picture: Path | None, key: str | None, *, check: bool) -> No
         _print(answered)
         wrong = [query.name for query in answered if not query.right]
         if picture is not None:
-            draw_answers(client, [(query.name, query.answer) for query in answered], picture)
+            _draw(client, [query for query in answered if query.label in DRAWN], picture)
         say(f"{len(answered) - len(wrong)} of {len(answered)} first neighbours are of the query's class")
         if check:
             if wrong:
@@ -168,6 +176,33 @@ def _print(answered: list[Answered]) -> None:
                 end_section=result.rank == len(query.answer.results),
             )
     output().print(table)
+
+
+def _draw(client: Client, answered: Sequence[Answered], path: Path) -> None:
+    """Write a PNG with a row for each query: the query, then the shapes found, captioned."""
+    rows = [list(_pictures(client, query)) for query in answered]
+    columns = max(map(len, rows))
+    picture = Image.new("RGB", (columns * SIZE, len(rows) * (SIZE + CAPTION_PIXELS)), "white")
+    write, font = ImageDraw.Draw(picture), ImageFont.load_default(14)
+    for i, row in enumerate(rows):
+        for j, (caption, png) in enumerate(row):
+            left, top = j * SIZE, i * (SIZE + CAPTION_PIXELS)
+            drawn = Image.open(BytesIO(png)).convert("RGBA")
+            picture.paste(drawn, (left, top), drawn)
+            write.text((left + SIZE // 2, top + SIZE), caption, fill="black", font=font, anchor="ma")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    picture.save(path, "PNG")
+
+
+def _pictures(client: Client, query: Answered) -> Iterator[tuple[str, bytes]]:
+    """Yield the caption and the picture of a query and of each shape found."""
+    first = Preview.of(client.preview_file(_shape(query.label, POSES)), "ply")
+    for result in query.answer.results:
+        second = Preview.of(client.preview(result.shape.id), result.shape.format)
+        pictures = matched(first, second, result.correspondence or [])
+        if result.rank == 1:
+            yield f"query: {query.name.removesuffix('.ply')}", pictures[0]
+        yield f"{result.rank}. {result.shape.name.removesuffix('.ply')}  CC {result.cc:.3f}", pictures[1]
 
 
 def _save_query() -> Path:

@@ -6,9 +6,11 @@ import subprocess
 from pathlib import Path
 
 import pytest
+from PIL import Image
 
 from service import openapi_document as openapi
 from service.cli import demo
+from service.report.pictures import SIZE
 from service.server.process import LOOPBACK
 from tests.service.cli.conftest import CLASSES, Run
 
@@ -27,7 +29,11 @@ def small(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("small")
 def test_check_then_again_with_another_gallery(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    done = run("demo", "--check", "--port", free_port())
+    done = run("demo", "--check", "--port", free_port(), "--picture", "answers.png")
+    with Image.open("answers.png") as picture:
+        # The octopus and three answers; the other classes have no row.
+        assert picture.size == (4 * SIZE, SIZE + demo.CAPTION_PIXELS)
+        assert all(low < high for low, high in picture.getextrema())
     assert (done.status, done.stderr.splitlines()[-1]) == (
         0,
         "3 of 3 first neighbours are of the query's class",
