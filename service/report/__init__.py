@@ -1,3 +1,3 @@
 """The report of a query: an answer in, one self-contained HTML page out."""
 
-__all__ = ["report"]
+__all__ = ["pictures", "report"]
