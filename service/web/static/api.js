@@ -74,6 +74,16 @@ export async function askWith(url, value, signal) {
 }
 
 /**
+ * A form with files and texts; empty texts are left out.
+ * @param {Record<string, string | File>} fields
+ */
+export function formWith(fields) {
+  const form = new FormData();
+  for (const [name, value] of Object.entries(fields)) if (value !== "") form.append(name, value);
+  return form;
+}
+
+/**
  * Send a form and report the progress of the upload, which `fetch` cannot.
  * @param {string} url
  * @param {FormData} form

@@ -1,16 +1,39 @@
-// A query and its results in 3D, with their correspondences.
+// A query and its results in 3D, with their correspondences and differences.
 
-import { address, ask } from "./api.js";
-import { differences, told } from "./difference.js";
-import { readGlb } from "./glb.js";
-import { placesOf, queryEnds, resultEnds } from "./matching.js";
-import { PLAIN, eigenfunction, heat, sameSign, spreadColours } from "./paint.js";
+import { address, ask, formWith } from "./api.js";
+import { readGlb, readPaintings } from "./glb.js";
+import {
+  PLAIN, eigenfunction, heat, placesOf, queryEnds, resultEnds, sameSign, spreadColours,
+} from "./matching.js";
 import { Stage } from "./stage.js";
 
-/** @import { Model } from "./glb.js" */
+/** @import { Model, Painting } from "./glb.js" */
 /** @import { Ends } from "./matching.js" */
 /** @import { View } from "./stage.js" */
 /** @import { Embedding, Pair } from "./types.js" */
+
+/**
+ * The paintings of two shapes, each an id or a file.
+ * @param {string | File} first
+ * @param {string | File} second
+ */
+async function differences(first, second) {
+  const body = formWith({ first, second });
+  const where = address("compare", { dense: "true", format: "glb", paint: "difference" });
+  return readPaintings(await (await ask(where, { method: "POST", body })).arrayBuffer());
+}
+
+/**
+ * Such as "Brown: 0.64 in the units of the file; 8 % of its vertices correspond to none".
+ * @param {Painting} painting
+ */
+function told({ extras }) {
+  const { quantity, maximum, without_partner: without } = extras;
+  const most = quantity === "displacement"
+    ? `Brown: ${Number(maximum.toPrecision(2))} in the units of the file`
+    : "Brown: twice or half as long as elsewhere";
+  return without > 0.0005 ? `${most}; ${Math.max(1, Math.round(100 * without))} % of its vertices correspond to none` : most;
+}
 
 /**
  * One shape that is shown.

@@ -28,19 +28,26 @@ export async function openDeleted(onRestored) {
   await recount();
 }
 
-/** Whether a deleted shape can be restored. */
-export const restorable = () => days > 0;
-
 /**
  * Whether the user confirms that a shape is deleted for good.
  * @param {string} name
  */
-export async function confirmed(name) {
+async function confirmed(name) {
   byId("deletion-text", HTMLElement).textContent = `${name} will no longer be found. You cannot restore it.`;
   dialog.returnValue = "cancel";
   dialog.showModal();
   await new Promise((closed) => dialog.addEventListener("close", closed, { once: true }));
   return dialog.returnValue === "delete";
+}
+
+/**
+ * Delete a shape, if that is confirmed where it cannot be restored. Returns whether it is deleted.
+ * @param {{ id: string, name: string }} shape
+ */
+export async function erased({ id, name }) {
+  if (days === 0 && !await confirmed(name)) return false;
+  await ask(address(`shapes/${id}`), { method: "DELETE" });
+  return true;
 }
 
 /**

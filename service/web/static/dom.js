@@ -40,6 +40,9 @@ export function button(text, action, label) {
   return made;
 }
 
+/** The message of an error. @param {unknown} error */
+export const messageOf = (error) => (error instanceof Error ? error.message : String(error));
+
 /**
  * Show an error message in an element, or hide the element.
  * @param {HTMLElement} place
@@ -47,5 +50,5 @@ export function button(text, action, label) {
  */
 export function showError(place, error) {
   place.hidden = error === undefined;
-  place.textContent = error === undefined ? "" : error instanceof Error ? error.message : String(error);
+  place.textContent = error === undefined ? "" : messageOf(error);
 }

@@ -1,12 +1,11 @@
 // Groups of near-identical shapes: copies of any size, mirror images and, if asked for, variants.
 
 import { address, ask } from "./api.js";
-import { confirmed, deleted, restorable } from "./deleted.js";
+import { copyVerdict } from "./card.js";
+import { deleted, erased } from "./deleted.js";
 import { byId, make, showError } from "./dom.js";
 import { changedIn, fill, parametersOf } from "./fields.js";
-import { copyVerdict } from "./likeness.js";
-import { menuButton } from "./menu.js";
-import { shapeCard } from "./shape_card.js";
+import { menuButton, shapeCard } from "./shape_card.js";
 import { current, keep } from "./state.js";
 
 /** @import { State } from "./state.js" */
@@ -97,14 +96,10 @@ function item(one, place) {
   return made;
 }
 
-/**
- * Delete a shape; where it cannot be restored, only if that is confirmed.
- * @param {Shape} shape
- */
+/** @param {Shape} shape */
 async function remove(shape) {
-  if (!restorable() && !await confirmed(shape.name)) return;
   try {
-    await ask(address(`shapes/${shape.id}`), { method: "DELETE" });
+    if (!await erased(shape)) return;
     deleted(shape);
     load();
   } catch (error) {

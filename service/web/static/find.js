@@ -1,14 +1,14 @@
 // Search for similar shapes, by a file or by a stored shape. A change of an option searches again.
 
-import { address, ask, askWith, send } from "./api.js";
-import { byId, showError } from "./dom.js";
+import { address, ask, askWith, formWith, send } from "./api.js";
+import { byId, make, showError } from "./dom.js";
 import { changedIn, fill, parametersOf, showCount } from "./fields.js";
-import { openStart } from "./start.js";
-import { go, opensElsewhere } from "./state.js";
+import { shapeCard } from "./shape_card.js";
+import { go, linkTo, opensElsewhere } from "./state.js";
 
 /** @import { Asked } from "./results.js" */
 /** @import { State } from "./state.js" */
-/** @import { Answer } from "./types.js" */
+/** @import { Answer, ShapePage } from "./types.js" */
 
 const form = byId("find-form", HTMLFormElement);
 const chosen = byId("find-file", HTMLInputElement);
@@ -120,9 +120,8 @@ function ofFile(file) {
   if (known) return known;
   /** @type {Promise<ArrayBuffer> | null} */
   let loaded = null;
-  const form = new FormData();
-  form.append("file", file);
-  const load = async () => (await ask(address("preview"), { method: "POST", body: form })).arrayBuffer();
+  const body = formWith({ file });
+  const load = async () => (await ask(address("preview"), { method: "POST", body })).arrayBuffer();
   const made = { name: file.name, given: file, glb: () => (loaded ??= load()) };
   previews.set(file, made);
   return made;
@@ -136,10 +135,8 @@ async function ofStored(id, signal) {
 
 /** @param {File} file @param {AbortSignal} signal @returns {Promise<Answer>} */
 async function queryFile(file, signal) {
-  const form = new FormData();
-  form.append("file", file);
   showProgress(0);
-  return (await send(address("query", options()), form, showProgress, signal)).body;
+  return (await send(address("query", options()), formWith({ file }), showProgress, signal)).body;
 }
 
 /** @param {string} id @param {AbortSignal} signal @returns {Promise<Answer>} */
@@ -193,3 +190,22 @@ document.addEventListener("click", (event) => {
   parameters.set("shape_id", link.dataset.shape ?? "");
   go("find", parameters);
 });
+
+const SHOWN = "12";
+
+/** Show them, or how to begin where nothing is stored. */
+async function openStart() {
+  try {
+    /** @type {ShapePage} */
+    const { shapes, total } = await (await ask(address("shapes", { limit: SHOWN }))).json();
+    const link = total === 0 ? make("a", { href: linkTo("upload") }, "Upload the first shapes")
+      : make("a", { href: linkTo("browse") }, `Browse all ${total}`);
+    link.dataset.view = total === 0 ? "upload" : "browse";
+    byId("start-text", HTMLElement).replaceChildren(
+      total === 0 ? "No shapes are stored yet. " : "Or start from a stored shape. ", link,
+    );
+    byId("start-shapes", HTMLUListElement).replaceChildren(...shapes.map((shape) => shapeCard(shape)));
+  } catch (error) {
+    showError(byId("find-error", HTMLElement), error);
+  }
+}

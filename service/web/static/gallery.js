@@ -1,11 +1,10 @@
 // The stored shapes: filtered, extended by scrolling.
 
 import { address, ask } from "./api.js";
-import { confirmed, deleted, restorable } from "./deleted.js";
+import { deleted, erased } from "./deleted.js";
 import { byId, make, showError } from "./dom.js";
 import { changedIn, fill, parametersOf, showCount } from "./fields.js";
-import { menuButton } from "./menu.js";
-import { shapeCard } from "./shape_card.js";
+import { menuButton, shapeCard } from "./shape_card.js";
 import { keep } from "./state.js";
 
 /** @import { State } from "./state.js" */
@@ -114,15 +113,14 @@ function show(chunk, shapes) {
 }
 
 /**
- * Delete a shape; where it cannot be restored, only if that is confirmed.
+ * Delete a shape and its card.
  * @param {Shape} shape
  * @param {HTMLElement} chunk
  */
 async function removeShape(shape, chunk) {
-  if (!restorable() && !await confirmed(shape.name)) return;
   const own = generation;
   try {
-    await ask(address(`shapes/${shape.id}`), { method: "DELETE" });
+    if (!await erased(shape)) return;
     if (own !== generation) {
       // The list that was loaded meanwhile may still have the shape.
       reload();

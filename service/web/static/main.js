@@ -1,21 +1,91 @@
 // The main page: signs in, then shows the view of the address.
 
-import { session, signIn, signOut, signedOut, version } from "./api.js";
-import { openCollections } from "./collections.js";
-import { byId, showError } from "./dom.js";
+import { address, ask, collection, session, signedOut, signIn, signOut, version } from "./api.js";
 import { openDeleted } from "./deleted.js";
-import { dropAnywhere } from "./drop.js";
+import { byId, make, showError } from "./dom.js";
 import { allowDeletions, openDuplicates } from "./duplicates.js";
 import { findFile, openFind } from "./find.js";
 import { allowChanges, openGallery, reload } from "./gallery.js";
-import { openJobs } from "./jobs.js";
 import { openMap } from "./map.js";
 import { current, go, linkTo, moved, opensElsewhere } from "./state.js";
-import { ready } from "./starting.js";
-import { store } from "./upload.js";
+import { openJobs, store } from "./upload.js";
 
 /** @import { State } from "./state.js" */
-/** @import { Session } from "./types.js" */
+/** @import { Collections, Session } from "./types.js" */
+
+const ASK_MILLISECONDS = 1000;
+
+const starting = byId("starting", HTMLElement);
+
+/** The reason why the service is not ready, or null. */
+async function reason() {
+  try {
+    const answer = await fetch("readyz");
+    return answer.ok ? null : (await answer.json()).detail;
+  } catch {
+    return "it does not answer";
+  }
+}
+
+/** Shows the reason until the service is ready; resolves then, with whether it had to wait. */
+async function ready() {
+  for (let waited = false; ; waited = true) {
+    const told = await reason();
+    starting.hidden = told === null;
+    if (told === null) return waited;
+    starting.textContent = `The service starts: ${told}.`;
+    await new Promise((resolve) => setTimeout(resolve, ASK_MILLISECONDS));
+  }
+}
+
+const collectionForm = byId("collections", HTMLFormElement);
+const choice = byId("collection", HTMLSelectElement);
+
+/** The address of the view in another collection. @param {string} name */
+const addressOf = (name) => {
+  const { view } = current();
+  return `${location.pathname}?${new URLSearchParams({ view, collection: name })}`;
+};
+
+/** Show the collections; true if the page reloads for the first of them, because there is no default one. */
+async function openCollections() {
+  /** @type {Collections} */
+  const { collections } = await (await ask(address("collections"))).json();
+  const names = collections.map(({ name }) => name);
+  if (!collection && names.length > 1 && !names.includes("default")) {
+    location.replace(addressOf(names[0]));
+    return true;
+  }
+  choice.replaceChildren(...collections.map(({ name, shapes }) => make(
+    "option", { value: name, selected: name === (collection || "default") }, `${name} (${shapes})`,
+  )));
+  collectionForm.hidden = names.length < 2;
+  return false;
+}
+
+choice.addEventListener("change", () => location.assign(addressOf(choice.value)));
+collectionForm.addEventListener("submit", (event) => event.preventDefault());
+
+/** @param {(files: File[]) => void} take */
+function dropAnywhere(take) {
+  const { classList } = document.documentElement;
+  addEventListener("dragover", (event) => {
+    if (!event.dataTransfer?.types.includes("Files")) return;
+    event.preventDefault();
+    classList.add("over");
+  });
+  addEventListener("dragleave", (event) => {
+    // Without a related element, the pointer has left the window.
+    if (event.relatedTarget === null) classList.remove("over");
+  });
+  addEventListener("drop", (event) => {
+    const files = [...(event.dataTransfer?.files ?? [])];
+    classList.remove("over");
+    if (files.length === 0) return;
+    event.preventDefault();
+    take(files);
+  });
+}
 
 const form = byId("sign-in", HTMLElement);
 const content = byId("signed-in", HTMLElement);

@@ -1,7 +1,7 @@
-// A stored shape as a card with its picture, and what can be done with it.
+// A stored shape as a card with its picture, its link to similar shapes and its menu of actions.
 
 import { address } from "./api.js";
-import { byId, make } from "./dom.js";
+import { button, byId, make } from "./dom.js";
 import { linkTo } from "./state.js";
 
 /** @import { Shape } from "./types.js" */
@@ -79,3 +79,43 @@ export const measures = ({ facts }, ratio) => [
 
 /** @param {number} value */
 const rounded = (value) => String(Number(value.toPrecision(4)));
+
+const menu = byId("card-menu", HTMLElement);
+
+/** @type {HTMLButtonElement | null} */
+let opener = null;
+
+/**
+ * The button that opens the menu of a shape.
+ * @param {Shape} shape
+ * @param {((from: HTMLButtonElement) => void) | null} remove Deletes the shape; null where that is not allowed.
+ */
+export function menuButton(shape, remove) {
+  const own = button("⋯", () => {
+    opener = own;
+    const actions = [
+      make("a", { className: "action", href: address(`shapes/${shape.id}/view`) }, "Open"),
+      make("a", { className: "action", href: address(`shapes/${shape.id}/file`), download: shape.name }, "Download"),
+    ];
+    const erase = remove && button("Delete", () => {
+      menu.hidePopover();
+      remove(own);
+    });
+    menu.setAttribute("aria-label", `Actions for ${shape.name}`);
+    menu.replaceChildren(...actions, ...(erase ? [erase] : []));
+  }, `Menu of ${shape.name}`);
+  own.className = "menu";
+  own.popoverTargetElement = menu;
+  return own;
+}
+
+menu.addEventListener("toggle", (event) => {
+  if (event.newState !== "open" || !opener) return;
+  const place = opener.getBoundingClientRect();
+  const { offsetWidth: width, offsetHeight: height } = menu;
+  const below = place.bottom + height + 8 < innerHeight;
+  menu.style.left = `${Math.max(8, place.right - width)}px`;
+  menu.style.top = `${below ? place.bottom + 4 : Math.max(8, place.top - height - 4)}px`;
+});
+// The menu does not follow the card.
+addEventListener("scroll", () => menu.matches(":popover-open") && menu.hidePopover(), { passive: true });

@@ -6,7 +6,7 @@ import {
 } from "./vendor/three.js";
 
 /** @import { Model } from "./glb.js" */
-/** @import { Colour } from "./paint.js" */
+/** @import { Colour } from "./matching.js" */
 
 // The same values as in service/rendering/viewpoint.py.
 const ELEVATION = 18, AZIMUTH = 28;
