@@ -144,7 +144,7 @@ def create_app(settings: Settings) -> FastAPI:
 
 
 def app_from_environment() -> FastAPI:
-    """The application with the settings of the environment, for `uvicorn --factory`."""
+    """Return the application with the settings of the environment, for `uvicorn --factory`."""
     return create_app(load_settings())
 
 

@@ -36,5 +36,5 @@ class Counted:
 
 
 def is_name(text: str) -> bool:
-    """Whether a collection may have the name."""
+    """Return whether a collection may have the name."""
     return _NAME.fullmatch(text) is not None

@@ -15,12 +15,12 @@ from rich.progress import (
 
 
 def output() -> Console:
-    """The present standard output. Names of files and classes are never read as markup."""
+    """Return the present standard output. Names of files and classes are never read as markup."""
     return Console(markup=False, highlight=False)
 
 
 def messages() -> Console:
-    """The present standard error, without markup too."""
+    """Return the present standard error, without markup too."""
     return Console(stderr=True, markup=False, highlight=False)
 
 
@@ -36,7 +36,7 @@ def fail(message: str, status: int = 1) -> NoReturn:
 
 
 def progress() -> Progress:
-    """A progress bar on standard error, removed at its end; invisible unless that is a terminal."""
+    """Return a progress bar on standard error, removed at its end; invisible unless that is a terminal."""
     console = messages()
     return Progress(
         TextColumn("{task.description}", markup=False),

@@ -75,7 +75,7 @@ def find_meshes(paths: Sequence[Path]) -> FoundMeshes:
 
 
 def read_collection(folder: Path) -> list[tuple[Path, str]]:
-    """The meshes of a labelled folder, each with its class.
+    """Return the meshes of a labelled folder, each with its class.
 
     Raises
     ------

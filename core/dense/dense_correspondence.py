@@ -76,7 +76,7 @@ class _Seen:
 def correspond(
     first: WorkingSurface, second: WorkingSurface, pairs: Sequence[Ints], mirrored: bool | None
 ) -> tuple[DenseCorrespondence, DenseCorrespondence]:
-    """The correspondence from the first shape to the second, and from the second to the first.
+    """Return the correspondence from the first shape to the second, and from the second to the first.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ def correspond(
 
 
 def _vertices(first: WorkingSurface, second: WorkingSurface, pairs: Ints) -> Ints:
-    """The vertices of paired samples, shape (p, 2)."""
+    """Return the vertices of paired samples, shape (p, 2)."""
     return np.stack([first.samples[pairs[:, 0]], second.samples[pairs[:, 1]]], axis=1)
 
 
@@ -133,14 +133,14 @@ def _confidence(rows: Floats, found: Floats) -> Floats:
 
 
 def _seen_from(here: WorkingSurface, unit: float, way: _Way) -> _Seen:
-    """A side by the functional map alone."""
+    """Return a side by the functional map alone."""
     return _Seen(way.there, way.confidence, _astray(here, unit, way) <= ASTRAY, None)
 
 
 def _registered_from(
     here: WorkingSurface, unit: float, way: _Way, own: _Registered, opposite: _Registered
 ) -> _Seen:
-    """A side by registration where the surfaces coincide, by the functional map elsewhere.
+    """Return a side by registration where the surfaces coincide, by the functional map elsewhere.
 
     Only a place of the other surface that coincides with none can be the partner of a place that does not.
     """
@@ -188,7 +188,7 @@ def _inverse(motion: Similarity) -> Similarity:
 
 
 def _scale(first: WorkingSurface, second: WorkingSurface, ahead: _Seen, behind: _Seen) -> float:
-    """The root of the ratio of the areas that have a partner; of the whole areas where none has."""
+    """Return the root of the ratio of the areas that have a partner; of the whole areas where none has."""
     areas = [
         side.unit**2 * np.stack([own, own * seen.partnered]).sum(axis=1)
         for side, seen in ((first, ahead), (second, behind))
@@ -200,7 +200,7 @@ def _scale(first: WorkingSurface, second: WorkingSurface, ahead: _Seen, behind: 
 
 
 def _of_given(seen: _Seen, here: WorkingSurface, other: WorkingSurface, scale: float) -> DenseCorrespondence:
-    """The correspondence brought from the working surfaces to the given meshes."""
+    """Return the correspondence brought from the working surfaces to the given meshes."""
     whole = here.nearest
     return DenseCorrespondence(
         vertices=other.given[seen.there][whole].astype(np.int32),

@@ -27,7 +27,7 @@ _REGULAR = 1e-10
 
 
 def approximate_laplace_beltrami(mesh: Mesh, count: int) -> tuple[Floats, Floats]:
-    """The first `count` eigenpairs after the constant one, approximately on large meshes.
+    """Return the first `count` eigenpairs after the constant one, approximately on large meshes.
 
     Parameters and result are those of `core.spectral.laplace_beltrami.laplace_beltrami`. Meshes with less
     than twice `COARSE` vertices, and the few whose coarse space is degenerate, get exact eigenpairs.
@@ -67,7 +67,7 @@ def _by_subspace(stiffness: csc_array, areas: Floats, count: int) -> tuple[Float
 
 
 def _ritz(matrix: csc_array, space: Floats, count: int) -> tuple[Floats, Floats]:
-    """The least eigenvalues of a matrix in the span of columns, and orthonormal vectors (Rayleigh-Ritz)."""
+    """Return the least eigenvalues of a matrix in a span, and orthonormal vectors (Rayleigh-Ritz)."""
     values, mixed = eigh(space.T @ (matrix @ space), space.T @ space, check_finite=False)
     return values[:count], space @ mixed[:, :count]
 

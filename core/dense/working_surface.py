@@ -43,7 +43,7 @@ class WorkingSurface:
 
 
 def working_surface(given: Mesh, surface: Mesh, frame: NormalFrame, samples: Floats) -> WorkingSurface:
-    """The working surface of a mesh.
+    """Return the working surface of a mesh.
 
     Parameters
     ----------

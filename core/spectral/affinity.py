@@ -37,7 +37,7 @@ def gaussian_affinity(distances: Floats, width: float, areas: Floats | None = No
 
 
 def distance_affinity(distances: Floats) -> Floats:
-    """The literal Eq. 13: distances over their mean off the diagonal, and 1 on it, shape (m, m).
+    """Return the literal Eq. 13: distances over their mean off the diagonal, and 1 on it, shape (m, m).
 
     Parameters
     ----------

@@ -24,7 +24,7 @@ a multiple of n^2. Any triangulation of the surface gives a positive semidefinit
 
 
 def twins(faces: Ints, sides: HalfEdges) -> Ints | None:
-    """The opposite of each half-edge, shape (3 f,); None unless the surface is closed and oriented.
+    """Return the opposite of each half-edge, shape (3 f,); None unless the surface is closed and oriented.
 
     In a closed, oriented surface every edge has two faces, which traverse it in opposite directions.
     """

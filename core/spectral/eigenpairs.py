@@ -15,7 +15,7 @@ EQUAL_VALUES = 1e-4
 
 
 def leading_eigenpairs(affinity: Floats, count: int) -> tuple[Floats, Floats]:
-    """The `count` eigenvalues of largest magnitude, and their unit eigenvectors (W = Q L Q^T).
+    """Return the `count` eigenvalues of largest magnitude, and their unit eigenvectors (W = Q L Q^T).
 
     A Gaussian affinity has no negative eigenvalues. A matrix of tree distances has one positive eigenvalue;
     its large negative eigenvalues describe the shape, and small positive ones are rounding.
@@ -73,7 +73,7 @@ def sampled_eigenpairs(affinity: Floats, areas: Floats, count: int) -> tuple[Flo
 
 
 def oriented(values: Floats, vectors: Floats, count: int) -> Floats:
-    """The first `count` eigenvectors with canonical signs, and canonical bases of repeated eigenvalues.
+    """Return the first `count` eigenvectors with canonical signs and bases of repeated eigenvalues.
 
     The sign of an eigenvector makes the sum of its cubes positive. That sum is 0 for an odd function on a
     symmetric shape, and a repeated eigenvalue leaves the basis of its eigenspace free. In both cases the rows

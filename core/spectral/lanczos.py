@@ -39,7 +39,7 @@ DEPENDENT = 1e-3
 
 
 def least_eigenpairs(factor: SymmetricFactor, known: Floats, count: int) -> tuple[Floats, Floats]:
-    """The eigenpairs of least eigenvalue of a symmetric positive definite matrix, but for one that is known.
+    """Return the least eigenpairs of a symmetric positive definite matrix, but for one that is known.
 
     Parameters
     ----------
@@ -118,7 +118,7 @@ def _by_blocks(factor: SymmetricFactor, known: Floats, count: int, block: int) -
 
 
 def _copies(values: Floats) -> int:
-    """The largest number of equal values, given in descending order."""
+    """Return the largest number of equal values, given in descending order."""
     ends = np.flatnonzero(values[1:] < values[:-1] * (1.0 - EQUAL)) + 1
     return int(np.diff(ends, prepend=0, append=len(values)).max())
 

@@ -31,7 +31,7 @@ are far above the others, and Lanczos vectors lose their orthogonality to those 
 
 
 def laplacian(mesh: Mesh, bridges: Ints | None = None) -> tuple[csc_array, Floats]:
-    """The cotangent Laplacian of a tufted intrinsic Delaunay cover (Sharp and Crane 2020), and vertex areas.
+    """Return the cotangent Laplacian of a tufted cover (Sharp and Crane 2020), and vertex areas.
 
     The mesh may have holes and non-manifold edges or be a triangle soup. Components are joined by links of
     weight 1 (the edge between two equilateral triangles has 1 / sqrt(3)), so that a shape of several
@@ -65,7 +65,7 @@ def laplacian(mesh: Mesh, bridges: Ints | None = None) -> tuple[csc_array, Float
 
 
 def laplace_beltrami(mesh: Mesh, count: int, bridges: Ints | None = None) -> tuple[Floats, Floats]:
-    """The first `count` eigenpairs after the constant one, L phi = lambda M phi.
+    """Return the first `count` eigenpairs after the constant one, L phi = lambda M phi.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ def laplace_beltrami(mesh: Mesh, count: int, bridges: Ints | None = None) -> tup
 
 
 def scaled(stiffness: csc_array, areas: Floats, shift: float = 0.0) -> csc_array:
-    """The symmetric matrix M^-1/2 L M^-1/2 + shift, whose eigenvectors are M^1/2 phi.
+    """Return the symmetric matrix M^-1/2 L M^-1/2 + shift, whose eigenvectors are M^1/2 phi.
 
     Parameters
     ----------
@@ -131,7 +131,7 @@ def _sparse(stiffness: csc_array, areas: Floats, count: int) -> tuple[Floats, Fl
 
 
 def _with_restarts(factor: SymmetricFactor, size: int, count: int) -> tuple[Floats, Floats]:
-    """The least eigenpairs of a factored matrix after the first one, by ARPACK, from a fixed vector."""
+    """Return the least eigenpairs of a factored matrix after the first, by ARPACK from a fixed vector."""
     inverse = LinearOperator((size, size), matvec=factor.solve, dtype=np.float64)
     start = np.random.default_rng(0).standard_normal(size)
     values, vectors = eigsh(inverse, k=count + 1 + MORE, which="LM", v0=start)

@@ -25,7 +25,7 @@ ORIENTED_AREA = 0.9
 
 
 def face_signs(mesh: Mesh, areas: Floats) -> Floats | None:
-    """The sign that turns the normal of each face outward, shape (f,): 1, -1, or 0 where there is none.
+    """Return the sign that turns the normal of each face outward, shape (f,): 1, -1, or 0 for none.
 
     The faces of a component are turned alike if the two faces at an edge pass it in opposite directions. A
     closed component has its normals outward: its volume is positive. An open one keeps its faces as they are.
@@ -114,7 +114,7 @@ def quantised_areas(areas: Floats) -> Int8s:
 
 
 def orientation_agreement(first: Floats, second: Floats, rotations: Floats) -> Floats:
-    """Whether maps preserve orientation: cosines between matched signed areas, shape (r,), in [-1, 1].
+    """Return whether maps preserve orientation: cosines between matched signed areas, shape (r,), in [-1, 1].
 
     A cosine is positive for a map that preserves orientation, and negative for one that reverses it.
 

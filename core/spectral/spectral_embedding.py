@@ -45,7 +45,7 @@ class SampledSurface:
 def spectra_of(
     surface: Mesh, points: SampledSurface, wanted: SpectralParameters
 ) -> tuple[tuple[Spectrum, ...], Floats, Int8s]:
-    """The spectral embeddings that the parameters name, the signature and the orientation.
+    """Return the spectral embeddings that the parameters name, the signature and the orientation.
 
     Parameters
     ----------

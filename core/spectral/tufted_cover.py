@@ -12,7 +12,7 @@ from core.mesh.edges import HalfEdges
 
 
 def tufted_cover(vertices: Floats, faces: Ints, sides: HalfEdges) -> tuple[Ints, Ints]:
-    """The faces of the cover, and the gluing of their half-edges.
+    """Return the faces of the cover, and the gluing of their half-edges.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ def tufted_cover(vertices: Floats, faces: Ints, sides: HalfEdges) -> tuple[Ints,
 
 
 def _around_edges(vertices: Floats, faces: Ints, sides: HalfEdges) -> Ints:
-    """The half-edges grouped by edge; those of one edge by the angle of their faces around it."""
+    """Return the half-edges grouped by edge; those of one edge by the angle of their faces around it."""
     order = sides.order.copy()
     edge_of = np.repeat(np.arange(len(sides.first)), sides.face_counts)
     crowded = np.flatnonzero((sides.face_counts > 2)[edge_of])

@@ -20,7 +20,7 @@ from service.errors import (
 
 
 def name_in(host: str) -> str:
-    """The name or address of a header Host, in lower case, without port, brackets and final dot."""
+    """Return the name or address of a header Host, in lower case, without port, brackets and final dot."""
     name = host.strip().lower()
     if name.startswith("["):
         return name[1:].partition("]")[0]
@@ -31,7 +31,7 @@ def name_in(host: str) -> str:
 
 
 def is_loopback_name(name: str) -> bool:
-    """Whether a name stands for this machine alone: localhost, or an address of the loopback interface."""
+    """Return whether a name stands for this machine alone: localhost or a loopback address."""
     if name == "localhost":
         return True
     try:
@@ -136,12 +136,12 @@ OF_ALL_COLLECTIONS = frozenset({"/metrics"})
 
 
 def of_all_collections(method: str, path: str) -> bool:
-    """Whether a request needs a key for all collections."""
+    """Return whether a request needs a key for all collections."""
     return path in OF_ALL_COLLECTIONS or (path.startswith("/collections/") and method not in SAFE_METHODS)
 
 
 def needed(method: str, path: str) -> Level | None:
-    """The access level that a request needs; None for a public path."""
+    """Return the access level that a request needs; None for a public path."""
     if ("GET" if method == "HEAD" else method, path) in PUBLIC:
         return None
     if method in SAFE_METHODS and path.startswith(PAGE_FILES):
@@ -152,7 +152,7 @@ def needed(method: str, path: str) -> Level | None:
 
 
 def from_another_site(headers: Headers) -> bool:
-    """Whether a browser sends the request for a page of another site.
+    """Return whether a browser sends the request for a page of another site.
 
     Current browsers send Sec-Fetch-Site. Older ones send the Origin of the page, which is compared with the
     Host of the request. Other programs send neither. An Origin that is no URL is another site's.
@@ -182,7 +182,7 @@ class Gate:
         self.sessions = Sessions()
 
     def grant(self, headers: Headers) -> Grant | None:
-        """The grant of a request, from its headers; None if it has neither a key nor an open session.
+        """Return the grant of a request, from its headers; None if it has neither a key nor an open session.
 
         Raises
         ------
@@ -203,7 +203,7 @@ class Gate:
         return grant
 
     def admit(self, method: str, path: str, headers: Headers) -> Grant | None:
-        """The grant of an admitted request; None if its path is public.
+        """Return the grant of an admitted request; None if its path is public.
 
         Raises
         ------
@@ -238,7 +238,7 @@ class Gate:
 
 
 def key_in(headers: Headers) -> str | None:
-    """The key in the header Authorization (scheme Bearer) or X-API-Key."""
+    """Return the key in the header Authorization (scheme Bearer) or X-API-Key."""
     scheme, _, key = headers.get("authorization", "").strip().partition(" ")
     if scheme.lower() == "bearer":
         return key.strip()
@@ -246,5 +246,5 @@ def key_in(headers: Headers) -> str | None:
 
 
 def token_in(headers: Headers) -> str | None:
-    """The session token in the cookie."""
+    """Return the session token in the cookie."""
     return cookie_parser(headers.get("cookie", "")).get(COOKIE)

@@ -21,12 +21,12 @@ _DIGEST = re.compile(r"[0-9a-f]{64}")
 
 
 def new_key() -> str:
-    """A new random key."""
+    """Return a new random key."""
     return PREFIX + secrets.token_urlsafe(32)
 
 
 def digest_of(key: str) -> str:
-    """The SHA-256 of a key, as 64 hexadecimal digits."""
+    """Return the SHA-256 of a key, as 64 hexadecimal digits."""
     return hashlib.sha256(key.encode()).hexdigest()
 
 
@@ -94,7 +94,7 @@ class KeyRing:
         return bool(self._grants)
 
     def grant(self, key: str) -> Grant | None:
-        """The grant of a key, or None for an unknown key. The time does not depend on the key."""
+        """Return the grant of a key, or None for an unknown key. The time does not depend on the key."""
         given = digest_of(key)
         found: Grant | None = None
         for digest, grant in self._grants.items():
@@ -135,7 +135,7 @@ class Sessions:
         return token
 
     def grant(self, token: str, host: str) -> Grant | None:
-        """The grant of a session, or None if it has ended or never began.
+        """Return the grant of a session, or None if it has ended or never began.
 
         Raises
         ------

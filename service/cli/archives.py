@@ -31,7 +31,7 @@ from service.storage.sqlite import path_of
 
 
 def archive_in_use() -> Path:
-    """The file that ISOSHAPE_DATABASE_URL names, or the default file."""
+    """Return the file that ISOSHAPE_DATABASE_URL names, or the default file."""
     return path_of(load_settings().database_url)
 
 
@@ -222,7 +222,7 @@ def _migrated(settings: Settings) -> Iterator[Database]:
 
 
 def _is_done(database: Database, parameters: Parameters) -> bool:
-    """Whether the pipeline is active and has embedded every file, so that no workers are needed."""
+    """Return whether the pipeline is active and has embedded every file, so that no workers are needed."""
     with database.read() as session:
         active = repository.active(session) == parameters.fingerprint
         return active and not repository.unembedded(session, parameters.fingerprint)

@@ -39,7 +39,7 @@ class CommandGroup(TyperGroup):
 
 
 def command_line() -> typer.Typer:
-    """The command line with all commands, none of them imported."""
+    """Return the command line with all commands, none of them imported."""
     app = plain_app(
         cls=CommandGroup,
         help="Find the stored 3D shapes most similar to a given one, in any pose.",
@@ -62,7 +62,7 @@ def _imported(name: str) -> TyperCommand:
 
 
 def _in_one_line(command: Callable[Arguments, None]) -> Callable[Arguments, None]:
-    """The command; an error that is no fault of the program ends it with one line."""
+    """Return the command; an error that is no fault of the program ends it with one line."""
 
     @wraps(command)
     def wrapped(*args: Arguments.args, **options: Arguments.kwargs) -> None:

@@ -59,7 +59,7 @@ def compare_command(
 
 
 def _shape(given: str) -> Compared:
-    """A file, if there is one with this name, or else an id."""
+    """Return a file, if there is one with this name, or else an id."""
     path = Path(given)
     return path if path.is_file() else given
 

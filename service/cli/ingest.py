@@ -33,7 +33,7 @@ class Done:
 
 
 def is_archive(path: Path) -> bool:
-    """Whether a file is an archive, by its name."""
+    """Return whether a file is an archive, by its name."""
     return path.is_file() and path.suffix.lower() == ".zip"
 
 
@@ -83,7 +83,7 @@ class About:
 
 
 def read_metadata(path: Path) -> dict[str, About]:
-    """The rows of a CSV file by their column `name`.
+    """Return the rows of a CSV file by their column `name`.
 
     The column holds the name of a file, with folders before it where names are repeated. The column `tags` is
     split at commas and semicolons. Every other column is a key; its empty cells are left out. Values stay
@@ -113,7 +113,7 @@ def read_metadata(path: Path) -> dict[str, About]:
 
 
 def row_of(rows: dict[str, About], path: Path) -> str | None:
-    """The name in the rows that fits a file, the longest if several fit."""
+    """Return the name in the rows that fits a file, the longest if several fit."""
     parts = path.parts
     names = ("/".join(parts[start:]) for start in range(len(parts)))
     return next((name for name in names if name in rows), None)
@@ -280,7 +280,7 @@ def ingest_command(
 
 
 def class_tag(label: str) -> str:
-    """The class as a tag, which can hold no comma and must not be long."""
+    """Return the class as a tag, which can hold no comma and must not be long."""
     return " ".join(label.replace(",", " ").split())[:TAG_CHARACTERS].strip()
 
 

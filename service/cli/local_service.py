@@ -14,7 +14,7 @@ from service.settings import Settings, SettingsError, load_settings
 
 
 def settings_with(database: str | None) -> Settings:
-    """The settings of the environment, with the database of the option `--url` where it names one.
+    """Return the settings of the environment, with the database of the option `--url` where it names one.
 
     Raises
     ------
@@ -28,7 +28,7 @@ def settings_with(database: str | None) -> Settings:
 
 
 def database_named(argument: str, place: str) -> str:
-    """The URL of a database; `place` is that URL or the path of an SQLite file.
+    """Return the URL of a database; `place` is that URL or the path of an SQLite file.
 
     Raises
     ------
@@ -46,7 +46,7 @@ def database_named(argument: str, place: str) -> str:
 
 @contextmanager
 def own_service(settings: Settings, collection: str | None, *, new: bool) -> Iterator[Client]:
-    """A client of a service on the database of the settings, after one line that names the database.
+    """Yield a client of a service on the database of the settings, after one line that names the database.
 
     Raises
     ------
@@ -74,7 +74,7 @@ def own_service(settings: Settings, collection: str | None, *, new: bool) -> Ite
 
 
 def _exists(database_url: str) -> bool:
-    """Whether an SQLite file exists; a server of databases is asked later."""
+    """Return whether an SQLite file exists; a server of databases is asked later."""
     # Here for the same reason.
     from service.storage.sqlite import path_of  # noqa: PLC0415
 

@@ -176,7 +176,7 @@ def print_answer(console: Console, answer: QueryAnswer) -> None:
 
 
 def _sizes(answer: QueryAnswer) -> Table:
-    """The sizes of the results, in the units of their files."""
+    """Return the sizes of the results, in the units of their files."""
     table = Table(box=box.SIMPLE_HEAD, collapse_padding=True)
     table.add_column("rank", justify="right")
     table.add_column("length × width × height")

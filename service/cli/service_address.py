@@ -47,7 +47,7 @@ PROBE = httpx.Timeout(2.0)
 def service_at(
     url: str | None, key: str | None = None, collection: str | None = None, *, new: bool = False
 ) -> Iterator[Client]:
-    """A client of a service and of one collection, after one line that names the service.
+    """Yield a client of a service and of one collection, after one line that names the service.
 
     With `new`, an SQLite archive that does not exist is made.
 
@@ -109,7 +109,7 @@ def _is_database(url: str) -> bool:
 
 
 def _answers(url: str, key: str | None) -> bool:
-    """Whether a service answers; a service that refuses the key is a ProblemError."""
+    """Return whether a service answers; a service that refuses the key is a ProblemError."""
     try:
         with Client(url, key=key, timeout=PROBE) as client:
             client.version()

@@ -47,7 +47,7 @@ def similar(shape_id: str, **options: Unpack[QueryArguments]) -> Call[QueryAnswe
 
 
 def query_shape(shape_id: str, **options: Unpack[QueryArguments]) -> Call[QueryAnswer]:
-    """The same answer as that of `similar`; the options are in the body, so a long list of ids fits."""
+    """Return the answer of `similar`; the options are in the body, so a long list of ids fits."""
     body: dict[str, Any] = {"shape_id": shape_id, **options}
     for name in {"exclude", "filter", "tag"} & set(body):
         body[name] = list(body[name])
@@ -74,7 +74,7 @@ def dense_file(
     format: Literal["npz", "glb", "png"],
     paint: Literal["correspondence", "difference"] = "correspondence",
 ) -> Call[bytes]:
-    """The dense correspondence of two shapes: a NumPy archive, or both painted, as a GLB or a picture."""
+    """Return the dense correspondence of two shapes as a NumPy archive, a GLB or a picture."""
     params: dict[str, str] = {"format": format, "paint": paint}
     return _compared(first, second, content, {"dense": True}, params)
 
@@ -104,7 +104,7 @@ def _fields(options: QueryArguments) -> dict[str, str | list[str]]:
 
 
 def _field(value: object) -> str | list[str]:
-    """A query option as the text of a form field or query parameter; a list repeats the field."""
+    """Return a query option as the text of a form field or query parameter; a list repeats the field."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, Sequence) and not isinstance(value, str):

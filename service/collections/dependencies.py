@@ -71,7 +71,7 @@ async def _chosen(
 
 
 def allowed(limits: frozenset[str] | None, named: str | None) -> str:
-    """The name of a request's collection.
+    """Return the name of a request's collection.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ def allowed(limits: frozenset[str] | None, named: str | None) -> str:
 
 
 def address(path: str, collection: CollectionRecord) -> str:
-    """The address of a resource in a collection, valid for every key that may use it."""
+    """Return the address of a resource in a collection, valid for every key that may use it."""
     return path if collection == DEFAULT_COLLECTION else f"{path}?{PARAMETER}={collection.name}"
 
 

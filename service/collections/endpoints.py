@@ -25,7 +25,7 @@ Name = Annotated[
 
 @router.get("/collections", summary="List collections", responses=documented("storage-unavailable"))
 def list_collections(request: Request, container: Service) -> Collections:
-    """The collections that the key may use, by name, each with the number of its shapes."""
+    """Return the collections that the key may use, by name, each with the number of its shapes."""
     grant: Grant | None = request.scope.get(GRANT_IN_SCOPE)
     limits = None if grant is None else grant.collections
     with container.database.read() as session:

@@ -12,7 +12,7 @@ from service.storage.tables import CollectionRow, DeletedRow, JobRow, ShapeRow
 
 
 def by_name(session: ReadSession, name: str) -> CollectionRecord | None:
-    """The collection with a name."""
+    """Return the collection with a name."""
     number = session.scalar(select(CollectionRow.number).where(CollectionRow.name == name))
     return None if number is None else CollectionRecord(CollectionNumber(number), name)
 
@@ -50,7 +50,7 @@ def add(session: WriteSession, name: str) -> None:
 
 
 def holds_shapes(session: ReadSession, collection: CollectionNumber) -> bool:
-    """Whether a collection has a shape."""
+    """Return whether a collection has a shape."""
     query = select(ShapeRow.number).where(ShapeRow.collection_number == collection).limit(1)
     return session.scalar(query) is not None
 

@@ -21,7 +21,7 @@ class Collection(BaseModel):
 
     @classmethod
     def of(cls, counted: Counted) -> "Collection":
-        """The JSON of a collection."""
+        """Return the JSON of a collection."""
         return cls(name=counted.name, shapes=counted.shapes, created_at=counted.created_at)
 
 

@@ -10,7 +10,7 @@ from service.storage.database import ReadSession, WriteSession
 
 
 def get(session: ReadSession, name: str) -> CollectionRecord:
-    """The collection with a name.
+    """Return the collection with a name.
 
     Raises
     ------

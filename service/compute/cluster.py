@@ -297,14 +297,14 @@ def warm_up(parameters: Parameters, seconds: float) -> int:
 
 
 def _is_wanted() -> bool:
-    """Whether the task of this thread is still wanted; Dask itself stops no running task."""
+    """Return whether the task of this thread is still wanted; Dask itself stops no running task."""
     worker = get_worker()
     task = worker.state.tasks.get(worker.get_current_task())
     return task is not None and task.state != "cancelled"
 
 
 def _pool(parameters: Parameters, seconds: float) -> LocalPool:
-    """The pool of this worker, with a process for each of its threads; made at the first call."""
+    """Return the pool of this worker, with a process for each of its threads; made at the first call."""
     with _making:
         if seconds not in _pools:
             # Imported here: a scheduler does not need the code of the tasks.

@@ -32,7 +32,7 @@ STAMPED = "service.rendering.thumbnail"
 
 
 def is_compiled(parameters: Parameters) -> bool:
-    """Whether the kernels of some parameters are compiled for this processor."""
+    """Return whether the kernels of some parameters are compiled for this processor."""
     return _stamp(parameters).exists()
 
 
@@ -87,7 +87,7 @@ def _watched(advance: Callable[[int, int], object]) -> Iterator[None]:
 
 
 def _kernels() -> list[Dispatcher]:
-    """The functions that numba compiles, of all modules that are imported."""
+    """Return the functions that numba compiles, of all modules that are imported."""
     modules = [module for name, module in list(sys.modules.items()) if name.startswith(("core.", "service."))]
     found = {
         id(value): value
@@ -123,7 +123,7 @@ def _stamp(parameters: Parameters) -> Path:
 
 @cache
 def _state() -> str:
-    """A hash of what numba looks at: its version, the processor and the sources."""
+    """Return a hash of what numba looks at: its version, the processor and the sources."""
     state = blake2b(digest_size=8)
     for part in (
         numba.__version__,

@@ -111,7 +111,7 @@ def embed_mesh(mesh: Mesh, parameters: Parameters, read: float) -> Embedded:
 
 
 def score_embeddings(query: bytes, records: Sequence[bytes], parameters: Parameters) -> Scores:
-    """The scores of a query with each of c embedding records; NaN for one that cannot be read or compared.
+    """Return the scores of a query with each of c embedding records; NaN for a record that fails.
 
     Returns
     -------
@@ -136,7 +136,7 @@ def score_embeddings(query: bytes, records: Sequence[bytes], parameters: Paramet
 
 
 def _scores(pipeline: Pipeline, query: Embedding, candidates: list[Embedding]) -> Scores:
-    """The scores of a query with c candidates, c > 0; NaN for a candidate on which the method fails."""
+    """Return the scores of a query with c > 0 candidates; NaN where the method fails."""
     try:
         return pipeline.score(query, candidates)
     except CannotBeEmbeddedError:
@@ -155,7 +155,7 @@ def match_embeddings(first: bytes, second: bytes, parameters: Parameters) -> Mat
 
 
 def part_of_mesh(mesh: Mesh, parameters: Parameters) -> Bytes:
-    """The spin images of a mesh taken as a part: see `core.descriptors.partial_matching.describe_part`."""
+    """Return the spin images of a mesh taken as a part: `core.descriptors.partial_matching.describe_part`."""
     with guarded():
         return describe_part(_pipeline(parameters).open_surface(mesh))
 
@@ -216,7 +216,7 @@ def _is_finite(embedding: Embedding) -> bool:
 
 
 def _bumpy_sheet(side: int = 14) -> Mesh:
-    """A square grid of `side` by `side` vertices with hills, of no symmetry."""
+    """Return a square grid of `side` by `side` vertices with hills, of no symmetry."""
     x, y = np.meshgrid(np.linspace(0, 1, side), np.linspace(0, 1.3, side), indexing="ij")
     z = 0.3 * np.sin(3 * x + y) * np.cos(4 * y * y)
     corner = (np.arange(side - 1)[:, None] * side + np.arange(side - 1)).ravel()
@@ -226,7 +226,7 @@ def _bumpy_sheet(side: int = 14) -> Mesh:
 
 
 def _ring(around: int = 16, across: int = 10) -> Mesh:
-    """A closed surface: a torus, thicker on one side."""
+    """Return a closed surface: a torus, thicker on one side."""
     u, v = np.meshgrid(np.arange(around), np.arange(across), indexing="ij")
     long, short = 2.0 * np.pi * u / around, 2.0 * np.pi * v / across
     thick = 0.3 + 0.1 * np.cos(long)

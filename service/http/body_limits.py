@@ -181,7 +181,7 @@ class _Body:
         return self._refused or self._chunked or self.declared - self._received > DRAINED_BYTES
 
     async def receive(self) -> Message:
-        """The next message of the server."""
+        """Return the next message of the server."""
         if self._whole:
             return await self._receive()
         try:

@@ -51,7 +51,7 @@ class AccessControl:
 
 
 def client_of(scope: Scope) -> str:
-    """The client of an admitted request: the digest of its key, or its address where there are no keys."""
+    """Return the client of an admitted request: the digest of its key, or its address without keys."""
     digest, client = scope.get(KEY_IN_SCOPE), scope.get("client")
     return str(digest or (client[0] if client else ""))
 
@@ -151,7 +151,7 @@ Answer = TypeVar("Answer")
 
 
 async def while_connected(request: Request, work: Coroutine[Any, Any, Answer]) -> Answer:
-    """The result of the work. A body that has not been read by now is dropped.
+    """Return the result of the work. A body that has not been read by now is dropped.
 
     The work is cancelled when the client disconnects, and when the server stops. A transaction goes on in its
     thread, and is committed whole or not at all.

@@ -39,7 +39,7 @@ class Problem(BaseModel):
 
 
 def faults_of(errors: Sequence[Any]) -> list[FieldFault]:
-    """The first `FAULTS` of pydantic's errors, each with the name of the field as the client wrote it."""
+    """Return the first `FAULTS` of pydantic's errors, each with the client's name of the field."""
     faults = []
     for error in errors[:FAULTS]:
         location = [str(part) for part in error["loc"]]

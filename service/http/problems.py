@@ -55,7 +55,7 @@ def problem_response(
     faults: Sequence[FieldFault] = (),
     headers: dict[str, str] | None = None,
 ) -> JSONResponse:
-    """The problem document of one occurrence."""
+    """Return the problem document of one occurrence."""
     row = PROBLEMS[kind]
     identifier = request_id.get() or ""
     problem = Problem(
@@ -74,7 +74,7 @@ def problem_response(
 
 
 def problem_of(error: ServiceError) -> JSONResponse:
-    """The problem document of one of the service's errors."""
+    """Return the problem document of one of the service's errors."""
     faults = error.faults if isinstance(error, BadRequestFieldsError) else ()
     return problem_response(
         error.kind, str(error), retry_after=error.retry_after, faults=faults, headers=error.headers
@@ -90,7 +90,7 @@ def handle_problems(app: FastAPI) -> None:
 
 
 def documented(*kinds: str) -> dict[int | str, dict[str, Any]]:
-    """The OpenAPI `responses` of an endpoint that may answer these kinds of problem."""
+    """Return the OpenAPI `responses` of an endpoint that may answer these kinds of problem."""
     responses: dict[int | str, dict[str, Any]] = {}
     for kind in sorted(kinds, key=lambda kind: (PROBLEMS[kind].status, kind)):
         row = PROBLEMS[kind]
@@ -164,7 +164,7 @@ async def _http_error(request: Request, error: Exception) -> JSONResponse:
 
 
 def _answered(request: Request) -> list[str]:
-    """The methods that a path answers, over all routes; the framework names the methods of one route only."""
+    """Return the methods that a path answers, over all routes; the framework names those of one route."""
     return [
         method
         for method in sorted(METHODS)

@@ -69,7 +69,7 @@ class RequestBody(Generic[Model]):
         self._limit = limit
 
     async def __call__(self, request: Request) -> AsyncIterator[Model]:
-        """The model. The form's file is on disk if it is large, and is closed when the endpoint has ended.
+        """Yield the model. A large file of the form is on disk, and is closed when the endpoint has ended.
 
         Raises
         ------
@@ -115,11 +115,11 @@ class _FormSchema(GenerateJsonSchema):
     """The JSON schema of a form, which has no null: a field is left out instead."""
 
     def nullable_schema(self, schema: core_schema.NullableSchema) -> JsonSchemaValue:
-        """The schema of the values other than null."""
+        """Return the schema of the values other than null."""
         return self.generate_inner(schema["schema"])
 
     def default_schema(self, schema: core_schema.WithDefaultSchema) -> JsonSchemaValue:
-        """The schema, without a default of null."""
+        """Return the schema, without a default of null."""
         described = super().default_schema(schema)
         return {key: value for key, value in described.items() if (key, value) != ("default", None)}
 
@@ -149,7 +149,7 @@ async def _form_of(request: Request, max_files: int) -> FormData:
 def _values(
     form: FormData, model: type[BaseModel], either: tuple[str, ...], max_bytes: int
 ) -> dict[str, Any]:
-    """The values of a form's fields, of which lists alone may be repeated.
+    """Return the values of a form's fields, of which lists alone may be repeated.
 
     The fields `either` hold a file or text; if there are none, the field `file` holds the one file.
     """
@@ -195,12 +195,12 @@ def _validated(model: type[Model], values: dict[str, Any]) -> Model:
 
 
 def once(*names: str) -> Depends:
-    """A dependency that refuses to have one of these parameters repeated; FastAPI takes the last value."""
+    """Return a dependency that refuses repetitions of a parameter; FastAPI takes the last value."""
     return Depends(_refusing(frozenset(names)))
 
 
 def once_each(model: type[BaseModel]) -> Depends:
-    """The same for a model of query parameters: for every field that is not a list."""
+    """Return the same for a model of query parameters: for every field that is not a list."""
     fields = model.model_fields.items()
     return once(*(name for name, field in fields if get_origin(field.annotation) is not list))
 

@@ -33,7 +33,7 @@ class JsonFormatter(logging.Formatter):
 
 
 def get_logger(name: str) -> logging.Logger:
-    """The logger of a part of the service."""
+    """Return the logger of a part of the service."""
     return logging.getLogger(f"{LOGGER}.{name}")
 
 

@@ -21,6 +21,6 @@ class Timings:
         self.milliseconds[name] = self.milliseconds.get(name, 0.0) + taken
 
     def so_far(self) -> dict[str, float]:
-        """The times of the stages and their "total" up to now, rounded to a microsecond."""
+        """Return the times of the stages and their "total" up to now, rounded to a microsecond."""
         total = 1e3 * (time.perf_counter() - self._start)
         return {name: round(value, 3) for name, value in {**self.milliseconds, "total": total}.items()}

@@ -97,7 +97,7 @@ class Difference:
 def differences(
     ways: tuple[DenseCorrespondence, DenseCorrespondence], extents: tuple[float, float]
 ) -> tuple[Difference, Difference]:
-    """The differences of both shapes, on one scale.
+    """Return the differences of both shapes, on one scale.
 
     Parameters
     ----------
@@ -120,7 +120,7 @@ def differences(
 
 
 def difference_colours(difference: Difference, partnered: NDArray[np.bool_]) -> Floats:
-    """The colours of n vertices on the scale; places without a partner are blue, shape (n, 3)."""
+    """Return the colours of n vertices on the scale; places without a partner are blue, shape (n, 3)."""
     place = np.clip(difference.values / difference.maximum, 0.0, 1.0) * (len(SCALE) - 1)
     channels = [np.interp(place, np.arange(len(SCALE)), channel) for channel in SCALE.T]
     return np.where(partnered[:, None], np.stack(channels, axis=1), NO_PARTNER)

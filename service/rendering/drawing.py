@@ -75,7 +75,7 @@ def draw_panel(axes: Axes3D, panel: Panel) -> None:
 
 
 def draw_grid(rows: Sequence[Sequence[Panel]], *, dpi: int = 90, size: float = 2.3) -> bytes:
-    """A PNG with a grid of panels of `size` inches each; equal panels give equal bytes."""
+    """Return a PNG with a grid of panels of `size` inches each; equal panels give equal bytes."""
     columns = max(len(row) for row in rows)
     figure = Figure(figsize=(size * columns, size * len(rows)), layout="tight")
     FigureCanvasAgg(figure)
@@ -86,7 +86,7 @@ def draw_grid(rows: Sequence[Sequence[Panel]], *, dpi: int = 90, size: float = 2
 
 
 def png(figure: Figure, *, dpi: int = 90) -> bytes:
-    """The figure as a PNG without the version of Matplotlib, so that equal pictures have equal bytes."""
+    """Return the figure as a PNG without Matplotlib's version: equal pictures have equal bytes."""
     file = BytesIO()
     figure.savefig(file, format="png", dpi=dpi, metadata={"Software": None})
     return file.getvalue()

@@ -45,7 +45,7 @@ class GlbPart:
 
 
 def write_glb(parts: list[GlbPart]) -> bytes:
-    """A GLB of meshes side by side, each scaled to the same size, with y up.
+    """Return a GLB of meshes side by side, each scaled to the same size, with y up.
 
     Positions are 32-bit floats in [-1, 1]. The matrix of a node places its mesh. Its `extras` have `middle`
     and `half`: a point p of the original file is stored as (p - middle) / half.

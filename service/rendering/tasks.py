@@ -67,7 +67,7 @@ class PaintedMesh:
 
 
 def preview(mesh: Mesh, format: str, faces: int) -> bytes:
-    """A mesh as a GLB of at most about `faces` faces."""
+    """Return a mesh as a GLB of at most about `faces` faces."""
     return write_glb([_part("shape", mesh, format, faces)])
 
 
@@ -130,7 +130,7 @@ def _painted_parts(first: PaintedMesh, second: PaintedMesh, faces: int, paint: P
 
 
 def _nearest(mesh: Mesh, colours: Floats, vertices: Floats) -> Floats:
-    """The colours of the vertices of a mesh at the nearest ones of a simplified mesh."""
+    """Return the colours of the vertices of a mesh at the nearest ones of a simplified mesh."""
     return np.asarray(colours[KDTree(mesh.vertices).query(vertices)[1]])
 
 
@@ -141,7 +141,7 @@ def _opaque(colours: Floats) -> NDArray[np.uint8]:
 
 
 def _part(name: str, mesh: Mesh, format: str, faces: int) -> GlbPart:
-    """A mesh for display, simplified if it has more than `faces` faces."""
+    """Return a mesh for display, simplified if it has more than `faces` faces."""
     shown = mesh
     if len(mesh.faces) > faces:
         # Decimation would separate faces without common vertices, as in STL.

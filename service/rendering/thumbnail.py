@@ -20,12 +20,12 @@ _Z_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 
 
 def upright(format: str) -> Floats:
-    """The rotation matrix, shape (3, 3), that turns the upward axis of a format to y."""
+    """Return the rotation matrix, shape (3, 3), that turns the upward axis of a format to y."""
     return np.eye(3) if FORMATS[format].y_up else _Z_UP
 
 
 def camera() -> Floats:
-    """The camera's axes as rows, shape (3, 3): right, up and towards the viewer, where y is up."""
+    """Return the camera's axes as rows, shape (3, 3): right, up and towards the viewer, where y is up."""
     elevation, azimuth = np.radians([ELEVATION, AZIMUTH])
     towards = np.array(
         [
@@ -39,7 +39,7 @@ def camera() -> Floats:
 
 
 def frame(vertices: Floats) -> tuple[NDArray[np.float64], float]:
-    """The centre of the points' bounding box, shape (3,), and half its longest edge; 1 if all coincide."""
+    """Return the centre of the points' bounding box, shape (3,), and half its longest edge, or 1."""
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     half = float((0.5 * high - 0.5 * low).max())
     return 0.5 * low + 0.5 * high, half or 1.0
@@ -49,7 +49,7 @@ NOTHING = -1
 
 
 def nearest_triangles(corners: Floats, size: int) -> NDArray[np.int64]:
-    """The visible triangle of each pixel.
+    """Return the visible triangle of each pixel.
 
     Parameters
     ----------
@@ -109,7 +109,7 @@ _OVERSAMPLING = 2
 
 
 def draw(mesh: Mesh, format: str, size: int) -> bytes:
-    """A PNG of `size` by `size` pixels: the mesh, lit from the upper left, on a transparent background.
+    """Draw a PNG of `size` by `size` pixels: the mesh, lit from the upper left, on a transparent ground.
 
     The same mesh always gives the same bytes.
     """
@@ -117,7 +117,7 @@ def draw(mesh: Mesh, format: str, size: int) -> bytes:
 
 
 def draw_painted(mesh: Mesh, format: str, size: int, points: Floats, colours: Floats) -> bytes:
-    """The same picture, with the surface coloured by interpolation between points.
+    """Return the same picture, with the surface coloured by interpolation between points.
 
     Parameters
     ----------
@@ -173,7 +173,7 @@ def _barycentric(corners: Floats, pixels: Floats) -> Floats:
 
 
 def _brightness(corners: Floats) -> Floats:
-    """The brightness of each triangle in [0, 1], equal for both of its sides."""
+    """Return the brightness of each triangle in [0, 1], equal for both of its sides."""
     normals = face_normals(corners) * [1.0, -1.0, 1.0]
     # The visible side faces the viewer, whatever the order of the corners.
     normals *= np.where(normals[:, 2:] < 0.0, -1.0, 1.0)

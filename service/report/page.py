@@ -66,7 +66,7 @@ class MatchReport:
 
 
 def page(report: MatchReport) -> str:
-    """The report as a page. The same report always gives the same text."""
+    """Return the report as a page. The same report always gives the same text."""
     title = f"Most similar to {escape(report.name)}"
     return "\n".join(
         [

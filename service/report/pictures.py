@@ -51,12 +51,12 @@ class Preview:
 
 
 def alone(shape: Preview) -> bytes:
-    """A PNG of a shape."""
+    """Return a PNG of a shape."""
     return draw(shape.mesh, _GLB, SIZE)
 
 
 def matched(first: Preview, second: Preview, pairs: list[Pair]) -> tuple[bytes, bytes]:
-    """A PNG of each of two shapes; corresponding points have one colour."""
+    """Return a PNG of each of two shapes; corresponding points have one colour."""
     ends = [
         shape.placed(np.array([point.position for point in points]))
         for shape, points in (

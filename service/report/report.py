@@ -16,7 +16,7 @@ def report(
     answer: QueryAnswer,
     drawn: Callable[[], object],
 ) -> str:
-    """The page that shows a query and its answer.
+    """Return the page that shows a query and its answer.
 
     Parameters
     ----------

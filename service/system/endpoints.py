@@ -80,7 +80,7 @@ def read_metrics(request: Request, container: Service) -> Response:
     responses=documented("pipeline-unavailable", "storage-unavailable"),
 )
 def read_version(request: Request, container: Service) -> Version:
-    """The service's version, the formats of mesh files, and the pipeline that the archive is searched by.
+    """Return the service's version, the formats of mesh files, and the active pipeline.
 
     Where the settings name another pipeline, `pending` tells of that one; but not to keys that are limited to
     collections, since it counts the files of all.

@@ -49,13 +49,13 @@ class Asset:
 
 
 def find(name: str) -> Asset | None:
-    """The file with a name such as `main.js` or `vendor/three.js`; None where there is none."""
+    """Return the file with a name such as `main.js` or `vendor/three.js`; None where there is none."""
     return load(name) if name in names() else None
 
 
 @cache
 def load(name: str) -> Asset:
-    """A file that is there."""
+    """Return a file that is there."""
     data = _folder().joinpath(name).read_bytes()
     # A compressed file holds the time unless it is told one.
     return Asset(data, gzip.compress(data, mtime=0), MEDIA_TYPES[name.rpartition(".")[2]])
@@ -80,17 +80,17 @@ _ALWAYS = {"Referrer-Policy": "same-origin", "X-Content-Type-Options": "nosniff"
 
 
 def page(request: Request, name: str) -> Response:
-    """An HTML file."""
+    """Return an HTML file."""
     return send(request, load(name), {"Content-Security-Policy": POLICY})
 
 
 def viewing_page(collection: str) -> Response:
-    """The page of a shape, told the collection that the shape is in."""
+    """Return the page of a shape, told the collection that the shape is in."""
     return _filled(_view(collection=collection))
 
 
 def comparing_page(first: str, second: str, collection: str) -> Response:
-    """The page of a shape with two of a collection in it, by their ids."""
+    """Return the page of a shape with two of a collection in it, by their ids."""
     # It is sent from /compare, not from /shapes/<id>/view.
     return _filled(_view(first=first, second=second, collection=collection).replace("../../", "./"))
 
@@ -108,7 +108,7 @@ def _filled(text: str) -> Response:
 
 
 def send(request: Request, asset: Asset, headers: dict[str, str] | None = None) -> Response:
-    """A file, packed where the browser takes that; nothing where it has it already.
+    """Return a file, packed where the browser takes that; nothing where it has it already.
 
     A browser asks each time, so that a new version is seen at once, and has the answer without the file.
     """
@@ -136,19 +136,19 @@ router = APIRouter(include_in_schema=False)
 
 @router.get("/")
 def read_page(request: Request) -> Response:
-    """The page."""
+    """Return the page."""
     return page(request, "index.html")
 
 
 @router.get("/docs")
 def read_documentation(request: Request) -> Response:
-    """The OpenAPI document as a page to read and try."""
+    """Return the OpenAPI document as a page to read and try."""
     return page(request, "docs.html")
 
 
 @router.get("/page/{name:path}")
 def read_page_file(name: str, request: Request) -> Response:
-    """A script, style or picture of the page."""
+    """Return a script, style or picture of the page."""
     asset = find(name)
     if asset is None:
         raise HTTPException(404)

@@ -34,7 +34,7 @@ class Finding:
     figures: Evaluation
 
     def as_json(self) -> dict[str, object]:
-        """The object that `--json` prints."""
+        """Return the object that `--json` prints."""
         paper = values_of(PAPER)
         return {
             "collection": self.collection,

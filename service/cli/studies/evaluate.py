@@ -49,7 +49,7 @@ class RetrievalReport:
     cc: dict[str, ScoreQuantiles]
 
     def as_json(self) -> dict[str, object]:
-        """The object that `--json` prints."""
+        """Return the object that `--json` prints."""
         return {
             "collection": self.collection,
             "setting": self.setting,

@@ -97,7 +97,7 @@ def figures_command(
 
 @contextmanager
 def _collection(folder: Path | None) -> Iterator[Path]:
-    """The folder, or a temporary folder of made shapes."""
+    """Yield the folder, or a temporary folder of made shapes."""
     if folder is not None:
         yield folder
         return

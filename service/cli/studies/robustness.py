@@ -77,7 +77,7 @@ def robustness_command(
 def _study(
     collection: str, files: list[tuple[Path, str]], chosen: set[str], seeds: int, workers: int
 ) -> tuple[RobustnessStudy, int]:
-    """The study, and the number of files used; a message names each file that cannot be used."""
+    """Return the study, and the number of files used; a message names each file that cannot be used."""
     levels = []
     kinds = [kind for kind in KINDS if kind.name in chosen]
     with progress() as bar:

@@ -127,7 +127,7 @@ def _source(study: SamplingStudy, *, made: bool) -> str:
 
 
 def _object(study: SamplingStudy) -> dict[str, object]:
-    """The object that `--json` prints."""
+    """Return the object that `--json` prints."""
     return {
         "degrees": DEGREES,
         "taus": TAUS,

@@ -33,7 +33,7 @@ class Line:
     here: Mapping[str, float]
 
     def as_json(self) -> dict[str, object]:
-        """The object that `--json` prints."""
+        """Return the object that `--json` prints."""
         return {
             "class": self.label,
             "category": self.category.title if self.category else None,
@@ -129,7 +129,7 @@ def means(lines: list[Line]) -> dict[str, float]:
 
 
 def markdown(lines: list[Line]) -> str:
-    """The table, and sentences that compare it with the paper."""
+    """Return the table, and sentences that compare it with the paper."""
     inside = [line for line in lines if line.category is not None]
     head = [
         "category",
