@@ -1,8 +1,10 @@
 """The output of commands: results on standard output, messages on standard error."""
 
+from collections.abc import Sequence
 from typing import NoReturn
 
 import typer
+from rich import box
 from rich.console import Console
 from rich.progress import (
     BarColumn,
@@ -12,6 +14,7 @@ from rich.progress import (
     TimeElapsedColumn,
     TimeRemainingColumn,
 )
+from rich.table import Table
 
 
 def output() -> Console:
@@ -33,6 +36,29 @@ def fail(message: str, status: int = 1) -> NoReturn:
     """Print one line on standard error and exit: status 1 for a failure, 2 for a wrong call."""
     say(f"isoshape: {' '.join(message.split())}")
     raise typer.Exit(status)
+
+
+def print_table(
+    title: str, headings: Sequence[str], rows: Sequence[Sequence[str]], *, left: int = 1, last: int = 0
+) -> None:
+    """Print a table on standard output.
+
+    Parameters
+    ----------
+    title : str
+    headings : sequence of str
+    rows : sequence of sequences of str
+    left : int
+        Number of columns of text, which come first; the other columns hold numbers.
+    last : int
+        Number of rows below a rule, such as sums.
+    """
+    table = Table(title=title, box=box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
+    for place, heading in enumerate(headings):
+        table.add_column(heading, justify="left" if place < left else "right", overflow="fold")
+    for place, row in enumerate(rows):
+        table.add_row(*row, end_section=last > 0 and place == len(rows) - last - 1)
+    output().print(table)
 
 
 def progress() -> Progress:

@@ -1,3 +1,11 @@
-"""Evaluation of rankings: scores and class labels in; retrieval measures, classes and calibrations out."""
+"""Evaluation of the method: scores, labels and truths in; retrieval measures, calibrations and errors out."""
 
-__all__ = ["calibration", "classification", "retrieval_measures", "score_quantiles"]
+__all__ = [
+    "calibration",
+    "classification",
+    "correspondence_errors",
+    "perturbation",
+    "published_figures",
+    "retrieval_measures",
+    "score_quantiles",
+]

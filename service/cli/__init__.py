@@ -1,6 +1,6 @@
 """The command line: words typed in, calls to a service or an archive and printed results out.
 
-One file a command; the research commands are in `service.cli.studies`.
+One file a command; the research commands are in `service.cli.evaluation`.
 """
 
 

@@ -22,6 +22,10 @@ class Command:
     module: str
 
 
+def _evaluation(summary: str, module: str) -> Command:
+    return Command("Research", summary, f"evaluation.{module}")
+
+
 COMMANDS = {
     "serve": Command("Use", "Serve the archive over HTTP until Ctrl-C.", "serve"),
     "demo": Command("Use", "Make shapes, store them and query them with unseen poses.", "demo"),
@@ -38,27 +42,11 @@ COMMANDS = {
     "restore": Command("Archive", "Replace the archive by a backup.", "archives"),
     "copy": Command("Archive", "Copy an archive between SQLite and PostgreSQL.", "archives"),
     "reembed": Command("Archive", "Embed every stored shape by another pipeline.", "archives"),
-    "evaluate": Command("Research", "Measure retrieval on a labelled collection.", "studies.evaluate"),
-    "classify": Command("Research", "Classify each shape by its nearest neighbour.", "studies.classify"),
-    "robustness": Command(
-        "Research", "Measure retrieval of perturbed queries (Fig. 9).", "studies.robustness"
-    ),
-    "ablation": Command(
-        "Research", "Measure retrieval after each change to the paper's setting.", "studies.ablation"
-    ),
-    "table2": Command("Research", "Measure the paper's Table 2, category by category.", "studies.table2"),
-    "figures": Command(
-        "Research", "Draw the paper's figures of spectra, matches and classes.", "studies.figures"
-    ),
-    "sampling": Command("Research", "Measure how vertices are sampled (Figs. 2 and 3).", "studies.sampling"),
-    "correspondence": Command(
-        "Research", "Measure correspondences against the true ones.", "studies.correspondence"
-    ),
-    "calibrate": Command(
-        "Research", "Fit the class probability to labelled collections.", "studies.calibrate"
-    ),
-    "benchmark": Command(
-        "Research", "Measure the time and memory of embedding and matching.", "studies.benchmark"
-    ),
+    "evaluate": _evaluation("Measure retrieval on a labelled collection.", "evaluate"),
+    "classify": _evaluation("Classify each shape by its nearest neighbour.", "classify"),
+    "table2": _evaluation("Measure the paper's Table 2, category by category.", "table2"),
+    "correspondence": _evaluation("Measure correspondences against the true ones.", "correspondence"),
+    "calibrate": _evaluation("Fit the class probability to labelled collections.", "calibrate"),
+    "benchmark": _evaluation("Measure the time and memory of embedding and matching.", "benchmark"),
 }
 """Each command by its name, in the order of the help."""

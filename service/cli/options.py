@@ -1,8 +1,15 @@
-"""Options that several commands share."""
+"""Arguments and options that several commands share."""
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
+
+Collection = Annotated[
+    Path,
+    typer.Argument(metavar="DIR", help="Folder of meshes with labels.csv, or with a folder a class."),
+]
+"""A labelled collection."""
 
 Workers = Annotated[
     int | None,
@@ -10,4 +17,4 @@ Workers = Annotated[
         min=1, envvar="ISOSHAPE_WORKERS", help="Worker processes. [default: one for each processor]"
     ),
 ]
-"""Number of processes that compute; `service.studies.pairwise_scores.default_workers` where None."""
+"""Number of processes that compute; `service.evaluation.pairwise_scores.default_workers` where None."""

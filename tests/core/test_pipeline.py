@@ -24,8 +24,8 @@ from core.mesh.subdivision import refine
 from core.parameters import DEFAULT, PAPER
 from core.pipeline import Pipeline
 from core.serialization import embedding_to_bytes
-from core.studies.perturbation import add_noise, make_soup
 from tests.core.shapes import blob, box, folded, icosphere, joined, rectangle, shifted, soup
+from tests.studies.perturbation import add_noise, make_soup
 
 SETTINGS = {"default": DEFAULT, "paper": PAPER}
 

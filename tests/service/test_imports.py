@@ -16,7 +16,7 @@ ORDER = (
     "core.graph", "core.sampling", "core.spectral", "core.descriptors", "core.registration",
     "core.matching.kernels", "core.matching", "core.dense", "core.ranking", "core.serialization",
     "core.sparse_embedding", "core.pipeline",
-    "core.evaluation", "core.gallery", "core.studies", "core.studies.sampling", "core",
+    "core.gallery", "core.evaluation", "core",
     "service.errors", "service.collection", "service.observability", "service.storage",
     "service.storage.migrations.versions", "service.storage.migrations", "service.auth", "service.settings",
     "service.http.idempotency", "service.http", "service.rendering", "service.web", "service.compute",
@@ -24,9 +24,7 @@ ORDER = (
     "service.shapes", "service.shapes.deleted", "service.previews", "service.search", "service.duplicates",
     "service.maps", "service.jobs", "service.system", "service.app", "service.openapi_document",
     "service.client", "service.server", "service.console", "service.datasets", "service.report",
-    "service.studies.baselines", "service.studies", "service.studies.sampling", "service.studies.robustness",
-    "service.studies.figures", "service.studies.calibration", "service.studies.benchmark",
-    "service.cli", "service.cli.studies",
+    "service.evaluation", "service.cli", "service.cli.evaluation",
     "service",
 )  # fmt: skip
 
@@ -169,23 +167,19 @@ def test_only_reading_imports_trimesh() -> None:
     users = {m for m, imported in imports().items() if any(within(name, "trimesh") for name in imported)}
     assert users
     # And the comparison with trimesh's own method.
-    assert all(within(module, "core.io") or module == "service.studies.baselines.icp" for module in users)
+    assert all(within(module, "core.io") or module == "service.evaluation.baselines" for module in users)
 
 
 def test_libraries_of_comparisons_are_imported_by_comparisons_alone() -> None:
     for package in ("lapy", "sklearn"):
         users = {m for m, imported in imports().items() if any(within(name, package) for name in imported)}
-        assert users
-        assert all(
-            within(module, "service.studies.baselines") or within(module, "service.studies.benchmark")
-            for module in users
-        )
+        assert users == {"service.evaluation.baselines"}
 
 
-def test_other_methods_are_for_the_command_line_alone() -> None:
+def test_evaluation_is_for_the_command_line_alone() -> None:
     for module, imported in imports().items():
-        if any(within(name, "service.studies.baselines") for name in imported):
-            assert within(module, "service.studies") or within(module, "service.cli"), module
+        if any(within(name, "service.evaluation") for name in imported):
+            assert within(module, "service.evaluation") or within(module, "service.cli"), module
 
 
 @pytest.mark.parametrize(

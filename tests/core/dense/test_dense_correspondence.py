@@ -6,8 +6,8 @@ import pytest
 from core import Mesh, Pipeline
 from core.dense.working_surface import MOST_VERTICES
 from core.errors import DegenerateMeshError
+from core.evaluation.correspondence_errors import surface_distances
 from core.gallery.bodies import make_body
-from core.studies.correspondence import surface_distances
 from tests.core.dense.solids import SIDE, chair, plate
 from tests.core.shapes import rectangle, scaled, shifted, subdivided, turned
 

@@ -7,9 +7,9 @@ from scipy.spatial import cKDTree
 
 from core.dense.functional_maps import basis, extend, nearest_both_ways
 from core.errors import ParameterError
+from core.evaluation.correspondence_errors import surface_distances
 from core.gallery.bodies import make_body
 from core.mesh.mesh import Mesh
-from core.studies.correspondence import surface_distances
 
 
 @pytest.fixture(scope="module")

@@ -5,13 +5,14 @@ import pytest
 
 from core.descriptors.boundary_ratio import boundary_ratio
 from core.descriptors.completeness import INCOMPLETE
+from core.evaluation.perturbation import cut_part, remove_discs
 from core.gallery import make_shape
 from core.mesh.cleaning import clean, face_areas
 from core.mesh.edges import half_edges
 from core.mesh.mesh import Mesh
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
-from core.studies.perturbation import cut_part, make_soup, remove_discs
+from tests.studies.perturbation import make_soup
 
 
 def open_share(mesh: Mesh) -> float:

@@ -11,11 +11,12 @@ from core.descriptors.descriptor_distance import ROW_COUNTS, ROW_LENGTH, descrip
 from core.descriptors.partial_matching import PART_ROWS, part_distances
 from core.descriptors.spin_images import KEYPOINTS, SPIN_IMAGE_LENGTH, spin_image_distances
 from core.embedding import Embedding
+from core.evaluation.perturbation import cut_part, subdivide
 from core.gallery import make_shape
 from core.mesh.mesh import Mesh
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
-from core.studies.perturbation import cut_part, make_soup, subdivide
+from tests.studies.perturbation import make_soup
 
 PIPELINE = Pipeline(DEFAULT)
 

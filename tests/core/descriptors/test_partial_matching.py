@@ -24,11 +24,11 @@ from core.descriptors.spin_images import (
     spin_image_count,
     spin_images,
 )
+from core.evaluation.perturbation import cut_part, subdivide
 from core.gallery import make_shape
 from core.gallery.solids import rotation
 from core.mesh.cleaning import clean
 from core.mesh.mesh import Mesh
-from core.studies.perturbation import cut_part, subdivide
 
 CLASSES = ("bird", "cup", "octopus", "person", "plane", "quadruped")
 WHOLES = {label: make_shape(label, 0) for label in CLASSES}

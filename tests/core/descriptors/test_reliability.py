@@ -8,7 +8,7 @@ from core.descriptors.reliability import intrinsic_reliability
 from core.gallery import make_shape
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
-from core.studies.perturbation import make_soup
+from tests.studies.perturbation import make_soup
 
 FACTS = Pipeline(DEFAULT).embed(make_shape("cup", 0)).facts
 

@@ -5,6 +5,7 @@ import pytest
 from numpy.random import SeedSequence, default_rng
 
 from core.errors import MeshError, ParameterError
+from core.evaluation.correspondence_errors import surface_distances
 from core.gallery import CLASSES, bodies
 from core.gallery.bodies import make_body, symmetries
 from core.gallery.posing import DRAWS, BodyDraws, Draws, at_rest, rotations, skinned, skinning_weights
@@ -12,7 +13,6 @@ from core.gallery.solids import capsule, rotation
 from core.gallery.surface import components, is_closed_manifold
 from core.mesh.cleaning import face_areas
 from core.mesh.edges import half_edges
-from core.studies.correspondence import surface_distances
 
 MOST_STRETCH = 0.35
 """Joints are bent in a few edges, so that some of theirs are longer or shorter."""

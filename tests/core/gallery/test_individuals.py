@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from core.errors import ParameterError
+from core.evaluation.correspondence_errors import surface_distances
 from core.gallery.bodies import individual_partners, make_body
-from core.studies.correspondence import surface_distances
 
 
 def test_a_body_is_its_own_partner():

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from core.embedding import NO_ORIENTATION
+from core.evaluation.correspondence_errors import REMESHED, surface_distances, symmetric_error
 from core.gallery.bodies import make_body
 from core.mesh.mesh import Mesh
 from core.pipeline import Pipeline
-from core.studies.correspondence import REMESHED, surface_distances, symmetric_error
 from tests.core.shapes import icosphere
 
 PIPELINE = Pipeline()

@@ -11,7 +11,7 @@ from core.mesh.mesh import Mesh
 from core.mesh.preparation import neighbour_means, roughness, taubin_smoothing, vertex_normals
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
-from core.studies.perturbation import add_noise
+from tests.studies.perturbation import add_noise
 
 
 @pytest.fixture(scope="module")

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
+from core.evaluation.perturbation import subdivide
 from core.mesh.cleaning import clean, face_areas
 from core.mesh.edges import boundary_edges, component_labels, half_edges
 from core.mesh.mesh import Mesh
 from core.mesh.simplification import _quadrics, contract_edges
 from core.numerics.compilation import constant
-from core.studies.perturbation import subdivide
 from tests.core.shapes import box, icosphere, joined, shifted, turned
 
 

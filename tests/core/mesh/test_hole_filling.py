@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from core.evaluation.perturbation import remove_discs
 from core.gallery import make_shape
 from core.mesh.cleaning import clean, face_areas
 from core.mesh.edges import half_edges
@@ -10,8 +11,8 @@ from core.mesh.mesh import Mesh
 from core.mesh.preparation import fill_holes
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
-from core.studies.perturbation import make_soup, remove_discs
 from tests.core.shapes import icosphere, joined, rectangle, turned
+from tests.studies.perturbation import make_soup
 
 
 def without_caps(mesh: Mesh, heights: list[float]) -> Mesh:

@@ -2,10 +2,10 @@
 
 import pytest
 
+from core.evaluation.perturbation import subdivide
 from core.mesh.cleaning import clean, face_areas
 from core.mesh.mesh import Mesh
 from core.mesh.simplification import FINENESS, simplify
-from core.studies.perturbation import subdivide
 from tests.core.shapes import box, icosphere, joined, shifted, turned
 
 WANTED = 600

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from core.embedding import Embedding
+from core.evaluation.perturbation import subdivide
 from core.gallery.bodies import make_body
 from core.gallery.solids import Frame, ellipsoid, tube
 from core.gallery.surface import surface
@@ -19,7 +20,6 @@ from core.registration.rigid_copy import (
     may_be_copy,
 )
 from core.registration.similarity import RESIDUAL
-from core.studies.perturbation import subdivide
 from tests.soak.chirality.parts import part, screw
 from tests.soak.duplicates.copies import moved, simplified
 

@@ -15,9 +15,9 @@ from core.io import write_mesh
 from service.app import create_app
 from service.cli.commands import command_line
 from service.client import Client
+from service.evaluation import pairwise_scores
 from service.server.uvicorn_server import in_thread
 from service.settings import Settings
-from service.studies import pairwise_scores
 
 CLASSES = ("cup", "octopus", "pliers")
 POSES = 3

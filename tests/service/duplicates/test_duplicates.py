@@ -10,13 +10,13 @@ from sqlalchemy import delete
 
 from core.arrays import Float32s
 from core.embedding import Scores
+from core.evaluation.perturbation import subdivide
 from core.gallery import make_shape
 from core.gallery.bodies import make_person
 from core.io import write_mesh
 from core.matching.match_records import score_match_records
 from core.parameters import Parameters
 from core.registration.similarity import RESIDUAL
-from core.studies.perturbation import subdivide
 from service.client import Client
 from service.duplicates.groups import Groups, Link
 from service.duplicates.schemas import COLUMNS

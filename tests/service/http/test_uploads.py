@@ -13,10 +13,10 @@ from typing import IO, Any
 import pytest
 import trimesh
 
+from core.evaluation.perturbation import cut_part
 from core.io import read_mesh, write_mesh
 from core.mesh.mesh import Mesh
 from core.pipeline import Pipeline
-from core.studies.perturbation import cut_part
 from service.compute.tasks import Embedded
 from service.http.request_bodies import FORM_FIELDS
 from tests.core.io.files import PLAIN

@@ -4,9 +4,9 @@ from collections.abc import Iterator
 
 import pytest
 
+from core.evaluation.perturbation import cut_part
 from core.gallery import make_shape
 from core.io import write_mesh
-from core.studies.perturbation import cut_part
 from service.client import Client
 from tests.service.support import Running, assert_problem, query, serving, settings_in
 

@@ -27,6 +27,8 @@ from core.ranking.shortlist import least, signature_distances
 from core.serialization import embedding_to_bytes
 from service.collection import DEFAULT_COLLECTION
 from service.compute.tasks import embed_mesh
+from service.evaluation.archive_repository import fill, originals
+from service.evaluation.benchmark_meshes import Source
 from service.pipelines.active import Pipelines
 from service.pipelines.starting import begin
 from service.shapes import repository
@@ -34,8 +36,6 @@ from service.shapes.records import NewShape
 from service.storage.database import Database
 from service.storage.hnsw_parameters import HnswParameters
 from service.storage.migrate import migrate
-from service.studies.benchmark.archive import fill, originals
-from service.studies.benchmark.meshes import Source
 from tests.service import engines
 from tests.soak.vectors.__main__ import GROUP, LENGTH, SPREAD
 
@@ -50,7 +50,7 @@ def of_a_shape(folder: Path) -> None:
     """Bytes of a shape, its own file apart."""
     source = Source({label: [(label, make_shape(label, 0))] for label in ("cup", "octopus")})
     found = originals(source)
-    fill(f"sqlite:///{folder}/archive.sqlite3", found, SHAPES, lambda written: None)
+    fill(f"sqlite:///{folder}/archive.sqlite3", found, SHAPES)
     stored = sum(path.stat().st_size for path in folder.iterdir()) / SHAPES
     print("| of a shape | bytes |\n|---|---:|")
     for name, size in (

@@ -2,10 +2,10 @@
 
 import numpy as np
 
+from core.evaluation.perturbation import subdivide
 from core.mesh.mesh import Mesh
 from core.mesh.normal_frame import normal_frame
 from core.mesh.simplification import simplify
-from core.studies.perturbation import subdivide
 
 KINDS = ("turned", "scaled", "split", "simplified", "mirrored")
 

@@ -18,8 +18,8 @@ from core.ranking.likeness import NEAR_ISOMETRIC, POSE_CC, SIMILAR
 from core.ranking.local_density import typical_densities
 from core.ranking.opinion_pool import pooled_log_odds
 from service.datasets import read_collection
-from service.studies.pairwise_scores import PairScores
-from service.studies.retrieval import score_collection
+from service.evaluation.pairwise_scores import PairScores
+from service.evaluation.retrieval import score_collection
 
 THRESHOLDS = [(near, POSE_CC) for near in (0.025, NEAR_ISOMETRIC, 0.04, 0.05)] + [
     (NEAR_ISOMETRIC, cc) for cc in (0.0, 0.97, 0.99)
@@ -37,7 +37,6 @@ def poses(spectral: NDArray[np.float64], scores: PairScores, near: float, cc: fl
 
 def rows(name: str, labels: list[str], scores: PairScores) -> tuple[list[str], list[str], list[str]]:
     """Two rows of each table: pairs of one class, and of two classes."""
-    assert scores.differences is not None
     spectral, classes = scores.differences.spectral, np.array(labels)
     once = np.triu(np.ones_like(spectral, dtype=bool), 1)
     one_class = classes[:, None] == classes[None, :]

@@ -14,11 +14,11 @@ import numpy as np
 from core.arrays import Floats
 from core.descriptors.partial_matching import describe_part, part_distances
 from core.descriptors.spin_images import KEYPOINTS, SPIN_IMAGE_LENGTH
+from core.evaluation.perturbation import cut_part
 from core.io import format_of, read_mesh
 from core.mesh.cleaning import clean
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
-from core.studies.perturbation import cut_part
 from service.datasets import read_collection
 
 SHARES = (0.1, 0.2, 0.3, 0.5, 0.7)

@@ -20,11 +20,10 @@ from core.io import format_of, read_mesh, write_mesh
 from core.mesh.mesh import Mesh
 from service.client import Client
 from service.datasets import read_collection
+from service.evaluation.archive_repository import STEP, fill, originals, shape_id
+from service.evaluation.benchmark_meshes import read_source
+from service.evaluation.retrieval import spread
 from service.server.process import LOOPBACK, ChildService, bind, wait_until_ready
-from service.studies.benchmark.archive import fill, originals, shape_id
-from service.studies.benchmark.meshes import read_source
-from service.studies.benchmark.searching import STEP
-from service.studies.subset import spread
 from tests.service import engines
 from tests.service.dask_cluster import Cluster, cluster
 from tests.service.support import wait_until
@@ -39,7 +38,7 @@ TABLES = ("blobs", "shapes", "embeddings")
 def archive(shapes: int) -> str:
     """A database of so many shapes, which further ones can be stored in."""
     url = engines.empty_database(migrated=True)
-    fill(url, originals(read_source(None)), shapes, lambda written: None)
+    fill(url, originals(read_source(None)), shapes)
     with engines.bare(url) as connection:
         for table in TABLES:
             last = f"SELECT setval(pg_get_serial_sequence('{table}', 'number'), max(number)) FROM {table}"

@@ -1,0 +1,312 @@
+"""Geodesic errors of correspondences whose truth is known: of made bodies, and of template vertices."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import permutations
+
+import numpy as np
+from scipy.sparse.csgraph import dijkstra
+from scipy.spatial import cKDTree
+
+from core.arrays import Floats, Ints
+from core.dense.functional_maps import Basis, basis, extend
+from core.embedding import Embedding
+from core.errors import ParameterError
+from core.gallery.bodies import Body, individual_partners, make_body
+from core.graph.edge_graph import edge_graph
+from core.graph.geodesics import geodesics
+from core.mesh.cleaning import clean, face_areas
+from core.mesh.mesh import Mesh
+from core.parameters import Parameters
+from core.pipeline import Pipeline
+
+MOST_ERROR = 0.06
+"""Largest accepted mean geodesic error of a class of made bodies, over the square root of the area."""
+
+REMESHED = 2100
+"""Number of vertices of a remeshed body; it differs from `core.gallery.bodies.VERTICES`."""
+
+MEASURED = 400
+"""Number of template vertices at which errors are measured."""
+
+
+@dataclass(frozen=True)
+class PairErrors:
+    """Errors of the match of two poses, or of two individuals.
+
+    Attributes
+    ----------
+    first, second : int
+        The poses or individuals; each vertex of the first is mapped to a vertex of the second.
+    cc : float
+        CC of the match.
+    samples, vertices : float
+        Mean geodesic error of the matched samples, and of the dense correspondence of all vertices, over the
+        square root of the area; each is the least over the body's symmetries.
+    symmetry : int
+        The symmetry of the least error of the dense correspondence: a row of `Body.partners`.
+    direct : float
+        The error of the dense correspondence where the body's own left must stay left: of symmetry 0.
+    """
+
+    first: int
+    second: int
+    cc: float
+    samples: float
+    vertices: float
+    symmetry: int
+    direct: float
+
+
+@dataclass(frozen=True)
+class BodyErrors:
+    """Errors of all ordered pairs of poses of the individual `body`, or of individuals if `body` is None."""
+
+    label: str
+    body: int | None
+    pairs: tuple[PairErrors, ...]
+
+    def mean(self, field: str) -> float:
+        """Return the mean over the pairs of one field of `PairErrors`."""
+        return float(np.mean([getattr(pair, field) for pair in self.pairs]))
+
+
+def surface_distances(body: Body) -> Floats:
+    """Return geodesic distances between all vertices of a body at rest, over the root of its area, (n, n).
+
+    Poses bend joints and stretch little, so the distances of every pose differ by a few per cent.
+    """
+    area = float(face_areas(body.rest.vertices, body.rest.faces).sum())
+    lengths = np.asarray(dijkstra(edge_graph(body.rest)))
+    return np.asarray(np.minimum(lengths, lengths.T) / np.sqrt(area))
+
+
+def symmetric_error(distances: Floats, partners: Ints, vertices: Ints, targets: Ints) -> tuple[float, int]:
+    """Return the mean distance of mapped vertices from the true ones, and the symmetry that minimises it.
+
+    Parameters
+    ----------
+    distances : float64, shape (m, m)
+        Geodesic distances between the vertices of the second mesh.
+    partners : int64, shape (g, n)
+        True correspondences, one row for each symmetry, from `Body.partners`.
+    vertices, targets : int64, shape (p,)
+        Vertices of the first mesh, and the vertices of the second to which they are mapped.
+    """
+    errors = distances[targets, partners[:, vertices]].mean(axis=1)
+    return float(errors.min()), int(errors.argmin())
+
+
+def study_body(
+    label: str, number: int, poses: int, parameters: Parameters, *, remeshed: bool = False
+) -> BodyErrors:
+    """Match all ordered pairs of poses of a body, and compare the results with the true correspondence.
+
+    Parameters
+    ----------
+    label : str
+        A class of the gallery.
+    number : int
+        The individual, >= 0.
+    poses : int
+        Poses 0 .. `poses` - 1, at least 2.
+    parameters : Parameters
+        Parameters of the pipeline.
+    remeshed : bool
+        Whether the second pose has another mesh, so that identical triangles do not help. The true
+        correspondence is then known to within half an edge.
+    """
+    body = make_body(label, number)
+    second = make_body(label, number, vertices=REMESHED) if remeshed else body
+    truth, distances = body.partners(second), surface_distances(second)
+    pipeline = Pipeline(parameters)
+    sides = [
+        [_Prepared.of(side.posed(pose), pipeline) for pose in range(poses)]
+        for side in ([body, second] if remeshed else [body])
+    ]
+    pairs = [
+        _pair_errors((i, j), (sides[0][i], sides[-1][j]), truth, distances, pipeline)
+        for i, j in permutations(range(poses), 2)
+    ]
+    return BodyErrors(label, number, tuple(pairs))
+
+
+def study_individuals(label: str, count: int, parameters: Parameters) -> BodyErrors:
+    """Match all ordered pairs of individuals 0 .. `count` - 1 of a class; individual i is in pose i."""
+    bodies = [make_body(label, number) for number in range(count)]
+    pipeline = Pipeline(parameters)
+    prepared = [_Prepared.of(body.posed(number), pipeline) for number, body in enumerate(bodies)]
+    distances = [surface_distances(body) for body in bodies]
+    pairs = [
+        _pair_errors(
+            (i, j),
+            (prepared[i], prepared[j]),
+            individual_partners(bodies[i], bodies[j]),
+            distances[j],
+            pipeline,
+        )
+        for i, j in permutations(range(count), 2)
+    ]
+    return BodyErrors(label, None, tuple(pairs))
+
+
+@dataclass(frozen=True, eq=False)
+class _Prepared:
+    """A mesh, ready to be matched."""
+
+    embedding: Embedding
+    basis: Basis
+
+    @classmethod
+    def of(cls, mesh: Mesh, pipeline: Pipeline) -> "_Prepared":
+        return cls(pipeline.embed(mesh), basis(mesh))
+
+
+def _pair_errors(
+    numbers: tuple[int, int],
+    pair: tuple[_Prepared, _Prepared],
+    truth: Ints,
+    distances: Floats,
+    pipeline: Pipeline,
+) -> PairErrors:
+    """Return the errors of one ordered pair, from the truth and the distances on the second surface."""
+    first, second = pair
+    match = pipeline.match(first.embedding, second.embedding)
+    matched = _vertices(first.embedding, second.embedding, match.correspondence.astype(np.int64))
+    samples, _ = symmetric_error(distances, truth, matched[:, 0], matched[:, 1])
+    targets = dense_map(first, second, pipeline)
+    everywhere = np.arange(truth.shape[1])
+    vertices, symmetry = symmetric_error(distances, truth, everywhere, targets)
+    direct, _ = symmetric_error(distances, truth[:1], everywhere, targets)
+    return PairErrors(*numbers, match.cc, samples, vertices, symmetry, direct)
+
+
+def _vertices(first: Embedding, second: Embedding, pairs: Ints) -> Ints:
+    """Return the vertices of paired samples, shape (p, 2)."""
+    return np.stack([first.vertices[pairs[:, 0]], second.vertices[pairs[:, 1]]], axis=1).astype(np.int64)
+
+
+def dense_map(first: "_Prepared | KnownMesh", second: "_Prepared | KnownMesh", pipeline: Pipeline) -> Ints:
+    """Return the vertex of the second mesh for each of n vertices of the first, by the dense correspondence.
+
+    Returns
+    -------
+    int64, shape (n,)
+    """
+    candidates, mirrored = pipeline.correspondences(first.embedding, second.embedding)
+    pairs = [_vertices(first.embedding, second.embedding, samples) for samples in candidates]
+    return extend(first.basis, second.basis, pairs, mirrored)
+
+
+@dataclass(frozen=True, eq=False)
+class KnownMesh:
+    """A mesh whose correspondence with a template is known, ready to be matched.
+
+    Attributes
+    ----------
+    mesh : Mesh
+        Clean.
+    truth : int64, shape (g, t)
+        For each measured vertex of the template the vertex of the mesh that is it, and if it is known, in a
+        second row, the vertex that is its mirror image.
+    distances : float32, shape (g, t, n)
+        Geodesic distances of all vertices of the mesh from those of `truth`, over the root of its area.
+    embedding : Embedding
+        Of the clean mesh.
+    basis : Basis
+        Of the clean mesh.
+    """
+
+    mesh: Mesh
+    truth: Ints
+    distances: Floats
+    embedding: Embedding
+    basis: Basis
+
+
+@dataclass(frozen=True)
+class TruthErrors:
+    """Mean geodesic errors of the dense correspondence of two meshes, over the root of the area.
+
+    Attributes
+    ----------
+    direct : float
+        From the true vertices: the left of the first body is the left of the second.
+    symmetric : float
+        The lesser of the errors from the true vertices and from their mirror images.
+    """
+
+    direct: float
+    symmetric: float
+
+
+def measured_vertices(template: int, seed: int) -> Ints:
+    """Draw the vertices of a template of so many vertices at which errors are measured, ascending."""
+    chosen = np.random.default_rng(seed).permutation(template)[:MEASURED]
+    return np.sort(chosen)
+
+
+def known_mesh(mesh: Mesh, truth: Ints, pipeline: Pipeline) -> KnownMesh:
+    """Prepare a mesh with the vertices, in the order of its file, that are those of a template.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        Of n vertices, as its file has them.
+    truth : int64, shape (g, t)
+        See `KnownMesh`.
+    pipeline : Pipeline
+
+    Raises
+    ------
+    ParameterError
+        A vertex is none of the mesh.
+    CoreError
+        The mesh cannot be embedded.
+    """
+    if truth.size == 0 or truth.min() < 0 or truth.max() >= len(mesh.vertices):
+        raise ParameterError(f"the truth names vertices that are none of the mesh's {len(mesh.vertices)}")
+    cleaned = clean(mesh).mesh
+    nearest = np.asarray(cKDTree(cleaned.vertices).query(mesh.vertices[truth])[1], dtype=np.int64)
+    sources, rows = np.unique(nearest, return_inverse=True)
+    lengths = geodesics(edge_graph(cleaned), sources, np.arange(len(cleaned.vertices)))
+    area = float(face_areas(cleaned.vertices, cleaned.faces).sum())
+    distances = (lengths.T / np.sqrt(area)).astype(np.float32)[rows.reshape(nearest.shape)]
+    return KnownMesh(cleaned, nearest, distances, pipeline.embed(cleaned), basis(cleaned))
+
+
+def truth_errors(first: KnownMesh, second: KnownMesh, targets: Ints) -> TruthErrors:
+    """Return the errors of a map from the n vertices of the first mesh to those of the second, shape (n,)."""
+    ends = targets[first.truth[0]]
+    errors = second.distances[:, np.arange(len(ends)), ends].mean(axis=1)
+    return TruthErrors(float(errors[0]), float(errors.min()))
+
+
+def drawn_pairs(
+    classes: Sequence[str], templates: Sequence[str], count: int, seed: int
+) -> tuple[list[tuple[int, int]], list[tuple[int, int]]]:
+    """Draw ordered pairs of shapes that share a template, without repetition.
+
+    Parameters
+    ----------
+    classes, templates : sequence of str
+        Of each shape.
+    count : int
+        The most pairs of each kind; all pairs are taken where there are fewer.
+    seed : int
+
+    Returns
+    -------
+    list of pairs of one class, list of pairs of two classes
+    """
+    random = np.random.default_rng(seed)
+    together = [(i, j) for i, j in permutations(range(len(classes)), 2) if templates[i] == templates[j]]
+
+    def drawn(fits: Callable[[int, int], bool]) -> list[tuple[int, int]]:
+        pairs = [pair for pair in together if fits(*pair)]
+        return sorted(pairs[k] for k in random.permutation(len(pairs))[:count])
+
+    return (
+        drawn(lambda i, j: classes[i] == classes[j]),
+        drawn(lambda i, j: classes[i] != classes[j]),
+    )

@@ -1,0 +1,1 @@
+"""Commands that evaluate the method on labelled collections, and measure its cost."""

@@ -1,0 +1,87 @@
+"""`isoshape calibrate`: the parameters of `combined`, fitted to labelled collections and judged on them."""
+
+import json
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from core.errors import ParameterError
+from core.evaluation.calibration import LabelledPairs
+from core.parameters import DEFAULT
+from service.cli.options import Workers
+from service.console import fail, print_table, progress, say
+from service.evaluation.calibration import LEVELS, CollectionPairs, part_pairs, study, summary
+from service.evaluation.pairwise_scores import default_workers, worker_pool
+from service.evaluation.perturbed_queries import clean_gallery
+from service.evaluation.retrieval import Files, collection_files, score_collection, spread
+
+PARTS = 48
+"""Each of them is made incomplete in several ways, and each result is a query."""
+
+
+def calibrate_command(
+    folders: Annotated[
+        list[Path],
+        typer.Argument(metavar="DIR...", help="Folders of meshes with labels.csv, or with a folder a class."),
+    ],
+    *,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    limit: Annotated[
+        int | None,
+        typer.Option(min=4, help="Use only this many shapes of each folder, spread over the classes."),
+    ] = None,
+    parts: Annotated[
+        int, typer.Option(min=2, help="This many shapes of each folder are made incomplete.")
+    ] = PARTS,
+    workers: Workers = None,
+) -> None:
+    """Fit the class probability to labelled collections.
+
+    The command prints the constants of core/ranking/opinion_pool.py: the coefficients of a logistic
+    regression over all pairs of complete shapes, each collection with the same weight, and of another over
+    pairs with an incomplete shape, also of shapes with holes made in them or with a part cut away. Each class
+    is judged by models fitted without that class: the table has the expected calibration error, and the
+    retrieval by these probabilities. Three classes or more are needed.
+    """
+    chosen = [collection_files(folder, limit) for folder in folders]
+    sampled = [spread(files, min(parts, len(files))) for files in chosen]
+    _check([[label for _, label in files] for files in chosen], "")
+    _check([[label for _, label in files] for files in sampled], " by --parts")
+    count = workers or default_workers()
+    scored = [score_collection(files, DEFAULT, count) for files in chosen]
+    _check([labels for labels, _ in scored], "")
+    names = [folder.resolve().name for folder in folders]
+    pairs = [
+        CollectionPairs.of(labels, scores, _perturbed(files, count))
+        for (labels, scores), files in zip(scored, sampled, strict=True)
+    ]
+    try:
+        judged = study(names, pairs)
+    except ParameterError as error:
+        fail(str(error))
+    if as_json:
+        typer.echo(json.dumps(judged.as_json()))
+    else:
+        print_table("each class judged by a model fitted without it", *summary(judged))
+        typer.echo(judged.constants())
+    unusable = sum(map(len, chosen)) - sum(len(labels) for labels, _ in scored)
+    if unusable:
+        fail(f"{unusable} files could not be used")
+
+
+def _perturbed(files: Files, workers: int) -> list[LabelledPairs]:
+    with worker_pool(DEFAULT, workers) as pool, progress() as bar:
+        task = bar.add_task("embedding", total=len(files))
+        gallery = clean_gallery(pool, files, lambda _: None, lambda n: bar.advance(task, n))
+        task = bar.add_task("incomplete queries", total=len(gallery.files) * len(LEVELS))
+        return part_pairs(pool, gallery, say, lambda n: bar.advance(task, n))
+
+
+def _check(labels: Sequence[Sequence[str]], where: str) -> None:
+    """End the command unless every model has pairs of one class and pairs of two classes."""
+    sizes = Counter(label.casefold() for collection in labels for label in collection)
+    if len(sizes) < 3 or sum(size > 1 for size in sizes.values()) < 2:
+        fail(f"three classes or more are needed{where}, two of them with two shapes or more")

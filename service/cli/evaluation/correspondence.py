@@ -1,0 +1,189 @@
+"""`isoshape correspondence`: matches between poses of one body against the truth."""
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict
+from functools import partial
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from core.evaluation.correspondence_errors import (
+    MOST_ERROR,
+    BodyErrors,
+    TruthErrors,
+    study_body,
+    study_individuals,
+)
+from core.gallery import CLASSES
+from core.parameters import DEFAULT
+from service.cli.options import Workers
+from service.console import fail, print_table, progress
+from service.evaluation.pairwise_scores import as_they_end, default_workers, worker_pool
+from service.evaluation.template_truth import ORIENTED, OURS, PLAIN, read_truth, study_truth, summary
+
+
+def correspondence_command(
+    *,
+    only: Annotated[
+        list[str] | None, typer.Option(metavar="CLASS", help=f"One of {', '.join(CLASSES)}; repeatable.")
+    ] = None,
+    poses: Annotated[
+        int, typer.Option(min=2, help="Poses of each body; every pair of poses is matched.")
+    ] = 4,
+    bodies: Annotated[int, typer.Option(min=1, help="Individuals of each class.")] = 1,
+    individuals: Annotated[
+        bool,
+        typer.Option("--individuals", help="Match individuals, --bodies of them (at least 2), not poses."),
+    ] = False,
+    remeshed: Annotated[
+        bool, typer.Option("--remeshed", help="Remesh the second shape of each pair: a harder test.")
+    ] = False,
+    check: Annotated[
+        bool, typer.Option("--check", help=f"Fail if the mean error of a class is above {MOST_ERROR}.")
+    ] = False,
+    truth: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR",
+            help="Real meshes: labels.csv (file,class,template), and NAME.vts, NAME.sym.vts beside each.",
+        ),
+    ] = None,
+    pairs: Annotated[
+        int, typer.Option(min=1, help="With --truth: ordered pairs of one class, and of two classes.")
+    ] = 100,
+    seed: Annotated[int, typer.Option(min=0, help="With --truth: draws the pairs.")] = 0,
+    peers: Annotated[bool, typer.Option("--peers", help="With --truth: measure pyfmaps too.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print all numbers as one JSON object.")] = False,
+    workers: Workers = None,
+) -> None:
+    """Measure correspondences against the true ones.
+
+    The shapes are bodies made by code, whose poses have the same vertices in the same order. The error is the
+    mean geodesic distance between the vertex found and the true vertex, over the square root of the area, up
+    to the symmetries of the class. It is measured for the matched samples, and for all vertices by the dense
+    correspondence; there the direct error, without symmetries, stands beside it. With --individuals each body
+    of a class, in a pose of its own, is matched with each other one; their solids give the truth.
+
+    With --truth the meshes are those of a folder. Line i of NAME.vts is the number, from 1, of the vertex of
+    NAME that is vertex i of the template; NAME.sym.vts has its mirror image. The error of the dense
+    correspondence is measured at 400 template vertices: the direct one, and the one up to the symmetry. Pairs
+    are of one class, and of two classes that share a template.
+    """
+    count = workers or default_workers()
+    if truth is not None:
+        _measure_truth(truth, pairs, seed, count, peers=peers, as_json=as_json)
+        return
+    if unknown := sorted(set(only or ()) - set(CLASSES)):
+        fail(f"{unknown[0]} is none of {', '.join(CLASSES)}", status=2)
+    if individuals and (bodies < 2 or remeshed):
+        fail("--individuals needs --bodies of at least 2, and no --remeshed", status=2)
+    labels = [label for label in CLASSES if not only or label in only]
+    if individuals:
+        studies = [partial(study_individuals, label, bodies, DEFAULT) for label in labels]
+    else:
+        studies = [
+            partial(study_body, label, body, poses, DEFAULT, remeshed=remeshed)
+            for label in labels
+            for body in range(bodies)
+        ]
+    errors = _measured(studies, count)
+    by_class = {label: [body for body in errors if body.label == label] for label in labels}
+    if as_json:
+        typer.echo(json.dumps(_object(by_class)))
+    else:
+        _print(
+            by_class, f"{bodies} individuals of each class" if individuals else f"{poses} poses of each body"
+        )
+    over = [label for label, measured in by_class.items() if _mean(measured, "vertices") > MOST_ERROR]
+    if check and over:
+        fail(f"the mean error is above {MOST_ERROR} for {', '.join(over)}")
+
+
+def _measure_truth(folder: Path, pairs: int, seed: int, workers: int, *, peers: bool, as_json: bool) -> None:
+    if peers and find_spec("pyFM") is None:
+        fail("pyfmaps is not installed: pip install isoshape[peers]", status=2)
+    methods = (OURS, PLAIN, ORIENTED) if peers else (OURS,)
+    errors = study_truth(read_truth(folder), pairs, seed, workers, methods)
+    if as_json:
+        objects = {
+            method: {kind: summary(measured) if measured else None for kind, measured in kinds.items()}
+            for method, kinds in errors.items()
+        }
+        typer.echo(json.dumps(objects.pop(OURS) | objects))
+    else:
+        _print_truth(errors)
+
+
+def _print_truth(errors: Mapping[str, Mapping[str, list[TruthErrors]]]) -> None:
+    rows = []
+    for method, kinds in errors.items():
+        for kind, measured in kinds.items():
+            if measured:
+                figures = summary(measured)
+                cells = [
+                    figures[name][part] for name in ("direct", "symmetric") for part in ("mean", "median")
+                ]
+                counted = [method.replace("_", ", "), kind, str(len(measured))]
+                rows.append([*counted, *(f"{value:.3f}" for value in cells)])
+    print_table(
+        "geodesic error / root of the area of the dense correspondence",
+        ("method", "classes", "pairs", "direct, mean", "median", "up to symmetry, mean", "median"),
+        rows,
+        left=2,
+    )
+
+
+def _measured(studies: Sequence[Callable[[], BodyErrors]], workers: int) -> list[BodyErrors]:
+    errors: dict[int, BodyErrors] = {}
+    with worker_pool(DEFAULT, workers) as pool, progress() as bar:
+        task = bar.add_task("matching bodies", total=len(studies))
+        for i, body in as_they_end(pool, _call, dict(enumerate(studies))):
+            errors[i] = body
+            bar.advance(task)
+    return [errors[i] for i in range(len(studies))]
+
+
+def _call(study: Callable[[], BodyErrors]) -> BodyErrors:
+    return study()
+
+
+def _mean(measured: Sequence[BodyErrors], field: str) -> float:
+    return sum(body.mean(field) for body in measured) / len(measured)
+
+
+def _object(by_class: dict[str, list[BodyErrors]]) -> dict[str, object]:
+    return {
+        "most_error": MOST_ERROR,
+        "mean": sum(_mean(measured, "vertices") for measured in by_class.values()) / len(by_class),
+        "classes": {
+            label: {
+                "mean": _mean(measured, "vertices"),
+                "direct": _mean(measured, "direct"),
+                "bodies": [asdict(body) for body in measured],
+            }
+            for label, measured in by_class.items()
+        },
+    }
+
+
+def _print(by_class: dict[str, list[BodyErrors]], matched: str) -> None:
+    fields = ("samples", "vertices", "direct")
+    rows = []
+    for label, measured in by_class.items():
+        errors = [pair.vertices for body in measured for pair in body.pairs]
+        means = (f"{_mean(measured, field):.3f}" for field in fields)
+        within = sum(error <= MOST_ERROR for error in errors)
+        rows.append([label, str(len(errors)), *means, f"{max(errors):.3f}", str(within)])
+    overall = (
+        sum(_mean(measured, field) for measured in by_class.values()) / len(by_class) for field in fields
+    )
+    rows.append(["mean", "", *(f"{mean:.3f}" for mean in overall), "", ""])
+    print_table(
+        f"geodesic error / root of the area, {matched}, matched in pairs",
+        ("class", "pairs", "samples", "all vertices", "direct", "worst pair", f"pairs within {MOST_ERROR}"),
+        rows,
+        last=1,
+    )

@@ -1,0 +1,182 @@
+"""`isoshape evaluate`: retrieval on a labelled collection, each shape a query against all others."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from enum import StrEnum
+from typing import Annotated, Literal
+
+import typer
+
+from core.evaluation.retrieval_measures import Evaluation, evaluate
+from core.evaluation.score_quantiles import QUANTILES, ScoreQuantiles, score_quantiles
+from core.parameters import DEFAULT, PAPER
+from service.cli.options import Collection, Workers
+from service.console import fail, print_table
+from service.evaluation.pairwise_scores import default_workers
+from service.evaluation.retrieval import (
+    Ranking,
+    collection_files,
+    evaluate_ranking,
+    score_baseline,
+    score_collection,
+)
+
+MEASURES = ("nn", "ft", "st", "e", "dcg", "map")
+
+HUBNESS = ("occurrence_skewness", "most_often_wrong")
+
+
+class RankBy(StrEnum):
+    """A score that ranks the answers, or all of them."""
+
+    CC = "cc"
+    SSD = "ssd"
+    SIM = "sim"
+    COMBINED = "combined"
+    ALL = "all"
+
+
+@dataclass(frozen=True)
+class RetrievalReport:
+    """One evaluation of a collection; `setting` names the parameters or the baseline."""
+
+    collection: str
+    setting: str
+    rank_by: str
+    figures: Evaluation
+    cc: dict[str, ScoreQuantiles]
+
+    def as_json(self) -> dict[str, object]:
+        """Return the object that `--json` prints."""
+        return {
+            "collection": self.collection,
+            "setting": self.setting,
+            "rank_by": self.rank_by,
+            "shapes": self.figures.shapes,
+            "classes": len(self.figures.classes),
+            **{name: getattr(self.figures, name) for name in (*MEASURES, *HUBNESS)},
+            "cc": {
+                pairs: {
+                    "pairs": quantiles.pairs,
+                    "quantiles": dict(zip(map(str, QUANTILES), quantiles.quantiles, strict=True)),
+                    "matched": quantiles.at_least,
+                }
+                for pairs, quantiles in self.cc.items()
+            },
+            "per_class": {name: asdict(row) for name, row in self.figures.per_class.items()},
+        }
+
+
+def evaluate_command(
+    folder: Collection,
+    *,
+    setting: Annotated[
+        Literal["paper", "default"], typer.Option(help="Parameters of the method.")
+    ] = "default",
+    method: Annotated[
+        Literal["isoshape", "shapedna", "icp", "mds", "d2", "views"],
+        typer.Option(help="Isoshape or a baseline; a baseline has one distance and no settings."),
+    ] = "isoshape",
+    rank_by: Annotated[
+        list[RankBy] | None, typer.Option(help="Score that ranks the answers; repeatable. [default: cc]")
+    ] = None,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print one JSON object, or a list of them for several rankings.")
+    ] = False,
+    uncapped: Annotated[
+        bool, typer.Option("--uncapped", help="Remove the cap on the number of samples.")
+    ] = False,
+    limit: Annotated[
+        int | None, typer.Option(min=2, help="Use only this many shapes, spread over the classes.")
+    ] = None,
+    workers: Workers = None,
+) -> None:
+    """Measure retrieval on a labelled collection.
+
+    Each shape is a query against all others. The measures are NN (nearest neighbour), FT and ST (first and
+    second tier), E (E-measure of the first 32), DCG (discounted cumulative gain) and MAP (mean average
+    precision), as in Shilane et al. 2004. Ties count against the ranking. Two more measure hubs: the skewness
+    of the 10-occurrence (Radovanovic et al. 2010), and the share of the queries that have one and the same
+    wrong first answer. The quantiles of CC over the pairs of one class and of two are printed too, with the
+    share of the pairs whose CC reaches the threshold of the pipeline.
+
+    The other methods run on the same meshes: ShapeDNA (Reuter et al. 2006) by LaPy, ICP (Besl and McKay 1992)
+    by trimesh, MDS (Elad and Kimmel 2003) by scikit-learn, the shape distribution D2 (Osada et al. 2002), and
+    the view descriptor of core.descriptors alone. ShapeDNA and MDS need `pip install isoshape[peers]`.
+    """
+    if method != "isoshape" and (rank_by or uncapped or setting != "default"):
+        fail(f"--method {method} has no --setting, --rank-by or --uncapped", status=2)
+    files = collection_files(folder, limit)
+    name = folder.resolve().name
+    if method == "isoshape":
+        parameters = PAPER if setting == "paper" else DEFAULT
+        if uncapped:
+            parameters = parameters.with_values(sampling={"sample_cap": 0})
+        labels, scores = score_collection(files, parameters, workers or default_workers())
+        cc = score_quantiles(scores.cc, labels, parameters.ranking.match_threshold)
+        reports = [
+            RetrievalReport(name, setting, ranking.value, evaluate_ranking(scores, labels, ranking), cc)
+            for ranking in _rankings(rank_by or [RankBy.CC])
+        ]
+    else:
+        labels, distances = score_baseline(files, method, workers or default_workers())
+        figures = evaluate(distances, labels, larger_is_closer=False)
+        reports = [RetrievalReport(name, method, "distance", figures, {})]
+    if as_json:
+        objects = [report.as_json() for report in reports]
+        typer.echo(json.dumps(objects[0] if len(objects) == 1 else objects))
+    else:
+        _print(reports)
+    if len(labels) < len(files):
+        fail(f"{len(files) - len(labels)} of {len(files)} files could not be used")
+
+
+def _rankings(chosen: Sequence[RankBy]) -> list[Ranking]:
+    if RankBy.ALL in chosen:
+        return list(Ranking)
+    return [Ranking(choice) for choice in dict.fromkeys(chosen)]
+
+
+def _print(reports: list[RetrievalReport]) -> None:
+    first = reports[0]
+    kind = "method" if first.rank_by == "distance" else "setting"
+    print_table(
+        f"{first.collection}, {kind} {first.setting}: "
+        f"{first.figures.shapes} shapes, {len(first.figures.classes)} classes",
+        ("rank by", *map(str.upper, MEASURES), "skewness", "one wrong"),
+        [
+            [report.rank_by, *(f"{getattr(report.figures, name):.3f}" for name in (*MEASURES, *HUBNESS))]
+            for report in reports
+        ],
+    )
+    if first.cc:
+        rows = [
+            [
+                "one class" if name == "same" else "two classes",
+                str(pairs.pairs),
+                *(f"{value:.4f}" for value in pairs.quantiles),
+                f"{100 * pairs.at_least:.1f} %",
+            ]
+            for name, pairs in first.cc.items()
+        ]
+        quantiles = (f"{100 * quantile:g} %" for quantile in QUANTILES)
+        print_table("CC of pairs", ("pairs of", "pairs", *quantiles, "matched"), rows)
+    for report in reports:
+        print_table(
+            f"by class, ranked by {report.rank_by}",
+            ("class", "most often taken for", "shapes", "NN", "FT", "ST"),
+            _by_class(report.figures),
+            left=2,
+        )
+
+
+def _by_class(figures: Evaluation) -> list[list[str]]:
+    rows = []
+    for place, (name, row) in enumerate(figures.per_class.items()):
+        taken = figures.confusion[place].copy()
+        shapes = int(taken.sum())
+        taken[place] = 0
+        worst = f"{figures.classes[int(taken.argmax())]} ({int(taken.max())})" if taken.any() else ""
+        rows.append([name, worst, str(shapes), f"{row.nn:.2f}", f"{row.ft:.2f}", f"{row.st:.2f}"])
+    return rows

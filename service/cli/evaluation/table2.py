@@ -1,0 +1,146 @@
+"""`isoshape table2`: the paper's Table 2 beside the accuracies measured here, category by category."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+import numpy as np
+import typer
+
+from core.evaluation.published_figures import ALL_CATEGORIES, METHODS, TABLE_2, Category
+from core.evaluation.retrieval_measures import Evaluation, evaluate
+from core.parameters import DEFAULT, PAPER
+from service.cli.options import Collection, Workers
+from service.console import fail, print_table
+from service.evaluation.pairwise_scores import default_workers
+from service.evaluation.retrieval import (
+    Ranking,
+    collection_files,
+    evaluate_ranking,
+    require,
+    score_baseline,
+    score_collection,
+)
+
+BASELINES = {"shapedna": "ShapeDNA", "icp": "ICP", "mds": "MDS"}
+"""The baselines and their titles."""
+
+
+@dataclass(frozen=True)
+class Line:
+    """A class: its category in the paper, if any, and the accuracies measured here by method, in per cent."""
+
+    label: str
+    category: Category | None
+    here: Mapping[str, float]
+
+    def as_json(self) -> dict[str, object]:
+        """Return the object that `--json` prints."""
+        return {
+            "class": self.label,
+            "category": self.category.title if self.category else None,
+            "paper": dict(self.category.accuracy) if self.category else None,
+            "here": dict(self.here),
+        }
+
+
+def table2_command(
+    folder: Collection,
+    *,
+    setting: Annotated[
+        Literal["paper", "default"], typer.Option(help="Parameters of the method.")
+    ] = "default",
+    baselines: Annotated[
+        bool, typer.Option("--baselines/--no-baselines", help="Measure ShapeDNA, ICP and MDS too.")
+    ] = True,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    limit: Annotated[
+        int | None, typer.Option(min=2, help="Use only this many shapes, spread over the classes.")
+    ] = None,
+    workers: Workers = None,
+) -> None:
+    """Measure the paper's Table 2, category by category.
+
+    The accuracy of a class is the share of its shapes whose nearest neighbour is of the same class. Classes
+    and the paper's categories are matched by the names of the Princeton Segmentation Benchmark (Human,
+    Fourleg, Airplane, Bird, Fish, Cup). Of the paper's baselines, libraries provide ICP and MDS, but neither
+    Parts nor TPS-RPM.
+    """
+    files = collection_files(folder, limit)
+    methods = tuple(BASELINES) if baselines else ()
+    for method in methods:
+        require(method)
+    count = workers or default_workers()
+    labels, scores = score_collection(files, PAPER if setting == "paper" else DEFAULT, count)
+    unusable = len(files) - len(labels)
+    figures = {
+        ranking.value: evaluate_ranking(scores, labels, ranking) for ranking in (Ranking.CC, Ranking.COMBINED)
+    }
+    for method in methods:
+        labels, distances = score_baseline(files, method, count)
+        unusable += len(files) - len(labels)
+        figures[method] = evaluate(distances, labels, larger_is_closer=False)
+    lines = compared(figures)
+    name = folder.resolve().name
+    if as_json:
+        report = {
+            "collection": name,
+            "setting": setting,
+            "shapes": figures["cc"].shapes,
+            "classes": [line.as_json() for line in lines],
+            "mean": {"paper": ALL_CATEGORIES, "here": means(lines)},
+        }
+        typer.echo(json.dumps(report))
+    else:
+        headings, rows = table(lines)
+        print_table(f"Table 2 and {name}, setting {setting}: accuracies in per cent", headings, rows)
+    if unusable:
+        fail(f"{unusable} times a file could not be used")
+
+
+def compared(figures: Mapping[str, Evaluation]) -> list[Line]:
+    """Return one line for each class: the classes of the paper in its order, then the others by name.
+
+    A class is left out where a method has fewer than two of its shapes.
+    """
+    shared = set.intersection(*(set(evaluation.per_class) for evaluation in figures.values()))
+    names = {name.casefold(): name for name in sorted(shared)}
+    ordered = [(names.pop(row.label), row) for row in TABLE_2 if row.label in names]
+    return [
+        Line(name, row, {by: 100.0 * evaluation.per_class[name].nn for by, evaluation in figures.items()})
+        for name, row in [*ordered, *((name, None) for name in sorted(names.values()))]
+    ]
+
+
+def means(lines: list[Line]) -> dict[str, float]:
+    """Return the mean accuracy over the lines, by method."""
+    return {by: float(np.mean([line.here[by] for line in lines])) for by in lines[0].here}
+
+
+def table(lines: list[Line]) -> tuple[list[str], list[list[str]]]:
+    """Return the headings and rows, with the means over the paper's categories and over all classes."""
+    methods = [f"here: {BASELINES.get(by, by)}" for by in lines[0].here]
+    headings = ["category", *(f"paper: {name}" for name in METHODS), *methods]
+    rows = [_row(line) for line in lines]
+    inside = [line for line in lines if line.category is not None]
+    if inside:
+        printed = [
+            f"{np.mean([line.category.accuracy[name] for line in inside if line.category]):.2f}"
+            for name in METHODS
+        ]
+        rows.insert(len(inside), [f"mean of these {len(inside)}", *printed, *_cells(means(inside))])
+    blank = [""] * (len(METHODS) - 1)
+    rows.append(
+        [f"mean of all {len(lines)} classes", f"{ALL_CATEGORIES} (of 16)", *blank, *_cells(means(lines))]
+    )
+    return headings, rows
+
+
+def _row(line: Line) -> list[str]:
+    printed = [f"{line.category.accuracy[name]:.2f}" if line.category else "" for name in METHODS]
+    return [line.category.title if line.category else line.label, *printed, *_cells(line.here)]
+
+
+def _cells(here: Mapping[str, float]) -> list[str]:
+    return [f"{value:.1f}" for value in here.values()]

@@ -1,1 +1,0 @@
-"""The research commands of `isoshape`, a file a command."""

@@ -1,0 +1,14 @@
+"""Evaluation on collections and benchmarks: labelled meshes in; scores of all pairs, errors and times out."""
+
+__all__ = [
+    "archive_repository",
+    "baselines",
+    "benchmark_meshes",
+    "benchmark_method",
+    "benchmark_service",
+    "calibration",
+    "pairwise_scores",
+    "perturbed_queries",
+    "retrieval",
+    "template_truth",
+]

@@ -1,0 +1,267 @@
+"""Baselines: other methods of shape comparison, mostly by external libraries; meshes in, distances out.
+
+- ShapeDNA: the Laplace-Beltrami spectrum, computed and compared by LaPy (Reuter, Wolter, Peinecke,
+  "Laplace-Beltrami spectra as Shape-DNA of surfaces and solids", Computer-Aided Design 38, 2006).
+- ICP: the distance between two point clouds after the best rigid motion, by trimesh (Besl, McKay, "A method
+  for registration of 3-D shapes", IEEE PAMI 14(2), 1992).
+- MDS: canonical forms, geodesic distances made Euclidean by scikit-learn's SMACOF and compared by ICP (Elad,
+  Kimmel, "On bending invariant signatures for surfaces", IEEE PAMI 25(10), 2003).
+- D2: the distribution of distances between pairs of points (Osada, Funkhouser, Chazelle, Dobkin, "Shape
+  distributions", ACM Transactions on Graphics 21(4), 2002).
+- Views: the view descriptor of `core.descriptors` alone.
+
+Libraries are imported where they are used: two of them are optional, and all are slow to import.
+"""
+
+import pickle
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from functools import lru_cache, partial
+from importlib.util import find_spec
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+from scipy.spatial.distance import pdist
+
+from core.arrays import Bytes, Floats
+from core.descriptors.view_descriptor import view_descriptor, view_distance
+from core.graph.edge_graph import edge_graph
+from core.graph.geodesics import farthest_points, geodesic_distances
+from core.io import format_of, read_mesh
+from core.mesh.cleaning import clean, face_areas
+from core.mesh.mesh import Mesh
+from core.mesh.normal_frame import normal_frame
+from core.mesh.subdivision import refine
+from core.sampling.surface_samples import evenly_spread
+from service.evaluation.pairwise_scores import Done, reason, stored
+
+Description = NDArray[Any]
+"""The description of a shape; the method determines its type and dimensions."""
+
+EIGENVALUES = 15
+"""Number of nonzero eigenvalues of ShapeDNA."""
+
+ICP_POINTS = 500
+"""Number of samples of the surface, uniform by area."""
+
+MDS_POINTS, MDS_VERTICES = 100, 2000
+"""Farthest-point samples, and vertices of the mesh after its long edges are split (for good geodesics)."""
+
+D2_POINTS, BINS, RANGE = 1024, 64, 3.0
+"""Evenly spread points, bins of the histogram, and its range in units of the mean distance."""
+
+
+@dataclass(frozen=True)
+class Baseline:
+    """A method in two steps.
+
+    Attributes
+    ----------
+    describe : Mesh -> Description
+    compare : (description, descriptions of c others) -> float64, shape (c,)
+        Distances; 0 for equal shapes.
+    library : str or None
+        The optional library that the method needs.
+    """
+
+    describe: Callable[[Mesh], Description]
+    compare: Callable[[Any, Sequence[Any]], Floats]
+    library: str | None = None
+
+
+def spectrum(mesh: Mesh) -> Floats:
+    """Return eigenvalues by linear finite elements, times the area, each divided by its rank: (EIGENVALUES,).
+
+    The first, 0, is left out. The mesh is cleaned (LaPy wants no face without area) and brought to unit scale
+    (its solver's shift is a fixed number).
+    """
+    from lapy import Solver, TriaMesh  # noqa: PLC0415
+    from lapy.shapedna import reweight_ev  # noqa: PLC0415
+
+    cleaned = clean(mesh).mesh
+    surface = TriaMesh(normal_frame(cleaned).apply(cleaned.vertices), cleaned.faces)
+    values, _ = Solver(surface).eigs(k=EIGENVALUES + 1, rng=0)
+    # LaPy computes the area from edge lengths, which gives NaN for slivers by rounding.
+    area = float(face_areas(surface.v, surface.t).sum())
+    return np.asarray(reweight_ev(area * values[1:]))
+
+
+def spectral_distances(description: Floats, others: Sequence[Floats]) -> Floats:
+    """Return Euclidean distances between spectra, shape (c,)."""
+    from lapy.shapedna import compute_distance  # noqa: PLC0415
+
+    return np.array([compute_distance(description, other) for other in others])
+
+
+def random_points(mesh: Mesh) -> Floats:
+    """Return random points of the surface, centred, along its principal axes, at unit scale, (500, 3)."""
+    from trimesh import Trimesh  # noqa: PLC0415
+    from trimesh.sample import sample_surface  # noqa: PLC0415
+
+    cleaned = clean(mesh).mesh
+    points = normal_frame(cleaned).apply(cleaned.vertices)
+    surface = Trimesh(points, cleaned.faces, process=False)
+    return np.asarray(sample_surface(surface, ICP_POINTS, seed=0)[0])
+
+
+def registered_distances(description: Floats, others: Sequence[Floats], *, mirrored: bool = False) -> Floats:
+    """Return residuals of `closest_motion` from one cloud to each of c others, shape (c,)."""
+    return np.array([closest_motion(description, other, mirrored=mirrored) for other in others])
+
+
+def closest_motion(points: Floats, target: Floats, *, mirrored: bool = False) -> float:
+    """Return the residual of the best rigid motion: the root mean square of distances both ways.
+
+    Parameters
+    ----------
+    points, target : float64, shape (n, 3) and (m, 3)
+        Both centred and along their principal axes. The search starts from the four rotations that keep
+        these axes, each followed by trimesh's iterations; the best end counts.
+    mirrored : bool
+        Whether the four reflections are also starts.
+    """
+    from trimesh.registration import icp  # noqa: PLC0415
+
+    tree = cKDTree(target)
+    residuals: list[float] = []
+    for signs in product((1.0, -1.0), repeat=3):
+        if mirrored or np.prod(signs) > 0.0:
+            start = np.diag([*signs, 1.0])
+            _, moved, _ = icp(  # type: ignore[no-untyped-call]
+                points, target, initial=start, scale=False, reflection=False
+            )
+            ahead, back = tree.query(moved)[0], cKDTree(moved).query(target)[0]
+            residuals.append(float(np.sqrt(0.5 * ((ahead**2).mean() + (back**2).mean()))))
+    return min(residuals)
+
+
+def bent_form(mesh: Mesh) -> Floats:
+    """Return the canonical form of farthest-point samples, shape (MDS_POINTS, 3); see `canonical_form`."""
+    cleaned = clean(mesh).mesh
+    normal = Mesh(normal_frame(cleaned).apply(cleaned.vertices), cleaned.faces)
+    surface = refine(normal, MDS_VERTICES) if len(normal.vertices) < MDS_VERTICES else normal
+    graph = edge_graph(surface)
+    first = int(np.argmax(np.linalg.norm(surface.vertices, axis=1)))
+    return canonical_form(geodesic_distances(graph, farthest_points(graph, MDS_POINTS, first)))
+
+
+def canonical_form(distances: Floats) -> Floats:
+    """Return points in space whose distances approximate the given distances best.
+
+    Parameters
+    ----------
+    distances : float64, shape (m, m)
+        Symmetric, zero on the diagonal.
+
+    Returns
+    -------
+    float64, shape (m, 3)
+        Centred points along their principal axes, with unit root mean square radius. MDS leaves rotation and
+        reflection undetermined.
+    """
+    from sklearn.manifold import MDS  # noqa: PLC0415
+
+    scaling = MDS(n_components=3, metric="precomputed", init="classical_mds", n_init=1)
+    points = scaling.fit_transform(distances)
+    points = points - points.mean(axis=0)
+    points = points @ np.linalg.svd(points, full_matrices=False)[2].T
+    return np.asarray(points / np.sqrt((points**2).sum(axis=1).mean()))
+
+
+def distance_distribution(mesh: Mesh) -> Floats:
+    """Return the share of distances between points in each bin, shape (BINS,); the sum is at most 1.
+
+    Distances are divided by their mean, so the size of the shape does not matter.
+
+    Raises
+    ------
+    DegenerateMeshError
+        The mesh has no area.
+    """
+    surface = clean(mesh).mesh
+    areas = face_areas(surface.vertices, surface.faces)
+    points, _ = evenly_spread(surface.vertices[surface.faces], areas, D2_POINTS)
+    lengths = pdist(points)
+    counts, _ = np.histogram(lengths / lengths.mean(), bins=BINS, range=(0.0, RANGE))
+    return np.asarray(counts / len(lengths))
+
+
+def histogram_distances(description: Floats, others: Sequence[Floats]) -> Floats:
+    """Return L1 distances between histograms, shape (c,), in [0, 2]."""
+    return np.array([np.abs(description - other).sum() for other in others])
+
+
+def views(mesh: Mesh) -> Bytes:
+    """Return the view descriptor of the cleaned mesh, shape (VIEW_BYTES,).
+
+    Raises
+    ------
+    DegenerateMeshError
+        The mesh has no area.
+    """
+    surface = clean(mesh).mesh
+    return view_descriptor(surface.vertices, surface.faces)
+
+
+def view_distances(description: Bytes, others: Sequence[Bytes]) -> Floats:
+    """Return view distances, shape (c,)."""
+    return view_distance(description, np.stack(others))
+
+
+BASELINES = {
+    "shapedna": Baseline(spectrum, spectral_distances, "lapy"),
+    "icp": Baseline(random_points, registered_distances),
+    "mds": Baseline(bent_form, partial(registered_distances, mirrored=True), "sklearn"),
+    "d2": Baseline(distance_distribution, histogram_distances),
+    "views": Baseline(views, view_distances),
+}
+"""Each baseline by the name that `isoshape evaluate --method` takes."""
+
+
+def missing_library(method: str) -> str | None:
+    """Return the library that a baseline needs and that is not installed, or None."""
+    library = BASELINES[method].library
+    return library if library is not None and find_spec(library) is None else None
+
+
+def describe_files(pool: Executor, method: str, paths: Sequence[Path], done: Done) -> list[Description | str]:
+    """Return the description of each file, or the reason why there is none."""
+    results: list[Description | str] = []
+    for result in pool.map(partial(_describe, method), paths):
+        results.append(result)
+        done(1)
+    return results
+
+
+def distance_matrix(pool: Executor, method: str, descriptions: Sequence[Description], done: Done) -> Floats:
+    """Return distances of all pairs, shape (n, n); each pair is compared once."""
+    n = len(descriptions)
+    distances = np.zeros((n, n))
+    with stored(list(descriptions)) as path:
+        for i, row in enumerate(pool.map(partial(_compare, method, path), range(n - 1))):
+            distances[i, i + 1 :] = distances[i + 1 :, i] = row
+            done(n - 1 - i)
+    return distances
+
+
+def _describe(method: str, path: Path) -> Description | str:
+    try:
+        return BASELINES[method].describe(read_mesh(path.read_bytes(), format_of(path.name)))
+    except Exception as error:
+        return reason(error)
+
+
+def _compare(method: str, path: Path, i: int) -> Floats:
+    descriptions = _load(path)
+    return BASELINES[method].compare(descriptions[i], descriptions[i + 1 :])
+
+
+@lru_cache(maxsize=1)
+def _load(path: Path) -> list[Description]:
+    descriptions: list[Description] = pickle.loads(path.read_bytes())
+    return descriptions

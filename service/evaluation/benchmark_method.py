@@ -1,0 +1,217 @@
+"""The cost of the method: embedding, its growth with the size of a mesh, and one match of two shapes."""
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from itertools import pairwise
+from multiprocessing import get_context
+from pathlib import Path
+from time import perf_counter
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from core.embedding import Embedding
+from core.io import format_of, read_mesh, write_mesh
+from core.matching.match_records import match_record, score_match_records
+from core.mesh.mesh import Mesh
+from core.parameters import DEFAULT
+from core.pipeline import Pipeline
+from core.ranking.coarse_ranking import coarse_ranking, coarse_samples
+from core.ranking.quantised_points import quantised_points
+from core.ranking.reranking import rerank
+from core.serialization import embedding_from_bytes, embedding_to_bytes
+from service.evaluation.archive_repository import shaken
+from service.evaluation.benchmark_meshes import Source, Spread, growth_exponent, resized
+
+EMBEDDED, MESHES, EMBEDDINGS = 3000, 5, 9
+"""Vertices, meshes, and measurements of each mesh."""
+
+SIZES, RUNS = (3_000, 10_000, 30_000, 100_000, 300_000, 1_000_000), 3
+"""Vertices of the meshes whose embeddings show the growth, and runs of each."""
+
+FORMATS = ("ply", "stl", "glb")
+
+MATCHED, PAIRS, MATCHES = 2800, 3, 200
+"""Vertices of matched meshes, pairs, and measurements of each pair."""
+
+MANY = 64
+"""Shapes that one is matched with in one call: the second of the pair, each with other noise."""
+
+
+@dataclass(frozen=True)
+class EmbeddingRow:
+    """The time from the bytes of a binary PLY to the embedding of one mesh."""
+
+    mesh: str
+    vertices: int
+    milliseconds: Spread
+
+
+@dataclass(frozen=True)
+class GrowthRow:
+    """The cost of one size in one format.
+
+    Attributes
+    ----------
+    vertices, faces, file_bytes : int
+    format : str
+    seconds : Spread
+        From bytes to embedding.
+    peak_bytes : int
+        Peak memory of the process, libraries included.
+    """
+
+    vertices: int
+    faces: int
+    file_bytes: int
+    format: str
+    seconds: Spread
+    peak_bytes: int
+
+
+@dataclass(frozen=True)
+class MatchRow:
+    """Milliseconds of one pair of meshes, both ways in every embedding, to CC, SSD and sim.
+
+    Attributes
+    ----------
+    first, second : str
+    one_of_many, reranking, coarse_ranking : Spread
+        One of `MANY` in a query: the match, re-ranking and coarse ranking.
+    score : Spread
+        One match by `Pipeline.score`, which hashes both embeddings to look up its caches.
+    decode, pack, match : Spread
+        From the bytes of two stored embeddings to the scores, without any cache: their embeddings, their
+        match records, and the match.
+    """
+
+    first: str
+    second: str
+    one_of_many: Spread
+    reranking: Spread
+    coarse_ranking: Spread
+    score: Spread
+    decode: Spread
+    pack: Spread
+    match: Spread
+
+
+def embedding_rows(
+    source: Source, *, vertices: int = EMBEDDED, meshes: int = MESHES, repeats: int = EMBEDDINGS
+) -> list[EmbeddingRow]:
+    """Measure meshes of about a number of vertices, each after one warm-up."""
+    method = Pipeline(DEFAULT)
+    rows = []
+    for name, mesh in source.nearest(vertices, meshes):
+        data = write_mesh(mesh, "ply")
+        times = [1e3 * embedding_seconds(method, data, "ply") for _ in range(repeats + 1)]
+        rows.append(EmbeddingRow(name, len(mesh.vertices), Spread.of(times[1:])))
+    return rows
+
+
+def embedding_seconds(method: Pipeline, data: bytes, format: str) -> float:
+    """Return the seconds from the bytes of a file to its embedding."""
+    return _seconds(lambda: method.embed(read_mesh(data, format)))
+
+
+def growth_rows(
+    source: Source, scratch: Path, *, sizes: Sequence[int] = SIZES, runs: int = RUNS
+) -> list[GrowthRow]:
+    """Measure one mesh at each size as PLY, and the largest in every format, each in a new process."""
+    _, mesh = (source.of("fourleg") or source.nearest(sizes[0], 1))[0]
+    rows = []
+    for size in sizes:
+        scaled = resized(mesh, size)
+        for format in FORMATS if size == sizes[-1] else FORMATS[:1]:
+            path = scratch / f"{size}.{format}"
+            path.write_bytes(write_mesh(scaled, format))
+            with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+                seconds, peak = pool.submit(measure_file, str(path), runs).result()
+            size_of_file = path.stat().st_size
+            path.unlink()
+            counts = len(scaled.vertices), len(scaled.faces), size_of_file
+            rows.append(GrowthRow(*counts, format, Spread.of(seconds), peak))
+    return rows
+
+
+def growth_exponents(rows: Sequence[GrowthRow]) -> tuple[float, float]:
+    """Return the exponents of seconds and of peak memory as powers of the vertices, over PLY files."""
+    shown = [row for row in rows if row.format == FORMATS[0]]
+    sizes = [row.vertices for row in shown]
+    seconds, memory = [row.seconds.median for row in shown], [row.peak_bytes for row in shown]
+    return growth_exponent(sizes, seconds), growth_exponent(sizes, memory)
+
+
+def measure_file(path: str, runs: int) -> tuple[list[float], int]:
+    """Embed a file several times in this process: return seconds of each run, and the peak memory."""
+    data = Path(path).read_bytes()
+    method = Pipeline(DEFAULT)
+    return [embedding_seconds(method, data, format_of(path)) for _ in range(runs)], peak_memory()
+
+
+def peak_memory() -> int:
+    """Return the peak memory of this process, in bytes.
+
+    Not from getrusage, which counts what the parent held when it forked.
+    """
+    status = Path("/proc/self/status").read_text()
+    return 1024 * int(status.split("VmHWM:")[1].split()[0])
+
+
+def matching_rows(
+    source: Source, *, vertices: int = MATCHED, pairs: int = PAIRS, repeats: int = MATCHES
+) -> list[MatchRow]:
+    """Measure neighbours of the `chain`; the first fifth of the measurements is a warm-up.
+
+    A source without two meshes of a class gives no row.
+    """
+    method = Pipeline(DEFAULT)
+    rows = []
+    with threadpool_limits(limits=1):
+        for (first, mesh), (second, other) in pairwise(chain(source, vertices, pairs + 1)):
+            steps = match_steps(method.embed(mesh), method.embed(other), method)
+            times = [[step() for step in steps.values()] for _ in range(repeats + repeats // 5 + 1)]
+            milliseconds = 1e3 * np.array(times[-repeats:])
+            rows.append(MatchRow(first, second, *map(Spread.of, milliseconds.T.tolist())))
+    return rows
+
+
+def match_steps(query: Embedding, candidate: Embedding, method: Pipeline) -> dict[str, Callable[[], float]]:
+    """Return functions that run the steps of `MatchRow` and return their seconds."""
+    copies = [candidate, *(shaken(candidate, number) for number in range(1, MANY))]
+    packed = match_record(query, DEFAULT)
+    candidates = [match_record(copy, DEFAULT) for copy in copies]
+    points = [quantised_points(copy) for copy in copies]
+    samples = np.stack([coarse_samples(copy) for copy in copies])
+    stored = [embedding_to_bytes(embedding) for embedding in (query, candidate)]
+    embeddings = [embedding_from_bytes(record) for record in stored]
+    records = [match_record(embedding, DEFAULT) for embedding in embeddings]
+    return {
+        "one_of_many": lambda: _seconds(lambda: score_match_records(packed, candidates, DEFAULT)) / MANY,
+        "reranking": lambda: _seconds(lambda: rerank(packed, points, DEFAULT)) / MANY,
+        "coarse_ranking": lambda: _seconds(lambda: coarse_ranking(packed, samples, DEFAULT)) / MANY,
+        "score": lambda: _seconds(lambda: method.score(query, [candidate])),
+        "decode": lambda: _seconds(lambda: [embedding_from_bytes(record) for record in stored]),
+        "pack": lambda: _seconds(lambda: [match_record(embedding, DEFAULT) for embedding in embeddings]),
+        "match": lambda: _seconds(lambda: score_match_records(records[0], records[1:], DEFAULT)),
+    }
+
+
+def chain(source: Source, vertices: int, count: int) -> list[tuple[str, Mesh]]:
+    """Return at most `count` meshes with about a number of vertices: two of a class, two of another, ...
+
+    Neighbours are alternately of one class and of two. Classes whose second mesh is nearest in size come
+    first.
+    """
+    twos = [Source({label: meshes}).nearest(vertices, 2) for label, meshes in source.classes.items()]
+    twos = [two for two in twos if len(two) == 2]
+    twos.sort(key=lambda two: abs(len(two[1][1].vertices) - vertices))
+    entries = [entry for two in twos for entry in two][:count]
+    return [(name, resized(mesh, vertices)) for name, mesh in entries]
+
+
+def _seconds(work: Callable[[], object]) -> float:
+    start = perf_counter()
+    work()
+    return perf_counter() - start

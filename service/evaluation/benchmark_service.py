@@ -1,0 +1,314 @@
+"""The cost of the service: queries of archives of several sizes, and a folder stored, over HTTP."""
+
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter, sleep
+
+import numpy as np
+
+from core.io import write_mesh
+from service.client import Client
+from service.client.concurrent_uploads import Item, upload_all
+from service.evaluation.archive_repository import STEP, Original, fill, label_of, shape_id
+from service.evaluation.benchmark_meshes import Source, Spread
+from service.search.rank_by import RankBy
+from service.server.process import LOOPBACK, ChildService, bind, wait_until_ready
+from service.settings import Settings
+
+SIZES = (380, 1_000, 10_000, 100_000)
+"""Shapes of the archives that are queried."""
+
+QUERIES, LONG, CHECKED = 100, 20, 40
+"""Numbers of queries: of an archive, of a large one searched exhaustively, and of the check of shortlists."""
+
+IDLE, SETTLED_BY = 0.1, 300.0
+"""Seconds of processor time in a second below which a service is idle, and the longest wait for that."""
+
+EXHAUSTIVE = 10_000
+"""The size up to which archives are also searched exhaustively."""
+
+SHORTLIST_FROM: int = Settings.model_fields["shortlist_from"].default
+"""The size from which a query compares only a shortlist, unless it is told to compare every shape."""
+
+RANKINGS: tuple[RankBy, ...] = ("cc", "combined")
+
+LENGTHS = (
+    (250, 50, 10),
+    (500, 100, 10),
+    (1_000, 200, 20),
+    (1_000, 300, 20),
+    (2_000, 400, 30),
+    (4_000, 800, 60),
+)
+"""Shapes in coarse ranking, in re-ranking, and compared in full besides the requested results."""
+
+TURNS = 3
+"""Measurements of a folder stored."""
+
+
+@dataclass(frozen=True)
+class SearchRow:
+    """Query times of one archive.
+
+    Attributes
+    ----------
+    shapes : int
+    exhaustive : bool
+        Whether queries asked for a comparison with every shape.
+    compared : int
+        Number of shapes that the last query compared in full.
+    queries : int
+    start_s : float
+        Seconds from the start of the process until it is ready.
+    first_ms, median_ms, p95_ms : float
+        Of the first query, and of the others.
+    stages_ms : dict of str to float
+        Medians of a query's stages, as reported by the service.
+    memory_mib : float
+        Memory of the service's main process at the end.
+    """
+
+    shapes: int
+    exhaustive: bool
+    compared: int
+    queries: int
+    start_s: float
+    first_ms: float
+    median_ms: float
+    p95_ms: float
+    stages_ms: dict[str, float]
+    memory_mib: float
+
+
+@dataclass(frozen=True)
+class CascadeRow:
+    """The stages of a search against exhaustive search of one archive.
+
+    Attributes
+    ----------
+    ranked_by : str
+        The score that ranks the answers.
+    shapes, queries : int
+        Queries are originals; the answers exclude their copies.
+    shortlist, reranked, in_full : int or None
+        Shapes in coarse ranking, in re-ranking, and compared in full besides the requested results; None is
+        all.
+    same_first : float
+        Share of queries with the same first result as exhaustive search.
+    first_of_class, ten_of_class : float
+        Share of first results, and of the first ten, of the query's class.
+    median_ms : float
+    """
+
+    ranked_by: str
+    shapes: int
+    queries: int
+    shortlist: int | None
+    reranked: int | None
+    in_full: int | None
+    same_first: float
+    first_of_class: float
+    ten_of_class: float
+    median_ms: float
+
+
+@dataclass(frozen=True)
+class IngestRow:
+    """The upload of all meshes of the source to an empty archive.
+
+    Attributes
+    ----------
+    processors : int
+        Number of processors that the service, its workers and the client share.
+    shapes : int
+    shapes_a_second : Spread
+    """
+
+    processors: int
+    shapes: int
+    shapes_a_second: Spread
+
+
+def searching_rows(
+    source: Sequence[Original], scratch: Path, *, sizes: Sequence[int] = SIZES, queries: int = QUERIES
+) -> tuple[list[SearchRow], list[CascadeRow]]:
+    """Fill an archive of each size and query it by the ids of shapes spread over it.
+
+    The stages are compared with exhaustive search on the largest archive searched exhaustively.
+    """
+    rows: list[SearchRow] = []
+    cascades: list[CascadeRow] = []
+    checked = max((size for size in sizes if size <= EXHAUSTIVE), default=0)
+    for size in sizes:
+        path = scratch / f"{size}.sqlite3"
+        url = f"sqlite:///{path}"
+        fill(url, source, size)
+        rows.append(_measured(url, size, queries, exhaustive=False))
+        if SHORTLIST_FROM <= size <= EXHAUSTIVE:
+            rows.append(_measured(url, size, min(queries, LONG), exhaustive=True))
+        if size == checked and size > len(source):
+            cascades = [row for by in RANKINGS for row in cascade_rows(url, source, size, rank_by=by)]
+        path.unlink()
+    return rows, cascades
+
+
+def cascade_rows(
+    url: str,
+    source: Sequence[Original],
+    size: int,
+    *,
+    rank_by: RankBy = "cc",
+    queries: int = CHECKED,
+    lengths: Sequence[tuple[int, int, int]] = LENGTHS,
+) -> list[CascadeRow]:
+    """Measure each choice of stage lengths against exhaustive search, which is the last row."""
+    asked = [number * STEP % len(source) for number in range(min(queries, len(source)))]
+    measured: dict[tuple[int, int, int] | None, tuple[list[list[str]], float]] = {}
+    for length in (*lengths, None):
+        shortlist, reranked, finalists = length or (size, size, size)
+        settings = {
+            "shortlist_from": 1,
+            "shortlist_length": shortlist,
+            "reranked": reranked,
+            "finalists": finalists,
+        }
+        with served(url, **settings) as (service, client):
+            wait_until_idle(service)
+            answers, seconds = [], []
+            for number in asked:
+                copies = [shape_id(copy) for copy in range(number, size, len(source))]
+                before = perf_counter()
+                answer = client.query_shape(
+                    shape_id(number), rank_by=rank_by, exhaustive=length is None, exclude=copies, top_k=10
+                )
+                seconds.append(perf_counter() - before)
+                answers.append([result.shape.name for result in answer.results])
+            measured[length] = answers, 1e3 * float(np.median(seconds))
+    exhaustive = measured[None][0]
+    rows = []
+    for length, (answers, median_ms) in measured.items():
+        right = [
+            [source[number].label == label_of(name) for name in names]
+            for number, names in zip(asked, answers, strict=True)
+        ]
+        same = [names[0] == best[0] for names, best in zip(answers, exhaustive, strict=True)]
+        first, ten = np.mean([row[0] for row in right]), np.mean([np.mean(row) for row in right])
+        shares = float(np.mean(same)), float(first), float(ten)
+        stages = length or (None, None, None)
+        rows.append(CascadeRow(rank_by, size, len(asked), *stages, *shares, median_ms))
+    return rows
+
+
+def ingesting_rows(source: Source, scratch: Path, *, turns: int = TURNS) -> list[IngestRow]:
+    """Store all meshes in turn with all processors and with one.
+
+    Raises
+    ------
+    OSError
+        The system does not support processor affinity.
+    """
+    items = [
+        Item(f"{number} {name}.off", write_mesh(mesh, "off"), ())
+        for number, (name, mesh) in enumerate(source.meshes)
+    ]
+    available = processors()
+    rates: dict[int, list[float]] = {len(available): [], 1: []}
+    for turn in range(turns):
+        for count, measured in rates.items():
+            url = f"sqlite:///{scratch / f'ingest-{turn}-{count}.sqlite3'}"
+            with bound_to(available[:count]):
+                measured.append(_rate(url, items))
+    return [IngestRow(count, len(items), Spread.of(measured)) for count, measured in rates.items()]
+
+
+def processors() -> list[int]:
+    """Return the numbers of the processors that this process may use.
+
+    Raises
+    ------
+    OSError
+        The system does not support processor affinity.
+    """
+    if not hasattr(os, "sched_getaffinity"):
+        raise OSError("this system does not let a process choose its processors")
+    return sorted(os.sched_getaffinity(0))
+
+
+@contextmanager
+def bound_to(chosen: Sequence[int]) -> Iterator[None]:
+    """Bind this thread, and threads and processes that it starts in the block, to some processors."""
+    before = processors()
+    os.sched_setaffinity(0, chosen)
+    try:
+        yield
+    finally:
+        os.sched_setaffinity(0, before)
+
+
+@contextmanager
+def served(url: str, **settings: int) -> Iterator[tuple[ChildService, Client]]:
+    """Yield a ready service, which does not search for duplicates in the background, and its client."""
+    with bind(LOOPBACK, 0) as bound:
+        port = bound.getsockname()[1]
+    settings = {"duplicates_in_background": False, **settings}
+    changed = {f"ISOSHAPE_{name.upper()}": str(value) for name, value in settings.items()}
+    given = {"ISOSHAPE_DATABASE_URL": url, "ISOSHAPE_LOG_LEVEL": "error", **changed}
+    with ChildService(port, given, quiet=True) as service, Client(service.url) as client:
+        wait_until_ready(client, service.ended)
+        yield service, client
+
+
+def wait_until_idle(service: ChildService) -> None:
+    """Wait for three idle seconds: then the cache of match records is full.
+
+    Raises
+    ------
+    TimeoutError
+        The service is at work for too long.
+    """
+    latest, quiet = perf_counter() + SETTLED_BY, 0
+    used = service.processor_seconds()
+    while quiet < 3:
+        if perf_counter() > latest:
+            raise TimeoutError(f"the service is not idle after {SETTLED_BY:.0f} s")
+        sleep(1.0)
+        before, used = used, service.processor_seconds()
+        quiet = quiet + 1 if used - before < IDLE else 0
+
+
+def _measured(url: str, size: int, queries: int, *, exhaustive: bool) -> SearchRow:
+    began = perf_counter()
+    with served(url) as (service, client):
+        start = perf_counter() - began
+        wait_until_idle(service)
+        times, stages, compared = [], [], 0
+        for number in range(queries + 1):
+            before = perf_counter()
+            answer = client.query_shape(shape_id(number * STEP % size), exhaustive=exhaustive)
+            times.append(1e3 * (perf_counter() - before))
+            stages.append(answer.milliseconds)
+            compared = answer.compared
+        return SearchRow(
+            shapes=size,
+            exhaustive=exhaustive,
+            compared=compared,
+            queries=queries,
+            start_s=start,
+            first_ms=times[0],
+            median_ms=float(np.median(times[1:])),
+            p95_ms=float(np.percentile(times[1:], 95)),
+            stages_ms={name: float(np.median([stage[name] for stage in stages[1:]])) for name in stages[0]},
+            memory_mib=service.memory() / 2**20,
+        )
+
+
+def _rate(url: str, items: Sequence[Item]) -> float:
+    with served(url) as (_, client):
+        began = perf_counter()
+        for item, outcome in upload_all(client, items):
+            if isinstance(outcome, str):
+                raise RuntimeError(f"{item.name}: {outcome}")
+        return len(items) / (perf_counter() - began)

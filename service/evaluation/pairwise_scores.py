@@ -1,0 +1,184 @@
+"""Scores of all pairs of a collection, computed in a pool of processes."""
+
+import os
+import pickle
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
+from contextlib import contextmanager
+from dataclasses import dataclass, fields, replace
+from functools import lru_cache, partial
+from multiprocessing import get_context
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TypeVar
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from core.arrays import Floats
+from core.embedding import Embedding, Scores
+from core.errors import CoreError
+from core.io import DEFAULT_LIMITS, format_of
+from core.parameters import Parameters
+from core.pipeline import Pipeline
+from core.ranking.local_density import TYPICAL_SPECTRAL, TYPICAL_VIEW, neighbour_distances
+from core.ranking.opinion_pool import pooled_log_odds
+from core.ranking.pair_differences import PairDifferences, descriptors_of, differences_of
+from core.serialization import embedding_from_bytes
+from service.compute.tasks import embed_file
+from service.compute.worker_loop import end_with_parent
+from service.index.density_samples import sampled
+
+Argument = TypeVar("Argument")
+Result = TypeVar("Result")
+Done = Callable[[int], object]
+"""Called with the number of finished files or pairs."""
+
+PREPARED_BYTES = 1 << 30
+"""Factored splines in a worker's cache: each is used once per row, and some take 80 MB (`--uncapped`)."""
+
+
+@dataclass(frozen=True, eq=False)
+class PairScores:
+    """Scores of all pairs of n shapes, each an array of shape (n, n), symmetric.
+
+    Attributes
+    ----------
+    cc, ssd, sim : float64
+        See `core.embedding.Scores`; the diagonal compares each shape with itself.
+    combined : float64
+        Log odds of the class probability.
+    differences : PairDifferences
+        Of all pairs, each an array of shape (n, n).
+    """
+
+    cc: Floats
+    ssd: Floats
+    sim: Floats
+    combined: Floats
+    differences: PairDifferences
+
+
+_pipeline: Pipeline
+
+
+@contextmanager
+def worker_pool(parameters: Parameters, workers: int) -> Iterator[Executor]:
+    """Yield a pool of processes with one thread and one pipeline each."""
+    pool = ProcessPoolExecutor(
+        workers, get_context("spawn"), initializer=_start_worker, initargs=(parameters,)
+    )
+    try:
+        yield pool
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+def embed_files(pool: Executor, paths: Sequence[Path], done: Done) -> list[Embedding | str]:
+    """Return the embedding of each file, or the reason why there is none."""
+    results: list[Embedding | str] = [""] * len(paths)
+    for i, result in as_they_end(pool, _embed, dict(enumerate(paths))):
+        results[i] = result
+        done(1)
+    return results
+
+
+def score_pairs(pool: Executor, embeddings: Sequence[Embedding], done: Done) -> PairScores:
+    """Score all pairs. Scores are symmetric, so that each pair is scored once."""
+    n = len(embeddings)
+    cc, ssd, sim = np.eye(n), np.zeros((n, n)), np.eye(n)
+    differences = {field.name: np.zeros((n, n)) for field in fields(PairDifferences)}
+    with stored(list(embeddings)) as path:
+        for i, (scores, row) in as_they_end(pool, partial(_score_row, path), {i: i for i in range(n)}):
+            for matrix, values in ((cc, scores.cc), (ssd, scores.ssd), (sim, scores.sim)):
+                matrix[i, i + 1 :] = matrix[i + 1 :, i] = values[1:]
+            for name, values in vars(row).items():
+                differences[name][i, i:] = differences[name][i:, i] = values
+            done(n - 1 - i)
+    part = differences.pop("part") > 0.0
+    pairs = PairDifferences(**differences, part=part)
+    pairs = replace(
+        pairs,
+        spectral_density=pair_densities(pairs.spectral, TYPICAL_SPECTRAL),
+        view_density=pair_densities(pairs.views, TYPICAL_VIEW),
+    )
+    return PairScores(cc, ssd, sim, pooled_log_odds(pairs), pairs)
+
+
+def pair_densities(distances: Floats, typical: float) -> Floats:
+    """Return the geometric means of two shapes' distances to their seventh neighbours, shape (n, n).
+
+    As in the service, neighbours are looked for in a sample of large collections.
+
+    Parameters
+    ----------
+    distances : float64, shape (n, n)
+    typical : float
+        `TYPICAL_SPECTRAL` or `TYPICAL_VIEW`.
+    """
+    sample = sampled(np.arange(1, len(distances) + 1))
+    others = np.where(np.eye(len(distances), dtype=bool), np.inf, distances)[:, sample]
+    nearest = neighbour_distances(others, typical)
+    return np.asarray(np.sqrt(np.outer(nearest, nearest)))
+
+
+def default_workers() -> int:
+    """Return the number of processors that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+@contextmanager
+def stored(content: object) -> Iterator[Path]:
+    """Yield a temporary file of an object, which each worker reads once instead of once per task."""
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "content"
+        path.write_bytes(pickle.dumps(content))
+        yield path
+
+
+def reason(error: Exception) -> str:
+    """Return why a file has no result. An error of the program is reported too; the evaluation continues."""
+    if isinstance(error, CoreError):
+        return f"{error.kind}: {error}"
+    if isinstance(error, OSError):
+        return error.strerror or str(error)
+    return f"{type(error).__name__}: {error}"
+
+
+def as_they_end(
+    pool: Executor, function: Callable[[Argument], Result], arguments: Mapping[int, Argument]
+) -> Iterator[tuple[int, Result]]:
+    """Call the function with each argument; yield keys and results in the order of completion."""
+    futures = {pool.submit(function, argument): key for key, argument in arguments.items()}
+    for future in as_completed(futures):
+        yield futures[future], future.result()
+
+
+def _start_worker(parameters: Parameters) -> None:
+    global _pipeline  # noqa: PLW0603  a pool's initializer has no other place to leave something
+    end_with_parent()
+    threadpool_limits(1)
+    _pipeline = Pipeline(parameters, memory=PREPARED_BYTES)
+
+
+def _embed(path: Path) -> Embedding | str:
+    try:
+        # By the function of the service, so that evaluations measure the same embeddings.
+        embedded = embed_file(path.read_bytes(), format_of(path.name), DEFAULT_LIMITS, _pipeline.parameters)
+        return embedding_from_bytes(embedded.record)
+    except Exception as error:
+        return reason(error)
+
+
+def _score_row(path: Path, i: int) -> tuple[Scores, PairDifferences]:
+    """Return the scores and the differences of an embedding with itself and all later ones."""
+    others = _load(path)[i:]
+    query = others[0]
+    scores = _pipeline.score(query, others)
+    return scores, differences_of(descriptors_of(query), [descriptors_of(other) for other in others], scores)
+
+
+@lru_cache(maxsize=1)
+def _load(path: Path) -> list[Embedding]:
+    embeddings: list[Embedding] = pickle.loads(path.read_bytes())
+    return embeddings

@@ -1,0 +1,219 @@
+"""Correspondences of a folder of meshes against its truth: vertices of templates in files beside them."""
+
+import csv
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache, lru_cache
+from pathlib import Path
+from statistics import fmean, median
+from typing import Any
+
+import numpy as np
+
+from core.arrays import Ints
+from core.evaluation.correspondence_errors import (
+    KnownMesh,
+    TruthErrors,
+    dense_map,
+    drawn_pairs,
+    known_mesh,
+    measured_vertices,
+    truth_errors,
+)
+from core.io import format_of, read_mesh
+from core.mesh.mesh import Mesh
+from core.parameters import DEFAULT
+from core.pipeline import Pipeline
+from service.console import progress
+from service.datasets import LABELS_FILE, DatasetError
+from service.evaluation.pairwise_scores import as_they_end, worker_pool
+
+OURS, PLAIN, ORIENTED = "isoshape", "pyfmaps", "pyfmaps_oriented"
+"""The methods: ours, and functional maps by pyfmaps without and with their orientation term."""
+
+EIGENVALUES = 200
+"""Number of eigenvalues that pyfmaps computes by default."""
+
+ORIENTATION_WEIGHT = 0.1
+"""Weight of the orientation term of pyfmaps where it is used; other weights are the library's defaults."""
+
+CACHED = 24
+"""Meshes that a worker keeps ready, each of some 20 MB."""
+
+TOGETHER = 5
+"""Pairs that a worker matches in one task."""
+
+KINDS = ("same", "different")
+"""Pairs of one class, and of two classes with one template."""
+
+
+@dataclass(frozen=True)
+class TruthFile:
+    """A mesh of a folder with truth, and the template that it shares with others."""
+
+    path: Path
+    label: str
+    template: str
+
+
+def summary(errors: Sequence[TruthErrors]) -> dict[str, Any]:
+    """Return the number of pairs, and mean and median of both errors; at least one pair."""
+    found: dict[str, Any] = {"pairs": len(errors)}
+    for name in ("direct", "symmetric"):
+        values = [getattr(pair, name) for pair in errors]
+        found[name] = {"mean": fmean(values), "median": median(values)}
+    return found
+
+
+def read_truth(folder: Path) -> list[TruthFile]:
+    """Return the meshes that `labels.csv` names: file and class, and template where classes share one.
+
+    Raises
+    ------
+    DatasetError
+        `labels.csv` cannot be read or lacks a column, or a mesh lacks its `.vts` file.
+    """
+    labels = folder / LABELS_FILE
+    try:
+        with labels.open(encoding="utf-8-sig", newline="") as lines:
+            rows = list(csv.DictReader(lines))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise DatasetError(f"{labels}: {error}") from error
+    files = []
+    for row in rows:
+        name, label = row.get("file"), row.get("class")
+        if not name or not label:
+            raise DatasetError(f"{labels}: each row needs a file and a class")
+        if not _template_file(folder / name).is_file():
+            raise DatasetError(f"{folder / name} has no truth: {_template_file(folder / name).name}")
+        files.append(TruthFile(folder / name, label, row.get("template") or label))
+    return files
+
+
+def study_truth(
+    files: Sequence[TruthFile], count: int, seed: int, workers: int, methods: Sequence[str]
+) -> dict[str, dict[str, list[TruthErrors]]]:
+    """Return the errors of pairs by method and kind of pair; see `KINDS`.
+
+    Raises
+    ------
+    DatasetError
+        A file of the truth cannot be read, or templates of one name have different sizes.
+    CoreError
+        A mesh cannot be read or embedded.
+    """
+    drawn = drawn_pairs([file.label for file in files], [file.template for file in files], count, seed)
+    pairs = [(i, j) for kind in drawn for i, j in kind]
+    tasks = {start: pairs[start : start + TOGETHER] for start in range(0, len(pairs), TOGETHER)}
+    arguments = {
+        start: ([(files[i].path, files[j].path) for i, j in task], seed, tuple(methods))
+        for start, task in tasks.items()
+    }
+    errors: dict[tuple[int, int], dict[str, TruthErrors]] = {}
+    with worker_pool(DEFAULT, workers) as pool, progress() as bar:
+        measuring = bar.add_task("matching pairs", total=len(pairs))
+        for start, results in as_they_end(pool, _errors, arguments):
+            errors.update(zip(tasks[start], results, strict=True))
+            bar.advance(measuring, len(results))
+    return {
+        method: {
+            kind: [errors[pair][method] for pair in chosen] for kind, chosen in zip(KINDS, drawn, strict=True)
+        }
+        for method in methods
+    }
+
+
+def _template_file(path: Path) -> Path:
+    return path.with_suffix(".vts")
+
+
+def _errors(
+    task: tuple[Sequence[tuple[Path, Path]], int, Sequence[str]],
+) -> list[dict[str, TruthErrors]]:
+    pairs, seed, methods = task
+    return [{method: _errors_by(method, *pair, seed) for method in methods} for pair in pairs]
+
+
+def _errors_by(method: str, first_path: Path, second_path: Path, seed: int) -> TruthErrors:
+    if _truth(first_path).shape != _truth(second_path).shape:
+        raise DatasetError(
+            f"{first_path} and {second_path} share a template, but have truths of different lengths"
+        )
+    first, second = _known(first_path, seed), _known(second_path, seed)
+    if method == OURS:
+        targets = dense_map(first, second, _pipeline())
+    else:
+        spectra = (_spectrum(path, seed) for path in (first_path, second_path))
+        targets = functional_map(*spectra, oriented=method == ORIENTED)
+    return truth_errors(first, second, targets)
+
+
+@cache
+def _pipeline() -> Pipeline:
+    return Pipeline(DEFAULT)
+
+
+@lru_cache(maxsize=CACHED)
+def _known(path: Path, seed: int) -> KnownMesh:
+    truth = _truth(path)
+    mesh = read_mesh(path.read_bytes(), format_of(path.name))
+    return known_mesh(mesh, truth[:, measured_vertices(truth.shape[1], seed)], _pipeline())
+
+
+@lru_cache(maxsize=CACHED)
+def _truth(path: Path) -> Ints:
+    """Return the vertices, from 0, of all vertices of the template, and of their mirror images if known."""
+    direct, mirror = _template_file(path), path.with_suffix(".sym.vts")
+    rows = [_read_vertices(file) for file in (direct, mirror) if file == direct or file.is_file()]
+    if len({len(row) for row in rows}) > 1:
+        raise DatasetError(f"{direct} and {mirror.name} have different lengths")
+    return np.stack(rows) - 1
+
+
+@lru_cache(maxsize=CACHED)
+def _spectrum(path: Path, seed: int) -> Any:  # noqa: ANN401  of pyfmaps
+    return spectrum(_known(path, seed).mesh)
+
+
+def _read_vertices(path: Path) -> Ints:
+    try:
+        return np.loadtxt(path, dtype=np.int64, ndmin=1)
+    except (OSError, ValueError) as error:
+        raise DatasetError(f"{path}: {error}") from error
+
+
+def spectrum(mesh: Mesh) -> Any:  # noqa: ANN401  the library's own
+    """Return the eigenfunctions of the robust Laplacian by pyfmaps.
+
+    The plain Laplacian fails if a face has no area.
+
+    Raises
+    ------
+    ImportError
+        Pyfmaps is not installed.
+    """
+    from pyFM.mesh import TriMesh  # noqa: PLC0415  optional
+
+    surface = TriMesh(mesh.vertices.copy(), mesh.faces.copy(), area_normalize=True, center=True)
+    return surface.process(EIGENVALUES, robust=True)
+
+
+def functional_map(first: Any, second: Any, *, oriented: bool) -> Ints:  # noqa: ANN401  the library's own
+    """Return the vertex of the second mesh for each vertex of the first, int64, shape (n,).
+
+    The map is fitted to wave kernel signatures and refined by ZoomOut, with the library's default options.
+
+    Parameters
+    ----------
+    first, second : object
+        From `spectrum`.
+    oriented : bool
+        Whether the fit has the term that preserves orientation.
+    """
+    from pyFM.functional import FunctionalMapping  # noqa: PLC0415  optional
+
+    model = FunctionalMapping(second, first)
+    model.preprocess(k_process=EIGENVALUES)
+    model.fit(w_orient=ORIENTATION_WEIGHT if oriented else 0)
+    model.zoomout_refine()
+    return np.asarray(model.get_p2p(), dtype=np.int64)

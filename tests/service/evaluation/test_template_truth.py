@@ -1,0 +1,76 @@
+"""Folders of meshes with truth, and errors against it."""
+
+import numpy as np
+import pytest
+
+from core.evaluation.correspondence_errors import TruthErrors
+from core.gallery.bodies import make_body
+from core.io import write_mesh
+from service.datasets import DatasetError
+from service.evaluation.template_truth import OURS, read_truth, study_truth, summary
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """Two poses of one body as two classes of one template, and a third pose of the first class."""
+    body = make_body("pliers", 0, vertices=400)
+    rows = ["file,class,template"]
+    for pose, label in enumerate(("near", "near", "far")):
+        (tmp_path / f"{pose}.off").write_bytes(write_mesh(body.posed(pose), "off"))
+        for ending, row in ((".vts", 0), (".sym.vts", 1)):
+            np.savetxt(tmp_path / f"{pose}{ending}", body.partners(body)[row] + 1, fmt="%d")
+        rows.append(f"{pose}.off,{label},pliers")
+    (tmp_path / "labels.csv").write_text("\n".join(rows))
+    return tmp_path
+
+
+def test_pairs_of_one_class_and_of_two(folder):
+    files = read_truth(folder)
+    assert [(file.path.name, file.label, file.template) for file in files] == [
+        ("0.off", "near", "pliers"),
+        ("1.off", "near", "pliers"),
+        ("2.off", "far", "pliers"),
+    ]
+    found = study_truth(files, 3, 0, 1, (OURS,))[OURS]
+    assert (len(found["same"]), len(found["different"])) == (2, 3)
+    for errors in found.values():
+        told = summary(errors)
+        assert 0.0 <= told["symmetric"]["mean"] <= min(0.06, told["direct"]["mean"])
+
+
+def test_without_a_second_class_there_are_no_different_pairs(folder):
+    (folder / "labels.csv").write_text("file,class\n0.off,a\n1.off,a\n")
+    found = study_truth(read_truth(folder), 1, 0, 1, (OURS,))[OURS]
+    assert len(found["same"]) == 1
+    assert found["different"] == []
+
+
+def test_means_and_medians_over_pairs():
+    errors = [TruthErrors(0.1, 0.01), TruthErrors(0.2, 0.02), TruthErrors(0.6, 0.09)]
+    told = summary(errors)
+    assert told["pairs"] == 3
+    assert told["direct"] == pytest.approx({"mean": 0.3, "median": 0.2})
+    assert told["symmetric"] == pytest.approx({"mean": 0.04, "median": 0.02})
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "message"),
+    [
+        ("labels.csv", "file\n0.off\n", "needs a file and a class"),
+        ("labels.csv", "file,class\n9.off,a\n", "9.vts"),
+        ("0.vts", "1\nx\n", "0.vts"),
+        ("0.sym.vts", "1\n", "different lengths"),
+        ("1.vts", "1\n", "different lengths"),
+    ],
+)
+def test_a_fault_of_the_folder_is_named(folder, name, text, message):
+    (folder / name).write_text(text)
+    if name == "1.vts":
+        (folder / "1.sym.vts").unlink()
+    with pytest.raises(DatasetError, match=message):
+        study_truth(read_truth(folder), 9, 0, 1, (OURS,))
+
+
+def test_a_folder_without_labels(tmp_path):
+    with pytest.raises(DatasetError, match=r"labels\.csv"):
+        read_truth(tmp_path)
