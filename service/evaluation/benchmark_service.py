@@ -197,7 +197,7 @@ def cascade_rows(
         same = [names[0] == best[0] for names, best in zip(answers, exhaustive, strict=True)]
         first, ten = np.mean([row[0] for row in right]), np.mean([np.mean(row) for row in right])
         shares = float(np.mean(same)), float(first), float(ten)
-        stages = length or (None, None, None)
+        stages: tuple[int | None, int | None, int | None] = length or (None, None, None)
         rows.append(CascadeRow(rank_by, size, len(asked), *stages, *shares, median_ms))
     return rows
 
