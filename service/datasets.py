@@ -45,7 +45,7 @@ class FoundMeshes:
 
 
 def find_meshes(paths: Sequence[Path]) -> FoundMeshes:
-    """All meshes under the paths: the given files, and all files beneath the given folders.
+    """Find all meshes under the paths: the given files, and all files beneath the given folders.
 
     A given or listed file is included with any ending, even if it does not exist: reading it gives the error.
     Files directly in a given folder have no class; files further down have the class folder's name.

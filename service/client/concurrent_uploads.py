@@ -34,7 +34,7 @@ class Item:
 def upload_all(
     client: Client, items: Sequence[Item], at_once: int = AT_ONCE
 ) -> Iterator[tuple[Item, Upload | str]]:
-    """Each item with its upload, or with the cause of its refusal, in the order in which the uploads end.
+    """Yield each item with its upload or the cause of its refusal, in the order in which the uploads end.
 
     If the service is gone, no further upload begins.
 

@@ -86,7 +86,7 @@ def _compared(
     options: dict[str, bool],
     params: dict[str, str],
 ) -> Call[T]:
-    """JSON with two ids, or a form if one of the shapes is a file."""
+    """Send JSON with two ids, or a form if one of the shapes is a file."""
     shapes = {"first": first, "second": second}
     files = {name: shape for name, shape in shapes.items() if not isinstance(shape, str)}
     ids = {name: shape for name, shape in shapes.items() if isinstance(shape, str)}

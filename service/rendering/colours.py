@@ -14,7 +14,7 @@ _NEIGHBOURS = 3
 
 
 def colours_of_points(points: Floats, format_up: Floats) -> Floats:
-    """Colours of p points by position: red, green and blue increase along x, y and z, in [0.1, 1].
+    """Return colours of p points by position: red, green and blue increase along x, y and z, in [0.1, 1].
 
     Parameters
     ----------
@@ -29,7 +29,7 @@ def colours_of_points(points: Floats, format_up: Floats) -> Floats:
 
 
 def interpolate_colours(points: Floats, colours: Floats, vertices: Floats) -> NDArray[np.uint8]:
-    """Colours of n vertices: means of the three nearest points, weighted by inverse squared distance.
+    """Interpolate colours of n vertices: means of the three nearest points by inverse squared distance.
 
     Returns
     -------
@@ -129,7 +129,7 @@ def difference_colours(difference: Difference, partnered: NDArray[np.bool_]) -> 
 def correspondence_colours(
     points: Floats, format_up: Floats, back: DenseCorrespondence
 ) -> tuple[Floats, Floats]:
-    """Colours of the n vertices of the first shape by position, and of the m of the second by its partners.
+    """Colour the n vertices of the first shape by position, and the m of the second by their partners.
 
     Places of the second shape without a partner are grey.
 

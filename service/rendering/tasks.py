@@ -72,7 +72,7 @@ def preview(mesh: Mesh, format: str, faces: int) -> bytes:
 
 
 def coloured(first: ComparedMesh, second: ComparedMesh, faces: int) -> bytes:
-    """Both meshes as one GLB, coloured so that corresponding points have the same colour."""
+    """Return both meshes as one GLB, coloured so that corresponding points have the same colour."""
     colours = colours_of_points(first.points, upright(first.format))
     parts = []
     for side in (first, second):
@@ -82,7 +82,7 @@ def coloured(first: ComparedMesh, second: ComparedMesh, faces: int) -> bytes:
 
 
 def painted(first: PaintedMesh, second: PaintedMesh, faces: int, paint: Paint) -> bytes:
-    """Both meshes as one GLB, painted by their dense correspondence.
+    """Return both meshes as one GLB, painted by their dense correspondence.
 
     With "difference" the extras of each node have the `quantity` that is shown, the `maximum` of the scale,
     in units of the mesh, and the share of vertices `without_partner`.
@@ -91,7 +91,7 @@ def painted(first: PaintedMesh, second: PaintedMesh, faces: int, paint: Paint) -
 
 
 def painted_picture(first: PaintedMesh, second: PaintedMesh, faces: int, paint: Paint, size: int) -> bytes:
-    """Both meshes as one PNG, side by side on a transparent background, `2 size` by `size` pixels."""
+    """Return both meshes as one PNG, side by side on a transparent background, `2 size` by `size` pixels."""
     picture = Image.new("RGBA", (2 * size, size))
     for place, part in enumerate(_painted_parts(first, second, faces, paint)):
         mesh = Mesh(part.vertices, part.faces)
@@ -103,7 +103,7 @@ def painted_picture(first: PaintedMesh, second: PaintedMesh, faces: int, paint: 
 
 
 def _painted_parts(first: PaintedMesh, second: PaintedMesh, faces: int, paint: Paint) -> list[GlbPart]:
-    """Both meshes, simplified for display, with their colours."""
+    """Return both meshes, simplified for display, with their colours."""
     sides = first, second
     told: list[dict[str, object]] = [{}, {}]
     if paint == "difference":
@@ -135,7 +135,7 @@ def _nearest(mesh: Mesh, colours: Floats, vertices: Floats) -> Floats:
 
 
 def _opaque(colours: Floats) -> NDArray[np.uint8]:
-    """Red, green, blue and opacity 255, shape (n, 4)."""
+    """Return red, green, blue and opacity 255, shape (n, 4)."""
     whole = np.hstack([colours, np.ones((len(colours), 1))])
     return np.asarray(np.rint(255.0 * whole), dtype=np.uint8)
 

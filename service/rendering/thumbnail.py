@@ -163,7 +163,7 @@ def _rendered(mesh: Mesh, format: str, size: int, colour: Callable[[Ints, Floats
 
 
 def _barycentric(corners: Floats, pixels: Floats) -> Floats:
-    """Barycentric coordinates, shape (p, 3), of p pixels in p triangles."""
+    """Return barycentric coordinates, shape (p, 3), of p pixels in p triangles."""
     sides = corners[:, 1:, :2] - corners[:, :1, :2]
     across = pixels - corners[:, 0, :2]
     area = sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0]

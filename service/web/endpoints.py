@@ -63,7 +63,7 @@ def load(name: str) -> Asset:
 
 @cache
 def names() -> frozenset[str]:
-    """Every file that is sent; those of other kinds beside them are not."""
+    """Return the names of all files that are sent; those of other kinds beside them are not."""
     found = set()
     for folder in ("", "vendor/"):
         for entry in _folder().joinpath(folder).iterdir():

@@ -7,7 +7,7 @@ from typing import get_args
 from core.ranking.likeness import Likeness
 from service.search.likeness_words import WORDS, in_words
 
-SCRIPT = Path(__file__).parents[3] / "service" / "web" / "static" / "likeness.js"
+SCRIPT = Path(__file__).parents[3] / "service" / "web" / "static" / "card.js"
 
 
 def test_every_likeness_has_words() -> None:
