@@ -33,7 +33,6 @@ OUTSIDE = {
     "os", "sys", "io", "pathlib", "tempfile", "shutil", "glob", "time", "datetime", "random", "socket",
     "subprocess", "threading", "multiprocessing", "concurrent", "asyncio", "logging", "sqlite3", "sqlalchemy",
     "alembic", "fastapi", "starlette", "uvicorn", "httpx", "pydantic", "pydantic_settings", "typer", "rich",
-    "matplotlib",
 }  # fmt: skip
 ALLOWED_OUTSIDE = {
     # Bytes in memory, which trimesh wants to be a file.

