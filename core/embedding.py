@@ -1,11 +1,12 @@
 """Results of the pipeline: the embedding of one shape, and the scores and the match of two."""
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from core.arrays import Bytes, Float32s, Int8s, Int32s
+from core.arrays import Float32s, Int8s, Int32s
 
 NO_ORIENTATION: Int8s = np.empty((0, 0), dtype=np.int8)
 
@@ -51,7 +52,7 @@ class Facts:
     boundary_edges, nonmanifold_edges : int
         Numbers of edges with one face, and with more than two.
     boundary_ratio : float
-        In [0, 1]: see `core.descriptors.boundary_ratio`.
+        In [0, 1]: see `core.descriptors.facts`.
     """
 
     vertices: int
@@ -93,10 +94,8 @@ class Embedding:
         The vector for the shortlist, compared by Euclidean distance.
     spectra : tuple of Spectrum
         One or several spectral embeddings of the same d points.
-    spin_images : uint8, shape (r, w)
-        Local descriptors from `core.descriptors.descriptor_distance.describe`.
-    views : uint8, shape (v,)
-        The view descriptor from `core.descriptors.view_descriptor`.
+    descriptors : dict
+        An array for each descriptor, by name: see `core.descriptors.registry`.
     orientation : int8, shape (m, p)
         Signed areas of the samples' regions from `core.spectral.orientation.quantised_areas`. The shape is
         (0, 0) without Laplace-Beltrami coordinates, and if the surface's faces are turned every way.
@@ -112,8 +111,7 @@ class Embedding:
     regions: Int32s
     signature: Float32s
     spectra: tuple[Spectrum, ...]
-    spin_images: Bytes
-    views: Bytes
+    descriptors: dict[str, NDArray[Any]]
     orientation: Int8s = field(default_factory=lambda: NO_ORIENTATION)
 
 

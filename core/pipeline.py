@@ -22,7 +22,7 @@ from core.mesh.mesh import Mesh
 from core.mesh.preparation import PreparedSurface
 from core.numerics.guarding import check_finite, guarded
 from core.parameters import DEFAULT, Parameters
-from core.ranking.combined import combined_scores
+from core.ranking.class_probability import combined_scores
 from core.ranking.local_density import LocalDensities
 from core.sampling.sampling import embedded_points
 
@@ -225,5 +225,5 @@ class Pipeline:
         own: LocalDensities | None = None,
         densities: LocalDensities | None = None,
     ) -> Floats:
-        """`combined` of one embedding with c others, shape (c,): see `core.ranking.combined`."""
+        """`combined` of one embedding with c others, shape (c,): see `core.ranking.class_probability`."""
         return combined_scores(query, others, scores, own, densities)

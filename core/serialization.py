@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, fields
 from itertools import chain
 from typing import Any
@@ -12,12 +12,10 @@ from numpy.typing import NDArray
 from safetensors import SafetensorError
 from safetensors.numpy import load, save
 
-from core.descriptors.descriptor_distance import ROW_COUNTS, ROW_LENGTH
-from core.descriptors.reliability import intrinsic_reliability
-from core.descriptors.view_bytes import VIEW_BYTES
+from core.descriptors.facts import intrinsic_reliability
+from core.descriptors.registry import DESCRIPTORS, ShapeDescriptors
 from core.embedding import NO_ORIENTATION, Embedding, Facts, Spectrum
 from core.errors import BadRecordError
-from core.ranking.pair_differences import ShapeDescriptors
 from core.spectral.orientation import ORIENTED, ORIENTING
 
 
@@ -36,8 +34,7 @@ def embedding_to_bytes(embedding: Embedding) -> bytes:
         "tree_edges": embedding.tree_edges,
         "regions": embedding.regions,
         "signature": embedding.signature,
-        "spin_images": embedding.spin_images,
-        "views": embedding.views,
+        **{name: embedding.descriptors[name] for name in DESCRIPTORS},
     }
     if embedding.orientation.size:
         header["orientation"] = True
@@ -75,8 +72,7 @@ def embedding_from_bytes(data: bytes) -> Embedding:
                 Spectrum(name, arrays[f"eigenvalues_{i}"], arrays[f"coordinates_{i}"])
                 for i, name in enumerate(header["spectra"])
             ),
-            spin_images=arrays["spin_images"],
-            views=arrays["views"],
+            descriptors={name: arrays[name] for name in DESCRIPTORS},
             orientation=arrays["orientation"] if header.get("orientation") else NO_ORIENTATION,
         )
     except (SafetensorError, KeyError, TypeError, ValueError, RecursionError) as error:
@@ -100,20 +96,13 @@ def descriptors_from_bytes(data: bytes) -> ShapeDescriptors:
         header = json.loads(arrays["header"].tobytes())
         found = ShapeDescriptors(
             arrays["signature"],
-            arrays["spin_images"],
-            arrays["views"],
+            {name: arrays[name] for name in DESCRIPTORS},
             intrinsic_reliability(Facts(**header["facts"])),
         )
     except (SafetensorError, KeyError, TypeError, ValueError, RecursionError, AttributeError) as error:
         raise BadRecordError(f"not an embedding: {error}") from error
-    fault = next(
-        chain(
-            _array_faults("signature", found.signature, np.float32, (None,)),
-            _spin_image_faults(found.spin_images),
-            _view_faults(found.views),
-        ),
-        None,
-    )
+    faults = _array_faults("signature", found.signature, np.float32, (None,))
+    fault = next(chain(faults, _descriptor_faults(found.arrays)), None)
     if fault is not None:
         raise BadRecordError(f"not an embedding: {fault}")
     return found
@@ -138,8 +127,7 @@ def _faults(embedding: Embedding) -> Iterator[str]:
     for spectrum in embedding.spectra:
         yield from _array_faults(f"{spectrum.name} eigenvalues", spectrum.eigenvalues, np.float32, (None,))
         yield from _array_faults(f"{spectrum.name} coordinates", spectrum.coordinates, np.float32, (d, None))
-    yield from _spin_image_faults(embedding.spin_images)
-    yield from _view_faults(embedding.views)
+    yield from _descriptor_faults(embedding.descriptors)
     yield from _orientation_faults(embedding, m)
     for name, indices, end in (
         ("vertices", embedding.vertices, embedding.facts.vertices),
@@ -166,14 +154,10 @@ def _header_faults(embedding: Embedding) -> Iterator[str]:
         yield f"the spectra are {names!r}"
 
 
-def _spin_image_faults(spin_images: NDArray[Any]) -> Iterator[str]:
-    yield from _array_faults("spin_images", spin_images, np.uint8, (None, ROW_LENGTH))
-    if len(spin_images) not in ROW_COUNTS.values():
-        yield f"there are {len(spin_images)} rows of spin images"
-
-
-def _view_faults(views: NDArray[Any]) -> Iterator[str]:
-    yield from _array_faults("views", views, np.uint8, (VIEW_BYTES,))
+def _descriptor_faults(arrays: Mapping[str, NDArray[Any]]) -> Iterator[str]:
+    for name, descriptor in DESCRIPTORS.items():
+        shape = arrays[name].shape if arrays[name].shape in descriptor.shapes else descriptor.shapes[0]
+        yield from _array_faults(name, arrays[name], descriptor.dtype, shape)
 
 
 def _orientation_faults(embedding: Embedding, m: int) -> Iterator[str]:

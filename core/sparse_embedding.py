@@ -2,13 +2,9 @@
 
 import numpy as np
 
-from core.arrays import Bytes
-from core.descriptors.completeness import INCOMPLETE
-from core.descriptors.descriptor_distance import describe
-from core.descriptors.facts import measure
-from core.descriptors.global_descriptors import GLOBAL_WEIGHT, global_descriptors
-from core.descriptors.view_descriptor import view_descriptor
-from core.embedding import Embedding, Facts
+from core.descriptors.facts import GLOBAL_WEIGHT, global_descriptors, measure
+from core.descriptors.registry import DescribedSurface, compute_descriptors
+from core.embedding import Embedding
 from core.graph.bridges import component_bridges
 from core.graph.edge_graph import edge_graph
 from core.graph.sparse_graph import sample_distances, sparse_graph
@@ -62,8 +58,14 @@ def embed(mesh: Mesh, parameters: Parameters) -> Embedding:
         spectra, signature, orientation = spectra_of(surface, embedded, parameters.spectral)
         signature = np.concatenate([signature, GLOBAL_WEIGHT * global_descriptors(surface)])
         facts = measure(mesh, cleaned, frame)
-        spin_images = _spin_images(surface, cleaned, facts, parameters)
-        views = _views(cleaned, parameters, smoothed=smoothed)
+        described = DescribedSurface(
+            cleaned=cleaned.mesh,
+            prepared=surface,
+            opened=lambda: opened(cleaned, parameters),
+            smoothed=smoothed,
+            boundary_ratio=facts.boundary_ratio,
+        )
+        descriptors = compute_descriptors(described)
     positions = frame.invert(surface.vertices[samples])
     return Embedding(
         fingerprint=parameters.fingerprint,
@@ -76,20 +78,6 @@ def embed(mesh: Mesh, parameters: Parameters) -> Embedding:
         regions=sparse.regions[points].astype(np.int32),
         signature=signature.astype(np.float32),
         spectra=spectra,
-        spin_images=spin_images,
-        views=views,
+        descriptors=descriptors,
         orientation=orientation,
     )
-
-
-def _spin_images(surface: Mesh, cleaned: Cleaned, facts: Facts, parameters: Parameters) -> Bytes:
-    """Spin images; incomplete surfaces are described without filling their holes."""
-    if facts.boundary_ratio > INCOMPLETE:
-        surface = opened(cleaned, parameters)
-    return describe(surface, boundary_ratio=facts.boundary_ratio)
-
-
-def _views(cleaned: Cleaned, parameters: Parameters, *, smoothed: bool) -> Bytes:
-    """Views of the surface as it is; noise turns normals, so rough surfaces are smoothed before."""
-    surface = opened(cleaned, parameters) if smoothed else cleaned.mesh
-    return view_descriptor(surface.vertices, surface.faces)

@@ -27,7 +27,7 @@ from service.http.idempotency.keys import InFlight
 from service.http.middleware import AccessControl, RequestContext
 from service.http.openapi import DESCRIPTION, TAGS, describe
 from service.http.problems import handle_problems
-from service.index.cache import EmbeddingCache, descriptor_bytes
+from service.index.cache import EmbeddingCache
 from service.index.density_samples import DensitySamples
 from service.index.surface_measurements import SurfaceMeasurements
 from service.jobs.endpoints import ADDRESS as JOBS_ADDRESS
@@ -192,7 +192,7 @@ def _start(settings: Settings, parameters: Parameters, gate: Gate, metrics: Metr
         threads=threads,
         searches=ActivityGate(),
         comparing_is_ready=Event(),
-        descriptors=EmbeddingCache(DESCRIPTOR_BYTES, descriptor_bytes),
+        descriptors=EmbeddingCache(DESCRIPTOR_BYTES),
         density_samples=DensitySamples(),
         measurements=SurfaceMeasurements(),
         judging=set(),

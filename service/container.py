@@ -4,7 +4,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from threading import Event
 
-from core.ranking.pair_differences import ShapeDescriptors
+from core.descriptors.registry import ShapeDescriptors
 from service.auth.gate import Gate
 from service.compute.executor import Executor
 from service.compute.pool import LocalPool

@@ -5,15 +5,9 @@ out.
 """
 
 __all__ = [
-    "boundary_ratio",
-    "completeness",
-    "descriptor_distance",
     "facts",
-    "global_descriptors",
-    "partial_matching",
-    "reliability",
+    "partial",
+    "registry",
     "spin_images",
-    "view_bytes",
-    "view_descriptor",
-    "view_signature",
+    "views",
 ]

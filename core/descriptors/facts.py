@@ -1,11 +1,15 @@
 """Measurements of a mesh: sizes, area, volume, damage."""
 
-from core.descriptors.boundary_ratio import boundary_ratio
-from core.descriptors.global_descriptors import signed_volume
+import numpy as np
+from scipy.spatial import ConvexHull, QhullError
+
+from core.arrays import Floats, Ints
 from core.embedding import Facts
-from core.mesh.cleaning import Cleaned, face_areas
+from core.mesh.cleaning import Cleaned, centroid, component_areas, face_areas
+from core.mesh.edges import HalfEdges, boundary_edges, component_labels
 from core.mesh.mesh import Mesh
 from core.mesh.normal_frame import NormalFrame
+from core.numerics.compilation import compiled, constant
 
 
 def measure(mesh: Mesh, cleaned: Cleaned, frame: NormalFrame) -> Facts:
@@ -27,3 +31,136 @@ def measure(mesh: Mesh, cleaned: Cleaned, frame: NormalFrame) -> Facts:
         nonmanifold_edges=int((face_counts > 2).sum()),
         boundary_ratio=boundary_ratio(cleaned.mesh, cleaned.mesh.half_edges, area),
     )
+
+
+LEAST_COMPONENT_AREA = 0.01
+"""Boundary loops of components below this share of the area do not count: such components are debris, or the
+triangles of a soup."""
+
+MAIN_SHARE = 0.75
+"""A surface whose largest component has a smaller share of its area is a model of several pieces, as most
+models from the web are: open sheets and tubes, of which nothing is missing."""
+
+
+def boundary_ratio(mesh: Mesh, sides: HalfEdges, area: float) -> float:
+    """Return the area of the discs that the boundary loops could bound, over that of the surface, at most 1.
+
+    A boundary loop is a connected set of boundary edges. A loop of length l bounds a disc of area at most
+    l^2 / 4 pi (isoperimetric inequality), so a removed limb counts by its cross section, and many small holes
+    count little. Components below `LEAST_COMPONENT_AREA` of the area are ignored, and the ratio of a surface
+    of several pieces (`MAIN_SHARE`) is 0.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        Its coincident vertices are merged.
+    sides : HalfEdges
+        The half-edges of the mesh's faces.
+    area : float
+        Area of the surface, > 0.
+    """
+    edges = boundary_edges(sides)
+    if not len(edges):
+        return 0.0
+    areas = component_areas(mesh)
+    edges = edges[areas[edges[:, 0]] >= LEAST_COMPONENT_AREA * area]
+    if not len(edges) or areas.max() < MAIN_SHARE * area:
+        return 0.0
+    lengths = np.linalg.norm(mesh.vertices[edges[:, 0]] - mesh.vertices[edges[:, 1]], axis=1)
+    _, labels = component_labels(len(mesh.vertices), edges)
+    loop_lengths = np.bincount(labels[edges[:, 0]], weights=lengths) / np.sqrt(area)
+    ratio = float((loop_lengths**2).sum() / (4.0 * np.pi))
+    return min(1.0, ratio)
+
+
+BOUNDARY_SHARE, NONMANIFOLD_SHARE = 0.02, 0.02
+"""Shares of boundary edges and of nonmanifold edges, each of which halves the reliability."""
+
+COMPONENT_WEIGHT = 0.5
+"""Each component beyond the first counts as much as this share of such an amount."""
+
+
+def intrinsic_reliability(facts: Facts) -> float:
+    """In (0, 1]: 1 for a closed manifold mesh of one component, near 0 for a polygon soup.
+
+    1 / (1 + b / 0.02 + m / 0.02 + (k - 1) / 2), with b and m the shares of edges that have one face and more
+    than two faces, and k the number of components.
+
+    Parameters
+    ----------
+    facts : Facts
+    """
+    edges = max(1.0, 1.5 * (facts.faces - facts.dropped_faces))
+    faults = (
+        facts.boundary_edges / edges / BOUNDARY_SHARE
+        + facts.nonmanifold_edges / edges / NONMANIFOLD_SHARE
+        + COMPONENT_WEIGHT * max(0, facts.components - 1)
+    )
+    return 1.0 / (1.0 + faults)
+
+
+GLOBAL_DESCRIPTORS = 3
+"""Number of global descriptors."""
+
+GLOBAL_WEIGHT = 0.1
+"""Factor of the global descriptors in a signature; the eigenvalues dominate its Euclidean distance."""
+
+LEAST_VOLUME = 1e-3
+"""Added to volumes, in units of the area to the power 3/2 (a ball has 0.094). The volume of an open or flat
+surface is 0 or arbitrary; with this its descriptors are finite and of moderate size."""
+
+
+def global_descriptors(mesh: Mesh) -> Floats:
+    """log(A^1.5 / V), log(H / V) and log(A / B), shape (3,): finite, invariant to rigid motion and scale.
+
+    A is the area, V the enclosed volume, H and B are the volume and the area of the convex hull. V is the sum
+    of the signed tetrahedra between the area centroid and the faces; for an open surface it is only a number.
+    The descriptors fall with compactness, with the filled share of the hull and with smoothness.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        Its area is > 0.
+    """
+    faces = mesh.faces
+    areas = face_areas(mesh.vertices, faces)
+    area = float(areas.sum())
+    points = mesh.vertices - centroid(mesh.vertices, faces, areas)
+    hull_volume, hull_area = _hull(points)
+    least = LEAST_VOLUME * area**1.5
+    volume = abs(signed_volume(points, faces)) + least
+    return np.log([area**1.5 / volume, (hull_volume + least) / volume, area / hull_area])
+
+
+def signed_volume(vertices: Floats, faces: Ints) -> float:
+    """Sum of the signed volumes of the tetrahedra between the origin and each face.
+
+    Parameters
+    ----------
+    vertices : float64, shape (n, 3)
+    faces : int64, shape (f, 3)
+        Negative volume where a face is oriented inwards.
+    """
+    return _signed_volume(constant(vertices), constant(faces))
+
+
+@compiled
+def _signed_volume(vertices: Floats, faces: Ints) -> float:
+    total = 0.0
+    for f in range(len(faces)):
+        a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+        total += vertices[a, 0] * (vertices[b, 1] * vertices[c, 2] - vertices[b, 2] * vertices[c, 1])
+        total += vertices[a, 1] * (vertices[b, 2] * vertices[c, 0] - vertices[b, 0] * vertices[c, 2])
+        total += vertices[a, 2] * (vertices[b, 0] * vertices[c, 1] - vertices[b, 1] * vertices[c, 0])
+    return total / 6.0
+
+
+def _hull(points: Floats) -> tuple[float, float]:
+    """Volume and area of the convex hull; the hull of coplanar points counts both of its sides."""
+    try:
+        hull = ConvexHull(points)
+    except QhullError:
+        axes = np.linalg.svd(points, full_matrices=False)[2]
+        # QJ (joggled input): the points may be collinear within their plane.
+        return 0.0, 2.0 * float(ConvexHull(points @ axes[:2].T, qhull_options="QJ").volume)
+    return float(hull.volume), float(hull.area)

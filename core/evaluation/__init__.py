@@ -7,5 +7,4 @@ __all__ = [
     "perturbation",
     "published_figures",
     "retrieval_measures",
-    "score_quantiles",
 ]

@@ -14,7 +14,7 @@ from scipy.special import expit
 
 from core.arrays import Floats
 from core.errors import ParameterError
-from core.ranking.opinion_pool import Calibration
+from core.ranking.class_probability import Calibration
 
 PENALTY = 1e-5
 """Weight of the squared slopes of standardised features beside the mean loss: a fit exists also for separable

@@ -4,17 +4,11 @@ Signatures, coarse samples, points or scores in; a shortlist, approximate scores
 """
 
 __all__ = [
-    "coarse_differences",
-    "coarse_ranking",
-    "combined",
-    "density_sample",
+    "class_probability",
+    "differences",
     "likeness",
     "local_density",
-    "opinion_pool",
-    "pair_differences",
-    "quantised_points",
     "reranking",
     "shortlist",
     "similarity_map",
-    "spectral_distance",
 ]

@@ -9,8 +9,19 @@ global scaling reduce hubs in space", JMLR 13, 2012.
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial.distance import cdist
 
-from core.arrays import Floats
+from core.arrays import Bytes, Floats
+from core.descriptors.facts import GLOBAL_DESCRIPTORS
+from core.descriptors.registry import ShapeDescriptors
+from core.descriptors.views import (
+    SIGNATURE_BYTES,
+    VIEW_BYTES,
+    signature_distance,
+    view_distance,
+    view_signature,
+)
+from core.ranking.shortlist import least
 
 NEIGHBOUR = 7
 """The neighbour whose distance measures the density."""
@@ -63,3 +74,70 @@ def neighbour_distances(distances: Floats, typical: float) -> Floats:
     weight = np.minimum(others / ENOUGH, 1.0)
     known = np.where(others > 0, np.maximum(found, 1e-6), typical)
     return np.asarray(known**weight * typical ** (1.0 - weight))
+
+
+NEAR_VIEWS = 16
+"""Number of shapes, the nearest by view signature, whose view distances are computed: the seventh nearest by
+view distance is mostly among them."""
+
+UNMEASURED = 1e9
+"""Stands for the view distances of all other shapes, which are larger."""
+
+
+@dataclass(frozen=True, eq=False)
+class DensitySample:
+    """A sample of stored shapes, among which neighbours are searched.
+
+    Attributes
+    ----------
+    eigenvalues : float64, shape (m, e)
+        The part of their signatures without global descriptors.
+    view_signatures : uint8, shape (m, SIGNATURE_BYTES)
+    views : uint8, shape (m, VIEW_BYTES)
+    """
+
+    eigenvalues: Floats
+    view_signatures: Bytes
+    views: Bytes
+
+
+def density_sample(shapes: list[ShapeDescriptors]) -> DensitySample:
+    """The sample of some shapes, in their order."""
+    views = [shape.arrays["views"] for shape in shapes]
+    signatures = [view_signature(descriptor) for descriptor in views]
+    return DensitySample(
+        _eigenvalues(shapes),
+        np.array(signatures, dtype=np.uint8).reshape(len(shapes), SIGNATURE_BYTES),
+        np.array(views, dtype=np.uint8).reshape(len(shapes), VIEW_BYTES),
+    )
+
+
+def densities_in(sample: DensitySample, shapes: list[ShapeDescriptors]) -> LocalDensities:
+    """The local densities of c shapes, c at least 1, arrays of shape (c,), in a sample.
+
+    A shape of the sample with the same eigenvalues, to their last bit, is the shape itself or a copy of it,
+    and no neighbour. A density depends on the shape and the sample alone.
+    """
+    if not len(sample.views):
+        return typical_densities(len(shapes))
+    spectral = cdist(_eigenvalues(shapes), sample.eigenvalues)
+    spectral[spectral == 0.0] = np.inf
+    views = np.full(spectral.shape, UNMEASURED)
+    views[np.isinf(spectral)] = np.inf
+    for row, others, shape in zip(views, spectral, shapes, strict=True):
+        signature = view_signature(shape.arrays["views"])
+        near = signature_distance(signature, sample.view_signatures).astype(np.float64)
+        near[np.isinf(others)] = np.inf
+        nearest = least(near, np.arange(len(near)), NEAR_VIEWS)
+        nearest = nearest[np.isfinite(near[nearest])]
+        row[nearest] = view_distance(shape.arrays["views"], sample.views[nearest])
+    return LocalDensities(
+        neighbour_distances(spectral, TYPICAL_SPECTRAL), neighbour_distances(views, TYPICAL_VIEW)
+    )
+
+
+def _eigenvalues(shapes: list[ShapeDescriptors]) -> Floats:
+    """The part of signatures without global descriptors, shape (c, e)."""
+    if not shapes:
+        return np.empty((0, 0))
+    return np.stack([shape.signature[:-GLOBAL_DESCRIPTORS] for shape in shapes]).astype(np.float64)

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.arrays import Float32s, Floats
+from core.descriptors.facts import GLOBAL_DESCRIPTORS, GLOBAL_WEIGHT
 from core.numerics.compilation import compiled_sum
 
 
@@ -52,3 +53,30 @@ def least(values: NDArray[np.floating], order: NDArray[np.integer], count: int) 
     equal = equal[np.argsort(order[equal], kind="stable")][: count - len(below)]
     found = np.concatenate([below, equal])
     return found[np.lexsort((order[found], values[found]))]
+
+
+def spectral_distances(query: Float32s, signatures: Float32s) -> Floats:
+    """Euclidean distances between the log eigenvalues of one signature and of c others, shape (c,), >= 0.
+
+    Parameters
+    ----------
+    query : float32, shape (s,)
+    signatures : float32, shape (c, s)
+        Their last values are global descriptors, which do not count here.
+    """
+    values = len(query) - GLOBAL_DESCRIPTORS
+    steps = signatures[:, :values].astype(np.float64) - query[:values]
+    return np.asarray(np.linalg.norm(steps, axis=1))
+
+
+def global_distances(query: Float32s, signatures: Float32s) -> Floats:
+    """Euclidean distances between the global descriptors of one signature and of c others, shape (c,), >= 0.
+
+    Parameters
+    ----------
+    query : float32, shape (s,)
+        Global descriptors, times `GLOBAL_WEIGHT`, are its last values.
+    signatures : float32, shape (c, s)
+    """
+    steps = signatures[:, -GLOBAL_DESCRIPTORS:].astype(np.float64) - query[-GLOBAL_DESCRIPTORS:]
+    return np.asarray(np.linalg.norm(steps, axis=1) / GLOBAL_WEIGHT)

@@ -28,7 +28,7 @@ class Invariants:
     eigenvalues : float32, shape (n, m)
         Logarithms of normalised eigenvalues.
     descriptors : float64, shape (n, 3) or (n, 0)
-        `core.descriptors.global_descriptors`, unless the pipeline has none.
+        `core.descriptors.facts`, unless the pipeline has none.
     radii : float64, shape (n,)
         Root mean square distance from the centroid over the square root of the area.
     extents : float64, shape (n, 3)

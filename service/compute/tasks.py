@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from core.arrays import Bytes
-from core.descriptors.partial_matching import describe_part
-from core.descriptors.reliability import intrinsic_reliability
-from core.descriptors.view_signature import signature_distance, view_signature
+from core.descriptors.facts import intrinsic_reliability
+from core.descriptors.partial import describe_part
+from core.descriptors.views import signature_distance, view_signature
 from core.embedding import Embedding, Match, Scores
 from core.errors import BadRecordError, CannotBeEmbeddedError, DegenerateMeshError
 from core.io import Limits, read_mesh
@@ -25,10 +25,8 @@ from core.mesh.simplification import contract_edges
 from core.numerics.guarding import guarded
 from core.parameters import Parameters
 from core.pipeline import Pipeline
-from core.ranking.coarse_ranking import coarse_ranking, coarse_samples
-from core.ranking.combined import combined_scores
-from core.ranking.quantised_points import quantised_points
-from core.ranking.reranking import rerank
+from core.ranking.class_probability import combined_scores
+from core.ranking.reranking import coarse_ranking, coarse_samples, quantised_points, rerank
 from core.ranking.shortlist import signature_distances
 from core.serialization import embedding_from_bytes, embedding_to_bytes
 from service.rendering.thumbnail import SIZES, draw
@@ -45,13 +43,13 @@ class Embedded:
     signature : float32, shape (s,)
         Of the embedding.
     coarse_samples : bytes
-        See `core.ranking.coarse_ranking`.
+        See `core.ranking.reranking`.
     quantised_points : bytes
-        See `core.ranking.quantised_points`.
+        See `core.ranking.reranking`.
     view_signature : uint8, shape (v,)
-        See `core.descriptors.view_signature`.
+        See `core.descriptors.views`.
     reliability : float
-        See `core.descriptors.reliability`.
+        See `core.descriptors.facts`.
     facts : dict
         Measurements of the mesh, by name: `core.embedding.Facts` and the bounding box.
     milliseconds : dict
@@ -103,7 +101,7 @@ def embed_mesh(mesh: Mesh, parameters: Parameters, read: float) -> Embedded:
             signature=embedding.signature,
             coarse_samples=coarse_samples(embedding).tobytes(),
             quantised_points=quantised_points(embedding),
-            view_signature=view_signature(embedding.views),
+            view_signature=view_signature(embedding.descriptors["views"]),
             reliability=intrinsic_reliability(embedding.facts),
             facts={**asdict(embedding.facts), "bounding_box": list(bounding_box(mesh))},
             milliseconds={"read": read, "embed": embed},
@@ -155,7 +153,7 @@ def match_embeddings(first: bytes, second: bytes, parameters: Parameters) -> Mat
 
 
 def part_of_mesh(mesh: Mesh, parameters: Parameters) -> Bytes:
-    """Return the spin images of a mesh taken as a part: `core.descriptors.partial_matching.describe_part`."""
+    """Return the spin images of a mesh taken as a part: `core.descriptors.partial.describe_part`."""
     with guarded():
         return describe_part(_pipeline(parameters).open_surface(mesh))
 
@@ -190,7 +188,7 @@ def warm_comparing(records: Sequence[bytes], parameters: Parameters) -> None:
     none = np.zeros(len(embeddings))
     for embedding in embeddings:
         combined_scores(embedding, embeddings, Scores(none, none, none))
-    signatures = np.stack([view_signature(embedding.views) for embedding in embeddings])
+    signatures = np.stack([view_signature(embedding.descriptors["views"]) for embedding in embeddings])
     signature_distance(signatures[0], signatures)
     if matcher_of(parameters).uses_match_records:
         match_records = [match_record(embedding, parameters) for embedding in embeddings]

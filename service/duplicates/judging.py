@@ -13,7 +13,7 @@ from starlette.concurrency import run_in_threadpool
 from core.errors import BadRecordError, MeshError
 from core.mesh.mesh import Mesh
 from core.parameters import Parameters
-from core.ranking.spectral_distance import spectral_distances
+from core.ranking.shortlist import spectral_distances
 from core.registration.invariants import possible_copies, possible_variants
 from core.registration.rigid_copy import RigidCopy, copy_by_samples
 from core.serialization import embedding_from_bytes

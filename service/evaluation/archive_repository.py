@@ -11,14 +11,13 @@ import numpy as np
 from sqlalchemy import insert, update
 
 from core.arrays import Float32s
-from core.descriptors.descriptor_distance import is_part
-from core.descriptors.reliability import intrinsic_reliability
-from core.descriptors.view_signature import view_signature
+from core.descriptors.facts import intrinsic_reliability
+from core.descriptors.partial import is_part
+from core.descriptors.views import view_signature
 from core.embedding import Embedding, Spectrum
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
-from core.ranking.coarse_ranking import coarse_samples
-from core.ranking.quantised_points import quantised_points
+from core.ranking.reranking import coarse_samples, quantised_points
 from core.serialization import embedding_to_bytes
 from service.collection import DEFAULT_COLLECTION
 from service.evaluation.benchmark_meshes import Source
@@ -84,14 +83,16 @@ def shaken(embedding: Embedding, number: int, other: Embedding | None = None) ->
     )
     signature = _shaken(embedding.signature, 0.25 * strength, rng)
     shaken = replace(embedding, spectra=spectra, signature=signature)
-    if other is None or not embedding.views.size:
+    if other is None:
         return shaken
-    views = (1.0 - 2.0 * strength) * embedding.views + 2.0 * strength * other.views
-    spin_images = embedding.spin_images.copy()
+    views = (1.0 - 2.0 * strength) * embedding.descriptors["views"] + 2.0 * strength * other.descriptors[
+        "views"
+    ]
+    spin_images = embedding.descriptors["spin_images"].copy()
     if not is_part(spin_images):
         rows = rng.random(len(spin_images)) < 2.0 * strength
-        spin_images[rows] = other.spin_images[: len(spin_images)][rows]
-    return replace(shaken, views=np.rint(views).astype(np.uint8), spin_images=spin_images)
+        spin_images[rows] = other.descriptors["spin_images"][: len(spin_images)][rows]
+    return replace(shaken, descriptors={"spin_images": spin_images, "views": np.rint(views).astype(np.uint8)})
 
 
 def _shaken(values: Float32s, strength: float, rng: np.random.Generator) -> Float32s:
@@ -160,7 +161,7 @@ def _rows(source: Sequence[Original], numbers: range) -> Iterator[tuple[dict[str
                 "embedding_number": number + 1,
                 "data": coarse,
                 "signature": embedding.signature.astype("<f4").tobytes(),
-                "view_signature": view_signature(embedding.views),
+                "view_signature": view_signature(embedding.descriptors["views"]),
                 "reliability": intrinsic_reliability(embedding.facts),
                 "checksum": checksum_of(coarse),
             },

@@ -29,7 +29,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.distance import pdist
 
 from core.arrays import Bytes, Floats
-from core.descriptors.view_descriptor import view_descriptor, view_distance
+from core.descriptors.views import view_descriptor, view_distance
 from core.graph.edge_graph import edge_graph
 from core.graph.geodesics import farthest_points, geodesic_distances
 from core.io import format_of, read_mesh

@@ -17,9 +17,7 @@ from core.matching.match_records import match_record, score_match_records
 from core.mesh.mesh import Mesh
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
-from core.ranking.coarse_ranking import coarse_ranking, coarse_samples
-from core.ranking.quantised_points import quantised_points
-from core.ranking.reranking import rerank
+from core.ranking.reranking import coarse_ranking, coarse_samples, quantised_points, rerank
 from core.serialization import embedding_from_bytes, embedding_to_bytes
 from service.evaluation.archive_repository import shaken
 from service.evaluation.benchmark_meshes import Source, Spread, growth_exponent, resized

@@ -12,7 +12,7 @@ from core.arrays import Floats
 from core.evaluation.calibration import BINS, LabelledPairs, Reliability, fit, leave_class_out, reliability
 from core.evaluation.perturbation import cut_part, remove_discs
 from core.evaluation.retrieval_measures import Evaluation, evaluate
-from core.ranking.opinion_pool import PART_FEATURES, Calibration, features, offset, part_features
+from core.ranking.class_probability import PART_FEATURES, Calibration, features, offset, part_features
 from service.evaluation.pairwise_scores import Done, PairScores, stored
 from service.evaluation.perturbed_queries import Gallery, Perturb, Told, perturbed_query
 
@@ -113,7 +113,7 @@ class CalibrationStudy:
         }
 
     def constants(self) -> str:
-        """Return the assignments that `core/ranking/opinion_pool.py` holds."""
+        """Return the assignments that `core/ranking/class_probability.py` holds."""
         models = {"CALIBRATED_POOL": self.model, "CALIBRATED_PARTS": self.incomplete.model}
         return "\n".join(f"{name} = {_constant(model)}" for name, model in models.items())
 
@@ -125,9 +125,9 @@ class CollectionPairs:
     Attributes
     ----------
     complete : LabelledPairs
-        Of complete shapes, with the features of `core.ranking.opinion_pool.features`.
+        Of complete shapes, with the features of `core.ranking.class_probability.features`.
     incomplete : LabelledPairs
-        With an incomplete shape, with the features of `core.ranking.opinion_pool.part_features`.
+        With an incomplete shape, with the features of `core.ranking.class_probability.part_features`.
     perturbed : sequence of LabelledPairs
         Of shapes that were made incomplete, and complete ones, with the same features.
     """

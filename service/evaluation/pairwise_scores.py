@@ -2,10 +2,11 @@
 
 import os
 import pickle
+from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from multiprocessing import get_context
 from pathlib import Path
@@ -16,14 +17,15 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from core.arrays import Floats
+from core.descriptors.registry import DESCRIPTORS, descriptors_of
 from core.embedding import Embedding, Scores
 from core.errors import CoreError
 from core.io import DEFAULT_LIMITS, format_of
 from core.parameters import Parameters
 from core.pipeline import Pipeline
+from core.ranking.class_probability import pooled_log_odds
+from core.ranking.differences import PairDifferences, differences_of
 from core.ranking.local_density import TYPICAL_SPECTRAL, TYPICAL_VIEW, neighbour_distances
-from core.ranking.opinion_pool import pooled_log_odds
-from core.ranking.pair_differences import PairDifferences, descriptors_of, differences_of
 from core.serialization import embedding_from_bytes
 from service.compute.tasks import embed_file
 from service.compute.worker_loop import end_with_parent
@@ -87,20 +89,22 @@ def score_pairs(pool: Executor, embeddings: Sequence[Embedding], done: Done) -> 
     """Score all pairs. Scores are symmetric, so that each pair is scored once."""
     n = len(embeddings)
     cc, ssd, sim = np.eye(n), np.zeros((n, n)), np.eye(n)
-    differences = {field.name: np.zeros((n, n)) for field in fields(PairDifferences)}
+    differences: dict[str, Floats] = defaultdict(lambda: np.zeros((n, n)))
     with stored(list(embeddings)) as path:
         for i, (scores, row) in as_they_end(pool, partial(_score_row, path), {i: i for i in range(n)}):
             for matrix, values in ((cc, scores.cc), (ssd, scores.ssd), (sim, scores.sim)):
                 matrix[i, i + 1 :] = matrix[i + 1 :, i] = values[1:]
-            for name, values in vars(row).items():
+            flat = {name: values for name, values in vars(row).items() if name != "distances"}
+            for name, values in (flat | row.distances).items():
                 differences[name][i, i:] = differences[name][i:, i] = values
             done(n - 1 - i)
     part = differences.pop("part") > 0.0
-    pairs = PairDifferences(**differences, part=part)
+    distances = {name: differences.pop(name) for name in DESCRIPTORS}
+    pairs = PairDifferences(**differences, distances=distances, part=part)
     pairs = replace(
         pairs,
         spectral_density=pair_densities(pairs.spectral, TYPICAL_SPECTRAL),
-        view_density=pair_densities(pairs.views, TYPICAL_VIEW),
+        view_density=pair_densities(pairs.distances["views"], TYPICAL_VIEW),
     )
     return PairScores(cc, ssd, sim, pooled_log_odds(pairs), pairs)
 

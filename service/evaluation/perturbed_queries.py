@@ -10,15 +10,15 @@ from zlib import crc32
 
 import numpy as np
 
+from core.descriptors.registry import ShapeDescriptors, descriptors_of
 from core.embedding import Embedding, Scores
 from core.io import format_of, read_mesh
 from core.mesh.cleaning import clean
 from core.mesh.mesh import Mesh
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
-from core.ranking.density_sample import DensitySample, densities_in, density_sample
-from core.ranking.local_density import LocalDensities
-from core.ranking.pair_differences import PairDifferences, ShapeDescriptors, descriptors_of, differences_of
+from core.ranking.differences import PairDifferences, differences_of
+from core.ranking.local_density import DensitySample, LocalDensities, densities_in, density_sample
 from service.evaluation.pairwise_scores import Done, embed_files, reason
 
 Told = Callable[[str], object]

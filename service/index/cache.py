@@ -10,7 +10,6 @@ import numpy as np
 from cachetools import LRUCache
 
 from core.arrays import Ints
-from core.ranking.pair_differences import ShapeDescriptors
 
 Value = TypeVar("Value")
 
@@ -19,11 +18,6 @@ ABOUT = 100_000
 
 POINTS_BYTES = 12_100
 """Bytes of the points of a shape, likewise."""
-
-
-def descriptor_bytes(shape: ShapeDescriptors) -> int:
-    """The bytes of a shape's descriptors."""
-    return shape.signature.nbytes + shape.spin_images.nbytes + shape.views.nbytes
 
 
 class EmbeddingCache(Generic[Value]):

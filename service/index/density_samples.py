@@ -7,9 +7,8 @@ import numpy as np
 from cachetools import LRUCache
 
 from core.arrays import Ints
-from core.ranking.density_sample import DensitySample, densities_in
-from core.ranking.local_density import LocalDensities
-from core.ranking.pair_differences import ShapeDescriptors
+from core.descriptors.registry import ShapeDescriptors
+from core.ranking.local_density import DensitySample, LocalDensities, densities_in
 from service.collection import CollectionNumber
 
 SAMPLE = 512

@@ -28,11 +28,11 @@ class IndexEntries:
         Numbers of their embeddings.
     signatures : float32, shape (n, s)
     coarse_samples : uint8, shape (n, l)
-        See `core.ranking.coarse_ranking`; zeros for embeddings without coarse samples.
+        See `core.ranking.reranking`; zeros for embeddings without coarse samples.
     view_signatures : uint8, shape (n, v)
-        See `core.descriptors.view_signature`; v is 0 for a pipeline without views.
+        See `core.descriptors.views`; v is 0 for a pipeline without views.
     reliabilities : float32, shape (n,)
-        See `core.descriptors.reliability`; NaN without views.
+        See `core.descriptors.facts`; NaN without views.
     """
 
     shapes: NDArray[np.int64]

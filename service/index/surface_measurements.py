@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from core.descriptors.global_descriptors import GLOBAL_DESCRIPTORS, GLOBAL_WEIGHT
+from core.descriptors.facts import GLOBAL_DESCRIPTORS, GLOBAL_WEIGHT
 from core.registration.invariants import Invariants
 from service.index import repository
 from service.index.signature_index import SignatureIndex

@@ -6,8 +6,8 @@ from scipy.special import expit
 
 from core.arrays import Floats
 from core.embedding import Scores
-from core.ranking.opinion_pool import pooled_log_odds
-from core.ranking.pair_differences import differences_of
+from core.ranking.class_probability import pooled_log_odds
+from core.ranking.differences import differences_of
 from service.container import Container
 from service.search.batches import by_threads, in_batches
 from service.search.coarse_log_odds import coarse_log_odds

@@ -4,9 +4,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.arrays import Bytes, Float32s, Floats
-from core.descriptors.descriptor_distance import is_part
-from core.ranking.coarse_differences import CoarseDescriptors, coarse_differences
-from core.ranking.opinion_pool import pooled_log_odds
+from core.descriptors.partial import is_part
+from core.ranking.class_probability import pooled_log_odds
+from core.ranking.differences import CoarseDescriptors, coarse_differences
 from core.ranking.shortlist import least
 from service.index.repository import IndexEntries
 from service.search.records import Options, Query

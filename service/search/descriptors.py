@@ -5,9 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from core.arrays import Ints
+from core.descriptors.registry import ShapeDescriptors
 from core.errors import BadRecordError
-from core.ranking.density_sample import density_sample
-from core.ranking.pair_differences import ShapeDescriptors
+from core.ranking.local_density import density_sample
 from core.serialization import descriptors_from_bytes
 from service.collection import CollectionNumber
 from service.container import Container

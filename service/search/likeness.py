@@ -12,7 +12,7 @@ from core.errors import BadRecordError, CoreError
 from core.mesh.mesh import Mesh
 from core.parameters import Parameters
 from core.ranking.likeness import likeness
-from core.ranking.spectral_distance import spectral_distances
+from core.ranking.shortlist import spectral_distances
 from core.registration.rigid_copy import RigidCopy, copy_by_samples, may_be_copy
 from core.serialization import embedding_from_bytes
 from service.collection import CollectionNumber

@@ -9,9 +9,7 @@ from core.arrays import Bytes, Float32s, Floats, Ints
 from core.errors import CoreError
 from core.matching.match_records import match_record, score_match_records
 from core.parameters import Parameters
-from core.ranking.coarse_ranking import coarse_ranking
-from core.ranking.quantised_points import quantised_points
-from core.ranking.reranking import rerank
+from core.ranking.reranking import coarse_ranking, quantised_points, rerank
 from core.serialization import embedding_from_bytes
 from service.index.cache import EmbeddingCache
 from service.search import repository

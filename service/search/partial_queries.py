@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 from starlette.concurrency import run_in_threadpool
 
 from core.arrays import Bytes
-from core.descriptors.descriptor_distance import whole_spin_images
-from core.descriptors.partial_matching import part_distances
+from core.descriptors.partial import part_distances, whole_spin_images
 from core.descriptors.spin_images import KEYPOINTS
 from core.ranking.shortlist import least
 from service.compute.tasks import part_of_mesh
@@ -38,7 +37,7 @@ async def search(
     """The stored shapes that the query is most likely a part of.
 
     Stages: choose the candidates; describe the query as a part; rank the candidates by
-    `core.descriptors.partial_matching.part_distances` and compare the best; read the results.
+    `core.descriptors.partial.part_distances` and compare the best; read the results.
 
     Parameters
     ----------
@@ -93,7 +92,7 @@ async def _distances(container: Container, part: Bytes, candidates: Candidates) 
         known = [index for index, number in enumerate(numbers) if number in shapes]
         measured = np.full((1, len(numbers)), np.nan)
         measured[0, known] = part_distances(
-            part, [whole_spin_images(shapes[numbers[index]].spin_images) for index in known]
+            part, [whole_spin_images(shapes[numbers[index]].arrays["spin_images"]) for index in known]
         )
         return measured
 

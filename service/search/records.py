@@ -5,12 +5,12 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 from core.arrays import Bytes
-from core.descriptors.view_signature import view_signature
+from core.descriptors.registry import ShapeDescriptors, descriptors_of
+from core.descriptors.views import view_signature
 from core.embedding import Embedding, Match
 from core.mesh.mesh import Mesh
 from core.pipeline import Pipeline
 from core.ranking.likeness import Likeness
-from core.ranking.pair_differences import ShapeDescriptors, descriptors_of
 from core.registration.rigid_copy import Difference
 from core.serialization import embedding_from_bytes
 from service.pipelines.active import ActivePipeline
@@ -89,12 +89,12 @@ class Query:
     @cached_property
     def view_signature(self) -> Bytes:
         """The view signature, shape (v,)."""
-        return view_signature(self.embedding.views)
+        return view_signature(self.embedding.descriptors["views"])
 
     @property
     def spin_images(self) -> Bytes:
         """The spin images of its surface; see `core.embedding`."""
-        return self.embedding.spin_images
+        return self.descriptors.arrays["spin_images"]
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from starlette.concurrency import run_in_threadpool
 
 from core.arrays import Floats, Ints
-from core.descriptors.descriptor_distance import is_part
-from core.ranking.coarse_differences import TYPICAL_SIM
+from core.descriptors.partial import is_part
+from core.ranking.differences import TYPICAL_SIM
 from core.ranking.shortlist import least
 from service.container import Container
 from service.observability.logging import get_logger

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 from starlette.concurrency import run_in_threadpool
 
 from core.arrays import Floats
+from core.descriptors.registry import descriptors_of
 from core.embedding import Embedding, Match, Scores
 from core.mesh.mesh import Mesh
-from core.ranking.pair_differences import descriptors_of
-from core.ranking.spectral_distance import spectral_distances
+from core.ranking.shortlist import spectral_distances
 from core.serialization import embedding_from_bytes
 from service.collection import CollectionNumber
 from service.compute.request_queue import RequestQueue, short_of_memory

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.arrays import Ints
-from core.descriptors.view_signature import signature_distance
+from core.descriptors.views import signature_distance
 from core.ranking.local_density import LocalDensities
 from core.ranking.shortlist import least, signature_distances
 from service.container import Container

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, JsonValue
 
-from core.descriptors.completeness import INCOMPLETE
+from core.descriptors.partial import INCOMPLETE
 from service.shapes.fields import Metadata, Name, Tags
 from service.shapes.pages import write_place
 from service.shapes.records import Changes, RecordPage, ShapeRecord

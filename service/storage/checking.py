@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from core.descriptors.reliability import intrinsic_reliability
-from core.descriptors.view_signature import view_signature
+from core.descriptors.facts import intrinsic_reliability
+from core.descriptors.views import view_signature
 from core.embedding import Embedding
 from core.errors import BadRecordError
 from core.serialization import embedding_from_bytes
@@ -239,7 +239,7 @@ def _others(connection: sqlite3.Connection, report: CheckReport) -> None:
 
 def _views_of(embedding: Embedding) -> tuple[bytes, float]:
     """Return the view signature and the reliability of an embedding."""
-    return view_signature(embedding.views).tobytes(), intrinsic_reliability(embedding.facts)
+    return view_signature(embedding.descriptors["views"]).tobytes(), intrinsic_reliability(embedding.facts)
 
 
 def _dimensions(embedding: Embedding) -> object:

@@ -134,9 +134,9 @@ class EmbeddingRow(Table):
 class CoarseSamplesRow(Table):
     """Short descriptors of an embedding, which a search reads of all.
 
-    `data` has the coarse samples (`core.ranking.coarse_ranking`), `signature` is a copy of the signature,
-    `view_signature` is that of `core.descriptors.view_signature` and `reliability` that of
-    `core.descriptors.reliability`; both are NULL for embeddings without views.
+    `data` has the coarse samples (`core.ranking.reranking`), `signature` is a copy of the signature,
+    `view_signature` is that of `core.descriptors.views` and `reliability` that of
+    `core.descriptors.facts`; both are NULL for embeddings without views.
 
     A service loads them for all embeddings at its start. This table stores them densely: reading signatures
     from `embeddings` would read a page of each record.
@@ -155,7 +155,7 @@ class CoarseSamplesRow(Table):
 
 
 class QuantisedPointsRow(Table):
-    """The quantised points of an embedding (`core.ranking.quantised_points`).
+    """The quantised points of an embedding (`core.ranking.reranking`).
 
     A query re-ranks hundreds of shapes by them: they take a sixth of the bytes of records.
     """

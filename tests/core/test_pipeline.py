@@ -13,8 +13,8 @@ import pytest
 import trimesh
 from scipy.spatial import cKDTree
 
-from core.descriptors.global_descriptors import GLOBAL_DESCRIPTORS
-from core.descriptors.view_descriptor import view_descriptor, view_distance
+from core.descriptors.facts import GLOBAL_DESCRIPTORS
+from core.descriptors.views import view_descriptor, view_distance
 from core.embedding import Embedding
 from core.errors import DegenerateMeshError, IncompatibleEmbeddingsError
 from core.gallery import make_shape
@@ -389,6 +389,6 @@ def test_views_of_a_noisy_mesh_are_near_to_the_clean_mesh_since_it_is_smoothed()
     mesh = make_shape("hand", 0)
     noisy = clean(add_noise(mesh, 0.01, 1)).mesh
     unsmoothed = view_descriptor(noisy.vertices, noisy.faces)
-    views = np.stack([Pipeline().embed(noisy).views, unsmoothed])
-    smoothed, direct = view_distance(Pipeline().embed(mesh).views, views)
+    views = np.stack([Pipeline().embed(noisy).descriptors["views"], unsmoothed])
+    smoothed, direct = view_distance(Pipeline().embed(mesh).descriptors["views"], views)
     assert smoothed < 0.6 * direct

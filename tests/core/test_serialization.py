@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 from safetensors.numpy import load, save
 
-from core.descriptors.descriptor_distance import ROW_LENGTH
-from core.descriptors.reliability import intrinsic_reliability
+from core.descriptors.facts import intrinsic_reliability
+from core.descriptors.partial import ROW_LENGTH
+from core.descriptors.registry import DESCRIPTORS, descriptors_of
 from core.descriptors.spin_images import KEYPOINTS
-from core.descriptors.view_bytes import VIEW_BYTES
+from core.descriptors.views import VIEW_BYTES
 from core.embedding import NO_ORIENTATION, Embedding, Facts, Spectrum
 from core.errors import BadRecordError
 from core.gallery import make_shape
 from core.parameters import DEFAULT, PAPER
 from core.pipeline import Pipeline
-from core.ranking.pair_differences import descriptors_of
 from core.serialization import descriptors_from_bytes, embedding_from_bytes, embedding_to_bytes
 
 FACTS = Facts(
@@ -55,8 +55,10 @@ def embedding(*, samples=12, spectra=2, seed=0):
             )
             for i, name in enumerate(("affinity", "laplace-beltrami")[:spectra])
         ),
-        spin_images=rng.integers(0, 255, size=(KEYPOINTS, ROW_LENGTH)).astype(np.uint8),
-        views=rng.integers(0, 255, size=VIEW_BYTES).astype(np.uint8),
+        descriptors={
+            "spin_images": rng.integers(0, 255, size=(KEYPOINTS, ROW_LENGTH)).astype(np.uint8),
+            "views": rng.integers(0, 255, size=VIEW_BYTES).astype(np.uint8),
+        },
         # Of the five Laplace-Beltrami coordinates.
         orientation=rng.integers(-127, 128, size=(samples, 10)).astype(np.int8)
         if spectra == 2
@@ -64,7 +66,11 @@ def embedding(*, samples=12, spectra=2, seed=0):
     )
 
 
-ARRAYS = [field.name for field in fields(Embedding) if field.name not in ("fingerprint", "facts", "spectra")]
+ARRAYS = [
+    field.name
+    for field in fields(Embedding)
+    if field.name not in ("fingerprint", "facts", "spectra", "descriptors")
+]
 
 
 @pytest.mark.parametrize("spectra", [1, 2])
@@ -76,6 +82,9 @@ def test_an_embedding_comes_back_whole(spectra):
     for name in ARRAYS:
         assert getattr(back, name).dtype == getattr(made, name).dtype
         assert np.array_equal(getattr(back, name), getattr(made, name))
+    for name in DESCRIPTORS:
+        assert back.descriptors[name].dtype == made.descriptors[name].dtype
+        assert np.array_equal(back.descriptors[name], made.descriptors[name])
     assert [spectrum.name for spectrum in back.spectra] == [spectrum.name for spectrum in made.spectra]
     for one, other in zip(back.spectra, made.spectra, strict=True):
         assert one.eigenvalues.dtype == one.coordinates.dtype == np.float32
@@ -140,7 +149,7 @@ def test_tensors_without_the_fields_are_refused():
         embedding_from_bytes(save({"weights": np.zeros((2, 3), dtype=np.float32)}))
 
 
-@pytest.mark.parametrize("missing", ["header", *ARRAYS, "eigenvalues_0", "coordinates_1"])
+@pytest.mark.parametrize("missing", ["header", *ARRAYS, *DESCRIPTORS, "eigenvalues_0", "coordinates_1"])
 def test_a_record_without_one_of_its_arrays_is_refused(missing):
     arrays = load(embedding_to_bytes(embedding()))
     del arrays[missing]
@@ -183,7 +192,7 @@ def changed(name, change):
     return save(arrays)
 
 
-@pytest.mark.parametrize("name", [*ARRAYS, "eigenvalues_0", "coordinates_1"])
+@pytest.mark.parametrize("name", [*ARRAYS, *DESCRIPTORS, "eigenvalues_0", "coordinates_1"])
 def test_an_array_of_another_type_or_shape_is_refused(name):
     other = {"float32": np.float64, "int32": np.int64, "uint8": np.int16, "int8": np.int16}
     with pytest.raises(BadRecordError, match=r"float64|int64|int16"):
@@ -263,9 +272,11 @@ def test_a_header_with_a_value_of_the_wrong_kind_is_refused(change):
 def test_descriptors_are_those_of_the_embedding():
     made = embedding()
     found, expected = descriptors_from_bytes(embedding_to_bytes(made)), descriptors_of(made)
-    for name in ("signature", "spin_images", "views"):
-        assert np.array_equal(getattr(found, name), getattr(expected, name))
-        assert getattr(found, name).dtype == getattr(expected, name).dtype
+    assert np.array_equal(found.signature, expected.signature)
+    assert found.arrays.keys() == expected.arrays.keys() == DESCRIPTORS.keys()
+    for name, array in found.arrays.items():
+        assert np.array_equal(array, expected.arrays[name])
+        assert array.dtype == expected.arrays[name].dtype
     assert found.reliability == intrinsic_reliability(FACTS)
 
 

@@ -40,7 +40,7 @@ def calibrate_command(
 ) -> None:
     """Fit the class probability to labelled collections.
 
-    The command prints the constants of core/ranking/opinion_pool.py: the coefficients of a logistic
+    The command prints the constants of core/ranking/class_probability.py: the coefficients of a logistic
     regression over all pairs of complete shapes, each collection with the same weight, and of another over
     pairs with an incomplete shape, also of shapes with holes made in them or with a part cut away. Each class
     is judged by models fitted without that class: the table has the expected calibration error, and the

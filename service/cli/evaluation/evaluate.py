@@ -8,8 +8,13 @@ from typing import Annotated, Literal
 
 import typer
 
-from core.evaluation.retrieval_measures import Evaluation, evaluate
-from core.evaluation.score_quantiles import QUANTILES, ScoreQuantiles, score_quantiles
+from core.evaluation.retrieval_measures import (
+    QUANTILES,
+    Evaluation,
+    ScoreQuantiles,
+    evaluate,
+    score_quantiles,
+)
 from core.parameters import DEFAULT, PAPER
 from service.cli.options import Collection, Workers
 from service.console import fail, print_table

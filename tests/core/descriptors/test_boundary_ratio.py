@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from core.descriptors.boundary_ratio import boundary_ratio
-from core.descriptors.completeness import INCOMPLETE
+from core.descriptors.facts import boundary_ratio
+from core.descriptors.partial import INCOMPLETE
 from core.evaluation.perturbation import cut_part, remove_discs
 from core.gallery import make_shape
 from core.mesh.cleaning import clean, face_areas

@@ -6,9 +6,17 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from core.descriptors.completeness import INCOMPLETE
-from core.descriptors.descriptor_distance import ROW_COUNTS, ROW_LENGTH, descriptor_distance
-from core.descriptors.partial_matching import PART_ROWS, part_distances
+from core.arrays import Bytes
+from core.descriptors import partial
+from core.descriptors.partial import (
+    INCOMPLETE,
+    PART_ROWS,
+    ROW_COUNTS,
+    ROW_LENGTH,
+    DescriptorDistance,
+    part_distances,
+    whole_distances,
+)
 from core.descriptors.spin_images import KEYPOINTS, SPIN_IMAGE_LENGTH, spin_image_distances
 from core.embedding import Embedding
 from core.evaluation.perturbation import cut_part, subdivide
@@ -27,15 +35,30 @@ def embedded(label: str, cut: float = 0.0) -> Embedding:
     return PIPELINE.embed(cut_part(mesh, cut, 3) if cut else mesh)
 
 
+def rows_of(label: str, cut: float = 0.0) -> Bytes:
+    return spin_images_of(embedded(label, cut))
+
+
+def spin_images_of(embedding: Embedding) -> Bytes:
+    return np.asarray(embedding.descriptors["spin_images"])
+
+
+def descriptor_distance(query: Bytes, others: list[Bytes]) -> DescriptorDistance:
+    return partial.descriptor_distance(query, others, whole_distances(query, others))
+
+
 def test_an_incomplete_surface_has_rows_as_a_part_too() -> None:
-    whole, part = embedded("octopus").spin_images, embedded("octopus", 0.3).spin_images
+    whole, part = (
+        rows_of("octopus"),
+        rows_of("octopus", 0.3),
+    )
     assert whole.shape == (KEYPOINTS, ROW_LENGTH) == (ROW_COUNTS[False], ROW_LENGTH)
     assert part.shape == (KEYPOINTS + PART_ROWS, ROW_LENGTH) == (ROW_COUNTS[True], ROW_LENGTH)
     assert (whole[:, SPIN_IMAGE_LENGTH:] == 1).all()
 
 
 def test_complete_surfaces_are_as_far_as_the_farther_way() -> None:
-    first, second = embedded("octopus").spin_images, embedded("cup").spin_images
+    first, second = rows_of("octopus"), rows_of("cup")
     found = descriptor_distance(first, [second, first])
     assert_array_equal(found.part, [False, False])
     assert_array_equal(
@@ -45,15 +68,21 @@ def test_complete_surfaces_are_as_far_as_the_farther_way() -> None:
 
 
 def test_a_part_needs_no_partner_for_what_it_lacks() -> None:
-    part, whole = embedded("octopus", 0.3).spin_images, embedded("octopus").spin_images
-    found = descriptor_distance(part, [whole, embedded("cup").spin_images])
+    part, whole = (
+        rows_of("octopus", 0.3),
+        rows_of("octopus"),
+    )
+    found = descriptor_distance(part, [whole, rows_of("cup")])
     assert_array_equal(found.part, [True, True])
     assert found.distance[0] == part_distances(part[KEYPOINTS:], [whole[:, :SPIN_IMAGE_LENGTH]])[0]
     assert found.distance[0] < found.distance[1]
 
 
 def test_either_of_two_parts_may_be_in_the_other() -> None:
-    small, large = embedded("octopus", 0.5).spin_images, embedded("octopus", 0.2).spin_images
+    small, large = (
+        rows_of("octopus", 0.5),
+        rows_of("octopus", 0.2),
+    )
     both = [
         part_distances(a[KEYPOINTS:], [b[:KEYPOINTS, :SPIN_IMAGE_LENGTH]])[0]
         for a, b in ((small, large), (large, small))
@@ -62,7 +91,7 @@ def test_either_of_two_parts_may_be_in_the_other() -> None:
 
 
 def test_the_distance_is_the_same_both_ways_whatever_others_there_are() -> None:
-    shapes = [embedded(label, cut).spin_images for label in ("octopus", "cup", "bird") for cut in (0.0, 0.3)]
+    shapes = [rows_of(label, cut) for label in ("octopus", "cup", "bird") for cut in (0.0, 0.3)]
     rows = [descriptor_distance(shape, shapes) for shape in shapes]
     distance, part = np.stack([row.distance for row in rows]), np.stack([row.part for row in rows])
     assert_array_equal(distance, distance.T)
@@ -77,9 +106,9 @@ def test_a_soup_of_triangles_is_no_part() -> None:
     soup = PIPELINE.embed(make_soup(make_shape("octopus", 0), 0.02, 0))
     assert soup.facts.boundary_edges > 1000
     assert soup.facts.boundary_ratio <= INCOMPLETE
-    assert soup.spin_images.shape == (KEYPOINTS, ROW_LENGTH)
-    wholes = [embedded(label).spin_images for label in ("bird", "cup", "octopus", "person")]
-    assert descriptor_distance(soup.spin_images, wholes).distance.argmin() == 2
+    assert spin_images_of(soup).shape == (KEYPOINTS, ROW_LENGTH)
+    wholes = [rows_of(label) for label in ("bird", "cup", "octopus", "person")]
+    assert descriptor_distance(spin_images_of(soup), wholes).distance.argmin() == 2
 
 
 def test_the_chance_of_a_part_is_the_same_both_ways_and_its_whole_is_the_likeliest() -> None:
@@ -101,11 +130,14 @@ def test_a_coarse_mesh_and_a_fine_one_of_the_same_box_are_alike() -> None:
     for _ in range(5):
         fine = subdivide(fine, 1.0, 0)
     first, second = PIPELINE.embed(coarse), PIPELINE.embed(fine)
-    assert descriptor_distance(first.spin_images, [second.spin_images]).distance[0] < 0.4
+    assert descriptor_distance(spin_images_of(first), [spin_images_of(second)]).distance[0] < 0.4
     scores = PIPELINE.score(first, [second])
     assert scores.cc[0] > 0.98
     assert PIPELINE.combined_with(first, [second], scores)[0] > 0.9
     blob = Pipeline(DEFAULT.with_values(mesh={"smooth_refined": False}))
     assert (
-        descriptor_distance(blob.embed(coarse).spin_images, [blob.embed(fine).spin_images]).distance[0] > 1.0
+        descriptor_distance(spin_images_of(blob.embed(coarse)), [spin_images_of(blob.embed(fine))]).distance[
+            0
+        ]
+        > 1.0
     )

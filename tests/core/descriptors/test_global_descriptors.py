@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from core.descriptors.global_descriptors import LEAST_VOLUME, global_descriptors, signed_volume
+from core.descriptors.facts import LEAST_VOLUME, global_descriptors, signed_volume
 from core.gallery import make_shape
 from core.mesh.mesh import Mesh
 from tests.core.shapes import box, icosphere, joined, rectangle, scaled, shifted, soup, turned

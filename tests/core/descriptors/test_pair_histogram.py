@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from core.descriptors.pair_histogram import (
+from core.descriptors.view_frames import normalised_surface
+from core.descriptors.views import (
     ANGLE_BINS,
     ANGLE_PAIRS,
     DISTANCE_BINS,
@@ -13,7 +14,6 @@ from core.descriptors.pair_histogram import (
     ORIENTED_POINTS,
     pair_histogram,
 )
-from core.descriptors.view_frames import normalised_surface
 from core.sampling.surface_samples import evenly_spread
 from tests.core.shapes import blob, icosphere, rectangle
 

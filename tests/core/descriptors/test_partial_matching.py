@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from core.arrays import Bytes
-from core.descriptors.partial_matching import (
+from core.descriptors.partial import (
     BATCH,
     BOUNDARY_MARGIN,
     MISSING_SHARES,

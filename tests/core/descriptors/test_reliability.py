@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from core.descriptors.reliability import intrinsic_reliability
+from core.descriptors.facts import intrinsic_reliability
 from core.gallery import make_shape
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline

@@ -4,16 +4,19 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from core.descriptors.view_bytes import (
+from core.descriptors.views import (
     MAGNITUDE_SCALE,
+    PAIR_WEIGHT,
     SHARE_SCALE,
     VIEW_BYTES,
     magnitudes_of,
     shares_of,
+    signature_distance,
     to_bytes,
+    view_descriptor,
+    view_distance,
+    view_signature,
 )
-from core.descriptors.view_descriptor import PAIR_WEIGHT, view_descriptor, view_distance
-from core.descriptors.view_signature import signature_distance, view_signature
 from core.errors import DegenerateMeshError
 from core.gallery import make_shape
 from core.mesh.mesh import Mesh

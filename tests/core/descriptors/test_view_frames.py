@@ -5,8 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from core.descriptors.plane_axes import moments_of_plane
-from core.descriptors.view_frames import FRAMES, normalised_surface
+from core.descriptors.view_frames import FRAMES, moments_of_plane, normalised_surface
 from core.errors import DegenerateMeshError
 from tests.core.shapes import blob, box, rectangle, rotation, soup, star, subdivided, turned
 

@@ -3,12 +3,20 @@
 import numpy as np
 from numpy.testing import assert_array_equal
 
-from core.descriptors.pair_histogram import ANGLE_BINS, DISTANCE_BINS, NORMAL_BINS
 from core.descriptors.panorama import ALONG, AROUND
-from core.descriptors.view_bytes import VIEW_BYTES, magnitudes_of, shares_of
-from core.descriptors.view_descriptor import view_descriptor
 from core.descriptors.view_frames import FRAMES
-from core.descriptors.view_signature import SIGNATURE_BYTES, signature_distance, view_signature
+from core.descriptors.views import (
+    ANGLE_BINS,
+    DISTANCE_BINS,
+    NORMAL_BINS,
+    SIGNATURE_BYTES,
+    VIEW_BYTES,
+    magnitudes_of,
+    shares_of,
+    signature_distance,
+    view_descriptor,
+    view_signature,
+)
 from core.gallery import CLASSES, make_shape
 
 RNG = np.random.default_rng(0)

@@ -15,7 +15,7 @@ from core.evaluation.calibration import (
     leave_class_out,
     reliability,
 )
-from core.ranking.opinion_pool import Calibration
+from core.ranking.class_probability import Calibration
 
 TRUE = Calibration(intercept=-3.0, slopes=(-2.0, 0.5))
 

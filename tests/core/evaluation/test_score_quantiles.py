@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from core.evaluation.score_quantiles import QUANTILES, score_quantiles
+from core.evaluation.retrieval_measures import QUANTILES, score_quantiles
 
 
 def test_pairs_of_one_class_and_of_two_are_told_apart():

@@ -34,8 +34,7 @@ def embedded(clouds, m):
         regions=regions.astype(np.int32),
         signature=nothing,
         spectra=tuple(Spectrum(f"{i}", np.ones(20, dtype=np.float32), one) for i, one in enumerate(clouds)),
-        spin_images=np.empty((0, 0), np.uint8),
-        views=np.empty(0, np.uint8),
+        descriptors={},
     )
 
 

@@ -47,8 +47,7 @@ def embedding(spectra):
         regions=places,
         signature=nothing,
         spectra=spectra,
-        spin_images=np.empty((0, 0), np.uint8),
-        views=np.empty(0, np.uint8),
+        descriptors={},
     )
 
 

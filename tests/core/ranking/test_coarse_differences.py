@@ -5,11 +5,11 @@ from functools import cache
 import numpy as np
 import pytest
 
-from core.descriptors.view_signature import view_signature
+from core.descriptors.registry import descriptors_of
+from core.descriptors.views import view_signature
 from core.gallery import CLASSES, make_shape
 from core.pipeline import Pipeline
-from core.ranking.coarse_differences import CoarseDescriptors, coarse_differences
-from core.ranking.pair_differences import descriptors_of, differences_of
+from core.ranking.differences import CoarseDescriptors, coarse_differences, differences_of
 
 
 @cache
@@ -22,7 +22,7 @@ def coarse(chosen):
     shapes = [descriptors_of(one) for one in chosen]
     return CoarseDescriptors(
         np.stack([shape.signature for shape in shapes]),
-        np.stack([view_signature(shape.views) for shape in shapes]),
+        np.stack([view_signature(shape.arrays["views"]) for shape in shapes]),
         np.array([shape.reliability for shape in shapes], dtype=np.float32),
     )
 
@@ -34,8 +34,8 @@ def test_spectral_differences_are_exact_and_views_nearly_in_order():
     found = coarse_differences(coarse([own]), coarse(others), scores.cc)
     for name in ("cc", "spectral", "global_distance", "reliability"):
         assert getattr(found, name) == pytest.approx(getattr(exact, name), rel=1e-6, abs=1e-6)
-    assert np.corrcoef(found.views, exact.views)[0, 1] > 0.75
-    assert found.views == pytest.approx(exact.views, rel=0.5)
+    assert np.corrcoef(found.distances["views"], exact.distances["views"])[0, 1] > 0.75
+    assert found.distances["views"] == pytest.approx(exact.distances["views"], rel=0.5)
     assert not found.part.any()
     assert coarse_differences(coarse([own]), coarse(others), part=True).part.all()
 
@@ -44,4 +44,6 @@ def test_an_empty_collection_has_no_differences():
     whole = coarse(embeddings()[:1])
     none = CoarseDescriptors(whole.signatures[:0], whole.view_signatures[:0], whole.reliabilities[:0])
     found = coarse_differences(whole, none, np.empty(0))
-    assert all(value.shape == (0,) for value in vars(found).values())
+    arrays = {**vars(found), **found.distances}
+    del arrays["distances"]
+    assert all(array.shape == (0,) for array in arrays.values())

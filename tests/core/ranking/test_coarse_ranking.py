@@ -10,7 +10,7 @@ from core.matching.kernels.match_record import decoded
 from core.matching.match_records import match_record, score_match_records, search_rounds
 from core.parameters import DEFAULT, PAPER
 from core.pipeline import Pipeline
-from core.ranking.coarse_ranking import COARSE_SAMPLES, coarse_ranking, coarse_samples
+from core.ranking.reranking import COARSE_SAMPLES, coarse_ranking, coarse_samples
 from tests.core.matching.clouds import cloud, embedded
 from tests.core.matching.reference import best_map_reference
 

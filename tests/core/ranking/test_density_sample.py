@@ -6,13 +6,18 @@ from functools import cache
 import numpy as np
 import pytest
 
-from core.descriptors.global_descriptors import GLOBAL_DESCRIPTORS
-from core.descriptors.view_descriptor import view_distance
+from core.descriptors.facts import GLOBAL_DESCRIPTORS
+from core.descriptors.registry import ShapeDescriptors, descriptors_of
+from core.descriptors.views import view_distance
 from core.gallery import CLASSES, make_shape
 from core.pipeline import Pipeline
-from core.ranking.density_sample import densities_in, density_sample
-from core.ranking.local_density import TYPICAL_SPECTRAL, TYPICAL_VIEW, neighbour_distances
-from core.ranking.pair_differences import ShapeDescriptors, descriptors_of
+from core.ranking.local_density import (
+    TYPICAL_SPECTRAL,
+    TYPICAL_VIEW,
+    densities_in,
+    density_sample,
+    neighbour_distances,
+)
 
 
 @cache
@@ -27,7 +32,7 @@ def plain(sample, shape):
     spectral = np.array(
         [np.linalg.norm((one.signature - shape.signature)[:-GLOBAL_DESCRIPTORS]) for one in sample]
     )
-    views = view_distance(shape.views, np.stack([one.views for one in sample]))
+    views = view_distance(shape.arrays["views"], np.stack([one.arrays["views"] for one in sample]))
     itself = spectral == 0.0
     return np.where(itself, np.inf, spectral), np.where(itself, np.inf, views)
 
@@ -79,8 +84,9 @@ def test_the_nearest_views_of_many_shapes_are_mostly_found():
 
 def noisy(shape: ShapeDescriptors, rng: np.random.Generator) -> ShapeDescriptors:
     strength = 0.3 * rng.random()
-    views = shape.views * np.exp(strength * rng.normal(size=shape.views.shape))
+    views = shape.arrays["views"] * np.exp(strength * rng.normal(size=shape.arrays["views"].shape))
     signature = shape.signature + np.float32(strength) * rng.standard_normal(
         shape.signature.shape, dtype=np.float32
     )
-    return replace(shape, signature=signature, views=np.minimum(np.rint(views), 255).astype(np.uint8))
+    arrays = {**shape.arrays, "views": np.minimum(np.rint(views), 255).astype(np.uint8)}
+    return replace(shape, signature=signature, arrays=arrays)

@@ -12,7 +12,7 @@ from core.ranking.likeness import (
     Likeness,
     likeness,
 )
-from core.ranking.spectral_distance import spectral_distances
+from core.ranking.shortlist import spectral_distances
 from core.registration.kinship import Kinship
 
 FAR = 10.0 * NEAR_ISOMETRIC

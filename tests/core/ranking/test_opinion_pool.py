@@ -1,14 +1,16 @@
 """The two experts: what each one reads, what order they give, and what they leave to the other."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
+from core.descriptors.registry import DESCRIPTORS
 from core.gallery import make_shape
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
-from core.ranking.opinion_pool import (
+from core.ranking.class_probability import (
     FINE,
     FINEST,
     PART_FEATURES,
@@ -19,7 +21,7 @@ from core.ranking.opinion_pool import (
     pooled_log_odds,
     pooled_probability,
 )
-from core.ranking.pair_differences import PairDifferences
+from core.ranking.differences import PairDifferences
 
 DIFFERENCES = ("global_distance", "spin_images", "views")
 
@@ -39,7 +41,9 @@ def differences(count: int = 1, **given: object) -> PairDifferences:
         "spectral_density": 0.14,
         "view_density": 0.76,
     }
-    return PairDifferences(**{name: np.full(count, value) for name, value in usual.items()} | given)  # type: ignore[arg-type]
+    values: dict[str, Any] = {name: np.full(count, value) for name, value in usual.items()} | given
+    distances = {name: values.pop(name) for name in DESCRIPTORS}
+    return PairDifferences(**values, distances=distances)
 
 
 def plain_features(pair: PairDifferences) -> list[float]:
@@ -50,8 +54,8 @@ def plain_features(pair: PairDifferences) -> list[float]:
         np.log(w * (1 - pair.cc[0]) + 0.01),
         np.log(w * (1 - pair.sim[0]) + 0.05),
         np.log(w * pair.global_distance[0] + 0.1),
-        np.log(w * pair.spin_images[0] + 0.05),
-        np.log(w * pair.views[0] + 0.05),
+        np.log(w * pair.distances["spin_images"][0] + 0.05),
+        np.log(w * pair.distances["views"][0] + 0.05),
     ]
     soup = [(1 - r) * value for value in logs]
     dense = np.log(max(pair.view_density[0], 0.6))
@@ -110,7 +114,14 @@ def test_a_hub_needs_more_and_differences_count(part: bool, name: str) -> None:
     pairs = differences(2, part=np.full(2, part), reliability=np.full(2, 0.5))
     dense, sparse = pooled_log_odds(replace(pairs, view_density=np.array([0.65, 0.9])))
     assert dense < sparse - 1.0
-    larger = replace(pairs, **{name: getattr(pairs, name) * 2.0, "part_distance": pairs.part_distance * 2.0})
+    values = {"global_distance": pairs.global_distance, **pairs.distances}
+    values[name] = 2.0 * values[name]
+    larger = replace(
+        pairs,
+        global_distance=values.pop("global_distance"),
+        distances=values,
+        part_distance=2.0 * pairs.part_distance,
+    )
     assert (pooled_log_odds(larger) < pooled_log_odds(pairs)).all()
 
 

@@ -11,8 +11,7 @@ from core.matching.kernels.one_to_many import flat_splines, points_of
 from core.matching.match_records import match_record, score_match_records, search_rounds
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
-from core.ranking.quantised_points import quantised_points
-from core.ranking.reranking import rerank
+from core.ranking.reranking import quantised_points, rerank
 from tests.core.matching.clouds import cloud, embedded
 from tests.core.matching.reference import fit_map_reference
 

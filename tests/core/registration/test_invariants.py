@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from core.descriptors.global_descriptors import global_descriptors
+from core.descriptors.facts import global_descriptors
 from core.mesh.cleaning import centroid, face_areas
 from core.mesh.mesh import Mesh
 from core.mesh.normal_frame import bounding_box

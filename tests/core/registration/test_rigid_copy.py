@@ -10,7 +10,7 @@ from core.gallery.solids import Frame, ellipsoid, tube
 from core.gallery.surface import surface
 from core.mesh.mesh import Mesh
 from core.pipeline import Pipeline
-from core.ranking.spectral_distance import spectral_distances
+from core.ranking.shortlist import spectral_distances
 from core.registration.probed_surface import probed_surface
 from core.registration.rigid_copy import (
     COPY_RADIUS,

@@ -13,17 +13,15 @@ import pytest
 from numpy.typing import NDArray
 
 from core.arrays import Floats
-from core.descriptors.view_signature import signature_distance, view_signature
+from core.descriptors.registry import ShapeDescriptors, descriptors_of
+from core.descriptors.views import signature_distance, view_signature
 from core.embedding import Scores
 from core.matching.match_records import match_record, score_match_records
 from core.parameters import DEFAULT
-from core.ranking.coarse_differences import TYPICAL_SIM, CoarseDescriptors, coarse_differences
-from core.ranking.coarse_ranking import coarse_ranking, coarse_samples
-from core.ranking.density_sample import densities_in, density_sample
-from core.ranking.opinion_pool import pooled_log_odds
-from core.ranking.pair_differences import ShapeDescriptors, descriptors_of, differences_of
-from core.ranking.quantised_points import quantised_points
-from core.ranking.reranking import rerank
+from core.ranking.class_probability import pooled_log_odds
+from core.ranking.differences import TYPICAL_SIM, CoarseDescriptors, coarse_differences, differences_of
+from core.ranking.local_density import densities_in, density_sample
+from core.ranking.reranking import coarse_ranking, coarse_samples, quantised_points, rerank
 from core.serialization import embedding_from_bytes
 from service.index.cache import ABOUT, EmbeddingCache
 from service.search import cache_warmer, match_records
@@ -247,7 +245,7 @@ def test_without_room_answers_are_the_same(running: Running, roomy: dict[str, di
 def coarse(shapes: Sequence[ShapeDescriptors]) -> CoarseDescriptors:
     return CoarseDescriptors(
         np.stack([shape.signature for shape in shapes]),
-        np.stack([view_signature(shape.views) for shape in shapes]),
+        np.stack([view_signature(shape.arrays["views"]) for shape in shapes]),
         np.array([shape.reliability for shape in shapes], dtype=np.float32),
     )
 
@@ -278,12 +276,14 @@ def test_finalists_are_those_that_coarse_ranking_and_reranking_put_first(
     shapes_of = {name: descriptors_of(embedding) for name, embedding in embeddings.items()}
     query_shape = descriptors_of(wanted)
     by_log_odds = rank_by == "combined"
-    own_views = view_signature(wanted.views)
+    own_views = view_signature(wanted.descriptors["views"])
     by_signature = near(
         lambda name: np.linalg.norm(embeddings[name].signature - wanted.signature), 12 if by_log_odds else 9
     )
     by_views = near(
-        lambda name: signature_distance(own_views, view_signature(embeddings[name].views)[None])[0],
+        lambda name: signature_distance(
+            own_views, view_signature(embeddings[name].descriptors["views"])[None]
+        )[0],
         12 if by_log_odds else 5,
     )
     names = [*by_signature, *(name for name in by_views if name not in by_signature)]

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from core.ranking.density_sample import densities_in, density_sample
+from core.ranking.local_density import densities_in, density_sample
 from core.serialization import descriptors_from_bytes
 from service.collection import DEFAULT_COLLECTION
 from service.index import density_samples

@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 from sqlalchemy import insert, select, text
 
-from core.descriptors.view_signature import SIGNATURE_BYTES, signature_distance
+from core.descriptors.views import SIGNATURE_BYTES, signature_distance
 from core.parameters import DEFAULT
 from service.collection import DEFAULT_COLLECTION
 from service.search.pgvector_repository import Nearest, nearest, nearest_views

@@ -5,9 +5,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from core.descriptors.registry import descriptors_of
 from core.embedding import Scores
-from core.ranking.density_sample import densities_in, density_sample
-from core.ranking.pair_differences import descriptors_of
+from core.ranking.local_density import densities_in, density_sample
 from core.serialization import embedding_from_bytes
 from service.search.repository import embedding_records
 from tests.service.engines import either_engine

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from core.descriptors.view_signature import signature_distance
+from core.descriptors.views import signature_distance
 from core.ranking.shortlist import signature_distances
 from service.search.rank_by import RankBy
 from service.search.ranking import Compared, ranked

@@ -10,7 +10,7 @@ from core.embedding import Embedding
 from core.evaluation.perturbation import cut_part
 from core.gallery import make_shape
 from core.io import write_mesh
-from core.ranking.quantised_points import quantised_points
+from core.ranking.reranking import quantised_points
 from service.container import Container
 from service.search import match_records, scoring
 from service.search.match_records import QueryScorer

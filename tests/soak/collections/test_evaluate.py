@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from core.ranking.opinion_pool import CALIBRATED_PARTS, CALIBRATED_POOL
+from core.ranking.class_probability import CALIBRATED_PARTS, CALIBRATED_POOL
 from tests.soak.collections.folders import SAMPLE, data
 
 pytestmark = pytest.mark.collections

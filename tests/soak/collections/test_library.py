@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from core.descriptors.global_descriptors import GLOBAL_DESCRIPTORS
+from core.descriptors.facts import GLOBAL_DESCRIPTORS
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
 from tests.core.shapes import SAME_SHAPE

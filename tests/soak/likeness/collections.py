@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from scipy.special import expit
 
 from core.parameters import DEFAULT
+from core.ranking.class_probability import pooled_log_odds
 from core.ranking.likeness import NEAR_ISOMETRIC, POSE_CC, SIMILAR
 from core.ranking.local_density import typical_densities
-from core.ranking.opinion_pool import pooled_log_odds
 from service.datasets import read_collection
 from service.evaluation.pairwise_scores import PairScores
 from service.evaluation.retrieval import score_collection

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from core.arrays import Floats
-from core.descriptors.partial_matching import describe_part, part_distances
+from core.descriptors.partial import describe_part, part_distances
 from core.descriptors.spin_images import KEYPOINTS, SPIN_IMAGE_LENGTH
 from core.evaluation.perturbation import cut_part
 from core.io import format_of, read_mesh
@@ -43,7 +43,7 @@ def main(folder: Path, limit: int, cut: list[float]) -> None:
     meshes = [clean(read_mesh(path.read_bytes(), format_of(path.name))).mesh for path, _ in files]
     pipeline = Pipeline(DEFAULT)
     wholes = [pipeline.embed(mesh) for mesh in meshes]
-    known = [whole.spin_images[:KEYPOINTS, :SPIN_IMAGE_LENGTH] for whole in wholes]
+    known = [whole.descriptors["spin_images"][:KEYPOINTS, :SPIN_IMAGE_LENGTH] for whole in wholes]
     print(f"{len(files)} models of {len(set(labels.tolist()))} classes.\n")
     print("| cut away | ranked by | itself first | itself among three | NN without itself |")
     print("|---:|---|---:|---:|---:|", flush=True)

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from core.arrays import Floats
-from core.descriptors.completeness import INCOMPLETE
+from core.descriptors.partial import INCOMPLETE
+from core.descriptors.registry import descriptors_of
 from core.embedding import Embedding
 from core.evaluation.calibration import LabelledPairs, fit, leave_class_out, reliability
 from core.evaluation.retrieval_measures import evaluate
@@ -16,10 +17,9 @@ from core.io import format_of, read_mesh
 from core.mesh.cleaning import clean
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
-from core.ranking.density_sample import densities_in, density_sample
-from core.ranking.local_density import ENOUGH, TYPICAL_SPECTRAL, TYPICAL_VIEW
-from core.ranking.opinion_pool import PART_FEATURES, Calibration, features, offset, part_features
-from core.ranking.pair_differences import PairDifferences, descriptors_of, differences_of
+from core.ranking.class_probability import PART_FEATURES, Calibration, features, offset, part_features
+from core.ranking.differences import PairDifferences, differences_of
+from core.ranking.local_density import ENOUGH, TYPICAL_SPECTRAL, TYPICAL_VIEW, densities_in, density_sample
 from service.cli.evaluation import calibrate
 from service.datasets import read_collection
 from service.evaluation import calibration
@@ -57,8 +57,11 @@ def plain(folder: Path) -> LabelledPairs:
     embeddings = [pipeline.embed(read_mesh(path.read_bytes(), format_of(path.name))) for path, _ in files]
     pairs = [[differences(pipeline, one, other) for other in embeddings] for one in embeddings]
     spectral, views = (
-        densities(np.array([[getattr(pair, name)[0] for pair in row] for row in pairs]), typical)
-        for name, typical in (("spectral", TYPICAL_SPECTRAL), ("views", TYPICAL_VIEW))
+        densities(np.array([[distance(pair)[0] for pair in row] for row in pairs]), typical)
+        for distance, typical in (
+            (lambda pair: pair.spectral, TYPICAL_SPECTRAL),
+            (lambda pair: pair.distances["views"], TYPICAL_VIEW),
+        )
     )
     found = np.zeros((len(files), len(files), 14))
     offsets = np.zeros((len(files), len(files)))

@@ -12,13 +12,14 @@ import numpy as np
 import pytest
 from scipy.spatial.distance import cdist
 
+from core.descriptors.registry import descriptors_of
 from core.embedding import Embedding
 from core.evaluation.retrieval_measures import evaluate
 from core.io import format_of, read_mesh
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
-from core.ranking.opinion_pool import pooled_log_odds
-from core.ranking.pair_differences import descriptors_of, differences_of
+from core.ranking.class_probability import pooled_log_odds
+from core.ranking.differences import differences_of
 from service.datasets import read_collection
 from service.evaluation.pairwise_scores import embed_files, pair_densities, score_pairs, worker_pool
 from service.evaluation.retrieval import spread
@@ -113,13 +114,13 @@ def test_pairs_are_scored_once_and_mirrored(pool: Executor, embeddings: list[Emb
         for name in (
             "spectral",
             "global_distance",
-            "spin_images",
             "part",
             "part_distance",
-            "views",
             "reliability",
         ):
             assert getattr(scores.differences, name)[i] == pytest.approx(getattr(differences, name), abs=1e-9)
+        for name, distances in differences.distances.items():
+            assert scores.differences.distances[name][i] == pytest.approx(distances, abs=1e-9)
         around = replace(
             differences,
             spectral_density=scores.differences.spectral_density[i],

@@ -7,13 +7,17 @@ intrinsic description: a logarithmic opinion pool (C. Genest, J. V. Zidek, "Comb
 distributions", Statistical Science 1, 1986).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import expit
 
 from core.arrays import Floats
-from core.ranking.pair_differences import PairDifferences
+from core.descriptors.registry import descriptors_of
+from core.embedding import Embedding, Scores
+from core.ranking.differences import PairDifferences, differences_of
+from core.ranking.local_density import LocalDensities
 
 GATE = 0.05
 """Spectral distance (root mean square difference of log eigenvalues) at which other differences count half.
@@ -128,8 +132,8 @@ def _logs(differences: PairDifferences, weight: Floats | float) -> list[Floats]:
         np.maximum(1.0 - differences.cc, 0.0),
         1.0 - differences.sim,
         differences.global_distance,
-        differences.spin_images,
-        differences.views,
+        differences.distances["spin_images"],
+        differences.distances["views"],
     )
     return [np.log(weight * one + floor) for one, floor in zip(each, FLOORS, strict=True)]
 
@@ -156,3 +160,28 @@ def pooled_log_odds(differences: PairDifferences) -> Floats:
 def pooled_probability(differences: PairDifferences) -> Floats:
     """Class probabilities of pairs of surfaces, shape (...), in [0, 1]."""
     return np.asarray(expit(pooled_log_odds(differences)))
+
+
+def combined_scores(
+    query: Embedding,
+    others: Sequence[Embedding],
+    scores: Scores,
+    own: LocalDensities | None = None,
+    densities: LocalDensities | None = None,
+) -> Floats:
+    """Return the probability that an embedding and each of c others are of one class, shape (c,), in [0, 1].
+
+    Calibrated for the default setting; under other parameters only its order has a meaning.
+
+    Parameters
+    ----------
+    query : Embedding
+    others : sequence of Embedding
+    scores : Scores
+        Of the query with the others.
+    own, densities : LocalDensities, optional
+        Of the query, arrays of shape (1,), and of the others, shape (c,), among the stored shapes; the
+        typical ones unless given.
+    """
+    described = [descriptors_of(other) for other in others]
+    return pooled_probability(differences_of(descriptors_of(query), described, scores, own, densities))

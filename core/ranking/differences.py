@@ -1,0 +1,157 @@
+"""Differences between one shape and several others: exact from all descriptors, or coarse from short ones.
+
+Signatures and reliabilities give exact differences; view signatures give approximate view distances. Typical
+values stand for all others.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from core.arrays import Bytes, Float32s, Floats
+from core.descriptors.partial import descriptor_distance
+from core.descriptors.registry import DESCRIPTORS, ShapeDescriptors, descriptor_distances
+from core.descriptors.views import signature_distance
+from core.embedding import Scores
+from core.ranking.local_density import TYPICAL_SPECTRAL, TYPICAL_VIEW, LocalDensities, typical_densities
+from core.ranking.shortlist import global_distances, spectral_distances
+
+
+@dataclass(frozen=True, eq=False)
+class PairDifferences:
+    """Differences between one shape and c others.
+
+    Attributes
+    ----------
+    cc, sim : float64, shape (c,)
+        See `core.embedding.Scores`.
+    spectral, global_distance : float64, shape (c,)
+        Distances between the eigenvalues and between the global descriptors of two signatures, >= 0.
+    distances : dict of float64, each of shape (c,)
+        The distances of each descriptor, by name, >= 0: see `core.descriptors.registry`.
+    part : bool, shape (c,)
+        Whether one or both surfaces are incomplete.
+    part_distance : float64, shape (c,)
+        Descriptor distance (`core.descriptors.partial`) of an incomplete pair, >= 0; equal to that of the
+        spin images for complete surfaces.
+    reliability : float64, shape (c,)
+        Geometric mean of both shapes' reliabilities, in (0, 1].
+    spectral_density, view_density : float64, shape (c,)
+        Geometric means of both shapes' distances to their seventh neighbours, by eigenvalues and by views.
+    """
+
+    cc: Floats
+    sim: Floats
+    spectral: Floats
+    global_distance: Floats
+    distances: dict[str, Floats]
+    part: NDArray[np.bool_]
+    part_distance: Floats
+    reliability: Floats
+    spectral_density: Floats
+    view_density: Floats
+
+
+def differences_of(
+    query: ShapeDescriptors,
+    others: Sequence[ShapeDescriptors],
+    scores: Scores,
+    own: LocalDensities | None = None,
+    densities: LocalDensities | None = None,
+) -> PairDifferences:
+    """The differences between one shape and c others.
+
+    Parameters
+    ----------
+    query : ShapeDescriptors
+    others : sequence of ShapeDescriptors
+    scores : Scores
+        Of the query with the others; `ssd` is not read.
+    own, densities : LocalDensities, optional
+        Of the query, arrays of shape (1,), and of the others, shape (c,); typical ones unless given.
+    """
+    own = typical_densities(1) if own is None else own
+    densities = typical_densities(len(others)) if densities is None else densities
+    signatures = np.stack([other.signature for other in others])
+    distances = descriptor_distances(query, others)
+    between = descriptor_distance(
+        query.arrays["spin_images"],
+        [other.arrays["spin_images"] for other in others],
+        distances["spin_images"],
+    )
+    return PairDifferences(
+        cc=scores.cc,
+        sim=scores.sim,
+        spectral=spectral_distances(query.signature, signatures),
+        global_distance=global_distances(query.signature, signatures),
+        distances=distances,
+        part=between.part,
+        part_distance=between.distance,
+        reliability=np.sqrt(query.reliability * np.array([other.reliability for other in others])),
+        spectral_density=np.sqrt(own.spectral * densities.spectral),
+        view_density=np.sqrt(own.view * densities.view),
+    )
+
+
+VIEW_SCALE = 1.0 / 1900.0
+"""View distance over the distance of view signatures, the mean of pairs of many kinds."""
+
+TYPICAL_SIM = 0.5
+"""The typical sim of shapes that are near by eigenvalues or views."""
+
+LEAST_DISSIMILARITY, SLOPE = 0.02, 0.15
+"""1 - CC of shapes with equal eigenvalues, and its typical growth with the spectral distance."""
+
+
+@dataclass(frozen=True, eq=False)
+class CoarseDescriptors:
+    """Short descriptors of c shapes.
+
+    Attributes
+    ----------
+    signatures : float32, shape (c, s)
+    view_signatures : uint8, shape (c, SIGNATURE_BYTES)
+    reliabilities : float32, shape (c,)
+        `core.descriptors.facts.intrinsic_reliability`, in (0, 1].
+    """
+
+    signatures: NDArray[np.float32]
+    view_signatures: Bytes
+    reliabilities: Float32s
+
+
+def coarse_differences(
+    query: CoarseDescriptors, others: CoarseDescriptors, cc: Floats | None = None, *, part: bool = False
+) -> PairDifferences:
+    """Approximate differences between one shape and c others.
+
+    Parameters
+    ----------
+    query : CoarseDescriptors
+        Of one shape.
+    others : CoarseDescriptors
+        Of c shapes.
+    cc : float64, shape (c,), optional
+        Approximate CC; typical ones for the spectral distances unless given.
+    part : bool
+        Whether the one shape is incomplete; the others count as complete.
+    """
+    count = len(others.signatures)
+    views = signature_distance(query.view_signatures[0], others.view_signatures)
+    spectral = spectral_distances(query.signatures[0], others.signatures)
+    distances = {name: np.full(count, descriptor.typical) for name, descriptor in DESCRIPTORS.items()}
+    distances["views"] = VIEW_SCALE * views.astype(np.float64)
+    return PairDifferences(
+        cc=1.0 - np.minimum(LEAST_DISSIMILARITY + SLOPE * spectral, 1.0) if cc is None else cc,
+        sim=np.full(count, TYPICAL_SIM),
+        spectral=spectral,
+        global_distance=global_distances(query.signatures[0], others.signatures),
+        distances=distances,
+        part=np.full(count, part),
+        part_distance=distances["spin_images"],
+        reliability=np.sqrt(query.reliabilities[0] * others.reliabilities.astype(np.float64)),
+        spectral_density=np.full(count, TYPICAL_SPECTRAL),
+        view_density=np.full(count, TYPICAL_VIEW),
+    )
