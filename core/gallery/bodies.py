@@ -1,8 +1,8 @@
 """One body in several poses: every pose has the same vertices in the same order.
 
-`make_shape` makes another individual each time, and `make_person` meshes every pose. `make_body` meshes a
-body once, at rest, and skinning moves the mesh with its solids, so vertex i of one pose corresponds to
-vertex i of another. Two individuals of a class correspond by the solids that both are made of.
+`make_shape` makes another individual each time. `make_body` meshes a body once, at rest, and skinning moves
+the mesh with its solids, so vertex i of one pose corresponds to vertex i of another. Two individuals of a
+class correspond by the solids that both are made of.
 
 At rest a creature looks along x, y is its left and z is up. A hand and pliers stand upright, so that x is
 across the palm and the flat of the jaws. Deviations from the listed symmetries (the eyes of an octopus, the
@@ -14,13 +14,12 @@ from itertools import product
 from zlib import crc32
 
 import numpy as np
-from numpy.random import PCG64, Generator, SeedSequence, default_rng
+from numpy.random import SeedSequence, default_rng
 from scipy.spatial import cKDTree
 
 from core.arrays import Floats, Ints
 from core.errors import MeshError, ParameterError
 from core.gallery.collection import CLASSES, kind_of, placed
-from core.gallery.people import person
 from core.gallery.posing import DRAWS, BodyDraws, rotations, skinned, skinning_weights
 from core.gallery.solids import Field, rotation
 from core.gallery.surface import components, handles, is_closed_manifold, surface
@@ -30,9 +29,6 @@ VERTICES = 2500
 _ATTEMPTS = 25
 _LEAST_EXTENT = 1e-6
 """Least extent of the vertices of a solid, relative to the largest."""
-
-_PROPORTIONS = 5
-"""Number of random numbers that `person` draws before those of the pose: build, limbs, hips, shoulders."""
 
 _SIDES = np.diag([1.0, -1.0, 1.0])
 _FLAT = np.diag([-1.0, 1.0, 1.0])
@@ -192,48 +188,6 @@ def _extents(solid: Field, body: Body, which: int) -> Floats:
     if solid.round:
         squares[1:] = squares[1:].mean()
     return np.sqrt(np.asarray(squares))
-
-
-class _BodyThenPose(Generator):
-    """Random numbers: one stream for the proportions, and another one for the pose."""
-
-    def __init__(self, body: SeedSequence, pose: SeedSequence) -> None:
-        super().__init__(PCG64(pose))
-        self._body = default_rng(body)
-        self._left = _PROPORTIONS
-
-    def uniform(self, low: float = 0.0, high: float = 1.0) -> float:  # type: ignore[override]
-        """Return the next number, uniform in [low, high)."""
-        if self._left == 0:
-            return super().uniform(low, high)
-        self._left -= 1
-        return self._body.uniform(low, high)
-
-
-def make_person(body: int, pose: int) -> Mesh:
-    """Return a person about 1.75 tall, of about 2,500 vertices: watertight, in one piece, faces outward.
-
-    Parameters
-    ----------
-    body : int
-        >= 0; the individual, with its own proportions.
-    pose : int
-        >= 0; the pose of the limbs. Every pose has its own mesh.
-
-    Raises
-    ------
-    ParameterError
-        The body or the pose is negative.
-    """
-    if body < 0 or pose < 0:
-        raise ParameterError(f"body and pose must be at least 0, not {body} and {pose}")
-    for attempt in range(_ATTEMPTS):
-        draws = _BodyThenPose(SeedSequence([body]), SeedSequence([body, pose, attempt]))
-        vertices, faces = surface(person(draws), VERTICES)
-        # Touching limbs shorten geodesics; they show as an additional handle.
-        if is_closed_manifold(faces) and components(faces) == 1 and handles(faces) == 0:
-            return Mesh(vertices, faces)
-    raise MeshError(f"no sound shape of body {body} in {_ATTEMPTS} draws of pose {pose}")
 
 
 def symmetries(label: str) -> Floats:

@@ -5,7 +5,6 @@ A mesh and its graph in; selected vertices or points out.
 
 __all__ = [
     "lewis_weights",
-    "poisson_disk",
     "sampling",
     "surface_samples",
     "triangle_tree",

@@ -22,7 +22,8 @@ class LewisWeights:
     Attributes
     ----------
     leverage : float64, shape (n,)
-        Squared row norms of an orthonormal basis of B's columns, in [0, 1], summing to the rank (Eq. 2).
+        Squared row norms of an orthonormal basis of B's columns, in [0, 1], summing to the rank (Eq. 2). For
+        p = 2 they are the Lewis weights of B (Theorem 2).
     residual : float64, shape (n,)
         rho = B x - z of the second stage (Eq. 12).
     weights : float64, shape (n,)
@@ -69,15 +70,6 @@ def orthonormal_basis(matrix: Floats) -> Floats:
     diagonal = np.abs(np.diag(upper))
     rank = int((diagonal > diagonal[0] * 1e-10).sum())
     return np.ascontiguousarray(basis[:, :rank])
-
-
-def leverage_scores(matrix: Floats) -> Floats:
-    """Return the leverage score a_i^T (A^T A)^-1 a_i of each row (Eq. 2), shape (n,), in [0, 1].
-
-    For p = 2 leverage scores are the Lewis weights (Theorem 2).
-    """
-    basis = orthonormal_basis(matrix)
-    return np.asarray(np.einsum("ij,ij->i", basis, basis))
 
 
 def printed_constants(rank: int, epsilon: float) -> tuple[float, float]:

@@ -12,7 +12,6 @@ from core.arrays import Float32s
 from core.embedding import Scores
 from core.evaluation.perturbation import subdivide
 from core.gallery import make_shape
-from core.gallery.bodies import make_person
 from core.io import write_mesh
 from core.matching.match_records import score_match_records
 from core.parameters import Parameters
@@ -22,6 +21,7 @@ from service.duplicates.groups import Groups, Link
 from service.duplicates.schemas import COLUMNS
 from service.search import match_records, tasks
 from service.storage.tables import DuplicatePairRow, JudgedShapeRow
+from tests.people import make_person
 from tests.service.http.test_disconnects import send
 from tests.service.support import Running, assert_problem, serving, settings_in, wait_until
 from tests.service.tasks import nap_instead, napping

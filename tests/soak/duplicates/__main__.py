@@ -15,11 +15,12 @@ from typing import Any
 import numpy as np
 
 from core.gallery import CLASSES
-from core.gallery.bodies import make_body, make_person
+from core.gallery.bodies import make_body
 from core.io import write_mesh
 from core.mesh.cleaning import face_areas
 from core.mesh.mesh import Mesh
 from core.registration.similarity import best_similarity
+from tests.people import make_person
 from tests.service.support import serving, settings_in
 from tests.soak.duplicates.copies import KINDS, copy
 

@@ -10,7 +10,7 @@ from scipy.spatial.distance import cdist
 from core.errors import ParameterError
 from core.gallery import make_shape
 from core.graph.edge_graph import edge_graph
-from core.sampling.poisson_disk import poisson_disk, poisson_disk_of
+from tests.studies.poisson_disk import poisson_disk, poisson_disk_of
 
 
 def points_and_order(count, seed):
