@@ -16,6 +16,7 @@ from service.auth.keys import KeyRing
 from service.collections.dependencies import PARAMETER
 from service.collections.dependencies import PROBLEMS as CHOOSING_PROBLEMS
 from service.collections.endpoints import router as collections_router
+from service.compute.compilation import is_compiled
 from service.compute.executor import Executor, start_executors
 from service.compute.pool import LocalPool
 from service.compute.request_queue import ActivityGate, RequestQueue
@@ -175,6 +176,7 @@ def _start(settings: Settings, parameters: Parameters, gate: Gate, metrics: Metr
         read_seconds=settings.read_seconds,
         workers=settings.workers,
         waiting=settings.queue_length,
+        compiling=lambda: not (settings.scheduler or pool.pids() or is_compiled(parameters)),
     )
     log.info("the service starts", extra={"fields": {"version": VERSION, "workers": settings.workers}})
     _watch(metrics, pool, readers, queue, pipelines)

@@ -179,6 +179,17 @@ class BusyError(ServiceError):
     retry_after = 2
 
 
+class CompilingError(BusyError):
+    """The kernels are not compiled for this processor yet, so no worker can start."""
+
+    retry_after = 5
+
+    def __init__(self) -> None:
+        super().__init__(
+            "the kernels are compiled for this processor, once, which takes about a minute on an idle machine"
+        )
+
+
 class WorkerLostError(ServiceError):
     """The worker process died, or was killed, before it answered."""
 

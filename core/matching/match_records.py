@@ -153,3 +153,26 @@ def compared(
     scores, rotation = np.empty((len(ends), 3)), np.empty((columns, columns), dtype=np.float32)
     compare_many(record, data, ends, form, rounds, scores, rotation)
     return scores, rotation
+
+
+def example_match_records(parameters: Parameters) -> list[Float32s]:
+    """Return two match records of random points without splines, to run the kernels on."""
+    m, d = 24, 40
+    wanted = parameters.matching
+    domains, k = len(parameters.spectral.operators), parameters.spectral.dimensions
+    s, j = min(wanted.search_samples or m, m), wanted.search_dimensions or k
+    records = []
+    for seed in range(2):
+        points = np.random.default_rng(seed).standard_normal((d, domains * k), dtype=np.float32)
+        record = MatchRecord(
+            points=points,
+            searched=np.empty((domains, j, s), dtype=np.float32),
+            operators=np.zeros((domains, j - wanted.first_dimensions + 1, s, s), dtype=np.int16),
+            offsets=np.arange(m + 1, dtype=np.int32),
+            members=np.arange(d, dtype=np.int32),
+            warp=np.zeros((domains, m, m), dtype=np.int16),
+            radius=np.ones(domains, dtype=np.float32),
+            key=np.full(4, seed, dtype=np.int32),
+        )
+        records.append(encoded(record))
+    return records

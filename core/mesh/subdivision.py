@@ -50,14 +50,16 @@ def _split(faces: Ints, middle: Ints, vertices: Floats, tie: float) -> Ints:
     """Return faces in blocks: the uncut ones, then the pieces of those with 1, 2 and 3 midpoints."""
     counts = np.zeros(4, dtype=np.int64)
     for f in range(len(faces)):
-        counts[(middle[f] >= 0).sum()] += 1
+        counts[int(middle[f, 0] >= 0) + int(middle[f, 1] >= 0) + int(middle[f, 2] >= 0)] += 1
     total = counts[0] + 2 * counts[1] + 3 * counts[2] + 4 * counts[3]
     pieces = np.empty((total, 3), dtype=np.int64)
     offsets = np.zeros(4, dtype=np.int64)
-    offsets[1:] = counts[0] + np.array([0, 2 * counts[1], 2 * counts[1] + 3 * counts[2]])
+    offsets[1] = counts[0]
+    offsets[2] = offsets[1] + 2 * counts[1]
+    offsets[3] = offsets[2] + 3 * counts[2]
     # The first corner is the one that makes the cases of a face alike.
     for f in range(len(faces)):
-        number = (middle[f] >= 0).sum()
+        number = int(middle[f, 0] >= 0) + int(middle[f, 1] >= 0) + int(middle[f, 2] >= 0)
         first = 0
         if number == 1:
             while middle[f, first] < 0:

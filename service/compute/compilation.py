@@ -1,11 +1,14 @@
-"""The compilation of the kernels: once for a processor, by one process at a time.
+"""The compilation of the kernels: once for a processor, by two processes side by side.
 
 numba keeps compiled functions beside their sources or in a folder of its own. A stamp there tells that all of
-them are compiled, and a lock lets other processes wait for the one that compiles.
+them are compiled, and a lock lets other processes wait for the one that compiles. That one has a second
+process for the kernels of matching, which take as long as all others.
 """
 
 import fcntl
 import os
+import pickle
+import subprocess
 import sys
 import threading
 from collections.abc import Callable, Iterator
@@ -20,7 +23,7 @@ import numba
 from numba.core.dispatcher import Dispatcher
 
 from core.parameters import Parameters
-from service.compute.tasks import warm
+from service.compute.tasks import warm, warm_matching, warm_surfaces
 
 COMPILING_SECONDS = 3600.0
 """The longest start of a worker process that compiles them, or waits for the process that does."""
@@ -45,7 +48,7 @@ def warm_once_compiled(parameters: Parameters) -> None:
 def compile_kernels(
     parameters: Parameters, advance: Callable[[int, int], object] = lambda done, total: None
 ) -> bool:
-    """Compile the kernels of some parameters, unless they are compiled; whether this process did.
+    """Compile the kernels of some parameters, unless they are compiled; return whether this process did.
 
     Parameters
     ----------
@@ -60,11 +63,38 @@ def compile_kernels(
         if stamp.exists():
             return False
         with _watched(advance):
+            _compile_side_by_side(parameters)
             warm(parameters)
         # Where nothing can be written, every process compiles.
         with suppress(OSError):
             stamp.touch()
         return True
+
+
+def _compile_side_by_side(parameters: Parameters) -> None:
+    """Compile the kernels of matching in a process of its own, and meanwhile those of surfaces in this one.
+
+    Kernels that a failed process leaves are compiled by the caller, who runs all of them.
+    """
+    if len(os.sched_getaffinity(0)) < 2:
+        return
+    code = "from service.compute.compilation import _compile_matching as run; run()"
+    # -P: files in the working folder are not part of the program.
+    with subprocess.Popen([sys.executable, "-P", "-c", code], stdin=subprocess.PIPE) as process:
+        assert process.stdin is not None
+        try:
+            process.stdin.write(pickle.dumps(parameters))
+            process.stdin.close()
+            warm_surfaces(parameters)
+            process.wait()
+        except BaseException:
+            process.kill()
+            raise
+
+
+def _compile_matching() -> None:
+    """Compile the kernels of matching, for the parameters that another process sends."""
+    warm_matching(pickle.loads(sys.stdin.buffer.read()))
 
 
 @contextmanager
@@ -89,13 +119,13 @@ def _watched(advance: Callable[[int, int], object]) -> Iterator[None]:
 def _kernels() -> list[Dispatcher]:
     """Return the functions that numba compiles, of all modules that are imported."""
     modules = [module for name, module in list(sys.modules.items()) if name.startswith(("core.", "service."))]
-    found = {
+    kernels = {
         id(value): value
         for module in modules
         for value in list(vars(module).values())
         if isinstance(value, Dispatcher)
     }
-    return list(found.values())
+    return list(kernels.values())
 
 
 @contextmanager

@@ -18,6 +18,7 @@ from service.compute.sandbox import read_file, read_part_files
 from service.compute.tasks import Embedded, embed_mesh, match_embeddings, score_embeddings
 from service.errors import (
     BusyError,
+    CompilingError,
     FileTimeLimitError,
     ServiceError,
     TaskTimeLimitError,
@@ -74,6 +75,8 @@ class RequestQueue:
         The number of tasks that the executor runs at a time.
     waiting : int
         The number of further requests that may wait.
+    compiling : callable
+        Returns whether no worker can start before the kernels are compiled.
     """
 
     def __init__(
@@ -85,7 +88,9 @@ class RequestQueue:
         read_seconds: float,
         workers: int,
         waiting: int,
+        compiling: Callable[[], bool] = lambda: False,
     ) -> None:
+        self._compiling = compiling
         self._executor = executor
         self._readers = readers
         self._limits = limits
@@ -111,7 +116,11 @@ class RequestQueue:
         ------
         BusyError
             `room` requests run or wait already.
+        CompilingError
+            No worker can start yet.
         """
+        if self._compiling():
+            raise CompilingError
         if self._inside >= self._room:
             raise BusyError(f"{self._inside} requests are at work or waiting; try again later")
         self._inside += 1

@@ -17,8 +17,9 @@ from core.descriptors.views import signature_distance, view_signature
 from core.embedding import Embedding, Match, Scores
 from core.errors import BadRecordError, CannotBeEmbeddedError, DegenerateMeshError
 from core.io import Limits, read_mesh
-from core.matching.match_records import match_record, score_match_records
+from core.matching.match_records import example_match_records, match_record, score_match_records
 from core.matching.matcher import matcher_of
+from core.matching.thin_plate_spline import compiled_spline_operators
 from core.mesh.mesh import Mesh
 from core.mesh.normal_frame import bounding_box
 from core.mesh.simplification import contract_edges
@@ -165,19 +166,37 @@ def warm(parameters: Parameters) -> None:
     It does nothing where this process, or the fork server that forked it, has done so before. Thread limits
     in the environment come too late for a library that the main module had loaded.
     """
+    warm_surfaces(parameters)
     records = example_records(parameters)
     score_embeddings(records[0], records, parameters)
     warm_comparing(records, parameters)
     match_embeddings(records[0], records[1], parameters)
+    threadpool_limits(1)
+
+
+def warm_surfaces(parameters: Parameters) -> None:
+    """Run the steps from a mesh to its embedding once, and those that draw and reduce large meshes."""
+    with guarded():
+        for mesh in (_bumpy_sheet(), _ring()):
+            _pipeline(parameters).embed(mesh)
     draw(_bumpy_sheet(), "ply", SIZES[0])
     ring = _ring()
     # Only large meshes are contracted.
     contract_edges(ring.vertices, ring.faces, len(ring.vertices) // 2)
-    threadpool_limits(1)
+
+
+def warm_matching(parameters: Parameters) -> None:
+    """Run the kernels of matching once, without an embedding: half of the time that compilation takes."""
+    if not matcher_of(parameters).uses_match_records:
+        return
+    records = example_match_records(parameters)
+    score_match_records(records[0], records, parameters)
+    points = np.random.default_rng(0).standard_normal((24, parameters.matching.first_dimensions))
+    compiled_spline_operators(points, parameters.matching.first_dimensions, parameters.matching.stiffness)
 
 
 def example_records(parameters: Parameters) -> list[bytes]:
-    """Two embedding records, of a surface with a boundary and of one without: they take different paths."""
+    """Return two embedding records, of a surface with a boundary and of one without: their paths differ."""
     return [embed_mesh(mesh, parameters, 0.0).record for mesh in (_bumpy_sheet(), _ring())]
 
 

@@ -15,14 +15,12 @@ from service.auth.gate import name_in, token_in
 from service.auth.keys import COOKIE, SECONDS, Grant
 from service.compute.compilation import is_compiled
 from service.dependencies import Service
-from service.errors import ServiceError
+from service.errors import CompilingError, ServiceError
 from service.http.middleware import GRANT_IN_SCOPE
 from service.http.problems import documented, problem_response
 from service.system.schemas import VERSION, FileFormat, Health, PendingPipeline, Readiness, Version
 
 router = APIRouter(tags=["service"])
-
-COMPILING = "the kernels are compiled for this processor, once, which takes about a minute on an idle machine"
 
 
 @router.get("/healthz", summary="Is the process alive?")
@@ -45,7 +43,9 @@ async def readyz(container: Service) -> Readiness | Response:
     if not await run_in_threadpool(container.pool.ready):
         compiled = await run_in_threadpool(is_compiled, container.pipelines.wanted)
         faults.append(
-            "no worker process is ready yet" if compiled or container.settings.scheduler else COMPILING
+            "no worker process is ready yet"
+            if compiled or container.settings.scheduler
+            else str(CompilingError())
         )
     if not await run_in_threadpool(container.readers.ready):
         faults.append("no process that reads uploads is ready yet")

@@ -20,3 +20,18 @@ def test_readyz_tells_of_the_compilation(
         assert told in problem["detail"]
         # The page is sent meanwhile, with the place where it says so.
         assert 'id="starting"' in running.client.get("/").text
+
+
+def test_uploads_and_queries_are_refused_while_no_worker_can_start(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as patch, serving(settings_in(tmp_path)) as running:
+        patch.setattr(LocalPool, "pids", lambda pool: [])
+        patch.setattr(app, "is_compiled", lambda parameters: False)
+        file = {"file": ("tetrahedron.off", TETRAHEDRON)}
+        for address in ("/shapes", "/query"):
+            answer = running.client.post(address, files=file)
+            assert "kernels are compiled" in assert_problem(answer, 503, "busy")["detail"]
+            assert int(answer.headers["Retry-After"]) > 0
+        patch.setattr(app, "is_compiled", lambda parameters: True)
+        assert running.client.post("/shapes", files=file).status_code == 201
