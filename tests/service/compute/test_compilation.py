@@ -16,6 +16,7 @@ from tests.service.support import wait_until
 CODE = """
 from core.parameters import DEFAULT
 from service.compute import compilation
+compilation._compile_side_by_side = lambda parameters: None
 compilation.warm = lambda parameters: print("compiles", flush=True) or time.sleep(1)
 import time
 before = compilation.is_compiled(DEFAULT)
@@ -44,6 +45,8 @@ def test_of_several_processes_one_compiles_and_the_others_wait(tmp_path: Path) -
 
 def test_a_failed_compilation_is_done_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(compilation, "_stamp", lambda parameters: tmp_path / f"{parameters.name}.compiled")
+
+    monkeypatch.setattr(compilation, "_compile_side_by_side", lambda parameters: None)
 
     def fails(parameters: object) -> None:
         raise KeyboardInterrupt
@@ -95,6 +98,7 @@ def test_where_nothing_can_be_written_every_process_compiles(
 ) -> None:
     (tmp_path / "file").write_bytes(b"")
     monkeypatch.setattr(compilation, "_stamp", lambda parameters: tmp_path / "file" / "stamp")
+    monkeypatch.setattr(compilation, "_compile_side_by_side", lambda parameters: None)
     monkeypatch.setattr(compilation, "warm", lambda parameters: None)
     assert compile_kernels(DEFAULT)
     assert compile_kernels(DEFAULT)

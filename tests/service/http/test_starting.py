@@ -4,8 +4,11 @@ from pathlib import Path
 
 import pytest
 
+from core.io import write_mesh
+from service import app
 from service.compute.pool import LocalPool
 from service.system import endpoints
+from tests.core.shapes import icosphere
 from tests.service.support import assert_problem, serving, settings_in
 
 
@@ -28,7 +31,7 @@ def test_uploads_and_queries_are_refused_while_no_worker_can_start(
     with monkeypatch.context() as patch, serving(settings_in(tmp_path)) as running:
         patch.setattr(LocalPool, "pids", lambda pool: [])
         patch.setattr(app, "is_compiled", lambda parameters: False)
-        file = {"file": ("tetrahedron.off", TETRAHEDRON)}
+        file = {"file": ("ball.off", write_mesh(icosphere(2), "off"))}
         for address in ("/shapes", "/query"):
             answer = running.client.post(address, files=file)
             assert "kernels are compiled" in assert_problem(answer, 503, "busy")["detail"]
