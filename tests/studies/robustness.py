@@ -18,15 +18,14 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from core.arrays import Floats
-from core.descriptors.descriptor_distance import is_part, whole_spin_images
-from core.descriptors.partial_matching import describe_part, part_distances
+from core.descriptors.partial import describe_part, is_part, part_distances, whole_spin_images
 from core.descriptors.spin_images import KEYPOINTS
 from core.evaluation.perturbation import cut_part, remove_discs, subdivide
 from core.evaluation.retrieval_measures import evaluate
 from core.gallery import make_shape
 from core.mesh.simplification import decimate
 from core.parameters import DEFAULT, Parameters
-from core.ranking.opinion_pool import pooled_log_odds
+from core.ranking.class_probability import pooled_log_odds
 from service.evaluation.pairwise_scores import (
     as_they_end,
     default_workers,
