@@ -25,7 +25,6 @@ from scipy.special import ndtri
 
 from core.arrays import Floats, Ints
 from core.gallery import CLASSES, make_shape
-from core.gallery.bodies import make_person
 from core.graph.edge_graph import edge_graph
 from core.graph.geodesics import farthest_points
 from core.io import format_of, read_mesh
@@ -34,7 +33,6 @@ from core.mesh.normal_frame import NormalFrame
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
 from core.sampling.lewis_weights import lewis_weights, orthonormal_basis, polynomial_basis
-from core.sampling.poisson_disk import poisson_disk_of
 from core.sampling.sampling import (
     draw_scale,
     keyed_uniform,
@@ -44,7 +42,9 @@ from core.sampling.sampling import (
 )
 from core.spectral.laplace_beltrami import laplacian
 from service.evaluation.retrieval import collection_files
+from tests.people import make_person
 from tests.studies.common import Panel, grid, run, save, write
+from tests.studies.poisson_disk import poisson_disk_of
 
 PARAMETERS = DEFAULT.with_values(
     name="sampling study",
