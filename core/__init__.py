@@ -13,8 +13,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from core.dense.records import DenseCorrespondence
-    from core.embedding import Embedding, Match
+    from core.embedding import DenseCorrespondence, Embedding, Match
     from core.io import read_mesh
     from core.mesh.mesh import Mesh
     from core.parameters import DEFAULT, PAPER, Parameters
@@ -35,7 +34,7 @@ __all__ = [
 _MODULES = {
     "DEFAULT": "core.parameters",
     "PAPER": "core.parameters",
-    "DenseCorrespondence": "core.dense.records",
+    "DenseCorrespondence": "core.embedding",
     "Embedding": "core.embedding",
     "Match": "core.embedding",
     "Mesh": "core.mesh.mesh",

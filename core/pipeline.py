@@ -5,26 +5,26 @@ from operator import attrgetter
 
 import numpy as np
 from cachetools import LRUCache
-from scipy.sparse import csr_array
 
 from core import sparse_embedding
 from core.arrays import Floats, Int8s, Ints
-from core.dense.dense_correspondence import correspond
-from core.dense.records import DenseCorrespondence
-from core.dense.working_surface import MOST_VERTICES, SIMPLIFIED, WorkingSurface, working_surface
-from core.embedding import Embedding, Match, Scores
+from core.dense.dense_correspondence import (
+    MOST_VERTICES,
+    SIMPLIFIED,
+    WorkingSurface,
+    correspond,
+    working_surface,
+)
+from core.embedding import DenseCorrespondence, Embedding, Match, Scores
 from core.errors import IncompatibleEmbeddingsError
-from core.graph.sparse_graph import SparseGraph, sample_distances
 from core.matching.match_records import embedding_key
 from core.matching.matcher import Prepared, matcher_of
 from core.mesh.cleaning import clean
 from core.mesh.mesh import Mesh
-from core.mesh.preparation import PreparedSurface
 from core.numerics.guarding import check_finite, guarded
 from core.parameters import DEFAULT, Parameters
 from core.ranking.class_probability import combined_scores
 from core.ranking.local_density import LocalDensities
-from core.sampling.sampling import embedded_points
 
 PREPARED_BYTES = 128 * 1024 * 1024
 """The most bytes of prepared shapes that a pipeline caches, unless another number is given."""
@@ -35,7 +35,7 @@ MAPS = 4
 
 
 def _orientations(first: Embedding, second: Embedding) -> tuple[Int8s, Int8s] | None:
-    """The orientations of two embeddings, if both have one."""
+    """Return the orientations of two embeddings, if both have one."""
     if not (first.orientation.size and second.orientation.size):
         return None
     return first.orientation, second.orientation
@@ -60,12 +60,8 @@ class Pipeline:
         self.matcher = matcher_of(parameters)
         self._prepared: LRUCache[bytes, Prepared] = LRUCache(memory, getsizeof=attrgetter("nbytes"))
 
-    def normalise(self, mesh: Mesh) -> PreparedSurface:
-        """The mesh that is sampled: see `core.mesh.preparation.prepared_surface`."""
-        return sparse_embedding.normalised(mesh, self.parameters)
-
     def open_surface(self, mesh: Mesh) -> Mesh:
-        """The mesh, clean, simplified and smoothed, in its normal frame, with its boundary loops open.
+        """Return a mesh clean, simplified and smoothed, in its normal frame, with its boundary loops open.
 
         Raises
         ------
@@ -75,16 +71,8 @@ class Pipeline:
         with guarded():
             return sparse_embedding.opened(clean(mesh), self.parameters)
 
-    def sample(self, mesh: Mesh, graph: csr_array) -> tuple[Ints, int]:
-        """The embedded vertices and the number of samples: see `core.sampling.sampling`."""
-        return embedded_points(mesh, graph, self.parameters)
-
-    def distances(self, graph: csr_array, points: Ints, samples: Ints, sparse: SparseGraph) -> Floats:
-        """Distances from the points to the samples: see `core.graph.sparse_graph`."""
-        return sample_distances(graph, points, samples, sparse, self.parameters.spectral.distances)
-
     def embed(self, mesh: Mesh) -> Embedding:
-        """The sparse spectral embedding of a mesh (section 3 of the paper).
+        """Compute the sparse spectral embedding of a mesh (section 3 of the paper).
 
         Raises
         ------
@@ -96,17 +84,17 @@ class Pipeline:
         return sparse_embedding.embed(mesh, self.parameters)
 
     def prepared(self, embedding: Embedding) -> Prepared:
-        """The embedding as the matcher reads it, its splines factored; cached."""
+        """Return an embedding as the matcher reads it, its splines factored; the result is cached."""
         key = embedding_key(embedding)
-        ready = self._prepared.get(key)
-        if ready is None:
-            ready = self.matcher.prepare(embedding, key)
-            if ready.nbytes <= self._prepared.maxsize:
-                self._prepared[key] = ready
-        return ready
+        prepared = self._prepared.get(key)
+        if prepared is None:
+            prepared = self.matcher.prepare(embedding, key)
+            if prepared.nbytes <= self._prepared.maxsize:
+                self._prepared[key] = prepared
+        return prepared
 
     def _checked(self, embedding: Embedding) -> Prepared:
-        """The embedding as the matcher reads it, if this pipeline made it."""
+        """Return an embedding as the matcher reads it, if this pipeline made it."""
         if embedding.fingerprint != self.fingerprint:
             raise IncompatibleEmbeddingsError(
                 f"embedding {embedding.fingerprint} under pipeline {self.fingerprint}"
@@ -114,7 +102,7 @@ class Pipeline:
         return self.prepared(embedding)
 
     def score(self, query: Embedding, candidates: Sequence[Embedding]) -> Scores:
-        """CC, SSD and sim of one shape with each of several: the means over their spectra.
+        """Compute CC, SSD and sim of one shape with each of c others: the means over their spectra.
 
         Raises
         ------
@@ -126,7 +114,7 @@ class Pipeline:
             return self.matcher.score(prepared, (self._checked(candidate) for candidate in candidates))
 
     def match(self, first: Embedding, second: Embedding) -> Match:
-        """Two shapes compared: the scores of `score`, and the correspondence.
+        """Compute the scores and the correspondence of two shapes.
 
         Raises
         ------
@@ -135,20 +123,20 @@ class Pipeline:
         """
         with guarded():
             orientations = _orientations(first, second)
-            found = self.matcher.match(self._checked(first), self._checked(second), orientations)
-            check_finite(found.cc, found.ssd, found.sim, found.distances)
+            pair = self.matcher.match(self._checked(first), self._checked(second), orientations)
+            check_finite(pair.cc, pair.ssd, pair.sim, pair.distances)
         return Match(
-            cc=found.cc,
-            ssd=found.ssd,
-            sim=found.sim,
-            correspondence=found.pairs.astype(np.int32),
-            distances=found.distances.astype(np.float32),
-            effective=found.effective,
-            mirrored=found.mirrored,
+            cc=pair.cc,
+            ssd=pair.ssd,
+            sim=pair.sim,
+            correspondence=pair.pairs.astype(np.int32),
+            distances=pair.distances.astype(np.float32),
+            effective=pair.effective,
+            mirrored=pair.mirrored,
         )
 
     def correspondences(self, first: Embedding, second: Embedding) -> tuple[list[Ints], bool | None]:
-        """Several correspondences of samples that fit about equally well, at most `MAPS`, best first.
+        """Compute correspondences of samples that fit about equally well, at most `MAPS`, best first.
 
         Returns
         -------
@@ -172,21 +160,21 @@ class Pipeline:
     def correspond(
         self, first: Mesh, second: Mesh, embeddings: tuple[Embedding, Embedding] | None = None
     ) -> DenseCorrespondence:
-        """The vertex of the second mesh that corresponds to each vertex of the first.
+        """Compute the vertex of the second mesh that corresponds to each vertex of the first.
 
-        Parameters are those of `correspond_both`.
+        Parameters and errors are those of `correspond_both`.
         """
         return self.correspond_both(first, second, embeddings)[0]
 
     def correspond_both(
         self, first: Mesh, second: Mesh, embeddings: tuple[Embedding, Embedding] | None = None
     ) -> tuple[DenseCorrespondence, DenseCorrespondence]:
-        """The dense correspondence from the first mesh to the second, and from the second to the first.
+        """Compute the dense correspondence from the first mesh to the second, and back.
 
         Parameters
         ----------
         first, second : Mesh
-            Above `core.dense.working_surface.MOST_VERTICES` vertices, the correspondence is computed on
+            Above `core.dense.dense_correspondence.MOST_VERTICES` vertices, the correspondence is computed on
             simplified copies.
         embeddings : two Embedding, optional
             Of the two meshes by this pipeline; they are computed unless given.
@@ -200,12 +188,17 @@ class Pipeline:
         IncompatibleEmbeddingsError
             An embedding was made with other parameters.
         """
-        one, other = embeddings or (self.embed(first), self.embed(second))
-        pairs, mirrored = self.correspondences(one, other)
+        embeddings = embeddings or (self.embed(first), self.embed(second))
+        pairs, mirrored = self.correspondences(*embeddings)
         with guarded():
-            return correspond(self._working(first, one), self._working(second, other), pairs, mirrored)
+            surfaces = (
+                self._working_surface(first, embeddings[0]),
+                self._working_surface(second, embeddings[1]),
+            )
+            return correspond(surfaces, pairs, mirrored)
 
-    def _working(self, mesh: Mesh, embedding: Embedding) -> WorkingSurface:
+    def _working_surface(self, mesh: Mesh, embedding: Embedding) -> WorkingSurface:
+        """Return the surface of a mesh on which a dense correspondence is computed."""
         bounded = self.parameters.with_values(
             mesh={
                 "decimate_above": MOST_VERTICES,
@@ -214,10 +207,10 @@ class Pipeline:
                 "refine_simplified": 0,
             }
         )
-        prepared = sparse_embedding.normalised(mesh, bounded)
+        prepared = sparse_embedding.prepared(mesh, bounded)
         return working_surface(mesh, prepared.surface, prepared.frame, embedding.positions.astype(np.float64))
 
-    def combined_with(
+    def combined(
         self,
         query: Embedding,
         others: Sequence[Embedding],
@@ -225,5 +218,8 @@ class Pipeline:
         own: LocalDensities | None = None,
         densities: LocalDensities | None = None,
     ) -> Floats:
-        """`combined` of one embedding with c others, shape (c,): see `core.ranking.class_probability`."""
+        """Compute the probability that one shape and each of c others are of one class, shape (c,).
+
+        Parameters are those of `core.ranking.class_probability.combined_scores`.
+        """
         return combined_scores(query, others, scores, own, densities)

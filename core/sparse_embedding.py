@@ -17,18 +17,18 @@ from core.sampling.sampling import embedded_points, least_vertices
 from core.spectral.spectral_embedding import SampledSurface, spectra_of
 
 
-def normalised(mesh: Mesh, parameters: Parameters) -> PreparedSurface:
-    """The mesh that is sampled: see `core.mesh.preparation.prepared_surface`."""
+def prepared(mesh: Mesh, parameters: Parameters) -> PreparedSurface:
+    """Return the surface that is sampled: see `core.mesh.preparation.prepared_surface`."""
     return prepared_surface(mesh, parameters.mesh, least_vertices(parameters))
 
 
 def opened(cleaned: Cleaned, parameters: Parameters) -> Mesh:
-    """A cleaned mesh with its boundary loops open: see `core.mesh.preparation.open_surface`."""
+    """Return a cleaned mesh with its boundary loops open: see `core.mesh.preparation.open_surface`."""
     return open_surface(cleaned, parameters.mesh, least_vertices(parameters))
 
 
 def embed(mesh: Mesh, parameters: Parameters) -> Embedding:
-    """The sparse spectral embedding of a mesh.
+    """Compute the sparse spectral embedding of a mesh.
 
     Raises
     ------
@@ -38,34 +38,39 @@ def embed(mesh: Mesh, parameters: Parameters) -> Embedding:
         The method fails on the mesh, for example by a division by zero.
     """
     with guarded():
-        surface, cleaned, frame, smoothed = normalised(mesh, parameters)
+        # Clean, close holes, simplify or refine, smooth; unit scale.
+        surface, cleaned, frame, smoothed = prepared(mesh, parameters)
         bridges = component_bridges(surface)
         graph = edge_graph(surface, bridges, unfold=parameters.spectral.unfold)
+
+        # Sample by Lewis weights; each vertex belongs to the region of the nearest sample.
         points, count = embedded_points(surface, graph, parameters)
         samples = points[:count]
         sparse = sparse_graph(graph, samples)
-        areas = np.bincount(
-            sparse.regions, weights=vertex_areas(surface.vertices, surface.faces), minlength=count
-        )
-        embedded = SampledSurface(
+        vertex_shares = vertex_areas(surface.vertices, surface.faces)
+        areas = np.bincount(sparse.regions, weights=vertex_shares, minlength=count)
+        sampled = SampledSurface(
             vertices=points,
             distances=sample_distances(graph, points, samples, sparse, parameters.spectral.distances),
             areas=areas / areas.sum(),
             regions=sparse.regions,
             bridges=bridges,
         )
-        check_finite(embedded.distances, embedded.areas)
-        spectra, signature, orientation = spectra_of(surface, embedded, parameters.spectral)
-        signature = np.concatenate([signature, GLOBAL_WEIGHT * global_descriptors(surface)])
+        check_finite(sampled.distances, sampled.areas)
+
+        # Embed in the spectral domains; describe the surface beside them.
+        spectra, eigenvalues, orientation = spectra_of(surface, sampled, parameters.spectral)
+        signature = np.concatenate([eigenvalues, GLOBAL_WEIGHT * global_descriptors(surface)])
         facts = measure(mesh, cleaned, frame)
-        described = DescribedSurface(
-            cleaned=cleaned.mesh,
-            prepared=surface,
-            opened=lambda: opened(cleaned, parameters),
-            smoothed=smoothed,
-            boundary_ratio=facts.boundary_ratio,
+        descriptors = compute_descriptors(
+            DescribedSurface(
+                cleaned=cleaned.mesh,
+                prepared=surface,
+                opened=lambda: opened(cleaned, parameters),
+                smoothed=smoothed,
+                boundary_ratio=facts.boundary_ratio,
+            )
         )
-        descriptors = compute_descriptors(described)
     positions = frame.invert(surface.vertices[samples])
     return Embedding(
         fingerprint=parameters.fingerprint,

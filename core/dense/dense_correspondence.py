@@ -10,14 +10,16 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
 from core.arrays import Floats, Ints
 from core.dense.functional_maps import Basis, basis, functional_map, nearest_both_ways
-from core.dense.records import DenseCorrespondence
-from core.dense.stretch import stretch
-from core.dense.working_surface import WorkingSurface
+from core.embedding import DenseCorrespondence
 from core.mesh.cleaning import vertex_areas
+from core.mesh.mesh import Mesh
+from core.mesh.normal_frame import NormalFrame
+from core.mesh.simplification import simplify
 from core.registration.similarity import NEAR, Similarity, near_rigid
 from core.sampling.surface_samples import SurfaceSamples, closest_points, surface_samples
 
@@ -27,14 +29,91 @@ ASTRAY = 0.1
 ASTRAY_RIGID = 0.03
 """The same between surfaces that are rigid copies in large part, of places that do not coincide."""
 
+MOST_VERTICES, SIMPLIFIED = 6000, 5000
+"""A surface with more than `MOST_VERTICES` vertices is simplified to about `SIMPLIFIED`: time and memory of a
+correspondence grow with the product of the two numbers of vertices."""
+
+_LEAST = 1e-3
+"""Smallest ratio of lengths: below it a neighbourhood is mapped to a point."""
+
 
 @dataclass(frozen=True, eq=False)
-class _Way:
-    """One direction of the map between working surfaces."""
+class WorkingSurface:
+    """A surface of w vertices that stands for a mesh of n vertices.
 
-    there: Ints
+    Attributes
+    ----------
+    mesh : Mesh
+        The surface, clean, in its normal frame.
+    unit : float
+        Length 1 of the surface in units of the given mesh, > 0.
+    nearest : int64, shape (n,)
+        The vertex of the surface nearest to each vertex of the given mesh.
+    given : int64, shape (w,)
+        The vertex of the given mesh nearest to each vertex of the surface; it has a face.
+    samples : int64, shape (m,)
+        The vertex of the surface nearest to each sample of the embedding.
+    simplified : bool
+    """
+
+    mesh: Mesh
+    unit: float
+    nearest: Ints
+    given: Ints
+    samples: Ints
+    simplified: bool
+
+
+def working_surface(given: Mesh, surface: Mesh, frame: NormalFrame, samples: Floats) -> WorkingSurface:
+    """Return the working surface of a mesh.
+
+    Parameters
+    ----------
+    given : Mesh
+        As it was read, with n vertices.
+    surface : Mesh
+        The same, clean, in its normal frame, its holes filled, refined, perhaps simplified.
+    frame : NormalFrame
+        From the given mesh to the surface.
+    samples : float, shape (m, 3)
+        Positions of the samples of the embedding, in the frame of the given mesh.
+    """
+    simplified = len(surface.vertices) < len(given.vertices) and len(given.vertices) > MOST_VERTICES
+    if len(surface.vertices) > MOST_VERTICES:
+        surface, simplified = simplify(surface, SIMPLIFIED), True
+    placed = frame.apply(given.vertices)
+    used = np.zeros(len(placed), dtype=bool)
+    used[given.faces.ravel()] = True
+    used_vertices = np.flatnonzero(used)
+    tree = cKDTree(surface.vertices)
+    back = cKDTree(placed[used_vertices]).query(surface.vertices)[1]
+    return WorkingSurface(
+        mesh=surface,
+        unit=frame.scale,
+        nearest=np.asarray(tree.query(placed)[1], dtype=np.int64),
+        given=used_vertices[back],
+        samples=np.asarray(tree.query(frame.apply(samples))[1], dtype=np.int64),
+        simplified=simplified,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _VertexMap:
+    """One direction of the map between two working surfaces of w and x vertices.
+
+    Attributes
+    ----------
+    forward : int64, shape (w,)
+        The vertex of the other surface for each vertex of this one.
+    confidence : float64, shape (w,)
+        In [0, 1].
+    backward : int64, shape (x,)
+        The vertex of this surface for each vertex of the other one.
+    """
+
+    forward: Ints
     confidence: Floats
-    back: Ints
+    backward: Ints
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,121 +143,138 @@ class _Registered:
 
 
 @dataclass(frozen=True, eq=False)
-class _Seen:
-    """A working surface as it corresponds to the other; the displacement is in units of its given mesh."""
+class _Partners:
+    """The partners of the w vertices of a working surface.
 
-    there: Ints
+    Attributes
+    ----------
+    vertices : int64, shape (w,)
+        Vertices of the other working surface.
+    confidence : float64, shape (w,)
+    partnered : bool, shape (w,)
+    displacement : float64, shape (w,), or None
+        As in `core.embedding.DenseCorrespondence`, in units of the given mesh.
+    """
+
+    vertices: Ints
     confidence: Floats
     partnered: NDArray[np.bool_]
     displacement: Floats | None
 
 
 def correspond(
-    first: WorkingSurface, second: WorkingSurface, pairs: Sequence[Ints], mirrored: bool | None
+    surfaces: tuple[WorkingSurface, WorkingSurface], pairs: Sequence[Ints], mirrored: bool | None
 ) -> tuple[DenseCorrespondence, DenseCorrespondence]:
-    """Return the correspondence from the first shape to the second, and from the second to the first.
+    """Compute the correspondence from the first surface to the second, and from the second to the first.
 
     Parameters
     ----------
-    first, second : WorkingSurface
+    surfaces : two WorkingSurface
     pairs : sequence of int, shape (p, 2)
         Samples of the first and of the second that correspond, p >= 1, in several ways, best first.
     mirrored : bool or None
         Whether they reverse orientation, if that is known.
     """
-    ways = _both_ways(
-        basis(first.mesh), basis(second.mesh), [_vertices(first, second, one) for one in pairs], mirrored
+    first, second = surfaces
+    # Pair all vertices by functional maps.
+    maps = _vertex_maps(
+        basis(first.mesh), basis(second.mesh), [_vertices(surfaces, some) for some in pairs], mirrored
     )
-    known = _vertices(first, second, pairs[0])
-    sides = surface_samples(first.mesh), surface_samples(second.mesh)
+
+    # Look for a similarity that brings large parts of the surfaces together.
+    known = _vertices(surfaces, pairs[0])
+    samples = surface_samples(first.mesh), surface_samples(second.mesh)
     ends = first.mesh.vertices[known[:, 0]], second.mesh.vertices[known[:, 1]]
-    same_units = first.unit * sides[0].unit / (second.unit * sides[1].unit)
-    motion = near_rigid(*sides, ends, same_units)
+    same_units = first.unit * samples[0].unit / (second.unit * samples[1].unit)
+    motion = near_rigid(*samples, ends, same_units)
+
     if motion is None:
-        ahead = _seen_from(first, sides[0].unit, ways[0])
-        behind = _seen_from(second, sides[1].unit, ways[1])
-        scale = _scale(first, second, ahead, behind)
+        forward = _mapped_partners(first, samples[0].unit, maps[0])
+        backward = _mapped_partners(second, samples[1].unit, maps[1])
+        scale = _scale(surfaces, (forward, backward))
     else:
-        own = _registered(first, second, sides, motion)
-        opposite = _registered(second, first, sides[::-1], _inverse(motion))
-        ahead = _registered_from(first, sides[0].unit, ways[0], own, opposite)
-        behind = _registered_from(second, sides[1].unit, ways[1], opposite, own)
+        registered = _registered(first, second, samples, motion)
+        reversed_ = _registered(second, first, samples[::-1], _inverse(motion))
+        forward = _registered_partners(first, samples[0].unit, maps[0], registered, reversed_)
+        backward = _registered_partners(second, samples[1].unit, maps[1], reversed_, registered)
         scale = motion.scale / same_units
-    return _of_given(ahead, first, second, scale), _of_given(behind, second, first, 1.0 / scale)
+    return _on_given(forward, first, second, scale), _on_given(backward, second, first, 1.0 / scale)
 
 
-def _vertices(first: WorkingSurface, second: WorkingSurface, pairs: Ints) -> Ints:
+def _vertices(surfaces: tuple[WorkingSurface, WorkingSurface], pairs: Ints) -> Ints:
     """Return the vertices of paired samples, shape (p, 2)."""
-    return np.stack([first.samples[pairs[:, 0]], second.samples[pairs[:, 1]]], axis=1)
+    return np.stack([surface.samples[pairs[:, side]] for side, surface in enumerate(surfaces)], axis=1)
 
 
-def _both_ways(
+def _vertex_maps(
     first: Basis, second: Basis, pairs: Sequence[Ints], mirrored: bool | None
-) -> tuple[_Way, _Way]:
+) -> tuple[_VertexMap, _VertexMap]:
+    """Return the maps by nearest neighbours in the spectral domain, there and back."""
     rotation = functional_map(first, second, pairs, mirrored)
     size = len(rotation)
-    ours, theirs = first.functions[:, :size] @ rotation, second.functions[:, :size]
-    there, back = nearest_both_ways(ours, theirs)
+    rotated, functions = first.functions[:, :size] @ rotation, second.functions[:, :size]
+    forward, backward = nearest_both_ways(rotated, functions)
     return (
-        _Way(there, _confidence(ours, theirs[there]), back),
-        _Way(back, _confidence(theirs, ours[back]), there),
+        _VertexMap(forward, _confidence(rotated, functions[forward]), backward),
+        _VertexMap(backward, _confidence(functions, rotated[backward]), forward),
     )
 
 
-def _confidence(rows: Floats, found: Floats) -> Floats:
-    """1 where the two rows coincide, 0 where they are orthogonal or worse: half their distance squared."""
-    lengths = np.einsum("ij,ij->i", rows, rows) + np.einsum("ij,ij->i", found, found)
-    squares = ((rows - found) ** 2).sum(axis=1)
+def _confidence(rows: Floats, partners: Floats) -> Floats:
+    """Return 1 where two rows coincide, 0 where they are orthogonal or worse: half their distance squared."""
+    lengths = np.einsum("ij,ij->i", rows, rows) + np.einsum("ij,ij->i", partners, partners)
+    squares = ((rows - partners) ** 2).sum(axis=1)
     return np.asarray(np.clip(1.0 - squares / lengths, 0.0, 1.0))
 
 
-def _seen_from(here: WorkingSurface, unit: float, way: _Way) -> _Seen:
-    """Return a side by the functional map alone."""
-    return _Seen(way.there, way.confidence, _astray(here, unit, way) <= ASTRAY, None)
+def _mapped_partners(surface: WorkingSurface, unit: float, map_: _VertexMap) -> _Partners:
+    """Return partners by the functional map alone."""
+    return _Partners(map_.forward, map_.confidence, _astray(surface, unit, map_) <= ASTRAY, None)
 
 
-def _registered_from(
-    here: WorkingSurface, unit: float, way: _Way, own: _Registered, opposite: _Registered
-) -> _Seen:
-    """Return a side by registration where the surfaces coincide, by the functional map elsewhere.
+def _registered_partners(
+    surface: WorkingSurface, unit: float, map_: _VertexMap, registered: _Registered, reversed_: _Registered
+) -> _Partners:
+    """Return partners by registration where the surfaces coincide, by the functional map elsewhere.
 
     Only a place of the other surface that coincides with none can be the partner of a place that does not.
     """
-    there = np.where(own.coincide, own.nearest, way.there)
-    elsewhere = ~opposite.coincide[there] & (_astray(here, unit, way) <= ASTRAY_RIGID)
-    far = np.linalg.norm(own.moved - opposite.points[there], axis=1)
-    distances = np.where(elsewhere & ~own.coincide, far, own.gaps)
-    return _Seen(
-        there=there,
-        confidence=np.where(own.coincide, 1.0 - 0.5 * own.gaps / NEAR, way.confidence),
-        partnered=own.coincide | elsewhere,
-        displacement=distances * own.length * here.unit,
+    vertices = np.where(registered.coincide, registered.nearest, map_.forward)
+    elsewhere = ~reversed_.coincide[vertices] & (_astray(surface, unit, map_) <= ASTRAY_RIGID)
+    far = np.linalg.norm(registered.moved - reversed_.points[vertices], axis=1)
+    distances = np.where(elsewhere & ~registered.coincide, far, registered.gaps)
+    return _Partners(
+        vertices=vertices,
+        confidence=np.where(registered.coincide, 1.0 - 0.5 * registered.gaps / NEAR, map_.confidence),
+        partnered=registered.coincide | elsewhere,
+        displacement=distances * registered.length * surface.unit,
     )
 
 
-def _astray(here: WorkingSurface, unit: float, way: _Way) -> Floats:
-    """Distance of each vertex from itself after the way there and back, at unit area."""
-    points = here.mesh.vertices
-    return np.asarray(np.linalg.norm(points - points[way.back[way.there]], axis=1) / unit)
+def _astray(surface: WorkingSurface, unit: float, map_: _VertexMap) -> Floats:
+    """Return the distance of each vertex from itself after the way there and back, at unit area."""
+    points = surface.mesh.vertices
+    return np.asarray(np.linalg.norm(points - points[map_.backward[map_.forward]], axis=1) / unit)
 
 
 def _registered(
-    here: WorkingSurface,
+    surface: WorkingSurface,
     other: WorkingSurface,
-    sides: tuple[SurfaceSamples, SurfaceSamples],
+    samples: tuple[SurfaceSamples, SurfaceSamples],
     motion: Similarity,
 ) -> _Registered:
-    own = sides[0].to_unit(here.mesh.vertices)
-    moved = motion.apply(own)
-    on_other = closest_points(sides[1], moved)
-    gaps = np.linalg.norm(moved - on_other, axis=1)
+    """Return a surface registered to the other; the samples are those of both."""
+    points = samples[0].to_unit(surface.mesh.vertices)
+    moved = motion.apply(points)
+    closest = closest_points(samples[1], moved)
+    gaps = np.linalg.norm(moved - closest, axis=1)
     return _Registered(
-        points=own,
+        points=points,
         moved=moved,
         gaps=gaps,
         coincide=gaps <= NEAR,
-        nearest=np.asarray(cKDTree(sides[1].to_unit(other.mesh.vertices)).query(on_other)[1]),
-        length=sides[0].unit / motion.scale,
+        nearest=np.asarray(cKDTree(samples[1].to_unit(other.mesh.vertices)).query(closest)[1]),
+        length=samples[0].unit / motion.scale,
     )
 
 
@@ -187,27 +283,77 @@ def _inverse(motion: Similarity) -> Similarity:
     return Similarity(scale, motion.rotation.T, -scale * motion.shift @ motion.rotation)
 
 
-def _scale(first: WorkingSurface, second: WorkingSurface, ahead: _Seen, behind: _Seen) -> float:
+def _scale(surfaces: tuple[WorkingSurface, WorkingSurface], partners: tuple[_Partners, _Partners]) -> float:
     """Return the root of the ratio of the areas that have a partner; of the whole areas where none has."""
-    areas = [
-        side.unit**2 * np.stack([own, own * seen.partnered]).sum(axis=1)
-        for side, seen in ((first, ahead), (second, behind))
-        for own in (vertex_areas(side.mesh.vertices, side.mesh.faces),)
-    ]
-    wholes, parts = np.stack(areas, axis=1)
-    one, other = parts if parts.min() > 0.0 else wholes
-    return float(np.sqrt(other / one))
+    wholes, parts = [], []
+    for surface, own in zip(surfaces, partners, strict=True):
+        areas = vertex_areas(surface.mesh.vertices, surface.mesh.faces)
+        wholes.append(surface.unit**2 * areas.sum())
+        parts.append(surface.unit**2 * (areas * own.partnered).sum())
+    first, second = parts if min(parts) > 0.0 else wholes
+    return float(np.sqrt(second / first))
 
 
-def _of_given(seen: _Seen, here: WorkingSurface, other: WorkingSurface, scale: float) -> DenseCorrespondence:
+def _on_given(
+    partners: _Partners, surface: WorkingSurface, other: WorkingSurface, scale: float
+) -> DenseCorrespondence:
     """Return the correspondence brought from the working surfaces to the given meshes."""
-    whole = here.nearest
+    nearest, displacement = surface.nearest, partners.displacement
     return DenseCorrespondence(
-        vertices=other.given[seen.there][whole].astype(np.int32),
-        confidence=np.where(seen.partnered, seen.confidence, 0.0)[whole].astype(np.float32),
-        stretch=stretch(here.mesh, other.mesh, seen.there)[whole].astype(np.float32),
-        displacement=None if seen.displacement is None else seen.displacement[whole].astype(np.float32),
-        partnered=seen.partnered[whole],
+        vertices=other.given[partners.vertices][nearest].astype(np.int32),
+        confidence=np.where(partners.partnered, partners.confidence, 0.0)[nearest].astype(np.float32),
+        stretch=stretch(surface.mesh, other.mesh, partners.vertices)[nearest].astype(np.float32),
+        displacement=None if displacement is None else displacement[nearest].astype(np.float32),
+        partnered=partners.partnered[nearest],
         scale=scale,
-        simplified=here.simplified or other.simplified,
+        simplified=surface.simplified or other.simplified,
     )
+
+
+def neighbourhoods(mesh: Mesh) -> csr_array:
+    """Return 1 for each pair of vertices at most two edges apart, shape (n, n); 0 on the diagonal."""
+    edges = mesh.half_edges.edges
+    count = len(mesh.vertices)
+    upper = csr_array((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(count, count))
+    adjacent = upper + upper.T
+    near = csr_array(adjacent + adjacent @ adjacent)
+    near.setdiag(0.0)
+    near.eliminate_zeros()
+    near.data[:] = 1.0
+    return near
+
+
+def stretch(first: Mesh, second: Mesh, partners: Ints) -> Floats:
+    """Compute how much a map lengthens each neighbourhood of a surface, over the median.
+
+    Of each vertex and its neighbours up to two edges away, the root of the summed squared distances after the
+    map over that before it; the mean of its logarithm over the neighbourhood is returned, since the nearest
+    vertex is known to half an edge only.
+
+    Parameters
+    ----------
+    first, second : Mesh
+        Of n and m vertices.
+    partners : int64, shape (n,)
+        The vertex of the second surface for each vertex of the first.
+
+    Returns
+    -------
+    float64, shape (n,)
+        Length after over length before, over its median; > 0.
+    """
+    near = neighbourhoods(first).tocoo()
+    rows, columns = near.coords
+    mapped = second.vertices[partners]
+    count = len(first.vertices)
+
+    def squares(points: Floats) -> Floats:
+        return np.bincount(rows, ((points[rows] - points[columns]) ** 2).sum(axis=1), count).astype(
+            np.float64
+        )
+
+    before, after = squares(first.vertices), squares(mapped)
+    ratio = np.log(np.maximum(np.sqrt(after / np.maximum(before, np.finfo(float).tiny)), _LEAST))
+    valence = np.bincount(rows, minlength=count)
+    mean = (ratio + np.bincount(rows, ratio[columns], count)) / (1 + valence)
+    return np.asarray(np.exp(mean - np.median(mean)))

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from core.arrays import Floats
-from core.dense.records import DenseCorrespondence
+from core.embedding import DenseCorrespondence
 
 _NEIGHBOURS = 3
 

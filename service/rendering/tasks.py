@@ -9,7 +9,7 @@ from PIL import Image
 from scipy.spatial import KDTree
 
 from core.arrays import Floats
-from core.dense.records import DenseCorrespondence
+from core.embedding import DenseCorrespondence
 from core.mesh.cleaning import merge_vertices
 from core.mesh.mesh import Mesh
 from core.mesh.simplification import decimate, diagonal

@@ -6,7 +6,7 @@ from fastapi import APIRouter, Depends, Query, Request, Response
 from pydantic import BaseModel
 from starlette.concurrency import run_in_threadpool
 
-from core.dense.records import DenseCorrespondence
+from core.embedding import DenseCorrespondence
 from service.collections.dependencies import InCollection
 from service.container import Container
 from service.dependencies import Service

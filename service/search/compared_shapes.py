@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from fastapi import UploadFile
 from starlette.concurrency import run_in_threadpool
 
-from core.dense.records import DenseCorrespondence
+from core.embedding import DenseCorrespondence
 from core.io import format_of
 from core.mesh.mesh import Mesh
 from service.collection import CollectionNumber

@@ -2,7 +2,7 @@
 
 import asyncio
 
-from core.dense.records import DenseCorrespondence
+from core.embedding import DenseCorrespondence
 from service.container import Container
 from service.rendering import tasks
 from service.rendering.colours import Paint

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any, Self
 from pydantic import BaseModel, Field
 
 if TYPE_CHECKING:
-    from core.dense.records import DenseCorrespondence
+    from core.embedding import DenseCorrespondence
 
 DIGITS = 4
 

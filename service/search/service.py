@@ -238,4 +238,4 @@ def _combined(query: Query, other: Embedding, match: Match, sample: CollectionSa
     own = others = None
     if sample is not None:
         own, others = sample.of_query(query.descriptors), sample.of_query(descriptors_of(other))
-    return float(pipeline.combined_with(query.embedding, [other], scores, own, others)[0])
+    return float(pipeline.combined(query.embedding, [other], scores, own, others)[0])

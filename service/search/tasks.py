@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from core.dense.records import DenseCorrespondence
+from core.embedding import DenseCorrespondence
 from core.mesh.mesh import Mesh
 from core.numerics.guarding import guarded
 from core.parameters import Parameters

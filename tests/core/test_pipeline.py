@@ -24,6 +24,7 @@ from core.mesh.subdivision import refine
 from core.parameters import DEFAULT, PAPER
 from core.pipeline import Pipeline
 from core.serialization import embedding_to_bytes
+from core.sparse_embedding import prepared
 from tests.core.shapes import blob, box, folded, icosphere, joined, rectangle, shifted, soup
 from tests.studies.perturbation import add_noise, make_soup
 
@@ -342,9 +343,9 @@ def test_a_mesh_above_the_limit_is_simplified_and_one_below_is_not():
     )
     pipeline = Pipeline(wanted)
     large, small = blob(subdivisions=4), blob(subdivisions=3)
-    assert 540 <= len(pipeline.normalise(large)[0].vertices) <= 660
-    assert len(pipeline.normalise(small)[0].vertices) == len(small.vertices)
-    kept = Pipeline(wanted.with_values(mesh={"decimate_above": 0})).normalise(large)[0]
+    assert 540 <= len(prepared(large, pipeline.parameters)[0].vertices) <= 660
+    assert len(prepared(small, pipeline.parameters)[0].vertices) == len(small.vertices)
+    kept = prepared(large, wanted.with_values(mesh={"decimate_above": 0}))[0]
     assert len(kept.vertices) == len(large.vertices)
     made = pipeline.embed(large)
     assert made.facts.vertices == len(large.vertices)
@@ -357,9 +358,7 @@ def test_a_soup_of_triangles_keeps_them_up_to_a_limit_of_its_own():
     mesh = DEFAULT.mesh
     assert mesh.decimate_above < len(triangles.vertices) < mesh.decimate_pieces_above
     bounded = DEFAULT.with_values(mesh={"decimate_pieces_above": 0})
-    kept, simplified = (
-        Pipeline(parameters).normalise(triangles).surface for parameters in (DEFAULT, bounded)
-    )
+    kept, simplified = (prepared(triangles, parameters).surface for parameters in (DEFAULT, bounded))
     assert len(kept.faces) == len(clean(triangles).mesh.faces)
     area, left = (face_areas(surface.vertices, surface.faces).sum() for surface in (kept, simplified))
     assert left < 0.8 * area
@@ -372,7 +371,7 @@ def test_the_long_edges_of_a_simplified_mesh_are_split():
         pipeline = Pipeline(
             DEFAULT.with_values(mesh={"decimate_to": 600, "refine_simplified": even, "refine_vertices": 0})
         )
-        surface = pipeline.normalise(cut).surface
+        surface = prepared(cut, pipeline.parameters).surface
         edges = np.unique(np.sort(surface.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1), axis=0)
         longest = np.linalg.norm(np.diff(surface.vertices[edges], axis=1), axis=2).max()
         # The bound of `core.mesh.subdivision.refine`.

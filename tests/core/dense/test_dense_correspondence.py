@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from core import Mesh, Pipeline
-from core.dense.working_surface import MOST_VERTICES
+from core.dense.dense_correspondence import MOST_VERTICES
 from core.errors import DegenerateMeshError
 from core.evaluation.correspondence_errors import surface_distances
 from core.gallery.bodies import make_body

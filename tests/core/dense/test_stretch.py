@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from core import Mesh
-from core.dense.stretch import stretch
+from core.dense.dense_correspondence import stretch
 from tests.core.shapes import rectangle, scaled, turned
 
 

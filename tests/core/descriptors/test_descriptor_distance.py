@@ -114,10 +114,10 @@ def test_a_soup_of_triangles_is_no_part() -> None:
 def test_the_chance_of_a_part_is_the_same_both_ways_and_its_whole_is_the_likeliest() -> None:
     part = embedded("person", 0.3)
     wholes = [embedded(label) for label in ("bird", "cup", "octopus", "person", "plane", "quadruped")]
-    probabilities = PIPELINE.combined_with(part, wholes, PIPELINE.score(part, wholes))
+    probabilities = PIPELINE.combined(part, wholes, PIPELINE.score(part, wholes))
     assert probabilities.argmax() == 3
     for whole, class_probability in zip(wholes, probabilities, strict=True):
-        back = PIPELINE.combined_with(whole, [part], PIPELINE.score(whole, [part]))
+        back = PIPELINE.combined(whole, [part], PIPELINE.score(whole, [part]))
         assert back[0] == pytest.approx(class_probability, rel=1e-12)
 
 
@@ -133,7 +133,7 @@ def test_a_coarse_mesh_and_a_fine_one_of_the_same_box_are_alike() -> None:
     assert descriptor_distance(spin_images_of(first), [spin_images_of(second)]).distance[0] < 0.4
     scores = PIPELINE.score(first, [second])
     assert scores.cc[0] > 0.98
-    assert PIPELINE.combined_with(first, [second], scores)[0] > 0.9
+    assert PIPELINE.combined(first, [second], scores)[0] > 0.9
     blob = Pipeline(DEFAULT.with_values(mesh={"smooth_refined": False}))
     assert (
         descriptor_distance(spin_images_of(blob.embed(coarse)), [spin_images_of(blob.embed(fine))]).distance[

@@ -11,6 +11,7 @@ from core.mesh.mesh import Mesh
 from core.mesh.preparation import neighbour_means, roughness, taubin_smoothing, vertex_normals
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
+from core.sparse_embedding import prepared
 from tests.studies.perturbation import add_noise
 
 
@@ -67,7 +68,7 @@ def test_smoothing_takes_the_noise_and_leaves_the_size(ball):
 def test_a_clean_mesh_is_embedded_as_it_is_and_a_noisy_one_smoothed():
     pipeline = Pipeline(DEFAULT)
     mesh = make_shape("hand", 0)
-    normal, _, frame, _ = pipeline.normalise(mesh)
+    normal, _, frame, _ = prepared(mesh, pipeline.parameters)
     assert np.isin(np.round(frame.apply(mesh.vertices), 9), np.round(normal.vertices, 9)).all()
     noisy = add_noise(mesh, 0.01, 1)
-    assert roughness(pipeline.normalise(noisy)[0]) < DEFAULT.mesh.smooth_above < roughness(noisy)
+    assert roughness(prepared(noisy, pipeline.parameters)[0]) < DEFAULT.mesh.smooth_above < roughness(noisy)

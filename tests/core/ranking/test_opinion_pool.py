@@ -151,7 +151,7 @@ def embedded():
 
 
 def combined(pipeline, query, candidates):
-    return pipeline.combined_with(query, candidates, pipeline.score(query, candidates))
+    return pipeline.combined(query, candidates, pipeline.score(query, candidates))
 
 
 def test_a_model_of_known_numbers():

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from core.dense.records import DenseCorrespondence
+from core.embedding import DenseCorrespondence
 from core.errors import CannotBeEmbeddedError
 from core.io import read_mesh, write_mesh
 from core.mesh.mesh import Mesh

@@ -172,7 +172,7 @@ def test_combined_is_the_pipelines_and_the_same_in_every_answer(stocked: Running
         scores = Scores(*(np.array([result[name]]) for name in ("cc", "ssd", "sim")))
         other = result["shape"]["id"]
         densities = densities_in(sample, [described[other]])
-        (expected,) = pipeline.combined_with(embeddings[bird], [embeddings[other]], scores, own, densities)
+        (expected,) = pipeline.combined(embeddings[bird], [embeddings[other]], scores, own, densities)
         pair = {"first": other, "second": bird}
         compared = stocked.client.post("/compare", json=pair).json()
         assert compared["combined"] == pytest.approx(expected, abs=1e-9)

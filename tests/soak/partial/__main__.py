@@ -54,7 +54,7 @@ def main(folder: Path, limit: int, cut: list[float]) -> None:
             query = pipeline.embed(part)
             scores = pipeline.score(query, wholes)
             nearness["cc"].append(scores.cc)
-            nearness["combined"].append(pipeline.combined_with(query, wholes, scores))
+            nearness["combined"].append(pipeline.combined(query, wholes, scores))
             nearness["partial"].append(-part_distances(describe_part(pipeline.open_surface(part)), known))
         for name, found in nearness.items():
             print(row(name, share, np.array(found), labels), flush=True)

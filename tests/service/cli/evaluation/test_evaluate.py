@@ -56,7 +56,7 @@ def test_every_ranking_from_one_run(collection: Path, embeddings: list[Embedding
     rows = [pipeline.score(embedding, embeddings) for embedding in embeddings]
     cc = np.stack([row.cc for row in rows])
     combined = np.stack(
-        [pipeline.combined_with(own, embeddings, row) for row, own in zip(rows, embeddings, strict=True)]
+        [pipeline.combined(own, embeddings, row) for row, own in zip(rows, embeddings, strict=True)]
     )
     matrices = {
         "cc": cc,
