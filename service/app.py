@@ -44,10 +44,9 @@ from service.search.cache_warmer import CacheWarmer
 from service.search.compare_endpoint import router as compare_router
 from service.search.endpoints import router as search_router
 from service.settings import Settings, load_parameters, load_settings
-from service.shapes.deleted.endpoints import router as deleted_router
-from service.shapes.deleted.service import keep_purging
 from service.shapes.endpoints import router as shapes_router
 from service.shapes.file_endpoints import router as files_router
+from service.shapes.service import keep_purging
 from service.storage.database import Database
 from service.storage.migrate import migrate
 from service.system.endpoints import router as service_router
@@ -119,7 +118,6 @@ def create_app(settings: Settings) -> FastAPI:
     app.include_router(map_router)
     app.include_router(shapes_router)
     app.include_router(files_router)
-    app.include_router(deleted_router)
     app.include_router(jobs_router)
     app.include_router(collections_router)
     app.include_router(session_router)

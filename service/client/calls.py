@@ -26,9 +26,8 @@ from service.duplicates.schemas import DuplicatesAnswer
 from service.jobs.schemas import Job, JobFile, JobFilePage, JobPage
 from service.maps.schemas import MapAnswer
 from service.shapes.assembly_schemas import Assembly
-from service.shapes.deleted.schemas import DeletedShape, DeletedShapePage
 from service.shapes.records import Sort
-from service.shapes.schemas import EmbeddingArrays, Shape, ShapePage
+from service.shapes.schemas import DeletedShape, DeletedShapePage, EmbeddingArrays, Shape, ShapePage
 from service.system.schemas import Version
 
 LONGEST_PAGE = 500

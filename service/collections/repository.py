@@ -8,7 +8,8 @@ from sqlalchemy import delete, func, insert, select
 from service.collection import CollectionNumber, CollectionRecord, Counted
 from service.errors import CollectionNotFoundError
 from service.storage.database import ReadSession, WriteSession
-from service.storage.tables import CollectionRow, DeletedRow, JobRow, ShapeRow
+from service.storage.erasure import erase
+from service.storage.tables import NOT_DELETED, CollectionRow, JobRow, ShapeRow
 
 
 def by_name(session: ReadSession, name: str) -> CollectionRecord | None:
@@ -35,7 +36,7 @@ def counted(session: ReadSession, names: Several[str] | None) -> list[Counted]:
     shapes = (
         select(func.count())
         .select_from(ShapeRow)
-        .where(ShapeRow.collection_number == CollectionRow.number)
+        .where(ShapeRow.collection_number == CollectionRow.number, NOT_DELETED)
         .scalar_subquery()
     )
     query = select(CollectionRow.name, CollectionRow.created_at, shapes).order_by(CollectionRow.name)
@@ -51,15 +52,15 @@ def add(session: WriteSession, name: str) -> None:
 
 def holds_shapes(session: ReadSession, collection: CollectionNumber) -> bool:
     """Return whether a collection has a shape."""
-    query = select(ShapeRow.number).where(ShapeRow.collection_number == collection).limit(1)
+    query = select(ShapeRow.number).where(ShapeRow.collection_number == collection, NOT_DELETED).limit(1)
     return session.scalar(query) is not None
 
 
 def deleted_until(session: WriteSession, collection: CollectionNumber, moment: datetime) -> bool:
-    """Erase the collection's shapes that were deleted until a time; whether later ones remain."""
-    own = DeletedRow.collection_number == collection
-    session.execute(delete(DeletedRow).where(own, DeletedRow.deleted_at <= moment))
-    return session.scalar(select(DeletedRow.number).where(own).limit(1)) is not None
+    """Erase the shapes that were deleted from a collection until a time; return whether later ones remain."""
+    own = ShapeRow.collection_number == collection
+    erase(session, own & (ShapeRow.deleted_at <= moment))
+    return session.scalar(select(ShapeRow.number).where(own, ~NOT_DELETED).limit(1)) is not None
 
 
 def remove(session: WriteSession, collection: CollectionNumber) -> None:

@@ -9,7 +9,14 @@ from service.duplicates.groups import Judgement, Link, Search
 from service.shapes.records import ShapeFilter
 from service.shapes.repository import matching
 from service.storage.database import ReadSession, WriteSession
-from service.storage.tables import CoarseSamplesRow, DuplicatePairRow, EmbeddingRow, JudgedShapeRow, ShapeRow
+from service.storage.tables import (
+    NOT_DELETED,
+    CoarseSamplesRow,
+    DuplicatePairRow,
+    EmbeddingRow,
+    JudgedShapeRow,
+    ShapeRow,
+)
 
 
 def embedded(session: ReadSession, fingerprint: str, wanted: ShapeFilter) -> frozenset[int]:
@@ -144,7 +151,7 @@ def counts(session: ReadSession, search: Search, shapes: Collection[int]) -> tup
 
 def _with_embedding() -> Select[int]:
     same = (EmbeddingRow.blob_number == ShapeRow.blob_number) & (EmbeddingRow.format == ShapeRow.format)
-    return select(ShapeRow.number).join(EmbeddingRow, same)
+    return select(ShapeRow.number).join(EmbeddingRow, same).where(NOT_DELETED)
 
 
 def _embedded(fingerprint: str) -> Select[int]:

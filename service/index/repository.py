@@ -9,7 +9,14 @@ from numpy.typing import NDArray
 from sqlalchemy import func, select
 
 from service.storage.database import ReadSession
-from service.storage.tables import ArchiveRow, CoarseSamplesRow, EmbeddingRow, RemovalRow, ShapeRow
+from service.storage.tables import (
+    NOT_DELETED,
+    ArchiveRow,
+    CoarseSamplesRow,
+    EmbeddingRow,
+    RemovalRow,
+    ShapeRow,
+)
 
 AT_ONCE = 20_000
 
@@ -60,7 +67,7 @@ def revision(session: ReadSession) -> int:
 
 def count_shapes(session: ReadSession) -> int:
     """The number of shapes in all collections."""
-    return session.scalars(select(func.count()).select_from(ShapeRow)).one()
+    return session.scalars(select(func.count()).where(NOT_DELETED)).one()
 
 
 NOTHING = IndexEntries(
@@ -95,7 +102,7 @@ def entries_since(session: ReadSession, fingerprint: str, since: int) -> Iterato
             (EmbeddingRow.blob_number == ShapeRow.blob_number) & (EmbeddingRow.format == ShapeRow.format),
         )
         .join(CoarseSamplesRow, CoarseSamplesRow.embedding_number == EmbeddingRow.number)
-        .where(ShapeRow.revision > since, EmbeddingRow.fingerprint == fingerprint)
+        .where(ShapeRow.revision > since, NOT_DELETED, EmbeddingRow.fingerprint == fingerprint)
         .execution_options(yield_per=AT_ONCE)
     )
     with session.connection().execute(query) as found:
@@ -133,6 +140,6 @@ def removed_since(session: ReadSession, since: int) -> NDArray[np.int64]:
 
 def facts_since(session: ReadSession, since: int) -> Iterator[tuple[int, Mapping[str, Any]]]:
     """The facts of the shapes that were stored, or embedded, after a revision, by number."""
-    query = select(ShapeRow.number, ShapeRow.facts).where(ShapeRow.revision > since)
+    query = select(ShapeRow.number, ShapeRow.facts).where(ShapeRow.revision > since, NOT_DELETED)
     with session.connection().execute(query.execution_options(yield_per=AT_ONCE)) as found:
         yield from ((number, facts) for number, facts in found)

@@ -7,7 +7,7 @@ from sqlalchemy import select
 from core.arrays import Float32s, Ints
 from service.index.repository import stacked
 from service.storage.database import ReadSession
-from service.storage.tables import CoarseSamplesRow, EmbeddingRow, ShapeRow
+from service.storage.tables import NOT_DELETED, CoarseSamplesRow, EmbeddingRow, ShapeRow
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +34,7 @@ def map_shapes(session: ReadSession, fingerprint: str, numbers: Ints) -> MapShap
             (EmbeddingRow.blob_number == ShapeRow.blob_number) & (EmbeddingRow.format == ShapeRow.format),
         )
         .join(CoarseSamplesRow, CoarseSamplesRow.embedding_number == EmbeddingRow.number)
-        .where(ShapeRow.number.in_(numbers.tolist()), EmbeddingRow.fingerprint == fingerprint)
+        .where(ShapeRow.number.in_(numbers.tolist()), NOT_DELETED, EmbeddingRow.fingerprint == fingerprint)
         .order_by(ShapeRow.number)
     )
     rows = session.execute(query).all()

@@ -11,6 +11,7 @@ from service.storage.checksums import pipeline_checksum, whole_file
 from service.storage.database import ReadSession, WriteSession
 from service.storage.revisions import next_revision
 from service.storage.tables import (
+    NOT_DELETED,
     ArchiveRow,
     BlobRow,
     DuplicatePairRow,
@@ -36,7 +37,7 @@ def active(session: ReadSession) -> str | None:
 
 def is_empty(session: ReadSession) -> bool:
     """Whether the archive has no shape."""
-    return session.scalar(select(ShapeRow.number).limit(1)) is None
+    return session.scalar(select(ShapeRow.number).where(NOT_DELETED).limit(1)) is None
 
 
 def written(session: ReadSession, fingerprint: str) -> PipelineRecord | None:
@@ -68,7 +69,7 @@ def activate(session: WriteSession, fingerprint: str) -> None:
 
 def count_embedded(session: ReadSession, fingerprint: str) -> tuple[int, int]:
     """The numbers of files embedded by a pipeline and of all files; shapes with equal bytes count once."""
-    files = select(ShapeRow.blob_number, ShapeRow.format).distinct().subquery()
+    files = select(ShapeRow.blob_number, ShapeRow.format).where(NOT_DELETED).distinct().subquery()
     total = session.scalar(select(func.count()).select_from(files)) or 0
     return total - len(unembedded(session, fingerprint)), total
 
@@ -83,7 +84,7 @@ def unembedded(session: ReadSession, fingerprint: str) -> list[tuple[int, str]]:
             & (EmbeddingRow.format == ShapeRow.format)
             & (EmbeddingRow.fingerprint == fingerprint),
         )
-        .where(EmbeddingRow.number.is_(None))
+        .where(EmbeddingRow.number.is_(None), NOT_DELETED)
         .distinct()
         .order_by(ShapeRow.blob_number, ShapeRow.format)
     )
@@ -104,7 +105,9 @@ def blob(session: ReadSession, number: int) -> tuple[str, bytes] | None:
 
 def names(session: ReadSession, blob_number: int, format: str) -> list[str]:
     """The names of the shapes with a file."""
-    query = select(ShapeRow.name).where(ShapeRow.blob_number == blob_number, ShapeRow.format == format)
+    query = select(ShapeRow.name).where(
+        ShapeRow.blob_number == blob_number, ShapeRow.format == format, NOT_DELETED
+    )
     return list(session.scalars(query.order_by(ShapeRow.number)))
 
 

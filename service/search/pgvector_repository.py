@@ -27,7 +27,7 @@ from service.shapes.repository import matching
 from service.storage.columns import POSTGRESQL, PgVector, vector_text
 from service.storage.database import ReadSession
 from service.storage.hnsw import has_view_signature
-from service.storage.tables import CoarseSamplesRow, EmbeddingRow, ShapeRow
+from service.storage.tables import NOT_DELETED, CoarseSamplesRow, EmbeddingRow, ShapeRow
 
 Neighbours = Select[int, int, float]
 """A query of the numbers of shapes and embeddings, and of distances."""
@@ -253,6 +253,7 @@ def _embedded(query: Rows, fingerprint: str, shapes: ShapeFilter) -> Rows:
     query = query.where(
         EmbeddingRow.fingerprint == bindparam(None, fingerprint, literal_execute=True),
         ShapeRow.collection_number == shapes.collection,
+        NOT_DELETED,
     )
     return query if shapes.is_empty else query.where(ShapeRow.number.in_(matching(shapes)))
 

@@ -9,7 +9,7 @@ from service.index.density_samples import FIRST, PRIME, SAMPLE, SECOND
 from service.observability.logging import get_logger
 from service.storage.checksums import is_whole
 from service.storage.database import ReadSession
-from service.storage.tables import BlobRow, EmbeddingRow, QuantisedPointsRow, ShapeRow
+from service.storage.tables import NOT_DELETED, BlobRow, EmbeddingRow, QuantisedPointsRow, ShapeRow
 
 log = get_logger("search")
 
@@ -50,7 +50,7 @@ def sampled_embeddings(session: ReadSession, fingerprint: str, collection: Colle
             EmbeddingRow,
             (EmbeddingRow.blob_number == ShapeRow.blob_number) & (EmbeddingRow.format == ShapeRow.format),
         )
-        .where(EmbeddingRow.fingerprint == fingerprint, ShapeRow.collection_number == collection)
+        .where(EmbeddingRow.fingerprint == fingerprint, ShapeRow.collection_number == collection, NOT_DELETED)
         .order_by((short * short % PRIME * FIRST + short * SECOND) % PRIME, ShapeRow.number)
         .limit(SAMPLE)
     )
@@ -61,4 +61,4 @@ def numbers_of_bytes(session: ReadSession, collection: CollectionNumber, sha256:
     """The numbers of a collection's shapes with a SHA-256."""
     query = select(ShapeRow.number).join(BlobRow, BlobRow.number == ShapeRow.blob_number)
     own = ShapeRow.collection_number == collection
-    return list(session.scalars(query.where(BlobRow.sha256 == sha256, own)))
+    return list(session.scalars(query.where(BlobRow.sha256 == sha256, own, NOT_DELETED)))

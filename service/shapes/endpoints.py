@@ -1,10 +1,10 @@
 """The addresses under /shapes."""
 
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from typing import Annotated
 
 from fastapi import APIRouter, Depends, Path, Query, Request, Response
-from pydantic import Field
+from pydantic import ConfigDict, Field
 
 from core.io import format_of
 from service.collections.dependencies import InCollection, NamedInAddress, address
@@ -14,7 +14,7 @@ from service.http.idempotency.keys import KEPT_TIME, REPLAYED, payload_of
 from service.http.idempotency.records import Claim, Kept
 from service.http.middleware import KEY_IN_SCOPE, while_connected
 from service.http.problems import documented
-from service.http.request_bodies import FILE, RequestBody, once_each
+from service.http.request_bodies import FILE, RequestBody, once, once_each
 from service.pipelines.active import fingerprint
 from service.shapes import assemblies, service
 from service.shapes.assembly_schemas import Assembly
@@ -26,9 +26,9 @@ from service.shapes.documentation import (
 )
 from service.shapes.filters import Filters
 from service.shapes.headers import REPLAYED_HEADER, IdempotencyKey
-from service.shapes.pages import read_place
+from service.shapes.pages import read_cursor, read_place
 from service.shapes.records import NewShape, Sort, StoredAssembly, StoredShape
-from service.shapes.schemas import Shape, ShapeChanges, ShapePage
+from service.shapes.schemas import DeletedShapePage, Shape, ShapeChanges, ShapePage
 from service.shapes.uploads import ShapeUpload
 
 router = APIRouter(tags=["shapes"])
@@ -50,6 +50,17 @@ class ShapeListing(NamedInAddress, Filters):
         description="The order: the oldest or the newest first, or by name, upper and lower case alike. A "
         "cursor belongs to one order.",
     )
+
+
+class DeletedListing(NamedInAddress):
+    """A page of deleted shapes."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    cursor: str | None = Field(
+        default=None, max_length=256, description="The `next_cursor` of the previous page."
+    )
+    limit: int = Field(default=50, ge=1, le=500, description="The largest number of shapes of the page.")
 
 
 @router.post(
@@ -152,6 +163,84 @@ def change_shape(
     with container.database.write() as session:
         own = fingerprint(session), collection.number, shape_id
         return Shape.of(service.change(session, *own, changes.changes()))
+
+
+@router.delete(
+    "/shapes/{shape_id}",
+    status_code=204,
+    summary="Delete a shape",
+    responses=documented("bad-request-fields", "shape-not-found", *WRITE_PROBLEMS),
+    dependencies=[once("permanent")],
+)
+def delete_shape(
+    shape_id: ShapeId,
+    container: Service,
+    collection: InCollection,
+    permanent: Annotated[
+        bool, Query(description="Delete for good, which frees the room of the file at once.")
+    ] = False,
+) -> None:
+    """Delete a shape, which can be restored for as long as the service is set to keep deleted shapes.
+
+    With `permanent`, the shape is erased, and its file and embedding unless another shape has the same bytes.
+    """
+    keep = timedelta(0) if permanent else container.settings.undo_time
+    with container.database.write(deleting=True) as session:
+        service.delete(session, fingerprint(session), collection.number, shape_id, keep)
+
+
+@router.post(
+    "/shapes/{shape_id}/restore",
+    summary="Restore a deleted shape",
+    responses=documented(
+        *(kind for kind in FILE_PROBLEMS if kind not in {"bad-request", "body-too-large"}),
+        "shape-not-found",
+        "name-taken",
+        "pipeline-unavailable",
+        *WRITE_PROBLEMS,
+    ),
+)
+async def restore_shape(
+    shape_id: ShapeId, request: Request, container: Service, collection: InCollection
+) -> Shape:
+    """Undo a deletion: the shape has its id, name, tags and metadata again, and its place in the lists.
+
+    Its file is embedded if the pipeline in use has not embedded it.
+    """
+    with container.queue.admitted():
+        restored = service.restore(container, collection.number, shape_id)
+        return Shape.of(await while_connected(request, restored))
+
+
+@router.get(
+    "/deleted",
+    summary="List deleted shapes",
+    responses=documented(*READ_PROBLEMS),
+    dependencies=[once_each(DeletedListing)],
+)
+def list_deleted(
+    listing: Annotated[DeletedListing, Query()], container: Service, collection: InCollection
+) -> DeletedShapePage:
+    """Return the shapes that can be restored, in the order of their deletion, a page at a time."""
+    after, keep = read_cursor(listing.cursor), container.settings.undo_time
+    with container.database.read() as session:
+        own = fingerprint(session), collection.number, keep
+        page = service.list_deleted(session, *own, after=after, limit=listing.limit)
+    return DeletedShapePage.of(page, keep)
+
+
+@router.delete(
+    "/deleted/{shape_id}",
+    status_code=204,
+    summary="Purge a deleted shape",
+    responses=documented("shape-not-found", *WRITE_PROBLEMS),
+)
+def purge_shape(shape_id: ShapeId, container: Service, collection: InCollection) -> None:
+    """Erase a deleted shape and its file now, for good."""
+    with container.database.write(deleting=True) as session:
+        service.purge(
+            session, fingerprint(session), collection.number, shape_id, container.settings.undo_time
+        )
 
 
 def _answer_of(done: StoredShape | StoredAssembly | Kept) -> Kept:

@@ -18,7 +18,7 @@ class ShapeRecord:
     """A stored shape, without its bytes.
 
     `number` orders shapes by creation and is never sent to clients. `embedded` tells whether the active
-    pipeline has embedded the shape.
+    pipeline has embedded the shape. `deleted_at` is None unless the shape is deleted.
     """
 
     number: int
@@ -33,6 +33,7 @@ class ShapeRecord:
     embedded: bool
     created_at: datetime
     updated_at: datetime
+    deleted_at: datetime | None = None
 
 
 @dataclass(frozen=True)
@@ -50,17 +51,12 @@ class NewFile:
 
 @dataclass(frozen=True)
 class NewShape(NewFile):
-    """A file to store as a shape, its collection and its fields.
-
-    `id` and `created_at` are given for a shape that is restored.
-    """
+    """A file to store as a shape, its collection and its fields."""
 
     collection: CollectionNumber
     name: str
     tags: tuple[str, ...]
     metadata: Mapping[str, Any]
-    id: str | None = None
-    created_at: datetime | None = None
 
 
 @dataclass(frozen=True)

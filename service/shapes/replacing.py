@@ -9,7 +9,7 @@ from service.container import Container
 from service.errors import FileChangedError, NameTakenError
 from service.shapes import repository
 from service.shapes.files import entity_tag, is_known
-from service.shapes.records import NewFile, NewShape, ShapeRecord
+from service.shapes.records import NewFile, ShapeRecord
 from service.shapes.service import get
 from service.shapes.storing import put_file
 from service.storage.database import Database
@@ -70,8 +70,7 @@ def _replace(
             return None
         if (record.sha256, record.format) == (file.sha256, file.format):
             return get(session, fingerprint, collection, shape_id)
-        new = NewShape(file.data, file.format, collection, record.name, record.tags, record.metadata)
-        if repository.same(session, fingerprint, new) is not None:
+        if repository.same(session, fingerprint, collection, file, record.name) is not None:
             raise NameTakenError(f"another shape has this file and the name {record.name!r}")
         repository.replace_file(session, record, file.format, put)
         return get(session, fingerprint, collection, shape_id)

@@ -6,7 +6,7 @@ from dataclasses import replace
 from datetime import UTC, datetime
 from typing import Any
 
-from sqlalchemy import Select, case, delete, func, literal, select, tuple_, update
+from sqlalchemy import ColumnElement, Select, case, delete, func, literal, select, tuple_, update
 
 from core.errors import BadRecordError
 from service.collection import CollectionNumber
@@ -16,6 +16,7 @@ from service.shapes.fields import plain_values
 from service.shapes.judgements_repository import forget
 from service.shapes.records import (
     Changes,
+    NewFile,
     NewShape,
     Place,
     ShapeFilter,
@@ -34,9 +35,11 @@ from service.storage.checksums import (
 )
 from service.storage.columns import UtcDateTime
 from service.storage.database import ReadSession, WriteSession
+from service.storage.erasure import drop_unused, erase
 from service.storage.hnsw import ensure_hnsw
 from service.storage.revisions import next_revision
 from service.storage.tables import (
+    NOT_DELETED,
     BlobRow,
     CoarseSamplesRow,
     CollectionRow,
@@ -53,7 +56,7 @@ _LENGTH = ShapeRow.facts[("bounding_box", 0)].as_float()
 
 def matching(shapes: ShapeFilter) -> Select[int]:
     """A query of the numbers of the shapes that match a filter."""
-    query = select(ShapeRow.number).where(ShapeRow.collection_number == shapes.collection)
+    query = select(ShapeRow.number).where(ShapeRow.collection_number == shapes.collection, NOT_DELETED)
     for tag in shapes.tags:
         query = query.where(ShapeRow.number.in_(select(TagRow.shape_number).where(TagRow.tag == tag)))
     for key, value in shapes.metadata:
@@ -88,7 +91,7 @@ def stored(session: ReadSession, collection: CollectionNumber) -> int:
 
     If no other collection has shapes, this counts all rows, which takes a third of the time.
     """
-    query = select(func.count()).select_from(ShapeRow)
+    query = select(func.count()).where(NOT_DELETED)
     if others_hold_shapes(session, collection):
         query = query.where(ShapeRow.collection_number == collection)
     return session.scalars(query).one()
@@ -96,7 +99,11 @@ def stored(session: ReadSession, collection: CollectionNumber) -> int:
 
 def others_hold_shapes(session: ReadSession, collection: CollectionNumber) -> bool:
     """Whether another collection has a shape."""
-    one = select(ShapeRow.number).where(ShapeRow.collection_number == CollectionRow.number).exists()
+    one = (
+        select(ShapeRow.number)
+        .where(ShapeRow.collection_number == CollectionRow.number, NOT_DELETED)
+        .exists()
+    )
     query = select(CollectionRow.number).where(CollectionRow.number != collection, one).limit(1)
     return session.scalar(query) is not None
 
@@ -130,30 +137,36 @@ def page(
 
 
 def by_id(
-    session: ReadSession, fingerprint: str, collection: CollectionNumber, shape_id: str
+    session: ReadSession,
+    fingerprint: str,
+    collection: CollectionNumber,
+    shape_id: str,
+    condition: ColumnElement[bool] = NOT_DELETED,
 ) -> ShapeRecord | None:
-    """The shape of a collection with an id."""
-    number = session.scalar(select(ShapeRow.number).where(ShapeRow.id == shape_id))
-    found = records(session, fingerprint, collection, [] if number is None else [number])
-    return next(iter(found), None)
+    """Return the shape of a collection with an id, if it satisfies a condition."""
+    numbers = session.scalars(select(ShapeRow.number).where(ShapeRow.id == shape_id)).all()
+    return next(iter(records(session, fingerprint, collection, numbers, condition)), None)
 
 
 def records(
-    session: ReadSession, fingerprint: str, collection: CollectionNumber, numbers: Sequence[int]
+    session: ReadSession,
+    fingerprint: str,
+    collection: CollectionNumber,
+    numbers: Sequence[int],
+    condition: ColumnElement[bool] = NOT_DELETED,
 ) -> list[ShapeRecord]:
-    """The shapes of a collection with given numbers, in their order; deleted ones are left out."""
+    """Return the shapes of a collection with some numbers that satisfy a condition, in the numbers' order."""
     shown = (
         select(ShapeRow, BlobRow.sha256, BlobRow.size, EmbeddingRow.number)
         .join(BlobRow, BlobRow.number == ShapeRow.blob_number)
         .outerjoin(EmbeddingRow, _is_its_embedding(fingerprint))
-        .where(ShapeRow.number.in_(numbers), ShapeRow.collection_number == collection)
+        .where(ShapeRow.number.in_(numbers), ShapeRow.collection_number == collection, condition)
     )
     tags: dict[int, list[str]] = {}
-    for tag in session.scalars(
-        select(TagRow).where(TagRow.shape_number.in_(numbers)).order_by(TagRow.position)
-    ):
+    tag_rows = select(TagRow).where(TagRow.shape_number.in_(numbers)).order_by(TagRow.position)
+    for tag in session.scalars(tag_rows):
         tags.setdefault(tag.shape_number, []).append(tag.tag)
-    found = {
+    by_number = {
         row.number: ShapeRecord(
             number=row.number,
             id=row.id,
@@ -167,14 +180,64 @@ def records(
             embedded=embedding is not None,
             created_at=row.created_at,
             updated_at=row.updated_at,
+            deleted_at=row.deleted_at,
         )
         for row, sha256, size, embedding in session.execute(shown)
     }
-    return [found[number] for number in numbers if number in found]
+    return [by_number[number] for number in numbers if number in by_number]
 
 
-def file_of(session: ReadSession, collection: CollectionNumber, shape_id: str) -> bytes | None:
-    """The uploaded bytes of a shape.
+def deleted_page(
+    session: ReadSession,
+    fingerprint: str,
+    collection: CollectionNumber,
+    since: datetime,
+    *,
+    after: int,
+    limit: int,
+) -> list[tuple[int, ShapeRecord]]:
+    """Return the next `limit` shapes deleted since a time, each after the number of its deletion."""
+    query = (
+        select(RemovalRow.revision, ShapeRow.number)
+        .join(ShapeRow, ShapeRow.number == RemovalRow.shape_number)
+        .where(ShapeRow.collection_number == collection, ShapeRow.deleted_at > since)
+        .where(RemovalRow.revision > after)
+        .order_by(RemovalRow.revision)
+        .limit(limit)
+    )
+    rows = session.execute(query).all()
+    deletions = {number: revision for revision, number in rows}
+    shapes = records(session, fingerprint, collection, list(deletions), ~NOT_DELETED)
+    return [(deletions[shape.number], shape) for shape in shapes]
+
+
+def count_deleted(session: ReadSession, collection: CollectionNumber, since: datetime) -> int:
+    """Return the number of shapes that were deleted from a collection since a time."""
+    query = select(func.count()).where(ShapeRow.collection_number == collection, ShapeRow.deleted_at > since)
+    return session.scalar(query) or 0
+
+
+def deleted_by_id(
+    session: ReadSession, fingerprint: str, collection: CollectionNumber, shape_id: str, since: datetime
+) -> ShapeRecord | None:
+    """Return the shape with an id, if it was deleted from a collection since a time."""
+    return by_id(session, fingerprint, collection, shape_id, ShapeRow.deleted_at > since)
+
+
+def any_deleted_until(session: ReadSession, moment: datetime) -> bool:
+    """Return whether a shape was deleted at a time or before."""
+    return session.scalar(select(ShapeRow.number).where(ShapeRow.deleted_at <= moment).limit(1)) is not None
+
+
+def erase_deleted_until(session: WriteSession, moment: datetime) -> None:
+    """Erase the shapes that were deleted at a time or before."""
+    erase(session, ShapeRow.deleted_at <= moment)
+
+
+def file_of(
+    session: ReadSession, collection: CollectionNumber, shape_id: str, *, deleted: bool = False
+) -> bytes | None:
+    """Return the uploaded bytes of a shape, or of a deleted one.
 
     Raises
     ------
@@ -185,6 +248,7 @@ def file_of(session: ReadSession, collection: CollectionNumber, shape_id: str) -
         select(BlobRow.data, BlobRow.sha256)
         .join(ShapeRow, ShapeRow.blob_number == BlobRow.number)
         .where(ShapeRow.id == shape_id, ShapeRow.collection_number == collection)
+        .where(~NOT_DELETED if deleted else NOT_DELETED)
     ).one_or_none()
     return None if row is None else whole_file(row.data, row.sha256)
 
@@ -204,7 +268,7 @@ def embedding_of(
             ShapeRow.number.label("shape"), EmbeddingRow.number, EmbeddingRow.record, EmbeddingRow.checksum
         )
         .join(ShapeRow, _is_its_embedding(fingerprint))
-        .where(ShapeRow.id == shape_id, ShapeRow.collection_number == collection)
+        .where(ShapeRow.id == shape_id, ShapeRow.collection_number == collection, NOT_DELETED)
     ).one_or_none()
     if row is None:
         return None
@@ -213,19 +277,26 @@ def embedding_of(
     return StoredEmbedding(row.shape, row.number, row.record)
 
 
-def same(session: ReadSession, fingerprint: str, new: NewShape) -> ShapeRecord | None:
-    """The shape of the same collection with the bytes, the format and the name of a new one."""
-    number = session.scalar(
+def same(
+    session: ReadSession,
+    fingerprint: str,
+    collection: CollectionNumber,
+    file: NewFile | ShapeRecord,
+    name: str,
+) -> ShapeRecord | None:
+    """Return the shape of a collection with the bytes and the format of a file, and a name."""
+    numbers = session.scalars(
         select(ShapeRow.number)
         .join(BlobRow, BlobRow.number == ShapeRow.blob_number)
         .where(
-            BlobRow.sha256 == new.sha256,
-            ShapeRow.format == new.format,
-            ShapeRow.name == new.name,
-            ShapeRow.collection_number == new.collection,
+            BlobRow.sha256 == file.sha256,
+            ShapeRow.format == file.format,
+            ShapeRow.name == name,
+            ShapeRow.collection_number == collection,
+            NOT_DELETED,
         )
-    )
-    return next(iter(records(session, fingerprint, new.collection, [] if number is None else [number])), None)
+    ).all()
+    return next(iter(records(session, fingerprint, collection, numbers)), None)
 
 
 def is_embedded(session: ReadSession, fingerprint: str, sha256: str, format: str) -> bool:
@@ -311,7 +382,7 @@ def add_shape(
     now = datetime.now(UTC)
     record = ShapeRecord(
         number=0,
-        id=new.id or str(uuid.uuid4()),
+        id=str(uuid.uuid4()),
         name=new.name,
         tags=new.tags,
         metadata=new.metadata,
@@ -320,7 +391,7 @@ def add_shape(
         sha256=new.sha256,
         facts=facts,
         embedded=True,
-        created_at=new.created_at or now,
+        created_at=now,
         updated_at=now,
     )
     number = session.insert(
@@ -370,25 +441,10 @@ def change(session: WriteSession, number: int, changes: Changes) -> None:
     _store_checksums(session, [number])
 
 
-def is_name_taken(session: ReadSession, collection: CollectionNumber, record: ShapeRecord, name: str) -> bool:
-    """Whether another shape of the collection with the same bytes and format has the name."""
-    query = (
-        select(ShapeRow.number)
-        .join(BlobRow, BlobRow.number == ShapeRow.blob_number)
-        .where(
-            BlobRow.sha256 == record.sha256,
-            ShapeRow.format == record.format,
-            ShapeRow.name == name,
-            ShapeRow.collection_number == collection,
-            ShapeRow.number != record.number,
-        )
-    )
-    return session.scalar(query) is not None
-
-
 def replace_file(session: WriteSession, record: ShapeRecord, format: str, file: StoredFile) -> None:
     """Give a shape another file, and delete the previous one unless another shape has it."""
     forget(session, record.number)
+    replaced = session.scalars(select(BlobRow.number).where(BlobRow.sha256 == record.sha256)).all()
     session.execute(
         update(ShapeRow)
         .where(ShapeRow.number == record.number)
@@ -403,28 +459,36 @@ def replace_file(session: WriteSession, record: ShapeRecord, format: str, file: 
         )
     )
     _store_checksums(session, [record.number])
-    _drop_unused(session, record.sha256)
+    drop_unused(session, replaced)
 
 
-def remove(session: WriteSession, record: ShapeRecord) -> None:
-    """Delete a shape, and its bytes and embeddings unless another shape has them."""
+def delete_shape(session: WriteSession, record: ShapeRecord) -> None:
+    """Delete a shape, which keeps its number, file and embeddings until it is restored or erased."""
+    _leave(session, record)
+    own = ShapeRow.number == record.number
+    session.execute(update(ShapeRow).where(own).values(deleted_at=datetime.now(UTC)))
+    _store_checksums(session, [record.number])
+
+
+def restore_shape(session: WriteSession, record: ShapeRecord) -> None:
+    """Undo the deletion of a shape."""
+    session.execute(delete(RemovalRow).where(RemovalRow.shape_number == record.number))
+    values = {**_updated_now(), "deleted_at": None, "revision": next_revision(session)}
+    session.execute(update(ShapeRow).where(ShapeRow.number == record.number).values(values))
+    _store_checksums(session, [record.number])
+
+
+def erase_shape(session: WriteSession, record: ShapeRecord) -> None:
+    """Erase a shape, deleted or not, and its file and embeddings unless another shape has them."""
+    if record.deleted_at is None:
+        _leave(session, record)
+    erase(session, ShapeRow.number == record.number)
+
+
+def _leave(session: WriteSession, record: ShapeRecord) -> None:
+    """Take a shape out of the near-identical pairs, and out of the signatures in memory of every process."""
     forget(session, record.number)
-    session.execute(delete(ShapeRow).where(ShapeRow.number == record.number))
     session.add(RemovalRow(shape_number=record.number, revision=next_revision(session)))
-    _drop_unused(session, record.sha256)
-
-
-def _drop_unused(session: WriteSession, sha256: str) -> None:
-    """Delete bytes, and embeddings of them, that no shape has."""
-    blob_number = session.scalars(select(BlobRow.number).where(BlobRow.sha256 == sha256)).one()
-    formats = set(session.scalars(select(ShapeRow.format).where(ShapeRow.blob_number == blob_number)))
-    session.execute(
-        delete(EmbeddingRow).where(
-            EmbeddingRow.blob_number == blob_number, EmbeddingRow.format.not_in(formats)
-        )
-    )
-    if not formats:
-        session.execute(delete(BlobRow).where(BlobRow.number == blob_number))
 
 
 def _store_checksums(session: WriteSession, numbers: Sequence[int]) -> None:

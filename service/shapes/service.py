@@ -1,8 +1,9 @@
 """Operations on shapes: store, list, read, change and delete."""
 
+import asyncio
 import io
 from collections.abc import Callable
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from typing import Any
 
 import numpy as np
@@ -15,13 +16,16 @@ from service.collection import CollectionNumber
 from service.collections import repository as collections_repository
 from service.compute.tasks import Embedded
 from service.container import Container
-from service.errors import NameTakenError, NotEmbeddedError, ShapeNotFoundError
+from service.errors import NameTakenError, NotEmbeddedError, ServiceError, ShapeNotFoundError
 from service.http.idempotency import repository as idempotency
 from service.http.idempotency.records import Claim, Kept
+from service.observability.logging import get_logger
 from service.observability.timings import Timings
 from service.shapes import repository
+from service.shapes.pages import Page
 from service.shapes.records import (
     Changes,
+    NewFile,
     NewShape,
     Place,
     RecordPage,
@@ -32,8 +36,12 @@ from service.shapes.records import (
     StoredShape,
 )
 from service.shapes.schemas import Shape
-from service.shapes.storing import answer_to, put_shape
+from service.shapes.storing import answer_to, put_file, put_shape
 from service.storage.database import Database, ReadSession, WriteSession
+
+log = get_logger("shapes")
+
+PURGE_SECONDS = 600.0
 
 
 async def ingest(
@@ -171,21 +179,134 @@ def change(
     record = get(session, fingerprint, collection, shape_id)
     if changes == Changes():
         return record
-    if changes.name is not None and repository.is_name_taken(session, collection, record, changes.name):
-        raise NameTakenError(f"another shape with the same file has the name {changes.name!r}")
+    if changes.name is not None:
+        holder = repository.same(session, fingerprint, collection, record, changes.name)
+        if holder is not None and holder.id != shape_id:
+            raise NameTakenError(f"another shape with the same file has the name {changes.name!r}")
     repository.change(session, record.number, changes)
     return get(session, fingerprint, collection, shape_id)
 
 
-def remove(session: WriteSession, fingerprint: str, collection: CollectionNumber, shape_id: str) -> None:
-    """Delete a shape, and its file and embeddings unless another shape has the same file.
+def delete(
+    session: WriteSession, fingerprint: str, collection: CollectionNumber, shape_id: str, keep: timedelta
+) -> None:
+    """Delete a shape, which can be restored during the time `keep`; with 0 it is erased at once.
 
     Raises
     ------
     ShapeNotFoundError
         The collection has no such shape.
     """
-    repository.remove(session, get(session, fingerprint, collection, shape_id))
+    record = get(session, fingerprint, collection, shape_id)
+    if keep:
+        repository.delete_shape(session, record)
+    else:
+        repository.erase_shape(session, record)
+
+
+def list_deleted(
+    session: ReadSession,
+    fingerprint: str,
+    collection: CollectionNumber,
+    keep: timedelta,
+    *,
+    after: int,
+    limit: int,
+) -> Page[ShapeRecord]:
+    """Return one page of a collection's shapes that can be restored, in the order of their deletion."""
+    since = datetime.now(UTC) - keep
+    rows = repository.deleted_page(session, fingerprint, collection, since, after=after, limit=limit + 1)
+    total = repository.count_deleted(session, collection, since)
+    next_after = rows[limit - 1][0] if len(rows) > limit else None
+    return Page([shape for _, shape in rows[:limit]], total, next_after)
+
+
+async def restore(container: Container, collection: CollectionNumber, shape_id: str) -> ShapeRecord:
+    """Undo the deletion of a shape.
+
+    Stages: read the file; embed it in a worker unless the active pipeline has embedded it; restore the shape
+    in one transaction.
+
+    Raises
+    ------
+    ShapeNotFoundError
+        No deleted shape of the collection has the id, or its time has passed.
+    NameTakenError
+        A shape with the same bytes and name was stored meanwhile.
+    BadRecordError
+        The stored file is damaged.
+    """
+    keep = container.settings.undo_time
+
+    def look_up() -> tuple[NewFile, Pipeline, bool]:
+        with container.database.read() as session:
+            pipeline = container.pipelines.current(session).pipeline
+            record = get_deleted(session, pipeline.fingerprint, collection, shape_id, keep)
+            data = repository.file_of(session, collection, shape_id, deleted=True)
+            assert data is not None
+            return NewFile(data, record.format), pipeline, not record.embedded
+
+    def undo(file: NewFile, fingerprint: str, embedded: Embedded | None) -> ShapeRecord | None:
+        with container.database.write() as session:
+            record = get_deleted(session, fingerprint, collection, shape_id, keep)
+            if put_file(session, fingerprint, file, embedded) is None:
+                return None
+            holder = repository.same(session, fingerprint, collection, file, record.name)
+            if holder is not None:
+                raise NameTakenError(f"the same file was stored as {record.name!r} again: {holder.id}")
+            repository.restore_shape(session, record)
+            return get(session, fingerprint, collection, shape_id)
+
+    while True:
+        file, pipeline, needed = await run_in_threadpool(look_up)
+        embedded = await container.queue.embed(file.data, file.format, pipeline) if needed else None
+        restored = await run_in_threadpool(undo, file, pipeline.fingerprint, embedded)
+        if restored is not None:
+            return restored
+
+
+def get_deleted(
+    session: ReadSession, fingerprint: str, collection: CollectionNumber, shape_id: str, keep: timedelta
+) -> ShapeRecord:
+    """Return the deleted shape of a collection with an id.
+
+    Raises
+    ------
+    ShapeNotFoundError
+        No deleted shape has the id, or the time `keep` has passed.
+    """
+    since = datetime.now(UTC) - keep
+    record = repository.deleted_by_id(session, fingerprint, collection, shape_id, since)
+    if record is None:
+        raise ShapeNotFoundError(shape_id)
+    return record
+
+
+def purge(
+    session: WriteSession, fingerprint: str, collection: CollectionNumber, shape_id: str, keep: timedelta
+) -> None:
+    """Erase a deleted shape. It raises the errors of `get_deleted`."""
+    repository.erase_shape(session, get_deleted(session, fingerprint, collection, shape_id, keep))
+
+
+def purge_old(database: Database, keep: timedelta) -> None:
+    """Erase all deleted shapes whose time `keep` has passed."""
+    moment = datetime.now(UTC) - keep
+    with database.read() as session:
+        if not repository.any_deleted_until(session, moment):
+            return
+    with database.write(deleting=True) as session:
+        repository.erase_deleted_until(session, moment)
+
+
+async def keep_purging(container: Container) -> None:
+    """Call `purge_old` now and every ten minutes, until cancelled."""
+    while True:
+        try:
+            await run_in_threadpool(purge_old, container.database, container.settings.undo_time)
+        except ServiceError as error:
+            log.warning("deleted shapes were not purged: %s", error)
+        await asyncio.sleep(PURGE_SECONDS)
 
 
 def as_npz(embedding: Embedding) -> bytes:
@@ -211,7 +332,7 @@ def _look_up(container: Container, new: NewShape) -> tuple[Pipeline, ShapeRecord
     """The active pipeline, the shape if it is already stored, and whether the file needs an embedding."""
     with container.database.read() as session:
         pipeline = container.pipelines.current(session).pipeline
-        present = repository.same(session, pipeline.fingerprint, new)
+        present = repository.same(session, pipeline.fingerprint, new.collection, new, new.name)
         needed = not repository.is_embedded(session, pipeline.fingerprint, new.sha256, new.format)
         return pipeline, present, needed
 

@@ -24,7 +24,7 @@ def put_shape(
     put = put_file(session, fingerprint, new, embedded)
     if put is None:
         return None
-    present = None if put.created else repository.same(session, fingerprint, new)
+    present = None if put.created else repository.same(session, fingerprint, new.collection, new, new.name)
     if present is not None:
         return StoredShape(present, created=False)
     return StoredShape(repository.add_shape(session, put.blob_number, new, put.facts), created=True)

@@ -8,6 +8,7 @@ __all__ = [
     "columns",
     "copying",
     "database",
+    "erasure",
     "hnsw",
     "hnsw_parameters",
     "lock",

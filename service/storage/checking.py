@@ -38,7 +38,6 @@ OTHER_BYTES = {
     "coarse_samples": ("embedding_number", "data", "checksum"),
     "quantised_points": ("embedding_number", "data", "checksum"),
     "thumbnails": ("rowid", "data", "checksum"),
-    "deleted_shapes": ("number", "data", "sha256"),
 }
 
 REFERENCES = {
@@ -63,7 +62,10 @@ REFERENCES = {
         SELECT number FROM embeddings JOIN coarse_samples ON embedding_number = embeddings.number
         WHERE coarse_samples.signature <> embeddings.signature""",
     "shape {} is there, and is among those that were deleted": """
-        SELECT id FROM shapes JOIN removals ON removals.shape_number = shapes.number""",
+        SELECT id FROM shapes JOIN removals ON shape_number = number WHERE deleted_at IS NULL""",
+    "shape {} is deleted, and is not among those that were deleted": """
+        SELECT id FROM shapes WHERE deleted_at IS NOT NULL
+        AND NOT EXISTS (SELECT 1 FROM removals WHERE shape_number = number)""",
     "shape {} has a revision that the archive has not reached": """
         SELECT id FROM shapes WHERE revision > (SELECT max(revision) FROM archive)""",
     "the removal of shape number {} has a revision that the archive has not reached": """
@@ -139,7 +141,9 @@ def _references(connection: sqlite3.Connection, report: CheckReport) -> None:
     """Run the queries of `REFERENCES`, which foreign keys do not cover, in one transaction."""
     connection.execute("BEGIN")
     try:
-        (report.shapes,) = connection.execute("SELECT count(*) FROM shapes").fetchone()
+        (report.shapes,) = connection.execute(
+            "SELECT count(*) FROM shapes WHERE deleted_at IS NULL"
+        ).fetchone()
         for fault, query in REFERENCES.items():
             report.faults.extend(fault.format(name) for (name,) in connection.execute(query))
     finally:

@@ -15,7 +15,7 @@ LENGTH = 32
 """Hexadecimal digits of a checksum."""
 
 SHAPE_COLUMNS = ("id", "collection_number", "blob_number", "format", "name", "folded_name", "meta", "facts")
-SHAPE_TIMES = ("created_at", "updated_at")
+SHAPE_TIMES = ("created_at", "updated_at", "deleted_at")
 """The columns that the checksum of a shape covers. Revisions change for all shapes at once."""
 
 
@@ -73,6 +73,6 @@ def _object(value: Any) -> Any:  # noqa: ANN401
     return json.loads(value) if isinstance(value, str) else value
 
 
-def _time(value: str | datetime) -> str:
-    """A time as SQLite stores it: in UTC, without a zone."""
+def _time(value: str | datetime | None) -> str | None:
+    """Return a time as SQLite stores it: in UTC, without a zone."""
     return value.astimezone(UTC).strftime("%Y-%m-%d %H:%M:%S.%f") if isinstance(value, datetime) else value

@@ -21,12 +21,12 @@ from service.storage.database import Database
 from service.storage.hnsw import ensure_hnsw
 from service.storage.migrate import check_known, migrate
 from service.storage.tables import (
+    NOT_DELETED,
     ArchiveRow,
     BlobRow,
     CollectionRow,
     EmbeddingRow,
     PipelineRow,
-    ShapeRow,
 )
 from service.storage.tables import Table as ArchiveTable
 
@@ -101,9 +101,10 @@ def copy_archive(source: Database, target: Database, advance: Advance) -> CopyCo
         if copy.dialect.name == POSTGRESQL:
             # Without statistics the planner of PostgreSQL takes the tables for empty.
             copy.execute(text("ANALYZE"))
-        shapes, blobs, embeddings = (
+        shapes = copy.execute(select(func.count()).where(NOT_DELETED)).scalar_one()
+        blobs, embeddings = (
             copy.execute(select(func.count()).select_from(row)).scalar_one()
-            for row in (ShapeRow, BlobRow, EmbeddingRow)
+            for row in (BlobRow, EmbeddingRow)
         )
         total = copy.execute(select(func.sum(BlobRow.size))).scalar_one()
         return CopyCounts(shapes, blobs, embeddings, int(total or 0))

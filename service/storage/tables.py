@@ -12,11 +12,15 @@ from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-from sqlalchemy import JSON, ForeignKey, Index, LargeBinary, String, Text, UniqueConstraint
+from sqlalchemy import JSON, ForeignKey, Index, LargeBinary, String, Text, UniqueConstraint, text
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
 
 from service.storage.checksums import LENGTH
 from service.storage.columns import AnyText, ByteVector, Float32Vector, Number, UtcDateTime
+
+_WHERE_NOT_DELETED: dict[str, Any] = {
+    f"{dialect}_where": text("deleted_at IS NULL") for dialect in ("sqlite", "postgresql")
+}
 
 
 class Table(DeclarativeBase):
@@ -52,14 +56,25 @@ class ShapeRow(Table):
     """A stored shape.
 
     `number` increases and is never reused, so that it orders shapes by creation. `revision` is the revision
-    of the archive in which the shape or its embedding was stored, whichever is later.
+    of the archive in which the shape or its embedding was stored, whichever is later. A deleted shape has the
+    time of its deletion until it is restored or erased; every query of shapes leaves it out by `NOT_DELETED`.
     """
 
     __tablename__ = "shapes"
     __table_args__ = (
-        UniqueConstraint("blob_number", "format", "name", "collection_number", name="one_shape_a_name"),
+        Index(
+            "one_shape_a_name",
+            "blob_number",
+            "format",
+            "name",
+            "collection_number",
+            unique=True,
+            **_WHERE_NOT_DELETED,
+        ),
+        Index("shapes_by_blob", "blob_number", "format"),
         Index("shapes_by_revision", "revision"),
-        Index("shapes_by_collection", "collection_number", "number"),
+        Index("shapes_by_collection", "collection_number", "number", **_WHERE_NOT_DELETED),
+        Index("shapes_by_deletion", "deleted_at"),
         Index("shapes_by_folded_name", "collection_number", "folded_name"),
         {"sqlite_autoincrement": True},
     )
@@ -75,8 +90,13 @@ class ShapeRow(Table):
     facts: Mapped[dict[str, Any]] = mapped_column(JSON)
     created_at: Mapped[datetime] = mapped_column(UtcDateTime)
     updated_at: Mapped[datetime] = mapped_column(UtcDateTime)
+    deleted_at: Mapped[datetime | None] = mapped_column(UtcDateTime)
     revision: Mapped[int]
     checksum: Mapped[str] = mapped_column(String(LENGTH))
+
+
+NOT_DELETED = ShapeRow.deleted_at.is_(None)
+"""The condition that a shape is not deleted."""
 
 
 class TagRow(Table):
@@ -136,7 +156,7 @@ class CoarseSamplesRow(Table):
 
     `data` has the coarse samples (`core.ranking.reranking`), `signature` is a copy of the signature,
     `view_signature` is that of `core.descriptors.views` and `reliability` that of
-    `core.descriptors.facts`; both are NULL for embeddings without views.
+    `core.descriptors.facts`.
 
     A service loads them for all embeddings at its start. This table stores them densely: reading signatures
     from `embeddings` would read a page of each record.
@@ -149,8 +169,8 @@ class CoarseSamplesRow(Table):
     )
     data: Mapped[bytes] = mapped_column(LargeBinary)
     signature: Mapped[bytes] = mapped_column(LargeBinary)
-    view_signature: Mapped[NDArray[np.uint8] | None] = mapped_column(ByteVector)
-    reliability: Mapped[float | None]
+    view_signature: Mapped[NDArray[np.uint8]] = mapped_column(ByteVector)
+    reliability: Mapped[float]
     checksum: Mapped[str] = mapped_column(String(LENGTH))
 
 
@@ -170,40 +190,12 @@ class QuantisedPointsRow(Table):
 
 
 class RemovalRow(Table):
-    """The number of a deleted shape, for processes that still have its signature in memory."""
+    """The number of a deleted or erased shape, for processes that still have its signature in memory."""
 
     __tablename__ = "removals"
 
     shape_number: Mapped[int] = mapped_column(primary_key=True, autoincrement=False)
     revision: Mapped[int] = mapped_column(index=True)
-
-
-class DeletedRow(Table):
-    """A deleted shape that can be restored.
-
-    The row has a copy of the bytes, so that no other table depends on it: the blob and its embeddings are
-    deleted with the last shape that uses them, and a restored shape is stored as a new one. `number` orders
-    the rows by the time of deletion.
-    """
-
-    __tablename__ = "deleted_shapes"
-    __table_args__ = (
-        Index("deleted_shapes_by_collection", "collection_number", "number"),
-        {"sqlite_autoincrement": True},
-    )
-
-    number: Mapped[int] = mapped_column(primary_key=True)
-    id: Mapped[str] = mapped_column(AnyText(36), unique=True)
-    collection_number: Mapped[int] = mapped_column(ForeignKey("collections.number"))
-    name: Mapped[str] = mapped_column(String(255))
-    tags: Mapped[list[str]] = mapped_column(JSON)
-    meta: Mapped[dict[str, Any]] = mapped_column(JSON)
-    format: Mapped[str] = mapped_column(String(8))
-    sha256: Mapped[str] = mapped_column(String(64))
-    size: Mapped[int]
-    created_at: Mapped[datetime] = mapped_column(UtcDateTime)
-    deleted_at: Mapped[datetime] = mapped_column(UtcDateTime, index=True)
-    data: Mapped[bytes] = mapped_column(LargeBinary, deferred=True)
 
 
 class PipelineRow(Table):

@@ -21,7 +21,7 @@ ORDER = (
     "service.storage.migrations.versions", "service.storage.migrations", "service.auth", "service.settings",
     "service.http.idempotency", "service.http", "service.rendering", "service.web", "service.compute",
     "service.index", "service.pipelines", "service.container", "service.dependencies", "service.collections",
-    "service.shapes", "service.shapes.deleted", "service.previews", "service.search", "service.duplicates",
+    "service.shapes", "service.previews", "service.search", "service.duplicates",
     "service.maps", "service.jobs", "service.system", "service.app", "service.openapi_document",
     "service.client", "service.server", "service.console", "service.datasets", "service.report",
     "service.evaluation", "service.cli", "service.cli.evaluation",

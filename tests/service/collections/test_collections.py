@@ -10,7 +10,15 @@ from sqlalchemy import select, update
 
 from service.collection import is_name
 from service.collections.dependencies import HEADER, PARAMETER
-from service.storage.tables import BlobRow, CollectionRow, DeletedRow, EmbeddingRow, IdempotencyKeyRow, JobRow
+from service.storage.tables import (
+    NOT_DELETED,
+    BlobRow,
+    CollectionRow,
+    EmbeddingRow,
+    IdempotencyKeyRow,
+    JobRow,
+    ShapeRow,
+)
 from tests.service.collections.support import working_in
 from tests.service.engines import on_both
 from tests.service.jobs.support import ended, pack
@@ -145,12 +153,14 @@ def test_only_an_empty_collection_is_deleted(running: Running) -> None:
         told = assert_problem(client.delete("/collections/short"), 409, "collection-not-empty")
         assert "restored" in told["detail"]
         with running.container.database.write() as session:
-            session.execute(update(DeletedRow).values(deleted_at=datetime.now(UTC) - timedelta(days=2)))
-            session.execute(update(JobRow).where(JobRow.id == job["id"]).values(state="arriving"))
+            session.execute(
+                update(ShapeRow).where(~NOT_DELETED).values(deleted_at=datetime.now(UTC) - timedelta(days=2))
+            )
+            session.execute(update(JobRow).where(JobRow.id == job["id"]).values(ended_at=None))
         told = assert_problem(client.delete("/collections/short"), 409, "collection-not-empty")
         assert "job" in told["detail"]
         with running.container.database.write() as session:
-            session.execute(update(JobRow).where(JobRow.id == job["id"]).values(state="done"))
+            session.execute(update(JobRow).where(JobRow.id == job["id"]).values(ended_at=datetime.now(UTC)))
         assert client.delete("/collections/short").status_code == 204
         assert_problem(own.client.get("/shapes"), 404, "collection-not-found")
         assert_problem(own.client.get(f"/shapes/{shape['id']}"), 404, "collection-not-found")
@@ -159,7 +169,7 @@ def test_only_an_empty_collection_is_deleted(running: Running) -> None:
     assert "short" not in names(client)
     with running.container.database.read() as session:
         numbers = session.scalars(select(CollectionRow.number)).all()
-        for row in (JobRow, DeletedRow, IdempotencyKeyRow):
+        for row in (JobRow, ShapeRow, IdempotencyKeyRow):
             assert set(session.scalars(select(row.collection_number))) <= set(numbers)
 
 

@@ -4,11 +4,13 @@ from collections.abc import Iterator
 from datetime import UTC, datetime, timedelta
 
 import pytest
-from sqlalchemy import func, select, update
+from sqlalchemy import delete, func, select, update
 
+from core.parameters import DEFAULT
 from service.client import Client
-from service.shapes.deleted.service import purge_old
-from service.storage.tables import BlobRow, DeletedRow
+from service.pipelines import repository as pipelines
+from service.shapes.service import purge_old
+from service.storage.tables import NOT_DELETED, BlobRow, EmbeddingRow, ShapeRow
 from tests.service.engines import on_both
 from tests.service.support import Running, assert_problem, serving, settings_in, small_file
 
@@ -28,37 +30,44 @@ def keeping(tmp_path_factory: pytest.TempPathFactory, engine: str) -> Iterator[R
 def service(keeping: Running) -> Running:
     """The same, with nothing stored, and nothing deleted."""
     keeping.clear()
-    with keeping.container.database.write() as session:
-        session.query(DeletedRow).delete()
+    purge_old(keeping.container.database, timedelta(0))
     return keeping
 
 
-def rows(running: Running, table: type[BlobRow] | type[DeletedRow]) -> int:
+def blobs(running: Running) -> int:
     with running.container.database.read() as session:
-        return session.scalar(select(func.count()).select_from(table)) or 0
+        return session.scalar(select(func.count()).select_from(BlobRow)) or 0
+
+
+def deleted(running: Running) -> int:
+    """Return the number of deleted shapes that are not erased."""
+    with running.container.database.read() as session:
+        return session.scalar(select(func.count()).where(~NOT_DELETED)) or 0
 
 
 def age(running: Running, days: float) -> None:
     """Have what was deleted have been deleted so long ago."""
     with running.container.database.write() as session:
-        session.execute(update(DeletedRow).values(deleted_at=datetime.now(UTC) - timedelta(days=days)))
+        session.execute(
+            update(ShapeRow).where(~NOT_DELETED).values(deleted_at=datetime.now(UTC) - timedelta(days=days))
+        )
 
 
 def test_a_deletion_for_good_frees_its_room_at_once(service: Running) -> None:
     client = service.client
     shape = service.store(small_file(1), "bird.off")
     assert client.delete(f"/shapes/{shape['id']}", params={"permanent": "true"}).status_code == 204
-    assert (rows(service, BlobRow), rows(service, DeletedRow)) == (0, 0)
+    assert (blobs(service), deleted(service)) == (0, 0)
     assert client.get("/deleted").json()["total"] == 0
     assert_problem(client.post(f"/shapes/{shape['id']}/restore"), 404, "shape-not-found")
     kept = service.store(small_file(1), "bird.off")
     assert_problem(client.delete(f"/shapes/{kept['id']}?permanent=maybe"), 422, "bad-request-fields")
     with Client(str(client.base_url)) as own:
         own.delete(kept["id"])
-        assert (rows(service, BlobRow), rows(service, DeletedRow)) == (0, 1)
+        assert (blobs(service), deleted(service)) == (1, 1)
         own.restore(kept["id"])
         own.delete(kept["id"], permanent=True)
-    assert (rows(service, BlobRow), rows(service, DeletedRow)) == (0, 0)
+    assert (blobs(service), deleted(service)) == (0, 0)
 
 
 def test_a_deleted_shape_is_gone_until_it_is_restored(service: Running) -> None:
@@ -68,7 +77,6 @@ def test_a_deleted_shape_is_gone_until_it_is_restored(service: Running) -> None:
     assert client.delete(f"/shapes/{shape['id']}").status_code == 204
     assert_problem(client.get(f"/shapes/{shape['id']}"), 404, "shape-not-found")
     assert client.get("/shapes").json()["total"] == 1
-    assert rows(service, BlobRow) == 1
     (gone,) = client.get("/deleted").json()["shapes"]
     told = {key: gone[key] for key in shape if key in gone}
     assert told == {key: shape[key] for key in told}
@@ -85,11 +93,61 @@ def test_a_deleted_shape_is_gone_until_it_is_restored(service: Running) -> None:
     assert_problem(client.post(f"/shapes/{shape['id']}/restore"), 404, "shape-not-found")
 
 
+def test_nothing_finds_or_counts_a_deleted_shape(service: Running) -> None:
+    """Neither do other shapes on its file, nor a shape of its name, nor a duplicate of it."""
+    client, database = service.client, service.container.database
+    kept, gone, twin = (
+        service.store(small_file(number), name, tags="t", metadata='{"k": 1}')
+        for number, name in ((1, "kept.off"), (2, "gone.off"), (2, "twin.off"))
+    )
+    assert len(client.get("/duplicates").json()["groups"]) == 1
+    before = client.post("/query", files={"file": ("x.off", small_file(2))}).json()
+    assert (before["stored"], before["compared"]) == (3, 3)
+    assert client.delete(f"/shapes/{gone['id']}").status_code == 204
+    left = {kept["id"], twin["id"]}
+    filters: list[dict[str, str]] = [{}, {"tag": "t"}, {"metadata": "k=1"}, {"area": "0.."}, {"sort": "name"}]
+    for listed in filters:
+        page = client.get("/shapes", params=listed).json()
+        assert ({shape["id"] for shape in page["shapes"]}, page["total"]) == (left, 2)
+    for listed in ({}, {"tag": "t"}, {"exhaustive": True}, {"rank_by": "combined"}):
+        answer = client.post("/query", files={"file": ("x.off", small_file(2))}, data=listed).json()
+        assert {result["shape"]["id"] for result in answer["results"]} == left
+        assert (answer["stored"], answer["compared"]) == (2, 2)
+    assert client.get("/collections").json()["collections"][0]["shapes"] == 2
+    assert client.get("/duplicates").json()["groups"] == []
+    for address in ("", "/file", "/embedding", "/thumbnail.png", "/preview.glb", "/similar"):
+        assert_problem(client.get(f"/shapes/{gone['id']}{address}"), 404, "shape-not-found")
+    assert_problem(client.patch(f"/shapes/{gone['id']}", json={"name": "n"}), 404, "shape-not-found")
+    assert client.patch(f"/shapes/{twin['id']}", json={"name": "gone.off"}).status_code == 200
+    with database.read() as session:
+        assert pipelines.count_embedded(session, DEFAULT.fingerprint) == (2, 2)
+    # The file stays for the shape that has it; erased with the last one.
+    assert blobs(service) == 2
+    assert client.delete(f"/shapes/{twin['id']}").status_code == 204
+    with database.read() as session:
+        assert pipelines.count_embedded(session, DEFAULT.fingerprint) == (1, 1)
+    purge_old(database, timedelta(0))
+    assert blobs(service) == 1
+    with database.read() as session:
+        assert session.scalar(select(func.count()).select_from(EmbeddingRow)) == 1
+
+
+def test_a_restored_shape_is_embedded_by_the_pipeline_that_is_active_by_then(service: Running) -> None:
+    shape = service.store(small_file(1), "bird.off")
+    service.client.delete(f"/shapes/{shape['id']}")
+    with service.container.database.write() as session:
+        session.execute(delete(EmbeddingRow))
+    restored = service.client.post(f"/shapes/{shape['id']}/restore").json()
+    assert restored["embedded"]
+    answer = service.client.post("/query", json={"shape_id": shape["id"], "exclude_self": False}).json()
+    assert answer["results"][0]["shape"]["id"] == shape["id"]
+
+
 def test_a_damaged_file_is_not_restored(service: Running) -> None:
     shape = service.store(small_file(1))["id"]
     service.client.delete(f"/shapes/{shape}")
     with service.container.database.write() as session:
-        session.execute(update(DeletedRow).values(data=b"OFF"))
+        session.execute(update(BlobRow).values(data=b"OFF"))
     assert_problem(service.client.post(f"/shapes/{shape}/restore"), 500, "bad-record")
     assert service.client.get("/shapes").json()["total"] == 0
 
@@ -127,9 +185,9 @@ def test_a_purged_or_too_old_shape_cannot_be_restored(service: Running) -> None:
         age(service, DAYS + 0.1)
         assert list(client.deleted()) == []
         assert_problem(service.client.post(f"/shapes/{ids[1]}/restore"), 404, "shape-not-found")
-        assert rows(service, DeletedRow) == 1
+        assert deleted(service) == 1
         purge_old(service.container.database, timedelta(days=DAYS))
-        assert rows(service, DeletedRow) == 0
+        assert deleted(service) == 0
 
 
 def test_deleted_shapes_are_listed_in_the_order_of_their_deletion(service: Running) -> None:
@@ -152,5 +210,5 @@ def test_without_days_nothing_is_kept(shared: Running) -> None:
     shared.clear()
     shape = shared.store(small_file(1))
     shared.client.delete(f"/shapes/{shape['id']}")
-    assert rows(shared, DeletedRow) == 0
+    assert deleted(shared) == 0
     assert shared.client.get("/deleted").json()["shapes"] == []

@@ -15,7 +15,6 @@ from service.jobs import service as jobs
 from service.jobs.records import NewJob
 from service.shapes import endpoints, repository
 from service.shapes import service as shapes
-from service.shapes.deleted import service as deleted
 from service.storage.tables import JobRow
 from tests.service.engines import either_engine
 from tests.service.jobs.support import ended, pack
@@ -52,7 +51,7 @@ def clocked(tmp_path_factory: pytest.TempPathFactory, engine: str) -> Iterator[R
 def set_back(patch: pytest.MonkeyPatch) -> None:
     """Have every wall clock in the service a day behind. The monotonic clock is never set."""
     real = time.time
-    for module in (repository, shapes, endpoints, deleted, jobs, job_running):
+    for module in (repository, shapes, endpoints, jobs, job_running):
         patch.setattr(module, "datetime", DayBefore)
     patch.setattr(time, "time", lambda: real() - DAY.total_seconds())
 

@@ -4,6 +4,7 @@ import re
 from collections import defaultdict
 from collections.abc import Iterator
 from copy import deepcopy
+from datetime import timedelta
 from typing import Any
 
 import pytest
@@ -21,7 +22,8 @@ from sqlalchemy import delete
 from service.auth.keys import digest_of
 from service.http.problem_document import TYPE_PREFIX
 from service.openapi_document import document
-from service.storage.tables import DeletedRow, IdempotencyKeyRow, JobRow
+from service.shapes.service import purge_old
+from service.storage.tables import IdempotencyKeyRow, JobRow
 from tests.service.support import Running, serving, settings_in, small_file, wait_until
 from tests.soak.schema import meshes
 
@@ -198,8 +200,9 @@ def _begin(running: Running) -> None:
     wait_until(lambda: _ended(running), seconds=60)
     running.clear()
     with running.container.database.write() as session:
-        for table in (JobRow, IdempotencyKeyRow, DeletedRow):
+        for table in (JobRow, IdempotencyKeyRow):
             session.execute(delete(table))
+    purge_old(running.container.database, timedelta(0))
     for format, data in (("off", small_file(0)), ("stl", small_file(1, "stl"))):
         running.store(data, f"stored.{format}")
 

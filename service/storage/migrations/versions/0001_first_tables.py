@@ -72,7 +72,7 @@ def _create_archive() -> None:
 
 
 def _create_shapes() -> None:
-    """Create the tables of files, shapes, tags, metadata, deleted shapes and thumbnails."""
+    """Create the tables of files, shapes, tags, metadata, deletions and thumbnails."""
     op.create_table(
         "blobs",
         _column("number", Number),
@@ -96,17 +96,24 @@ def _create_shapes() -> None:
         _column("facts", sa.JSON()),
         _column("created_at", UtcDateTime()),
         _column("updated_at", UtcDateTime()),
+        _column("deleted_at", UtcDateTime(), nullable=True),
         _column("revision", Number),
         _column("checksum", Checksum),
         sa.PrimaryKeyConstraint("number"),
         sa.UniqueConstraint("id"),
-        sa.UniqueConstraint("blob_number", "format", "name", "collection_number", name="one_shape_a_name"),
         sa.ForeignKeyConstraint(["collection_number"], ["collections.number"]),
         sa.ForeignKeyConstraint(["blob_number"], ["blobs.number"]),
         sqlite_autoincrement=True,
     )
+    where: dict[str, Any] = {
+        f"{dialect}_where": sa.text("deleted_at IS NULL") for dialect in ("sqlite", POSTGRESQL)
+    }
+    named = ["blob_number", "format", "name", "collection_number"]
+    op.create_index("one_shape_a_name", "shapes", named, unique=True, **where)
+    op.create_index("shapes_by_blob", "shapes", ["blob_number", "format"])
     op.create_index("shapes_by_revision", "shapes", ["revision"])
-    op.create_index("shapes_by_collection", "shapes", ["collection_number", "number"])
+    op.create_index("shapes_by_collection", "shapes", ["collection_number", "number"], **where)
+    op.create_index("shapes_by_deletion", "shapes", ["deleted_at"])
     op.create_index("shapes_by_folded_name", "shapes", ["collection_number", "folded_name"])
     op.create_table(
         "shape_tags",
@@ -136,27 +143,6 @@ def _create_shapes() -> None:
         sa.PrimaryKeyConstraint("shape_number"),
     )
     op.create_index("ix_removals_revision", "removals", ["revision"])
-    op.create_table(
-        "deleted_shapes",
-        _column("number", Number),
-        _column("id", AnyText(36)),
-        _column("collection_number", Number),
-        _column("name", sa.String(255)),
-        _column("tags", sa.JSON()),
-        _column("meta", sa.JSON()),
-        _column("format", sa.String(8)),
-        _column("sha256", sa.String(64)),
-        _column("size", Number),
-        _column("created_at", UtcDateTime()),
-        _column("deleted_at", UtcDateTime()),
-        _column("data", sa.LargeBinary()),
-        sa.PrimaryKeyConstraint("number"),
-        sa.UniqueConstraint("id"),
-        sa.ForeignKeyConstraint(["collection_number"], ["collections.number"]),
-        sqlite_autoincrement=True,
-    )
-    op.create_index("ix_deleted_shapes_deleted_at", "deleted_shapes", ["deleted_at"])
-    op.create_index("deleted_shapes_by_collection", "deleted_shapes", ["collection_number", "number"])
     op.create_table(
         "thumbnails",
         _column("blob_number", Number),
@@ -191,8 +177,8 @@ def _create_embeddings() -> None:
         _column("embedding_number", Number, autoincrement=False),
         _column("data", sa.LargeBinary()),
         _column("signature", sa.LargeBinary()),
-        _column("view_signature", Vector, nullable=True),
-        _column("reliability", sa.Double(), nullable=True),
+        _column("view_signature", Vector),
+        _column("reliability", sa.Double()),
         _column("checksum", Checksum),
         sa.PrimaryKeyConstraint("embedding_number"),
         _reference("embedding_number", "embeddings"),

@@ -1,3 +1,0 @@
-"""Deleted shapes, kept for some days: ids in, restored records out."""
-
-__all__ = ["endpoints", "schemas", "service"]
