@@ -37,8 +37,7 @@ from service.jobs.runner import Runner
 from service.maps.endpoints import router as map_router
 from service.observability import logging
 from service.observability.metrics import Metrics
-from service.pipelines.active import Pipelines
-from service.pipelines.starting import begin
+from service.pipelines.active import Pipelines, begin
 from service.previews.endpoints import router as pictures_router
 from service.search.cache_warmer import CacheWarmer
 from service.search.compare_endpoint import router as compare_router

@@ -5,6 +5,9 @@ from typing import ClassVar
 
 CHALLENGE = 'Bearer realm="isoshape"'
 
+REEMBED = "`isoshape reembed` computes the missing embeddings and activates this pipeline."
+"""The message about a pipeline that has not embedded all files yet."""
+
 
 class ExpectedError(Exception):
     """Base of the errors that are no fault of the program; the message is for the person who runs it.

@@ -15,7 +15,7 @@ from service.search.likeness_words import in_words
 from service.search.rank_by import RankBy
 from service.search.schemas import LARGEST_SIZE_TOLERANCE, SIZE_TOLERANCE, QueryAnswer
 from service.search.score_words import CC_OF_PAIRS, score_in_words
-from service.shapes.size_words import box_in_words, number_in_words, volume_in_words
+from service.shapes.schemas import box_in_words, number_in_words, volume_in_words
 
 # Correspondences are asked for the page; the JSON leaves them out.
 UNASKED = {"results": {"__all__": {"correspondence"}}}

@@ -25,9 +25,8 @@ from service.collections.schemas import Collection, Collections
 from service.duplicates.schemas import DuplicatesAnswer
 from service.jobs.schemas import Job, JobFile, JobFilePage, JobPage
 from service.maps.schemas import MapAnswer
-from service.shapes.assembly_schemas import Assembly
 from service.shapes.records import Sort
-from service.shapes.schemas import DeletedShape, DeletedShapePage, EmbeddingArrays, Shape, ShapePage
+from service.shapes.schemas import Assembly, DeletedShape, DeletedShapePage, EmbeddingArrays, Shape, ShapePage
 from service.system.schemas import Version
 
 LONGEST_PAGE = 500

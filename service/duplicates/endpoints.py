@@ -19,7 +19,7 @@ from service.http.request_bodies import once_each
 from service.observability.timings import Timings
 from service.pipelines.active import ActivePipeline
 from service.search.service import in_one_pipeline
-from service.shapes.filters import Filters
+from service.shapes.listing import Filters
 
 MEDIA_TYPE = "text/csv"
 

@@ -31,6 +31,7 @@ from service.search.likeness import once
 from service.search.records import Query
 from service.search.scoring import compare_with
 from service.search.shortlist import Candidates
+from service.shapes import file_repository
 from service.shapes import repository as shapes_repository
 from service.storage.database import ReadSession
 
@@ -266,7 +267,7 @@ async def side_of(container: Container, collection: CollectionNumber, number: in
     def read_file() -> tuple[bytes, str]:
         with container.database.read() as session:
             shapes = shapes_repository.records(session, "", collection, [number])
-            data = shapes_repository.file_of(session, collection, shapes[0].id) if shapes else None
+            data = file_repository.file_of(session, collection, shapes[0].id) if shapes else None
         if data is None:
             raise ShapeNotFoundError(str(number))
         return data, shapes[0].format

@@ -21,8 +21,7 @@ from core.ranking.reranking import coarse_samples, quantised_points
 from core.serialization import embedding_to_bytes
 from service.collection import DEFAULT_COLLECTION
 from service.evaluation.benchmark_meshes import Source
-from service.pipelines.active import Pipelines
-from service.pipelines.starting import begin
+from service.pipelines.active import Pipelines, begin
 from service.storage.checksums import checksum_of
 from service.storage.database import Database
 from service.storage.migrate import migrate

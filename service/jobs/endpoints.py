@@ -12,16 +12,15 @@ from service.collections.dependencies import InCollection, address
 from service.dependencies import Service
 from service.errors import BusyError
 from service.http.middleware import client_of
-from service.http.problems import documented
+from service.http.problems import READ_PROBLEMS, WRITE_PROBLEMS, documented
 from service.http.request_bodies import RequestBody, once
 from service.jobs import events, service
 from service.jobs.records import NewJob, Outcome
 from service.jobs.runner import Runner
 from service.jobs.schemas import Job, JobFilePage, JobPage
 from service.jobs.zip_archive import check_zip, shown
-from service.shapes.documentation import READ_PROBLEMS, WRITE_PROBLEMS
 from service.shapes.fields import base_name
-from service.shapes.pages import read_cursor
+from service.shapes.listing import read_cursor
 from service.shapes.uploads import FormMetadata, FormTags
 
 ADDRESS = "/jobs"

@@ -9,7 +9,7 @@ from service.errors import PROBLEMS
 from service.http.problem_document import TYPE_PREFIX
 from service.jobs import records
 from service.jobs.records import ENDED, FileRecord, JobRecord, Progress, State
-from service.shapes.pages import Page, write_cursor
+from service.shapes.listing import Page, write_cursor
 
 CAUSE: dict[str, Any] = {
     "type": TYPE_PREFIX + "member-damaged",

@@ -37,7 +37,7 @@ from service.jobs.zip_archive import (
     shown,
 )
 from service.settings import Settings
-from service.shapes.pages import Page
+from service.shapes.listing import Page
 from service.shapes.records import NewShape
 from service.storage.archive_file import put_in_place
 from service.storage.database import Database, ReadSession

@@ -18,7 +18,7 @@ from service.maps.schemas import MapAnswer
 from service.pipelines.active import ActivePipeline
 from service.search.service import in_one_pipeline
 from service.shapes import repository as shapes_repository
-from service.shapes.filters import Filters
+from service.shapes.listing import Filters
 from service.shapes.records import ShapeFilter
 
 MOST = 2000

@@ -1,3 +1,3 @@
 """The pipeline that the archive is searched by: the database and the settings in, the active pipeline out."""
 
-__all__ = ["active", "reembed_message", "repository", "starting"]
+__all__ = ["active", "repository"]

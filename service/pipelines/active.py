@@ -7,14 +7,14 @@ from core.arrays import Float32s
 from core.errors import ParameterError
 from core.parameters import DEFAULT, METHOD_VERSION, PAPER, Parameters
 from core.pipeline import Pipeline
-from service.errors import PipelineUnavailableError
+from service.errors import REEMBED, PipelineUnavailableError
 from service.index.cache import POINTS_BYTES, EmbeddingCache
 from service.index.signature_index import SignatureIndex
 from service.observability.logging import get_logger
 from service.pipelines import repository
-from service.pipelines.reembed_message import REEMBED
 from service.pipelines.repository import PipelineRecord
-from service.storage.database import ReadSession, WriteSession
+from service.storage.database import Database, ReadSession, WriteSession
+from service.storage.hnsw import ensure_hnsw
 
 log = get_logger("pipelines")
 
@@ -165,3 +165,44 @@ def _parameters(fingerprint: str, written: PipelineRecord | None) -> Parameters:
             f"that embedded it, or {REMEDY}"
         )
     return parameters
+
+
+def begin(pipelines: Pipelines, database: Database, *, in_memory: bool = True) -> None:
+    """Adopt the active pipeline of the archive, and log a warning if the settings name another one.
+
+    The HNSW index of signatures is built if it is missing or has other parameters. With `in_memory`, the
+    signatures are read into memory.
+
+    Raises
+    ------
+    PipelineUnavailableError
+        This version of the service does not have the active pipeline.
+    """
+    with database.write() as session:
+        pipelines.begin(session)
+        ensure_hnsw(session, fingerprint(session))
+    with database.read() as session:
+        active_pipeline = pipelines.current(session)
+        if in_memory:
+            active_pipeline.index.current(session)
+        pending = pipelines.pending(session)
+        embedded, files = repository.count_embedded(session, active_pipeline.fingerprint)
+    parameters = active_pipeline.pipeline.parameters
+    fields: dict[str, object] = {"pipeline": parameters.name, "fingerprint": active_pipeline.fingerprint}
+    log.info("the active pipeline of the archive", extra={"fields": fields})
+    if pending is not None:
+        log.warning(
+            "pipeline %s (%s) is active, not %s (%s) of the settings. %s",
+            parameters.name,
+            active_pipeline.fingerprint,
+            pending.name,
+            pending.fingerprint,
+            pending.message,
+        )
+    if embedded < files:
+        log.warning(
+            "%d of %d files have no embedding by the active pipeline and are not searched: "
+            "`isoshape reembed` computes the missing ones",
+            files - embedded,
+            files,
+        )

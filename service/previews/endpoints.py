@@ -9,14 +9,13 @@ from service.collection import DEFAULT_COLLECTION
 from service.collections.dependencies import InCollection
 from service.dependencies import Service
 from service.http.middleware import while_connected
-from service.http.problems import documented
+from service.http.problems import FILE_PROBLEMS, READ_PROBLEMS, documented
 from service.http.request_bodies import RequestBody, once
 from service.previews import service
 from service.rendering.glb import MEDIA_TYPE
 from service.rendering.tasks import FACES
 from service.rendering.thumbnail import DRAWING
-from service.shapes import files
-from service.shapes.documentation import FILE_PROBLEMS, READ_PROBLEMS
+from service.shapes import file_service as files
 from service.shapes.endpoints import ShapeId
 from service.shapes.uploads import MeshUpload
 from service.web.endpoints import page, viewing_page

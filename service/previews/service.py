@@ -7,10 +7,10 @@ from service.container import Container
 from service.errors import StorageFullError, StorageUnavailableError
 from service.observability.logging import get_logger
 from service.pipelines.active import fingerprint
-from service.previews import repository
 from service.rendering import tasks
 from service.rendering.tasks import FACES
 from service.rendering.thumbnail import DRAWING, draw
+from service.shapes import file_repository, file_service
 from service.shapes import service as shapes_service
 from service.shapes.records import ShapeRecord
 
@@ -40,15 +40,15 @@ async def thumbnail(
 
     def read() -> tuple[bytes | None, bytes]:
         with container.database.read() as session:
-            stored = repository.thumbnail(session, shape.sha256, shape.format, size, DRAWING)
+            stored = file_repository.thumbnail(session, shape.sha256, shape.format, size, DRAWING)
             if stored is not None:
                 return stored, b""
-            return None, shapes_service.get_file(session, collection, shape.id)
+            return None, file_service.get_file(session, collection, shape.id)
 
     def store(drawn: bytes) -> None:
         try:
             with container.database.write() as session:
-                repository.store_thumbnail(session, shape.sha256, shape.format, size, DRAWING, drawn)
+                file_repository.store_thumbnail(session, shape.sha256, shape.format, size, DRAWING, drawn)
         except (StorageFullError, StorageUnavailableError) as error:
             log.warning("a thumbnail was drawn but not stored: %s", error)
 
@@ -79,6 +79,6 @@ async def stored_file(container: Container, collection: CollectionNumber, shape_
 
     def read() -> bytes:
         with container.database.read() as session:
-            return shapes_service.get_file(session, collection, shape_id)
+            return file_service.get_file(session, collection, shape_id)
 
     return await run_in_threadpool(read)

@@ -10,7 +10,7 @@ from service.report.style import STYLE
 from service.search.likeness_words import in_words
 from service.search.schemas import QueryAnswer, Result
 from service.search.score_words import CC_OF_PAIRS, score_in_words
-from service.shapes.size_words import box_in_words, number_in_words, volume_in_words
+from service.shapes.schemas import box_in_words, number_in_words, volume_in_words
 from service.system.schemas import Version
 
 SCORES = {

@@ -12,7 +12,7 @@ from service.container import Container
 from service.dependencies import Service
 from service.errors import BadRequestFieldsError, FieldFault
 from service.http.middleware import while_connected
-from service.http.problems import documented
+from service.http.problems import FILE_PROBLEMS, documented
 from service.http.request_bodies import RequestBody, once_each
 from service.observability.timings import Timings
 from service.pipelines.active import ActivePipeline
@@ -29,7 +29,6 @@ from service.search.dense_schemas import dense_fields
 from service.search.endpoints import WORK_PROBLEMS
 from service.search.records import Comparison, Relation
 from service.search.schemas import CompareAnswer, CompareRequest
-from service.shapes.documentation import FILE_PROBLEMS
 from service.web.endpoints import comparing_page
 
 router = APIRouter(tags=["search"])

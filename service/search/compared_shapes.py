@@ -17,6 +17,7 @@ from service.observability.timings import Timings
 from service.pipelines.active import ActivePipeline
 from service.search import tasks
 from service.search.likeness import once, stored_mesh
+from service.shapes import file_service
 from service.shapes import service as shapes_service
 from service.shapes.fields import base_name
 
@@ -89,7 +90,7 @@ async def _stored(
 
     def read() -> ComparedShape:
         with container.database.read() as session:
-            record = shapes_service.get_record(session, fingerprint, collection, shape_id)
+            record = file_service.get_record(session, fingerprint, collection, shape_id)
             shape = shapes_service.get(session, fingerprint, collection, shape_id)
             return ComparedShape(shape.name, shape.format, record, once(mesh))
 

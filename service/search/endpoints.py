@@ -11,7 +11,7 @@ from service.collections.dependencies import InCollection
 from service.container import Container
 from service.dependencies import Service
 from service.http.middleware import while_connected
-from service.http.problems import documented
+from service.http.problems import FILE_PROBLEMS, documented
 from service.http.request_bodies import RequestBody, once_each
 from service.observability.timings import Timings
 from service.pipelines.active import ActivePipeline
@@ -20,7 +20,6 @@ from service.search.options import FileQuery, QueryParameters, StoredQuery, merg
 from service.search.records import Answer
 from service.search.schemas import QueryAnswer, QueryOptions
 from service.search.unit_mistakes import with_unit_mistake
-from service.shapes.documentation import FILE_PROBLEMS
 from service.shapes.endpoints import ShapeId
 
 router = APIRouter(tags=["search"])

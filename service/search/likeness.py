@@ -21,8 +21,8 @@ from service.errors import NotEmbeddedError, ServiceError, ShapeNotFoundError
 from service.observability.logging import get_logger
 from service.search import tasks
 from service.search.records import Comparison, Query, Relation, SearchResult
+from service.shapes import file_service
 from service.shapes import repository as shapes_repository
-from service.shapes import service as shapes_service
 
 log = get_logger("likeness")
 
@@ -65,7 +65,7 @@ async def stored_mesh(container: Container, collection: CollectionNumber, shape_
             shape = shapes_repository.by_id(session, "", collection, shape_id)
             if shape is None:
                 raise ShapeNotFoundError(shape_id)
-            return shapes_service.get_file(session, collection, shape_id), shape.format
+            return file_service.get_file(session, collection, shape_id), shape.format
 
     return await container.queue.read(*await run_in_threadpool(read))
 
@@ -128,9 +128,7 @@ async def _stored(
 
     def read() -> _Side:
         with container.database.read() as session:
-            record = shapes_service.get_record(
-                session, query.active_pipeline.fingerprint, collection, shape_id
-            )
+            record = file_service.get_record(session, query.active_pipeline.fingerprint, collection, shape_id)
         mesh = partial(stored_mesh, container, collection, shape_id)
         return _Side(embedding_from_bytes(record), record, mesh)
 

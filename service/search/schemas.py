@@ -10,7 +10,7 @@ from service.search.dense_schemas import DenseFields
 from service.search.rank_by import RankBy
 from service.search.score_words import CC_OF_PAIRS, score_in_words
 from service.shapes.fields import ListedTags, split_tags
-from service.shapes.filters import Filters
+from service.shapes.listing import Filters
 from service.shapes.schemas import SHAPE, EmbeddingArrays, Shape, warnings_of
 
 if TYPE_CHECKING:

@@ -30,8 +30,8 @@ from service.search.ranking import Compared, ranked
 from service.search.records import Answer, Comparison, Options, Query, Relation, SearchResult
 from service.search.scoring import compare_with
 from service.search.shortlist import Candidates, candidates
+from service.shapes import file_repository, file_service
 from service.shapes import repository as shapes_repository
-from service.shapes import service as shapes_service
 from service.shapes.records import ShapeRecord, StoredEmbedding, sha256
 
 Done = TypeVar("Done")
@@ -97,7 +97,7 @@ async def by_id(
 
     def read() -> Query:
         with container.database.read() as session:
-            stored = shapes_service.get_stored_embedding(session, fingerprint, collection, shape_id)
+            stored = file_service.get_stored_embedding(session, fingerprint, collection, shape_id)
             return Query(active_pipeline, stored.record, frozenset([stored.shape]), mesh, stored.number)
 
     async def mesh() -> Mesh:
@@ -190,7 +190,7 @@ async def results(
             if not options.correspondences:
                 return [(shape, None) for shape in shapes]
             return [
-                (shape, shapes_repository.embedding_of(session, fingerprint, collection, shape.id))
+                (shape, file_repository.embedding_of(session, fingerprint, collection, shape.id))
                 for shape in shapes
             ]
 

@@ -2,19 +2,16 @@
 
 __all__ = [
     "assemblies",
-    "assembly_schemas",
-    "documentation",
     "endpoints",
     "fields",
     "file_endpoints",
-    "files",
-    "filters",
-    "pages",
+    "file_repository",
+    "file_service",
+    "listing",
     "records",
     "reembedding",
     "repository",
     "schemas",
     "service",
-    "size_words",
     "uploads",
 ]

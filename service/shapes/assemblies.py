@@ -14,13 +14,13 @@ from service.compute.tasks import Embedded
 from service.container import Container
 from service.errors import BadRequestFieldsError, FieldFault, FileTimeLimitError
 from service.http.idempotency import repository as idempotency
-from service.http.idempotency.records import Claim, Kept
+from service.http.idempotency.keys import Claim, Kept
 from service.observability.timings import Timings
-from service.shapes import repository
-from service.shapes.assembly_schemas import Assembly
+from service.shapes import file_repository
 from service.shapes.fields import NAME_CHARACTERS, clean_metadata, clean_name
 from service.shapes.records import NewShape, StoredAssembly
-from service.shapes.storing import answer_to, put_shape
+from service.shapes.schemas import Assembly
+from service.shapes.service import answer_to, put_shape
 from service.storage.database import Database
 
 ASSEMBLY, PATH, INSTANCES = "assembly", "assembly_path", "instances"
@@ -120,7 +120,7 @@ def _look_up(container: Container, shapes: Sequence[NewShape]) -> tuple[Pipeline
         pipeline = container.pipelines.current(session).pipeline
         needed: dict[_FileKey, NewShape] = {}
         for new in shapes:
-            if not repository.is_embedded(session, pipeline.fingerprint, *_key(new)):
+            if not file_repository.is_embedded(session, pipeline.fingerprint, *_key(new)):
                 needed.setdefault(_key(new), new)
         return pipeline, list(needed.values())
 

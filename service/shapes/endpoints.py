@@ -1,34 +1,30 @@
 """The addresses under /shapes."""
 
 from datetime import UTC, datetime, timedelta
-from typing import Annotated
+from typing import Annotated, Any
 
-from fastapi import APIRouter, Depends, Path, Query, Request, Response
+from fastapi import APIRouter, Depends, Header, Path, Query, Request, Response
 from pydantic import ConfigDict, Field
 
 from core.io import format_of
 from service.collections.dependencies import InCollection, NamedInAddress, address
 from service.container import Container
 from service.dependencies import Service
-from service.http.idempotency.keys import KEPT_TIME, REPLAYED, payload_of
-from service.http.idempotency.records import Claim, Kept
+from service.http.idempotency.keys import HEADER, KEPT_TIME, REPLAYED, Claim, Kept, payload_of, read_key
 from service.http.middleware import KEY_IN_SCOPE, while_connected
-from service.http.problems import documented
-from service.http.request_bodies import FILE, RequestBody, once, once_each
-from service.pipelines.active import fingerprint
-from service.shapes import assemblies, service
-from service.shapes.assembly_schemas import Assembly
-from service.shapes.documentation import (
+from service.http.problems import (
     FILE_PROBLEMS,
     IDEMPOTENCY_PROBLEMS,
     READ_PROBLEMS,
     WRITE_PROBLEMS,
+    documented,
 )
-from service.shapes.filters import Filters
-from service.shapes.headers import REPLAYED_HEADER, IdempotencyKey
-from service.shapes.pages import read_cursor, read_place
+from service.http.request_bodies import FILE, RequestBody, once, once_each
+from service.pipelines.active import fingerprint
+from service.shapes import assemblies, service
+from service.shapes.listing import Filters, read_cursor, read_place
 from service.shapes.records import NewShape, Sort, StoredAssembly, StoredShape
-from service.shapes.schemas import DeletedShapePage, Shape, ShapeChanges, ShapePage
+from service.shapes.schemas import Assembly, DeletedShapePage, Shape, ShapeChanges, ShapePage
 from service.shapes.uploads import ShapeUpload
 
 router = APIRouter(tags=["shapes"])
@@ -36,6 +32,38 @@ router = APIRouter(tags=["shapes"])
 SHAPE = RequestBody(ShapeUpload)
 
 ShapeId = Annotated[str, Path(description="The id of a stored shape.", max_length=64)]
+
+
+NamedKey = Annotated[
+    str | None,
+    Header(
+        alias=HEADER,
+        description="A name for the upload, so that a client may send it again: a string in double quotes, "
+        "such as a UUID (draft-ietf-httpapi-idempotency-key-header). The same key with the same file and "
+        "fields gets the first answer again, for as long as the service keeps that answer; the same key "
+        "with another file or other fields is refused. The service keeps no answer of an upload that stored "
+        "nothing, and tries such an upload again.",
+        json_schema_extra={
+            "pattern": r'^"([ !#-\[\]-~]|\\["\\]){1,255}"$',
+            "examples": ['"8e03978e-40d5-43e8-bc93-6894a57f9324"'],
+        },
+    ),
+]
+
+
+async def _idempotency_key(request: Request, _named: NamedKey = None) -> str | None:
+    # A header that is repeated is refused, which FastAPI's parameter does not show.
+    return read_key(request.headers.getlist(HEADER))
+
+
+IdempotencyKey = Annotated[str | None, Depends(_idempotency_key)]
+
+REPLAYED_HEADER: dict[str, Any] = {
+    REPLAYED: {
+        "description": "`true` if this is the answer to an earlier request with the same Idempotency-Key.",
+        "schema": {"type": "string", "const": "true"},
+    }
+}
 
 
 class ShapeListing(NamedInAddress, Filters):

@@ -1,21 +1,20 @@
 """The endpoints of a shape's file and embedding."""
 
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from fastapi import APIRouter, Depends, Query, Request, Response
+from fastapi import APIRouter, Depends, Header, Query, Request, Response
 from starlette.concurrency import run_in_threadpool
 
 from core.io import FORMATS, format_of, writable
 from service.collections.dependencies import InCollection
 from service.dependencies import Service
 from service.http.middleware import while_connected
-from service.http.problems import documented
+from service.http.problems import EXPORT_PROBLEMS, FILE_PROBLEMS, READ_PROBLEMS, WRITE_PROBLEMS, documented
 from service.http.request_bodies import RequestBody, once
 from service.pipelines.active import fingerprint
-from service.shapes import exporting, files, replacing, service
-from service.shapes.documentation import EXPORT_PROBLEMS, FILE_PROBLEMS, READ_PROBLEMS, WRITE_PROBLEMS
+from service.shapes import file_service as files
+from service.shapes import service
 from service.shapes.endpoints import ShapeId
-from service.shapes.headers import ETAG_HEADER, IfMatch
 from service.shapes.records import NewFile, ShapeRecord
 from service.shapes.schemas import EmbeddingArrays, Shape
 from service.shapes.uploads import Replacement
@@ -28,6 +27,17 @@ else:
 router = APIRouter(tags=["shapes"])
 
 REPLACEMENT = RequestBody(Replacement)
+
+IfMatch = Annotated[
+    str | None,
+    Header(
+        alias="If-Match",
+        description="The ETag of the file to replace. If the shape has another file by now, nothing changes.",
+    ),
+]
+ETAG_HEADER: dict[str, Any] = {
+    "ETag": {"description": "The SHA-256 of the file, in double quotes.", "schema": {"type": "string"}}
+}
 
 
 @router.head("/shapes/{shape_id}/file", include_in_schema=False)
@@ -74,7 +84,7 @@ async def read_file(
             wanted = request.method != "HEAD" and kind == shape.format and not files.is_known(known, tag)
             if not wanted:
                 return shape, kind, tag, None
-            return shape, kind, tag, service.get_file(session, collection.number, shape_id)
+            return shape, kind, tag, files.get_file(session, collection.number, shape_id)
 
     shape, kind, tag, data = await run_in_threadpool(read)
     if files.is_known(known, tag):
@@ -82,9 +92,7 @@ async def read_file(
     size = shape.size
     if kind != shape.format:
         with container.queue.admitted():
-            data = await while_connected(
-                request, exporting.exported(container, collection.number, shape, kind)
-            )
+            data = await while_connected(request, files.exported(container, collection.number, shape, kind))
         size = len(data)
     headers = {
         "Content-Length": str(size),
@@ -120,7 +128,7 @@ async def replace_file(
     mesh_format = format_of(upload.file.filename or "")
     with container.queue.admitted():
         file = NewFile(await upload.file.read(), mesh_format)
-        work = replacing.replace_file(container, collection.number, shape_id, file, if_match)
+        work = files.replace_file(container, collection.number, shape_id, file, if_match)
         record = await while_connected(request, work)
     response.headers["ETag"] = files.entity_tag(record.sha256)
     return Shape.of(record)
@@ -155,8 +163,8 @@ def read_embedding(
 ) -> EmbeddingArrays | Response:
     """The embedding of the shape by the active pipeline: samples, graph, tree, signature and spectra."""
     with container.database.read() as session:
-        embedding = service.get_embedding(session, fingerprint(session), collection.number, shape_id)
+        embedding = files.get_embedding(session, fingerprint(session), collection.number, shape_id)
     if format == "json":
         return EmbeddingArrays.of(embedding)
     headers = {"Content-Disposition": f'attachment; filename="{embedding.fingerprint}.npz"'}
-    return Response(service.as_npz(embedding), media_type="application/zip", headers=headers)
+    return Response(files.as_npz(embedding), media_type="application/zip", headers=headers)

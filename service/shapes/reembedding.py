@@ -16,6 +16,7 @@ from service.errors import ClusterUnavailableError, FileTimeLimitError, WorkerLo
 from service.observability.logging import get_logger
 from service.pipelines import repository
 from service.pipelines.active import keep
+from service.shapes import file_repository
 from service.shapes import repository as shapes_repository
 from service.storage.database import Database
 
@@ -157,9 +158,9 @@ class Reembedding:
         fingerprint = self._pipeline.fingerprint
         with self._database.write() as session:
             wanted = repository.names(session, number, format)
-            if not wanted or shapes_repository.is_embedded(session, fingerprint, sha256, format):
+            if not wanted or file_repository.is_embedded(session, fingerprint, sha256, format):
                 return False
-            shapes_repository.add_embedding(session, number, format, fingerprint, embedded)
+            file_repository.add_embedding(session, number, format, fingerprint, embedded)
             shapes_repository.mark_changed(session, number, format, embedded.facts)
             return True
 

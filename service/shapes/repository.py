@@ -6,14 +6,11 @@ from dataclasses import replace
 from datetime import UTC, datetime
 from typing import Any
 
-from sqlalchemy import ColumnElement, Select, case, delete, func, literal, select, tuple_, update
+from sqlalchemy import ColumnElement, Select, case, delete, func, literal, or_, select, tuple_, update
 
-from core.errors import BadRecordError
 from service.collection import CollectionNumber
-from service.compute.tasks import Embedded
-from service.errors import SignatureLengthError
 from service.shapes.fields import plain_values
-from service.shapes.judgements_repository import forget
+from service.shapes.file_repository import is_its_embedding
 from service.shapes.records import (
     Changes,
     NewFile,
@@ -22,30 +19,25 @@ from service.shapes.records import (
     ShapeFilter,
     ShapeRecord,
     Sort,
-    StoredEmbedding,
     StoredFile,
 )
 from service.storage.checksums import (
     SHAPE_COLUMNS,
     SHAPE_TIMES,
-    checksum_of,
-    is_whole,
     shape_checksum,
-    whole_file,
 )
 from service.storage.columns import UtcDateTime
 from service.storage.database import ReadSession, WriteSession
 from service.storage.erasure import drop_unused, erase
-from service.storage.hnsw import ensure_hnsw
 from service.storage.revisions import next_revision
 from service.storage.tables import (
     NOT_DELETED,
     BlobRow,
-    CoarseSamplesRow,
     CollectionRow,
+    DuplicatePairRow,
     EmbeddingRow,
+    JudgedShapeRow,
     MetadataRow,
-    QuantisedPointsRow,
     RemovalRow,
     ShapeRow,
     TagRow,
@@ -159,7 +151,7 @@ def records(
     shown = (
         select(ShapeRow, BlobRow.sha256, BlobRow.size, EmbeddingRow.number)
         .join(BlobRow, BlobRow.number == ShapeRow.blob_number)
-        .outerjoin(EmbeddingRow, _is_its_embedding(fingerprint))
+        .outerjoin(EmbeddingRow, is_its_embedding(fingerprint))
         .where(ShapeRow.number.in_(numbers), ShapeRow.collection_number == collection, condition)
     )
     tags: dict[int, list[str]] = {}
@@ -234,49 +226,6 @@ def erase_deleted_until(session: WriteSession, moment: datetime) -> None:
     erase(session, ShapeRow.deleted_at <= moment)
 
 
-def file_of(
-    session: ReadSession, collection: CollectionNumber, shape_id: str, *, deleted: bool = False
-) -> bytes | None:
-    """Return the uploaded bytes of a shape, or of a deleted one.
-
-    Raises
-    ------
-    BadRecordError
-        The bytes are damaged.
-    """
-    row = session.execute(
-        select(BlobRow.data, BlobRow.sha256)
-        .join(ShapeRow, ShapeRow.blob_number == BlobRow.number)
-        .where(ShapeRow.id == shape_id, ShapeRow.collection_number == collection)
-        .where(~NOT_DELETED if deleted else NOT_DELETED)
-    ).one_or_none()
-    return None if row is None else whole_file(row.data, row.sha256)
-
-
-def embedding_of(
-    session: ReadSession, fingerprint: str, collection: CollectionNumber, shape_id: str
-) -> StoredEmbedding | None:
-    """The embedding of a shape by one pipeline.
-
-    Raises
-    ------
-    BadRecordError
-        The record does not have its checksum.
-    """
-    row = session.execute(
-        select(
-            ShapeRow.number.label("shape"), EmbeddingRow.number, EmbeddingRow.record, EmbeddingRow.checksum
-        )
-        .join(ShapeRow, _is_its_embedding(fingerprint))
-        .where(ShapeRow.id == shape_id, ShapeRow.collection_number == collection, NOT_DELETED)
-    ).one_or_none()
-    if row is None:
-        return None
-    if not is_whole(row.record, row.checksum):
-        raise BadRecordError(f"embedding {row.number} does not have its checksum")
-    return StoredEmbedding(row.shape, row.number, row.record)
-
-
 def same(
     session: ReadSession,
     fingerprint: str,
@@ -297,75 +246,6 @@ def same(
         )
     ).all()
     return next(iter(records(session, fingerprint, collection, numbers)), None)
-
-
-def is_embedded(session: ReadSession, fingerprint: str, sha256: str, format: str) -> bool:
-    """Whether a pipeline has embedded some bytes in a format."""
-    query = (
-        select(EmbeddingRow.number)
-        .join(BlobRow, BlobRow.number == EmbeddingRow.blob_number)
-        .where(
-            BlobRow.sha256 == sha256,
-            EmbeddingRow.format == format,
-            EmbeddingRow.fingerprint == fingerprint,
-        )
-    )
-    return session.scalar(query) is not None
-
-
-def blob_number(session: ReadSession, sha256: str) -> int | None:
-    """The number of the blob with a SHA-256."""
-    return session.scalar(select(BlobRow.number).where(BlobRow.sha256 == sha256))
-
-
-def add_blob(session: WriteSession, data: bytes, sha256: str) -> int:
-    """Store the bytes of a new blob; its number."""
-    return int(session.insert(BlobRow, {"sha256": sha256, "size": len(data), "data": data}))
-
-
-def add_embedding(
-    session: WriteSession, blob_number: int, format: str, fingerprint: str, embedded: Embedded
-) -> None:
-    """Store a new embedding. The first one of a pipeline begins its HNSW index.
-
-    Raises
-    ------
-    SignatureLengthError
-        Its length differs from that of the pipeline's other signatures, which are searched as one matrix.
-    """
-    latest = session.scalar(
-        select(EmbeddingRow.signature)
-        .where(EmbeddingRow.fingerprint == fingerprint)
-        .order_by(EmbeddingRow.number.desc())
-        .limit(1)
-    )
-    if latest is not None and len(latest) != len(embedded.signature):
-        raise SignatureLengthError(
-            f"the signature has {len(embedded.signature)} numbers; the stored ones have {len(latest)}"
-        )
-    number = session.insert(
-        EmbeddingRow,
-        {
-            "blob_number": blob_number,
-            "format": format,
-            "fingerprint": fingerprint,
-            "signature": embedded.signature,
-            "record": embedded.record,
-            "checksum": checksum_of(embedded.record),
-        },
-    )
-    beside = {
-        "data": embedded.coarse_samples,
-        "signature": embedded.signature.astype("<f4").tobytes(),
-        "view_signature": embedded.view_signature,
-        "reliability": embedded.reliability,
-        "checksum": checksum_of(embedded.coarse_samples),
-    }
-    session.insert(CoarseSamplesRow, {"embedding_number": number, **beside})
-    points = {"data": embedded.quantised_points, "checksum": checksum_of(embedded.quantised_points)}
-    session.insert(QuantisedPointsRow, {"embedding_number": number, **points})
-    if latest is None:
-        ensure_hnsw(session, fingerprint)
 
 
 def mark_changed(session: WriteSession, blob_number: int, format: str, facts: Mapping[str, Any]) -> None:
@@ -418,13 +298,6 @@ def add_shape(
     return replace(record, number=number)
 
 
-def facts_on(session: ReadSession, blob_number: int, format: str) -> dict[str, Any] | None:
-    """The facts of a blob in a format, if a shape has it."""
-    return session.scalar(
-        select(ShapeRow.facts).where(ShapeRow.blob_number == blob_number, ShapeRow.format == format).limit(1)
-    )
-
-
 def change(session: WriteSession, number: int, changes: Changes) -> None:
     """Write changed fields of a shape."""
     values = _updated_now()
@@ -443,7 +316,7 @@ def change(session: WriteSession, number: int, changes: Changes) -> None:
 
 def replace_file(session: WriteSession, record: ShapeRecord, format: str, file: StoredFile) -> None:
     """Give a shape another file, and delete the previous one unless another shape has it."""
-    forget(session, record.number)
+    _forget(session, record.number)
     replaced = session.scalars(select(BlobRow.number).where(BlobRow.sha256 == record.sha256)).all()
     session.execute(
         update(ShapeRow)
@@ -487,7 +360,7 @@ def erase_shape(session: WriteSession, record: ShapeRecord) -> None:
 
 def _leave(session: WriteSession, record: ShapeRecord) -> None:
     """Take a shape out of the near-identical pairs, and out of the signatures in memory of every process."""
-    forget(session, record.number)
+    _forget(session, record.number)
     session.add(RemovalRow(shape_number=record.number, revision=next_revision(session)))
 
 
@@ -513,14 +386,6 @@ def _updated_now() -> dict[str, Any]:
     return {"updated_at": case((ShapeRow.updated_at > now, ShapeRow.updated_at), else_=now)}
 
 
-def _is_its_embedding(fingerprint: str) -> Any:  # noqa: ANN401
-    return (
-        (EmbeddingRow.blob_number == ShapeRow.blob_number)
-        & (EmbeddingRow.format == ShapeRow.format)
-        & (EmbeddingRow.fingerprint == fingerprint)
-    )
-
-
 def _write_tags(session: WriteSession, number: int, tags: Iterable[str]) -> None:
     session.add_all(
         TagRow(shape_number=number, tag=tag, position=position) for position, tag in enumerate(tags)
@@ -532,3 +397,15 @@ def _write_plain_values(session: WriteSession, number: int, metadata: Mapping[st
         MetadataRow(shape_number=number, key=key, value=value)
         for key, value in plain_values(dict(metadata)).items()
     )
+
+
+def _forget(session: WriteSession, number: int) -> None:
+    """Delete the pairs and the judgement of a shape, and have its copies judged again.
+
+    Two copies of a third shape need not be a pair themselves: without the third, their pair is unknown.
+    """
+    first, second = DuplicatePairRow.first_number, DuplicatePairRow.second_number
+    copies = select(first).where(second == number).union(select(second).where(first == number))
+    unknown = JudgedShapeRow.shape_number
+    session.execute(delete(JudgedShapeRow).where(or_(unknown == number, unknown.in_(copies))))
+    session.execute(delete(DuplicatePairRow).where(or_(first == number, second == number)))

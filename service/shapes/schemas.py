@@ -7,8 +7,8 @@ from pydantic import BaseModel, ConfigDict, Field, JsonValue
 
 from core.descriptors.partial import INCOMPLETE
 from service.shapes.fields import Metadata, Name, Tags
-from service.shapes.pages import Page, write_cursor, write_place
-from service.shapes.records import Changes, RecordPage, ShapeRecord
+from service.shapes.listing import Page, write_cursor, write_place
+from service.shapes.records import Changes, RecordPage, ShapeRecord, StoredAssembly, StoredShape
 
 if TYPE_CHECKING:
     from core.embedding import Embedding, Spectrum
@@ -191,6 +191,47 @@ class DeletedShapePage(BaseModel):
         )
 
 
+PART: dict[str, Any] = {
+    **SHAPE,
+    "id": "5f0d8a5e-7a0c-4c5b-9a53-0c2f4bb0a7de",
+    "name": "gearbox.step/bolt",
+    "format": "3mf",
+    "metadata": {"assembly": "gearbox.step", "assembly_path": "gearbox/housing:1/bolt:1", "instances": 12},
+    "created": True,
+}
+
+
+class SplitShape(Shape):
+    """A shape of an assembly that was uploaded with split=parts."""
+
+    model_config = ConfigDict(json_schema_extra={"example": PART})
+
+    created: bool = Field(description="Whether the upload stored the shape; false if it was there before.")
+
+    @classmethod
+    def of_one(cls, stored: StoredShape) -> "SplitShape":
+        """The JSON of a shape after the upload."""
+        return cls(**Shape.of(stored.shape).model_dump(), created=stored.created)
+
+
+class Assembly(SplitShape):
+    """The shape of a whole assembly, and those of its parts."""
+
+    model_config = ConfigDict(
+        json_schema_extra={"example": {**SHAPE, "name": "gearbox.step", "created": True, "parts": [PART]}}
+    )
+
+    parts: list[SplitShape] = Field(
+        description="The shapes of the distinct parts in the order of the file; empty for a file of one part."
+    )
+
+    @classmethod
+    def of_stored(cls, stored: StoredAssembly) -> "Assembly":
+        """The JSON of an assembly after the upload."""
+        parts = [SplitShape.of_one(one) for one in stored.parts]
+        return cls(**SplitShape.of_one(stored.whole).model_dump(), parts=parts)
+
+
 class ShapeFields(BaseModel):
     """The text that people write about a shape."""
 
@@ -274,3 +315,18 @@ class EmbeddingArrays(BaseModel):
             spectra=[SpectrumArrays.of(spectrum) for spectrum in embedding.spectra],
             **arrays,
         )
+
+
+def number_in_words(value: float) -> str:
+    """A number with four digits, and without an exponent below a million."""
+    return f"{float(f'{value:.4g}'):g}"
+
+
+def box_in_words(facts: MeshFacts) -> str:
+    """Length, width and height: "100 × 20 × 10"."""
+    return " × ".join(map(number_in_words, facts.bounding_box))
+
+
+def volume_in_words(facts: MeshFacts) -> str:
+    """The volume, or that the surface is open and has none."""
+    return number_in_words(facts.volume) if facts.closed else "open surface"

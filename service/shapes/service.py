@@ -1,28 +1,24 @@
 """Operations on shapes: store, list, read, change and delete."""
 
 import asyncio
-import io
 from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
-from typing import Any
 
-import numpy as np
 from starlette.concurrency import run_in_threadpool
 
-from core.embedding import Embedding
 from core.pipeline import Pipeline
-from core.serialization import embedding_from_bytes
 from service.collection import CollectionNumber
 from service.collections import repository as collections_repository
 from service.compute.tasks import Embedded
 from service.container import Container
-from service.errors import NameTakenError, NotEmbeddedError, ServiceError, ShapeNotFoundError
+from service.errors import NameTakenError, ServiceError, ShapeNotFoundError
 from service.http.idempotency import repository as idempotency
-from service.http.idempotency.records import Claim, Kept
+from service.http.idempotency.keys import Claim, Kept
 from service.observability.logging import get_logger
 from service.observability.timings import Timings
-from service.shapes import repository
-from service.shapes.pages import Page
+from service.pipelines.active import fingerprint as active_fingerprint
+from service.shapes import file_repository, repository
+from service.shapes.listing import Page
 from service.shapes.records import (
     Changes,
     NewFile,
@@ -32,11 +28,10 @@ from service.shapes.records import (
     ShapeFilter,
     ShapeRecord,
     Sort,
-    StoredEmbedding,
+    StoredFile,
     StoredShape,
 )
 from service.shapes.schemas import Shape
-from service.shapes.storing import answer_to, put_file, put_shape
 from service.storage.database import Database, ReadSession, WriteSession
 
 log = get_logger("shapes")
@@ -119,51 +114,6 @@ def get(session: ReadSession, fingerprint: str, collection: CollectionNumber, sh
     return record
 
 
-def get_file(session: ReadSession, collection: CollectionNumber, shape_id: str) -> bytes:
-    """The uploaded bytes of a shape.
-
-    Raises
-    ------
-    ShapeNotFoundError
-        The collection has no such shape.
-    """
-    data = repository.file_of(session, collection, shape_id)
-    if data is None:
-        raise ShapeNotFoundError(shape_id)
-    return data
-
-
-def get_stored_embedding(
-    session: ReadSession, fingerprint: str, collection: CollectionNumber, shape_id: str
-) -> StoredEmbedding:
-    """The embedding of a shape, as it is stored.
-
-    Raises
-    ------
-    ShapeNotFoundError
-        The collection has no such shape.
-    NotEmbeddedError
-        The active pipeline has not embedded the shape.
-    """
-    stored = repository.embedding_of(session, fingerprint, collection, shape_id)
-    if stored is None:
-        get(session, fingerprint, collection, shape_id)
-        raise NotEmbeddedError(shape_id)
-    return stored
-
-
-def get_record(session: ReadSession, fingerprint: str, collection: CollectionNumber, shape_id: str) -> bytes:
-    """The record of a shape's embedding. It raises the errors of `get_stored_embedding`."""
-    return get_stored_embedding(session, fingerprint, collection, shape_id).record
-
-
-def get_embedding(
-    session: ReadSession, fingerprint: str, collection: CollectionNumber, shape_id: str
-) -> Embedding:
-    """The embedding of a shape. It raises the errors of `get_stored_embedding`."""
-    return embedding_from_bytes(get_record(session, fingerprint, collection, shape_id))
-
-
 def change(
     session: WriteSession, fingerprint: str, collection: CollectionNumber, shape_id: str, changes: Changes
 ) -> ShapeRecord:
@@ -242,7 +192,7 @@ async def restore(container: Container, collection: CollectionNumber, shape_id: 
         with container.database.read() as session:
             pipeline = container.pipelines.current(session).pipeline
             record = get_deleted(session, pipeline.fingerprint, collection, shape_id, keep)
-            data = repository.file_of(session, collection, shape_id, deleted=True)
+            data = file_repository.file_of(session, collection, shape_id, deleted=True)
             assert data is not None
             return NewFile(data, record.format), pipeline, not record.embedded
 
@@ -309,31 +259,12 @@ async def keep_purging(container: Container) -> None:
         await asyncio.sleep(PURGE_SECONDS)
 
 
-def as_npz(embedding: Embedding) -> bytes:
-    """The arrays of an embedding as a NumPy archive; names of spectral arrays begin with their spectrum's."""
-    arrays: dict[str, Any] = {
-        "positions": embedding.positions,
-        "vertices": embedding.vertices,
-        "graph_edges": embedding.graph_edges,
-        "graph_lengths": embedding.graph_lengths,
-        "tree_edges": embedding.tree_edges,
-        "regions": embedding.regions,
-        "signature": embedding.signature,
-    }
-    for spectrum in embedding.spectra:
-        arrays[f"{spectrum.name}_eigenvalues"] = spectrum.eigenvalues
-        arrays[f"{spectrum.name}_coordinates"] = spectrum.coordinates
-    buffer = io.BytesIO()
-    np.savez_compressed(buffer, **arrays)
-    return buffer.getvalue()
-
-
 def _look_up(container: Container, new: NewShape) -> tuple[Pipeline, ShapeRecord | None, bool]:
     """The active pipeline, the shape if it is already stored, and whether the file needs an embedding."""
     with container.database.read() as session:
         pipeline = container.pipelines.current(session).pipeline
         present = repository.same(session, pipeline.fingerprint, new.collection, new, new.name)
-        needed = not repository.is_embedded(session, pipeline.fingerprint, new.sha256, new.format)
+        needed = not file_repository.is_embedded(session, pipeline.fingerprint, new.sha256, new.format)
         return pipeline, present, needed
 
 
@@ -373,3 +304,48 @@ def answer_of(stored: StoredShape) -> Kept:
         location=f"/shapes/{stored.shape.id}",
         body=Shape.of(stored.shape).model_dump_json(),
     )
+
+
+def answer_to(database: Database, claim: Claim) -> Kept | None:
+    """The answer that an earlier request with the key had; None if there was none."""
+    with database.read() as session:
+        return idempotency.answer_to(session, claim, datetime.now(UTC))
+
+
+def put_shape(
+    session: WriteSession, fingerprint: str, new: NewShape, embedded: Embedded | None
+) -> StoredShape | None:
+    """Store a new shape, unless it is stored; None if its file has no embedding, as in `put_file`."""
+    put = put_file(session, fingerprint, new, embedded)
+    if put is None:
+        return None
+    present = None if put.created else repository.same(session, fingerprint, new.collection, new, new.name)
+    if present is not None:
+        return StoredShape(present, created=False)
+    return StoredShape(repository.add_shape(session, put.blob_number, new, put.facts), created=True)
+
+
+def put_file(
+    session: WriteSession, fingerprint: str, file: NewFile, embedded: Embedded | None
+) -> StoredFile | None:
+    """Store the bytes and the embedding of a file, unless they are stored.
+
+    None if the file has no embedding: it was deleted after the lookup, or another pipeline became active.
+    """
+    if active_fingerprint(session) != fingerprint:
+        return None
+    blob_number = file_repository.blob_number(session, file.sha256)
+    created = blob_number is None
+    there = not created and file_repository.is_embedded(session, fingerprint, file.sha256, file.format)
+    if embedded is None and not there:
+        return None
+    if blob_number is None:
+        blob_number = file_repository.add_blob(session, file.data, file.sha256)
+    if embedded is None:
+        facts = file_repository.facts_on(session, blob_number, file.format) or {}
+        return StoredFile(blob_number, facts, created)
+    if not there:
+        file_repository.add_embedding(session, blob_number, file.format, fingerprint, embedded)
+        if not created:
+            repository.mark_changed(session, blob_number, file.format, embedded.facts)
+    return StoredFile(blob_number, embedded.facts, created)

@@ -5,7 +5,7 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from service.pipelines.reembed_message import REEMBED
+from service.errors import REEMBED
 
 VERSION = version("isoshape")
 

@@ -10,9 +10,8 @@ from core.io import Limits
 from core.parameters import DEFAULT
 from service.collection import DEFAULT_COLLECTION
 from service.compute.tasks import Embedded, embed_file
-from service.pipelines.active import Pipelines
-from service.pipelines.starting import begin
-from service.shapes import repository
+from service.pipelines.active import Pipelines, begin
+from service.shapes import file_repository, repository
 from service.shapes.records import NewShape
 from service.storage.database import Database
 from service.storage.migrate import migrate
@@ -40,8 +39,8 @@ def make_archive(path: Path, *numbers: int) -> Path:
         )
         made = embedded(number)
         with database.write() as session:
-            blob = repository.add_blob(session, new.data, new.sha256)
-            repository.add_embedding(session, blob, new.format, DEFAULT.fingerprint, made)
+            blob = file_repository.add_blob(session, new.data, new.sha256)
+            file_repository.add_embedding(session, blob, new.format, DEFAULT.fingerprint, made)
             repository.add_shape(session, blob, new, made.facts)
     database.close()
     return path

@@ -38,11 +38,12 @@ class Running:
         assert answer.status_code in {200, 201}, answer.text
         return answer.json()
 
-    def clear(self) -> None:
+    def clear(self, *, permanent: bool = True) -> None:
         """Delete every shape."""
+        wanted = {"permanent": permanent}
         while shapes := self.client.get("/shapes", params={"limit": 500}).json()["shapes"]:
             for shape in shapes:
-                assert self.client.delete(f"/shapes/{shape['id']}").status_code == 204
+                assert self.client.delete(f"/shapes/{shape['id']}", params=wanted).status_code == 204
 
 
 def settings_in(folder: Path, **values: Any) -> Settings:

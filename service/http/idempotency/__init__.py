@@ -1,3 +1,3 @@
 """The header Idempotency-Key: a repeated request in, the first request's answer out."""
 
-__all__ = ["keys", "records", "repository"]
+__all__ = ["keys", "repository"]

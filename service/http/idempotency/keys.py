@@ -11,10 +11,11 @@ import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from datetime import timedelta
+from dataclasses import dataclass
+from datetime import datetime, timedelta
 
+from service.collection import CollectionNumber
 from service.errors import IdempotencyKeyInFlightError, IdempotencyKeyMalformedError
-from service.http.idempotency.records import Claim
 
 HEADER = "Idempotency-Key"
 REPLAYED = "Idempotency-Replayed"
@@ -25,6 +26,40 @@ KEPT_TIME = timedelta(hours=24)
 
 _STRING = re.compile(r' *"((?:[\x20\x21\x23-\x5b\x5d-\x7e]|\\["\\])*)" *')
 _ESCAPED = re.compile(r"\\(.)")
+
+
+@dataclass(frozen=True)
+class Claim:
+    """A request with an Idempotency-Key.
+
+    Attributes
+    ----------
+    collection : CollectionNumber
+        The one that the request names.
+    scope : str
+        Whose key it is: the digest of the API key that it came with, or empty.
+    key : str
+        The Idempotency-Key.
+    payload : str
+        A hash of what was sent.
+    expires_at : datetime
+        Until when its answer is kept.
+    """
+
+    collection: CollectionNumber
+    scope: str
+    key: str
+    payload: str
+    expires_at: datetime
+
+
+@dataclass(frozen=True)
+class Kept:
+    """An answer: its status, its header Location, and its body."""
+
+    status: int
+    location: str
+    body: str
 
 
 def read_key(values: Sequence[str]) -> str | None:

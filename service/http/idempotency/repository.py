@@ -5,7 +5,7 @@ from datetime import datetime
 from sqlalchemy import delete
 
 from service.errors import IdempotencyKeyReusedError
-from service.http.idempotency.records import Claim, Kept
+from service.http.idempotency.keys import Claim, Kept
 from service.storage.database import ReadSession, WriteSession
 from service.storage.tables import IdempotencyKeyRow
 

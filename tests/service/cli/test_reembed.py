@@ -16,6 +16,7 @@ from service.collection import DEFAULT_COLLECTION
 from service.pipelines import repository
 from service.pipelines.active import keep
 from service.settings import load_settings
+from service.shapes import file_repository
 from service.shapes import repository as shapes_repository
 from service.shapes.records import NewShape
 from service.storage.database import Database
@@ -48,7 +49,7 @@ def archive_to_reembed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stored: 
         for number in range(stored):
             data = small_file(number)
             new = NewShape(data, "off", DEFAULT_COLLECTION.number, f"{number}.off", tags=(), metadata={})
-            blob = shapes_repository.add_blob(session, data, new.sha256)
+            blob = file_repository.add_blob(session, data, new.sha256)
             shapes_repository.add_shape(session, blob, new, {})
     database.close()
     return few

@@ -148,7 +148,7 @@ def test_only_an_empty_collection_is_deleted(running: Running) -> None:
             in assert_problem(client.delete("/collections/short"), 409, "collection-not-empty")["detail"]
         )
         upload(own.client, small_file(6), "six.off")
-        own.clear()
+        own.clear(permanent=False)
         # The shapes can still be restored.
         told = assert_problem(client.delete("/collections/short"), 409, "collection-not-empty")
         assert "restored" in told["detail"]

@@ -11,11 +11,10 @@ from sqlalchemy import Executable, delete, select, text, update
 
 from core.parameters import DEFAULT, PAPER, Parameters
 from service.collection import DEFAULT_COLLECTION
-from service.errors import PipelineUnavailableError
+from service.errors import REEMBED, PipelineUnavailableError
 from service.pipelines import repository
-from service.pipelines.active import Pipelines, keep
-from service.pipelines.reembed_message import REEMBED
-from service.pipelines.starting import begin
+from service.pipelines.active import Pipelines, begin, keep
+from service.shapes import file_repository
 from service.shapes import repository as shapes_repository
 from service.shapes.records import NewShape
 from service.storage.database import Database
@@ -111,7 +110,7 @@ def archive_of(parameters: Parameters, folder: Path) -> Database:
         keep(session, parameters)
         repository.activate(session, parameters.fingerprint)
         new = NewShape(b"x", "off", DEFAULT_COLLECTION.number, name="x", tags=(), metadata={})
-        shapes_repository.add_shape(session, shapes_repository.add_blob(session, b"x", new.sha256), new, {})
+        shapes_repository.add_shape(session, file_repository.add_blob(session, b"x", new.sha256), new, {})
     return database
 
 

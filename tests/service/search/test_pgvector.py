@@ -15,7 +15,7 @@ from core.descriptors.views import SIGNATURE_BYTES, signature_distance
 from core.parameters import DEFAULT
 from service.collection import DEFAULT_COLLECTION
 from service.search.pgvector_repository import Nearest, nearest, nearest_views
-from service.shapes import repository
+from service.shapes import file_repository, repository
 from service.shapes.records import NewShape, ShapeFilter
 from service.storage.database import Database, ReadSession
 from service.storage.hnsw import ensure_hnsw, index_name
@@ -279,8 +279,8 @@ def test_a_graph_is_made_with_the_first_signature_and_anew_for_other_parameters(
             )
             assert len(graphs(few, make=True)) == 2 * (number - 1)
             with database.write() as session:
-                blob = repository.add_blob(session, new.data, new.sha256)
-                repository.add_embedding(session, blob, "off", DEFAULT.fingerprint, made)
+                blob = file_repository.add_blob(session, new.data, new.sha256)
+                file_repository.add_embedding(session, blob, "off", DEFAULT.fingerprint, made)
                 repository.add_shape(session, blob, new, {})
             signatures, views = graphs(few)
             assert f"vector({len(made.signature)})" in signatures

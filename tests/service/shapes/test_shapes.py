@@ -14,8 +14,8 @@ from core.mesh.mesh import Mesh
 from core.serialization import embedding_from_bytes
 from service.client import Client
 from service.collection import DEFAULT_COLLECTION
-from service.shapes import repository
-from service.shapes.exporting import check_size
+from service.shapes import file_repository
+from service.shapes.file_service import check_size
 from tests.service.engines import either_engine, on_both
 from tests.service.support import Running, assert_problem, pipeline_in_use, small_file, upload
 
@@ -322,7 +322,7 @@ def test_a_file_has_its_media_type_and_is_not_sent_twice(
 def test_the_embedding_is_the_one_that_is_stored(service: Running) -> None:
     shape = service.store(small_file(0))
     with service.container.database.read() as session:
-        found = repository.embedding_of(
+        found = file_repository.embedding_of(
             session, pipeline_in_use(service).fingerprint, DEFAULT_COLLECTION.number, shape["id"]
         )
     assert found is not None

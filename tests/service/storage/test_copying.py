@@ -17,8 +17,8 @@ from service.collection import DEFAULT_COLLECTION
 from service.collections import repository as sets
 from service.errors import ArchiveError, ArchiveTooNewError
 from service.http.idempotency import repository as idempotency
-from service.http.idempotency.records import Claim, Kept
-from service.shapes import repository
+from service.http.idempotency.keys import Claim, Kept
+from service.shapes import file_repository, repository
 from service.shapes.records import NewShape
 from service.storage.checking import check
 from service.storage.checksums import checksum_of
@@ -46,7 +46,7 @@ def archive(tmp_path: Path) -> Path:
             ("a", "B", "\u00e4"),
             {"k\0": "\\0", "n": [1.5, None]},
         )
-        blob = repository.blob_number(session, twin.sha256)
+        blob = file_repository.blob_number(session, twin.sha256)
         assert blob is not None
         repository.add_shape(session, blob, twin, embedded(1).facts)
         picture = b"\0\xff"
@@ -100,7 +100,9 @@ def test_a_number_that_was_given_is_not_given_again(archive: Path, tmp_path: Pat
     for place in (url, back):
         with opened(place) as database, database.write() as session:
             new = NewShape(b"new", "off", DEFAULT_COLLECTION.number, "new", (), {})
-            shape = repository.add_shape(session, repository.add_blob(session, b"new", new.sha256), new, {})
+            shape = repository.add_shape(
+                session, file_repository.add_blob(session, b"new", new.sha256), new, {}
+            )
             assert shape.number == 71
             assert session.scalars(select(ShapeRow.blob_number).where(ShapeRow.number == 71)).one() == 5
 
@@ -113,7 +115,7 @@ def test_a_target_that_is_not_empty_is_left_alone(archive: Path, tmp_path: Path)
     assert content(other) == before
     with opened(file(other)) as database, database.write() as session:
         (number,) = session.scalars(select(ShapeRow.number))
-        repository.remove(
+        repository.erase_shape(
             session, repository.records(session, DEFAULT.fingerprint, DEFAULT_COLLECTION.number, [number])[0]
         )
     with pytest.raises(ArchiveError, match="not empty"):

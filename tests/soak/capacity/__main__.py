@@ -28,9 +28,8 @@ from service.collection import DEFAULT_COLLECTION
 from service.compute.tasks import embed_mesh
 from service.evaluation.archive_repository import fill, originals
 from service.evaluation.benchmark_meshes import Source
-from service.pipelines.active import Pipelines
-from service.pipelines.starting import begin
-from service.shapes import repository
+from service.pipelines.active import Pipelines, begin
+from service.shapes import file_repository, repository
 from service.shapes.records import NewShape
 from service.storage.database import Database
 from service.storage.hnsw_parameters import HnswParameters
@@ -85,8 +84,8 @@ def stored_in_a_second() -> None:
                         {},
                     )
                     with database.write() as session:
-                        blob = repository.add_blob(session, new.data, new.sha256)
-                        repository.add_embedding(session, blob, "ply", DEFAULT.fingerprint, embedded)
+                        blob = file_repository.add_blob(session, new.data, new.sha256)
+                        file_repository.add_embedding(session, blob, "ply", DEFAULT.fingerprint, embedded)
                         repository.add_shape(session, blob, new, embedded.facts)
                 seconds = time.perf_counter() - began
             name = "an SQLite file" if url.startswith("sqlite") else "PostgreSQL, which does not sync here"

@@ -1,0 +1,182 @@
+"""The SQL of files: their bytes, embeddings and thumbnails."""
+
+from typing import Any
+
+from sqlalchemy import select
+
+from core.errors import BadRecordError
+from service.collection import CollectionNumber
+from service.compute.tasks import Embedded
+from service.errors import SignatureLengthError
+from service.shapes.records import (
+    StoredEmbedding,
+)
+from service.storage.checksums import (
+    checksum_of,
+    is_whole,
+    whole_file,
+)
+from service.storage.database import ReadSession, WriteSession
+from service.storage.hnsw import ensure_hnsw
+from service.storage.tables import (
+    NOT_DELETED,
+    BlobRow,
+    CoarseSamplesRow,
+    EmbeddingRow,
+    QuantisedPointsRow,
+    ShapeRow,
+    ThumbnailRow,
+)
+
+
+def file_of(
+    session: ReadSession, collection: CollectionNumber, shape_id: str, *, deleted: bool = False
+) -> bytes | None:
+    """Return the uploaded bytes of a shape, or of a deleted one.
+
+    Raises
+    ------
+    BadRecordError
+        The bytes are damaged.
+    """
+    row = session.execute(
+        select(BlobRow.data, BlobRow.sha256)
+        .join(ShapeRow, ShapeRow.blob_number == BlobRow.number)
+        .where(ShapeRow.id == shape_id, ShapeRow.collection_number == collection)
+        .where(~NOT_DELETED if deleted else NOT_DELETED)
+    ).one_or_none()
+    return None if row is None else whole_file(row.data, row.sha256)
+
+
+def embedding_of(
+    session: ReadSession, fingerprint: str, collection: CollectionNumber, shape_id: str
+) -> StoredEmbedding | None:
+    """The embedding of a shape by one pipeline.
+
+    Raises
+    ------
+    BadRecordError
+        The record does not have its checksum.
+    """
+    row = session.execute(
+        select(
+            ShapeRow.number.label("shape"), EmbeddingRow.number, EmbeddingRow.record, EmbeddingRow.checksum
+        )
+        .join(ShapeRow, is_its_embedding(fingerprint))
+        .where(ShapeRow.id == shape_id, ShapeRow.collection_number == collection, NOT_DELETED)
+    ).one_or_none()
+    if row is None:
+        return None
+    if not is_whole(row.record, row.checksum):
+        raise BadRecordError(f"embedding {row.number} does not have its checksum")
+    return StoredEmbedding(row.shape, row.number, row.record)
+
+
+def is_embedded(session: ReadSession, fingerprint: str, sha256: str, format: str) -> bool:
+    """Whether a pipeline has embedded some bytes in a format."""
+    query = (
+        select(EmbeddingRow.number)
+        .join(BlobRow, BlobRow.number == EmbeddingRow.blob_number)
+        .where(
+            BlobRow.sha256 == sha256,
+            EmbeddingRow.format == format,
+            EmbeddingRow.fingerprint == fingerprint,
+        )
+    )
+    return session.scalar(query) is not None
+
+
+def blob_number(session: ReadSession, sha256: str) -> int | None:
+    """The number of the blob with a SHA-256."""
+    return session.scalar(select(BlobRow.number).where(BlobRow.sha256 == sha256))
+
+
+def add_blob(session: WriteSession, data: bytes, sha256: str) -> int:
+    """Store the bytes of a new blob; its number."""
+    return int(session.insert(BlobRow, {"sha256": sha256, "size": len(data), "data": data}))
+
+
+def add_embedding(
+    session: WriteSession, blob_number: int, format: str, fingerprint: str, embedded: Embedded
+) -> None:
+    """Store a new embedding. The first one of a pipeline begins its HNSW index.
+
+    Raises
+    ------
+    SignatureLengthError
+        Its length differs from that of the pipeline's other signatures, which are searched as one matrix.
+    """
+    latest = session.scalar(
+        select(EmbeddingRow.signature)
+        .where(EmbeddingRow.fingerprint == fingerprint)
+        .order_by(EmbeddingRow.number.desc())
+        .limit(1)
+    )
+    if latest is not None and len(latest) != len(embedded.signature):
+        raise SignatureLengthError(
+            f"the signature has {len(embedded.signature)} numbers; the stored ones have {len(latest)}"
+        )
+    number = session.insert(
+        EmbeddingRow,
+        {
+            "blob_number": blob_number,
+            "format": format,
+            "fingerprint": fingerprint,
+            "signature": embedded.signature,
+            "record": embedded.record,
+            "checksum": checksum_of(embedded.record),
+        },
+    )
+    beside = {
+        "data": embedded.coarse_samples,
+        "signature": embedded.signature.astype("<f4").tobytes(),
+        "view_signature": embedded.view_signature,
+        "reliability": embedded.reliability,
+        "checksum": checksum_of(embedded.coarse_samples),
+    }
+    session.insert(CoarseSamplesRow, {"embedding_number": number, **beside})
+    points = {"data": embedded.quantised_points, "checksum": checksum_of(embedded.quantised_points)}
+    session.insert(QuantisedPointsRow, {"embedding_number": number, **points})
+    if latest is None:
+        ensure_hnsw(session, fingerprint)
+
+
+def facts_on(session: ReadSession, blob_number: int, format: str) -> dict[str, Any] | None:
+    """The facts of a blob in a format, if a shape has it."""
+    return session.scalar(
+        select(ShapeRow.facts).where(ShapeRow.blob_number == blob_number, ShapeRow.format == format).limit(1)
+    )
+
+
+def thumbnail(session: ReadSession, sha256: str, format: str, size: int, drawing: int) -> bytes | None:
+    """The stored thumbnail of a file by one version of the renderer; None for a damaged one."""
+    row = session.execute(
+        select(ThumbnailRow.data, ThumbnailRow.checksum)
+        .join(BlobRow, BlobRow.number == ThumbnailRow.blob_number)
+        .where(
+            BlobRow.sha256 == sha256,
+            ThumbnailRow.format == format,
+            ThumbnailRow.size == size,
+            ThumbnailRow.drawing == drawing,
+        )
+    ).one_or_none()
+    return row.data if row is not None and is_whole(row.data, row.checksum) else None
+
+
+def store_thumbnail(
+    session: WriteSession, sha256: str, format: str, size: int, drawing: int, data: bytes
+) -> None:
+    """Store a thumbnail, in place of one by another version; nothing happens if the file was deleted."""
+    number = session.scalar(select(BlobRow.number).where(BlobRow.sha256 == sha256))
+    if number is not None:
+        own = {"blob_number": number, "format": format, "size": size, "drawing": drawing}
+        session.merge(ThumbnailRow(**own, data=data, checksum=checksum_of(data)))
+
+
+def is_its_embedding(fingerprint: str) -> Any:  # noqa: ANN401
+    """Return the condition that an embedding is that of a shape by a pipeline."""
+    return (
+        (EmbeddingRow.blob_number == ShapeRow.blob_number)
+        & (EmbeddingRow.format == ShapeRow.format)
+        & (EmbeddingRow.fingerprint == fingerprint)
+    )

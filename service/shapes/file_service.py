@@ -1,0 +1,218 @@
+"""The files and embeddings of shapes: read, export and replace them; headers of their downloads."""
+
+import io
+from typing import Any
+from urllib.parse import quote
+
+import numpy as np
+from starlette.concurrency import run_in_threadpool
+
+from core.embedding import Embedding
+from core.errors import MeshTooComplexError
+from core.io import FORMATS, write_mesh
+from core.mesh.mesh import Mesh
+from core.pipeline import Pipeline
+from core.serialization import embedding_from_bytes
+from service.collection import CollectionNumber
+from service.compute.tasks import Embedded
+from service.container import Container
+from service.errors import FileChangedError, NameTakenError, NotEmbeddedError, ShapeNotFoundError
+from service.shapes import file_repository, repository
+from service.shapes.records import (
+    NewFile,
+    ShapeRecord,
+    StoredEmbedding,
+)
+from service.shapes.service import get, put_file
+from service.storage.database import Database, ReadSession
+
+
+def get_file(session: ReadSession, collection: CollectionNumber, shape_id: str) -> bytes:
+    """The uploaded bytes of a shape.
+
+    Raises
+    ------
+    ShapeNotFoundError
+        The collection has no such shape.
+    """
+    data = file_repository.file_of(session, collection, shape_id)
+    if data is None:
+        raise ShapeNotFoundError(shape_id)
+    return data
+
+
+def get_stored_embedding(
+    session: ReadSession, fingerprint: str, collection: CollectionNumber, shape_id: str
+) -> StoredEmbedding:
+    """The embedding of a shape, as it is stored.
+
+    Raises
+    ------
+    ShapeNotFoundError
+        The collection has no such shape.
+    NotEmbeddedError
+        The active pipeline has not embedded the shape.
+    """
+    stored = file_repository.embedding_of(session, fingerprint, collection, shape_id)
+    if stored is None:
+        get(session, fingerprint, collection, shape_id)
+        raise NotEmbeddedError(shape_id)
+    return stored
+
+
+def get_record(session: ReadSession, fingerprint: str, collection: CollectionNumber, shape_id: str) -> bytes:
+    """The record of a shape's embedding. It raises the errors of `get_stored_embedding`."""
+    return get_stored_embedding(session, fingerprint, collection, shape_id).record
+
+
+def get_embedding(
+    session: ReadSession, fingerprint: str, collection: CollectionNumber, shape_id: str
+) -> Embedding:
+    """The embedding of a shape. It raises the errors of `get_stored_embedding`."""
+    return embedding_from_bytes(get_record(session, fingerprint, collection, shape_id))
+
+
+async def exported(
+    container: Container, collection: CollectionNumber, shape: ShapeRecord, format: str
+) -> bytes:
+    """The mesh of a shape in another file format; `core.io.write_mesh` lists what is preserved.
+
+    Raises
+    ------
+    MeshTooComplexError
+        The file could exceed the limit of an upload.
+    NonFiniteCoordinatesError
+        A coordinate is too large for the 32 bits of the format.
+    """
+
+    def read() -> bytes:
+        with container.database.read() as session:
+            return get_file(session, collection, shape.id)
+
+    mesh = await container.queue.read(await run_in_threadpool(read), shape.format)
+    check_size(mesh, format, container.settings.max_upload_bytes)
+    return await container.queue.do(write_mesh, mesh, format)
+
+
+def check_size(mesh: Mesh, format: str, limit: int) -> None:
+    """Raise MeshTooComplexError if the file of a mesh could exceed the limit."""
+    written = FORMATS[format]
+    size = len(mesh.vertices) * written.vertex_bytes + len(mesh.faces) * written.face_bytes
+    if size > limit:
+        raise MeshTooComplexError(
+            f"the mesh may take {size} bytes as {written.title}; at most {limit} bytes are written"
+        )
+
+
+async def replace_file(
+    container: Container, collection: CollectionNumber, shape_id: str, file: NewFile, if_match: str | None
+) -> ShapeRecord:
+    """Replace the file of a shape; its id, name, tags and metadata stay.
+
+    Stages: check the shape and If-Match; embed the file in a worker if needed; replace bytes, embedding and
+    shape in one transaction. Every query sees either file, and the shape always has an embedding.
+
+    Raises
+    ------
+    ShapeNotFoundError
+        The collection has no such shape.
+    FileChangedError
+        If-Match names another file.
+    NameTakenError
+        Another shape of the collection has the same name and the new file.
+    """
+    while True:
+        pipeline, needed = await run_in_threadpool(_look_up, container, collection, shape_id, file, if_match)
+        embedded = await container.queue.embed(file.data, file.format, pipeline) if needed else None
+        replaced = await run_in_threadpool(
+            _replace, container.database, pipeline.fingerprint, collection, shape_id, file, embedded, if_match
+        )
+        if replaced is not None:
+            return replaced
+
+
+def _look_up(
+    container: Container, collection: CollectionNumber, shape_id: str, file: NewFile, if_match: str | None
+) -> tuple[Pipeline, bool]:
+    """The active pipeline, and whether the file needs an embedding."""
+    with container.database.read() as session:
+        pipeline = container.pipelines.current(session).pipeline
+        _check_match(get(session, pipeline.fingerprint, collection, shape_id), if_match)
+        return pipeline, not file_repository.is_embedded(
+            session, pipeline.fingerprint, file.sha256, file.format
+        )
+
+
+def _replace(
+    database: Database,
+    fingerprint: str,
+    collection: CollectionNumber,
+    shape_id: str,
+    file: NewFile,
+    embedded: Embedded | None,
+    if_match: str | None,
+) -> ShapeRecord | None:
+    """Replace the file in one transaction; None if the file must be embedded first."""
+    with database.write() as session:
+        record = get(session, fingerprint, collection, shape_id)
+        _check_match(record, if_match)
+        put = put_file(session, fingerprint, file, embedded)
+        if put is None:
+            return None
+        if (record.sha256, record.format) == (file.sha256, file.format):
+            return get(session, fingerprint, collection, shape_id)
+        if repository.same(session, fingerprint, collection, file, record.name) is not None:
+            raise NameTakenError(f"another shape has this file and the name {record.name!r}")
+        repository.replace_file(session, record, file.format, put)
+        return get(session, fingerprint, collection, shape_id)
+
+
+def _check_match(record: ShapeRecord, if_match: str | None) -> None:
+    """Raise unless If-Match, if given, matches the stored file."""
+    tag = entity_tag(record.sha256)
+    if if_match is not None and not is_known(if_match, tag):
+        raise FileChangedError(f"the ETag of the file is now {tag}")
+
+
+def as_npz(embedding: Embedding) -> bytes:
+    """The arrays of an embedding as a NumPy archive; names of spectral arrays begin with their spectrum's."""
+    arrays: dict[str, Any] = {
+        "positions": embedding.positions,
+        "vertices": embedding.vertices,
+        "graph_edges": embedding.graph_edges,
+        "graph_lengths": embedding.graph_lengths,
+        "tree_edges": embedding.tree_edges,
+        "regions": embedding.regions,
+        "signature": embedding.signature,
+    }
+    for spectrum in embedding.spectra:
+        arrays[f"{spectrum.name}_eigenvalues"] = spectrum.eigenvalues
+        arrays[f"{spectrum.name}_coordinates"] = spectrum.coordinates
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, **arrays)
+    return buffer.getvalue()
+
+
+def disposition(name: str, format: str) -> str:
+    """A Content-Disposition that saves the file under the shape's name (RFC 6266).
+
+    Old clients read `filename`, where an underscore replaces unsafe characters; newer ones read `filename*`,
+    where unsafe bytes are percent-encoded.
+    """
+    if name.lower().rpartition(".")[2] not in FORMATS[format].endings:
+        name = f"{name}.{format}"
+    harmless = "".join(c if c.isascii() and (c.isalnum() or c in " .-_()") else "_" for c in name)
+    return f"attachment; filename=\"{harmless}\"; filename*=UTF-8''{quote(name, safe='')}"
+
+
+def entity_tag(sha256: str) -> str:
+    """The ETag of bytes with a SHA-256."""
+    return f'"{sha256}"'
+
+
+def is_known(if_none_match: str | None, tag: str) -> bool:
+    """Whether an If-None-Match header contains the tag, or is `*`."""
+    if if_none_match is None:
+        return False
+    given = [part.strip().removeprefix("W/") for part in if_none_match.split(",")]
+    return "*" in given or tag in given
