@@ -1,4 +1,4 @@
-"""Bodies that keep their vertices from pose to pose: what moves them, and their symmetries."""
+"""Bodies in several poses, and individuals of a class, with their true correspondences."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,7 @@ from numpy.random import SeedSequence, default_rng
 from core.errors import MeshError, ParameterError
 from core.evaluation.correspondence_errors import surface_distances
 from core.gallery import CLASSES, bodies
-from core.gallery.bodies import make_body, symmetries
+from core.gallery.bodies import individual_partners, make_body, symmetries
 from core.gallery.posing import DRAWS, BodyDraws, Draws, at_rest, rotations, skinned, skinning_weights
 from core.gallery.solids import capsule, rotation
 from core.gallery.surface import components, is_closed_manifold
@@ -181,3 +181,25 @@ def test_a_variation_is_that_of_the_proportions():
     assert numbers[:, 0].mean() == pytest.approx(2.0, abs=0.01)
     assert numbers[:, 0].std() == pytest.approx(0.1, rel=0.1)
     assert np.ptp(numbers[:, 1]) == 0.0
+
+
+def test_a_body_is_its_own_partner():
+    body = make_body("teddy", 1, vertices=700)
+    np.testing.assert_array_equal(individual_partners(body, body), body.partners(body))
+
+
+@pytest.mark.parametrize("label", ["person", "quadruped", "teddy", "bird"])
+def test_there_and_back_between_individuals(label):
+    one, other = (make_body(label, number, vertices=900) for number in (0, 1))
+    there, back = individual_partners(one, other)[0], individual_partners(other, one)[0]
+    around = surface_distances(one)[back[there], np.arange(len(there))]
+    assert around.mean() < 0.03
+    # The vertices of the left are on the left.
+    across = one.rest.vertices[:, 1]
+    sides = other.rest.vertices[there, 1][np.abs(across) > 0.1 * np.abs(across).max()]
+    assert (np.sign(sides) == np.sign(across[np.abs(across) > 0.1 * np.abs(across).max()])).mean() > 0.99
+
+
+def test_other_classes_have_other_solids():
+    with pytest.raises(ParameterError):
+        individual_partners(make_body("cup", vertices=500), make_body("fish", vertices=500))

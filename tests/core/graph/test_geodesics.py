@@ -1,12 +1,22 @@
-"""Searches by buckets against SciPy's."""
+"""Searches by buckets, and the growing farthest-point pass, against SciPy's."""
 
 import numpy as np
 import pytest
+from scipy.sparse.csgraph import dijkstra
 
 from core.graph.edge_graph import edge_graph, symmetric
-from core.graph.geodesics import WIDTH, _search, geodesic_distances, geodesics, geodesics_reference
+from core.graph.geodesics import (
+    WIDTH,
+    _search,
+    _select,
+    farthest_points,
+    farthest_points_reference,
+    geodesic_distances,
+    geodesics,
+    geodesics_reference,
+)
 from core.mesh.cleaning import clean
-from tests.core.shapes import MANY_KINDS
+from tests.core.shapes import GALLERY, MANY_KINDS, make_shape
 
 
 @pytest.mark.parametrize("name", MANY_KINDS)
@@ -44,13 +54,18 @@ def test_the_width_of_a_bucket_changes_the_work_alone(width):
     np.testing.assert_array_equal(geodesics(graph, samples, points), wanted)
 
 
-def test_a_search_that_goes_astray_is_left_to_scipy():
-    """A path is shorter the more steps it has, all in one bucket: a vertex is lowered again and again."""
+def astray():
+    """A graph in which a path is shorter the more steps it has, all in one bucket."""
     edges, lengths = [(200, 201)], [1e6]
     for step in (1, 2, 3):
         edges += [(i, i + step) for i in range(201 - step)]
         lengths += [float(step**2)] * (201 - step)
-    graph = symmetric(np.array(edges), np.array(lengths), 202)
+    return symmetric(np.array(edges), np.array(lengths), 202)
+
+
+def test_a_search_that_goes_astray_is_left_to_scipy():
+    """A vertex is lowered again and again."""
+    graph = astray()
     samples, points = np.array([0, 201, 30]), np.arange(202)
     found = np.empty((202, 3))
     width = WIDTH * float(graph.data.mean())
@@ -64,3 +79,98 @@ def test_between_the_samples_they_are_symmetric():
     graph = many_lengths()
     distances = geodesic_distances(graph, np.arange(0, 200, 9))
     np.testing.assert_array_equal(distances, distances.T)
+
+
+KINDS = [*GALLERY[:6], "soup", "loose parts", "sphere", "sheet"]
+
+
+def radii(graph, samples):
+    """Distance of each sample to those before it, and the covering radius of all."""
+    table = dijkstra(graph, indices=samples)
+    nearest = np.minimum.accumulate(table, axis=0)
+    steps = nearest[np.arange(len(samples) - 1), samples[1:]]
+    return steps, nearest.max(axis=1)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_fast_pass_is_the_slow_one(kind):
+    graph = edge_graph(MANY_KINDS[kind]())
+    count = min(40, graph.shape[0])
+    first = graph.shape[0] // 3
+    np.testing.assert_array_equal(
+        farthest_points(graph, count, first), farthest_points_reference(graph, count, first)
+    )
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_fast_pass_is_the_slow_one_with_weights(kind):
+    graph = edge_graph(MANY_KINDS[kind]())
+    count = min(40, graph.shape[0])
+    weights = np.random.default_rng(1).uniform(0.25, 4.0, size=graph.shape[0])
+    fast = farthest_points(graph, count, 5, weights)
+    np.testing.assert_array_equal(fast, farthest_points_reference(graph, count, 5, weights))
+    assert not np.array_equal(fast, farthest_points(graph, count, 5))
+
+
+@pytest.mark.parametrize("label", GALLERY[:4])
+def test_samples_are_distinct_and_each_is_the_farthest(label):
+    graph = edge_graph(make_shape(label, 1))
+    samples = farthest_points(graph, 60, 17)
+    assert samples[0] == 17
+    assert len(np.unique(samples)) == 60
+    steps, radius = radii(graph, samples)
+    # Of equally far vertices the first is taken, and equal means to one part in 1e5.
+    np.testing.assert_allclose(steps, radius[:-1], rtol=2e-5)
+    assert (np.diff(radius) <= 0.0).all()
+    assert radius[-1] < 0.35 * radius[0]
+
+
+@pytest.mark.parametrize("label", GALLERY[:4])
+def test_every_weighted_choice_has_the_largest_score(label):
+    graph = edge_graph(make_shape(label, 1))
+    weights = np.random.default_rng(2).uniform(0.25, 4.0, size=graph.shape[0])
+    samples = farthest_points(graph, 40, 0, weights)
+    nearest = np.minimum.accumulate(dijkstra(graph, indices=samples), axis=0)[:-1]
+    chosen = (nearest * weights)[np.arange(39), samples[1:]]
+    np.testing.assert_allclose(chosen, (nearest * weights).max(axis=1), rtol=2e-5)
+
+
+def test_a_path_is_halved_and_halved_again():
+    """Vertices 0 .. 8 at unit steps, from one end: the other end, the middle, the quarters."""
+    steps = np.arange(8)
+    graph = symmetric(np.stack([steps, steps + 1], axis=1), np.ones(8), 9)
+    np.testing.assert_array_equal(farthest_points(graph, 9, 0), [0, 8, 4, 2, 6, 1, 3, 5, 7])
+
+
+def test_a_heavy_vertex_is_taken_before_a_far_one():
+    steps = np.arange(8)
+    graph = symmetric(np.stack([steps, steps + 1], axis=1), np.ones(8), 9)
+    weights = np.ones(9)
+    weights[3] = 4.0
+    np.testing.assert_array_equal(farthest_points(graph, 3, 0, weights), [0, 3, 8])
+
+
+@pytest.mark.parametrize("weighted", [False, True])
+def test_all_vertices_are_taken_once(weighted):
+    graph = edge_graph(MANY_KINDS["loose parts"]())
+    weights = np.random.default_rng(3).uniform(0.25, 4.0, size=graph.shape[0]) if weighted else None
+    for search in (farthest_points, farthest_points_reference):
+        samples = search(graph, graph.shape[0] + 10, 2, weights)
+        np.testing.assert_array_equal(np.sort(samples), np.arange(graph.shape[0]))
+
+
+def test_rounding_does_not_choose_between_equals():
+    """Four ends of a cross: with lengths off by 1e-7 the first of them still goes first."""
+    edges = np.array([[0, 1], [0, 2], [0, 3], [0, 4]])
+    lengths = np.array([1.0, 1.0 + 1e-7, 1.0 - 1e-7, 1.0 + 2e-7])
+    graph = symmetric(edges, lengths, 5)
+    for search in (farthest_points, farthest_points_reference):
+        np.testing.assert_array_equal(search(graph, 5, 0), [0, 1, 2, 3, 4])
+
+
+def test_a_selection_that_goes_astray_is_left_to_scipy():
+    graph = astray()
+    indptr, indices = graph.indptr.astype(np.uint32), graph.indices.astype(np.uint32)
+    width, samples = WIDTH * float(graph.data.mean()), np.empty(20, dtype=np.int64)
+    assert not _select(indptr, indices, graph.data, width, np.ones(202), 0, samples)
+    np.testing.assert_array_equal(farthest_points(graph, 20, 0), farthest_points_reference(graph, 20, 0))

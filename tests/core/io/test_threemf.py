@@ -1,7 +1,9 @@
-"""3MF: units, places and parts, and what is wrong."""
+"""3MF: units, places, parts and written files, and what is wrong."""
 
+import io
 import tracemalloc
 import zipfile
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -15,10 +17,25 @@ from core.errors import (
     NonFiniteCoordinatesError,
     NoTrianglesError,
 )
-from core.io import Limits, read_mesh
+from core.io import Limits, read_mesh, read_parts, write_mesh
+from core.mesh.mesh import Mesh
 from tests.core.io.files import CUBE, TRIANGLES
-from tests.core.io.threemf_faults import BEAMS, MALFORMED, MOVED, OTHER, nested, with_coordinate
-from tests.core.io.threemf_files import RELS, components, mesh, model, package, thing
+from tests.core.io.threemf_files import (
+    BEAMS,
+    CORE,
+    MALFORMED,
+    MODEL,
+    MOVED,
+    OTHER,
+    RELS,
+    components,
+    mesh,
+    model,
+    nested,
+    package,
+    thing,
+    with_coordinate,
+)
 
 CORNERS = np.asarray(CUBE, dtype=float)[np.asarray(TRIANGLES)]
 AWAY = np.array([10, 20, 30])
@@ -124,11 +141,12 @@ def test_parts_in_other_files_of_the_package():
     assert np.array_equal(found, np.concatenate([CORNERS + AWAY, turned, CORNERS]))
 
 
-def test_blocks_join_where_they_should():
+def test_blocks_join_where_they_should(monkeypatch):
     """More rows than are taken at a time."""
+    monkeypatch.setattr("core.io.threemf_model._BLOCK", 64)
     rng = np.random.default_rng(1)
-    vertices = rng.normal(size=(70_000, 3)).round(3)
-    faces = rng.integers(0, 70_000, size=(70_001, 3))
+    vertices = rng.normal(size=(200, 3)).round(3)
+    faces = rng.integers(0, 200, size=(201, 3))
     assert np.array_equal(corners(package(model(thing(1, mesh(vertices, faces))))), vertices[faces])
 
 
@@ -221,3 +239,168 @@ def test_a_part_is_unpacked_piece_by_piece():
     _, most = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert most < 10_000_000
+
+
+FULL = np.array([[0.1, 1e-300, -0.0], [1 / 3, -1.2345678901234567e20, 5e-324], [2.0**60 + 256, 1e16, 7.0]])
+
+
+def bumpy(count):
+    rng = np.random.default_rng(4)
+    return Mesh(
+        rng.normal(size=(count, 3)), np.sort(rng.permuted(np.tile(np.arange(count), (9, 1)), axis=1)[:, :3])
+    )
+
+
+def parts(data):
+    with zipfile.ZipFile(io.BytesIO(data)) as package:
+        assert package.testzip() is None
+        return {name: ElementTree.fromstring(package.read(name)) for name in package.namelist()}
+
+
+@pytest.mark.parametrize(
+    "mesh",
+    [Mesh(CUBE, TRIANGLES), Mesh(FULL, [[0, 1, 2], [2, 1, 0]]), bumpy(50)],
+    ids=["cube", "every kind of number", "bumpy"],
+)
+def test_a_mesh_is_read_back_exactly(mesh):
+    again = read_mesh(write_mesh(mesh, "3MF"), "3mf")
+    assert np.array_equal(again.vertices, mesh.vertices)
+    assert np.array_equal(again.faces, mesh.faces)
+
+
+def test_the_package_is_as_the_format_says():
+    inside = parts(write_mesh(Mesh(CUBE, TRIANGLES), "3mf"))
+    assert list(inside) == ["[Content_Types].xml", "_rels/.rels", "3D/3dmodel.model"]
+    kinds = {each.get("Extension") for each in inside["[Content_Types].xml"]}
+    assert kinds == {"rels", "model"}
+    (start,) = inside["_rels/.rels"]
+    assert (start.get("Type"), start.get("Target")) == (MODEL, "/3D/3dmodel.model")
+    model = inside["3D/3dmodel.model"]
+    assert (model.tag, model.get("unit")) == (f"{{{CORE}}}model", "millimeter")
+    (thing,) = model.findall(f"{{{CORE}}}resources/{{{CORE}}}object")
+    (item,) = model.findall(f"{{{CORE}}}build/{{{CORE}}}item")
+    assert (item.get("objectid"), item.get("transform")) == (thing.get("id"), None)
+    vertices = [[float(each.get(axis)) for axis in "xyz"] for each in thing.iter(f"{{{CORE}}}vertex")]
+    faces = [
+        [int(each.get(name)) for name in ("v1", "v2", "v3")] for each in thing.iter(f"{{{CORE}}}triangle")
+    ]
+    assert np.array_equal(vertices, CUBE)
+    assert np.array_equal(faces, TRIANGLES)
+
+
+def test_the_same_mesh_gives_the_same_bytes_whenever_and_wherever():
+    data = write_mesh(bumpy(50), "3mf")
+    assert data == write_mesh(bumpy(50), "3mf")
+    with zipfile.ZipFile(io.BytesIO(data)) as package:
+        assert {member.date_time for member in package.infolist()} == {(1980, 1, 1, 0, 0, 0)}
+        assert {member.create_system for member in package.infolist()} == {3}
+
+
+def test_a_face_that_names_a_vertex_twice_is_left_out():
+    spoilt = np.vstack([[[0, 0, 1]], TRIANGLES, [[2, 3, 2], [4, 5, 5], [6, 6, 6]]])
+    assert write_mesh(Mesh(CUBE, spoilt), "3mf") == write_mesh(Mesh(CUBE, TRIANGLES), "3mf")
+    with pytest.raises(NoTrianglesError, match="twice"):
+        write_mesh(Mesh(CUBE, spoilt[-3:]), "3mf")
+
+
+MOVED = "1 0 0 0 1 0 0 0 1 10 20 30"
+TURNED_AND_RAISED = "0 1 0 -1 0 0 0 0 1 5 0 0"
+SLIGHTLY = "0.866025 0.5 0 -0.5 0.866025 0 0 0 1 0 0 0"
+DOUBLED = "2 0 0 0 2 0 0 0 2 0 0 0"
+DOUBLED_AND_TURNED = "0 2 0 -2 0 0 0 0 2 1 1 1"
+MIRRORED = "-1 0 0 0 1 0 0 0 1 0 0 0"
+FLAT = "1 0 0 0 1 0 0 0 0 0 0 0"
+HALF = mesh(np.asarray(CUBE) / 2)
+
+
+def parts_of(objects, items, **limits):
+    found = read_parts(package(model(objects, items)), "3mf", limits=Limits(**limits))
+    return [(part.name, part.path, part.instances) for part in found]
+
+
+def test_each_object_is_a_part_with_its_instances():
+    objects = (
+        thing(1, name="pin")
+        + thing(2, HALF, name="cap")
+        + thing(3, components((1, None), (1, MOVED), (2, TURNED_AND_RAISED)), name="bearing")
+    )
+    assert parts_of(objects, [(3, None), (3, MOVED), (2, SLIGHTLY)]) == [
+        ("pin", ("bearing", "pin"), 4),
+        ("cap", ("bearing", "cap"), 3),
+    ]
+
+
+def test_a_part_is_in_its_own_frame_in_millimetres():
+    data = package(model(thing(1), [(1, MOVED), (1, SLIGHTLY)], head='unit="inch"'))
+    (part,) = read_parts(data, "3mf")
+    assert part.instances == 2
+    assert np.array_equal(part.mesh.vertices, np.asarray(CUBE, dtype=float) * 25.4)
+    assert np.array_equal(part.mesh.faces, TRIANGLES)
+
+
+def test_an_object_without_a_name_has_that_of_the_object_above():
+    objects = thing(1) + thing(2, HALF, name="cap") + thing(3, components((1, None), (2, None)), name="pen")
+    assert parts_of(objects, [(3, None), (1, None)]) == [
+        ("pen", ("pen",), 1),
+        ("cap", ("pen", "cap"), 1),
+        ("", (), 1),
+    ]
+
+
+def test_instances_of_another_size_are_another_part():
+    assert parts_of(thing(1, name="a"), [(1, DOUBLED), (1, None), (1, DOUBLED_AND_TURNED)]) == [
+        ("a", ("a",), 2),
+        ("a", ("a",), 1),
+    ]
+    large, small = read_parts(package(model(items=[(1, DOUBLED_AND_TURNED), (1, None)])), "3mf")
+    assert large.mesh.vertices == pytest.approx(2 * small.mesh.vertices)
+
+
+def test_small_and_large_sizes_keep_their_digits():
+    for size in (1.2345678e-4, 1234.5678):
+        scaled = f"{size} 0 0 0 {size} 0 0 0 {size} 0 0 0"
+        part, _ = read_parts(package(model(items=[(1, scaled), (1, None)])), "3mf")
+        assert part.mesh.vertices == pytest.approx(size * np.asarray(CUBE), rel=1e-6)
+
+
+def test_a_mirrored_instance_is_another_part_with_its_inside():
+    plain, mirrored = (
+        part.mesh for part in read_parts(package(model(items=[(1, None), (1, MIRRORED)])), "3mf")
+    )
+    assert [mesh_volume(each) for each in (plain, mirrored)] == pytest.approx([mesh_volume(plain)] * 2)
+    assert mesh_volume(plain) > 0
+
+
+def test_the_parts_have_the_volume_of_the_whole():
+    objects = thing(1) + thing(2, HALF) + thing(3, components((1, SLIGHTLY), (2, "3 0 0 1 1 0 0 0 -2 7 7 7")))
+    data = package(model(objects, [(3, DOUBLED_AND_TURNED), (3, None), (2, MIRRORED)]))
+    parts = read_parts(data, "3mf")
+    assert sum(part.instances for part in parts) == 5
+    total = sum(part.instances * mesh_volume(part.mesh) for part in parts)
+    assert total == pytest.approx(mesh_volume(read_mesh(data, "3mf")), rel=1e-5)
+
+
+def mesh_volume(one):
+    a, b, c = np.moveaxis(one.vertices[one.faces], 1, 0)
+    return float(np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6)
+
+
+def test_one_object_has_no_parts():
+    assert parts_of(thing(1), [(1, MOVED)]) == []
+    assert parts_of(thing(1) + thing(2, type="support"), [(1, None), (2, None)]) == []
+
+
+def test_limits_and_faults():
+    objects = thing(1) + thing(2, HALF)
+    items = [(1, None), (2, None), (1, MOVED)]
+    assert len(parts_of(objects, items, parts=3, distinct_parts=2)) == 2
+    for fewer in ({"parts": 2}, {"distinct_parts": 1}, {"faces": 35}, {"vertices": 23}):
+        with pytest.raises(MeshTooComplexError, match="limit"):
+            parts_of(objects, items, **fewer)
+    with pytest.raises(NoTrianglesError):
+        parts_of(objects, [])
+    with pytest.raises(MalformedMeshError, match="a part of itself"):
+        parts_of(thing(1, components((1, None))), items)
+    line = mesh([(n, 0.0, 0.0) for n in range(8)])
+    with pytest.raises(DegenerateMeshError, match="'line'"):
+        parts_of(thing(1) + thing(2, line, name="line"), items)

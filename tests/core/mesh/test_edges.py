@@ -1,12 +1,20 @@
-"""Edges and parts against NumPy's and SciPy's."""
+"""Half-edges, boundary loops and components of triangulations."""
 
 import numpy as np
 import pytest
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from core.mesh.edges import component_labels, edge_order, half_edges
-from tests.core.shapes import MANY_KINDS
+from core.mesh.edges import (
+    boundary_edges,
+    boundary_half_edges,
+    boundary_loops,
+    component_labels,
+    edge_order,
+    half_edges,
+)
+from core.mesh.mesh import Mesh
+from tests.core.shapes import MANY_KINDS, icosphere, joined, rectangle
 
 
 @pytest.mark.parametrize("kind", MANY_KINDS)
@@ -50,3 +58,81 @@ def test_edges_are_in_lexical_order(count):
     """Of 20 vertices: most edges occur several times, and some have both ends at one vertex."""
     ends = np.sort(np.random.default_rng(count).integers(20, size=(count, 2)), axis=1)
     np.testing.assert_array_equal(edge_order(ends[:, 0], ends[:, 1]), np.lexsort((ends[:, 1], ends[:, 0])))
+
+
+def walked(edges):
+    """The loops of directed edges, as sets of their edges; those that meet other edges are left out."""
+    after = {}
+    for start, end in edges:
+        after.setdefault(start, []).append(end)
+    loops, seen = [], set()
+    for first in sorted(after):
+        loop, at = [], first
+        while at not in seen and len(after.get(at, [])) == 1:
+            seen.add(at)
+            loop.append((at, after[at][0]))
+            at = after[at][0]
+        if loop and at == first:
+            loops.append(set(loop))
+    return loops
+
+
+def punctured(*faces):
+    """A sphere without some of its faces."""
+    ball = icosphere(3)
+    return Mesh(ball.vertices, np.delete(ball.faces, faces, axis=0))
+
+
+OPEN = {
+    "sheet": rectangle(2.0, 1.0, 5, 3),
+    "three holes": punctured(3, 400, 900),
+    "sheet and holes": joined(punctured(7, 800), rectangle(2.0, 1.0, 5, 3)),
+}
+
+
+@pytest.mark.parametrize("kind", MANY_KINDS)
+def test_boundary_edges_are_those_of_one_face(kind):
+    faces = MANY_KINDS[kind]().faces
+    sides = half_edges(faces)
+    ends = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
+    edges, counts = np.unique(ends, axis=0, return_counts=True)
+    np.testing.assert_array_equal(boundary_edges(sides), edges[counts == 1])
+    directed = boundary_half_edges(faces, sides)
+    np.testing.assert_array_equal(np.sort(directed, axis=1), edges[counts == 1])
+    assert {tuple(edge) for edge in directed.tolist()} <= {
+        (a, b) for face in faces.tolist() for a, b in zip(face, face[1:] + face[:1], strict=True)
+    }
+
+
+@pytest.mark.parametrize("kind", OPEN)
+def test_loops_are_those_of_a_walk_along_the_edges(kind):
+    mesh = OPEN[kind]
+    edges = boundary_half_edges(mesh.faces, half_edges(mesh.faces))
+    loops = boundary_loops(edges, len(mesh.vertices))
+    wanted = walked(edges.tolist())
+    assert len(wanted) == {"sheet": 1, "three holes": 3, "sheet and holes": 3}[kind]
+    assert [{tuple(edge) for edge in edges[loops == i].tolist()} for i in range(loops.max() + 1)] == wanted
+    assert (loops >= 0).all()
+
+
+def test_a_closed_surface_has_no_boundary():
+    ball = icosphere(2)
+    edges = boundary_half_edges(ball.faces, half_edges(ball.faces))
+    assert edges.shape == (0, 2)
+    assert boundary_loops(edges, len(ball.vertices)).shape == (0,)
+
+
+def test_boundaries_that_touch_in_a_vertex_are_no_loops():
+    """Two triangles that share one vertex, beside a triangle by itself."""
+    faces = np.array([[0, 1, 2], [0, 3, 4], [5, 6, 7]])
+    edges = boundary_half_edges(faces, half_edges(faces))
+    loops = boundary_loops(edges, 8)
+    assert all((loop == 0) == (edge >= 5).all() for edge, loop in zip(edges, loops, strict=True))
+    assert set(loops.tolist()) == {-1, 0}
+
+
+def test_faces_of_opposite_orientations_have_no_loop():
+    """Both faces run from vertex 1 to vertex 2, so two half-edges of the boundary begin at vertex 2."""
+    faces = np.array([[0, 1, 2], [1, 2, 3]])
+    edges = boundary_half_edges(faces, half_edges(faces))
+    assert boundary_loops(edges, 4).tolist() == [-1, -1, -1, -1]

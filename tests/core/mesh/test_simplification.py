@@ -1,11 +1,15 @@
-"""Simplification of large meshes: the surface stays, and so do its pieces and its coarse parts."""
+"""Simplification and edge contraction: fewer vertices, the same surface."""
 
+import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 from core.evaluation.perturbation import subdivide
 from core.mesh.cleaning import clean, face_areas
+from core.mesh.edges import boundary_edges, component_labels, half_edges
 from core.mesh.mesh import Mesh
-from core.mesh.simplification import FINENESS, simplify
+from core.mesh.simplification import FINENESS, _quadrics, contract_edges, simplify
+from core.numerics.compilation import constant
 from tests.core.shapes import box, icosphere, joined, shifted, turned
 
 WANTED = 600
@@ -47,3 +51,103 @@ def test_the_same_mesh_gives_the_same_bytes():
     first, second = simplify(mesh, WANTED), simplify(Mesh(mesh.vertices, mesh.faces), WANTED)
     assert first.vertices.tobytes() == second.vertices.tobytes()
     assert first.faces.tobytes() == second.faces.tobytes()
+
+
+@pytest.mark.parametrize("most", [400, 1000, 3000])
+def test_contraction_ends_between_half_of_the_number_and_all_of_it(most):
+    ball = icosphere(5)
+    points, faces = contract_edges(ball.vertices, ball.faces, most)
+    assert most / 2 <= len(points) <= most
+    assert (np.abs(np.linalg.norm(points, axis=1) - 1.0) < 10.0 / most).all()
+    assert area(points, faces) == pytest.approx(4.0 * np.pi, rel=20.0 / most)
+    assert component_labels(len(points), faces)[0] == 1
+
+
+def test_contracted_vertices_are_on_the_planes_near_the_middles_of_edges_or_stay():
+    ball = icosphere(4)
+    points, _ = contract_edges(ball.vertices, ball.faces, len(ball.vertices) - 1)
+    ends = ball.vertices[half_edges(ball.faces).edges]
+    middles, lengths = ends.mean(axis=1), np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)
+    away, nearest = cKDTree(middles).query(points)
+    moved = cKDTree(ball.vertices).query(points)[0] > 0.0
+    assert (away[moved] < 0.1 * lengths[nearest[moved]]).all()
+    assert np.linalg.norm(points[moved], axis=1).min() > np.linalg.norm(middles, axis=1).max()
+    assert 0.3 * len(points) < moved.sum() < len(points) < 0.7 * len(ball.vertices)
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("extents", [(3, 2, 1), (3, 2, 0.3)])
+def test_contraction_keeps_ridges_and_corners(extents, seed):
+    coarse = block = turned(box(*extents), seed)
+    for _ in range(5):
+        block = subdivide(block, 1.0, 0)
+    points, faces = contract_edges(block.vertices, block.faces, 2_400)
+    assert len(points) <= 2_400 < len(block.vertices)
+    assert area(points, faces) == pytest.approx(area(block.vertices, block.faces), rel=0.002)
+    side = np.sqrt(area(points, faces) / len(points))
+    assert cKDTree(points).query(coarse.vertices)[0].max() < 0.1 * side
+
+
+def test_the_quadric_error_is_the_squared_distance_from_the_planes():
+    rng = np.random.default_rng(0)
+    points, faces = rng.normal(size=(4, 3)), np.array([[0, 1, 2], [0, 3, 1]])
+    found = _quadrics(constant(points), constant(faces))
+    for vertex, beside in ((0, faces), (2, faces[:1])):
+        upper, linear = found[vertex, :6], found[vertex, 6:]
+        matrix = np.zeros((3, 3))
+        matrix[np.triu_indices(3)] = upper
+        matrix += np.triu(matrix, 1).T
+        away = rng.normal(size=3)
+        expected = constant_term = 0.0
+        for corners in points[beside]:
+            normal = np.cross(corners[1] - corners[0], corners[2] - corners[0])
+            size = np.linalg.norm(normal)
+            expected += size * ((away - corners[0]) @ normal / size) ** 2
+            constant_term += size * (corners[0] @ normal / size) ** 2
+        assert away @ matrix @ away - 2.0 * linear @ away + constant_term == pytest.approx(expected)
+
+
+def test_a_coarse_part_keeps_its_vertices():
+    coarse, dense = shifted(box(4, 4, 4), (9, 0, 0)), icosphere(6)
+    mesh = joined(dense, coarse)
+    points, _ = contract_edges(mesh.vertices, mesh.faces, 10_000)
+    assert len(points) <= 10_000
+    assert cKDTree(points).query(coarse.vertices)[0].max() == 0.0
+
+
+def test_a_mesh_of_no_more_vertices_is_not_contracted():
+    ball = icosphere(3)
+    points, faces = contract_edges(ball.vertices, ball.faces, len(ball.vertices))
+    assert points is ball.vertices
+    assert faces is ball.faces
+
+
+def test_pieces_without_common_edges_are_not_contracted_away():
+    # Five vertices of which every three are a face: two rounds would leave one edge of each.
+    rng = np.random.default_rng(0)
+    corners = np.array([[a, b, c] for a in range(5) for b in range(a) for c in range(b)])
+    points = rng.random((500, 1, 3)) * 100.0 + rng.random((500, 5, 3))
+    faces = corners + 5 * np.arange(500)[:, None, None]
+    _, left = contract_edges(points.reshape(-1, 3), faces.reshape(-1, 3), 1000)
+    assert len(left) > 0
+
+
+def test_the_boundary_of_an_open_surface_stays():
+    ball = icosphere(5)
+    upper = ball.faces[(ball.vertices[ball.faces][:, :, 2] > -0.3).all(axis=1)]
+    bowl = clean(Mesh(ball.vertices, upper)).mesh
+    points, faces = contract_edges(bowl.vertices, bowl.faces, 2_000)
+    before, after = (np.unique(boundary_edges(half_edges(some))) for some in (bowl.faces, faces))
+    assert len(points) <= 2_000 < len(bowl.vertices)
+    assert np.array_equal(np.sort(bowl.vertices[before], axis=0), np.sort(points[after], axis=0))
+    assert area(points, faces) == pytest.approx(area(bowl.vertices, bowl.faces), rel=0.002)
+
+
+def test_a_surface_of_boundaries_alone_is_contracted_all_the_same():
+    count = 5_000
+    turns = np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
+    rim = np.stack([np.cos(turns), np.sin(turns), 0.3 * np.sin(5.0 * turns)], axis=1)
+    here = np.arange(count)
+    faces = np.stack([np.zeros(count, dtype=np.int64), here + 1, (here + 1) % count + 1], axis=1)
+    points, _ = contract_edges(np.concatenate([np.zeros((1, 3)), rim]), faces, 1_000)
+    assert len(points) <= 1_000

@@ -2,8 +2,7 @@
 
 from tests.core.io.files import CUBE
 from tests.core.io.step_files import Step, step_box
-from tests.core.io.threemf_faults import MALFORMED, nested, with_coordinate
-from tests.core.io.threemf_files import mesh, model, package, thing
+from tests.core.io.threemf_files import MALFORMED, mesh, model, nested, package, thing, with_coordinate
 from tests.soak.hostile.case import Hostile, malformed, refused, stored
 
 SHEET = thing(1, mesh([*CUBE] * 500, [(n, n + 1, n + 2) for n in range(3_990)]))
