@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
-from skimage.measure import marching_cubes
 
 from core.arrays import Floats, Ints
+from core.gallery.marching_cubes import marching_cubes
 from core.gallery.solids import Field, Part
 from core.mesh.mesh import face_normals
 
@@ -107,10 +107,8 @@ class Grid:
         """Return the vertices, shape (n, 3), and outward faces, shape (f, 3), of marching cubes at zero."""
         snap = np.float32(_SNAP * self.cell)
         values = np.where(np.abs(self.values) < snap, np.copysign(snap, self.values), self.values)
-        # "descent": the values fall towards the inside.
-        arrays = marching_cubes(values, 0.0, gradient_direction="descent")  # type: ignore[no-untyped-call]
-        vertices, faces = arrays[:2]
-        return vertices.astype(np.float64) * self.cell + self.low, faces.astype(np.int64)
+        vertices, faces = marching_cubes(values)
+        return vertices * self.cell + self.low, faces
 
     def projected(self, points: Floats) -> Floats:
         """Return points near the surface, shape (n, 3), after one Newton step towards it, at most a cell."""
