@@ -29,7 +29,7 @@ WAYS: dict[str, dict[str, Any]] = {
 @pytest.fixture(
     scope="module",
     params=[(None, "memory"), (POSTGRESQL, "database")],
-    ids=["memory", "database"],
+    ids=["memory", "postgresql"],
 )
 def answers(
     request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory

@@ -208,7 +208,7 @@ def _fail(*_arguments: object) -> None:
 
 
 def test_a_mesh_that_is_simplified_is_stored_and_found(service: Running) -> None:
-    ball = trimesh.creation.icosphere(subdivisions=6)
+    ball = trimesh.creation.icosphere(subdivisions=5)
     points = ball.vertices * (1 + 0.2 * ball.vertices[:, :1] ** 2 + 0.1 * ball.vertices[:, 1:2])
     assert len(points) > pipeline_in_use(service).parameters.mesh.decimate_above > 0
     for name, coordinates in (("ball", ball.vertices), ("pear", points)):

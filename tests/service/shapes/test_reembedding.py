@@ -34,7 +34,7 @@ from tests.service.support import (
 
 pytestmark = either_engine
 
-STORED = 5
+STORED = 4
 
 Hook = Callable[[bytes], None]
 
