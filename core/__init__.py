@@ -54,5 +54,5 @@ def __getattr__(name: str) -> object:
 
 
 def __dir__() -> list[str]:
-    """The library's names."""
+    """Return the library's names."""
     return sorted({*globals(), *__all__})

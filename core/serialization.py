@@ -20,7 +20,7 @@ from core.spectral.orientation import ORIENTED, ORIENTING
 
 
 def embedding_to_bytes(embedding: Embedding) -> bytes:
-    """The record of an embedding; the same embedding always gives the same bytes."""
+    """Return the record of an embedding; the same embedding always gives the same bytes."""
     header: dict[str, Any] = {
         "fingerprint": embedding.fingerprint,
         "facts": asdict(embedding.facts),
@@ -47,7 +47,7 @@ def embedding_to_bytes(embedding: Embedding) -> bytes:
 
 
 def embedding_from_bytes(data: bytes) -> Embedding:
-    """The embedding that `embedding_to_bytes` wrote.
+    """Return the embedding that `embedding_to_bytes` wrote.
 
     Raises
     ------
@@ -84,7 +84,7 @@ def embedding_from_bytes(data: bytes) -> Embedding:
 
 
 def descriptors_from_bytes(data: bytes) -> ShapeDescriptors:
-    """The descriptors of a record, without its embedded points.
+    """Return the descriptors of a record, without its embedded points.
 
     Raises
     ------

@@ -89,7 +89,7 @@ def _waves() -> tuple[Floats, Floats]:
 
 @compiled
 def _azimuth(x: float, y: float) -> int:
-    """The cell of the direction (x, y), without its angle: cell 0 has the direction (1, 0) in its middle."""
+    """Return the cell of the direction (x, y); cell 0 has the direction (1, 0) in its middle."""
     low, high = min(abs(x), abs(y)), max(abs(x), abs(y))
     cell = 0
     for border in _BORDERS:

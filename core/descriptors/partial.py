@@ -61,7 +61,7 @@ ROW_COUNTS = {False: KEYPOINTS, True: KEYPOINTS + PART_ROWS}
 
 
 def describe_part(surface: Mesh) -> Bytes:
-    """The spin images of a surface as a part, for each share of `MISSING_SHARES`.
+    """Return the spin images of a surface as a part, for each share of `MISSING_SHARES`.
 
     Parameters
     ----------
@@ -155,7 +155,7 @@ class DescriptorDistance:
 
 
 def describe(surface: Mesh, *, boundary_ratio: float) -> Bytes:
-    """The spin images of a surface as rows of bytes.
+    """Return the spin images of a surface as rows of bytes.
 
     The first `KEYPOINTS` rows describe the surface as a whole. An incomplete surface has `PART_ROWS` more
     rows, which describe it as a part (`core.descriptors.partial.describe_part`).
@@ -212,10 +212,10 @@ def descriptor_distance(query: Bytes, others: Sequence[Bytes], whole: Floats) ->
 
 
 def is_part(rows: Bytes) -> bool:
-    """Whether the descriptors, from `describe`, belong to an incomplete surface."""
+    """Return whether the descriptors, from `describe`, belong to an incomplete surface."""
     return len(rows) > KEYPOINTS
 
 
 def whole_spin_images(rows: Bytes) -> Bytes:
-    """The spin images of the surface as a whole, shape (KEYPOINTS, SPIN_IMAGE_LENGTH)."""
+    """Return the spin images of the surface as a whole, shape (KEYPOINTS, SPIN_IMAGE_LENGTH)."""
     return rows[:KEYPOINTS, :SPIN_IMAGE_LENGTH]

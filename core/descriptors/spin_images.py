@@ -128,7 +128,7 @@ def spin_image_distances(query: Bytes, others: Sequence[Bytes]) -> Floats:
 def _nearest_squares(
     products: Float32s, other_squares: Float32s, own_squares: Float32s
 ) -> tuple[Int32s, Int32s]:
-    """The least squared distances of the spin images of one surface to those of c others, and back.
+    """Return the least squared distances of the spin images of one surface to those of c others, and back.
 
     Squared distances are whole numbers, so integer minima, which SIMD computes, are exact.
 

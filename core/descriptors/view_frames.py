@@ -119,18 +119,18 @@ def _normals_and_middles(points: Floats, faces: Ints) -> tuple[Floats, Floats]:
 
 
 def _along(axes: Floats, tensor: Floats) -> Floats:
-    """The second moments along axes, rows."""
+    """Return the second moments along axes, rows."""
     return np.asarray(np.einsum("ai,ij,aj->a", axes, tensor, axes))
 
 
 def _are_tied(plane: Floats, tensor: Floats) -> bool:
-    """Whether the second moments along two axes are nearly equal."""
+    """Return whether the second moments along two axes are nearly equal."""
     one, other = _along(plane, tensor)
     return bool(abs(one - other) < TIED)
 
 
 def _is_round(normals: Floats, areas: Floats) -> bool:
-    """Whether the fourth moments hardly depend on the angle in a plane; normals in it, shape (f, 2)."""
+    """Return whether fourth moments hardly depend on the angle in a plane; normals in it, shape (f, 2)."""
     return bool(abs(areas @ (normals[:, 0] + 1j * normals[:, 1]) ** 4) < TIED)
 
 
@@ -179,7 +179,7 @@ def _rectilinear(normals: Floats, areas: Floats, starts: tuple[Floats, ...]) -> 
 
 @compiled
 def _integral(moments: Floats, a: Floats, b: Floats, c: Floats, d: Floats) -> float:
-    """The integral of (n . a) (n . b) (n . c) (n . d), from the moments of n n^T, shape (9, 9)."""
+    """Return the integral of (n . a) (n . b) (n . c) (n . d), from the moments of n n^T, shape (9, 9)."""
     total = 0.0
     for i in range(9):
         for j in range(9):
@@ -234,7 +234,7 @@ def directed(plane: Floats, corners: Floats, areas: Floats) -> Floats:
 
 
 def moments_of_plane(corners: NDArray[np.complex128], areas: Floats) -> NDArray[np.complex128]:
-    """The integral of z^m over that of |z|^m, the latter by the corners, for each of `ORDERS`.
+    """Return the integral of z^m over that of |z|^m, the latter by the corners, for each of `ORDERS`.
 
     Parameters
     ----------

@@ -91,7 +91,7 @@ MAGNITUDE_SCALE, SHARE_SCALE = 255.0, 510.0
 
 
 def to_bytes(magnitudes: Floats, shares: Floats) -> Bytes:
-    """The descriptor of one surface, shape (VIEW_BYTES,).
+    """Return the descriptor of one surface, shape (VIEW_BYTES,).
 
     Parameters
     ----------
@@ -128,7 +128,7 @@ Princeton benchmark and of web models. Rankings hardly change from three quarter
 
 
 def view_descriptor(vertices: Floats, faces: Ints) -> Bytes:
-    """The view descriptor of a surface, shape (VIEW_BYTES,); see `core.descriptors.views`.
+    """Return the view descriptor of a surface, shape (VIEW_BYTES,); see `core.descriptors.views`.
 
     Parameters
     ----------
@@ -214,7 +214,7 @@ LOW_SCALE, COARSE_SCALE = 1000.0, 400.0
 
 
 def view_signature(descriptor: Bytes) -> Bytes:
-    """The signature, shape (SIGNATURE_BYTES,), of a descriptor, shape (VIEW_BYTES,)."""
+    """Return the signature, shape (SIGNATURE_BYTES,), of a descriptor, shape (VIEW_BYTES,)."""
     low = magnitudes_of(descriptor).mean(axis=0)[..., LOWEST]
     shares = shares_of(descriptor).reshape(COARSE_DISTANCES, -1, NORMAL_BINS, len(ALONG)).sum(axis=1) @ ALONG
     values = np.concatenate([LOW_SCALE * low.ravel(), COARSE_SCALE * np.sqrt(shares).ravel()])

@@ -98,7 +98,7 @@ class Reliability:
         return self.error_above(0)
 
     def error_above(self, first: int) -> float:
-        """The calibration error over the pairs in the bins from `first` on; 0 if these are empty."""
+        """Return the calibration error over the pairs in the bins from `first` on; 0 if these are empty."""
         shares = self.share[first:]
         gaps = np.abs(self.said - self.found)[first:]
         return float(shares @ gaps / shares.sum()) if shares.sum() > 0.0 else 0.0
@@ -111,7 +111,7 @@ def fit_logistic(
     offsets: Floats | float = 0.0,
     start: Calibration | None = None,
 ) -> Calibration:
-    """The logistic model of maximum likelihood, by Newton's method (iteratively reweighted least squares).
+    """Fit the logistic model of maximum likelihood by Newton's method (reweighted least squares).
 
     Parameters
     ----------
@@ -167,7 +167,7 @@ def fit_logistic(
 def fit(
     collections: Sequence[LabelledPairs], *, without: str | None = None, start: Calibration | None = None
 ) -> Calibration:
-    """The model fitted to all pairs of all collections, or to the pairs without one class.
+    """Return the model fitted to all pairs of all collections, or to the pairs without one class.
 
     `start` is that of `fit_logistic`.
 
@@ -213,7 +213,7 @@ def leave_class_out(collections: Sequence[LabelledPairs]) -> list[Floats]:
 
 
 def reliability(collections: Sequence[LabelledPairs], probabilities: Sequence[Floats]) -> Reliability:
-    """The reliability of class probabilities, arrays of shape (n, n), one for each collection.
+    """Return the reliability of class probabilities, arrays of shape (n, n), one for each collection.
 
     Every collection has the same weight; a collection without pairs is ignored.
     """

@@ -46,7 +46,7 @@ class Classification:
 
 
 def best_threshold(present: ArrayLike, absent: ArrayLike) -> float:
-    """The threshold t that maximises the share of present >= t plus the share of absent < t.
+    """Return the threshold t that maximises the share of present >= t plus the share of absent < t.
 
     Candidates are midpoints between neighbouring values; the lowest of equally good ones is taken. If no
     midpoint is better than the least value, the threshold is the least value, which matches everything.

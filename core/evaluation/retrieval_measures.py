@@ -246,7 +246,7 @@ class ScoreQuantiles:
 def score_quantiles(
     scores: NDArray[np.float64], labels: Sequence[str], threshold: float
 ) -> dict[str, ScoreQuantiles]:
-    """The distributions over pairs of the "same" class and of "other" classes, without those of no pairs.
+    """Return the distributions over pairs of the "same" class and of "other" classes that have pairs.
 
     Parameters
     ----------

@@ -25,7 +25,7 @@ compute other last bits than the processes that load it from the cache.
 
 
 def constant(array: NDArray[T]) -> NDArray[T]:
-    """A contiguous read-only view: numba compiles a function once more for each kind of array."""
+    """Return a contiguous read-only view: numba compiles a function once more for each kind of array."""
     view = np.ascontiguousarray(array).view()
     view.flags.writeable = False
     return view

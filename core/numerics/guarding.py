@@ -11,7 +11,7 @@ from core.numerics.threads import one_thread
 
 @contextmanager
 def guarded() -> Iterator[None]:
-    """A context in which linear algebra runs on one thread and arithmetic faults are raised.
+    """Yield a context in which linear algebra runs on one thread and arithmetic faults are raised.
 
     A division by zero, an invalid operation or an overflow in NumPy would otherwise pass as a warning, and
     NaN or infinity would reach a result. Compiled loops are not watched: their results are checked where they

@@ -59,7 +59,7 @@ def sortable(values: Ints | Floats) -> Keys:
 
 
 def lexical_order(*columns: Ints | Floats) -> Ints:
-    """The stable lexical order of rows, by the first column first, shape (n,).
+    """Return the stable lexical order of rows, by the first column first, shape (n,).
 
     Parameters
     ----------

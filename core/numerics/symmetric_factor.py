@@ -46,7 +46,7 @@ class SymmetricFactor:
         self._place[order] = np.arange(size)
 
     def solve(self, right: Floats) -> Floats:
-        """The solution x of A x = b, for b of shape (n,) or, a column each, (n, c).
+        """Return the solution x of A x = b, for b of shape (n,) or, a column each, (n, c).
 
         Raises
         ------

@@ -8,14 +8,14 @@ from threadpoolctl import ThreadpoolController
 
 
 def one_thread() -> AbstractContextManager[object]:
-    """A context in which the linear algebra of NumPy and SciPy runs on one thread."""
+    """Return a context in which the linear algebra of NumPy and SciPy runs on one thread."""
     limited: AbstractContextManager[object] = _controller().limit(limits=1)
     return limited
 
 
 @cache
 def _controller() -> ThreadpoolController:
-    """The controller of the loaded BLAS libraries; the search for them takes milliseconds and runs once."""
+    """Return the controller of the loaded BLAS libraries; the search for them runs once."""
     for name in ("numpy.linalg", "scipy.linalg"):
         import_module(name)
     return ThreadpoolController()

@@ -41,22 +41,22 @@ class _Rows:
         self.own = self.place(values[3])
 
     def place(self, row: Any) -> Any:
-        """A pointer to a row."""
+        """Return a pointer to a row."""
         offset = self.builder.mul(row, _NUMBER(SIMD_WIDTH))
         return self.builder.bitcast(self.builder.gep(self.x, [offset]), _VECTOR.as_pointer())
 
     def load(self, place: Any) -> Any:
-        """The numbers of a row."""
+        """Return the numbers of a row."""
         return self.builder.load(place, align=8)
 
     def entry(self, e: Any) -> tuple[Any, Any]:
-        """The negative factor of an entry, in every element of a vector, and a pointer to its row."""
+        """Return the negative factor of an entry, in every element of a vector, and a pointer to its row."""
         factor = self.builder.fneg(self.builder.load(self.builder.gep(self.values, [e])))
         row = self.builder.zext(self.builder.load(self.builder.gep(self.rows, [e])), _NUMBER)
         return self.broadcast(factor), self.place(row)
 
     def broadcast(self, scalar: Any) -> Any:
-        """A vector of one number."""
+        """Return a vector of one number."""
         index, undefined = ir.IntType(32), ir.Constant(_VECTOR, ir.Undefined)
         one = self.builder.insert_element(undefined, scalar, index(0))
         zeros = ir.Constant(ir.VectorType(index, SIMD_WIDTH), [0] * SIMD_WIDTH)

@@ -139,7 +139,7 @@ def _logs(differences: PairDifferences, weight: Floats | float) -> list[Floats]:
 
 
 def offset(differences: PairDifferences) -> Floats:
-    """The part of the log odds that is not fitted, shape (...): at most 3.3, and 0 where spectra differ.
+    """Return the part of the log odds that is not fitted, shape (...): at most 3.3, 0 where spectra differ.
 
     Among nearly isometric surfaces the order follows the eigenvalues. Collections of classes do not show
     this, since all these surfaces are of one class there.

@@ -61,7 +61,7 @@ def differences_of(
     own: LocalDensities | None = None,
     densities: LocalDensities | None = None,
 ) -> PairDifferences:
-    """The differences between one shape and c others.
+    """Return the differences between one shape and c others.
 
     Parameters
     ----------

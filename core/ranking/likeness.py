@@ -44,7 +44,7 @@ def likeness(
     mirrored: bool = False,
     variant: bool = False,
 ) -> Likeness:
-    """The likeness of a second shape to a first one; its thresholds suit the default setting.
+    """Return the likeness of a second shape to a first one; its thresholds suit the default setting.
 
     Parameters
     ----------

@@ -48,12 +48,12 @@ class LocalDensities:
 
 
 def typical_densities(count: int) -> LocalDensities:
-    """The densities of `count` shapes where no stored shapes are known."""
+    """Return the densities of `count` shapes where no stored shapes are known."""
     return LocalDensities(np.full(count, TYPICAL_SPECTRAL), np.full(count, TYPICAL_VIEW))
 
 
 def neighbour_distances(distances: Floats, typical: float) -> Floats:
-    """The distance of each of c shapes to its seventh neighbour among n others, shape (c,).
+    """Return the distance of each of c shapes to its seventh neighbour among n others, shape (c,).
 
     With n below `ENOUGH`, the result is the geometric mean of the typical distance and of that to the seventh
     neighbour, or to the last one of fewer; the weight of the latter is n / `ENOUGH`.
@@ -102,7 +102,7 @@ class DensitySample:
 
 
 def density_sample(shapes: list[ShapeDescriptors]) -> DensitySample:
-    """The sample of some shapes, in their order."""
+    """Return the sample of some shapes, in their order."""
     views = [shape.arrays["views"] for shape in shapes]
     signatures = [view_signature(descriptor) for descriptor in views]
     return DensitySample(
@@ -113,7 +113,7 @@ def density_sample(shapes: list[ShapeDescriptors]) -> DensitySample:
 
 
 def densities_in(sample: DensitySample, shapes: list[ShapeDescriptors]) -> LocalDensities:
-    """The local densities of c shapes, c at least 1, arrays of shape (c,), in a sample.
+    """Return the local densities of c shapes, c at least 1, arrays of shape (c,), in a sample.
 
     A shape of the sample with the same eigenvalues, to their last bit, is the shape itself or a copy of it,
     and no neighbour. A density depends on the shape and the sample alone.
@@ -137,7 +137,7 @@ def densities_in(sample: DensitySample, shapes: list[ShapeDescriptors]) -> Local
 
 
 def _eigenvalues(shapes: list[ShapeDescriptors]) -> Floats:
-    """The part of signatures without global descriptors, shape (c, e)."""
+    """Return the part of signatures without global descriptors, shape (c, e)."""
     if not shapes:
         return np.empty((0, 0))
     return np.stack([shape.signature[:-GLOBAL_DESCRIPTORS] for shape in shapes]).astype(np.float64)

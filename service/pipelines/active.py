@@ -87,7 +87,7 @@ class Pipelines:
         self.current(session)
 
     def current(self, session: ReadSession) -> ActivePipeline:
-        """The active pipeline, as the session sees it.
+        """Return the active pipeline, as the session sees it.
 
         Raises
         ------
@@ -111,7 +111,7 @@ class Pipelines:
             return self._active
 
     def pending(self, session: ReadSession) -> Pending | None:
-        """The wanted pipeline and its progress, or None if it is active."""
+        """Return the wanted pipeline and its progress, or None if it is active."""
         if repository.active(session) == self.wanted.fingerprint:
             return None
         embedded, files = repository.count_embedded(session, self.wanted.fingerprint)
@@ -131,7 +131,7 @@ class Pipelines:
 
 
 def fingerprint(session: ReadSession) -> str:
-    """The fingerprint of the active pipeline, even if this service does not have the pipeline."""
+    """Return the fingerprint of the active pipeline, even if this service does not have the pipeline."""
     active = repository.active(session)
     assert active is not None
     return active
@@ -145,7 +145,7 @@ def keep(session: WriteSession, parameters: Parameters) -> None:
 
 
 def _parameters(fingerprint: str, written: PipelineRecord | None) -> Parameters:
-    """The stored parameters with a fingerprint."""
+    """Return the stored parameters with a fingerprint."""
     if written is None:
         raise PipelineUnavailableError(
             f"the archive was embedded by pipeline {fingerprint}, whose parameters it does not hold: {REMEDY}"

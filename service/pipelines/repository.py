@@ -31,17 +31,17 @@ class PipelineRecord:
 
 
 def active(session: ReadSession) -> str | None:
-    """The fingerprint of the active pipeline; None before the first start."""
+    """Return the fingerprint of the active pipeline; None before the first start."""
     return session.scalars(select(ArchiveRow.fingerprint)).one()
 
 
 def is_empty(session: ReadSession) -> bool:
-    """Whether the archive has no shape."""
+    """Return whether the archive has no shape."""
     return session.scalar(select(ShapeRow.number).where(NOT_DELETED).limit(1)) is None
 
 
 def written(session: ReadSession, fingerprint: str) -> PipelineRecord | None:
-    """The record of a pipeline; None if the archive does not hold it."""
+    """Return the record of a pipeline; None if the archive does not hold it."""
     row = session.get(PipelineRow, fingerprint)
     return None if row is None else PipelineRecord(row.method, row.parameters)
 
@@ -68,14 +68,14 @@ def activate(session: WriteSession, fingerprint: str) -> None:
 
 
 def count_embedded(session: ReadSession, fingerprint: str) -> tuple[int, int]:
-    """The numbers of files embedded by a pipeline and of all files; shapes with equal bytes count once."""
+    """Return the numbers of files embedded by a pipeline and of all files; equal bytes count once."""
     files = select(ShapeRow.blob_number, ShapeRow.format).where(NOT_DELETED).distinct().subquery()
     total = session.scalar(select(func.count()).select_from(files)) or 0
     return total - len(unembedded(session, fingerprint)), total
 
 
 def unembedded(session: ReadSession, fingerprint: str) -> list[tuple[int, str]]:
-    """The files without an embedding by a pipeline, oldest first, as pairs of blob number and format."""
+    """Return the files that a pipeline has not embedded, oldest first: pairs of blob number and format."""
     query = (
         select(ShapeRow.blob_number, ShapeRow.format)
         .outerjoin(
@@ -92,7 +92,7 @@ def unembedded(session: ReadSession, fingerprint: str) -> list[tuple[int, str]]:
 
 
 def blob(session: ReadSession, number: int) -> tuple[str, bytes] | None:
-    """The SHA-256 and the bytes of a blob, or None if it was deleted.
+    """Return the SHA-256 and the bytes of a blob, or None if it was deleted.
 
     Raises
     ------
@@ -104,7 +104,7 @@ def blob(session: ReadSession, number: int) -> tuple[str, bytes] | None:
 
 
 def names(session: ReadSession, blob_number: int, format: str) -> list[str]:
-    """The names of the shapes with a file."""
+    """Return the names of the shapes with a file."""
     query = select(ShapeRow.name).where(
         ShapeRow.blob_number == blob_number, ShapeRow.format == format, NOT_DELETED
     )

@@ -62,7 +62,7 @@ async def read_thumbnail(
         Literal["64", "128", "256", "512"], Query(description="Width and height in pixels.")
     ] = "256",
 ) -> Response:
-    """A picture of the shape; the service draws each size once. z points up, in OBJ and GLB files y."""
+    """Return a picture of the shape, drawn once for each size. z points up, in OBJ and GLB files y."""
     shape = await service.record(container, collection.number, shape_id)
     headers = _headers(f"{shape.sha256[:32]}-{shape.format}-{size}-{DRAWING}")
     if files.is_known(request.headers.get("If-None-Match"), headers["ETag"]):
@@ -84,7 +84,7 @@ async def read_thumbnail(
 async def read_preview(
     shape_id: ShapeId, request: Request, container: Service, collection: InCollection
 ) -> Response:
-    """The mesh for a viewer: a GLB for every format of file, simplified if the mesh is large, with y up.
+    """Return the mesh as a GLB for a viewer, simplified if it is large, with y up.
 
     Positions are between -1 and 1: a point p of the file becomes (p - middle) / half, and the `extras` of the
     node have `middle` and `half`.
@@ -112,7 +112,7 @@ async def read_preview(
 async def make_preview(
     request: Request, container: Service, upload: Annotated[MeshUpload, Depends(MESH, scope="function")]
 ) -> Response:
-    """The preview of a file that is not stored: a page shows it beside the answer to a query."""
+    """Return the preview of a file that is not stored: a page shows it beside the answer to a query."""
     mesh_format = format_of(upload.file.filename or "")
     with container.queue.admitted():
         data = await upload.file.read()
@@ -132,7 +132,7 @@ async def make_preview(
 async def view_shape(
     shape_id: ShapeId, request: Request, container: Service, collection: InCollection
 ) -> Response:
-    """A page that shows the shape in 3D."""
+    """Return a page that shows the shape in 3D."""
     await service.record(container, collection.number, shape_id)
     if collection == DEFAULT_COLLECTION:
         return page(request, "view.html")

@@ -18,7 +18,7 @@ log = get_logger("pictures")
 
 
 async def record(container: Container, collection: CollectionNumber, shape_id: str) -> ShapeRecord:
-    """The record of a shape.
+    """Return the record of a shape.
 
     Raises
     ------
@@ -36,7 +36,7 @@ async def record(container: Container, collection: CollectionNumber, shape_id: s
 async def thumbnail(
     container: Container, collection: CollectionNumber, shape: ShapeRecord, size: int
 ) -> bytes:
-    """The stored thumbnail of a shape. A missing one is drawn in a worker and stored."""
+    """Return the stored thumbnail of a shape. A missing one is drawn in a worker and stored."""
 
     def read() -> tuple[bytes | None, bytes]:
         with container.database.read() as session:
@@ -63,13 +63,13 @@ async def thumbnail(
 
 
 async def preview(container: Container, data: bytes, format: str) -> bytes:
-    """The mesh of a file as a GLB, made in a worker."""
+    """Return the mesh of a file as a GLB, made in a worker."""
     mesh = await container.queue.read(data, format)
     return await container.queue.do(tasks.preview, mesh, format, FACES)
 
 
 async def stored_file(container: Container, collection: CollectionNumber, shape_id: str) -> bytes:
-    """The uploaded bytes of a shape.
+    """Return the uploaded bytes of a shape.
 
     Raises
     ------

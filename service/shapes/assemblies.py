@@ -83,7 +83,7 @@ async def ingest_assembly(
 
 
 def answer_of(stored: StoredAssembly) -> Kept:
-    """The answer to an upload: status 201 if a shape is new, 200 if all of them were there."""
+    """Return the answer to an upload: status 201 if a shape is new, 200 if all of them were there."""
     return Kept(
         status=201 if any(one.created for one in (stored.whole, *stored.parts)) else 200,
         location=f"/shapes/{stored.whole.shape.id}",
@@ -101,7 +101,7 @@ def _check_metadata(new: NewShape) -> None:
 
 
 def _shape_of(whole: NewShape, part: PartFile, number: int) -> NewShape:
-    """A part as a new shape, with its assembly before its name."""
+    """Return a part as a new shape, with its assembly before its name."""
     own = part.name or f"part {number}"
     path = "/".join(part.path)
     about = {ASSEMBLY: whole.name, PATH: path[-_PATH_CHARACTERS:], INSTANCES: part.instances}
@@ -115,7 +115,7 @@ def _shape_of(whole: NewShape, part: PartFile, number: int) -> NewShape:
 
 
 def _look_up(container: Container, shapes: Sequence[NewShape]) -> tuple[Pipeline, list[NewShape]]:
-    """The active pipeline, and the shapes whose files need an embedding, one for each file."""
+    """Return the active pipeline, and the shapes whose files need an embedding, one for each file."""
     with container.database.read() as session:
         pipeline = container.pipelines.current(session).pipeline
         needed: dict[_FileKey, NewShape] = {}

@@ -157,7 +157,7 @@ async def create_shape(
 def list_shapes(
     listing: Annotated[ShapeListing, Query()], container: Service, collection: InCollection
 ) -> ShapePage:
-    """The stored shapes, a page at a time.
+    """Return the stored shapes, a page at a time.
 
     No shape is repeated or left out. With the oldest first, a shape that is stored between two pages comes on
     the last page.
@@ -174,7 +174,7 @@ def list_shapes(
     "/shapes/{shape_id}", summary="Read a shape", responses=documented("shape-not-found", *READ_PROBLEMS)
 )
 def read_shape(shape_id: ShapeId, container: Service, collection: InCollection) -> Shape:
-    """The record of a shape: its name, tags and metadata, and the measures of its mesh."""
+    """Return the record of a shape: its name, tags and metadata, and the measures of its mesh."""
     with container.database.read() as session:
         return Shape.of(service.get(session, fingerprint(session), collection.number, shape_id))
 

@@ -18,7 +18,7 @@ METADATA_DEPTH = 8
 
 
 def clean_text(text: str) -> str:
-    """The text in Unicode normal form NFC, without surrounding white space.
+    """Return the text in Unicode normal form NFC, without surrounding white space.
 
     Raises
     ------
@@ -32,7 +32,7 @@ def clean_text(text: str) -> str:
 
 
 def clean_name(name: str) -> str:
-    """A name of 1 to `NAME_CHARACTERS` characters."""
+    """Return a name of 1 to `NAME_CHARACTERS` characters."""
     name = clean_text(name)
     if not 1 <= len(name) <= NAME_CHARACTERS:
         raise ValueError(f"must have 1 to {NAME_CHARACTERS} characters, not {len(name)}")
@@ -40,7 +40,7 @@ def clean_name(name: str) -> str:
 
 
 def clean_tags(tags: Iterable[str]) -> list[str]:
-    """The tags, each once, in the order given.
+    """Return the tags, each once, in the order given.
 
     Raises
     ------
@@ -59,7 +59,7 @@ def clean_tags(tags: Iterable[str]) -> list[str]:
 
 
 def clean_metadata(metadata: dict[str, Any]) -> dict[str, Any]:
-    """An object of JSON values.
+    """Return an object of JSON values.
 
     Raises
     ------
@@ -85,12 +85,12 @@ def clean_metadata(metadata: dict[str, Any]) -> dict[str, Any]:
 
 
 def split_tags(values: Iterable[str]) -> list[str]:
-    """A list of tags, from texts with commas between tags."""
+    """Return a list of tags, from texts with commas between tags."""
     return [tag for value in values for tag in (part.strip() for part in value.split(",")) if tag]
 
 
 def _listed(value: object) -> object:
-    """A list of tags, from one text or a list of texts, each with commas between tags."""
+    """Return a list of tags, from one text or a list of texts, each with commas between tags."""
     if isinstance(value, str):
         return split_tags([value])
     if isinstance(value, list) and all(isinstance(part, str) for part in value):
@@ -129,7 +129,7 @@ Metadata = Annotated[
 
 
 def plain_values(metadata: dict[str, Any]) -> dict[str, str]:
-    """The values that filters see, as text: strings unchanged, numbers, booleans and null as JSON."""
+    """Return the values that filters see, as text: strings unchanged, numbers, booleans and null as JSON."""
     return {
         key: value if isinstance(value, str) else json.dumps(value)
         for key, value in metadata.items()
@@ -138,7 +138,7 @@ def plain_values(metadata: dict[str, Any]) -> dict[str, str]:
 
 
 def base_name(filename: str) -> str:
-    """The last part of a path, with the separators of any system."""
+    """Return the last part of a path, with the separators of any system."""
     return filename.replace("\\", "/").rsplit("/", 1)[-1]
 
 

@@ -73,7 +73,7 @@ async def read_file(
         ),
     ] = None,
 ) -> Response:
-    """The exact bytes of the uploaded file, or its mesh in another format. HEAD gives the headers only."""
+    """Return the bytes of the uploaded file, or its mesh in another format. HEAD gives the headers only."""
     known = request.headers.get("If-None-Match")
 
     def read() -> tuple[ShapeRecord, str, str, bytes | None]:
@@ -161,7 +161,7 @@ def read_embedding(
         ),
     ] = "json",
 ) -> EmbeddingArrays | Response:
-    """The embedding of the shape by the active pipeline: samples, graph, tree, signature and spectra."""
+    """Return the embedding by the active pipeline: samples, graph, tree, signature and spectra."""
     with container.database.read() as session:
         embedding = files.get_embedding(session, fingerprint(session), collection.number, shape_id)
     if format == "json":

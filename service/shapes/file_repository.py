@@ -51,7 +51,7 @@ def file_of(
 def embedding_of(
     session: ReadSession, fingerprint: str, collection: CollectionNumber, shape_id: str
 ) -> StoredEmbedding | None:
-    """The embedding of a shape by one pipeline.
+    """Return the embedding of a shape by one pipeline.
 
     Raises
     ------
@@ -73,7 +73,7 @@ def embedding_of(
 
 
 def is_embedded(session: ReadSession, fingerprint: str, sha256: str, format: str) -> bool:
-    """Whether a pipeline has embedded some bytes in a format."""
+    """Return whether a pipeline has embedded some bytes in a format."""
     query = (
         select(EmbeddingRow.number)
         .join(BlobRow, BlobRow.number == EmbeddingRow.blob_number)
@@ -87,7 +87,7 @@ def is_embedded(session: ReadSession, fingerprint: str, sha256: str, format: str
 
 
 def blob_number(session: ReadSession, sha256: str) -> int | None:
-    """The number of the blob with a SHA-256."""
+    """Return the number of the blob with a SHA-256."""
     return session.scalar(select(BlobRow.number).where(BlobRow.sha256 == sha256))
 
 
@@ -142,14 +142,14 @@ def add_embedding(
 
 
 def facts_on(session: ReadSession, blob_number: int, format: str) -> dict[str, Any] | None:
-    """The facts of a blob in a format, if a shape has it."""
+    """Return the facts of a blob in a format, if a shape has it."""
     return session.scalar(
         select(ShapeRow.facts).where(ShapeRow.blob_number == blob_number, ShapeRow.format == format).limit(1)
     )
 
 
 def thumbnail(session: ReadSession, sha256: str, format: str, size: int, drawing: int) -> bytes | None:
-    """The stored thumbnail of a file by one version of the renderer; None for a damaged one."""
+    """Return the stored thumbnail of a file by one version of the renderer; None for a damaged one."""
     row = session.execute(
         select(ThumbnailRow.data, ThumbnailRow.checksum)
         .join(BlobRow, BlobRow.number == ThumbnailRow.blob_number)

@@ -28,7 +28,7 @@ from service.storage.database import Database, ReadSession
 
 
 def get_file(session: ReadSession, collection: CollectionNumber, shape_id: str) -> bytes:
-    """The uploaded bytes of a shape.
+    """Return the uploaded bytes of a shape.
 
     Raises
     ------
@@ -44,7 +44,7 @@ def get_file(session: ReadSession, collection: CollectionNumber, shape_id: str) 
 def get_stored_embedding(
     session: ReadSession, fingerprint: str, collection: CollectionNumber, shape_id: str
 ) -> StoredEmbedding:
-    """The embedding of a shape, as it is stored.
+    """Return the embedding of a shape, as it is stored.
 
     Raises
     ------
@@ -61,21 +61,21 @@ def get_stored_embedding(
 
 
 def get_record(session: ReadSession, fingerprint: str, collection: CollectionNumber, shape_id: str) -> bytes:
-    """The record of a shape's embedding. It raises the errors of `get_stored_embedding`."""
+    """Return the record of a shape's embedding. It raises the errors of `get_stored_embedding`."""
     return get_stored_embedding(session, fingerprint, collection, shape_id).record
 
 
 def get_embedding(
     session: ReadSession, fingerprint: str, collection: CollectionNumber, shape_id: str
 ) -> Embedding:
-    """The embedding of a shape. It raises the errors of `get_stored_embedding`."""
+    """Return the embedding of a shape. It raises the errors of `get_stored_embedding`."""
     return embedding_from_bytes(get_record(session, fingerprint, collection, shape_id))
 
 
 async def exported(
     container: Container, collection: CollectionNumber, shape: ShapeRecord, format: str
 ) -> bytes:
-    """The mesh of a shape in another file format; `core.io.write_mesh` lists what is preserved.
+    """Return the mesh of a shape in another file format; `core.io.write_mesh` lists what is preserved.
 
     Raises
     ------
@@ -134,7 +134,7 @@ async def replace_file(
 def _look_up(
     container: Container, collection: CollectionNumber, shape_id: str, file: NewFile, if_match: str | None
 ) -> tuple[Pipeline, bool]:
-    """The active pipeline, and whether the file needs an embedding."""
+    """Return the active pipeline, and whether the file needs an embedding."""
     with container.database.read() as session:
         pipeline = container.pipelines.current(session).pipeline
         _check_match(get(session, pipeline.fingerprint, collection, shape_id), if_match)
@@ -175,7 +175,7 @@ def _check_match(record: ShapeRecord, if_match: str | None) -> None:
 
 
 def as_npz(embedding: Embedding) -> bytes:
-    """The arrays of an embedding as a NumPy archive; names of spectral arrays begin with their spectrum's."""
+    """Return the arrays of an embedding as a NumPy archive; spectral arrays are named by their spectrum."""
     arrays: dict[str, Any] = {
         "positions": embedding.positions,
         "vertices": embedding.vertices,
@@ -194,7 +194,7 @@ def as_npz(embedding: Embedding) -> bytes:
 
 
 def disposition(name: str, format: str) -> str:
-    """A Content-Disposition that saves the file under the shape's name (RFC 6266).
+    """Return a Content-Disposition that saves the file under the shape's name (RFC 6266).
 
     Old clients read `filename`, where an underscore replaces unsafe characters; newer ones read `filename*`,
     where unsafe bytes are percent-encoded.
@@ -206,12 +206,12 @@ def disposition(name: str, format: str) -> str:
 
 
 def entity_tag(sha256: str) -> str:
-    """The ETag of bytes with a SHA-256."""
+    """Return the ETag of bytes with a SHA-256."""
     return f'"{sha256}"'
 
 
 def is_known(if_none_match: str | None, tag: str) -> bool:
-    """Whether an If-None-Match header contains the tag, or is `*`."""
+    """Return whether an If-None-Match header contains the tag, or is `*`."""
     if if_none_match is None:
         return False
     given = [part.strip().removeprefix("W/") for part in if_none_match.split(",")]

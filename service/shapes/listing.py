@@ -22,7 +22,7 @@ RANGE = rf"^({NUMBER}\.\.({NUMBER})?|\.\.{NUMBER})$"
 
 
 def range_of(text: str) -> Range:
-    """The least and the greatest value of a range, written min..max.
+    """Return the least and the greatest value of a range, written min..max.
 
     Raises
     ------
@@ -92,7 +92,7 @@ class Filters(BaseModel):
     )
 
     def filtered(self, collection: CollectionNumber) -> ShapeFilter:
-        """The filter of the shapes of a collection.
+        """Return the filter of the shapes of a collection.
 
         Raises
         ------
@@ -132,18 +132,18 @@ class Page(Generic[Item]):
 
 
 def write_cursor(after: int) -> str:
-    """The cursor of the page after the row with a number."""
+    """Return the cursor of the page after the row with a number."""
     return _written({"after": after})
 
 
 def write_place(place: Place) -> str:
-    """The cursor of the page after a place in a list of shapes."""
+    """Return the cursor of the page after a place in a list of shapes."""
     name = {} if place.name is None else {"name": place.name}
     return _written({"after": place.number, **name})
 
 
 def read_cursor(cursor: str | None) -> int:
-    """The number in a cursor; 0 for the first page.
+    """Return the number in a cursor; 0 for the first page.
 
     Raises
     ------
@@ -159,7 +159,7 @@ def read_cursor(cursor: str | None) -> int:
 
 
 def read_place(cursor: str | None, sort: Sort) -> Place | None:
-    """The place in a cursor of a list with an order; None for the first page.
+    """Return the place in a cursor of a list with an order; None for the first page.
 
     Raises
     ------

@@ -126,7 +126,7 @@ class ShapeFilter:
         return any(size is not None for size in (self.area, self.volume, self.length))
 
     def scaled(self, factor: float) -> "ShapeFilter":
-        """The same conditions on shapes that are `factor` times as large."""
+        """Return the same conditions on shapes that are `factor` times as large."""
 
         def times(values: Range | None, power: int) -> Range | None:
             return None if values is None else (values[0] * factor**power, values[1] * factor**power)
@@ -174,5 +174,5 @@ class RecordPage:
 
 
 def sha256(data: bytes) -> str:
-    """The SHA-256 of some bytes, as 64 hexadecimal digits."""
+    """Return the SHA-256 of some bytes, as 64 hexadecimal digits."""
     return hashlib.sha256(data).hexdigest()

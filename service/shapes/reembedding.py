@@ -74,7 +74,7 @@ class Reembedding:
         self._refused: dict[File, str] = {}
 
     def todo(self) -> list[File]:
-        """The files without an embedding, except those that the pipeline refused."""
+        """Return the files without an embedding, except those that the pipeline refused."""
         with self._database.read() as session:
             found = repository.unembedded(session, self._pipeline.fingerprint)
         return [file for file in found if file not in self._refused]

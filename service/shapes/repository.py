@@ -47,7 +47,7 @@ _LENGTH = ShapeRow.facts[("bounding_box", 0)].as_float()
 
 
 def matching(shapes: ShapeFilter) -> Select[int]:
-    """A query of the numbers of the shapes that match a filter."""
+    """Return a query of the numbers of the shapes that match a filter."""
     query = select(ShapeRow.number).where(ShapeRow.collection_number == shapes.collection, NOT_DELETED)
     for tag in shapes.tags:
         query = query.where(ShapeRow.number.in_(select(TagRow.shape_number).where(TagRow.tag == tag)))
@@ -69,17 +69,17 @@ def matching(shapes: ShapeFilter) -> Select[int]:
 
 
 def numbers(session: ReadSession, shapes: ShapeFilter) -> Sequence[int]:
-    """The numbers of the shapes that match a filter."""
+    """Return the numbers of the shapes that match a filter."""
     return session.scalars(matching(shapes)).all()
 
 
 def count(session: ReadSession, shapes: ShapeFilter) -> int:
-    """The number of shapes that match a filter."""
+    """Return the number of shapes that match a filter."""
     return session.scalar(select(func.count()).select_from(matching(shapes).subquery())) or 0
 
 
 def stored(session: ReadSession, collection: CollectionNumber) -> int:
-    """The number of shapes of a collection.
+    """Return the number of shapes of a collection.
 
     If no other collection has shapes, this counts all rows, which takes a third of the time.
     """
@@ -90,7 +90,7 @@ def stored(session: ReadSession, collection: CollectionNumber) -> int:
 
 
 def others_hold_shapes(session: ReadSession, collection: CollectionNumber) -> bool:
-    """Whether another collection has a shape."""
+    """Return whether another collection has a shape."""
     one = (
         select(ShapeRow.number)
         .where(ShapeRow.collection_number == CollectionRow.number, NOT_DELETED)
@@ -109,7 +109,7 @@ def page(
     limit: int,
     sort: Sort = "oldest",
 ) -> list[ShapeRecord]:
-    """The next `limit` shapes that match a filter, in an order."""
+    """Return the next `limit` shapes that match a filter, in an order."""
     query = matching(shapes).limit(limit)
     if sort == "name":
         query = query.order_by(ShapeRow.folded_name, ShapeRow.number)
@@ -381,7 +381,7 @@ def _store_checksums(session: WriteSession, numbers: Sequence[int]) -> None:
 
 
 def _updated_now() -> dict[str, Any]:
-    """The current time, but never before the previous change: the clock may have been set back."""
+    """Return the current time, but never before the previous change: the clock may have been set back."""
     now = literal(datetime.now(UTC), UtcDateTime())
     return {"updated_at": case((ShapeRow.updated_at > now, ShapeRow.updated_at), else_=now)}
 

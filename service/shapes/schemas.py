@@ -102,7 +102,7 @@ class Shape(BaseModel):
 
     @classmethod
     def of(cls, record: ShapeRecord) -> "Shape":
-        """The JSON of a record."""
+        """Return the JSON of a record."""
         return cls(
             id=record.id,
             name=record.name,
@@ -132,7 +132,7 @@ class ShapePage(BaseModel):
 
     @classmethod
     def of(cls, page: RecordPage) -> "ShapePage":
-        """The JSON of a page."""
+        """Return the JSON of a page."""
         return cls(
             shapes=[Shape.of(record) for record in page.shapes],
             total=page.total,
@@ -210,7 +210,7 @@ class SplitShape(Shape):
 
     @classmethod
     def of_one(cls, stored: StoredShape) -> "SplitShape":
-        """The JSON of a shape after the upload."""
+        """Return the JSON of a shape after the upload."""
         return cls(**Shape.of(stored.shape).model_dump(), created=stored.created)
 
 
@@ -227,7 +227,7 @@ class Assembly(SplitShape):
 
     @classmethod
     def of_stored(cls, stored: StoredAssembly) -> "Assembly":
-        """The JSON of an assembly after the upload."""
+        """Return the JSON of an assembly after the upload."""
         parts = [SplitShape.of_one(one) for one in stored.parts]
         return cls(**SplitShape.of_one(stored.whole).model_dump(), parts=parts)
 
@@ -257,7 +257,7 @@ class ShapeChanges(BaseModel):
     metadata: Metadata | None = None
 
     def changes(self) -> Changes:
-        """The changes as a record."""
+        """Return the changes as a record."""
         return Changes(self.name, None if self.tags is None else tuple(self.tags), self.metadata)
 
 
@@ -272,7 +272,7 @@ class SpectrumArrays(BaseModel):
 
     @classmethod
     def of(cls, spectrum: "Spectrum") -> "SpectrumArrays":
-        """The JSON of a spectrum."""
+        """Return the JSON of a spectrum."""
         return cls(
             name=spectrum.name,
             eigenvalues=spectrum.eigenvalues.tolist(),
@@ -297,7 +297,7 @@ class EmbeddingArrays(BaseModel):
 
     @classmethod
     def of(cls, embedding: "Embedding") -> "EmbeddingArrays":
-        """The JSON of an embedding."""
+        """Return the JSON of an embedding."""
         arrays: dict[str, Any] = {
             name: getattr(embedding, name).tolist()
             for name in (
@@ -318,7 +318,7 @@ class EmbeddingArrays(BaseModel):
 
 
 def number_in_words(value: float) -> str:
-    """A number with four digits, and without an exponent below a million."""
+    """Return a number with four digits, and without an exponent below a million."""
     return f"{float(f'{value:.4g}'):g}"
 
 
@@ -328,5 +328,5 @@ def box_in_words(facts: MeshFacts) -> str:
 
 
 def volume_in_words(facts: MeshFacts) -> str:
-    """The volume, or that the surface is open and has none."""
+    """Return the volume, or that the surface is open and has none."""
     return number_in_words(facts.volume) if facts.closed else "open surface"

@@ -101,7 +101,7 @@ def list_page(
 
 
 def get(session: ReadSession, fingerprint: str, collection: CollectionNumber, shape_id: str) -> ShapeRecord:
-    """The shape of a collection with an id.
+    """Return the shape of a collection with an id.
 
     Raises
     ------
@@ -260,7 +260,7 @@ async def keep_purging(container: Container) -> None:
 
 
 def _look_up(container: Container, new: NewShape) -> tuple[Pipeline, ShapeRecord | None, bool]:
-    """The active pipeline, the shape if it is already stored, and whether the file needs an embedding."""
+    """Return the active pipeline, the shape if it is stored, and whether the file needs an embedding."""
     with container.database.read() as session:
         pipeline = container.pipelines.current(session).pipeline
         present = repository.same(session, pipeline.fingerprint, new.collection, new, new.name)
@@ -298,7 +298,7 @@ def _store(
 
 
 def answer_of(stored: StoredShape) -> Kept:
-    """The answer to an upload: status 201 for a new shape, 200 for an existing one."""
+    """Return the answer to an upload: status 201 for a new shape, 200 for an existing one."""
     return Kept(
         status=201 if stored.created else 200,
         location=f"/shapes/{stored.shape.id}",
@@ -307,7 +307,7 @@ def answer_of(stored: StoredShape) -> Kept:
 
 
 def answer_to(database: Database, claim: Claim) -> Kept | None:
-    """The answer that an earlier request with the key had; None if there was none."""
+    """Return the answer that an earlier request with the key had; None if there was none."""
     with database.read() as session:
         return idempotency.answer_to(session, claim, datetime.now(UTC))
 

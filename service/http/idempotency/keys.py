@@ -63,7 +63,7 @@ class Kept:
 
 
 def read_key(values: Sequence[str]) -> str | None:
-    """The key in a request's headers of that name; None where there is none.
+    """Return the key in a request's headers of that name; None where there is none.
 
     Raises
     ------
@@ -86,7 +86,7 @@ def read_key(values: Sequence[str]) -> str | None:
 
 
 def payload_of(sha256: str, filename: str, fields: Mapping[str, Sequence[str]]) -> str:
-    """A hash of a form: of its file, the file's name and the other fields, however they were sent."""
+    """Return a hash of a form: of its file, the file's name and the other fields, however they were sent."""
     text = json.dumps(
         [sha256, filename, {name: list(values) for name, values in fields.items()}], sort_keys=True
     )
