@@ -4,6 +4,7 @@ import os
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from hashlib import sha256
 from io import BytesIO
 from pathlib import Path
 from typing import Annotated
@@ -102,9 +103,9 @@ def _run(port: int, picture: Path | None, key: str | None, *, check: bool) -> No
     if "ISOSHAPE_LOG_LEVEL" not in os.environ:
         settings["ISOSHAPE_LOG_LEVEL"] = "warning"
     with sigterm_exits(), ChildService(port, settings) as child, Client(child.url, key=key) as client:
-        items = _make_gallery()
+        first = [_shape(label, 0) for label in CLASSES]
         wait_until_ready(client, child.ended)
-        _store(client, items)
+        _store(client, first)
         answered = [_query(client, label) for label in CLASSES]
         _print(answered)
         wrong = [query.name for query in answered if not query.right]
@@ -118,30 +119,37 @@ def _run(port: int, picture: Path | None, key: str | None, *, check: bool) -> No
         _offer(child, _save_query(), needs_key=key is not None)
 
 
-def _make_gallery() -> list[Item]:
-    items = []
-    with progress() as bar:
-        for label in bar.track(CLASSES, description="making shapes"):
-            for pose in range(POSES):
-                items.append(Item(*_shape(label, pose), tags=(label, MADE)))
-    return items
+def _name(label: str, pose: int) -> str:
+    return f"{label}-{pose:02d}.ply"
 
 
 def _shape(label: str, pose: int) -> tuple[str, bytes]:
-    return f"{label}-{pose:02d}.ply", write_mesh(make_shape(label, pose), "ply")
+    return _name(label, pose), write_mesh(make_shape(label, pose), "ply")
 
 
-def _store(client: Client, items: Sequence[Item]) -> None:
-    """Store the gallery, and delete the shapes of an older gallery."""
-    kept = set()
+def _store(client: Client, first: Sequence[tuple[str, bytes]]) -> None:
+    """Store the shapes of the gallery that are not stored, and delete those of another gallery.
+
+    Of a class whose `first` shape is stored with the same bytes, only missing shapes are made.
+    """
+    shapes = list(client.shapes(tag=[MADE]))
+    stored = {shape.name: shape for shape in shapes}
+    items, kept = [], set()
     with progress() as bar:
+        for label, (name, data) in zip(bar.track(CLASSES, description="making shapes"), first, strict=True):
+            is_same = name in stored and stored[name].sha256 == sha256(data).hexdigest()
+            for pose in range(POSES):
+                if is_same and _name(label, pose) in stored:
+                    kept.add(stored[_name(label, pose)].id)
+                else:
+                    items.append(Item(*_shape(label, pose), tags=(label, MADE)))
         task = bar.add_task("storing", total=len(items))
         for item, outcome in upload_all(client, items):
             if isinstance(outcome, str):
                 fail(f"{item.origin}: {outcome}")
             kept.add(outcome.shape.id)
             bar.advance(task)
-    for shape in list(client.shapes(tag=[MADE])):
+    for shape in shapes:
         if shape.id not in kept:
             client.delete(shape.id)
 

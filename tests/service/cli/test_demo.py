@@ -45,6 +45,16 @@ def test_check_then_again_with_another_gallery(run: Run, monkeypatch: pytest.Mon
     assert len([row for row in rows if row and row[-1] in {"same", "other"}]) == 9
     assert Path("isoshape-data/demo.sqlite3").is_file()
 
+    # The same gallery again: one shape of each class is made to compare it, and nothing is stored.
+    made: list[tuple[str, int]] = []
+    make_shape = demo.make_shape
+    monkeypatch.setattr(
+        demo, "make_shape", lambda label, pose: made.append((label, pose)) or make_shape(label, pose)
+    )
+    again = run("demo", "--check", "--port", free_port())
+    assert (again.status, again.stdout) == (0, done.stdout)
+    assert sorted(made) == sorted((label, pose) for label in CLASSES for pose in (0, demo.POSES))
+
     # A gallery of fewer poses, whose query for a cup is a pair of pliers: what is made no more is dropped.
     shape = demo._shape
 
@@ -81,7 +91,7 @@ def test_openapi_to_a_file_and_to_standard_output(run: Run) -> None:
 
 
 @pytest.mark.usefixtures("small")
-@pytest.mark.parametrize("stage", ["bring_up", "_make_gallery", "_store"])
+@pytest.mark.parametrize("stage", ["bring_up", "wait_until_ready", "_store"])
 def test_ctrl_c_ends_it_without_an_error_at_any_stage(
     stage: str, run: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
