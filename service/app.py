@@ -39,8 +39,8 @@ from service.observability import logging
 from service.observability.metrics import Metrics
 from service.pipelines.active import Pipelines, begin
 from service.previews.endpoints import router as pictures_router
-from service.search.cache_warmer import CacheWarmer
-from service.search.compare_endpoint import router as compare_router
+from service.search.caches import CacheWarmer
+from service.search.compare import router as compare_router
 from service.search.endpoints import router as search_router
 from service.settings import Settings, load_parameters, load_settings
 from service.shapes.endpoints import router as shapes_router

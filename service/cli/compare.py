@@ -14,9 +14,8 @@ from service.client import search_calls
 from service.client.search_calls import Compared
 from service.console import fail, output, progress, say
 from service.duplicates.schemas import DuplicatesAnswer
-from service.search.likeness_words import in_words
-from service.search.schemas import CompareAnswer
-from service.search.score_words import score_in_words
+from service.search.compare_schemas import CompareAnswer
+from service.search.schemas import likeness_in_words, score_in_words
 
 
 def compare_command(
@@ -66,7 +65,7 @@ def _shape(given: str) -> Compared:
 
 def _line(answer: CompareAnswer) -> str:
     scores = f"ssd {answer.ssd:.4f}, sim {answer.sim:.4f}, combined {answer.combined:.4f}"
-    return f"{in_words(answer.likeness, answer.scale)}: cc {score_in_words(answer.cc)}, {scores}"
+    return f"{likeness_in_words(answer.likeness, answer.scale)}: cc {score_in_words(answer.cc)}, {scores}"
 
 
 def duplicates_command(

@@ -24,8 +24,7 @@ from service.client.concurrent_uploads import Item, upload_all
 from service.compute.compilation import is_compiled
 from service.console import fail, output, progress, say
 from service.report.pictures import SIZE, Preview, matched
-from service.search.schemas import QueryAnswer
-from service.search.score_words import score_in_words
+from service.search.schemas import QueryAnswer, score_in_words
 from service.server.process import (
     DEFAULT_PORT,
     LOOPBACK,

@@ -11,10 +11,15 @@ from rich.table import Table
 from service.cli.service_address import Collection, Key, Url, service_at
 from service.client import Client, QueryArguments
 from service.console import output, progress, say
-from service.search.likeness_words import in_words
-from service.search.rank_by import RankBy
-from service.search.schemas import LARGEST_SIZE_TOLERANCE, SIZE_TOLERANCE, QueryAnswer
-from service.search.score_words import CC_OF_PAIRS, score_in_words
+from service.search.schemas import (
+    CC_OF_PAIRS,
+    LARGEST_SIZE_TOLERANCE,
+    SIZE_TOLERANCE,
+    QueryAnswer,
+    RankBy,
+    likeness_in_words,
+    score_in_words,
+)
 from service.shapes.schemas import box_in_words, number_in_words, volume_in_words
 
 # Correspondences are asked for the page; the JSON leaves them out.
@@ -161,7 +166,7 @@ def print_answer(console: Console, answer: QueryAnswer) -> None:
         table.add_row(
             str(result.rank),
             result.shape.name,
-            in_words(result.likeness, result.scale),
+            likeness_in_words(result.likeness, result.scale),
             ", ".join(result.shape.tags),
             score_in_words(result.cc),
             f"{result.ssd:.4f}",

@@ -7,8 +7,8 @@ from typing import Any, Literal, TypedDict, TypeVar, Unpack
 import httpx
 
 from service.client.requests import Call, Conditions, File, conditions, content, parsed, segment
-from service.search.rank_by import RankBy
-from service.search.schemas import CompareAnswer, QueryAnswer
+from service.search.compare_schemas import CompareAnswer
+from service.search.schemas import QueryAnswer, RankBy
 
 T = TypeVar("T")
 

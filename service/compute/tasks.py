@@ -4,6 +4,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import asdict, astuple, dataclass
 from functools import lru_cache
+from io import BytesIO
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from core.arrays import Bytes
 from core.descriptors.facts import intrinsic_reliability
 from core.descriptors.partial import describe_part
 from core.descriptors.views import signature_distance, view_signature
-from core.embedding import Embedding, Match, Scores
+from core.embedding import DenseCorrespondence, Embedding, Match, Scores
 from core.errors import BadRecordError, CannotBeEmbeddedError, DegenerateMeshError
 from core.io import Limits, read_mesh
 from core.matching.match_records import example_match_records, match_record, score_match_records
@@ -29,6 +30,8 @@ from core.pipeline import Pipeline
 from core.ranking.class_probability import combined_scores
 from core.ranking.reranking import coarse_ranking, coarse_samples, quantised_points, rerank
 from core.ranking.shortlist import signature_distances
+from core.registration.probed_surface import probed_surface
+from core.registration.rigid_copy import RigidCopy, copy_by_surfaces
 from core.serialization import embedding_from_bytes, embedding_to_bytes
 from service.rendering.thumbnail import SIZES, draw
 
@@ -157,6 +160,53 @@ def part_of_mesh(mesh: Mesh, parameters: Parameters) -> Bytes:
     """Return the spin images of a mesh taken as a part: `core.descriptors.partial.describe_part`."""
     with guarded():
         return describe_part(_pipeline(parameters).open_surface(mesh))
+
+
+def registered(
+    first: Mesh,
+    second: Mesh,
+    first_record: bytes,
+    second_record: bytes,
+    parameters: Parameters,
+    variants: bool = True,
+) -> RigidCopy | None:
+    """Register the second mesh as a rigid copy of the first or, with `variants`, as a variant of it.
+
+    See `core.registration.rigid_copy`.
+    """
+    with guarded():
+        embeddings = embedding_from_bytes(first_record), embedding_from_bytes(second_record)
+        pairs = Pipeline(parameters).match(*embeddings).correspondence
+        ends = [
+            embedding.positions[samples].astype("float64")
+            for embedding, samples in zip(embeddings, pairs.T, strict=True)
+        ]
+        return copy_by_surfaces(
+            probed_surface(first), probed_surface(second), (ends[0], ends[1]), variants=variants
+        )
+
+
+def dense_correspondence(
+    first: Mesh, second: Mesh, first_record: bytes, second_record: bytes, parameters: Parameters
+) -> tuple[DenseCorrespondence, DenseCorrespondence]:
+    """Find the dense correspondence both ways; see `core.pipeline.Pipeline.correspond_both`."""
+    embeddings = embedding_from_bytes(first_record), embedding_from_bytes(second_record)
+    return Pipeline(parameters).correspond_both(first, second, embeddings)
+
+
+def correspondence_archive(way: DenseCorrespondence) -> bytes:
+    """Return a correspondence as a NumPy archive (npz)."""
+    arrays: dict[str, Any] = {
+        "vertices": way.vertices,
+        "confidence": way.confidence,
+        "stretch": way.stretch,
+        "partnered": way.partnered,
+    }
+    if way.displacement is not None:
+        arrays["displacement"] = way.displacement
+    file = BytesIO()
+    np.savez_compressed(file, **arrays)
+    return file.getvalue()
 
 
 @lru_cache(maxsize=4)

@@ -18,7 +18,7 @@ from service.http.problems import documented
 from service.http.request_bodies import once_each
 from service.observability.timings import Timings
 from service.pipelines.active import ActivePipeline
-from service.search.service import in_one_pipeline
+from service.search.answer import with_active_pipeline
 from service.shapes.listing import Filters
 
 MEDIA_TYPE = "text/csv"
@@ -98,7 +98,7 @@ async def duplicates(
         return await service.find(container, criteria, active_pipeline, timings)
 
     with container.queue.admitted():
-        groups = await while_connected(request, in_one_pipeline(container, find_groups))
+        groups = await while_connected(request, with_active_pipeline(container, find_groups))
     answer = DuplicatesAnswer.of(groups, milliseconds=timings.so_far())
     if options.format == "csv":
         return Response(answer.csv(), media_type=MEDIA_TYPE)

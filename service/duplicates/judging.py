@@ -18,19 +18,20 @@ from core.registration.invariants import possible_copies, possible_variants
 from core.registration.rigid_copy import RigidCopy, copy_by_samples
 from core.serialization import embedding_from_bytes
 from service.collection import CollectionNumber
+from service.compute import tasks
 from service.container import Container
 from service.duplicates import repository
 from service.duplicates.groups import Groups, Judgement, Link, Search
 from service.errors import FileTimeLimitError, ShapeNotFoundError, WorkerCrashedError
+from service.index.repository import IndexEntries
 from service.index.surface_measurements import MeasuredShapes
 from service.observability.logging import get_logger
 from service.pipelines.active import ActivePipeline
 from service.search import repository as search_repository
-from service.search import tasks
+from service.search.caches import CandidateReader
 from service.search.likeness import once
-from service.search.records import Query
-from service.search.scoring import compare_with
-from service.search.shortlist import Candidates
+from service.search.records import Candidates, Query
+from service.search.scoring import score_candidates
 from service.shapes import file_repository
 from service.shapes import repository as shapes_repository
 from service.storage.database import ReadSession
@@ -171,23 +172,20 @@ class ShapeJudge:
         if not len(indices):
             return []
         measured = snapshot.measured
-        candidates = Candidates(
+        entries = IndexEntries(
             shapes=measured.shapes[indices],
+            collections=measured.collections[indices],
             embeddings=measured.embeddings[indices],
-            signature=measured.signatures[snapshot.index],
             signatures=measured.signatures[indices],
             coarse_samples=np.empty((len(indices), 0), np.uint8),
             view_signatures=np.empty((len(indices), 0), np.uint8),
             reliabilities=np.full(len(indices), np.nan, np.float32),
-            reranked=None,
-            finalists=None,
-            stored=len(measured.shapes),
-            sample=None,
-            density=None,
         )
+        candidates = Candidates(entries, shortlisted=False, stored=len(measured.shapes))
         query = Query(self.active_pipeline, snapshot.record, frozenset([self.shape]))
-        compared, _ = await compare_with(self.container, query, candidates, "cc")
-        scores = zip(compared.shapes.tolist(), compared.cc.tolist(), strict=True)
+        reader = CandidateReader(self.container, self.active_pipeline)
+        matched = await score_candidates(self.container, query, reader, candidates, "cc", len(indices))
+        scores = zip(matched.candidates.entries.shapes.tolist(), matched.cc.tolist(), strict=True)
         return [(number, cc) for number, cc in scores if cc >= self.search.min_cc]
 
     async def _register(self, snapshot: _Snapshot, groups: Groups, number: int, cc: float) -> None:

@@ -14,7 +14,7 @@ from service.client import Client
 from service.client.concurrent_uploads import Item, upload_all
 from service.evaluation.archive_repository import STEP, Original, fill, label_of, shape_id
 from service.evaluation.benchmark_meshes import Source, Spread
-from service.search.rank_by import RankBy
+from service.search.schemas import RankBy
 from service.server.process import LOOPBACK, ChildService, bind, wait_until_ready
 from service.settings import Settings
 

@@ -4,6 +4,6 @@ __all__ = [
     "cache",
     "density_samples",
     "repository",
-    "signature_index",
+    "signature_table",
     "surface_measurements",
 ]

@@ -53,7 +53,7 @@ class EmbeddingCache(Generic[Value]):
         """Bytes of all values."""
         return int(self._values.currsize)
 
-    def free_places(self) -> int:
+    def free_count(self) -> int:
         """The approximate number of further values that there is room for, of the mean size."""
         with self._lock:
             each = self.nbytes // len(self._values) if self._values else self._about

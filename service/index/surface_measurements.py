@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from core.descriptors.facts import GLOBAL_DESCRIPTORS, GLOBAL_WEIGHT
 from core.registration.invariants import Invariants
 from service.index import repository
-from service.index.signature_index import SignatureIndex
+from service.index.signature_table import SignatureTable
 from service.storage.database import ReadSession
 
 
@@ -46,9 +46,9 @@ class SurfaceMeasurements:
         self._lock = threading.Lock()
         self._revision = 0
         self._facts: dict[int, tuple[float, ...]] = {}
-        self._known: tuple[SignatureIndex, int, MeasuredShapes] | None = None
+        self._known: tuple[SignatureTable, int, MeasuredShapes] | None = None
 
-    def current(self, session: ReadSession, index: SignatureIndex) -> MeasuredShapes:
+    def current(self, session: ReadSession, index: SignatureTable) -> MeasuredShapes:
         """Return the shapes that the session sees; `index` is that of the active pipeline."""
         with self._lock:
             # The index is read first: another query may bring it to a later revision while facts are read,

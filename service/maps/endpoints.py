@@ -16,7 +16,7 @@ from service.http.request_bodies import once_each
 from service.maps.repository import map_shapes
 from service.maps.schemas import MapAnswer
 from service.pipelines.active import ActivePipeline
-from service.search.service import in_one_pipeline
+from service.search.answer import with_active_pipeline
 from service.shapes import repository as shapes_repository
 from service.shapes.listing import Filters
 from service.shapes.records import ShapeFilter
@@ -57,7 +57,7 @@ async def read_map(
         return await run_in_threadpool(_lay_out, container, shape_filter, active_pipeline.fingerprint)
 
     with container.queue.admitted():
-        return await while_connected(request, in_one_pipeline(container, lay_out))
+        return await while_connected(request, with_active_pipeline(container, lay_out))
 
 
 def _lay_out(container: Container, shape_filter: ShapeFilter, fingerprint: str) -> MapAnswer:

@@ -9,7 +9,7 @@ from core.parameters import DEFAULT, METHOD_VERSION, PAPER, Parameters
 from core.pipeline import Pipeline
 from service.errors import REEMBED, PipelineUnavailableError
 from service.index.cache import POINTS_BYTES, EmbeddingCache
-from service.index.signature_index import SignatureIndex
+from service.index.signature_table import SignatureTable
 from service.observability.logging import get_logger
 from service.pipelines import repository
 from service.pipelines.repository import PipelineRecord
@@ -26,7 +26,7 @@ class ActivePipeline:
     """A pipeline, the index of its signatures, the cache of its match records and that of its points."""
 
     pipeline: Pipeline
-    index: SignatureIndex
+    index: SignatureTable
     cache: EmbeddingCache[Float32s]
     points: EmbeddingCache[bytes]
 
@@ -104,7 +104,7 @@ class Pipelines:
                     log.info("another pipeline is active now", extra={"fields": fields})
                 self._active = ActivePipeline(
                     Pipeline(parameters),
-                    SignatureIndex(fingerprint),
+                    SignatureTable(fingerprint),
                     EmbeddingCache(self._room),
                     EmbeddingCache(0, len, POINTS_BYTES),
                 )

@@ -7,9 +7,7 @@ from dataclasses import dataclass
 from html import escape
 
 from service.report.style import STYLE
-from service.search.likeness_words import in_words
-from service.search.schemas import QueryAnswer, Result
-from service.search.score_words import CC_OF_PAIRS, score_in_words
+from service.search.schemas import CC_OF_PAIRS, QueryAnswer, Result, likeness_in_words, score_in_words
 from service.shapes.schemas import box_in_words, number_in_words, volume_in_words
 from service.system.schemas import Version
 
@@ -130,7 +128,7 @@ def _section(found: PicturedResult, query: str) -> str:
             f'<figure class="pair">{pictures}',
             f"<figcaption>{escape(query)} and {name}: corresponding points have one colour.</figcaption>",
             "</figure>",
-            f"<p><strong>{escape(in_words(result.likeness, result.scale))}</strong></p>",
+            f"<p><strong>{escape(likeness_in_words(result.likeness, result.scale))}</strong></p>",
             _table("Scores", _scores(result).items(), numbers=True),
             _table("The shape", ((key, value) for key, value in facts.items() if value)),
             "</section>",

@@ -1,20 +1,14 @@
 """Search: a mesh or a stored id in, the most similar stored shapes with their scores out."""
 
 __all__ = [
-    "cache_warmer",
-    "compare_endpoint",
+    "answer",
+    "caches",
+    "compare",
     "compare_schemas",
     "endpoints",
     "likeness",
-    "likeness_words",
-    "rank_by",
-    "ranking",
     "records",
     "repository",
     "schemas",
-    "score_words",
     "scoring",
-    "service",
-    "shortlist",
-    "tasks",
 ]

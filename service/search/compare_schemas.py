@@ -1,65 +1,167 @@
-"""Comparisons of two shapes as clients write them."""
+"""Comparisons of two shapes as JSON, and dense correspondences."""
 
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Any, Self
 
-from fastapi import UploadFile
 from pydantic import BaseModel, ConfigDict, Field
 
-from service.collections.dependencies import NamedInAddress
-from service.errors import BadRequestFieldsError, FieldFault
-from service.rendering.colours import Paint
-from service.search.schemas import DENSE, CompareRequest
-from service.shapes.uploads import ENDINGS_IN_WORDS
+from core.ranking.likeness import Likeness
+from service.search.schemas import (
+    CC,
+    COMBINED,
+    DIFFERENCE,
+    LIKENESS,
+    PAIR,
+    PIPELINE,
+    SCALE,
+    SSD,
+    LocalDifference,
+    Pair,
+    pairs,
+)
+from service.shapes.schemas import SHAPE
 
-IdOrFile = Annotated[
-    UploadFile | Annotated[str, Field(max_length=64)],
-    Field(description=f"A mesh file, or the id of a stored shape. {ENDINGS_IN_WORDS}"),
-]
+if TYPE_CHECKING:
+    from core.embedding import DenseCorrespondence
+    from service.search.records import Comparison, Relation
+
+DIGITS = 4
+"""Decimals of values at vertices: more would double the length of the JSON."""
+
+DENSE = "Add the vertex of the second shape for each vertex of the first, and where the two shapes differ."
 
 
-class CompareForm(BaseModel):
-    """Two shapes to compare, each a file or the id of a stored shape."""
+class Difference(BaseModel):
+    """The differences of one shape from the other, a value for each of its vertices."""
 
-    model_config = ConfigDict(extra="forbid")
+    stretch: list[float] = Field(
+        description="Length around the vertex on the other shape over length on this one, over its median: 1 "
+        "where the surface is not stretched."
+    )
+    displacement: list[float] | None = Field(
+        description="The distance of the vertex from its partner after the best motion and scaling, in units "
+        "of this shape; where there is no partner, its distance from the other surface. null unless the two "
+        "shapes are rigid copies in large part."
+    )
+    partnered: list[bool] = Field(description="Whether the other shape has a corresponding place.")
 
-    first: IdOrFile
-    second: IdOrFile
+    @classmethod
+    def of(cls, way: "DenseCorrespondence") -> Self:
+        """Return the differences of one direction."""
+        return cls(
+            stretch=_rounded(way.stretch),
+            displacement=None if way.displacement is None else way.displacement.tolist(),
+            partnered=way.partnered.tolist(),
+        )
+
+
+class DenseFields(BaseModel):
+    """The dense correspondence of two shapes; every field is null unless it is asked for."""
+
+    vertices: list[int] | None = Field(
+        default=None,
+        description="With dense: for each vertex of the first file the corresponding vertex of the second, "
+        "from 0.",
+    )
+    confidence: list[float] | None = Field(
+        default=None,
+        description="With dense: for each vertex of the first file, in [0, 1]: 1 where no distance is left "
+        "in the spectral domain, or where the surfaces coincide after a motion; 0 without a partner.",
+    )
+    length_ratio: float | None = Field(
+        default=None, description="With dense: a length on the second shape over the same on the first."
+    )
+    simplified: bool | None = Field(
+        default=None,
+        description="With dense: whether a mesh is so large that the correspondence was computed on "
+        "simplified meshes, and transferred to the vertices of the files.",
+    )
+    first_difference: Difference | None = Field(
+        default=None, description="With dense: how the first shape differs from the second."
+    )
+    second_difference: Difference | None = Field(
+        default=None, description="With dense: how the second shape differs from the first."
+    )
+
+
+def dense_fields(ways: "tuple[DenseCorrespondence, DenseCorrespondence]") -> dict[str, Any]:
+    """Return the fields of a correspondence, both ways."""
+    forward, backward = ways
+    return {
+        "vertices": forward.vertices.tolist(),
+        "confidence": _rounded(forward.confidence),
+        "length_ratio": forward.scale,
+        "simplified": forward.simplified,
+        "first_difference": Difference.of(forward),
+        "second_difference": Difference.of(backward),
+    }
+
+
+def _rounded(values: Any) -> list[float]:  # noqa: ANN401
+    rounded: list[float] = values.astype("float64").round(DIGITS).tolist()
+    return rounded
+
+
+class CompareRequest(BaseModel):
+    """Two stored shapes to compare."""
+
+    model_config = ConfigDict(
+        extra="forbid",
+        json_schema_extra={
+            "example": {"first": SHAPE["id"], "second": "5d0c8d8e-8f43-45f5-bb5e-5c8a1f4d2f10"}
+        },
+    )
+
+    first: str = Field(description="The id of a shape.", max_length=64)
+    second: str = Field(description="The id of another shape, or of the same one.", max_length=64)
     dense: bool | None = Field(default=None, description=DENSE)
 
 
-class CompareParameters(NamedInAddress):
-    """Options of a comparison, as query parameters."""
+class CompareAnswer(DenseFields):
+    """The scores of two shapes, and their corresponding points."""
 
-    format: Literal["json", "glb", "html", "npz", "png"] = Field(
-        default="json",
-        description="glb: both meshes side by side, with corresponding points in equal colours. html: a "
-        "page with the two shapes, for a browser that may read them from this service. npz, with dense: a "
-        "NumPy archive of the arrays vertices and confidence, and stretch, partnered and, where there is "
-        "one, displacement. png, with dense: a picture of both shapes.",
+    model_config = ConfigDict(
+        json_schema_extra={
+            "example": {
+                "cc": 0.981,
+                "ssd": 0.142,
+                "sim": 0.874,
+                "combined": 0.94,
+                "likeness": "pose",
+                "correspondence": [PAIR],
+                "pipeline": PIPELINE,
+                "milliseconds": {"read": 1.2, "compare": 4.1, "likeness": 0.1, "total": 5.7},
+            }
+        }
     )
-    dense: bool = Field(default=False, description=DENSE)
-    paint: Paint = Field(
-        default="correspondence",
-        description="With dense, the colours of the GLB and of the picture. correspondence: by position on "
-        "the first shape; places of the second without a partner are grey. difference: from grey over orange "
-        "to brown by how far each place has moved or how much it is stretched; places without a partner "
-        "are blue.",
+
+    cc: float = Field(description=CC)
+    ssd: float = Field(description=SSD)
+    sim: float = Field(description="Share of the points with an effective correspondence, in [0, 1].")
+    combined: float = Field(description=COMBINED)
+    likeness: Likeness = Field(description=LIKENESS)
+    scale: float | None = Field(default=None, description=SCALE.format(second="second shape", first="first"))
+    difference: LocalDifference | None = Field(
+        default=None, description=DIFFERENCE.format(first="first shape")
     )
+    correspondence: list[Pair]
+    pipeline: str = Field(description="Fingerprint of the pipeline that made and compared the embeddings.")
+    milliseconds: dict[str, float] = Field(description="The time of each stage, and the total.")
 
-
-def dense_options(body: CompareForm | CompareRequest, options: CompareParameters) -> bool:
-    """Whether the dense correspondence is asked for: by the body, or else by the query parameters.
-
-    Raises
-    ------
-    BadRequestFieldsError
-        A format or a painting needs it, and it is not asked for; or a page, which has none.
-    """
-    dense = options.dense if body.dense is None else body.dense
-    if options.format in {"npz", "png"} and not dense:
-        raise BadRequestFieldsError(FieldFault("format", f"{options.format} needs dense=true"))
-    if options.paint != "correspondence" and not dense:
-        raise BadRequestFieldsError(FieldFault("paint", f"{options.paint} needs dense=true"))
-    if options.format == "html" and dense:
-        raise BadRequestFieldsError(FieldFault("format", "html has no dense correspondence"))
-    return dense
+    @classmethod
+    def of(
+        cls, comparison: "Comparison", relation: "Relation", *, milliseconds: dict[str, float]
+    ) -> "CompareAnswer":
+        """Return the JSON of a comparison, and of the relation of the second shape to the first."""
+        match = comparison.match
+        return cls(
+            cc=match.cc,
+            ssd=match.ssd,
+            sim=match.sim,
+            combined=comparison.combined,
+            likeness=relation.likeness,
+            scale=relation.scale,
+            difference=LocalDifference.of(relation),
+            correspondence=pairs(comparison),
+            pipeline=comparison.pipeline.fingerprint,
+            milliseconds=milliseconds,
+        )

@@ -1,28 +1,42 @@
 """The addresses /query and /shapes/{shape_id}/similar."""
 
-from collections.abc import Awaitable, Callable
+from functools import partial
 from typing import Annotated
 
 from fastapi import APIRouter, Depends, Query, Request
+from pydantic import ConfigDict, Field
 
 from core.io import format_of
-from service.collection import CollectionRecord
-from service.collections.dependencies import InCollection
-from service.container import Container
+from service.collections.dependencies import InCollection, NamedInAddress
 from service.dependencies import Service
 from service.http.middleware import while_connected
 from service.http.problems import FILE_PROBLEMS, documented
 from service.http.request_bodies import RequestBody, once_each
 from service.observability.timings import Timings
-from service.pipelines.active import ActivePipeline
-from service.search import partial_queries, records, service
-from service.search.options import FileQuery, QueryParameters, StoredQuery, merged, search_options
-from service.search.records import Answer
-from service.search.schemas import QueryAnswer, QueryOptions
-from service.search.unit_mistakes import with_unit_mistake
+from service.search.answer import query_of_file, query_of_shape, search, with_active_pipeline
+from service.search.schemas import QueryAnswer, SearchOptions
 from service.shapes.endpoints import ShapeId
+from service.shapes.schemas import SHAPE
+from service.shapes.uploads import MeshUpload
 
 router = APIRouter(tags=["search"])
+
+
+class QueryParameters(NamedInAddress, SearchOptions):
+    """Options of a search, as query parameters."""
+
+
+class FileQuery(SearchOptions, MeshUpload):
+    """A query with a mesh file."""
+
+
+class StoredQuery(SearchOptions):
+    """A query with a stored shape."""
+
+    model_config = ConfigDict(json_schema_extra={"example": {"shape_id": SHAPE["id"], "top_k": 3}})
+
+    shape_id: str = Field(description="The id of the shape to search with.", max_length=64)
+
 
 QUERY = RequestBody[FileQuery | StoredQuery](FileQuery, json=StoredQuery)
 WORK_PROBLEMS = (
@@ -62,20 +76,21 @@ async def query(
     Options are fields of the form or of the JSON object, or query parameters; the body overrides the query
     parameters. A JSON object asks the same as `GET /shapes/{shape_id}/similar`.
     """
-    options = merged(body, address)
-    if isinstance(body, StoredQuery):
-        return await _similar_to_stored(request, container, collection, body.shape_id, options)
-    mesh_format = format_of(body.file.filename or "")
-    how = search_options(options, collection.number, container.settings, exclude_self=False)
+    in_address = address.model_fields_set & SearchOptions.model_fields.keys() - body.model_fields_set
+    options = body.model_copy(update={name: getattr(address, name) for name in in_address})
+    shapes, timings, number = options.filtered(collection.number), Timings(), collection.number
+    mesh_format = "" if isinstance(body, StoredQuery) else format_of(body.file.filename or "")
     with container.queue.admitted():
-        data = await body.file.read()
-
-        async def embedded(active_pipeline: ActivePipeline, timings: Timings) -> records.Query:
-            return await service.by_file(
-                container, collection.number, data, mesh_format, active_pipeline, timings
-            )
-
-        return await _similar(request, container, embedded, how, partial=options.partial)
+        if isinstance(body, StoredQuery):
+            exclude_self = options.exclude_self is not False
+            make_query = partial(query_of_shape, container, number, body.shape_id, exclude_self)
+        else:
+            data, exclude_self = await body.file.read(), bool(options.exclude_self)
+            make_query = partial(query_of_file, container, number, data, mesh_format, exclude_self)
+        work = partial(search, container, make_query, options, shapes, timings)
+        answer = await while_connected(request, with_active_pipeline(container, work))
+    container.metrics.stages("query", timings.milliseconds)
+    return QueryAnswer.of(answer, milliseconds=timings.so_far())
 
 
 @router.get(
@@ -93,39 +108,11 @@ async def similar(
     options: Annotated[QueryParameters, Query()],
 ) -> QueryAnswer:
     """Search with a stored shape: the same as `POST /query` with the shape's id and these options."""
-    return await _similar_to_stored(request, container, collection, shape_id, options)
-
-
-async def _similar_to_stored(
-    request: Request, container: Container, collection: CollectionRecord, shape_id: str, options: QueryOptions
-) -> QueryAnswer:
-    own = collection.number
-    how = search_options(options, own, container.settings, exclude_self=True)
-
-    async def embedded(active_pipeline: ActivePipeline, timings: Timings) -> records.Query:
-        return await service.by_id(container, own, shape_id, active_pipeline, timings)
-
+    shapes, timings = options.filtered(collection.number), Timings()
+    exclude_self = options.exclude_self is not False
+    make_query = partial(query_of_shape, container, collection.number, shape_id, exclude_self)
+    work = partial(search, container, make_query, options, shapes, timings)
     with container.queue.admitted():
-        return await _similar(request, container, embedded, how, partial=options.partial)
-
-
-async def _similar(
-    request: Request,
-    container: Container,
-    embedded: Callable[[ActivePipeline, Timings], Awaitable[records.Query]],
-    options: records.Options,
-    *,
-    partial: bool,
-) -> QueryAnswer:
-    """The answer to a query, whose embedding `embedded` gives; `partial` tells whether it is a part."""
-    timings = Timings()
-
-    async def found(active_pipeline: ActivePipeline) -> Answer:
-        wanted = await embedded(active_pipeline, timings)
-        search = partial_queries.search if partial else service.search
-        answer = await search(container, wanted, options, timings)
-        return await with_unit_mistake(container, wanted, options, answer, timings)
-
-    answer = await while_connected(request, service.in_one_pipeline(container, found))
+        answer = await while_connected(request, with_active_pipeline(container, work))
     container.metrics.stages("query", timings.milliseconds)
     return QueryAnswer.of(answer, milliseconds=timings.so_far())

@@ -1,8 +1,11 @@
-"""A query, its options and its answer."""
+"""A query, its candidates, their scores, and the answer."""
 
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
 
 from core.arrays import Bytes
 from core.descriptors.registry import ShapeDescriptors, descriptors_of
@@ -11,45 +14,15 @@ from core.embedding import Embedding, Match
 from core.mesh.mesh import Mesh
 from core.pipeline import Pipeline
 from core.ranking.likeness import Likeness
+from core.ranking.local_density import LocalDensities
 from core.registration.rigid_copy import Difference
 from core.serialization import embedding_from_bytes
+from service.index.density_samples import CollectionSample
+from service.index.repository import IndexEntries
 from service.pipelines.active import ActivePipeline
-from service.search.rank_by import RankBy
-from service.shapes.records import ShapeFilter, ShapeRecord
+from service.shapes.records import ShapeRecord
 
-
-@dataclass(frozen=True)
-class Options:
-    """Options of a search.
-
-    `shortlist_from` candidates or more are cut to the `shortlist_length` nearest by signature and half as
-    many by view signature. The `reranked` first of the coarse ranking are re-ranked, and the
-    `top_k + finalists` first of these are scored in full.
-    `sizes` is the largest factor between the roots of two areas.
-    """
-
-    top_k: int
-    rank_by: RankBy
-    exhaustive: bool
-    filter: ShapeFilter
-    exclude_self: bool
-    min_cc: float
-    sizes: float | None
-    correspondences: bool
-    embedding: bool
-    shortlist_from: int
-    shortlist_length: int
-    reranked: int
-    finalists: int
-
-    def sized(self, area: float) -> ShapeFilter:
-        """The filter, with the sizes that a query of some area asks for."""
-        if self.sizes is None:
-            return self.filter
-        least, greatest = area / self.sizes**2, area * self.sizes**2
-        if self.filter.area is not None:
-            least, greatest = max(least, self.filter.area[0]), min(greatest, self.filter.area[1])
-        return replace(self.filter, area=(least, greatest))
+ReadMesh = Callable[[], Awaitable[Mesh]]
 
 
 @dataclass(frozen=True)
@@ -62,8 +35,8 @@ class Query:
         The pipeline that made it.
     record : bytes
         The embedding as it is stored, and sent to workers.
-    itself : frozenset of int
-        The numbers of the stored shapes that are the query itself.
+    excluded : frozenset of int
+        The numbers of stored shapes that are left out: the query itself.
     mesh : callable or None
         Reads the mesh of the query; None for a query whose likeness to other shapes is not asked for.
     number : int or None
@@ -72,8 +45,8 @@ class Query:
 
     active_pipeline: ActivePipeline
     record: bytes
-    itself: frozenset[int]
-    mesh: Callable[[], Awaitable[Mesh]] | None = None
+    excluded: frozenset[int]
+    mesh: ReadMesh | None = None
     number: int | None = None
 
     @cached_property
@@ -93,8 +66,71 @@ class Query:
 
     @property
     def spin_images(self) -> Bytes:
-        """The spin images of its surface; see `core.embedding`."""
+        """The spin images of its surface."""
         return self.descriptors.arrays["spin_images"]
+
+
+@dataclass(frozen=True, eq=False)
+class Candidates:
+    """The shapes that a query is compared with.
+
+    Attributes
+    ----------
+    entries : IndexEntries
+        Their signatures and other short descriptors.
+    shortlisted : bool
+        Whether they are a shortlist, of which only the best are matched in full.
+    stored : int
+        Number of shapes in the collection.
+    sample : CollectionSample or None
+        The sample in which local densities are measured; typical densities are used without one.
+    density : LocalDensities or None
+        Of the query, in the sample.
+    """
+
+    entries: IndexEntries
+    shortlisted: bool
+    stored: int
+    sample: CollectionSample | None = None
+    density: LocalDensities | None = None
+
+    def __len__(self) -> int:
+        """Return the number of candidates."""
+        return len(self.entries.shapes)
+
+    def only(self, indices: NDArray[np.integer] | NDArray[np.bool_]) -> "Candidates":
+        """Return the candidates at some indices, or those that a mask selects."""
+        return replace(self, entries=self.entries.only(indices))
+
+
+@dataclass(frozen=True, eq=False)
+class MatchedCandidates:
+    """Candidates and their scores with the query; each array has shape (c,).
+
+    Attributes
+    ----------
+    candidates : Candidates
+    cc, ssd, sim : float64
+        See `core.matching`. Similar shapes have a small `ssd`, and large `cc` and `sim`.
+    log_odds : float64 or None
+        The log odds that the two shapes are of one class, if the answer is ranked by them.
+    """
+
+    candidates: Candidates
+    cc: NDArray[np.float64]
+    ssd: NDArray[np.float64]
+    sim: NDArray[np.float64]
+    log_odds: NDArray[np.float64] | None = None
+
+    def only(self, indices: NDArray[np.integer] | NDArray[np.bool_]) -> "MatchedCandidates":
+        """Return the candidates at some indices, or those that a mask selects, with their scores."""
+        return MatchedCandidates(
+            self.candidates.only(indices),
+            self.cc[indices],
+            self.ssd[indices],
+            self.sim[indices],
+            None if self.log_odds is None else self.log_odds[indices],
+        )
 
 
 @dataclass(frozen=True)
@@ -133,13 +169,29 @@ class Comparison:
 class SearchResult:
     """One shape of an answer.
 
-    `typical_probability` is the class probability at the typical density of shapes, which does not depend on
-    other stored shapes as `combined` does. `spectral` is the distance of its log eigenvalues from those of
-    the query; `size_ratio` is the root of the ratio of its area to the query's; `part_distance` is set if the
-    query is a part.
+    Attributes
+    ----------
+    shape : ShapeRecord
+    record : bytes or None
+        Its embedding, if that was read: for correspondences, or since the shape may be a rigid copy.
+    cc, ssd, sim : float
+        Its scores with the query.
+    combined : float
+        The class probability at the density of the collection's shapes.
+    typical_probability : float
+        The class probability at the typical density, which does not depend on other stored shapes.
+    spectral : float
+        The distance of its log eigenvalues from those of the query.
+    size_ratio : float
+        The root of the ratio of its area to the query's.
+    comparison : Comparison or None
+        Its match with the query, if correspondences are asked for.
+    part_distance : float or None
+        Set if the query is a part.
     """
 
     shape: ShapeRecord
+    record: bytes | None
     cc: float
     ssd: float
     sim: float
@@ -147,7 +199,7 @@ class SearchResult:
     typical_probability: float
     spectral: float
     size_ratio: float
-    comparison: Comparison | None
+    comparison: Comparison | None = None
     part_distance: float | None = None
 
 
@@ -174,13 +226,13 @@ class UnitMistake:
 class Answer:
     """The answer to a search.
 
-    `relations` are those of the found shapes to the query; `best_cc` is the highest CC of all compared
-    shapes, if there are any; `boundary_ratio` is of the query's surface; `embedding` is the query's, if asked
-    for; `unit_mistake` is set if only shapes of other units pass the filter.
+    `relations` are those of the results to the query; `best_cc` is the highest CC of all matched shapes, if
+    there are any; `boundary_ratio` is of the query's surface; `embedding` is the query's, if asked for;
+    `unit_mistake` is set if only shapes of other units pass the filter.
     """
 
     pipeline: Pipeline
-    found: list[SearchResult]
+    results: list[SearchResult]
     relations: list[Relation]
     best_cc: float | None
     compared: int

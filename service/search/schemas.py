@@ -1,20 +1,46 @@
-"""Searches and comparisons as JSON."""
+"""Searches as JSON: their options, declared once for the service, the clients and the command line; answers.
 
+Scores and likenesses in words are here too: the page, the command line and the report show them.
+"""
+
+import math
+from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 from core.ranking.likeness import NEAR_ISOMETRIC, POSE_CC, SIMILAR, Likeness
 from core.registration.kinship import SIZE
-from service.search.dense_schemas import DenseFields
-from service.search.rank_by import RankBy
-from service.search.score_words import CC_OF_PAIRS, score_in_words
-from service.shapes.fields import ListedTags, split_tags
+from service.collection import CollectionNumber
+from service.shapes.fields import split_tags
 from service.shapes.listing import Filters
+from service.shapes.records import ShapeFilter
 from service.shapes.schemas import SHAPE, EmbeddingArrays, Shape, warnings_of
 
 if TYPE_CHECKING:
     from service.search.records import Answer, Comparison, Relation, SearchResult, UnitMistake
+
+RankBy = Literal["cc", "ssd", "sim", "combined"]
+"""The scores that results can be sorted by."""
+
+LEAST_DIGITS, MOST_DIGITS = 4, 7
+"""Decimals of a score. The samples' coordinates have the precision of seven."""
+
+CC_OF_PAIRS = (
+    "Unlike shapes have a high cc too: 0.83 to 0.96 for 90 % of the pairs of two classes of SHREC'11, and "
+    "0.968 to 0.999 for 90 % of the pairs of one class. From 0.98 an answer is matched."
+)
+"""How to read CC, as `isoshape evaluate` measured it (docs/likeness.md)."""
+
+LIKENESS_WORDS: dict[Likeness, str] = {
+    "same": "Same part",
+    "scaled": "Same part",
+    "mirrored": "Mirror image",
+    "variant": "Variant",
+    "pose": "Another pose",
+    "similar": "Similar",
+    "weak": "Weak",
+}
 
 PIPELINE = "3f1c9a7be2d40586"
 MILLISECONDS: dict[str, Any] = {
@@ -76,8 +102,35 @@ SIZE_TOLERANCE = 0.1
 LARGEST_SIZE_TOLERANCE = 10.0
 
 
+def score_in_words(score: float) -> str:
+    """Return a score of at most 1 with the decimals that show two digits of its distance from 1.
+
+    0.9712 has four decimals, 0.999987 six; 1 within half of the last decimal is 1.0000.
+    """
+    apart = abs(1.0 - score)
+    if apart < 0.5 * 10.0**-MOST_DIGITS:
+        return f"{1.0:.{LEAST_DIGITS}f}"
+    digits = math.ceil(-math.log10(apart)) + 1
+    return f"{score:.{min(max(digits, LEAST_DIGITS), MOST_DIGITS)}f}"
+
+
+def likeness_in_words(likeness: Likeness, scale: float | None) -> str:
+    """Return a likeness in words: "Same part, 1.5 times as large".
+
+    Parameters
+    ----------
+    likeness : Likeness
+    scale : float or None
+        Length in the second shape over length in the first; it is told where the sizes differ.
+    """
+    if likeness != "scaled" or scale is None:
+        return LIKENESS_WORDS[likeness]
+    # Three digits; the second format writes 1000 without an exponent.
+    return f"{LIKENESS_WORDS[likeness]}, {float(f'{scale:.3g}'):g} times as large"
+
+
 def _split(value: object) -> object:
-    """A list of ids, from one text or a list of texts, each with commas between ids."""
+    """Return a list of ids, from one text or a list of texts, each with commas between ids."""
     parts = [value] if isinstance(value, str) else value
     if isinstance(parts, list) and all(isinstance(part, str) for part in parts):
         return split_tags(parts)
@@ -89,7 +142,7 @@ Excluded = Annotated[
 ]
 
 
-class QueryOptions(Filters):
+class SearchOptions(Filters):
     """Options of a search. An option in the body overrides the query parameter."""
 
     top_k: int = Field(default=3, ge=1, le=100, description="The largest number of results.")
@@ -106,11 +159,6 @@ class QueryOptions(Filters):
     )
     exhaustive: bool = Field(
         default=False, description="Compare the query with every stored shape, and skip the shortlist."
-    )
-    filter: ListedTags = Field(
-        default=[],
-        description="Deprecated: the older name of `tag`. A shape must have all tags of both.",
-        examples=[["animal"]],
     )
     exclude: Excluded = Field(
         default=[],
@@ -143,6 +191,16 @@ class QueryOptions(Filters):
         default=False,
         description="Add the embedding of the query, as GET /shapes/{shape_id}/embedding gives it.",
     )
+
+    def filtered(self, collection: CollectionNumber) -> ShapeFilter:
+        """Return the filter of the shapes of a collection, without the excluded ones.
+
+        Raises
+        ------
+        BadRequestFieldsError
+            A condition on metadata is not written key=value.
+        """
+        return replace(super().filtered(collection), excluded=tuple(self.exclude))
 
 
 class Point(BaseModel):
@@ -193,7 +251,7 @@ class LocalDifference(BaseModel):
 
     @classmethod
     def of(cls, relation: "Relation") -> "LocalDifference | None":
-        """The JSON of the difference of a variant."""
+        """Return the JSON of the difference of a variant."""
         return None if relation.difference is None else cls.model_validate(relation.difference)
 
 
@@ -263,12 +321,12 @@ class QueryAnswer(BaseModel):
 
     @classmethod
     def of(cls, answer: "Answer", *, milliseconds: dict[str, float]) -> "QueryAnswer":
-        """The JSON of an answer."""
+        """Return the JSON of an answer."""
         return cls(
             results=[
-                _result(rank, found, relation)
-                for rank, (found, relation) in enumerate(
-                    zip(answer.found, answer.relations, strict=True), start=1
+                _result(rank, result, relation)
+                for rank, (result, relation) in enumerate(
+                    zip(answer.results, answer.relations, strict=True), start=1
                 )
             ],
             matched=answer.best_cc is not None
@@ -282,77 +340,8 @@ class QueryAnswer(BaseModel):
         )
 
 
-DENSE = "Add the vertex of the second shape for each vertex of the first, and where the two shapes differ."
-
-
-class CompareRequest(BaseModel):
-    """Two stored shapes to compare."""
-
-    model_config = ConfigDict(
-        extra="forbid",
-        json_schema_extra={
-            "example": {"first": SHAPE["id"], "second": "5d0c8d8e-8f43-45f5-bb5e-5c8a1f4d2f10"}
-        },
-    )
-
-    first: str = Field(description="The id of a shape.", max_length=64)
-    second: str = Field(description="The id of another shape, or of the same one.", max_length=64)
-    dense: bool | None = Field(default=None, description=DENSE)
-
-
-class CompareAnswer(DenseFields):
-    """The scores of two shapes, and their corresponding points."""
-
-    model_config = ConfigDict(
-        json_schema_extra={
-            "example": {
-                "cc": 0.981,
-                "ssd": 0.142,
-                "sim": 0.874,
-                "combined": 0.94,
-                "likeness": "pose",
-                "correspondence": [PAIR],
-                "pipeline": PIPELINE,
-                "milliseconds": {"read": 1.2, "compare": 4.1, "likeness": 0.1, "total": 5.7},
-            }
-        }
-    )
-
-    cc: float = Field(description=CC)
-    ssd: float = Field(description=SSD)
-    sim: float = Field(description="Share of the points with an effective correspondence, in [0, 1].")
-    combined: float = Field(description=COMBINED)
-    likeness: Likeness = Field(description=LIKENESS)
-    scale: float | None = Field(default=None, description=SCALE.format(second="second shape", first="first"))
-    difference: LocalDifference | None = Field(
-        default=None, description=DIFFERENCE.format(first="first shape")
-    )
-    correspondence: list[Pair]
-    pipeline: str = Field(description="Fingerprint of the pipeline that made and compared the embeddings.")
-    milliseconds: dict[str, float] = Field(description="The time of each stage, and the total.")
-
-    @classmethod
-    def of(
-        cls, comparison: "Comparison", relation: "Relation", *, milliseconds: dict[str, float]
-    ) -> "CompareAnswer":
-        """The JSON of a comparison, and of the relation of the second shape to the first."""
-        match = comparison.match
-        return cls(
-            cc=match.cc,
-            ssd=match.ssd,
-            sim=match.sim,
-            combined=comparison.combined,
-            likeness=relation.likeness,
-            scale=relation.scale,
-            difference=LocalDifference.of(relation),
-            correspondence=pairs(comparison),
-            pipeline=comparison.pipeline.fingerprint,
-            milliseconds=milliseconds,
-        )
-
-
 def pairs(comparison: "Comparison") -> list[Pair]:
-    """The correspondence, each point with its position on its mesh."""
+    """Return the correspondence, each point with its position on its mesh."""
     match = comparison.match
     first, second = match.correspondence[:, 0], match.correspondence[:, 1]
     columns: list[list[Any]] = [
@@ -391,18 +380,18 @@ def _unit_warning(mistake: "UnitMistake | None") -> list[str]:
     ]
 
 
-def _result(rank: int, found: "SearchResult", relation: "Relation") -> Result:
+def _result(rank: int, result: "SearchResult", relation: "Relation") -> Result:
     return Result(
         rank=rank,
-        cc=found.cc,
-        ssd=found.ssd,
-        sim=found.sim,
-        combined=found.combined,
+        cc=result.cc,
+        ssd=result.ssd,
+        sim=result.sim,
+        combined=result.combined,
         likeness=relation.likeness,
         scale=relation.scale,
         difference=LocalDifference.of(relation),
-        part_distance=found.part_distance,
-        size_ratio=found.size_ratio if relation.scale is None else relation.scale,
-        shape=Shape.of(found.shape),
-        correspondence=None if found.comparison is None else pairs(found.comparison),
+        part_distance=result.part_distance,
+        size_ratio=result.size_ratio if relation.scale is None else relation.scale,
+        shape=Shape.of(result.shape),
+        correspondence=None if result.comparison is None else pairs(result.comparison),
     )

@@ -1,8 +1,14 @@
-"""The scores of a query with its candidates."""
+"""The scores of a query with its candidates, in batches on the threads of the service.
 
+The cascade: coarse ranking by the coarse samples in memory; re-ranking by quantised points; the full match.
+Each step passes the best on. The first two run for a shortlist only.
+"""
+
+import asyncio
 import math
-from collections.abc import Sequence
+from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,117 +16,308 @@ from starlette.concurrency import run_in_threadpool
 
 from core.arrays import Floats, Ints
 from core.descriptors.partial import is_part
-from core.ranking.differences import TYPICAL_SIM
+from core.descriptors.registry import ShapeDescriptors
+from core.embedding import Scores
+from core.matching.match_records import match_record, score_match_records
+from core.ranking.class_probability import pooled_log_odds
+from core.ranking.differences import TYPICAL_SIM, differences_of
+from core.ranking.reranking import coarse_ranking, rerank
 from core.ranking.shortlist import least
+from service.compute.request_queue import short_of_memory
 from service.container import Container
 from service.observability.logging import get_logger
-from service.search import repository
-from service.search.batches import by_embedding, by_threads, in_batches
-from service.search.class_probability import class_scores, coarse_class_scores
-from service.search.match_records import QueryScorer
-from service.search.rank_by import RankBy
-from service.search.ranking import Compared
-from service.search.records import Query
-from service.search.shortlist import Candidates
-from service.storage.database import Database
+from service.search.caches import CandidateReader
+from service.search.records import Candidates, MatchedCandidates, Query
+from service.search.schemas import RankBy
+from service.search.shortlist import coarse_log_odds
 
 log = get_logger("search")
 
-THREAD_BATCH, COARSE_BATCH, PROCESS_BATCH = 48, 256, 256
-"""Embeddings that a thread scores in full, or ranks coarsely, or that a worker process scores, at a time."""
+MATCH_BATCH, DESCRIPTOR_BATCH, COARSE_BATCH, PROCESS_BATCH = 48, 64, 256, 256
+"""Most embeddings that a thread matches, compares by descriptors or ranks coarsely at a time, and that a
+worker process matches."""
 
 DESCRIBED = 0.5
-"""Share of the re-ranked candidates whose descriptors are read, if class scores rank the answer."""
+"""Share of the re-ranked candidates whose descriptors are read, if log odds rank the answer."""
 
 PART_FACTOR = 2
 """Factor of the number of re-ranked candidates of an incomplete query. Descriptors of all of them are read,
-since the class score depends mostly on spin images."""
+since the log odds depend mostly on spin images."""
+
+Score = Callable[[NDArray[Any]], "asyncio.Future[Floats]"]
+"""Begins to score rows, and gives their scores, shape (kinds, rows)."""
 
 
-async def compare_with(
-    container: Container, query: Query, candidates: Candidates, rank_by: RankBy
-) -> tuple[Compared, Candidates]:
-    """Score the candidates, each embedding matched once.
+async def score_candidates(
+    container: Container,
+    query: Query,
+    reader: CandidateReader,
+    candidates: Candidates,
+    rank_by: RankBy,
+    top_k: int,
+) -> MatchedCandidates:
+    """Match the candidates, each embedding once; of a shortlist, only the best of the earlier stages.
 
-    Of a shortlist, only the first after the coarse ranking and the re-ranking are scored. Deleted and
-    unreadable candidates are left out. The second result is the candidates that were scored, in the same
-    order.
+    Deleted and unreadable candidates are left out. The matches have log odds if these rank the answer.
+
+    Parameters
+    ----------
+    container : Container
+    query : Query
+    reader : CandidateReader
+        Of this query.
+    candidates : Candidates
+    rank_by : RankBy
+        The score that ranks the answer. Approximate CC stands for cc, ssd and sim in the earlier stages.
+    top_k : int
+        The number of results; the full match has as many more candidates as the setting of finalists says.
     """
+    by_log_odds, settings = rank_by == "combined", container.settings
+    has_records = query.active_pipeline.pipeline.matcher.uses_match_records
     with container.searches.running():
-        return await _compared(container, query, candidates, rank_by)
-
-
-async def _compared(
-    container: Container, query: Query, candidates: Candidates, rank_by: RankBy
-) -> tuple[Compared, Candidates]:
-    if query.active_pipeline.pipeline.matcher.uses_match_records:
-        scorer = await run_in_threadpool(QueryScorer, container.database, query)
-        candidates = await _finalists(container, query, scorer, candidates, rank_by)
-        score, batch = by_threads(container, scorer.score), THREAD_BATCH
-    else:
-        score, batch = partial(_by_worker, container, query), PROCESS_BATCH
-    scores = await by_embedding(container, candidates, batch, 3, score)
-    known = np.isfinite(scores).all(axis=0)
+        record = await run_in_threadpool(_match_record, query) if has_records else None
+        if record is not None and candidates.shortlisted:
+            finalists = settings.finalists + top_k
+            reranked = max(settings.reranked, finalists)
+            if by_log_odds and is_part(query.spin_images):
+                reranked *= PART_FACTOR
+            if reranked < len(candidates):
+                candidates = await _rank_coarsely(
+                    container, query, record, candidates, reranked, by_log_odds=by_log_odds
+                )
+            if finalists < len(candidates):
+                candidates = await _rerank(
+                    container, query, reader, record, candidates, finalists, by_log_odds=by_log_odds
+                )
+        embeddings, rows = np.unique(candidates.entries.embeddings, return_inverse=True)
+        if record is not None:
+            match = partial(_match, query, reader, record, candidates, by_log_odds)
+            scores = await _in_batches(container, _by_threads(container, match), embeddings, MATCH_BATCH, 4)
+        else:
+            score = partial(_match_in_worker, container, query, reader, candidates, by_log_odds)
+            scores = await _in_batches(
+                container, lambda batch: asyncio.ensure_future(score(batch)), embeddings, PROCESS_BATCH, 4
+            )
+    scores = scores[:, rows]
+    known = np.asarray(np.isfinite(scores[:3]).all(axis=0))
     if not known.all():
         log.warning("%d candidates were deleted meanwhile, or cannot be read", np.count_nonzero(~known))
-    candidates, (cc, ssd, sim) = candidates.only(np.flatnonzero(known)), scores[:, known]
-    combined = await class_scores(container, query, candidates, cc, sim) if rank_by == "combined" else None
-    return Compared(candidates.shapes, cc, ssd, sim, combined), candidates
+    cc, ssd, sim, log_odds = scores
+    return MatchedCandidates(candidates, cc, ssd, sim, log_odds if by_log_odds else None).only(known)
 
 
-async def _finalists(
-    container: Container, query: Query, scorer: QueryScorer, candidates: Candidates, rank_by: RankBy
-) -> Candidates:
-    """The candidates that are scored in full: the first after the coarse ranking and the re-ranking.
+def class_log_odds(
+    query: Query,
+    candidates: Candidates,
+    embeddings: list[int],
+    described: dict[int, ShapeDescriptors],
+    cc: Floats,
+    sim: Floats,
+) -> Floats:
+    """Compute the log odds that a query and each of c embeddings are of one class, shape (c,).
 
-    Each step keeps the candidates of greatest approximate CC, or of greatest class score if the answer
-    is ranked by it. Approximate class scores choose the re-ranked candidates whose descriptors are read.
+    They are the least for embeddings without descriptors or CC, which were deleted meanwhile.
+
+    Parameters
+    ----------
+    query : Query
+    candidates : Candidates
+        Local densities are those in their sample; without one, typical.
+    embeddings : list of int
+        Numbers of c embeddings.
+    described : dict
+        Descriptors by number.
+    cc, sim : float64, shape (c,)
     """
-    by_probability = rank_by == "combined"
-    part = by_probability and is_part(query.spin_images)
-    reranked = candidates.reranked
-    if part and reranked is not None:
-        reranked *= PART_FACTOR
-    if reranked is not None and reranked < len(candidates.shapes):
-        score = by_threads(container, scorer.rank_coarsely)
-        workers = container.settings.workers
-        rough = (await in_batches(candidates.coarse_samples, COARSE_BATCH, workers, 1, score))[0]
-        if by_probability:
-            rough = await run_in_threadpool(coarse_class_scores, query, candidates, rough)
-        candidates = candidates.only(_greatest(candidates, rough, reranked))
-    finalists = candidates.finalists
-    if finalists is not None and finalists < len(candidates.shapes):
-        score = by_threads(container, scorer.rerank)
-        rough = (await by_embedding(container, candidates, THREAD_BATCH, 1, score))[0]
-        if by_probability and not part:
-            described = max(finalists, math.ceil(len(rough) * DESCRIBED))
-            first = _greatest(candidates, coarse_class_scores(query, candidates, rough), described)
-            candidates, rough = candidates.only(first), rough[first]
-        if by_probability:
-            sim = np.full(len(rough), TYPICAL_SIM)
-            rough = await class_scores(container, query, candidates, rough, sim)
-        candidates = candidates.only(_greatest(candidates, rough, finalists))
-    return candidates
+    present = [i for i, number in enumerate(embeddings) if number in described and not np.isnan(cc[i])]
+    log_odds = np.full(len(embeddings), -np.inf)
+    if not present:
+        return log_odds
+    numbers = [embeddings[i] for i in present]
+    shapes = [described[number] for number in numbers]
+    densities = None if candidates.sample is None else candidates.sample.of_stored(numbers, shapes)
+    scores = Scores(cc[present], np.zeros(len(present)), sim[present])
+    differences = differences_of(query.descriptors, shapes, scores, candidates.density, densities)
+    log_odds[present] = pooled_log_odds(differences)
+    return log_odds
 
 
-def _greatest(candidates: Candidates, scores: Floats, count: int) -> NDArray[np.intp]:
-    """Indices of the candidates of greatest score; deleted ones come last."""
-    return least(np.nan_to_num(-scores, nan=np.inf), candidates.shapes, count)
+def _match_record(query: Query) -> NDArray[np.float32]:
+    """Return the match record of the query, cached if the query is a stored shape."""
+    active_pipeline = query.active_pipeline
+    cached = {} if query.number is None else active_pipeline.cache.get([query.number])
+    if query.number in cached:
+        return cached[query.number]
+    return match_record(query.embedding, active_pipeline.pipeline.parameters)
 
 
-async def _by_worker(container: Container, query: Query, embeddings: Ints) -> Floats:
-    """CC, SSD and sim, by a worker process: shape (3, c), NaN for the deleted ones."""
+async def _rank_coarsely(
+    container: Container,
+    query: Query,
+    record: NDArray[np.float32],
+    candidates: Candidates,
+    count: int,
+    *,
+    by_log_odds: bool,
+) -> Candidates:
+    """Return the best candidates by their coarse samples, and by coarse log odds if these rank the answer."""
+    coarse_samples, parameters = candidates.entries.coarse_samples, query.active_pipeline.pipeline.parameters
+
+    def rank(batch: NDArray[np.uint8]) -> Floats:
+        return coarse_ranking(record, batch, parameters)[None].astype(np.float64)
+
+    (cc,) = await _in_batches(container, _by_threads(container, rank), coarse_samples, COARSE_BATCH, 1)
+    scores = await run_in_threadpool(coarse_log_odds, query, candidates.entries, cc) if by_log_odds else cc
+    return _best(candidates, scores, count)
+
+
+async def _rerank(
+    container: Container,
+    query: Query,
+    reader: CandidateReader,
+    record: NDArray[np.float32],
+    candidates: Candidates,
+    count: int,
+    *,
+    by_log_odds: bool,
+) -> Candidates:
+    """Return the best candidates by their points, and by descriptors if log odds rank the answer.
+
+    Scores come from the points even if match records are cached: an answer never depends on the cache. Coarse
+    log odds choose the candidates whose descriptors are read; of an incomplete query, all are.
+    """
+    parameters = query.active_pipeline.pipeline.parameters
+
+    def match_points(batch: Ints) -> Floats:
+        numbers = batch.tolist()
+        points = reader.points(numbers)
+        present = [i for i, number in enumerate(numbers) if number in points]
+        scores = np.full((1, len(numbers)), np.nan)
+        scores[0, present] = rerank(record, [points[numbers[i]] for i in present], parameters)
+        return scores
+
+    (cc,) = await by_embedding(container, candidates, match_points, MATCH_BATCH, 1)
+    if not by_log_odds:
+        return _best(candidates, cc, count)
+    if not is_part(query.spin_images):
+        described = max(count, math.ceil(len(cc) * DESCRIBED))
+        indices = _best_indices(candidates, coarse_log_odds(query, candidates.entries, cc), described)
+        candidates, cc = candidates.only(indices), cc[indices]
+    entries = candidates.entries
+
+    def compare_descriptors(batch: NDArray[np.intp]) -> Floats:
+        numbers = entries.embeddings[batch].tolist()
+        sim = np.full(len(batch), TYPICAL_SIM)
+        described = reader.descriptors(numbers)
+        return class_log_odds(query, candidates, numbers, described, cc[batch], sim)[None]
+
+    score, indices = _by_threads(container, compare_descriptors), np.arange(len(cc))
+    (log_odds,) = await _in_batches(container, score, indices, DESCRIPTOR_BATCH, 1)
+    return _best(candidates, log_odds, count)
+
+
+def _match(
+    query: Query,
+    reader: CandidateReader,
+    record: NDArray[np.float32],
+    candidates: Candidates,
+    by_log_odds: bool,
+    embeddings: Ints,
+) -> Floats:
+    """Match c embeddings by their records: CC, SSD, sim and, where asked for, log odds, shape (4, c)."""
     numbers = embeddings.tolist()
-    records = await run_in_threadpool(_read, container.database, numbers)
-    present = [place for place, number in enumerate(numbers) if number in records]
-    found = await container.queue.score(
-        query.record, [records[numbers[place]] for place in present], query.active_pipeline.pipeline
-    )
-    scores = np.full((3, len(numbers)), np.nan)
-    scores[:, present] = found.cc, found.ssd, found.sim
+    match_records, described = reader.match_records(numbers, descriptors=by_log_odds)
+    present = [i for i, number in enumerate(numbers) if number in match_records]
+    parameters = query.active_pipeline.pipeline.parameters
+    matched = score_match_records(record, [match_records[numbers[i]] for i in present], parameters)
+    scores = np.full((4, len(numbers)), np.nan)
+    scores[:3, present] = matched.cc, matched.ssd, matched.sim
+    if by_log_odds:
+        scores[3] = class_log_odds(query, candidates, numbers, described, scores[0], scores[2])
     return scores
 
 
-def _read(database: Database, numbers: Sequence[int]) -> dict[int, bytes]:
-    with database.read() as session:
-        return repository.embedding_records(session, numbers)
+async def _match_in_worker(
+    container: Container,
+    query: Query,
+    reader: CandidateReader,
+    candidates: Candidates,
+    by_log_odds: bool,
+    embeddings: Ints,
+) -> Floats:
+    """Match c embeddings in a worker process, for pipelines without match records, as `_match` does."""
+    numbers = embeddings.tolist()
+    records = await run_in_threadpool(reader.records, numbers)
+    present = [i for i, number in enumerate(numbers) if number in records]
+    matched = await container.queue.score(
+        query.record, [records[numbers[i]] for i in present], query.active_pipeline.pipeline
+    )
+    scores = np.full((4, len(numbers)), np.nan)
+    scores[:3, present] = matched.cc, matched.ssd, matched.sim
+    if by_log_odds:
+        described = await run_in_threadpool(reader.descriptors, numbers)
+        scores[3] = await run_in_threadpool(
+            class_log_odds, query, candidates, numbers, described, scores[0], scores[2]
+        )
+    return scores
+
+
+def _best(candidates: Candidates, scores: Floats, count: int) -> Candidates:
+    """Return the candidates of greatest score; deleted ones come last."""
+    return candidates.only(_best_indices(candidates, scores, count))
+
+
+def _best_indices(candidates: Candidates, scores: Floats, count: int) -> NDArray[np.intp]:
+    return least(np.nan_to_num(-scores, nan=np.inf), candidates.entries.shapes, count)
+
+
+def _by_threads(container: Container, score: Callable[[NDArray[Any]], Floats]) -> Score:
+    """Return a function that scores rows on the threads that match."""
+    return lambda batch: asyncio.wrap_future(container.threads.submit(score, batch))
+
+
+async def by_embedding(
+    container: Container,
+    candidates: Candidates,
+    score: Callable[[Ints], Floats],
+    length: int,
+    kinds: int,
+) -> Floats:
+    """Score c candidates on the threads that match, shape (kinds, c); a shared embedding is scored once."""
+    embeddings, rows = np.unique(candidates.entries.embeddings, return_inverse=True)
+    scores = await _in_batches(container, _by_threads(container, score), embeddings, length, kinds)
+    return scores[:, rows]
+
+
+async def _in_batches(
+    container: Container, score: Score, rows: NDArray[Any], length: int, kinds: int
+) -> Floats:
+    """Score c rows in batches, two a worker at a time, and return the scores, shape (kinds, c).
+
+    The batches have at most `length` rows. All have the same number, but for the last, and there are about as
+    many for each worker, so that the workers end together. If the query is cancelled, or a batch fails,
+    batches that have not begun are cancelled.
+    """
+    workers = container.settings.workers
+    count = workers * max(1, math.ceil(len(rows) / (workers * length)))
+    length = max(1, math.ceil(len(rows) / count))
+    batches: dict[asyncio.Future[Floats], int] = {}
+    pending: set[asyncio.Future[Floats]] = set()
+    try:
+        with short_of_memory():
+            for start in range(0, len(rows), length):
+                if len(pending) == 2 * workers:
+                    done, pending = await asyncio.wait(pending, return_when=asyncio.FIRST_COMPLETED)
+                    for batch in done:
+                        batch.result()
+                batch = score(rows[start : start + length])
+                batches[batch] = start
+                pending.add(batch)
+            await asyncio.gather(*pending)
+    finally:
+        for batch in pending:
+            batch.cancel()
+    scores = np.empty((kinds, len(rows)))
+    for batch, start in batches.items():
+        scores[:, start : start + length] = batch.result()
+    return scores

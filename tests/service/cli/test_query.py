@@ -10,7 +10,7 @@ from core.io import read_mesh, write_mesh
 from core.mesh.mesh import Mesh
 from service.cli import service_address
 from service.client import Client
-from service.search.schemas import QueryAnswer, QueryOptions
+from service.search.schemas import QueryAnswer, SearchOptions
 from tests.service.cli.conftest import Run, mesh_bytes
 from tests.service.html import Parsed
 
@@ -57,7 +57,7 @@ def test_every_option_of_a_search_is_one_of_the_command(run: Run) -> None:
     words = run("query", "--help").stdout.split()
     # The older name of tag; what the page asks for; and arrays, which are for programs.
     missing = {"filter", "correspondences", "embedding"}
-    for name in set(QueryOptions.model_fields) - missing:
+    for name in set(SearchOptions.model_fields) - missing:
         assert f"--{name.replace('_', '-')}" in words
 
 

@@ -20,7 +20,7 @@ from service.client import (
 )
 from service.errors import PROBLEMS
 from service.http.problem_document import MEDIA_TYPE, TYPE_PREFIX
-from service.search.schemas import QueryOptions
+from service.search.schemas import SearchOptions
 from tests.core.io.step_files import step_assembly, step_box
 from tests.service.cli.awaited import Awaited
 from tests.service.cli.conftest import mesh_bytes
@@ -287,7 +287,7 @@ def test_retried_kinds_are_temporary_ones() -> None:
 
 
 def test_query_arguments_are_the_services_own() -> None:
-    assert set(get_type_hints(QueryArguments)) == set(QueryOptions.model_fields)
+    assert set(get_type_hints(QueryArguments)) == set(SearchOptions.model_fields)
 
 
 def test_both_have_the_same_methods() -> None:

@@ -17,9 +17,10 @@ from core.matching.match_records import score_match_records
 from core.parameters import Parameters
 from core.registration.similarity import RESIDUAL
 from service.client import Client
+from service.compute import tasks
 from service.duplicates.groups import Groups, Link
 from service.duplicates.schemas import COLUMNS
-from service.search import match_records, tasks
+from service.search import scoring
 from service.storage.tables import DuplicatePairRow, JudgedShapeRow
 from tests.people import make_person
 from tests.service.http.test_disconnects import send
@@ -125,7 +126,7 @@ def test_the_work_of_a_client_that_goes_away_is_stopped(
         return score_match_records(query, rows, parameters)
 
     with monkeypatch.context() as patch:
-        patch.setattr(match_records, "score_match_records", slowly)
+        patch.setattr(scoring, "score_match_records", slowly)
         with send(planted, "/duplicates", method="GET"):
             wait_until(lambda: compared, seconds=60)
         wait_until(lambda: not work.inside, seconds=5)

@@ -16,9 +16,8 @@ from core.embedding import Scores
 from core.matching.match_records import score_match_records
 from core.parameters import Parameters
 from service.compute import request_queue as work_module
-from service.search import match_records
-from service.search import scoring as comparing
-from service.search import tasks as search_tasks
+from service.compute import tasks
+from service.search import scoring
 from service.shapes import service as shapes_service
 from tests.service.support import (
     Running,
@@ -84,7 +83,7 @@ def test_the_work_of_a_client_that_goes_away_is_stopped(
         "match_embeddings": {"json": {"first": first["id"], "second": first["id"]}},
         "dense_correspondence": {"json": {"first": first["id"], "second": first["id"]}},
     }[task]
-    module = search_tasks if task == "dense_correspondence" else work_module
+    module = tasks if task == "dense_correspondence" else work_module
     wait_until(pool.pids, seconds=60)
     before = pool.pids()
     with monkeypatch.context() as patch:
@@ -117,8 +116,8 @@ def test_a_client_that_goes_away_is_compared_no_further(
         return score_match_records(query, rows, parameters)
 
     with monkeypatch.context() as patch:
-        patch.setattr(comparing, "THREAD_BATCH", 1)
-        patch.setattr(match_records, "score_match_records", slowly)
+        patch.setattr(scoring, "MATCH_BATCH", 1)
+        patch.setattr(scoring, "score_match_records", slowly)
         with send(single, "/query", json={"shape_id": first["id"]}):
             wait_until(lambda: compared, seconds=60)
         wait_until(lambda: not single.container.queue._inside, seconds=5)

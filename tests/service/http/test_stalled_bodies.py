@@ -180,7 +180,7 @@ def test_a_body_that_is_refused_while_a_query_runs_is_a_problem(
     async def slow(*_arguments: object) -> None:
         await asyncio.sleep(60)
 
-    monkeypatch.setattr(search_endpoints.service, "in_one_pipeline", slow)
+    monkeypatch.setattr(search_endpoints, "with_active_pipeline", slow)
     url = running.client.base_url
     with socket.create_connection((url.host, url.port)) as connection:
         head = f"GET /shapes/{shape}/similar HTTP/1.1\r\nHost: localhost\r\nX-API-Key: {READ}\r\n"

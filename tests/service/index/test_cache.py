@@ -24,7 +24,8 @@ from core.ranking.local_density import densities_in, density_sample
 from core.ranking.reranking import coarse_ranking, coarse_samples, quantised_points, rerank
 from core.serialization import embedding_from_bytes
 from service.index.cache import ABOUT, EmbeddingCache
-from service.search import cache_warmer, match_records
+from service.search import repository
+from service.search.caches import CandidateReader
 from tests.service.support import (
     Running,
     query,
@@ -69,8 +70,8 @@ def test_an_array_longer_than_all_the_room_is_not_kept() -> None:
     cache = EmbeddingCache(300)
     cache.put(1, array(1))
     assert (len(cache), cache.nbytes) == (0, 0)
-    assert EmbeddingCache(0).free_places() == 0
-    assert EmbeddingCache(300, len, 30).free_places() == 10
+    assert EmbeddingCache(0).free_count() == 0
+    assert EmbeddingCache(300, len, 30).free_count() == 10
 
 
 def test_with_less_room_the_oldest_go() -> None:
@@ -97,11 +98,11 @@ def test_only_what_is_named_is_kept() -> None:
     assert (len(cache), cache.nbytes) == (0, 0)
 
 
-def test_free_places_go_by_the_arrays_that_are_there() -> None:
+def test_free_count_go_by_the_arrays_that_are_there() -> None:
     cache = EmbeddingCache(10 * ABOUT)
-    assert cache.free_places() == 10
+    assert cache.free_count() == 10
     cache.put(1, array(1, ABOUT // 8))
-    assert cache.free_places() == 19
+    assert cache.free_count() == 19
 
 
 def test_many_threads_at_once() -> None:
@@ -175,7 +176,7 @@ def test_match_records_are_ready_soon_after_the_start_and_after_an_upload(
     (shown,) = re.findall(r"^isoshape_rows_bytes (\S+)$", running.client.get("/metrics").text, re.MULTILINE)
     assert float(shown) == cache.nbytes
     with monkeypatch.context() as patch:
-        patch.setattr(match_records, "repository", None)
+        patch.setattr(repository, "embedding_records", None)
         assert len(answer(running)) == STORED + 1
     running.client.delete(f"/shapes/{record['id']}")
     assert len(answer(running)) == STORED
@@ -192,7 +193,7 @@ def test_points_are_ready_where_queries_are_reranked(
     assert points.nbytes == sum(map(len, points.get(range(1000)).values()))
     expected = answer(running)
     with monkeypatch.context() as patch:
-        patch.setattr(match_records.repository, "points", None)
+        patch.setattr(repository, "stored_points", None)
         assert answer(running) == expected
     points.resize(0)
     assert answer(running) == expected
@@ -230,7 +231,7 @@ def test_an_unexpected_error_does_not_keep_the_service_from_answering(
     folder: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     with monkeypatch.context() as patch:
-        patch.setattr(cache_warmer, "cached_match_records", None)
+        patch.setattr(CandidateReader, "match_records", None)
         with serving(settings_in(folder)) as other:
             assert len(answer(other)) == STORED
     assert "embeddings could not be made ready" in caplog.messages
@@ -259,7 +260,7 @@ def test_finalists_are_those_that_coarse_ranking_and_reranking_put_first(
     shapes = client.get("/shapes").json()["shapes"]
     with running.container.database.read() as session:
         entries = running.container.pipelines.current(session).index.current(session)
-        records = match_records.repository.embedding_records(session, entries.embeddings.tolist())
+        records = repository.embedding_records(session, entries.embeddings.tolist())
     embeddings = {
         shape["name"]: embedding_from_bytes(records[int(number)])
         for shape, number in zip(shapes, entries.embeddings, strict=True)

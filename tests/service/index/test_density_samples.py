@@ -10,8 +10,8 @@ from core.serialization import descriptors_from_bytes
 from service.collection import DEFAULT_COLLECTION
 from service.index import density_samples
 from service.index.density_samples import CollectionSample, sampled
-from service.search.descriptors import collection_sample
-from service.search.match_records import repository
+from service.search import repository
+from service.search.caches import collection_sample
 from tests.service.engines import on_both
 from tests.service.support import Running, query, serving, settings_in, small_file
 
@@ -23,9 +23,7 @@ SHAPES = 14
 def sample_of(running: Running) -> CollectionSample:
     with running.container.database.read() as session:
         active_pipeline = running.container.pipelines.current(session)
-        found = collection_sample(running.container, session, active_pipeline, DEFAULT_COLLECTION.number)
-    assert found is not None
-    return found
+        return collection_sample(running.container, session, active_pipeline, DEFAULT_COLLECTION.number)
 
 
 def test_a_sample_has_the_shapes_of_least_hash(engine: str) -> None:

@@ -6,9 +6,8 @@ from typing import Any
 
 import pytest
 
-from service.search import database_shortlist as stored_module
-from service.search import pgvector_repository as repository
-from service.search import shortlist
+from service.search import repository
+from service.search.signature_index import MemoryIndex
 from service.storage.hnsw_parameters import HnswParameters
 from tests.service.engines import on_postgresql
 from tests.service.support import Running, query, serving, settings_in, small_file, wait_until
@@ -44,17 +43,17 @@ def answers(running: Running, data: bytes, **options: Any) -> dict[str, Any]:
         ({}, 2 + 3),
         ({"top_k": 6}, 2 + 6),
         ({"rank_by": "combined"}, 2 + 3),
-        ({"filter": "half"}, 2 + 3),
-        ({"filter": "few"}, 5),
+        ({"tag": "half"}, 2 + 3),
+        ({"tag": "few"}, 5),
         ({"exhaustive": "true", "top_k": 50}, STORED),
-        ({"exhaustive": "true", "filter": "half", "top_k": 50}, STORED // 2 + 5),
+        ({"exhaustive": "true", "tag": "half", "top_k": 50}, STORED // 2 + 5),
     ],
 )
 def test_answers_are_those_of_memory(
     both: tuple[Running, Running], options: dict[str, Any], compared: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     memory, database = both
-    monkeypatch.setattr(shortlist, "WIDE", 1)
+    monkeypatch.setattr(MemoryIndex, "widening", 1)
     for number in (3, 7, 100, 101):
         expected = answers(memory, small_file(number), **options)
         assert answers(database, small_file(number), **options) == expected
@@ -94,11 +93,11 @@ def test_the_graph_is_asked_where_there_is_no_filter(
     asked: list[int | None] = []
     nearest = repository.nearest
 
-    def noted(*arguments: Any, ef_search: int | None, **named: Any) -> repository.Nearest:
+    def noted(*arguments: Any, ef_search: int | None, **named: Any) -> repository.Neighbours:
         asked.append(ef_search)
         return nearest(*arguments, ef_search=ef_search, **named)
 
-    monkeypatch.setattr(stored_module.repository, "nearest", noted)
+    monkeypatch.setattr(repository, "nearest", noted)
     answers(both[1], small_file(3))
-    answers(both[1], small_file(3), filter="half")
+    answers(both[1], small_file(3), tag="half")
     assert asked == [HnswParameters().ef_search, None]

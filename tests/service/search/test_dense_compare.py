@@ -12,8 +12,8 @@ from core.embedding import DenseCorrespondence
 from core.errors import CannotBeEmbeddedError
 from core.io import read_mesh, write_mesh
 from core.mesh.mesh import Mesh
+from service.compute import tasks
 from service.rendering import colours as dense_colours
-from service.search import compared_shapes
 from tests.core.dense.solids import chair
 from tests.core.shapes import scaled, turned
 from tests.service.previews.test_previews import read_glb
@@ -206,7 +206,7 @@ def test_a_file_of_two_faces_and_an_open_file_are_answered(shared: Running, ids:
 def test_a_failing_correspondence_is_a_problem(
     shared: Running, ids: tuple[str, str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(compared_shapes.tasks, "dense_correspondence", _failing)
+    monkeypatch.setattr(tasks, "dense_correspondence", _failing)
     assert_problem(dense(shared, *ids), 422, "cannot-be-embedded")
 
 

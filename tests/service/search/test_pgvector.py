@@ -14,7 +14,7 @@ from sqlalchemy import insert, select, text
 from core.descriptors.views import SIGNATURE_BYTES, signature_distance
 from core.parameters import DEFAULT
 from service.collection import DEFAULT_COLLECTION
-from service.search.pgvector_repository import Nearest, nearest, nearest_views
+from service.search.repository import Neighbours, nearest, nearest_views
 from service.shapes import file_repository, repository
 from service.shapes.records import NewShape, ShapeFilter
 from service.storage.database import Database, ReadSession
@@ -54,7 +54,7 @@ class Stored:
 
     def nearest(
         self, query: NDArray[np.float32], count: int, shapes: ShapeFilter = EVERYTHING, ef: int | None = None
-    ) -> Nearest:
+    ) -> Neighbours:
         with self.database.read() as session:
             return nearest(session, FINGERPRINT, query, count, shapes=shapes, ef_search=ef)
 
@@ -123,7 +123,7 @@ def stored(engine: str) -> Iterator[Stored]:
         yield Stored(database, signatures, queries, view_signatures)
 
 
-def recall(found: Nearest, truth: NDArray[np.int64]) -> float:
+def recall(found: Neighbours, truth: NDArray[np.int64]) -> float:
     return len(np.intersect1d(found.shapes, truth)) / len(truth)
 
 

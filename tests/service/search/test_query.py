@@ -101,7 +101,7 @@ def test_a_query_by_id_is_the_query_by_its_file(stocked: Running) -> None:
     [
         {},
         {"top_k": 8, "exclude_self": False, "rank_by": "combined"},
-        {"filter": ["first", "snake"], "exclude_self": False},
+        {"tag": ["first", "snake"], "exclude_self": False},
         {"partial": True, "top_k": 2, "correspondences": True, "embedding": True},
         {"min_cc": 0.5, "scale": "respect", "exhaustive": True, "name": "first"},
     ],
@@ -120,7 +120,7 @@ def test_similar_shapes_are_the_query_by_id(stocked: Running, options: dict[str,
     [("bird", 2), ("first", 4), ("bird,first", 1), (["bird", "first"], 1), ("nothing", 0), ("", 8)],
 )
 def test_a_filter_keeps_what_has_all_its_tags(stocked: Running, tags: str | list[str], compared: int) -> None:
-    answer = query(stocked.client, small_file(20), filter=tags, top_k=100).json()
+    answer = query(stocked.client, small_file(20), tag=tags, top_k=100).json()
     assert (answer["compared"], answer["stored"], len(answer["results"])) == (compared, 8, compared)
     wanted = {tag for tag in (tags.split(",") if isinstance(tags, str) else tags) if tag}
     assert all(wanted <= set(result["shape"]["tags"]) for result in answer["results"])
@@ -128,14 +128,14 @@ def test_a_filter_keeps_what_has_all_its_tags(stocked: Running, tags: str | list
 
 def test_options_may_stand_in_the_address_the_form_or_the_object(stocked: Running) -> None:
     data = {"file": ("bird.off", small_file(20))}
-    in_form = stocked.client.post("/query", files=data, data={"top_k": 2, "filter": ["first"]}).json()
-    in_address = stocked.client.post("/query?top_k=2&filter=first", files=data).json()
-    both = stocked.client.post("/query?top_k=5&filter=first", files=data, data={"top_k": 2}).json()
+    in_form = stocked.client.post("/query", files=data, data={"top_k": 2, "tag": ["first"]}).json()
+    in_address = stocked.client.post("/query?top_k=2&tag=first", files=data).json()
+    both = stocked.client.post("/query?top_k=5&tag=first", files=data, data={"top_k": 2}).json()
     assert len(in_form["results"]) == 2
     assert in_form["results"] == in_address["results"] == both["results"]
     shape_id = in_form["results"][0]["shape"]["id"]
-    as_object = stocked.client.post("/query", json={"shape_id": shape_id, "top_k": 1, "filter": ["first"]})
-    as_text = stocked.client.post("/query?top_k=1", json={"shape_id": shape_id, "filter": "first"})
+    as_object = stocked.client.post("/query", json={"shape_id": shape_id, "top_k": 1, "tag": ["first"]})
+    as_text = stocked.client.post("/query?top_k=1", json={"shape_id": shape_id, "tag": "first"})
     assert as_object.json()["results"] == as_text.json()["results"]
 
 
@@ -144,9 +144,9 @@ def test_matched_says_whether_the_best_cc_of_all_reaches_the_threshold(stocked: 
     for rank_by in ("cc", "ssd"):
         itself = query(stocked.client, small_file(0), top_k=1, rank_by=rank_by).json()
         assert itself["matched"] is True
-    others = query(stocked.client, small_file(0), filter="pliers", top_k=100).json()
+    others = query(stocked.client, small_file(0), tag="pliers", top_k=100).json()
     assert others["matched"] is (max(result["cc"] for result in others["results"]) >= threshold)
-    none = query(stocked.client, small_file(0), filter="nothing").json()
+    none = query(stocked.client, small_file(0), tag="nothing").json()
     assert none["matched"] is False
 
 
@@ -178,7 +178,7 @@ def test_combined_is_the_pipelines_and_the_same_in_every_answer(stocked: Running
         assert compared["combined"] == pytest.approx(expected, abs=1e-9)
         assert 0.0 <= result["combined"] <= 1.0
         assert result["combined"] == pytest.approx(expected, abs=1e-9)
-    alone = query(stocked.client, small_file(20), filter="bird,first").json()["results"]
+    alone = query(stocked.client, small_file(20), tag="bird,first").json()["results"]
     together = query(stocked.client, small_file(20), top_k=100).json()["results"]
     (same,) = [result for result in together if result["shape"]["id"] == alone[0]["shape"]["id"]]
     assert alone[0]["combined"] == pytest.approx(same["combined"], abs=1e-9)

@@ -54,7 +54,7 @@ def test_an_empty_archive_answers_with_nothing(service: Running) -> None:
         ({"top_k": ["1", "2"]}, "top_k"),
         ({"rank_by": "beauty"}, "rank_by"),
         ({"exhaustive": "perhaps"}, "exhaustive"),
-        ({"filter": "x" * 65}, "filter"),
+        ({"tag": "x" * 65}, "tag"),
         ({"topk": 3}, "topk"),
         ({"shape_id": "x"}, "shape_id"),
     ],

@@ -4,11 +4,14 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from core.descriptors.views import signature_distance
 from core.ranking.shortlist import signature_distances
-from service.search.rank_by import RankBy
-from service.search.ranking import Compared, ranked
+from service.index.repository import IndexEntries
+from service.search.answer import ranked
+from service.search.records import Candidates, MatchedCandidates
+from service.search.schemas import RankBy
 from tests.service.engines import on_both
 from tests.service.support import Running, query, serving, settings_in, small_file
 
@@ -60,26 +63,34 @@ def test_all_are_compared_when_asked_or_when_few(small_shortlist: Running) -> No
     data = small_file(20)
     whole = query(small_shortlist.client, data, exhaustive="true", top_k=100).json()
     assert whole["compared"] == len(whole["results"]) == STORED
-    few = query(small_shortlist.client, data, filter="few", top_k=100).json()
+    few = query(small_shortlist.client, data, tag="few", top_k=100).json()
     assert (few["compared"], few["stored"]) == (9, STORED)
     shortlisted = query(small_shortlist.client, data, top_k=100).json()
     scores = {result["shape"]["id"]: result["cc"] for result in whole["results"]}
     assert {r["shape"]["id"]: r["cc"] for r in shortlisted["results"]}.items() <= scores.items()
 
 
+def matched_of(shapes: NDArray[np.int64], *scores: NDArray[np.float64]) -> MatchedCandidates:
+    """Return shapes with their CC, SSD, sim and log odds."""
+    none = np.empty((len(shapes), 0), np.uint8)
+    signatures = none.astype(np.float32)
+    entries = IndexEntries(shapes, shapes, shapes, signatures, none, none, np.zeros(len(shapes), np.float32))
+    return MatchedCandidates(Candidates(entries, shortlisted=False, stored=len(shapes)), *scores)
+
+
 @pytest.mark.parametrize("by", ["cc", "ssd", "sim", "combined"])
 def test_ranking_is_a_stable_sort_by_likeness(by: RankBy) -> None:
     random = np.random.default_rng(0)
     n = 200
-    compared = Compared(random.permutation(n), *(random.integers(0, 6, n) / 6 for _ in range(4)))
-    order = ranked(compared, by)
-    value = getattr(compared, by) * (1 if by == "ssd" else -1)
-    truth = sorted(range(n), key=lambda i: (value[i], compared.ssd[i], compared.shapes[i]))
-    assert order.tolist() == truth
+    shapes = random.permutation(n)
+    cc, ssd, sim, log_odds = (random.integers(0, 6, n) / 6 for _ in range(4))
+    order = ranked(matched_of(shapes, cc, ssd, sim, log_odds), by)
+    value = {"cc": -cc, "ssd": ssd, "sim": -sim, "combined": -log_odds}[by]
+    assert order.tolist() == sorted(range(n), key=lambda i: (value[i], ssd[i], shapes[i]))
 
 
 def test_a_near_copy_that_was_stored_first_comes_after_the_shape_itself() -> None:
     ones = np.ones(3)
-    compared = Compared(np.array([7, 8, 9]), ones, np.array([1e-7, 0.0, 0.0]), ones, ones)
+    matched = matched_of(np.array([7, 8, 9]), ones, np.array([1e-7, 0.0, 0.0]), ones, ones)
     for by in ("cc", "sim", "combined"):
-        assert ranked(compared, by).tolist() == [1, 2, 0]
+        assert ranked(matched, by).tolist() == [1, 2, 0]

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 import pytest
 
 from service.compute import request_queue as work_module
-from service.search import match_records
+from service.search import scoring
 from tests.service.calls import assert_recovered, reads, the_kept
 from tests.service.support import (
     Running,
@@ -108,7 +108,7 @@ def test_a_worker_without_memory(
 
 def test_comparing_without_memory(frail: Running, kept: str, monkeypatch: pytest.MonkeyPatch) -> None:
     with monkeypatch.context() as patch:
-        patch.setattr(match_records, "score_match_records", run_out_of_memory)
+        patch.setattr(scoring, "score_match_records", run_out_of_memory)
         problem = assert_problem(reads(frail, kept)["query"](), 503, "worker-lost")
         assert "memory" in problem["detail"]
     assert_recovered(frail, kept)

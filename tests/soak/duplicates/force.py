@@ -5,9 +5,10 @@ from itertools import combinations
 
 from core.registration.similarity import RESIDUAL
 from service.collection import DEFAULT_COLLECTION
+from service.compute import tasks
 from service.container import Container
 from service.duplicates.groups import MIN_CC
-from service.search import repository, tasks
+from service.search import repository
 from service.search.likeness import stored_mesh
 from service.shapes import repository as shapes_repository
 from service.shapes.records import ShapeFilter

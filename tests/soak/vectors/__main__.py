@@ -18,7 +18,7 @@ from sqlalchemy import text
 
 from core.arrays import Floats
 from service.collection import DEFAULT_COLLECTION
-from service.search.pgvector_repository import MORE, nearest
+from service.search.repository import MORE, nearest
 from service.shapes.records import ShapeFilter
 from service.storage.columns import vector_text
 from service.storage.database import Database

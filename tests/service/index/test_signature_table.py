@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from service.collection import DEFAULT_COLLECTION
 from service.compute.tasks import Embedded
-from service.index import signature_index as signatures
+from service.index import signature_table as signatures
 from service.index.repository import IndexEntries, entries_since
-from service.index.signature_index import SignatureIndex
+from service.index.signature_table import SignatureTable
 from service.shapes import file_repository, repository
 from service.shapes.records import NewFile, NewShape, ShapeRecord
 from service.storage.database import Database, ReadSession
@@ -63,7 +63,7 @@ def remove(database: Database, content: int, name: str, *, permanent: bool = Tru
         return record
 
 
-def current(database: Database, index: SignatureIndex) -> IndexEntries:
+def current(database: Database, index: SignatureTable) -> IndexEntries:
     with database.read() as session:
         return index.current(session)
 
@@ -78,14 +78,14 @@ def rows(entries: IndexEntries) -> list[tuple[int, int, tuple[float, ...]]]:
 
 
 def test_an_empty_archive_has_no_signatures(database: Database) -> None:
-    entries = current(database, SignatureIndex(FINGERPRINT))
+    entries = current(database, SignatureTable(FINGERPRINT))
     assert (len(entries.shapes), len(entries.embeddings), len(entries.signatures)) == (0, 0, 0)
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_the_index_is_what_the_database_says_after_any_history(database: Database, seed: int) -> None:
     random = np.random.default_rng(seed)
-    indices = [SignatureIndex(FINGERPRINT) for _ in range(3)]
+    indices = [SignatureTable(FINGERPRINT) for _ in range(3)]
     present: list[tuple[int, str]] = []
     held: list[tuple[IndexEntries, list[tuple[int, int, tuple[float, ...]]]]] = []
     deleted: list[tuple[ShapeRecord, tuple[int, str]]] = []
@@ -120,7 +120,7 @@ def test_the_index_is_what_the_database_says_after_any_history(database: Databas
 
 
 def test_another_connections_write_is_seen_at_once(database: Database, tmp_path: Path) -> None:
-    index = SignatureIndex(FINGERPRINT)
+    index = SignatureTable(FINGERPRINT)
     store(database, 1, "one")
     assert len(current(database, index).shapes) == 1
     other = Database(url_in(tmp_path), lock_seconds=5)
@@ -132,7 +132,7 @@ def test_another_connections_write_is_seen_at_once(database: Database, tmp_path:
 
 
 def test_an_archive_that_went_back_in_time_is_read_anew(database: Database) -> None:
-    index = SignatureIndex(FINGERPRINT)
+    index = SignatureTable(FINGERPRINT)
     for content in range(5):
         store(database, content, "name")
     before = rows(current(database, index))
@@ -156,7 +156,7 @@ def test_an_index_that_holds_nothing_does_not_read_what_was_removed(
         return removed_since(session, since)
 
     monkeypatch.setattr(signatures.repository, "removed_since", counted)
-    index = SignatureIndex(FINGERPRINT)
+    index = SignatureTable(FINGERPRINT)
     assert current(database, index).signatures[:, 0].tolist() == [0, 2]
     assert asked == []
     remove(database, 2, "name")

@@ -1,4 +1,4 @@
-"""The index of the signatures and coarse samples of all shapes, in memory, synchronised with the database."""
+"""The table of the signatures and coarse samples of all shapes, in memory, synchronised with the database."""
 
 import threading
 from dataclasses import fields, replace
@@ -17,7 +17,7 @@ log = get_logger("search")
 _Scalar = TypeVar("_Scalar", bound=np.generic)
 
 
-class SignatureIndex:
+class SignatureTable:
     """The signatures and coarse samples of one pipeline's embeddings.
 
     Every process that changes searchable data increases the revision of the archive. A query compares the
@@ -40,6 +40,11 @@ class SignatureIndex:
     def revision(self) -> int:
         """The revision of the archive, as of the last query."""
         return self._revision
+
+    @property
+    def nbytes(self) -> int:
+        """The bytes of the entries, as of the last query."""
+        return self._used().nbytes
 
     def current(self, session: ReadSession) -> IndexEntries:
         """The entries that the session sees."""

@@ -1,0 +1,343 @@
+"""The search for the most similar stored shapes: a query in, its answer out."""
+
+import math
+from collections.abc import Awaitable, Callable
+from dataclasses import replace
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import expit
+from starlette.concurrency import run_in_threadpool
+
+from core.ranking.shortlist import spectral_distances
+from core.registration.rigid_copy import may_be_copy
+from core.serialization import embedding_from_bytes
+from service.collection import CollectionNumber
+from service.compute.request_queue import short_of_memory
+from service.container import Container
+from service.errors import NotEmbeddedError
+from service.observability.timings import Timings
+from service.pipelines.active import ActivePipeline
+from service.search import repository
+from service.search.caches import CandidateReader
+from service.search.likeness import relations_of, stored_mesh
+from service.search.partial import SHORTLIST_FACTOR, nearest_wholes
+from service.search.records import (
+    Answer,
+    Comparison,
+    MatchedCandidates,
+    Query,
+    SearchResult,
+    UnitMistake,
+)
+from service.search.schemas import RankBy, SearchOptions
+from service.search.scoring import class_log_odds, score_candidates
+from service.search.shortlist import find_candidates
+from service.shapes import file_service
+from service.shapes import repository as shapes_repository
+from service.shapes.records import ShapeFilter, ShapeRecord, sha256
+
+UNITS = (10.0, 25.4, 1000.0)
+"""Millimetres in a centimetre, in an inch and in a metre."""
+
+FACTORS = (*UNITS, *(1.0 / factor for factor in UNITS))
+"""Factors between the sizes of files whose units are mistaken."""
+
+Done = TypeVar("Done")
+
+MakeQuery = Callable[[ActivePipeline, Timings], Awaitable[Query]]
+
+
+async def with_active_pipeline(
+    container: Container, work: Callable[[ActivePipeline], Awaitable[Done]]
+) -> Done:
+    """Return the result of work with the active pipeline; repeat it if the archive changed its pipeline.
+
+    The embeddings that the work began with may have been deleted.
+    """
+
+    def current() -> ActivePipeline:
+        with container.database.read() as session:
+            return container.pipelines.current(session)
+
+    active_pipeline = await run_in_threadpool(current)
+    while True:
+        try:
+            done = await work(active_pipeline)
+        except NotEmbeddedError:
+            before, active_pipeline = active_pipeline, await run_in_threadpool(current)
+            if active_pipeline is before:
+                raise
+        else:
+            before, active_pipeline = active_pipeline, await run_in_threadpool(current)
+            if active_pipeline is before:
+                return done
+
+
+async def query_of_file(
+    container: Container,
+    collection: CollectionNumber,
+    data: bytes,
+    format: str,
+    exclude_self: bool,
+    active_pipeline: ActivePipeline,
+    timings: Timings,
+) -> Query:
+    """Read and embed a file; with `exclude_self`, shapes of the collection with the same bytes are left out.
+
+    Raises
+    ------
+    MeshError
+        The file cannot be used; the subclass says why.
+    """
+    embedded = await container.queue.embed(data, format, active_pipeline.pipeline)
+    timings.milliseconds |= embedded.milliseconds
+
+    def same_bytes() -> frozenset[int]:
+        with container.database.read() as session:
+            return frozenset(repository.numbers_of_bytes(session, collection, sha256(data)))
+
+    excluded = await run_in_threadpool(same_bytes) if exclude_self else frozenset()
+    return Query(active_pipeline, embedded.record, excluded, lambda: container.queue.read(data, format))
+
+
+async def query_of_shape(
+    container: Container,
+    collection: CollectionNumber,
+    shape_id: str,
+    exclude_self: bool,
+    active_pipeline: ActivePipeline,
+    timings: Timings,
+) -> Query:
+    """Read the embedding of a stored shape; with `exclude_self`, the shape itself is left out.
+
+    Raises
+    ------
+    ShapeNotFoundError, NotEmbeddedError
+        The collection has no such shape, or no embedding of it.
+    """
+
+    def read() -> Query:
+        with container.database.read() as session:
+            stored = file_service.get_stored_embedding(
+                session, active_pipeline.fingerprint, collection, shape_id
+            )
+        excluded = frozenset([stored.shape] if exclude_self else [])
+        return Query(
+            active_pipeline,
+            stored.record,
+            excluded,
+            lambda: stored_mesh(container, collection, shape_id),
+            stored.number,
+        )
+
+    with timings.stage("read"):
+        return await run_in_threadpool(read)
+
+
+async def search(
+    container: Container,
+    make_query: MakeQuery,
+    options: SearchOptions,
+    shapes: ShapeFilter,
+    timings: Timings,
+    active_pipeline: ActivePipeline,
+    *,
+    tell_units: bool = True,
+) -> Answer:
+    """Find the stored shapes most like the query, or those that it is a part of.
+
+    Stages: embed the query; find its candidates, or a shortlist of them; score the candidates; read the
+    results; tell the likeness of each. If the filter by size left nothing, tell of shapes larger or
+    smaller by one of `FACTORS` (a unit mistake).
+
+    Parameters
+    ----------
+    container : Container
+    make_query : callable
+        Embeds the query by the active pipeline.
+    options : SearchOptions
+    shapes : ShapeFilter
+        The shapes that may be found.
+    timings : Timings
+        Receives the time of each stage.
+    active_pipeline : ActivePipeline
+    tell_units : bool
+        Whether to look for unit mistakes.
+
+    Raises
+    ------
+    MeshError, ShapeNotFoundError, NotEmbeddedError
+        The query cannot be embedded, or is not stored.
+    WorkerLostError
+        There is too little memory, or a worker died.
+    """
+    query = await make_query(active_pipeline, timings)
+    reader = CandidateReader(container, active_pipeline)
+    sized = _sized(shapes, options, query.embedding.facts.area)
+    rank_by: RankBy = "cc" if options.partial else options.rank_by
+    shortlist_from = container.settings.shortlist_from
+    if options.partial:
+        shortlist_from = math.ceil(SHORTLIST_FACTOR * shortlist_from)
+    with timings.stage("shortlist"):
+        candidates = await run_in_threadpool(
+            find_candidates,
+            container,
+            query,
+            sized,
+            shortlist_from=None if options.exhaustive else shortlist_from,
+            by_log_odds=options.rank_by == "combined",
+        )
+    container.metrics.query_compared.observe(len(candidates))
+    part_distances: dict[int, float] | None = None
+    if options.partial:
+        candidates, part_distances = await nearest_wholes(
+            container, query, reader, candidates, options.top_k, timings
+        )
+    with timings.stage("compare"):
+        matched = await score_candidates(container, query, reader, candidates, rank_by, options.top_k)
+    with timings.stage("results"):
+        best = ranked(matched, rank_by) if part_distances is None else np.arange(len(matched.cc))
+        if options.min_cc is not None:
+            best = best[matched.cc[best] >= options.min_cc]
+        results = await _results(
+            container, query, reader, matched.only(best[: options.top_k]), options, shapes.collection
+        )
+    if part_distances is not None:
+        results = [replace(result, part_distance=part_distances[result.shape.number]) for result in results]
+    with timings.stage("likeness"):
+        relations = await relations_of(container, query, shapes.collection, results)
+    answer = Answer(
+        pipeline=active_pipeline.pipeline,
+        results=results,
+        relations=relations,
+        best_cc=float(matched.cc.max()) if len(matched.cc) else None,
+        compared=len(matched.cc) if part_distances is None else len(part_distances),
+        stored=candidates.stored,
+        boundary_ratio=query.embedding.facts.boundary_ratio,
+        embedding=query.embedding if options.embedding else None,
+    )
+    if answer.compared or not tell_units or not sized.has_sizes:
+        return answer
+    with timings.stage("units"):
+        return replace(answer, unit_mistake=await _unit_mistake(container, query, options, sized))
+
+
+def ranked(matched: MatchedCandidates, by: RankBy) -> NDArray[np.intp]:
+    """Return indices of matched candidates, the most similar first; ties by ascending SSD, then by number.
+
+    Near copies, such as two scans of one part, can have the CC and sim of the shape itself, but another SSD.
+    """
+    score = {"cc": matched.cc, "ssd": -matched.ssd, "sim": matched.sim, "combined": matched.log_odds}[by]
+    assert score is not None
+    return np.lexsort((matched.candidates.entries.shapes, matched.ssd, -score))
+
+
+def _sized(shapes: ShapeFilter, options: SearchOptions, area: float) -> ShapeFilter:
+    """Return the filter with the sizes that a query of some area asks for."""
+    if options.scale == "ignore":
+        return shapes
+    factor = 1.0 + options.size_tolerance
+    least, greatest = area / factor**2, area * factor**2
+    if shapes.area is not None:
+        least, greatest = max(least, shapes.area[0]), min(greatest, shapes.area[1])
+    return replace(shapes, area=(least, greatest))
+
+
+async def _results(
+    container: Container,
+    query: Query,
+    reader: CandidateReader,
+    best: MatchedCandidates,
+    options: SearchOptions,
+    collection: CollectionNumber,
+) -> list[SearchResult]:
+    """Return the best candidates as they are shown, without one that was deleted a moment ago.
+
+    The embedding is read of a result that may be a rigid copy, and of all if correspondences are asked for.
+    """
+    pipeline, facts = query.active_pipeline.pipeline, query.embedding.facts
+    radius = float(facts.scale / facts.area**0.5)
+    entries = best.candidates.entries
+    numbers = entries.embeddings.tolist()
+    spectral = spectral_distances(query.embedding.signature, entries.signatures).tolist()
+
+    def read() -> list[SearchResult]:
+        described = reader.descriptors(numbers)
+        log_odds = best.log_odds
+        if log_odds is None:
+            log_odds = class_log_odds(query, best.candidates, numbers, described, best.cc, best.sim)
+        without_sample = replace(best.candidates, sample=None, density=None)
+        typical = class_log_odds(query, without_sample, numbers, described, best.cc, best.sim)
+        with container.database.read() as session:
+            records = shapes_repository.records(
+                session, query.active_pipeline.fingerprint, collection, entries.shapes.tolist()
+            )
+        shapes = {shape.number: shape for shape in records}
+        present = [i for i, number in enumerate(entries.shapes.tolist()) if number in shapes]
+        wanted = [
+            i
+            for i in present
+            if options.correspondences
+            or may_be_copy(spectral[i], radius, _radius(shapes[int(entries.shapes[i])]))
+        ]
+        embeddings = reader.records([numbers[i] for i in wanted])
+        return [
+            SearchResult(
+                shape=(shape := shapes[int(entries.shapes[i])]),
+                record=embeddings.get(numbers[i]),
+                cc=float(best.cc[i]),
+                ssd=float(best.ssd[i]),
+                sim=float(best.sim[i]),
+                combined=float(expit(log_odds[i])),
+                typical_probability=float(expit(typical[i])),
+                spectral=spectral[i],
+                size_ratio=float((shape.facts["area"] / facts.area) ** 0.5),
+            )
+            for i in present
+        ]
+
+    with short_of_memory():
+        results = await run_in_threadpool(read)
+    if not options.correspondences:
+        return results
+    comparisons = []
+    for result in results:
+        comparison = None
+        if result.record is not None:
+            match = await container.queue.match(query.record, result.record, pipeline)
+            second = embedding_from_bytes(result.record)
+            comparison = Comparison(pipeline, query.embedding, second, match, result.combined)
+        comparisons.append(replace(result, comparison=comparison))
+    return comparisons
+
+
+def _radius(shape: ShapeRecord) -> float:
+    """Return the root mean square distance of a surface from its centroid over the root of its area."""
+    return float(shape.facts["scale"] / shape.facts["area"] ** 0.5)
+
+
+async def _unit_mistake(
+    container: Container, query: Query, options: SearchOptions, shapes: ShapeFilter
+) -> UnitMistake | None:
+    """Count the shapes at each factor; only if there are some, compare the query with them."""
+
+    def count() -> dict[float, int]:
+        with container.database.read() as session:
+            return {factor: shapes_repository.count(session, shapes.scaled(factor)) for factor in FACTORS}
+
+    async def made(_: ActivePipeline, __: Timings) -> Query:
+        return query
+
+    changes = {"top_k": 1, "rank_by": "cc", "scale": "ignore", "min_cc": None, "correspondences": False}
+    options = options.model_copy(update={**changes, "partial": False})
+    mistakes = []
+    for factor, number in (await run_in_threadpool(count)).items():
+        if number:
+            scaled = shapes.scaled(factor)
+            answer = await search(
+                container, made, options, scaled, Timings(), query.active_pipeline, tell_units=False
+            )
+            mistakes += [UnitMistake(factor, number, nearest) for nearest in answer.results]
+    return max(mistakes, key=lambda mistake: mistake.nearest.cc, default=None)

@@ -1,0 +1,284 @@
+"""What queries read of stored embeddings: match records, points and descriptors, cached in memory.
+
+A query reads the embedding record of a candidate at most once (`CandidateReader`), and makes all that the
+caches lack from it. The cache warmer fills the caches at the start, and as shapes arrive.
+"""
+
+import asyncio
+from collections.abc import Awaitable, Sequence
+from contextlib import suppress
+from time import monotonic
+from typing import Any, TypeVar
+
+import numpy as np
+from starlette.concurrency import run_in_threadpool
+
+from core.arrays import Float32s, Ints
+from core.descriptors.registry import ShapeDescriptors
+from core.errors import BadRecordError, CoreError
+from core.matching.match_records import match_record
+from core.ranking.local_density import density_sample
+from core.ranking.reranking import quantised_points
+from core.serialization import descriptors_from_bytes, embedding_from_bytes
+from service.collection import CollectionNumber
+from service.compute.tasks import example_records, warm_comparing
+from service.container import Container
+from service.errors import ServiceError
+from service.index.cache import ABOUT, POINTS_BYTES, EmbeddingCache
+from service.index.density_samples import CollectionSample
+from service.index.repository import revision
+from service.observability.logging import get_logger
+from service.pipelines.active import ActivePipeline
+from service.search import repository
+from service.search.signature_index import signature_index
+from service.storage.database import ReadSession
+
+log = get_logger("search")
+
+Done = TypeVar("Done")
+
+KEPT_RECORDS = 512
+"""Most embedding records that a query keeps, of 60 to 150 kB each."""
+
+SECONDS, WARM_SECONDS = 0.5, 0.05
+"""Seconds between looks for new shapes, and for a warm worker."""
+
+FIRST_SECONDS = 5.0
+"""The longest time that the service is not ready while it caches the stored embeddings at its start."""
+
+LEAST_SHARE = 4
+"""Points and match records have at least this part (one in four) of the memory for searching."""
+
+POINTS_SHARE = 7 / 8
+"""The largest share of the points in the room of both caches: a query re-ranks many more shapes than it
+compares in full."""
+
+RECORDS_AT_ONCE, POINTS_AT_ONCE = 16, 256
+
+
+class CandidateReader:
+    """Reads stored embeddings for one query or one batch of the cache warmer; several threads may read.
+
+    Deleted and unreadable embeddings are left out of every result.
+    """
+
+    def __init__(self, container: Container, active_pipeline: ActivePipeline) -> None:
+        self._database = container.database
+        self._descriptors = container.descriptors
+        self._parameters = active_pipeline.pipeline.parameters
+        self._match_records = active_pipeline.cache
+        self._points = active_pipeline.points
+        self._records: dict[int, bytes] = {}
+
+    def records(self, numbers: Sequence[int]) -> dict[int, bytes]:
+        """Return embedding records by number, from those that this reader has kept or from the database."""
+        records = {number: self._records[number] for number in numbers if number in self._records}
+        missing = [number for number in numbers if number not in records]
+        if missing:
+            with self._database.read() as session:
+                read = repository.embedding_records(session, missing)
+            records |= read
+            if len(self._records) + len(read) <= KEPT_RECORDS:
+                self._records |= read
+        return records
+
+    def match_records(
+        self, numbers: Sequence[int], *, descriptors: bool = False
+    ) -> tuple[dict[int, Float32s], dict[int, ShapeDescriptors]]:
+        """Return match records by number, and with `descriptors` also these, from one read of the records."""
+        match_records = self._match_records.get(numbers)
+        described = self._descriptors.get(numbers) if descriptors else {}
+        missing = [
+            number
+            for number in numbers
+            if number not in match_records or (descriptors and number not in described)
+        ]
+        for number, record in self.records(missing).items():
+            try:
+                if number not in match_records:
+                    embedding = embedding_from_bytes(record)
+                    match_records[number] = match_record(embedding, self._parameters)
+                    self._match_records.put(number, match_records[number])
+                if descriptors and number not in described:
+                    described[number] = descriptors_from_bytes(record)
+                    self._descriptors.put(number, described[number])
+            except CoreError:
+                continue
+        return match_records, described
+
+    def descriptors(self, numbers: Sequence[int]) -> dict[int, ShapeDescriptors]:
+        """Return descriptors by number."""
+        described = self._descriptors.get(numbers)
+        missing = [number for number in numbers if number not in described]
+        return described | _described(self._descriptors, self.records(missing))
+
+    def points(self, numbers: Sequence[int]) -> dict[int, bytes]:
+        """Return points by number; those that are not stored, or damaged, are made from the embedding."""
+        points = self._points.get(numbers)
+        missing = [number for number in numbers if number not in points]
+        if not missing:
+            return points
+        with self._database.read() as session:
+            read = repository.stored_points(session, missing)
+        for number, record in self.records([number for number in missing if number not in read]).items():
+            with suppress(CoreError):
+                read[number] = quantised_points(embedding_from_bytes(record))
+        for number, stored in read.items():
+            self._points.put(number, stored)
+        return points | read
+
+
+def collection_sample(
+    container: Container,
+    session: ReadSession,
+    active_pipeline: ActivePipeline,
+    collection: CollectionNumber,
+) -> CollectionSample:
+    """Return the sample of a collection, as the session sees it."""
+    fingerprint, now = active_pipeline.fingerprint, revision(session)
+    kept = container.density_samples.get(fingerprint, collection)
+    if kept is not None and kept[0] == now:
+        return kept[1]
+    embeddings = signature_index(container, active_pipeline).sampled_embeddings(session, collection)
+    if kept is not None and np.array_equal(kept[1].embeddings, embeddings):
+        sample = kept[1]
+    else:
+        numbers = embeddings.tolist()
+        described = container.descriptors.get(numbers)
+        missing = [number for number in numbers if number not in described]
+        records = repository.embedding_records(session, missing) if missing else {}
+        described |= _described(container.descriptors, records)
+        shapes = [described[number] for number in numbers if number in described]
+        sample = CollectionSample(embeddings, density_sample(shapes))
+    container.density_samples.put(fingerprint, collection, now, sample)
+    return sample
+
+
+def _described(
+    cache: EmbeddingCache[ShapeDescriptors], records: dict[int, bytes]
+) -> dict[int, ShapeDescriptors]:
+    """Return the descriptors of records by number, and cache them."""
+    described = {}
+    for number, record in records.items():
+        with suppress(BadRecordError):
+            described[number] = descriptors_from_bytes(record)
+            cache.put(number, described[number])
+    return described
+
+
+class CacheWarmer:
+    """Fills the caches of the active pipeline, the newest embeddings first, one thread at a time.
+
+    Embeddings beyond the room of a cache wait for a query that needs them, and the cache warmer waits for
+    running queries. Points are cached where queries are re-ranked, before match records.
+    """
+
+    def __init__(self, container: Container) -> None:
+        self._container = container
+        self._task: asyncio.Task[None] | None = None
+        # Numbers are never used again.
+        self._unusable: set[int] = set()
+        self._seen: tuple[str, int] | None = None
+
+    def start(self) -> None:
+        """Begin, in the running loop."""
+        self._task = asyncio.create_task(self._run(), name="cache-warmer")
+
+    async def stop(self) -> None:
+        """End after the batch at work."""
+        if self._task is not None:
+            self._task.cancel()
+            with suppress(asyncio.CancelledError):
+                await self._task
+
+    async def _run(self) -> None:
+        await self._warm()
+        ready, latest = self._container.comparing_is_ready, monotonic() + FIRST_SECONDS
+        while True:
+            # After any other error, queries are answered without a warm cache.
+            try:
+                active_pipeline, points, records = await _whole(run_in_threadpool(self._missing))
+                for fill, numbers, length in (
+                    (self._put_points, points, POINTS_AT_ONCE),
+                    (self._put_records, records, RECORDS_AT_ONCE),
+                ):
+                    for start in range(0, len(numbers), length):
+                        await self._container.searches.until_idle()
+                        batch = numbers[start : start + length]
+                        await _whole(run_in_threadpool(fill, active_pipeline, batch))
+                        if monotonic() > latest:
+                            ready.set()
+                ready.set()
+            except ServiceError:
+                pass
+            except Exception:
+                log.exception("embeddings could not be made ready")
+                ready.set()
+            await asyncio.sleep(SECONDS)
+
+    async def _warm(self) -> None:
+        """Load the kernels of a search once a worker has compiled them, so that no query waits for them."""
+        warm = False
+        while not warm:
+            if self._container.pool.pids():
+                # Requests report a lost worker and unreachable storage.
+                with suppress(ServiceError):
+                    parameters = (await _whole(run_in_threadpool(self._active))).pipeline.parameters
+                    records = await self._container.queue.do(example_records, parameters)
+                    await _whole(run_in_threadpool(warm_comparing, records, parameters))
+                    warm = True
+            await asyncio.sleep(WARM_SECONDS)
+
+    def _active(self) -> ActivePipeline:
+        with self._container.database.read() as session:
+            return self._container.pipelines.current(session)
+
+    def _missing(self) -> tuple[ActivePipeline, list[int], list[int]]:
+        """Return the embeddings that the caches of points and of match records lack and have room for."""
+        settings, descriptors = self._container.settings, self._container.descriptors
+        with self._container.database.read() as session:
+            active_pipeline = self._container.pipelines.current(session)
+            if not active_pipeline.pipeline.matcher.uses_match_records:
+                return active_pipeline, [], []
+            index = signature_index(self._container, active_pipeline)
+            embeddings = index.newest(session, settings.search_bytes // ABOUT)
+            seen = (active_pipeline.fingerprint, index.revision)
+            if index.revision and seen != self._seen:
+                for cache in (active_pipeline.cache, active_pipeline.points, descriptors):
+                    cache.keep(embeddings)
+                self._seen = seen
+        room = settings.search_bytes - index.nbytes - descriptors.nbytes
+        room = max(room, settings.search_bytes // LEAST_SHARE)
+        points_room = 0
+        if len(embeddings) >= settings.shortlist_from:
+            points_room = min(POINTS_BYTES * len(embeddings), int(POINTS_SHARE * room))
+        active_pipeline.points.resize(points_room)
+        active_pipeline.cache.resize(room - points_room)
+        points = self._wanted(active_pipeline.points, embeddings)
+        return active_pipeline, points, self._wanted(active_pipeline.cache, embeddings)
+
+    def _wanted(self, cache: EmbeddingCache[Any], embeddings: Ints) -> list[int]:
+        """Return the embeddings that a cache lacks, the last ones first, as many as it has room for."""
+        free = cache.free_count()
+        if free <= 0 or len(cache) >= len(embeddings):
+            return []
+        newest = dict.fromkeys(embeddings[::-1].tolist())
+        return [number for number in cache.missing(newest) if number not in self._unusable][:free]
+
+    def _put_points(self, active_pipeline: ActivePipeline, numbers: list[int]) -> None:
+        points = CandidateReader(self._container, active_pipeline).points(numbers)
+        self._unusable.update(number for number in numbers if number not in points)
+
+    def _put_records(self, active_pipeline: ActivePipeline, numbers: list[int]) -> None:
+        records, _ = CandidateReader(self._container, active_pipeline).match_records(numbers)
+        self._unusable.update(number for number in numbers if number not in records)
+
+
+async def _whole(work: Awaitable[Done]) -> Done:
+    """Return the result of a thread, waited for even after a cancellation: it may be reading the database."""
+    begun = asyncio.ensure_future(work)
+    try:
+        return await asyncio.shield(begun)
+    except asyncio.CancelledError:
+        await asyncio.wait([begun])
+        raise

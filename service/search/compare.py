@@ -1,0 +1,366 @@
+"""The address /compare: two shapes, stored or sent, point by point or vertex by vertex."""
+
+import asyncio
+from dataclasses import dataclass
+from functools import partial
+from typing import Annotated, Literal
+
+import numpy as np
+from fastapi import APIRouter, Depends, Query, Request, Response, UploadFile
+from pydantic import BaseModel, ConfigDict, Field
+from starlette.concurrency import run_in_threadpool
+
+from core.descriptors.registry import descriptors_of
+from core.embedding import DenseCorrespondence, Embedding, Match, Scores
+from core.io import format_of
+from core.mesh.mesh import Mesh
+from core.ranking.class_probability import combined_scores
+from core.serialization import embedding_from_bytes
+from service.collection import CollectionNumber
+from service.collections.dependencies import InCollection, NamedInAddress
+from service.compute import tasks
+from service.container import Container
+from service.dependencies import Service
+from service.errors import BadRequestFieldsError, FieldFault
+from service.http.middleware import while_connected
+from service.http.problems import FILE_PROBLEMS, documented
+from service.http.request_bodies import RequestBody, once_each
+from service.index.density_samples import CollectionSample
+from service.observability.timings import Timings
+from service.pipelines.active import ActivePipeline
+from service.rendering import tasks as rendering
+from service.rendering.colours import Paint
+from service.rendering.glb import MEDIA_TYPE
+from service.rendering.tasks import FACES, ComparedMesh, PaintedMesh
+from service.search.answer import with_active_pipeline
+from service.search.caches import collection_sample
+from service.search.compare_schemas import DENSE, CompareAnswer, CompareRequest, dense_fields
+from service.search.endpoints import WORK_PROBLEMS
+from service.search.likeness import once, relation_of, stored_mesh
+from service.search.records import Comparison, ReadMesh, Relation
+from service.shapes import file_service
+from service.shapes import service as shapes_service
+from service.shapes.fields import base_name
+from service.shapes.uploads import ENDINGS_IN_WORDS
+from service.web.endpoints import comparing_page
+
+router = APIRouter(tags=["search"])
+
+ZIP, PNG = "application/zip", "image/png"
+
+PICTURE_SIZE = 512
+"""Height of the picture of a comparison, in pixels."""
+
+IdOrFile = Annotated[
+    UploadFile | Annotated[str, Field(max_length=64)],
+    Field(description=f"A mesh file, or the id of a stored shape. {ENDINGS_IN_WORDS}"),
+]
+
+
+class CompareForm(BaseModel):
+    """Two shapes to compare, each a file or the id of a stored shape."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    first: IdOrFile
+    second: IdOrFile
+    dense: bool | None = Field(default=None, description=DENSE)
+
+
+class CompareParameters(NamedInAddress):
+    """Options of a comparison, as query parameters."""
+
+    format: Literal["json", "glb", "html", "npz", "png"] = Field(
+        default="json",
+        description="glb: both meshes side by side, with corresponding points in equal colours. html: a "
+        "page with the two shapes, for a browser that may read them from this service. npz, with dense: a "
+        "NumPy archive of the arrays vertices and confidence, and stretch, partnered and, where there is "
+        "one, displacement. png, with dense: a picture of both shapes.",
+    )
+    dense: bool = Field(default=False, description=DENSE)
+    paint: Paint = Field(
+        default="correspondence",
+        description="With dense, the colours of the GLB and of the picture. correspondence: by position on "
+        "the first shape; places of the second without a partner are grey. difference: from grey over orange "
+        "to brown by how far each place has moved or how much it is stretched; places without a partner "
+        "are blue.",
+    )
+
+
+BODY = RequestBody[CompareForm | CompareRequest](CompareForm, json=CompareRequest, either=("first", "second"))
+
+
+@dataclass(frozen=True, eq=False)
+class ComparedShape:
+    """One of two shapes that are compared.
+
+    Attributes
+    ----------
+    name, format : str
+        The name of the shape and the format of its file.
+    record : bytes
+        Its embedding by the active pipeline.
+    mesh : callable
+        Reads its mesh, once.
+    """
+
+    name: str
+    format: str
+    record: bytes
+    mesh: ReadMesh
+
+
+@router.post(
+    "/compare",
+    summary="Compare two shapes",
+    response_model=CompareAnswer,
+    dependencies=[once_each(CompareParameters)],
+    responses={
+        200: {
+            "description": "The scores and the corresponding points, with `dense` of all vertices; or a GLB, "
+            "a page or a picture with both shapes, or a NumPy archive.",
+            "content": {
+                MEDIA_TYPE: {"schema": {"type": "string", "contentMediaType": MEDIA_TYPE}},
+                "text/html": {"schema": {"type": "string"}},
+                PNG: {"schema": {"type": "string", "contentMediaType": PNG}},
+                ZIP: {"schema": {"type": "string", "contentMediaType": ZIP}},
+            },
+        },
+        **documented(*FILE_PROBLEMS, *WORK_PROBLEMS, "storage-full"),
+    },
+    openapi_extra=BODY.openapi,
+)
+async def compare(
+    request: Request,
+    container: Service,
+    collection: InCollection,
+    options: Annotated[CompareParameters, Query()],
+    body: Annotated[CompareForm | CompareRequest, Depends(BODY, scope="function")],
+) -> Response | BaseModel:
+    """Compare two shapes, stored or sent: their scores and their corresponding points.
+
+    With `dense`, also the vertex of the second shape that corresponds to each vertex of the first, and where
+    the two shapes differ. A shape is given by its id, or, in a form, by a file in the place of the id.
+    """
+    dense = _dense_option(body, options)
+    if options.format == "html" and not (isinstance(body.first, str) and isinstance(body.second, str)):
+        raise BadRequestFieldsError(FieldFault("format", "html shows stored shapes, given by their ids"))
+    timings = Timings()
+    work = partial(
+        _compare, container, collection.number, body.first, body.second, options, timings, dense=dense
+    )
+    with container.queue.admitted():
+        answer = await while_connected(request, with_active_pipeline(container, work))
+    container.metrics.stages("compare", timings.milliseconds)
+    if options.format == "html" and isinstance(body.first, str) and isinstance(body.second, str):
+        return comparing_page(body.first, body.second, collection.name)
+    return answer
+
+
+async def _compare(
+    container: Container,
+    collection: CollectionNumber,
+    first_given: str | UploadFile,
+    second_given: str | UploadFile,
+    options: CompareParameters,
+    timings: Timings,
+    active_pipeline: ActivePipeline,
+    *,
+    dense: bool,
+) -> Response | BaseModel:
+    """Compare two shapes and write the answer in the form that the options name.
+
+    Stages: read or embed both shapes; match them; tell their likeness; with `dense`, find the partner of each
+    vertex; draw.
+    """
+    first, second = [
+        await _compared_shape(container, collection, given, active_pipeline, timings)
+        for given in (first_given, second_given)
+    ]
+    comparison, relation = await _comparison(container, collection, first, second, active_pipeline, timings)
+    if not dense:
+        if options.format == "glb":
+            with timings.stage("draw"):
+                return Response(await _coloured(container, first, second, comparison), media_type=MEDIA_TYPE)
+        return CompareAnswer.of(comparison, relation, milliseconds=timings.so_far())
+    with timings.stage("dense"):
+        meshes = await asyncio.gather(first.mesh(), second.mesh())
+        ways = await container.queue.do(
+            tasks.dense_correspondence,
+            *meshes,
+            first.record,
+            second.record,
+            active_pipeline.pipeline.parameters,
+        )
+    if options.format == "npz":
+        return Response(await container.queue.do(tasks.correspondence_archive, ways[0]), media_type=ZIP)
+    if options.format == "json":
+        return await run_in_threadpool(_dense_json, comparison, relation, ways, timings)
+    picture = options.format == "png"
+    with timings.stage("draw"):
+        drawn = await _painted(container, first, second, ways, options.paint, picture=picture)
+    return Response(drawn, media_type=PNG if picture else MEDIA_TYPE)
+
+
+def _dense_option(body: CompareForm | CompareRequest, options: CompareParameters) -> bool:
+    """Return whether the dense correspondence is asked for, by the body or else by the query parameters.
+
+    Raises
+    ------
+    BadRequestFieldsError
+        A format or a painting needs it, and it is not asked for; or a page, which has none.
+    """
+    dense = options.dense if body.dense is None else body.dense
+    if options.format in {"npz", "png"} and not dense:
+        raise BadRequestFieldsError(FieldFault("format", f"{options.format} needs dense=true"))
+    if options.paint != "correspondence" and not dense:
+        raise BadRequestFieldsError(FieldFault("paint", f"{options.paint} needs dense=true"))
+    if options.format == "html" and dense:
+        raise BadRequestFieldsError(FieldFault("format", "html has no dense correspondence"))
+    return dense
+
+
+async def _compared_shape(
+    container: Container,
+    collection: CollectionNumber,
+    given: str | UploadFile,
+    active_pipeline: ActivePipeline,
+    timings: Timings,
+) -> ComparedShape:
+    """Return the shape of a collection with an id, or the shape of a file.
+
+    Raises
+    ------
+    ShapeNotFoundError, NotEmbeddedError
+        The collection has no such shape, or no embedding of it.
+    MeshError
+        The file cannot be used; the subclass says why.
+    """
+    if isinstance(given, str):
+        with timings.stage("read"):
+            return await _stored(container, collection, given, active_pipeline)
+    return await _sent(container, given, active_pipeline, timings)
+
+
+async def _stored(
+    container: Container, collection: CollectionNumber, shape_id: str, active_pipeline: ActivePipeline
+) -> ComparedShape:
+    fingerprint = active_pipeline.fingerprint
+
+    async def mesh() -> Mesh:
+        return await stored_mesh(container, collection, shape_id)
+
+    def read() -> ComparedShape:
+        with container.database.read() as session:
+            record = file_service.get_record(session, fingerprint, collection, shape_id)
+            shape = shapes_service.get(session, fingerprint, collection, shape_id)
+            return ComparedShape(shape.name, shape.format, record, once(mesh))
+
+    return await run_in_threadpool(read)
+
+
+async def _sent(
+    container: Container, file: UploadFile, active_pipeline: ActivePipeline, timings: Timings
+) -> ComparedShape:
+    name = file.filename or ""
+    mesh_format = format_of(name)
+    await file.seek(0)
+    data = await file.read()
+    with timings.stage("embed"):
+        mesh = await container.queue.read(data, mesh_format)
+        embedded = await container.queue.do(tasks.embed_mesh, mesh, active_pipeline.pipeline.parameters, 0.0)
+
+    async def kept() -> Mesh:
+        return mesh
+
+    return ComparedShape(base_name(name), mesh_format, embedded.record, kept)
+
+
+async def _comparison(
+    container: Container,
+    collection: CollectionNumber,
+    first: ComparedShape,
+    second: ComparedShape,
+    active_pipeline: ActivePipeline,
+    timings: Timings,
+) -> tuple[Comparison, Relation]:
+    """Match two shapes, and tell the relation of the second to the first.
+
+    Their class probability depends on the density of the shapes of the collection.
+    """
+
+    def read() -> CollectionSample:
+        with container.database.read() as session:
+            return collection_sample(container, session, active_pipeline, collection)
+
+    with timings.stage("read"):
+        sample = await run_in_threadpool(read)
+    with timings.stage("compare"):
+        pipeline = active_pipeline.pipeline
+        match = await container.queue.match(first.record, second.record, pipeline)
+        embeddings = embedding_from_bytes(first.record), embedding_from_bytes(second.record)
+        combined = await run_in_threadpool(_combined, *embeddings, match, sample)
+        typical_probability = await run_in_threadpool(_combined, *embeddings, match, None)
+        comparison = Comparison(pipeline, *embeddings, match, combined)
+    with timings.stage("likeness"):
+        records, meshes = (first.record, second.record), (first.mesh, second.mesh)
+        relation = await relation_of(container, comparison, typical_probability, records, meshes)
+        return comparison, relation
+
+
+def _combined(first: Embedding, second: Embedding, match: Match, sample: CollectionSample | None) -> float:
+    """Return the class probability of two shapes; local densities are those in a collection's sample."""
+    scores = Scores(*(np.array([score]) for score in (match.cc, match.ssd, match.sim)))
+    density = densities = None
+    if sample is not None:
+        density, densities = (sample.of_query(descriptors_of(each)) for each in (first, second))
+    return float(combined_scores(first, [second], scores, density, densities)[0])
+
+
+def _dense_json(
+    comparison: Comparison,
+    relation: Relation,
+    ways: tuple[DenseCorrespondence, DenseCorrespondence],
+    timings: Timings,
+) -> Response:
+    """Return the answer as JSON; for a large mesh it takes longer to write than the event loop may wait."""
+    sparse = CompareAnswer.of(comparison, relation, milliseconds=timings.so_far())
+    answer = sparse.model_copy(update=dense_fields(ways))
+    return Response(answer.model_dump_json(), media_type="application/json")
+
+
+async def _coloured(
+    container: Container, first: ComparedShape, second: ComparedShape, comparison: Comparison
+) -> bytes:
+    """Draw both shapes, coloured so that corresponding points have the same colour."""
+    pairs = comparison.match.correspondence
+    meshes = []
+    for shape, embedding, samples in (
+        (first, comparison.first, pairs[:, 0]),
+        (second, comparison.second, pairs[:, 1]),
+    ):
+        points = embedding.positions[samples].astype("float64")
+        meshes.append(ComparedMesh(shape.name, shape.format, await shape.mesh(), points))
+    return await container.queue.do(rendering.coloured, meshes[0], meshes[1], FACES)
+
+
+async def _painted(
+    container: Container,
+    first: ComparedShape,
+    second: ComparedShape,
+    ways: tuple[DenseCorrespondence, DenseCorrespondence],
+    paint: Paint,
+    *,
+    picture: bool,
+) -> bytes:
+    """Draw both shapes, painted vertex by vertex from their dense correspondence: a GLB, or a picture."""
+    meshes = await asyncio.gather(first.mesh(), second.mesh())
+    first_painted, second_painted = (
+        PaintedMesh(shape.name, shape.format, mesh, way)
+        for shape, mesh, way in zip((first, second), meshes, ways, strict=True)
+    )
+    if picture:
+        return await container.queue.do(
+            rendering.painted_picture, first_painted, second_painted, FACES, paint, PICTURE_SIZE
+        )
+    return await container.queue.do(rendering.painted, first_painted, second_painted, FACES, paint)

@@ -1,5 +1,0 @@
-"""The measures that results can be sorted by."""
-
-from typing import Literal
-
-RankBy = Literal["cc", "ssd", "sim", "combined"]
