@@ -24,7 +24,7 @@ from core.ranking.local_density import densities_in, density_sample
 from core.ranking.reranking import coarse_ranking, coarse_samples, quantised_points, rerank
 from core.serialization import embedding_from_bytes
 from service.index.cache import ABOUT, EmbeddingCache
-from service.search import repository
+from service.search import caches, repository
 from service.search.caches import CandidateReader
 from tests.service.support import (
     Running,
@@ -176,7 +176,7 @@ def test_match_records_are_ready_soon_after_the_start_and_after_an_upload(
     (shown,) = re.findall(r"^isoshape_rows_bytes (\S+)$", running.client.get("/metrics").text, re.MULTILINE)
     assert float(shown) == cache.nbytes
     with monkeypatch.context() as patch:
-        patch.setattr(repository, "embedding_records", None)
+        patch.setattr(caches, "match_record", None)
         assert len(answer(running)) == STORED + 1
     running.client.delete(f"/shapes/{record['id']}")
     assert len(answer(running)) == STORED
