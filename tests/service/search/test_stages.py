@@ -5,11 +5,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from core.studies.perturbation import cut_part
 from sqlalchemy import delete, update
 
 from core.descriptors.registry import ShapeDescriptors
 from core.embedding import Embedding
+from core.evaluation.perturbation import cut_part
 from core.gallery import make_shape
 from core.io import write_mesh
 from core.ranking.reranking import quantised_points
