@@ -11,6 +11,7 @@ from core.mesh.cleaning import clean, face_areas
 from core.mesh.mesh import Mesh
 from core.mesh.normal_frame import normal_frame
 from core.numerics.compilation import compiled, constant
+from core.sampling.triangle_tree import closest_on_triangles
 
 POINTS, MOST, REPRESENTATIVES, NEIGHBOURS = 4000, 40_000, 500, 8
 """Least and largest number of sample points, number of representatives, and number of candidate faces.
@@ -22,9 +23,6 @@ area, as large as that of another pose.
 
 R2_STEPS = (0.7548776662466927, 0.5698402909980532)
 """1 / g and 1 / g^2 with g^3 = g + 1: the R2 low-discrepancy sequence in the unit square (Roberts 2018)."""
-
-TINY = float(np.finfo(np.float64).tiny)
-"""The least squared length and squared normal: a triangle may be a line or a point."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,86 +149,3 @@ def _r2_shares(count: int) -> Floats:
     u, v = (multiples - np.floor(multiples) for multiples in steps)
     root = np.sqrt(u)
     return constant(np.stack([1.0 - root, root * (1.0 - v), root * v], axis=1))
-
-
-def closest_on_triangles(corners: Floats, near: Ints, points: Floats) -> Floats:
-    """Return the point closest to each of n points on some triangles, shape (n, 3).
-
-    Parameters
-    ----------
-    corners : float64, shape (f, 3, 3)
-        Corners of the triangles.
-    near : int64, shape (n, k)
-        For each point, the indices of the triangles that are searched; the first of several closest ones
-        counts.
-    points : float64, shape (n, 3)
-        Finite.
-    """
-    return _closest(constant(corners), constant(near), constant(points))
-
-
-@compiled
-def _closest(corners: Floats, near: Ints, points: Floats) -> Floats:
-    closest = np.empty((len(near), 3))
-    candidate, work = np.empty(3), np.empty((7, 3))
-    for i in range(len(near)):
-        least = np.inf
-        for face in near[i]:
-            _closest_on_triangle(corners[face], points[i], candidate, work)
-            square = _squared_distance(candidate, points[i])
-            if square < least:
-                least = square
-                closest[i] = candidate
-    return closest
-
-
-@compiled
-def _closest_on_triangle(corners: Floats, point: Floats, closest: Floats, work: Floats) -> None:
-    """Fill `closest`, shape (3,), with the point of one triangle, shape (3, 3), closest to a point.
-
-    `work`, shape (7, 3), is overwritten.
-    """
-    sides, away, normal = work[:3], work[3:6], work[6]
-    for a in range(3):
-        for x in range(3):
-            sides[a, x] = corners[(a + 1) % 3, x] - corners[a, x]
-            away[a, x] = point[x] - corners[a, x]
-    for x in range(3):
-        normal[x] = _cross(sides[0], sides[1], x)
-    inside = True
-    for a in range(3):
-        turn = 0.0
-        for x in range(3):
-            turn += _cross(sides[a], away[a], x) * normal[x]
-        inside = inside and turn > 0.0
-    if inside:
-        height = _dot(away[0], normal) / max(_dot(normal, normal), TINY)
-        for x in range(3):
-            closest[x] = point[x] - height * normal[x]
-        return
-    least, on_side = np.inf, normal  # the normal is not needed any more
-    for a in range(3):
-        share = min(max(_dot(away[a], sides[a]) / max(_dot(sides[a], sides[a]), TINY), 0.0), 1.0)
-        for x in range(3):
-            on_side[x] = corners[a, x] + share * sides[a, x]
-        square = _squared_distance(on_side, point)
-        if square < least:
-            least = square
-            closest[:] = on_side
-
-
-@compiled
-def _cross(first: Floats, second: Floats, axis: int) -> float:
-    """Return one coordinate of a cross product."""
-    y, z = (axis + 1) % 3, (axis + 2) % 3
-    return float(first[y] * second[z] - first[z] * second[y])
-
-
-@compiled
-def _dot(first: Floats, second: Floats) -> float:
-    return float(first[0] * second[0] + first[1] * second[1] + first[2] * second[2])
-
-
-@compiled
-def _squared_distance(first: Floats, second: Floats) -> float:
-    return float((first[0] - second[0]) ** 2 + (first[1] - second[1]) ** 2 + (first[2] - second[2]) ** 2)

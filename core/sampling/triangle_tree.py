@@ -1,4 +1,4 @@
-"""A tree of bounding boxes over triangles, which finds the exact closest point of a surface."""
+"""Closest points of triangles: of a few given ones, or of a whole surface by a tree of bounding boxes."""
 
 from dataclasses import dataclass
 
@@ -88,6 +88,22 @@ def triangle_tree(corners: Floats) -> TriangleTree:
     return TriangleTree(corners, order, np.concatenate(levels[::-1]))
 
 
+def closest_on_triangles(corners: Floats, near: Ints, points: Floats) -> Floats:
+    """Return the point closest to each of n points on some triangles, shape (n, 3).
+
+    Parameters
+    ----------
+    corners : float64, shape (f, 3, 3)
+        Corners of the triangles.
+    near : int64, shape (n, k)
+        For each point, the indices of the triangles that are searched; the first of several closest ones
+        counts.
+    points : float64, shape (n, 3)
+        Finite.
+    """
+    return _closest_of(constant(corners), constant(near), constant(points))
+
+
 def _interleaved(cells: Ints) -> Ints:
     """Return the Morton codes, shape (n,), of cells of 20 bits each, shape (n, 3)."""
     code = np.zeros(len(cells), dtype=np.int64)
@@ -151,6 +167,32 @@ def _nearest(  # noqa: PLR0911 - one return for each region of the plane
 
 
 @compiled
+def _point(corners: Floats, face: int, u: float, v: float) -> tuple[float, float, float]:
+    """Return the point of a triangle with shares u and v of the second and of the third corner."""
+    w = 1.0 - u - v
+    x = w * corners[face, 0, 0] + u * corners[face, 1, 0] + v * corners[face, 2, 0]
+    y = w * corners[face, 0, 1] + u * corners[face, 1, 1] + v * corners[face, 2, 1]
+    z = w * corners[face, 0, 2] + u * corners[face, 1, 2] + v * corners[face, 2, 2]
+    return x, y, z
+
+
+@compiled
+def _closest_of(corners: Floats, near: Ints, points: Floats) -> Floats:
+    closest = np.empty((len(near), 3))
+    for i in range(len(near)):
+        px, py, pz = points[i, 0], points[i, 1], points[i, 2]
+        least = np.inf
+        for face in near[i]:
+            u, v = _nearest(corners, face, px, py, pz)
+            x, y, z = _point(corners, face, u, v)
+            square = (x - px) ** 2 + (y - py) ** 2 + (z - pz) ** 2
+            if square < least:
+                least = square
+                closest[i, 0], closest[i, 1], closest[i, 2] = x, y, z
+    return closest
+
+
+@compiled
 def _closest(corners: Floats, order: Ints, boxes: Floats, points: Floats, guess: Ints) -> tuple[Floats, Ints]:
     shares = np.empty((len(points), 3))
     faces = np.zeros(len(points), dtype=np.int64)
@@ -175,15 +217,12 @@ def _closest(corners: Floats, order: Ints, boxes: Floats, points: Floats, guess:
                 for position in range(start, stop):
                     face = guess[i] if node < 0 else order[position]
                     u, v = _nearest(corners, face, px, py, pz)
-                    w = 1.0 - u - v
-                    x = w * corners[face, 0, 0] + u * corners[face, 1, 0] + v * corners[face, 2, 0]
-                    y = w * corners[face, 0, 1] + u * corners[face, 1, 1] + v * corners[face, 2, 1]
-                    z = w * corners[face, 0, 2] + u * corners[face, 1, 2] + v * corners[face, 2, 2]
+                    x, y, z = _point(corners, face, u, v)
                     square = (x - px) ** 2 + (y - py) ** 2 + (z - pz) ** 2
                     if square < least:
                         least = square
                         faces[i] = face
-                        shares[i, 0], shares[i, 1], shares[i, 2] = w, u, v
+                        shares[i, 0], shares[i, 1], shares[i, 2] = 1.0 - u - v, u, v
                 continue
             # A branch: of its two boxes the nearer one is searched first.
             child, sibling = 2 * node + 1, 2 * node + 2
