@@ -1,5 +1,6 @@
-"""The pages of the project: their links lead somewhere, their pictures are shown, and they stay short."""
+"""Pages and docstrings: links and files exist, pages stay short, functions begin with verbs."""
 
+import ast
 import re
 from itertools import chain
 from pathlib import Path
@@ -13,6 +14,7 @@ PAGES = [
     *sorted(DOCS.glob("*.md")),
 ]
 
+PATH = re.compile(r"`((?:core|service|tests|docker|docs|openapi)/[\w./-]+)`")
 LINK = re.compile(r"\]\(([^)\s]+)\)")
 HEADING = re.compile(r"^#+ (.+)$", re.MULTILINE)
 
@@ -39,6 +41,12 @@ def test_links_lead_to_a_file_and_a_heading(page: Path) -> None:
             assert anchor in anchors(file), target
 
 
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_files_that_a_page_names_exist(page: Path) -> None:
+    named = [path for path in PATH.findall(page.read_text(encoding="utf-8")) if "NAME" not in path]
+    assert [path for path in named if not (ROOT / path).exists()] == []
+
+
 def test_every_page_and_picture_is_linked() -> None:
     targets = {(page.parent / target.partition("#")[0]).resolve() for page in PAGES for target in links(page)}
     files = {path.resolve() for path in chain(DOCS.glob("*.md"), DOCS.glob("*.png"))}
@@ -51,4 +59,30 @@ def test_the_readme_has_one_page() -> None:
 
 def test_the_pages_can_be_read_in_an_afternoon() -> None:
     pages = [ROOT / "README.md", *DOCS.glob("*.md")]
-    assert sum(len(page.read_text(encoding="utf-8").split()) for page in pages) <= 30_000
+    assert sum(len(page.read_text(encoding="utf-8").split()) for page in pages) <= 25_000
+
+
+TO_CONVERT = ("service/search", "service/storage", "service/index")
+NOUNS = {"The", "A", "An", "Whether", "Of", "What", "That", "Those"}
+
+
+def functions(path: Path) -> list[ast.FunctionDef | ast.AsyncFunctionDef]:
+    """Return the functions of a module, but for properties."""
+    return [
+        node
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
+        and not any("property" in ast.unparse(decorator) for decorator in node.decorator_list)
+    ]
+
+
+@pytest.mark.parametrize("package", ["core", "service"])
+def test_the_docstring_of_a_function_begins_with_a_verb(package: str) -> None:
+    wrong = [
+        f"{path.relative_to(ROOT)}:{function.lineno} {function.name}"
+        for path in sorted((ROOT / package).rglob("*.py"))
+        if path.parent.relative_to(ROOT).as_posix() not in TO_CONVERT
+        for function in functions(path)
+        if (ast.get_docstring(function) or "Return").split()[0].rstrip(",.:") in NOUNS
+    ]
+    assert wrong == []
