@@ -54,18 +54,18 @@ class EmbeddingCache(Generic[Value]):
         return int(self._values.currsize)
 
     def free_count(self) -> int:
-        """The approximate number of further values that there is room for, of the mean size."""
+        """Return the approximate number of further values that there is room for, of the mean size."""
         with self._lock:
             each = self.nbytes // len(self._values) if self._values else self._about
             return (self._room - self.nbytes) // each
 
     def get(self, numbers: Iterable[int]) -> dict[int, Value]:
-        """The cached ones of the values, by number."""
+        """Return the cached ones of the values, by number."""
         with self._lock:
             return {number: self._values[number] for number in numbers if number in self._values}
 
     def missing(self, numbers: Iterable[int]) -> list[int]:
-        """The numbers whose values are not cached."""
+        """Return the numbers whose values are not cached."""
         with self._lock:
             return [number for number in numbers if number not in self._values]
 

@@ -65,11 +65,11 @@ class CollectionSample:
         self._found: LRUCache[int, tuple[float, float]] = LRUCache(DENSITIES)
 
     def of_query(self, query: ShapeDescriptors) -> LocalDensities:
-        """The densities of one shape, arrays of shape (1,)."""
+        """Return the densities of one shape, arrays of shape (1,)."""
         return densities_in(self._sample, [query])
 
     def of_stored(self, embeddings: Sequence[int], shapes: Sequence[ShapeDescriptors]) -> LocalDensities:
-        """The densities of c stored shapes, arrays of shape (c,), by the numbers of their embeddings."""
+        """Return the densities of c stored shapes, shape (c,) each, by the numbers of their embeddings."""
         with self._lock:
             found = {number: self._found[number] for number in embeddings if number in self._found}
         new = {number: shape for number, shape in zip(embeddings, shapes, strict=True) if number not in found}
@@ -95,7 +95,7 @@ class DensitySamples:
         self._kept: LRUCache[_Key, tuple[int, CollectionSample]] = LRUCache(COLLECTIONS)
 
     def get(self, fingerprint: str, collection: CollectionNumber) -> tuple[int, CollectionSample] | None:
-        """The last sample of a collection by a pipeline, and the revision of the archive that it is of."""
+        """Return the last sample of a collection by a pipeline, and the revision of its archive."""
         with self._lock:
             return self._kept.get((fingerprint, collection))
 

@@ -56,17 +56,17 @@ class IndexEntries:
         return sum(getattr(self, part.name).nbytes for part in fields(self))
 
     def only(self, places: NDArray[np.integer] | NDArray[np.bool_]) -> "IndexEntries":
-        """A copy of the entries at some indices, or of those that a mask selects."""
+        """Return a copy of the entries at some indices, or of those that a mask selects."""
         return IndexEntries(*(getattr(self, part.name)[places] for part in fields(self)))
 
 
 def revision(session: ReadSession) -> int:
-    """The revision of the archive, which counts changes of searchable data."""
+    """Return the revision of the archive, which counts changes of searchable data."""
     return session.scalars(select(ArchiveRow.revision)).one()
 
 
 def count_shapes(session: ReadSession) -> int:
-    """The number of shapes in all collections."""
+    """Return the number of shapes in all collections."""
     return session.scalars(select(func.count()).where(NOT_DELETED)).one()
 
 
@@ -82,7 +82,7 @@ NOTHING = IndexEntries(
 
 
 def entries_since(session: ReadSession, fingerprint: str, since: int) -> Iterator[IndexEntries]:
-    """The embedded shapes of a pipeline that were stored, or embedded, after a revision.
+    """Yield the embedded shapes of a pipeline that were stored, or embedded, after a revision.
 
     The entries come in batches, so that the rows of a large archive are never in memory at once. The query
     runs on the connection, because the session's own methods take twice as long.
@@ -133,13 +133,13 @@ def stacked_views(rows: Sequence[NDArray[np.uint8] | None]) -> NDArray[np.uint8]
 
 
 def removed_since(session: ReadSession, since: int) -> NDArray[np.int64]:
-    """The numbers of the shapes deleted after a revision."""
+    """Return the numbers of the shapes deleted after a revision."""
     query = select(RemovalRow.shape_number).where(RemovalRow.revision > since)
     return np.array(session.scalars(query).all(), dtype=np.int64)
 
 
 def facts_since(session: ReadSession, since: int) -> Iterator[tuple[int, Mapping[str, Any]]]:
-    """The facts of the shapes that were stored, or embedded, after a revision, by number."""
+    """Yield the facts of the shapes that were stored, or embedded, after a revision, by number."""
     query = select(ShapeRow.number, ShapeRow.facts).where(ShapeRow.revision > since, NOT_DELETED)
     with session.connection().execute(query.execution_options(yield_per=AT_ONCE)) as found:
         yield from ((number, facts) for number, facts in found)

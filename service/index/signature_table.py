@@ -33,7 +33,7 @@ class SignatureTable:
         self._length = 0
 
     def __len__(self) -> int:
-        """The number of indexed shapes, as of the last query."""
+        """Return the number of indexed shapes, as of the last query."""
         return self._length
 
     @property
@@ -47,7 +47,7 @@ class SignatureTable:
         return self._used().nbytes
 
     def current(self, session: ReadSession) -> IndexEntries:
-        """The entries that the session sees."""
+        """Return the entries that the session sees."""
         with self._lock:
             revision = repository.revision(session)
             if revision < self._revision:
@@ -103,7 +103,7 @@ class SignatureTable:
 
 
 def _arrays(entries: IndexEntries) -> list[NDArray[Any]]:
-    """The arrays of the entries, in the order of the fields."""
+    """Return the arrays of the entries, in the order of the fields."""
     return [getattr(entries, field.name) for field in fields(entries)]
 
 
@@ -126,7 +126,7 @@ def _padded(rows: NDArray[np.uint8], width: int) -> NDArray[np.uint8]:
 
 
 def _enlarged(array: NDArray[_Scalar], length: int) -> NDArray[_Scalar]:
-    """A copy of the array with space for `length` rows."""
+    """Return a copy of the array with space for `length` rows."""
     copy = np.empty((length, *array.shape[1:]), dtype=array.dtype)
     copy[: len(array)] = array
     return copy

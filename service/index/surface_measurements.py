@@ -34,7 +34,7 @@ class MeasuredShapes:
     invariants: Invariants
 
     def index_of(self, shape: int) -> int | None:
-        """The index of a shape; None if it is not there."""
+        """Return the index of a shape; None if it is not there."""
         place = int(np.searchsorted(self.shapes, shape))
         return place if place < len(self.shapes) and self.shapes[place] == shape else None
 
