@@ -251,26 +251,14 @@ def _end_of_rows(data: bytes, start: int, element: Element) -> int:
 def _read_lists(
     data: bytes, start: int, element: Element, order: str, wanted: Property | None
 ) -> tuple[Ints, Ints, int]:
-    """Read one list property of an element with lists, and find the end of the element.
-
-    Parameters
-    ----------
-    data : bytes
-        The file.
-    start : int
-        Offset of the element.
-    element : Element
-        An element with lists.
-    order : str
-        NumPy's character for the byte order.
-    wanted : Property or None
-        A list of integers; None to skip the element.
+    """Read the wanted list of integers of an element with lists; None skips the element.
 
     Returns
     -------
     values : int64, shape (sum(sizes),)
     sizes : int64, shape (element.count,), or empty if nothing is wanted
     end : int
+        Offset of the end of the element.
 
     Raises
     ------

@@ -27,12 +27,12 @@ class Invariants:
     ----------
     eigenvalues : float32, shape (n, m)
         Logarithms of normalised eigenvalues.
-    descriptors : float64, shape (n, 3) or (n, 0)
-        `core.descriptors.facts`, unless the pipeline has none.
+    descriptors : float64, shape (n, 3)
+        `core.descriptors.facts.global_descriptors`.
     radii : float64, shape (n,)
         Root mean square distance from the centroid over the square root of the area.
     extents : float64, shape (n, 3)
-        Logarithms of the extents of the bounding box over the square root of the area; NaN if unknown.
+        Logarithms of the extents of the bounding box over the square root of the area.
     closed : bool, shape (n,)
         Whether the surface has no boundary.
     """
@@ -62,11 +62,8 @@ def possible_copies(surfaces: Invariants, index: int, residual: float) -> NDArra
         differ by at most this.
     """
     near = _of_radius(surfaces, index, residual)
-    # Shapes stored by earlier versions may have no bounding box yet.
     gaps = np.abs(surfaces.extents[near] - surfaces.extents[index])
-    near = near[~(gaps > EXTENT).any(axis=1)]
-    if not surfaces.descriptors.shape[1]:
-        return np.asarray(near)
+    near = near[(gaps <= EXTENT).all(axis=1)]
     gaps = np.abs(surfaces.descriptors[near] - surfaces.descriptors[index])
     # Of an open surface, the volume is only a number.
     closed = surfaces.closed[near] & surfaces.closed[index]

@@ -81,18 +81,9 @@ def fitted(first: ProbedSurface, second: ProbedSurface, motion: Similarity) -> S
 def _stepped(
     first: ProbedSurface, second: ProbedSurface, motion: Similarity, stride: int, width: float, faces: _Faces
 ) -> tuple[Similarity, _Faces, float, float]:
-    """Take one Gauss-Newton step.
+    """Take one Gauss-Newton step, from the points of `stride` and the closest faces of the step before.
 
-    Parameters
-    ----------
-    first, second : ProbedSurface
-    motion : Similarity
-    stride : int
-        Stride through the points.
-    width : float
-        Distance at which a pair has a quarter of its weight.
-    faces : two of int64 or None
-        Closest faces of the step before.
+    A pair at the distance `width` has a quarter of its weight.
 
     Returns
     -------

@@ -64,14 +64,6 @@ def test_variants_pass_as_variants(surfaces: Invariants) -> None:
     assert FLANGE not in possible_variants(surfaces, FIRST)
 
 
-def test_unknown_extents_exclude_no_copy(surfaces: Invariants) -> None:
-    extents = surfaces.extents.copy()
-    extents[REMESHED] = np.nan
-    unknown = replace(surfaces, extents=extents)
-    assert set(possible_copies(unknown, FIRST, RESIDUAL).tolist()) == {LARGER, REMESHED}
-    assert set(possible_copies(unknown, REMESHED, RESIDUAL).tolist()) == {FIRST, LARGER}
-
-
 def test_the_volume_of_an_open_surface_does_not_count(surfaces: Invariants) -> None:
     descriptors = surfaces.descriptors.copy()
     descriptors[LARGER, :2] += 1.0
@@ -81,12 +73,6 @@ def test_the_volume_of_an_open_surface_does_not_count(surfaces: Invariants) -> N
         assert REMESHED in found
         assert (LARGER in found) is not closed
         assert FLANGE not in found
-
-
-def test_a_pipeline_without_global_descriptors_has_the_other_invariants(surfaces: Invariants) -> None:
-    without = replace(surfaces, descriptors=np.empty((len(MESHES), 0)))
-    assert set(possible_copies(without, FIRST, RESIDUAL).tolist()) >= {LARGER, REMESHED}
-    assert FLANGE not in possible_copies(without, FIRST, RESIDUAL)
 
 
 def test_spectral_distances(surfaces: Invariants) -> None:
