@@ -79,7 +79,7 @@ def _alone(database_url: str, url: str) -> AbstractContextManager[object]:
         Another service serves the archive.
     """
     # Here for the same reason.
-    from service.storage.lock import ServingLock  # noqa: PLC0415
+    from service.storage.archive_file import ServingLock  # noqa: PLC0415
     from service.storage.sqlite import path_of  # noqa: PLC0415
 
     if not database_url.startswith("sqlite"):

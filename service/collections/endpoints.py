@@ -29,8 +29,8 @@ def list_collections(request: Request, container: Service) -> Collections:
     grant: Grant | None = request.scope.get(GRANT_IN_SCOPE)
     limits = None if grant is None else grant.collections
     with container.database.read() as session:
-        found = service.counted(session, limits)
-    return Collections(collections=[Collection.of(each) for each in found])
+        collections = service.counted(session, limits)
+    return Collections(collections=[Collection.of(each) for each in collections])
 
 
 @router.put(
@@ -48,8 +48,8 @@ def create_collection(name: Name, container: Service, response: Response) -> Col
     with container.database.write() as session:
         if service.create(session, name):
             response.status_code = 201
-        (found,) = service.counted(session, {name})
-    return Collection.of(found)
+        (collection,) = service.counted(session, {name})
+    return Collection.of(collection)
 
 
 @router.delete(

@@ -32,7 +32,7 @@ def require(session: WriteSession, collection: CollectionNumber) -> None:
 
 
 def counted(session: ReadSession, names: Several[str] | None) -> list[Counted]:
-    """All collections, or those with some names, sorted by name, with their numbers of shapes."""
+    """Return all collections, or those with some names, sorted by name, with their numbers of shapes."""
     shapes = (
         select(func.count())
         .select_from(ShapeRow)
@@ -58,9 +58,9 @@ def holds_shapes(session: ReadSession, collection: CollectionNumber) -> bool:
 
 def deleted_until(session: WriteSession, collection: CollectionNumber, moment: datetime) -> bool:
     """Erase the shapes that were deleted from a collection until a time; return whether later ones remain."""
-    own = ShapeRow.collection_number == collection
-    erase(session, own & (ShapeRow.deleted_at <= moment))
-    return session.scalar(select(ShapeRow.number).where(own, ~NOT_DELETED).limit(1)) is not None
+    inside = ShapeRow.collection_number == collection
+    erase(session, inside & (ShapeRow.deleted_at <= moment))
+    return session.scalar(select(ShapeRow.number).where(inside, ~NOT_DELETED).limit(1)) is not None
 
 
 def remove(session: WriteSession, collection: CollectionNumber) -> None:

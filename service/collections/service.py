@@ -17,14 +17,14 @@ def get(session: ReadSession, name: str) -> CollectionRecord:
     CollectionNotFoundError
         No collection has the name.
     """
-    found = repository.by_name(session, name) if is_name(name) else None
-    if found is None:
+    collection = repository.by_name(session, name) if is_name(name) else None
+    if collection is None:
         raise CollectionNotFoundError(f"there is no collection {name!r}; PUT /collections/{{name}} makes one")
-    return found
+    return collection
 
 
 def counted(session: ReadSession, limits: Several[str] | None) -> list[Counted]:
-    """All collections, or those with some names, sorted by name, with their numbers of shapes."""
+    """Return all collections, or those with some names, sorted by name, with their numbers of shapes."""
     return repository.counted(session, limits)
 
 

@@ -112,8 +112,8 @@ def renew(session: WriteSession, number: int, runner: str, until: datetime) -> b
 
 def release(session: WriteSession, runner: str) -> None:
     """Release the jobs of this service to other services."""
-    own = JobRow.runner == runner, JobRow.state.in_(ACTIVE)
-    session.execute(update(JobRow).where(*own).values(runner=None, leased_until=None))
+    conditions = JobRow.runner == runner, JobRow.state.in_(ACTIVE)
+    session.execute(update(JobRow).where(*conditions).values(runner=None, leased_until=None))
 
 
 def begin(session: WriteSession, number: int, members: Iterable[FileRecord], now: datetime) -> None:

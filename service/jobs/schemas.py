@@ -9,7 +9,7 @@ from service.errors import PROBLEMS
 from service.http.problem_document import TYPE_PREFIX
 from service.jobs import records
 from service.jobs.records import ENDED, FileRecord, JobRecord, Progress, State
-from service.shapes.listing import Page, write_cursor
+from service.shapes.listing import Page
 
 CAUSE: dict[str, Any] = {
     "type": TYPE_PREFIX + "member-damaged",
@@ -139,7 +139,7 @@ class JobPage(BaseModel):
         return cls(
             jobs=[Job.of(progress) for progress in page.items],
             total=page.total,
-            next_cursor=None if page.after is None else write_cursor(page.after),
+            next_cursor=page.next_cursor,
         )
 
 
@@ -184,5 +184,5 @@ class JobFilePage(BaseModel):
         return cls(
             files=[JobFile.of(file, job) for file in page.items],
             total=page.total,
-            next_cursor=None if page.after is None else write_cursor(page.after),
+            next_cursor=page.next_cursor,
         )

@@ -37,7 +37,7 @@ from service.jobs.zip_archive import (
     shown,
 )
 from service.settings import Settings
-from service.shapes.listing import Page
+from service.shapes.listing import Page, write_cursor
 from service.shapes.records import NewShape
 from service.storage.archive_file import put_in_place
 from service.storage.database import Database, ReadSession
@@ -145,9 +145,9 @@ def list_page(
 ) -> Page[Progress]:
     """Return one page of a collection's jobs, the latest first."""
     jobs = repository.page(session, collection, before=before, limit=limit + 1)
-    after = jobs[limit - 1].number if len(jobs) > limit else None
+    next_cursor = write_cursor(jobs[limit - 1].number) if len(jobs) > limit else None
     total = repository.count(session, collection)
-    return Page([progress(session, job) for job in jobs[:limit]], total, after)
+    return Page([progress(session, job) for job in jobs[:limit]], total, next_cursor)
 
 
 def list_files(
@@ -157,7 +157,8 @@ def list_files(
     files = repository.files(session, job.number, outcome, start=start, limit=limit + 1)
     counts = repository.counts(session, job.number)
     total = sum(counts.values()) if outcome is None else counts.get(outcome, 0)
-    return Page(files[:limit], total, files[limit].position if len(files) > limit else None)
+    next_cursor = write_cursor(files[limit].position) if len(files) > limit else None
+    return Page(files[:limit], total, next_cursor)
 
 
 def cancel(database: Database, folder: Path, collection: CollectionNumber, job_id: str) -> JobRecord:

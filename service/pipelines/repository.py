@@ -8,8 +8,7 @@ from sqlalchemy import delete, func, select, update
 from sqlalchemy.orm import aliased
 
 from service.storage.checksums import pipeline_checksum, whole_file
-from service.storage.database import ReadSession, WriteSession
-from service.storage.revisions import next_revision
+from service.storage.database import ReadSession, WriteSession, next_revision
 from service.storage.tables import (
     NOT_DELETED,
     ArchiveRow,
@@ -68,14 +67,14 @@ def activate(session: WriteSession, fingerprint: str) -> None:
 
 
 def count_embedded(session: ReadSession, fingerprint: str) -> tuple[int, int]:
-    """Return the numbers of files embedded by a pipeline and of all files; equal bytes count once."""
+    """Return the numbers of files that a pipeline has embedded, and of all files; equal bytes count once."""
     files = select(ShapeRow.blob_number, ShapeRow.format).where(NOT_DELETED).distinct().subquery()
     total = session.scalar(select(func.count()).select_from(files)) or 0
     return total - len(unembedded(session, fingerprint)), total
 
 
 def unembedded(session: ReadSession, fingerprint: str) -> list[tuple[int, str]]:
-    """Return the files that a pipeline has not embedded, oldest first: pairs of blob number and format."""
+    """Return the files that a pipeline has not embedded, oldest first, as pairs of blob number and format."""
     query = (
         select(ShapeRow.blob_number, ShapeRow.format)
         .outerjoin(

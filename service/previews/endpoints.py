@@ -62,7 +62,7 @@ async def read_thumbnail(
         Literal["64", "128", "256", "512"], Query(description="Width and height in pixels.")
     ] = "256",
 ) -> Response:
-    """Return a picture of the shape, drawn once for each size. z points up, in OBJ and GLB files y."""
+    """Return a picture of the shape, which is drawn once a size. z points up, in OBJ and GLB files y."""
     shape = await service.record(container, collection.number, shape_id)
     headers = _headers(f"{shape.sha256[:32]}-{shape.format}-{size}-{DRAWING}")
     if files.is_known(request.headers.get("If-None-Match"), headers["ETag"]):
@@ -84,7 +84,7 @@ async def read_thumbnail(
 async def read_preview(
     shape_id: ShapeId, request: Request, container: Service, collection: InCollection
 ) -> Response:
-    """Return the mesh as a GLB for a viewer, simplified if it is large, with y up.
+    """Return the mesh for a viewer: a GLB for every format, simplified if the mesh is large, with y up.
 
     Positions are between -1 and 1: a point p of the file becomes (p - middle) / half, and the `extras` of the
     node have `middle` and `half`.
@@ -95,8 +95,8 @@ async def read_preview(
         return Response(status_code=304, headers=headers)
     with container.queue.admitted():
         data = await service.stored_file(container, collection.number, shape_id)
-        made = await while_connected(request, service.preview(container, data, shape.format))
-    return Response(made, media_type=MEDIA_TYPE, headers=headers)
+        glb = await while_connected(request, service.preview(container, data, shape.format))
+    return Response(glb, media_type=MEDIA_TYPE, headers=headers)
 
 
 @router.post(
@@ -140,5 +140,5 @@ async def view_shape(
 
 
 def _headers(tag: str) -> dict[str, str]:
-    """Headers of a cached answer: the browser of one person keeps it, and validates it each time."""
+    """Return headers of a cached answer: the browser of one person keeps it, and validates it each time."""
     return {"ETag": f'"{tag}"', "Cache-Control": "private, no-cache", "X-Content-Type-Options": "nosniff"}

@@ -77,7 +77,7 @@ async def ingest_assembly(
             )
         if stored is not None:
             break
-    for stages in (timings.milliseconds, *(one.milliseconds for one in embedded.values())):
+    for stages in (timings.milliseconds, *(embedding.milliseconds for embedding in embedded.values())):
         container.metrics.stages("upload", stages)
     return stored
 
@@ -85,7 +85,7 @@ async def ingest_assembly(
 def answer_of(stored: StoredAssembly) -> Kept:
     """Return the answer to an upload: status 201 if a shape is new, 200 if all of them were there."""
     return Kept(
-        status=201 if any(one.created for one in (stored.whole, *stored.parts)) else 200,
+        status=201 if any(shape.created for shape in (stored.whole, *stored.parts)) else 200,
         location=f"/shapes/{stored.whole.shape.id}",
         body=Assembly.of_stored(stored).model_dump_json(),
     )
@@ -93,24 +93,24 @@ def answer_of(stored: StoredAssembly) -> Kept:
 
 def _check_metadata(new: NewShape) -> None:
     """Refuse metadata that have a key of the parts."""
-    taken = sorted({ASSEMBLY, PATH, INSTANCES} & new.metadata.keys())
-    if taken:
+    reserved = sorted({ASSEMBLY, PATH, INSTANCES} & new.metadata.keys())
+    if reserved:
         raise BadRequestFieldsError(
-            FieldFault("metadata", f"with split=parts, the service sets {', '.join(taken)}")
+            FieldFault("metadata", f"with split=parts, the service sets {', '.join(reserved)}")
         )
 
 
 def _shape_of(whole: NewShape, part: PartFile, number: int) -> NewShape:
     """Return a part as a new shape, with its assembly before its name."""
-    own = part.name or f"part {number}"
+    part_name = part.name or f"part {number}"
     path = "/".join(part.path)
     about = {ASSEMBLY: whole.name, PATH: path[-_PATH_CHARACTERS:], INSTANCES: part.instances}
     try:
         metadata = clean_metadata({**whole.metadata, **about})
     except ValueError as error:
-        fault = FieldFault("metadata", f"with the metadata of the part {own!r}: {error}")
+        fault = FieldFault("metadata", f"with the metadata of the part {part_name!r}: {error}")
         raise BadRequestFieldsError(fault) from error
-    name = clean_name(f"{whole.name[: NAME_CHARACTERS - len(own) - 1]}/{own}")
+    name = clean_name(f"{whole.name[: NAME_CHARACTERS - len(part_name) - 1]}/{part_name}")
     return NewShape(part.data, _PART_FORMAT, whole.collection, name, whole.tags, metadata)
 
 
@@ -168,10 +168,10 @@ def _store(
                 return kept
             stored = []
             for new in shapes:
-                one = put_shape(session, fingerprint, new, embedded.get(_key(new)))
-                if one is None:
+                shape = put_shape(session, fingerprint, new, embedded.get(_key(new)))
+                if shape is None:
                     raise _EmbeddingMissingError
-                stored.append(one)
+                stored.append(shape)
             assembly = StoredAssembly(stored[0], tuple(stored[1:]))
             if claim is not None:
                 idempotency.keep(session, claim, answer_of(assembly), now)

@@ -22,7 +22,7 @@ from service.http.problems import (
 from service.http.request_bodies import FILE, RequestBody, once, once_each
 from service.pipelines.active import fingerprint
 from service.shapes import assemblies, service
-from service.shapes.listing import Filters, read_cursor, read_place
+from service.shapes.listing import Filters, read_cursor, read_position
 from service.shapes.records import NewShape, Sort, StoredAssembly, StoredShape
 from service.shapes.schemas import Assembly, DeletedShapePage, Shape, ShapeChanges, ShapePage
 from service.shapes.uploads import ShapeUpload
@@ -162,11 +162,11 @@ def list_shapes(
     No shape is repeated or left out. With the oldest first, a shape that is stored between two pages comes on
     the last page.
     """
-    after = read_place(listing.cursor, listing.sort)
+    after = read_position(listing.cursor, listing.sort)
     wanted = listing.filtered(collection.number)
     with container.database.read() as session:
-        own = fingerprint(session), wanted
-        page = service.list_page(session, *own, after=after, limit=listing.limit, sort=listing.sort)
+        key = fingerprint(session), wanted
+        page = service.list_page(session, *key, after=after, limit=listing.limit, sort=listing.sort)
     return ShapePage.of(page)
 
 
@@ -189,8 +189,8 @@ def change_shape(
 ) -> Shape:
     """Change name, tags or metadata. A given field replaces the old value whole."""
     with container.database.write() as session:
-        own = fingerprint(session), collection.number, shape_id
-        return Shape.of(service.change(session, *own, changes.changes()))
+        key = fingerprint(session), collection.number, shape_id
+        return Shape.of(service.change(session, *key, changes.changes()))
 
 
 @router.delete(
@@ -252,8 +252,8 @@ def list_deleted(
     """Return the shapes that can be restored, in the order of their deletion, a page at a time."""
     after, keep = read_cursor(listing.cursor), container.settings.undo_time
     with container.database.read() as session:
-        own = fingerprint(session), collection.number, keep
-        page = service.list_deleted(session, *own, after=after, limit=listing.limit)
+        key = fingerprint(session), collection.number, keep
+        page = service.list_deleted(session, *key, after=after, limit=listing.limit)
     return DeletedShapePage.of(page, keep)
 
 

@@ -143,7 +143,7 @@ def base_name(filename: str) -> str:
 
 
 def _walk(value: object) -> Iterator[tuple[object, int]]:
-    """Every value and key of a JSON value, with its depth; an explicit stack replaces recursion."""
+    """Yield every value and key of a JSON value, with its depth; an explicit stack replaces recursion."""
     waiting: list[tuple[object, int]] = [(value, 0)]
     while waiting:
         inner, depth = waiting.pop()

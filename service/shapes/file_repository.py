@@ -169,8 +169,8 @@ def store_thumbnail(
     """Store a thumbnail, in place of one by another version; nothing happens if the file was deleted."""
     number = session.scalar(select(BlobRow.number).where(BlobRow.sha256 == sha256))
     if number is not None:
-        own = {"blob_number": number, "format": format, "size": size, "drawing": drawing}
-        session.merge(ThumbnailRow(**own, data=data, checksum=checksum_of(data)))
+        key = {"blob_number": number, "format": format, "size": size, "drawing": drawing}
+        session.merge(ThumbnailRow(**key, data=data, checksum=checksum_of(data)))
 
 
 def is_its_embedding(fingerprint: str) -> Any:  # noqa: ANN401

@@ -175,7 +175,7 @@ def _check_match(record: ShapeRecord, if_match: str | None) -> None:
 
 
 def as_npz(embedding: Embedding) -> bytes:
-    """Return the arrays of an embedding as a NumPy archive; spectral arrays are named by their spectrum."""
+    """Return an embedding as a NumPy archive; names of spectral arrays begin with the spectrum's name."""
     arrays: dict[str, Any] = {
         "positions": embedding.positions,
         "vertices": embedding.vertices,

@@ -13,7 +13,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 from service.collection import CollectionNumber
 from service.errors import BadRequestFieldsError, FieldFault
 from service.shapes.fields import ListedTags, clean_text
-from service.shapes.records import Place, Range, ShapeFilter, Sort
+from service.shapes.records import Position, Range, ShapeFilter, Sort
 
 METADATA_FILTERS = 32
 
@@ -124,11 +124,11 @@ Item = TypeVar("Item")
 
 @dataclass(frozen=True)
 class Page(Generic[Item]):
-    """A page of a list, the number of all items, and the cursor's number if more follow."""
+    """A page of a list, the number of all items, and the cursor of the next page if more follow."""
 
     items: list[Item]
     total: int
-    after: int | None
+    next_cursor: str | None
 
 
 def write_cursor(after: int) -> str:
@@ -136,10 +136,10 @@ def write_cursor(after: int) -> str:
     return _written({"after": after})
 
 
-def write_place(place: Place) -> str:
-    """Return the cursor of the page after a place in a list of shapes."""
-    name = {} if place.name is None else {"name": place.name}
-    return _written({"after": place.number, **name})
+def write_position(position: Position) -> str:
+    """Return the cursor of the page after a position in a list of shapes."""
+    name = {} if position.name is None else {"name": position.name}
+    return _written({"after": position.number, **name})
 
 
 def read_cursor(cursor: str | None) -> int:
@@ -158,8 +158,8 @@ def read_cursor(cursor: str | None) -> int:
     return after
 
 
-def read_place(cursor: str | None, sort: Sort) -> Place | None:
-    """Return the place in a cursor of a list with an order; None for the first page.
+def read_position(cursor: str | None, sort: Sort) -> Position | None:
+    """Return the position in a cursor of a list with an order; None for the first page.
 
     Raises
     ------
@@ -171,7 +171,7 @@ def read_place(cursor: str | None, sort: Sort) -> Place | None:
     number, name = read_cursor(cursor), _read(cursor).get("name")
     if isinstance(name, str) != (sort == "name"):
         raise _fault(f"the cursor belongs to a list in another order than sort={sort}")
-    return Place(number, name)
+    return Position(number, name)
 
 
 def _fault(message: str = "this service did not create the cursor") -> BadRequestFieldsError:

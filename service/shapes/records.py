@@ -157,20 +157,11 @@ Sort = Literal["oldest", "newest", "name"]
 
 
 @dataclass(frozen=True)
-class Place:
-    """A place in a list of shapes: the number of a shape, and its name in lower case in a list by name."""
+class Position:
+    """A position in a list of shapes: the number of a shape, and its name in lower case in a list by name."""
 
     number: int
     name: str | None = None
-
-
-@dataclass(frozen=True)
-class RecordPage:
-    """A page of shapes, the number of all matches, and the place of its last shape if more follow."""
-
-    shapes: list[ShapeRecord]
-    total: int
-    after: Place | None
 
 
 def sha256(data: bytes) -> str:

@@ -76,8 +76,8 @@ class Reembedding:
     def todo(self) -> list[File]:
         """Return the files without an embedding, except those that the pipeline refused."""
         with self._database.read() as session:
-            found = repository.unembedded(session, self._pipeline.fingerprint)
-        return [file for file in found if file not in self._refused]
+            files = repository.unembedded(session, self._pipeline.fingerprint)
+        return [file for file in files if file not in self._refused]
 
     async def run(
         self, *, at_once: int, leave_out: bool, advance: Callable[[int, int], object]
@@ -191,7 +191,7 @@ def prune_others(database: Database, fingerprint: str) -> int:
     deleted = 0
     while True:
         with database.write() as session:
-            some = repository.prune(session, fingerprint, PRUNED_AT_ONCE)
-        deleted += some
-        if not some:
+            pruned = repository.prune(session, fingerprint, PRUNED_AT_ONCE)
+        deleted += pruned
+        if not pruned:
             return deleted

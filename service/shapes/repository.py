@@ -15,7 +15,7 @@ from service.shapes.records import (
     Changes,
     NewFile,
     NewShape,
-    Place,
+    Position,
     ShapeFilter,
     ShapeRecord,
     Sort,
@@ -27,9 +27,8 @@ from service.storage.checksums import (
     shape_checksum,
 )
 from service.storage.columns import UtcDateTime
-from service.storage.database import ReadSession, WriteSession
+from service.storage.database import ReadSession, WriteSession, next_revision
 from service.storage.erasure import drop_unused, erase
-from service.storage.revisions import next_revision
 from service.storage.tables import (
     NOT_DELETED,
     BlobRow,
@@ -91,12 +90,12 @@ def stored(session: ReadSession, collection: CollectionNumber) -> int:
 
 def others_hold_shapes(session: ReadSession, collection: CollectionNumber) -> bool:
     """Return whether another collection has a shape."""
-    one = (
+    shape = (
         select(ShapeRow.number)
         .where(ShapeRow.collection_number == CollectionRow.number, NOT_DELETED)
         .exists()
     )
-    query = select(CollectionRow.number).where(CollectionRow.number != collection, one).limit(1)
+    query = select(CollectionRow.number).where(CollectionRow.number != collection, shape).limit(1)
     return session.scalar(query) is not None
 
 
@@ -105,7 +104,7 @@ def page(
     fingerprint: str,
     shapes: ShapeFilter,
     *,
-    after: Place | None,
+    after: Position | None,
     limit: int,
     sort: Sort = "oldest",
 ) -> list[ShapeRecord]:
@@ -250,9 +249,9 @@ def same(
 
 def mark_changed(session: WriteSession, blob_number: int, format: str, facts: Mapping[str, Any]) -> None:
     """Have every process read the shapes on a newly embedded blob again."""
-    own = ShapeRow.blob_number == blob_number, ShapeRow.format == format
-    session.execute(update(ShapeRow).where(*own).values(revision=next_revision(session), facts=facts))
-    _store_checksums(session, session.scalars(select(ShapeRow.number).where(*own)).all())
+    conditions = ShapeRow.blob_number == blob_number, ShapeRow.format == format
+    session.execute(update(ShapeRow).where(*conditions).values(revision=next_revision(session), facts=facts))
+    _store_checksums(session, session.scalars(select(ShapeRow.number).where(*conditions)).all())
 
 
 def add_shape(
@@ -338,8 +337,8 @@ def replace_file(session: WriteSession, record: ShapeRecord, format: str, file: 
 def delete_shape(session: WriteSession, record: ShapeRecord) -> None:
     """Delete a shape, which keeps its number, file and embeddings until it is restored or erased."""
     _leave(session, record)
-    own = ShapeRow.number == record.number
-    session.execute(update(ShapeRow).where(own).values(deleted_at=datetime.now(UTC)))
+    condition = ShapeRow.number == record.number
+    session.execute(update(ShapeRow).where(condition).values(deleted_at=datetime.now(UTC)))
     _store_checksums(session, [record.number])
 
 

@@ -7,8 +7,8 @@ from pydantic import BaseModel, ConfigDict, Field, JsonValue
 
 from core.descriptors.partial import INCOMPLETE
 from service.shapes.fields import Metadata, Name, Tags
-from service.shapes.listing import Page, write_cursor, write_place
-from service.shapes.records import Changes, RecordPage, ShapeRecord, StoredAssembly, StoredShape
+from service.shapes.listing import Page
+from service.shapes.records import Changes, ShapeRecord, StoredAssembly, StoredShape
 
 if TYPE_CHECKING:
     from core.embedding import Embedding, Spectrum
@@ -131,12 +131,12 @@ class ShapePage(BaseModel):
     next_cursor: str | None = Field(description="The `cursor` of the next page; null on the last page.")
 
     @classmethod
-    def of(cls, page: RecordPage) -> "ShapePage":
+    def of(cls, page: Page[ShapeRecord]) -> "ShapePage":
         """Return the JSON of a page."""
         return cls(
-            shapes=[Shape.of(record) for record in page.shapes],
+            shapes=[Shape.of(record) for record in page.items],
             total=page.total,
-            next_cursor=None if page.after is None else write_place(page.after),
+            next_cursor=page.next_cursor,
         )
 
 
@@ -187,7 +187,7 @@ class DeletedShapePage(BaseModel):
             shapes=[DeletedShape.of(record, keep) for record in page.items],
             total=page.total,
             undo_days=keep / timedelta(days=1),
-            next_cursor=None if page.after is None else write_cursor(page.after),
+            next_cursor=page.next_cursor,
         )
 
 
@@ -228,7 +228,7 @@ class Assembly(SplitShape):
     @classmethod
     def of_stored(cls, stored: StoredAssembly) -> "Assembly":
         """Return the JSON of an assembly after the upload."""
-        parts = [SplitShape.of_one(one) for one in stored.parts]
+        parts = [SplitShape.of_one(part) for part in stored.parts]
         return cls(**SplitShape.of_one(stored.whole).model_dump(), parts=parts)
 
 
@@ -323,7 +323,7 @@ def number_in_words(value: float) -> str:
 
 
 def box_in_words(facts: MeshFacts) -> str:
-    """Length, width and height: "100 × 20 × 10"."""
+    """Write length, width and height: "100 × 20 × 10"."""
     return " × ".join(map(number_in_words, facts.bounding_box))
 
 

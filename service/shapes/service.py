@@ -18,13 +18,12 @@ from service.observability.logging import get_logger
 from service.observability.timings import Timings
 from service.pipelines.active import fingerprint as active_fingerprint
 from service.shapes import file_repository, repository
-from service.shapes.listing import Page
+from service.shapes.listing import Page, write_cursor, write_position
 from service.shapes.records import (
     Changes,
     NewFile,
     NewShape,
-    Place,
-    RecordPage,
+    Position,
     ShapeFilter,
     ShapeRecord,
     Sort,
@@ -85,19 +84,18 @@ def list_page(
     fingerprint: str,
     shapes: ShapeFilter,
     *,
-    after: Place | None,
+    after: Position | None,
     limit: int,
     sort: Sort = "oldest",
-) -> RecordPage:
-    """One page of the shapes that match a filter, in an order."""
-    found = repository.page(session, fingerprint, shapes, after=after, limit=limit + 1, sort=sort)
-    more = len(found) > limit
-    found = found[:limit]
+) -> Page[ShapeRecord]:
+    """Return one page of the shapes that match a filter, in an order."""
+    records = repository.page(session, fingerprint, shapes, after=after, limit=limit + 1, sort=sort)
     total = repository.count(session, shapes)
-    if not more:
-        return RecordPage(found, total, None)
-    name = found[-1].name.casefold() if sort == "name" else None
-    return RecordPage(found, total, Place(found[-1].number, name))
+    if len(records) <= limit:
+        return Page(records, total, None)
+    last = records[limit - 1]
+    position = Position(last.number, last.name.casefold() if sort == "name" else None)
+    return Page(records[:limit], total, write_position(position))
 
 
 def get(session: ReadSession, fingerprint: str, collection: CollectionNumber, shape_id: str) -> ShapeRecord:
@@ -167,8 +165,8 @@ def list_deleted(
     since = datetime.now(UTC) - keep
     rows = repository.deleted_page(session, fingerprint, collection, since, after=after, limit=limit + 1)
     total = repository.count_deleted(session, collection, since)
-    next_after = rows[limit - 1][0] if len(rows) > limit else None
-    return Page([shape for _, shape in rows[:limit]], total, next_after)
+    next_cursor = write_cursor(rows[limit - 1][0]) if len(rows) > limit else None
+    return Page([shape for _, shape in rows[:limit]], total, next_cursor)
 
 
 async def restore(container: Container, collection: CollectionNumber, shape_id: str) -> ShapeRecord:
@@ -336,15 +334,15 @@ def put_file(
         return None
     blob_number = file_repository.blob_number(session, file.sha256)
     created = blob_number is None
-    there = not created and file_repository.is_embedded(session, fingerprint, file.sha256, file.format)
-    if embedded is None and not there:
+    is_embedded = not created and file_repository.is_embedded(session, fingerprint, file.sha256, file.format)
+    if embedded is None and not is_embedded:
         return None
     if blob_number is None:
         blob_number = file_repository.add_blob(session, file.data, file.sha256)
     if embedded is None:
         facts = file_repository.facts_on(session, blob_number, file.format) or {}
         return StoredFile(blob_number, facts, created)
-    if not there:
+    if not is_embedded:
         file_repository.add_embedding(session, blob_number, file.format, fingerprint, embedded)
         if not created:
             repository.mark_changed(session, blob_number, file.format, embedded.facts)

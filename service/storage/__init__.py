@@ -11,9 +11,7 @@ __all__ = [
     "erasure",
     "hnsw",
     "hnsw_parameters",
-    "lock",
     "migrate",
-    "revisions",
     "sqlite",
     "tables",
 ]

@@ -1,63 +1,121 @@
-"""The SQLite file of an archive, opened without the service, to check, copy and restore it."""
+"""The SQLite file of an archive: its locks, its journals, its replacement, and its reserve of disk.
 
+SQLite's own locks cannot tell whether a service runs, because it holds none between transactions. The locks
+here are on files beside the archive: services share one, and a restoration needs it exclusively; a second one
+names the process that serves the archive, so that another one does not begin unasked. The files remain; the
+operating system releases the locks when a process ends.
+"""
+
+import fcntl
 import os
-import sqlite3
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Self
 
-from service.errors import ArchiveError
-from service.storage.migrate import check_known
+from service.errors import ArchiveServedError, StorageUnavailableError
+
+LOCK_SUFFIX = "-lock"
+SERVING_SUFFIX = "-serving"
+
+
+class ArchiveLock:
+    """A lock on an archive file, from the construction of the object to `release`.
+
+    Parameters
+    ----------
+    path : Path
+        The file of the archive, which may be missing; its folder must exist.
+    alone : bool
+        Whether the lock is exclusive.
+
+    Raises
+    ------
+    StorageUnavailableError
+        Another process holds a lock that excludes this one, or the lock file cannot be created.
+    """
+
+    def __init__(self, path: Path, *, alone: bool = False) -> None:
+        path = path.resolve()
+        try:
+            self._descriptor = os.open(
+                path.with_name(path.name + LOCK_SUFFIX), os.O_RDONLY | os.O_CREAT, 0o644
+            )
+        except OSError as error:
+            raise StorageUnavailableError(f"the archive's lock cannot be made: {error.strerror}") from error
+        try:
+            fcntl.flock(self._descriptor, (fcntl.LOCK_EX if alone else fcntl.LOCK_SH) | fcntl.LOCK_NB)
+        except OSError as error:
+            os.close(self._descriptor)
+            who = "a service, or a command, is using it" if alone else "another is being put in its place"
+            raise StorageUnavailableError(f"the archive cannot be used now: {who}") from error
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.release()
+
+    def release(self) -> None:
+        """Release the lock; call this once."""
+        os.close(self._descriptor)
+
+
+class ServingLock:
+    """The lock of the one process that serves an archive file, from construction to `release`.
+
+    Its file names the process. It remains; the operating system releases the lock when the process ends.
+
+    Parameters
+    ----------
+    path : Path
+        The file of the archive, which may be missing, as may its folder.
+    address : str
+        The address of the service, for the message of another one.
+
+    Raises
+    ------
+    ArchiveServedError
+        Another process serves the archive; the message names it.
+    StorageUnavailableError
+        The lock file cannot be created.
+    """
+
+    def __init__(self, path: Path, address: str) -> None:
+        path = path.resolve()
+        beside = path.with_name(path.name + SERVING_SUFFIX)
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._descriptor = os.open(beside, os.O_RDWR | os.O_CREAT, 0o644)
+        except OSError as error:
+            raise StorageUnavailableError(f"the archive's lock cannot be made: {error.strerror}") from error
+        try:
+            fcntl.flock(self._descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            owner = os.pread(self._descriptor, 200, 0).decode(errors="replace").strip()
+            os.close(self._descriptor)
+            raise ArchiveServedError(f"{path} is already served by {owner or 'another process'}") from error
+        os.truncate(self._descriptor, 0)
+        os.pwrite(self._descriptor, f"process {os.getpid()} at {address}\n".encode(), 0)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.release()
+
+    def release(self) -> None:
+        """Release the lock; call this once."""
+        os.close(self._descriptor)
+
 
 # Files beside the database with which SQLite completes or rolls back an interrupted transaction.
 JOURNALS = ("-journal", "-wal")
 
 
-def connect(path: Path, *, lock_seconds: float) -> sqlite3.Connection:
-    """A plain SQLite connection to an existing file; it rolls back transactions of killed processes.
-
-    Raises
-    ------
-    ArchiveError
-        The file is missing, or is not a database.
-    """
-    if not path.is_file():
-        raise ArchiveError(f"there is no archive at {path}")
-    try:
-        connection = sqlite3.connect(
-            f"{path.resolve().as_uri()}?mode=rw", uri=True, timeout=lock_seconds, isolation_level=None
-        )
-    except sqlite3.Error as error:
-        raise ArchiveError(f"{path} cannot be opened: {reason(error)}") from error
-    try:
-        connection.execute("SELECT count(*) FROM sqlite_master").fetchone()
-    except sqlite3.Error as error:
-        connection.close()
-        raise ArchiveError(f"{path} cannot be read: {reason(error)}") from error
-    return connection
-
-
-def check_version(connection: sqlite3.Connection, path: Path) -> None:
-    """Raise unless the file is an archive that this version of the service knows.
-
-    Raises
-    ------
-    ArchiveError
-    """
-    try:
-        versions = [row[0] for row in connection.execute("SELECT version_num FROM alembic_version")]
-        connection.execute("SELECT revision FROM archive").fetchall()
-    except sqlite3.Error as error:
-        raise ArchiveError(f"{path} is no Isoshape archive: {reason(error)}") from error
-    check_known(versions)
-
-
-def reason(error: sqlite3.Error) -> str:
-    """The message of an SQLite error with the name of its code."""
-    name = getattr(error, "sqlite_errorname", None)
-    return f"{error} ({name})" if name else str(error)
-
-
 def has_journal(path: Path) -> bool:
-    """Whether a non-empty journal is beside the file, without which the file is incomplete."""
+    """Return whether a non-empty journal is beside the file, without which the file is incomplete."""
     beside = (path.with_name(path.name + ending) for ending in JOURNALS)
     return any(journal.is_file() and journal.stat().st_size > 0 for journal in beside)
 
@@ -75,3 +133,84 @@ def _sync(path: Path) -> None:
         os.fsync(descriptor)
     finally:
         os.close(descriptor)
+
+
+RESERVE_BYTES = 2 * 1024**2
+RESERVE_SUFFIX = "-reserve"
+
+
+class DatabaseFile:
+    """The file of an archive, and a reserve of disk beside it.
+
+    SQLite writes the previous content of changed pages to a journal, so that a deletion needs room too. On a
+    full disk a deletion has the room of the reserve.
+
+    Parameters
+    ----------
+    path : Path
+    keeps_reserve : bool
+        Whether the disk has a reserve.
+    """
+
+    def __init__(self, path: Path, *, keeps_reserve: bool = True) -> None:
+        self._path = path
+        self._keeps_reserve = keeps_reserve
+        self._reserve = path.with_name(path.name + RESERVE_SUFFIX)
+        self._identity: tuple[int, int] | None = None
+
+    def check(self, *, writable: bool = False) -> None:
+        """Check that the file is the one of the first check and, if asked, writable.
+
+        The file is not opened: closing it would release the locks of SQLite (fcntl of POSIX). A write to a
+        file that is not writable would leave a journal that no reader can roll back.
+
+        Raises
+        ------
+        StorageUnavailableError
+            The file was deleted or replaced, or cannot be written.
+        """
+        try:
+            status = self._path.stat()
+        except OSError as error:
+            raise StorageUnavailableError("the file of the database is gone") from error
+        identity = status.st_dev, status.st_ino
+        if self._identity is None:
+            self._identity = identity
+        elif self._identity != identity:
+            raise StorageUnavailableError("another file is in the place of the database")
+        if writable and not os.access(self._path, os.W_OK):
+            raise StorageUnavailableError("the file of the database cannot be written: SQLITE_READONLY")
+
+    @contextmanager
+    def room_to_delete(self) -> Iterator[None]:
+        """Release the reserve for the duration of the block if the disk is full."""
+        released = False
+        with suppress(OSError):
+            if self._free() < RESERVE_BYTES:
+                os.truncate(self._reserve, 0)
+                released = True
+        try:
+            yield
+        finally:
+            # Its own room comes back to it, before another write takes it.
+            self.keep_reserve(RESERVE_BYTES if released else 2 * RESERVE_BYTES)
+
+    def keep_reserve(self, least: int = 2 * RESERVE_BYTES) -> None:
+        """Occupy the reserve, if it is not there and the disk has `least` bytes free."""
+        if not self._keeps_reserve:
+            return
+        with suppress(OSError):
+            if self._reserve.exists() and self._reserve.stat().st_size >= RESERVE_BYTES:
+                return
+            if self._free() < least:
+                return
+            descriptor = os.open(self._reserve, os.O_WRONLY | os.O_CREAT, 0o600)
+            try:
+                # Systems without it write nothing that has to be occupied.
+                if hasattr(os, "posix_fallocate"):
+                    os.posix_fallocate(descriptor, 0, RESERVE_BYTES)
+            finally:
+                os.close(descriptor)
+
+    def _free(self) -> int:
+        return shutil.disk_usage(self._path.parent).free

@@ -14,9 +14,8 @@ from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 
 from service.errors import ArchiveError
-from service.storage.archive_file import JOURNALS, check_version, connect, has_journal, put_in_place, reason
-from service.storage.checking import CheckReport, check
-from service.storage.lock import ArchiveLock
+from service.storage.archive_file import JOURNALS, ArchiveLock, has_journal, put_in_place
+from service.storage.checking import CheckReport, check, check_version, connect, reason
 
 # Longer than the time limit of the service: a nightly backup may wait for a busy moment to pass.
 LOCK_SECONDS = 60.0
@@ -103,7 +102,7 @@ def restore(backup: Path, archive: Path, *, replace: bool = False) -> CheckRepor
 
 @contextmanager
 def _beside(target: Path) -> Iterator[Path]:
-    """An empty file in the folder of the target, readable by its owner only; removed unless renamed."""
+    """Create an empty file beside the target, readable by its owner only; removed unless renamed."""
     try:
         descriptor, name = tempfile.mkstemp(prefix=f".{target.name}.", suffix=".partial", dir=target.parent)
     except OSError as error:
@@ -127,7 +126,7 @@ def _checked(copy: Path, name: str) -> CheckReport:
 
 
 def _holds_something(archive: Path) -> bool:
-    """Whether the file has shapes, or is not an archive."""
+    """Return whether the file has shapes, or is not an archive."""
     if not archive.exists() or archive.stat().st_size == 0:
         return False
     try:

@@ -18,26 +18,26 @@ from core.descriptors.views import view_signature
 from core.embedding import Embedding
 from core.errors import BadRecordError
 from core.serialization import embedding_from_bytes
-from service.storage.archive_file import check_version, connect, reason
+from service.errors import ArchiveError
 from service.storage.checksums import (
     SHAPE_COLUMNS,
     SHAPE_TIMES,
-    checksum_of,
     is_whole,
     pipeline_checksum,
     shape_checksum,
 )
+from service.storage.migrate import check_known
 
 # Writers wait while a batch is read.
 BLOBS_AT_ONCE = 8
 EMBEDDINGS_AT_ONCE = 256
 MOST_INTEGRITY_FAULTS = 100
 
-# Tables with bytes: a key that orders the rows, the column with the bytes, and the one with their checksum.
+# Other tables with bytes in their column `data`: the key that orders the rows.
 OTHER_BYTES = {
-    "coarse_samples": ("embedding_number", "data", "checksum"),
-    "quantised_points": ("embedding_number", "data", "checksum"),
-    "thumbnails": ("rowid", "data", "checksum"),
+    "coarse_samples": "embedding_number",
+    "quantised_points": "embedding_number",
+    "thumbnails": "rowid",
 }
 
 REFERENCES = {
@@ -229,16 +229,13 @@ def _pipelines(connection: sqlite3.Connection, report: CheckReport) -> None:
 
 def _others(connection: sqlite3.Connection, report: CheckReport) -> None:
     """Check the bytes of the tables in `OTHER_BYTES`."""
-    for table, (key, column, checksum) in OTHER_BYTES.items():
+    for table, key in OTHER_BYTES.items():
 
-        def check_bytes(
-            number: int, data: bytes, given: str | None, table: str = table, checksum: str = checksum
-        ) -> Iterator[str]:
-            found = sha256(data).hexdigest() if checksum == "sha256" else checksum_of(data)
-            if found != given:
+        def check_bytes(number: int, data: bytes, checksum: str, table: str = table) -> Iterator[str]:
+            if not is_whole(data, checksum):
                 yield f"{table} row {number} does not have its checksum"
 
-        _check_rows(connection, table, f"{column}, {checksum}", BLOBS_AT_ONCE, check_bytes, report, key)
+        _check_rows(connection, table, "data, checksum", BLOBS_AT_ONCE, check_bytes, report, key)
 
 
 def _views_of(embedding: Embedding) -> tuple[bytes, float]:
@@ -247,7 +244,7 @@ def _views_of(embedding: Embedding) -> tuple[bytes, float]:
 
 
 def _dimensions(embedding: Embedding) -> object:
-    """The dimensions that all embeddings of one pipeline share."""
+    """Return the dimensions that all embeddings of one pipeline share."""
     return len(embedding.signature), [(each.name, each.coordinates.shape[1]) for each in embedding.spectra]
 
 
@@ -271,3 +268,48 @@ def _check_rows(
                 report.faults.extend(faults_of(*row))
             except (TypeError, AttributeError, ValueError):
                 report.faults.append(f"{table} row {last} has a value of the wrong kind")
+
+
+def connect(path: Path, *, lock_seconds: float) -> sqlite3.Connection:
+    """Return a plain SQLite connection to an existing file; it rolls back transactions of killed processes.
+
+    Raises
+    ------
+    ArchiveError
+        The file is missing, or is not a database.
+    """
+    if not path.is_file():
+        raise ArchiveError(f"there is no archive at {path}")
+    try:
+        connection = sqlite3.connect(
+            f"{path.resolve().as_uri()}?mode=rw", uri=True, timeout=lock_seconds, isolation_level=None
+        )
+    except sqlite3.Error as error:
+        raise ArchiveError(f"{path} cannot be opened: {reason(error)}") from error
+    try:
+        connection.execute("SELECT count(*) FROM sqlite_master").fetchone()
+    except sqlite3.Error as error:
+        connection.close()
+        raise ArchiveError(f"{path} cannot be read: {reason(error)}") from error
+    return connection
+
+
+def check_version(connection: sqlite3.Connection, path: Path) -> None:
+    """Raise unless the file is an archive that this version of the service knows.
+
+    Raises
+    ------
+    ArchiveError
+    """
+    try:
+        versions = [row[0] for row in connection.execute("SELECT version_num FROM alembic_version")]
+        connection.execute("SELECT revision FROM archive").fetchall()
+    except sqlite3.Error as error:
+        raise ArchiveError(f"{path} is no Isoshape archive: {reason(error)}") from error
+    check_known(versions)
+
+
+def reason(error: sqlite3.Error) -> str:
+    """Return the message of an SQLite error with the name of its code."""
+    name = getattr(error, "sqlite_errorname", None)
+    return f"{error} ({name})" if name else str(error)

@@ -20,7 +20,7 @@ SHAPE_TIMES = ("created_at", "updated_at", "deleted_at")
 
 
 def checksum_of(data: bytes) -> str:
-    """The checksum of some bytes."""
+    """Return the checksum of some bytes."""
     return blake2b(data, digest_size=LENGTH // 2).hexdigest()
 
 
@@ -30,7 +30,7 @@ def is_whole(data: bytes, checksum: str) -> bool:
 
 
 def whole_file(data: bytes, digest: str) -> bytes:
-    """The bytes of a stored file.
+    """Return the bytes of a stored file.
 
     Raises
     ------
@@ -43,7 +43,7 @@ def whole_file(data: bytes, digest: str) -> bytes:
 
 
 def shape_checksum(columns: Mapping[str, Any], tags: Sequence[str], values: Iterable[tuple[str, str]]) -> str:
-    """The checksum of a shape: its columns, its tags in their order, and its metadata for filters.
+    """Return the checksum of a shape: its columns, its tags in their order, and its metadata for filters.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ def shape_checksum(columns: Mapping[str, Any], tags: Sequence[str], values: Iter
 
 
 def pipeline_checksum(fingerprint: str, method: int, parameters: Mapping[str, Any] | str) -> str:
-    """The checksum of a pipeline; its parameters are an object, or the text of it."""
+    """Return the checksum of a pipeline; its parameters are an object, or the text of it."""
     return checksum_of(json.dumps([fingerprint, method, _object(parameters)], sort_keys=True).encode())
 
 

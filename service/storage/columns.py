@@ -28,7 +28,7 @@ class PgVector(UserDefinedType[Any]):
         self.length = length
 
     def get_col_spec(self, **_: object) -> str:
-        """The name of the type in SQL."""
+        """Return the name of the type in SQL."""
         return "vector" if self.length is None else f"vector({self.length})"
 
 
@@ -63,15 +63,15 @@ class _Vector(TypeDecorator[NDArray[_Item]]):
     item: np.dtype[_Item]
 
     def load_dialect_impl(self, dialect: Dialect) -> TypeEngine[Any]:
-        """The column type of the dialect."""
+        """Return the column type of the dialect."""
         return dialect.type_descriptor(PgVector() if dialect.name == POSTGRESQL else LargeBinary())
 
     def column_expression(self, column: ColumnElement[Any]) -> ColumnElement[Any]:
-        """The expression that a query selects."""
+        """Return the expression that a query selects."""
         return _AsBytes(column, self)
 
     def process_bind_param(self, value: NDArray[_Item] | None, dialect: Dialect) -> bytes | str | None:
-        """The little-endian bytes of the vector, or its text."""
+        """Return the little-endian bytes of the vector, or its text."""
         if value is None:
             return None
         vector = np.ascontiguousarray(value, dtype=self.item)
@@ -101,7 +101,7 @@ class ByteVector(_Vector[np.uint8]):
 
 
 def vector_text(vector: NDArray[Any]) -> str:
-    """The text of a vector for pgvector, exact to the last bit."""
+    """Return the text of a vector for pgvector, exact to the last bit."""
     return f"[{','.join(map(str, vector.tolist()))}]"
 
 

@@ -129,7 +129,7 @@ def _check_empty(copy: Connection) -> None:
 
 
 def _batches(connection: Connection, table: Table) -> Iterator[list[Row[Any]]]:
-    """The rows of a table in batches of bounded size."""
+    """Yield the rows of a table in batches of bounded size."""
     # PostgreSQL uses a server-side cursor, so that only one batch is in memory.
     query = select(table).execution_options(yield_per=_at_once(connection, table))
     for rows in connection.execute(query).partitions():
@@ -137,7 +137,7 @@ def _batches(connection: Connection, table: Table) -> Iterator[list[Row[Any]]]:
 
 
 def _at_once(connection: Connection, table: Table) -> int:
-    """The number of rows in a batch, from the longest row of the table."""
+    """Return the number of rows in a batch, from the longest row of the table."""
     lengths = [func.max(func.length(each)) for each in table.columns if isinstance(each.type, LargeBinary)]
     longest = connection.execute(select(*lengths)).one() if lengths else ()
     return max(1, min(ROWS_AT_ONCE, BYTES_AT_ONCE // max(1, sum(length or 0 for length in longest))))
@@ -155,11 +155,11 @@ def _check_bytes(table: Table, row: Row[Any]) -> None:
 
 def _check_same(copy: Connection, table: Table, copied: _Content) -> None:
     """Read the copied rows again and compare them with the source."""
-    found = _Content()
+    read = _Content()
     for rows in _batches(copy, table):
         for row in rows:
-            found = found.with_row(row)
-    if found != copied:
+            read = read.with_row(row)
+    if read != copied:
         raise ArchiveError(f"the copy of the table {table.name} is not the same; nothing was kept of it")
 
 
@@ -181,29 +181,29 @@ def _continue_numbering(origin: Connection, copy: Connection, table: Table) -> N
 
 
 def _last_number(connection: Connection, table: Table) -> int:
-    """The last number that a table has generated, even if its row is deleted; 0 before the first."""
+    """Return the last number that a table has generated, even if its row is deleted; 0 before the first."""
     if connection.dialect.name == POSTGRESQL:
         last = text(f"SELECT CASE WHEN is_called THEN last_value ELSE 0 END FROM {_sequence(table)}")
         return int(connection.execute(last).scalar_one())
-    found = connection.execute(
+    sequence = connection.execute(
         text("SELECT seq FROM sqlite_sequence WHERE name = :name"), {"name": table.name}
     )
-    return int(found.scalar() or 0)
+    return int(sequence.scalar() or 0)
 
 
 def _sequence(table: Table) -> str:
-    """The name of the PostgreSQL sequence that numbers a table's rows."""
+    """Return the name of the PostgreSQL sequence that numbers a table's rows."""
     return f"{table.name}_number_seq"
 
 
 def _digest(row: Row[Any]) -> int:
-    """The SHA-256 of a row as a number, equal on both databases."""
+    """Return the SHA-256 of a row as a number, equal on both databases."""
     values = {str(name): _plain(value) for name, value in row._mapping.items()}
     return int.from_bytes(hashlib.sha256(json.dumps(values, sort_keys=True).encode()).digest(), "big")
 
 
 def _plain(value: object) -> object:
-    """The JSON value of a column."""
+    """Return the JSON value of a column."""
     if isinstance(value, bytes):
         return hashlib.sha256(value).hexdigest()
     if isinstance(value, np.ndarray):

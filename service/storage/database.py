@@ -1,22 +1,28 @@
 """The database and its two kinds of session: read sessions, and write sessions that commit at their end."""
 
+import sqlite3
 import threading
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, nullcontext
 from typing import Any
 
-from sqlalchemy import Connection, Engine, insert, make_url, select
+from sqlalchemy import Connection, Engine, insert, make_url, select, update
+from sqlalchemy.exc import DatabaseError, DBAPIError, IntegrityError, InterfaceError
+from sqlalchemy.exc import TimeoutError as NoConnectionError
 from sqlalchemy.orm import Session
 
 from service.errors import StorageFullError, StorageUnavailableError
+from service.observability.logging import get_logger
 from service.observability.metrics import Metrics
-from service.storage.database_file import DatabaseFile
-from service.storage.failures import translated
+from service.storage.archive_file import ArchiveLock, DatabaseFile
 from service.storage.hnsw_parameters import HnswParameters
-from service.storage.lock import ArchiveLock
 from service.storage.postgresql import open_postgresql
 from service.storage.sqlite import WRITES, open_sqlite, path_of, without_references
 from service.storage.tables import ArchiveRow, Table
+
+log = get_logger("storage")
+
+POSTGRESQL_DISK_FULL = "53100"
 
 
 class ReadSession(Session):
@@ -45,6 +51,14 @@ class WriteSession(ReadSession):
         key = self.connection().execute(insert(into), row).inserted_primary_key
         assert key is not None
         return key[0]
+
+
+def next_revision(session: WriteSession) -> int:
+    """Increase the revision, once per transaction: nobody sees a part of one."""
+    if session.revision is None:
+        counted = update(ArchiveRow).values(revision=ArchiveRow.revision + 1).returning(ArchiveRow.revision)
+        session.revision = session.scalars(counted).one()
+    return session.revision
 
 
 class Database:
@@ -118,7 +132,7 @@ class Database:
 
     @contextmanager
     def connect(self) -> Iterator[Connection]:
-        """A bare connection in one write transaction, for migrations. SQLite checks no foreign keys in it."""
+        """Open a connection in one write transaction, for migrations; SQLite checks no foreign keys in it."""
         with self._turn(), translated(), self._writing_engine.connect() as connection:
             unchecked = nullcontext() if self._lock is None else without_references(connection)
             with unchecked, connection.begin():
@@ -177,3 +191,51 @@ class Database:
             yield
         finally:
             self._one_writer.release()
+
+
+@contextmanager
+def translated() -> Iterator[None]:
+    """Raise `StorageFullError` or `StorageUnavailableError` for errors of the database.
+
+    A violated constraint is an error of the program and passes unchanged.
+    """
+    try:
+        yield
+    except IntegrityError:
+        raise
+    except (DatabaseError, InterfaceError) as error:
+        connected = error.statement is not None
+        # Statements may be long, and their values must not appear in the log.
+        error.statement = None
+        _remove_details(error)
+        # A failed connection attempt needs no traceback.
+        log.error("the database failed", exc_info=error if connected else None)
+        if _is_full(error.orig):
+            raise StorageFullError("the disk, or the room the database may use, is full") from error
+        raise StorageUnavailableError(f"the database failed: {_reason(error.orig)}") from error
+    except NoConnectionError as error:
+        raise StorageUnavailableError("every connection to the database is in use") from error
+
+
+def _remove_details(error: DBAPIError) -> None:
+    """Keep only the primary message of PostgreSQL: the details may repeat the statement and its values."""
+    message = getattr(getattr(error.orig, "diag", None), "message_primary", None)
+    if message is not None and error.orig is not None:
+        error.args = error.orig.args = (message,)
+
+
+def _is_full(error: BaseException | None) -> bool:
+    if isinstance(error, sqlite3.Error):
+        return _code(error) == sqlite3.SQLITE_FULL
+    return getattr(error, "sqlstate", None) == POSTGRESQL_DISK_FULL
+
+
+def _reason(error: BaseException | None) -> str:
+    """Return the driver's name of the error; its message may contain paths, which clients must not see."""
+    return (
+        error.sqlite_errorname if isinstance(error, sqlite3.Error) and _code(error) else type(error).__name__
+    )
+
+
+def _code(error: sqlite3.Error) -> int | None:
+    return getattr(error, "sqlite_errorcode", None)

@@ -18,17 +18,17 @@ log = get_logger("storage")
 
 
 def index_name(fingerprint: str) -> str:
-    """The name of a pipeline's HNSW index."""
+    """Return the name of a pipeline's HNSW index."""
     return f"signatures_{fingerprint}"
 
 
 def view_index_name(length: int) -> str:
-    """The name of the HNSW index of view signatures of a length."""
+    """Return the name of the HNSW index of view signatures of a length."""
     return f"view_signatures_{length}"
 
 
 def has_view_signature(length: int) -> ColumnElement[bool]:
-    """The condition that an embedding has a view signature of a length."""
+    """Return the condition that an embedding has a view signature of a length."""
     return func.vector_dims(CoarseSamplesRow.view_signature) == literal(length, literal_execute=True)
 
 
@@ -46,16 +46,18 @@ def ensure_hnsw(session: WriteSession, fingerprint: str) -> bool:
     """
     if session.get_bind().dialect.name != POSTGRESQL:
         return False
-    own = EmbeddingRow.fingerprint == fingerprint
-    lengths = select(func.vector_dims(EmbeddingRow.signature)).where(own)
+    by_pipeline = EmbeddingRow.fingerprint == fingerprint
+    lengths = select(func.vector_dims(EmbeddingRow.signature)).where(by_pipeline)
     length = session.scalar(lengths.limit(1))
     if length is None:
         return False
-    built = _ensure(session, index_name(fingerprint), EmbeddingRow.signature, "vector_l2_ops", length, own)
+    built = _ensure(
+        session, index_name(fingerprint), EmbeddingRow.signature, "vector_l2_ops", length, by_pipeline
+    )
     lengths = select(func.vector_dims(CoarseSamplesRow.view_signature)).join(
         EmbeddingRow, EmbeddingRow.number == CoarseSamplesRow.embedding_number
     )
-    length = session.scalar(lengths.where(own).limit(1))
+    length = session.scalar(lengths.where(by_pipeline).limit(1))
     if length is None:
         return built
     condition = has_view_signature(length)

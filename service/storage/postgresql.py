@@ -23,7 +23,7 @@ SILENCE_SECONDS = 10
 
 
 def open_postgresql(url: URL, *, lock_seconds: float) -> Engine:
-    """An engine on a PostgreSQL database.
+    """Return an engine on a PostgreSQL database.
 
     A read session sees the database as of its first statement (REPEATABLE READ). A connection with the
     execution option `WRITES` begins its transactions with an advisory lock that all writers take, like

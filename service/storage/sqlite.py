@@ -15,7 +15,7 @@ WRITES = "isoshape_writes"
 
 
 def path_of(url: str) -> Path:
-    """The file that an SQLAlchemy URL of SQLite names.
+    """Return the file that an SQLAlchemy URL of SQLite names.
 
     Raises
     ------
@@ -33,7 +33,7 @@ def path_of(url: str) -> Path:
 
 
 def open_sqlite(url: URL, *, lock_seconds: float) -> Engine:
-    """An engine on an SQLite file; a missing folder is created.
+    """Return an engine on an SQLite file; a missing folder is created.
 
     A connection with the execution option `WRITES` begins its transactions with BEGIN IMMEDIATE, which takes
     the write lock. A read transaction that asks for the lock later may fail at once, whatever the time limit,
@@ -83,7 +83,7 @@ def _execute(connection: Connection, pragma: str) -> None:
 
 
 def write_ahead_log_is_safe(version: tuple[int, int, int]) -> bool:
-    """Whether several connections can safely use a write-ahead log in this version of SQLite.
+    """Return whether several connections can safely use a write-ahead log in this version of SQLite.
 
     Versions 3.7.0 to 3.51.2 may corrupt the log (sqlite.org/wal.html, "The WAL-reset bug"), except 3.44.6,
     3.50.7 and later releases of these two series.
@@ -94,7 +94,7 @@ def write_ahead_log_is_safe(version: tuple[int, int, int]) -> bool:
 
 
 def journal_mode() -> str:
-    """The journal mode for the linked version of SQLite.
+    """Return the journal mode for the linked version of SQLite.
 
     "truncate" is safer than "delete": with synchronous FULL the truncation is synced before a commit returns,
     so that acknowledged data survive a loss of power.

@@ -72,12 +72,12 @@ def read_key(values: Sequence[str]) -> str | None:
     """
     if not values:
         return None
-    found = _STRING.fullmatch(values[0])
-    if len(values) > 1 or found is None:
+    quoted = _STRING.fullmatch(values[0])
+    if len(values) > 1 or quoted is None:
         raise IdempotencyKeyMalformedError(
             f'{HEADER} must be one string in double quotes, of ASCII characters: {HEADER}: "8e03978e"'
         )
-    key = _ESCAPED.sub(r"\1", found[1])
+    key = _ESCAPED.sub(r"\1", quoted[1])
     if not 1 <= len(key) <= KEY_CHARACTERS:
         raise IdempotencyKeyMalformedError(
             f"{HEADER} must have 1 to {KEY_CHARACTERS} characters, not {len(key)}"

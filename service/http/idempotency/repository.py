@@ -11,7 +11,7 @@ from service.storage.tables import IdempotencyKeyRow
 
 
 def answer_to(session: ReadSession, claim: Claim, now: datetime) -> Kept | None:
-    """Return the answer to an earlier request with the key; None where there was none or it has expired.
+    """Return the answer to the first request with the key; None if there is none, or it has expired.
 
     Raises
     ------

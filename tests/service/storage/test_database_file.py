@@ -9,7 +9,7 @@ import httpx
 import pytest
 
 from service.errors import StorageUnavailableError
-from service.storage.database_file import RESERVE_BYTES, DatabaseFile
+from service.storage.archive_file import RESERVE_BYTES, DatabaseFile
 from tests.service.support import Running, assert_problem, serving, settings_in, small_file, upload
 
 

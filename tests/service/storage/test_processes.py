@@ -8,7 +8,7 @@ from pathlib import Path
 
 import httpx
 
-from service.storage.lock import ServingLock
+from service.storage.archive_file import ServingLock
 from service.storage.sqlite import path_of
 from tests.service.engines import on_postgresql, url_in
 from tests.service.processes import server

@@ -10,7 +10,7 @@ from sqlalchemy import insert, select
 
 from core.io import write_mesh
 from core.mesh.mesh import Mesh
-from service.storage.revisions import next_revision
+from service.storage.database import next_revision
 from service.storage.tables import ShapeRow
 from tests.core.dense.solids import plate
 from tests.service.support import Running, serving, settings_in
