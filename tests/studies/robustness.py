@@ -110,11 +110,12 @@ def similarities_of(
         return asked
     similarities = {"cc": asked.scores.cc, "combined": pooled_log_odds(asked.differences)}
     if KINDS[kind].part:
-        images = asked.query.spin_images
+        images = asked.query.descriptors["spin_images"]
         part = (
             images[KEYPOINTS:] if is_part(images) else describe_part(asked.pipeline.open_surface(asked.mesh))
         )
-        wholes = [whole_spin_images(embedding.spin_images) for embedding in asked.gallery.embeddings]
+        descriptors = (embedding.descriptors for embedding in asked.gallery.embeddings)
+        wholes = [whole_spin_images(arrays["spin_images"]) for arrays in descriptors]
         similarities["part"] = -part_distances(part, wholes)
     return similarities
 

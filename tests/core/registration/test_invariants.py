@@ -11,9 +11,9 @@ from core.mesh.mesh import Mesh
 from core.mesh.normal_frame import bounding_box
 from core.registration.invariants import Invariants, possible_copies, possible_variants
 from core.registration.similarity import RESIDUAL
-from tests.soak.duplicates.copies import moved
-from tests.soak.kinship.parts import Drawing, part
-from tests.soak.kinship.planted import PHASE
+from tests.studies.copies import moved
+from tests.studies.kinship import PHASE
+from tests.studies.machine_parts import Drawing, part
 
 MESHES = [
     part("plate", Drawing(1, 0.05)),

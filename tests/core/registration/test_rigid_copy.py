@@ -21,10 +21,10 @@ from core.registration.rigid_copy import (
     may_be_copy,
 )
 from core.registration.similarity import RESIDUAL
-from tests.soak.chirality.parts import part as chiral_part
-from tests.soak.chirality.parts import screw
-from tests.soak.duplicates.copies import moved, simplified
-from tests.soak.kinship.parts import Change, Drawing, Family, part
+from tests.studies.chirality import part as chiral_part
+from tests.studies.chirality import screw
+from tests.studies.copies import moved, simplified
+from tests.studies.machine_parts import Change, Drawing, Family, part
 
 PIPELINE = Pipeline()
 HAND = make_body("hand").posed(0)

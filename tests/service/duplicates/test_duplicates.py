@@ -26,7 +26,7 @@ from tests.people import make_person
 from tests.service.http.test_disconnects import send
 from tests.service.support import Running, assert_problem, serving, settings_in, wait_until
 from tests.service.tasks import nap_instead, napping
-from tests.soak.duplicates.copies import moved, simplified
+from tests.studies.copies import moved, simplified
 
 BODIES = {
     **{f"person-{pose}": make_person(0, pose) for pose in range(3)},

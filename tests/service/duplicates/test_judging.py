@@ -22,9 +22,8 @@ from service.storage.database import Database
 from service.storage.tables import DuplicatePairRow, JudgedShapeRow, ShapeRow
 from tests.service.engines import url_in
 from tests.service.support import Running, serving, settings_in, small_file, wait_until
-from tests.soak.duplicates.archive_of_parts import parts
-from tests.soak.duplicates.copies import moved
-from tests.soak.duplicates.force import groups_by_force
+from tests.studies.copies import moved
+from tests.studies.first_report import groups_by_force, parts
 
 PLANE = make_shape("plane", 0)
 

@@ -15,7 +15,7 @@ from core.ranking.likeness import SIMILAR
 from service.errors import WorkerLostError
 from service.search import likeness
 from tests.service.support import Running, query, serving, settings_in
-from tests.soak.duplicates.copies import moved, simplified
+from tests.studies.copies import moved, simplified
 
 OCTOPUS = make_body("octopus").posed(0)
 STORED = {

@@ -9,7 +9,7 @@ from tests.service.support import Running
 from tests.soak.browser.support import Visit, choose
 from tests.soak.browser.test_everybody import serious
 from tests.soak.browser.test_map import PHONE
-from tests.soak.duplicates.copies import moved
+from tests.studies.copies import moved
 
 
 @pytest.mark.parametrize("visit", [{"color_scheme": "dark"}, PHONE], indirect=True, ids=["desktop", "phone"])

@@ -1,15 +1,19 @@
-"""`python -m tests.soak.vectors --count 1000000`: a table of times and recall, on a server of its own.
+"""The time that PostgreSQL takes to find the nearest of many signatures, and the recall of its graph.
+
+    python -m tests.studies.vectors DIR [--count 1000000] [--queries 50] [--ef-search 100 400 1000]
 
 The signatures are made: groups of 200, as the poses of one body are, with a normal spread of a third of that
-between groups. Queries are further members of such groups.
+between groups. Queries are further members of such groups. The server is one of its own. Exits with status 1
+unless exact search finds all of the nearest.
 """
 
-import argparse
 import time
 from collections.abc import Callable
 from contextlib import closing
 from datetime import UTC, datetime
+from functools import partial
 from itertools import product
+from pathlib import Path
 
 import numpy as np
 import psycopg
@@ -25,6 +29,7 @@ from service.storage.database import Database
 from service.storage.hnsw import ensure_hnsw, index_name
 from service.storage.hnsw_parameters import HnswParameters
 from tests.service import engines
+from tests.studies.common import run, write
 
 LENGTH = 33
 GROUP = 200
@@ -32,13 +37,13 @@ SPREAD = 0.3
 FINGERPRINT = "f" * 16
 AT_ONCE = 20_000
 TAGGED = 10
-"""Every so manieth shape has the tag."""
+"""One shape in so many has the tag."""
 
 MEMORY = "&options=-c%20maintenance_work_mem%3D2GB"
 
 
 def signatures(count: int, queries: int, seed: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Those that are stored, shape (count, s), and those that are searched for."""
+    """Return the signatures that are stored, shape (count, s), and those that are searched for."""
     rng = np.random.default_rng(seed)
     middles = rng.normal(size=(max(1, count // GROUP), LENGTH)).astype(np.float32)
     stored, asked = (
@@ -75,7 +80,7 @@ def fill(url: str, stored: NDArray[np.float32]) -> None:
 def truth(
     stored: NDArray[np.float32], query: NDArray[np.float32], count: int, step: int
 ) -> NDArray[np.int64]:
-    """The numbers of the nearest, of every `step`th, by plain computation."""
+    """Return the numbers of the nearest among every `step`th signature, by plain computation."""
     some = stored[::step]
     distances = np.concatenate(
         [((some[i : i + AT_ONCE] - query) ** 2).sum(axis=1) for i in range(0, len(some), AT_ONCE)]
@@ -88,88 +93,88 @@ def measured(
     nearest: list[NDArray[np.int64]],
     search: Callable[[NDArray[np.float32]], NDArray[np.int64]],
 ) -> tuple[Floats, Floats]:
-    """The milliseconds of each query, and the share of the nearest that it found."""
+    """Return the milliseconds of each query, and the share of the nearest that it finds."""
     milliseconds, recall = [], []
-    for query, there in zip(asked, nearest, strict=False):
+    for query, expected in zip(asked, nearest, strict=False):
         began = time.perf_counter()
-        found = search(query)
+        shapes = search(query)
         milliseconds.append(1e3 * (time.perf_counter() - began))
-        recall.append(len(np.intersect1d(found, there)) / len(there))
+        recall.append(len(np.intersect1d(shapes, expected)) / len(expected))
     return np.array(milliseconds), np.array(recall)
 
 
 def main(
+    folder: Path,
     count: int,
     queries: int,
     seed: int,
-    graph: HnswParameters,
+    m: int,
+    ef_construction: int,
+    ef_search: list[int],
     wanted: list[int],
     more: list[int],
-    efs: list[int],
-    unfiltered: bool,
-) -> None:
+) -> bool:
+    """Write graph.csv and vectors.csv; return whether exact search has full recall."""
     stored, asked = signatures(count, queries, seed)
     url = engines.empty_database(migrated=True) + MEMORY
     fill(url, stored)
-    with closing(Database(url, lock_seconds=60, hnsw=graph)) as database:
+    rows, exact = [], True
+    with closing(Database(url, lock_seconds=60, hnsw=HnswParameters(m, ef_construction))) as database:
         began = time.perf_counter()
         with database.write() as session:
             ensure_hnsw(session, FINGERPRINT)
-        build = time.perf_counter() - began
+        seconds = time.perf_counter() - began
         with engines.bare(url) as connection:
             connection.execute(text("ANALYZE"))
-            told = text(f"SELECT pg_relation_size('{index_name(FINGERPRINT)}')")
-            size = connection.execute(told).scalar_one()
-        how = f"m {graph.m}, ef_construction {graph.ef_construction}"
-        print(f"{count:,} signatures of {LENGTH} numbers; {how}: in {build:.0f} s, {size / 2**20:.0f} MiB.\n")
-        there = {step: [truth(stored, query, max(wanted), step) for query in asked] for step in (1, TAGGED)}
-        print("| ef_search | taken | filter | wanted | p50 ms | p95 ms | recall, mean | recall, least |")
-        print("|---|---|---|---:|---:|---:|---:|---:|")
-        everything, tenth = (
-            ShapeFilter(DEFAULT_COLLECTION.number),
-            ShapeFilter(DEFAULT_COLLECTION.number, tags=("tenth",)),
-        )
-        meant = [(everything, 1, "")] + ([] if unfiltered else [(tenth, TAGGED, f"1 of {TAGGED}")])
-        ways = [(None, 1), *((each, times) for each in efs for times in more)]
-        for (ef, times), (shapes, step, about), most in product(ways, meant, wanted):
-
-            def search(
-                query: NDArray[np.float32],
-                ef: int | None = ef,
-                times: int = times,
-                shapes: ShapeFilter = shapes,
-                most: int = most,
-            ) -> NDArray[np.int64]:
-                with database.read() as session:
-                    return nearest(
-                        session, FINGERPRINT, query, most, shapes=shapes, ef_search=ef, more=times
-                    ).shapes
-
-            few = asked if ef is not None else asked[: max(1, queries // 5)]
-            milliseconds, recall = measured(few, [each[:most] for each in there[step]], search)
+            size = text(f"SELECT pg_relation_size('{index_name(FINGERPRINT)}')")
+            mib = connection.execute(size).scalar_one() / 2**20
+        graph = {"signatures": count, "m": m, "ef_construction": ef_construction}
+        write(folder / "graph.csv", [graph | {"built_s": seconds, "size_mib": mib}], digits=7)
+        expected = {
+            step: [truth(stored, query, max(wanted), step) for query in asked] for step in (1, TAGGED)
+        }
+        ways: list[tuple[int | None, int]] = [(None, 1), *product(ef_search, more)]
+        for (ef, times), step, most in product(ways, (1, TAGGED), wanted):
+            shapes = ShapeFilter(DEFAULT_COLLECTION.number, tags=() if step == 1 else ("tenth",))
+            search = partial(_search, database, shapes=shapes, most=most, ef=ef, more=times)
+            chosen = asked if ef is not None else asked[: max(1, queries // 5)]
+            milliseconds, recall = measured(chosen, [each[:most] for each in expected[step]], search)
             p50, p95 = np.percentile(milliseconds, [50, 95])
-            how = "exact |" if ef is None else f"{ef} | {times} times"
-            figures = f"{p50:.1f} | {p95:.1f} | {recall.mean():.4f} | {recall.min():.3f}"
-            print(f"| {how} | {about} | {most:,} | {figures} |", flush=True)
+            exact &= ef is not None or recall.min() == 1.0
+            row = {"ef_search": ef or "exact", "more": times, "one_of": step, "wanted": most}
+            row |= {"p50_ms": p50, "p95_ms": p95, "mean_recall": recall.mean(), "least_recall": recall.min()}
+            rows.append(row)
+    write(folder / "vectors.csv", rows)
+    return bool(exact)
+
+
+def _search(
+    database: Database,
+    query: NDArray[np.float32],
+    *,
+    shapes: ShapeFilter,
+    most: int,
+    ef: int | None,
+    more: int,
+) -> NDArray[np.int64]:
+    with database.read() as session:
+        return nearest(session, FINGERPRINT, query, most, shapes=shapes, ef_search=ef, more=more).shapes
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__)
     usual = HnswParameters()
-    parser.add_argument("--count", type=int, default=1_000_000)
-    parser.add_argument("--queries", type=int, default=50)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--m", type=int, default=usual.m)
-    parser.add_argument("--ef-construction", type=int, default=usual.ef_construction)
-    parser.add_argument("--ef-search", type=int, nargs="+", default=[100, usual.ef_search, 1_000])
-    parser.add_argument("--wanted", type=int, nargs="+", default=[100, 1_000])
-    parser.add_argument("--more", type=int, nargs="+", default=[MORE])
-    parser.add_argument("--unfiltered", action="store_true")
-    given = parser.parse_args()
     try:
-        main(
-            *(given.count, given.queries, given.seed, HnswParameters(given.m, given.ef_construction)),
-            *(given.wanted, given.more, given.ef_search, given.unfiltered),
+        run(
+            main,
+            __doc__,
+            count=1_000_000,
+            queries=50,
+            seed=0,
+            m=usual.m,
+            ef_construction=usual.ef_construction,
+            ef_search=(100, usual.ef_search, 1_000),
+            wanted=(100, 1_000),
+            more=(MORE,),
         )
     finally:
         engines.stop()

@@ -1,15 +1,32 @@
-"""Parts made by code: 40 that differ from their mirror images, and 20 that do not."""
+"""Which of 60 parts made by code are mirror images, by a running service.
 
-from collections.abc import Callable
+    python -m tests.studies.chirality DIR [--chiral 40] [--symmetric 20]
+
+Each part is compared with itself turned and with its mirror image turned: of a chiral part the mirror image
+is `mirrored`, all other pairs are `same`. Then the same with the second part on another mesh. Exits with
+status 1 unless all pairs on the same mesh, and 110 of 120 on another, are right.
+"""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import numpy as np
 from numpy.random import Generator, default_rng
 
 from core.gallery.solids import Frame, Part, box, ellipsoid, plate, revolved, tube
 from core.gallery.surface import surface
+from core.io import write_mesh
 from core.mesh.mesh import Mesh
+from tests.studies.common import run
+from tests.studies.copies import moved
+from tests.studies.planted import PlantedPair, compared, write_table
 
-VERTICES = 2000
+VERTICES, REMESHED = 2000, 2600
+"""Approximate numbers of vertices of a part, and of its other mesh."""
+
+LEAST_REMESHED = 110 / 120
+"""Least share of right pairs on another mesh."""
+
 Build = Callable[[Generator], list[Part]]
 
 
@@ -108,3 +125,31 @@ def part(build: Build, number: int, vertices: int = VERTICES) -> Mesh:
     """One part; another number of vertices gives another mesh of the same part."""
     points, faces = surface(build(default_rng([number, len(build.__name__)])), vertices)
     return Mesh(points, faces)
+
+
+def planted_pairs(chiral: int, symmetric: int, vertices: int) -> Iterator[PlantedPair]:
+    """Yield each part with itself and with its mirror image, turned, with the second part on another mesh."""
+    cases = [(build, number, True) for number in range(chiral // len(CHIRAL)) for build in CHIRAL]
+    cases += [(build, number, False) for number in range(symmetric // len(SYMMETRIC)) for build in SYMMETRIC]
+    for turn, (build, number, is_chiral) in enumerate(cases):
+        first, other = part(build, number), part(build, number, vertices)
+        for mirrored in (False, True):
+            second = moved(other, turn, mirrored=mirrored)
+            files = write_mesh(first, "off"), write_mesh(second, "off")
+            kind = f"{'mirrored' if mirrored else 'turned'}, {'chiral' if is_chiral else 'symmetric'}"
+            right = frozenset({"mirrored" if mirrored and is_chiral else "same"})
+            yield PlantedPair(kind, f"{build.__name__} {number} {vertices}", files, right)
+
+
+def main(folder: Path, chiral: int, symmetric: int) -> bool:
+    """Write a table for each number of vertices; return whether enough pairs are right."""
+    enough = True
+    for vertices, least in ((VERTICES, 1.0), (REMESHED, LEAST_REMESHED)):
+        answers = compared(planted_pairs(chiral, symmetric, vertices))
+        write_table(folder / f"chirality-{vertices}.csv", answers)
+        enough &= sum(answer.right for answer in answers) >= least * len(answers)
+    return enough
+
+
+if __name__ == "__main__":
+    run(main, __doc__, chiral=40, symmetric=20)

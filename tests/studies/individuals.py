@@ -1,25 +1,26 @@
-"""`python -m tests.soak.individuals DIR --seed 0`: write individuals whose proportions differ by 5 %.
+"""Write individuals whose proportions differ by 5 %, in several poses, as a collection.
+
+    python -m tests.studies.individuals DIR [--seed 0] [--bodies 20] [--poses 10]
 
 Each person or quadruped is a class, and each pose has another mesh. `isoshape evaluate DIR --rank-by all`
 shows how well the individuals are told apart.
 """
 
-import argparse
 from pathlib import Path
 
 from numpy.random import default_rng
 
 from core.gallery.bodies import make_body
 from core.io import write_mesh
+from tests.studies.common import run
 
 LABELS = ("person", "quadruped")
 VARIATION = 0.05
 LEAST_VERTICES, MOST_VERTICES = 1800, 3200
 
 
-def main(folder: Path, *, seed: int, bodies: int, poses: int) -> None:
+def main(folder: Path, seed: int, bodies: int, poses: int) -> None:
     """Write `bodies` individuals of each of `LABELS` in `poses` poses, as OFF, and labels.csv."""
-    folder.mkdir(parents=True, exist_ok=True)
     lines = ["file,class"]
     for label in LABELS:
         for number in range(bodies):
@@ -30,14 +31,7 @@ def main(folder: Path, *, seed: int, bodies: int, poses: int) -> None:
                 (folder / name).write_bytes(write_mesh(body.posed(pose), "off"))
                 lines.append(f"{name},{label}-{number}")
     (folder / "labels.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    print(f"{len(lines) - 1} meshes of {len(LABELS) * bodies} individuals in {folder}")
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(prog="python -m tests.soak.individuals", description=__doc__)
-    parser.add_argument("folder", metavar="DIR", type=Path)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--bodies", type=int, default=20)
-    parser.add_argument("--poses", type=int, default=10)
-    given = parser.parse_args()
-    main(given.folder, seed=given.seed, bodies=given.bodies, poses=given.poses)
+    run(main, __doc__, seed=0, bodies=20, poses=10)

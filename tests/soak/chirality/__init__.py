@@ -1,1 +1,0 @@
-"""The likeness of chiral and of symmetric parts to their mirror images."""

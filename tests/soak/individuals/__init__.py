@@ -1,1 +1,0 @@
-"""Similar individuals in several poses, made by code, as a collection to evaluate."""

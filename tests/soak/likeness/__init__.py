@@ -1,1 +1,0 @@
-"""The likeness of pairs made by code."""

@@ -1,1 +1,0 @@
-"""Parts of real models looked for among the whole ones: `make partial-test`."""
