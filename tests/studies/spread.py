@@ -125,7 +125,7 @@ def main(folder: Path, files: int, collection: Path | None, seconds: float) -> b
 
 
 if __name__ == "__main__":
-    # Worker processes import `embedded_in_a_second` by the name of this module, which is not that of a script.
+    # Workers import `embedded_in_a_second` by the name of its module, which a script does not have.
     try:
         run(import_module("tests.studies.spread").main, __doc__, files=112, collection=Path, seconds=5.0)
     finally:
