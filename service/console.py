@@ -1,6 +1,6 @@
 """The output of commands: results on standard output, messages on standard error."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import NoReturn
 
 import typer
@@ -74,3 +74,24 @@ def progress() -> Progress:
         transient=True,
         disable=not console.is_terminal,
     )
+
+
+def table(*columns: str, fold: Collection[str] = (), title: str | None = None) -> Table:
+    """Return an empty table with a line under its head.
+
+    Parameters
+    ----------
+    *columns : str
+        The heads of the columns; one that begins with ">" is of numbers, to the right.
+    fold : collection of str
+        The heads of the columns whose text may take several lines.
+    title : str, optional
+    """
+    made = Table(box=box.SIMPLE_HEAD, collapse_padding=True, title=title)
+    for column in columns:
+        head = column.removeprefix(">")
+        if head in fold:
+            made.add_column(head, overflow="fold")
+        else:
+            made.add_column(head, justify="right" if column[0] == ">" else "left", no_wrap=True)
+    return made

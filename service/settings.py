@@ -23,6 +23,7 @@ PREFIX = "ISOSHAPE_"
 OTHER_VARIABLES = frozenset({"ISOSHAPE_API_KEY", "ISOSHAPE_COLLECTION", "ISOSHAPE_DATA", "ISOSHAPE_URL"})
 """Variables that the command line and the tests read. The service accepts and ignores them."""
 
+Seconds = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Digests = Annotated[tuple[str, ...], NoDecode]
 
 _HOST = re.compile(r"[A-Za-z0-9._-]+|\[[0-9A-Fa-f:.]+\]")
@@ -120,24 +121,18 @@ class Settings(BaseSettings):
         "answered 503 with Retry-After. Each waiting upload holds its file in memory and in "
         "the temporary folder.",
     )
-    receive_seconds: float = Field(
+    receive_seconds: Seconds = Field(
         default=20.0,
-        gt=0,
-        allow_inf_nan=False,
         description="The longest wait for the next bytes of a request's body; the request is then "
         "answered 408. In each further such period 64 KiB must arrive.",
     )
-    task_seconds: float = Field(
+    task_seconds: Seconds = Field(
         default=120.0,
-        gt=0,
-        allow_inf_nan=False,
         description="The time limit of one task in a worker. A worker that exceeds it is replaced; its "
         "file is refused with 422, its comparison with 503.",
     )
-    read_seconds: float = Field(
+    read_seconds: Seconds = Field(
         default=30.0,
-        gt=0,
-        allow_inf_nan=False,
         description="The limit of processor time for reading one file; a file that needs more is "
         "refused with 422.",
     )
@@ -154,10 +149,8 @@ class Settings(BaseSettings):
         "to stop; the rest are answered 503. Keep it below `stop_grace_period` of "
         "docker/compose.yaml.",
     )
-    lock_seconds: float = Field(
+    lock_seconds: Seconds = Field(
         default=10.0,
-        gt=0,
-        allow_inf_nan=False,
         description="The longest wait for the lock of the database; the answer is then 503 with Retry-After.",
     )
     max_upload_bytes: PositiveInt = Field(

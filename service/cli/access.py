@@ -3,13 +3,11 @@
 from typing import Annotated
 
 import typer
-from rich import box
-from rich.table import Table
 
 from service.auth.keys import KeyEntry, digest_of, new_key
 from service.cli.service_address import Key, Url, service_at
 from service.collection import is_name
-from service.console import fail, output
+from service.console import fail, output, table
 
 
 def key_command(
@@ -53,10 +51,8 @@ def collections_command(
             client.create_collection(create)
         if delete is not None:
             client.delete_collection(delete)
-        found = client.collections().collections
-    table = Table(box=box.SIMPLE_HEAD, collapse_padding=True)
-    table.add_column("collection", no_wrap=True)
-    table.add_column("shapes", justify="right")
-    for one in found:
-        table.add_row(one.name, str(one.shapes))
-    output().print(table)
+        collections = client.collections().collections
+    listed = table("collection", ">shapes")
+    for collection in collections:
+        listed.add_row(collection.name, str(collection.shapes))
+    output().print(listed)

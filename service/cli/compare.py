@@ -6,13 +6,11 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
-from rich import box
-from rich.table import Table
 
 from service.cli.service_address import Collection, Key, Url, service_at
 from service.client import search_calls
 from service.client.search_calls import Compared
-from service.console import fail, output, progress, say
+from service.console import fail, output, progress, say, table
 from service.duplicates.schemas import DuplicatesAnswer
 from service.search.compare_schemas import CompareAnswer
 from service.search.schemas import likeness_in_words, score_in_words
@@ -116,14 +114,10 @@ def duplicates_command(
 
 
 def _print_groups(answer: DuplicatesAnswer) -> None:
-    table = Table(box=box.SIMPLE_HEAD, collapse_padding=True)
-    table.add_column("group", justify="right")
-    table.add_column("name", overflow="fold")
-    table.add_column("likeness")
-    for name in ("scale", "cc", "residual"):
-        table.add_column(name, justify="right", no_wrap=True)
+    columns = (">group", "name", "likeness", ">scale", ">cc", ">residual")
+    groups = table(*columns, fold=("name",))
     for number, group in enumerate(answer.groups, 1):
-        for one in group:
-            numbers = f"{one.scale:.4g}", score_in_words(one.cc), f"{one.residual:.4f}"
-            table.add_row(str(number), one.shape.name, one.likeness, *numbers)
-    output().print(table)
+        for member in group:
+            numbers = f"{member.scale:.4g}", score_in_words(member.cc), f"{member.residual:.4f}"
+            groups.add_row(str(number), member.shape.name, member.likeness, *numbers)
+    output().print(groups)

@@ -11,8 +11,6 @@ from typing import Annotated
 
 import typer
 from PIL import Image, ImageDraw, ImageFont
-from rich import box
-from rich.table import Table
 
 from core.gallery import CLASSES, make_shape
 from core.io import write_mesh
@@ -22,7 +20,7 @@ from service.cli.service_address import Key
 from service.client import Client
 from service.client.concurrent_uploads import Item, upload_all
 from service.compute.compilation import is_compiled
-from service.console import fail, output, progress, say
+from service.console import fail, output, progress, say, table
 from service.report.pictures import SIZE, Preview, matched
 from service.search.schemas import QueryAnswer, score_in_words
 from service.server.process import (
@@ -159,20 +157,11 @@ def _query(client: Client, label: str) -> Answered:
 
 
 def _print(answered: list[Answered]) -> None:
-    table = Table(
-        title="the three stored shapes most similar to an unseen pose",
-        box=box.SIMPLE_HEAD,
-        collapse_padding=True,
-    )
-    table.add_column("query", no_wrap=True)
-    table.add_column("rank", justify="right")
-    table.add_column("stored shape", no_wrap=True)
-    for name in ("CC", "SSD", "sim"):
-        table.add_column(name, justify="right", no_wrap=True)
-    table.add_column("class", no_wrap=True)
+    columns = ("query", ">rank", "stored shape", ">CC", ">SSD", ">sim", "class")
+    answers = table(*columns, title="the three stored shapes most similar to an unseen pose")
     for query in answered:
         for result in query.answer.results:
-            table.add_row(
+            answers.add_row(
                 query.name if result.rank == 1 else "",
                 str(result.rank),
                 result.shape.name,
@@ -182,7 +171,7 @@ def _print(answered: list[Answered]) -> None:
                 "same" if query.label in result.shape.tags else "other",
                 end_section=result.rank == len(query.answer.results),
             )
-    output().print(table)
+    output().print(answers)
 
 
 def _draw(client: Client, answered: Sequence[Answered], path: Path) -> None:

@@ -23,52 +23,9 @@ from service.shapes.fields import TAG_CHARACTERS, split_tags
 from service.shapes.schemas import ShapeFields
 
 
-@dataclass(frozen=True)
-class Done:
-    """The numbers of files stored and already present, and the refused files with their causes."""
-
-    stored: int
-    present: int
-    refused: list[tuple[str, str]]
-
-
 def is_archive(path: Path) -> bool:
     """Return whether a file is an archive, by its name."""
     return path.is_file() and path.suffix.lower() == ".zip"
-
-
-def store_archive(client: Client, path: Path, tags: Sequence[str], bar: Progress) -> Done:
-    """Send an archive, and wait until its job has ended.
-
-    Raises
-    ------
-    ClientError
-        The service does not answer, or gives an unexpected answer.
-    """
-    task = bar.add_task(f"storing {path.name}", total=None)
-    try:
-        sent = client.send_archive(path, tags=tags)
-    except ProblemError as error:
-        return Done(0, 0, [(str(path), _said(error.problem))])
-    except OSError as error:
-        return Done(0, 0, [(str(path), error.strerror or str(error))])
-    for job in client.follow_job(sent.id):
-        counts = job.counts
-        bar.update(task, total=counts.files or None, completed=counts.files - counts.waiting)
-    refused = [
-        (f"{path}: {file.path}", _said(file.problem))
-        for file in client.job_files(sent.id, outcome="refused")
-        if file.problem is not None
-    ]
-    if job.problem is not None:
-        refused.append((str(path), _said(job.problem)))
-    elif job.state == "cancelled":
-        refused.append((str(path), "the job was cancelled"))
-    return Done(job.counts.stored, job.counts.present, refused)
-
-
-def _said(problem: Problem | Cause) -> str:
-    return f"{problem.type.removeprefix(TYPE_PREFIX)}: {problem.detail}"
 
 
 NAME, TAGS = "name", "tags"
@@ -181,23 +138,12 @@ class Tally:
         if isinstance(outcome, str):
             self.refused.append((item.origin, outcome))
         else:
-            for one in (outcome, *outcome.parts):
-                self._count(item, one)
-
-    def _count(self, item: Item, one: Upload) -> None:
-        """Count a shape of a file."""
-        if one.created:
-            self.created += 1
-            self.warnings += [(item.origin, warning) for warning in one.shape.warnings]
-        else:
-            self.present += 1
-
-    def add_archive(self, done: Done) -> None:
-        """Count the outcomes of the files of an archive."""
-        self.finished += 1
-        self.created += done.stored
-        self.present += done.present
-        self.refused += done.refused
+            for upload in (outcome, *outcome.parts):
+                if upload.created:
+                    self.created += 1
+                    self.warnings += [(item.origin, warning) for warning in upload.shape.warnings]
+                else:
+                    self.present += 1
 
     def say_now_and_then(self, *, visible: bool) -> None:
         """Print a line of progress, if it is `visible` and the last one is some time ago."""
@@ -212,6 +158,42 @@ class Tally:
         output().print(f"{counts}{left_out}", soft_wrap=True)
         for origin, cause in sorted(self.warnings) + sorted(self.refused):
             say(f"{origin}: {cause}")
+
+
+def store_archive(client: Client, path: Path, tags: Sequence[str], bar: Progress, tally: Tally) -> None:
+    """Send an archive, wait until its job has ended, and count the outcomes of its files.
+
+    Raises
+    ------
+    ClientError
+        The service does not answer, or gives an unexpected answer.
+    """
+    task = bar.add_task(f"storing {path.name}", total=None)
+    tally.finished += 1
+    try:
+        sent = client.send_archive(path, tags=tags)
+    except ProblemError as error:
+        tally.refused.append((str(path), _said(error.problem)))
+        return
+    except OSError as error:
+        tally.refused.append((str(path), error.strerror or str(error)))
+        return
+    for job in client.follow_job(sent.id):
+        counts = job.counts
+        bar.update(task, total=counts.files or None, completed=counts.files - counts.waiting)
+    tally.created += job.counts.stored
+    tally.present += job.counts.present
+    for file in client.job_files(sent.id, outcome="refused"):
+        if file.problem is not None:
+            tally.refused.append((f"{path}: {file.path}", _said(file.problem)))
+    if job.problem is not None:
+        tally.refused.append((str(path), _said(job.problem)))
+    elif job.state == "cancelled":
+        tally.refused.append((str(path), "the job was cancelled"))
+
+
+def _said(problem: Problem | Cause) -> str:
+    return f"{problem.type.removeprefix(TYPE_PREFIX)}: {problem.detail}"
 
 
 def ingest_command(
@@ -269,7 +251,7 @@ def ingest_command(
                 bar.update(task, description=f"storing {item.name}", advance=1)
                 tally.say_now_and_then(visible=bar.disable)
             for path in archives:
-                tally.add_archive(store_archive(client, path, tag or [], bar))
+                store_archive(client, path, tag or [], bar, tally)
     except KeyboardInterrupt:
         stopped = True
     tally.print()

@@ -4,13 +4,12 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
-from rich import box
 from rich.console import Console
 from rich.table import Table
 
 from service.cli.service_address import Collection, Key, Url, service_at
 from service.client import Client, QueryArguments
-from service.console import output, progress, say
+from service.console import output, progress, say, table
 from service.search.schemas import (
     CC_OF_PAIRS,
     LARGEST_SIZE_TOLERANCE,
@@ -151,19 +150,14 @@ def print_answer(console: Console, answer: QueryAnswer) -> None:
     if not answer.results:
         console.print("no compared shape has so high a cc")
         return
-    table = Table(box=box.SIMPLE_HEAD, collapse_padding=True)
-    table.add_column("rank", justify="right")
-    table.add_column("name", overflow="fold")
-    table.add_column("likeness", overflow="fold")
-    table.add_column("tags", overflow="fold")
-    for name in ("cc", "ssd", "sim", "combined"):
-        table.add_column(name, justify="right", no_wrap=True)
+    columns = [">rank", "name", "likeness", "tags", ">cc", ">ssd", ">sim", ">combined"]
     partial = any(result.part_distance is not None for result in answer.results)
     if partial:
-        table.add_column("part distance", justify="right", no_wrap=True)
+        columns.append(">part distance")
+    results = table(*columns, fold=("name", "likeness", "tags"))
     for result in answer.results:
         told = [] if result.part_distance is None else [f"{result.part_distance:.4f}"]
-        table.add_row(
+        results.add_row(
             str(result.rank),
             result.shape.name,
             likeness_in_words(result.likeness, result.scale),
@@ -174,7 +168,7 @@ def print_answer(console: Console, answer: QueryAnswer) -> None:
             f"{result.combined:.3f}",
             *told,
         )
-    console.print(table)
+    console.print(results)
     console.print(_sizes(answer))
     if not (answer.matched or partial or any(result.likeness != "weak" for result in answer.results)):
         console.print("No result is similar: the best cc is below the pipeline's threshold.")
@@ -182,18 +176,14 @@ def print_answer(console: Console, answer: QueryAnswer) -> None:
 
 def _sizes(answer: QueryAnswer) -> Table:
     """Return the sizes of the results, in the units of their files."""
-    table = Table(box=box.SIMPLE_HEAD, collapse_padding=True)
-    table.add_column("rank", justify="right")
-    table.add_column("length × width × height")
-    for name in ("area", "volume", "size over query"):
-        table.add_column(name, justify="right")
+    sizes = table(">rank", "length × width × height", ">area", ">volume", ">size over query")
     for result in answer.results:
         facts, ratio = result.shape.facts, result.size_ratio
-        table.add_row(
+        sizes.add_row(
             str(result.rank),
             box_in_words(facts),
             number_in_words(facts.area),
             volume_in_words(facts),
             "" if ratio is None else number_in_words(ratio),
         )
-    return table
+    return sizes

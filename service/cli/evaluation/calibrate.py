@@ -11,7 +11,7 @@ import typer
 from core.errors import ParameterError
 from core.evaluation.calibration import LabelledPairs
 from core.parameters import DEFAULT
-from service.cli.options import Workers
+from service.cli.evaluation.options import Workers
 from service.console import fail, print_table, progress, say
 from service.evaluation.calibration import LEVELS, CollectionPairs, part_pairs, study, summary
 from service.evaluation.pairwise_scores import default_workers, worker_pool

@@ -10,7 +10,7 @@ import typer
 
 from core.evaluation.classification import Classification, classify
 from core.parameters import DEFAULT
-from service.cli.options import Collection, Workers
+from service.cli.evaluation.options import Collection, Workers
 from service.console import fail, print_table
 from service.evaluation.pairwise_scores import default_workers
 from service.evaluation.retrieval import Ranking, collection_files, ranked, score_collection

@@ -19,7 +19,7 @@ from core.evaluation.correspondence_errors import (
 )
 from core.gallery import CLASSES
 from core.parameters import DEFAULT
-from service.cli.options import Workers
+from service.cli.evaluation.options import Workers
 from service.console import fail, print_table, progress
 from service.evaluation.pairwise_scores import as_they_end, default_workers, worker_pool
 from service.evaluation.template_truth import ORIENTED, OURS, PLAIN, read_truth, study_truth, summary

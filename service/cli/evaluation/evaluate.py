@@ -16,7 +16,7 @@ from core.evaluation.retrieval_measures import (
     score_quantiles,
 )
 from core.parameters import DEFAULT, PAPER
-from service.cli.options import Collection, Workers
+from service.cli.evaluation.options import Collection, Workers
 from service.console import fail, print_table
 from service.evaluation.pairwise_scores import default_workers
 from service.evaluation.retrieval import (

@@ -11,7 +11,7 @@ import typer
 from core.evaluation.published_figures import ALL_CATEGORIES, METHODS, TABLE_2, Category
 from core.evaluation.retrieval_measures import Evaluation, evaluate
 from core.parameters import DEFAULT, PAPER
-from service.cli.options import Collection, Workers
+from service.cli.evaluation.options import Collection, Workers
 from service.console import fail, print_table
 from service.evaluation.pairwise_scores import default_workers
 from service.evaluation.retrieval import (
