@@ -94,22 +94,22 @@ def descriptors_from_bytes(data: bytes) -> ShapeDescriptors:
     try:
         arrays = load(data)
         header = json.loads(arrays["header"].tobytes())
-        found = ShapeDescriptors(
+        descriptors = ShapeDescriptors(
             arrays["signature"],
             {name: arrays[name] for name in DESCRIPTORS},
             intrinsic_reliability(Facts(**header["facts"])),
         )
     except (SafetensorError, KeyError, TypeError, ValueError, RecursionError, AttributeError) as error:
         raise BadRecordError(f"not an embedding: {error}") from error
-    faults = _array_faults("signature", found.signature, np.float32, (None,))
-    fault = next(chain(faults, _descriptor_faults(found.arrays)), None)
+    faults = _array_faults("signature", descriptors.signature, np.float32, (None,))
+    fault = next(chain(faults, _descriptor_faults(descriptors.arrays)), None)
     if fault is not None:
         raise BadRecordError(f"not an embedding: {fault}")
-    return found
+    return descriptors
 
 
 def _faults(embedding: Embedding) -> Iterator[str]:
-    """Faults of the header's values and of the arrays; a later check assumes that the earlier ones passed."""
+    """Yield faults of the header's values and of the arrays; a later check assumes that the earlier ones passed."""
     yield from _header_faults(embedding)
     m, e, d = (
         array.shape[0] if array.ndim else 0
@@ -162,7 +162,9 @@ def _descriptor_faults(arrays: Mapping[str, NDArray[Any]]) -> Iterator[str]:
 
 def _orientation_faults(embedding: Embedding, m: int) -> Iterator[str]:
     if embedding.orientation is not NO_ORIENTATION:
-        widths = [one.coordinates.shape[1] for one in embedding.spectra if one.name == ORIENTING]
+        widths = [
+            spectrum.coordinates.shape[1] for spectrum in embedding.spectra if spectrum.name == ORIENTING
+        ]
         k = min(ORIENTED, max(widths, default=0))
         yield from _array_faults("orientation", embedding.orientation, np.int8, (m, k * (k - 1) // 2))
 
@@ -170,7 +172,7 @@ def _orientation_faults(embedding: Embedding, m: int) -> Iterator[str]:
 def _array_faults(
     name: str, array: NDArray[Any], dtype: type[np.generic], shape: tuple[int | None, ...]
 ) -> Iterator[str]:
-    """Faults of one array; None in the shape stands for any length above 0."""
+    """Yield faults of one array; None in the shape stands for any length above 0."""
     if array.dtype != dtype:
         yield f"{name} is of type {array.dtype}, not {np.dtype(dtype)}"
     fits = array.ndim == len(shape) and all(

@@ -43,7 +43,7 @@ def approximate_laplace_beltrami(mesh: Mesh, count: int) -> tuple[Floats, Floats
 
 
 def _by_subspace(stiffness: csc_array, areas: Floats, count: int) -> tuple[Floats, Floats]:
-    """Eigenpairs, the constant one first; the functions have unit norm by area."""
+    """Compute eigenpairs, the constant one first; the functions have unit norm by area."""
     root = np.sqrt(areas)
     matrix = scaled(stiffness, areas)
     # A small shift makes the matrix positive definite.
@@ -73,7 +73,7 @@ def _ritz(matrix: csc_array, space: Floats, count: int) -> tuple[Floats, Floats]
 
 
 def _bumps(stiffness: csc_array, areas: Floats) -> csr_array:
-    """Smooth functions around `COARSE` vertices that add up to 1 where there are any, shape (n, COARSE).
+    """Return smooth functions around `COARSE` vertices, of sum 1 or 0 at each vertex, shape (n, COARSE).
 
     Vertices are drawn by area, without replacement, the same for as many vertices.
     """

@@ -81,7 +81,7 @@ COMPONENT_WEIGHT = 0.5
 
 
 def intrinsic_reliability(facts: Facts) -> float:
-    """In (0, 1]: 1 for a closed manifold mesh of one component, near 0 for a polygon soup.
+    """Return a reliability in (0, 1]: 1 for a closed manifold mesh of one piece, near 0 for a polygon soup.
 
     1 / (1 + b / 0.02 + m / 0.02 + (k - 1) / 2), with b and m the shares of edges that have one face and more
     than two faces, and k the number of components.
@@ -111,7 +111,7 @@ surface is 0 or arbitrary; with this its descriptors are finite and of moderate 
 
 
 def global_descriptors(mesh: Mesh) -> Floats:
-    """log(A^1.5 / V), log(H / V) and log(A / B), shape (3,): finite, invariant to rigid motion and scale.
+    """Compute log(A^1.5 / V), log(H / V) and log(A / B), shape (3,): finite, invariant to similarities.
 
     A is the area, V the enclosed volume, H and B are the volume and the area of the convex hull. V is the sum
     of the signed tetrahedra between the area centroid and the faces; for an open surface it is only a number.
@@ -133,7 +133,7 @@ def global_descriptors(mesh: Mesh) -> Floats:
 
 
 def signed_volume(vertices: Floats, faces: Ints) -> float:
-    """Sum of the signed volumes of the tetrahedra between the origin and each face.
+    """Compute the sum of the signed volumes of the tetrahedra between the origin and each face.
 
     Parameters
     ----------
@@ -156,7 +156,7 @@ def _signed_volume(vertices: Floats, faces: Ints) -> float:
 
 
 def _hull(points: Floats) -> tuple[float, float]:
-    """Volume and area of the convex hull; the hull of coplanar points counts both of its sides."""
+    """Return volume and area of the convex hull; the hull of coplanar points counts both of its sides."""
     try:
         hull = ConvexHull(points)
     except QhullError:

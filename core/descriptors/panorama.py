@@ -36,7 +36,7 @@ AROUND, ALONG = 8, 12
 
 
 def panoramas(points: Floats, normals: Floats, axes: Floats) -> Floats:
-    """Panoramas about the three axes of a frame, shape (3, CHANNELS, AZIMUTHS, HEIGHTS), >= 0; 0 where empty.
+    """Return panoramas about three axes, shape (3, CHANNELS, AZIMUTHS, HEIGHTS), >= 0; 0 where empty.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ def panoramas(points: Floats, normals: Floats, axes: Floats) -> Floats:
 
 
 def magnitudes(maps: Floats) -> Floats:
-    """Magnitudes of the low frequencies of panoramas, shape (..., `kept().sum()`), each panorama's of sum 1.
+    """Return magnitudes of low frequencies, shape (..., `kept().sum()`), of sum 1 for each panorama.
 
     Parameters
     ----------
@@ -59,25 +59,25 @@ def magnitudes(maps: Floats) -> Floats:
         >= 0; those of a panorama without a value have sum 0.
     """
     around, along = _waves()
-    found = np.abs(around @ maps @ along.T)[..., kept()]
-    return np.asarray(found / np.maximum(found.sum(axis=-1, keepdims=True), LEAST))
+    kept_magnitudes = np.abs(around @ maps @ along.T)[..., kept()]
+    return np.asarray(kept_magnitudes / np.maximum(kept_magnitudes.sum(axis=-1, keepdims=True), LEAST))
 
 
 @cache
 def kept() -> NDArray[np.bool_]:
-    """Mask of the frequencies inside an ellipse, shape (2 AROUND + 1, ALONG + 1)."""
+    """Return the mask of the frequencies inside an ellipse, shape (2 AROUND + 1, ALONG + 1)."""
     return frequency_radii() <= 1.0
 
 
 def frequency_radii() -> Floats:
-    """Norms of the frequencies, shape (2 AROUND + 1, ALONG + 1); 0 at the mean, 1 on the ellipse."""
+    """Return norms of the frequencies, shape (2 AROUND + 1, ALONG + 1); 0 at the mean, 1 on the ellipse."""
     around = (np.arange(1, 2 * AROUND + 2) // 2)[:, None] / (AROUND + 0.5)
     return np.hypot(around, np.arange(ALONG + 1) / (ALONG + 0.5))
 
 
 @cache
 def _waves() -> tuple[Floats, Floats]:
-    """Waves around the axis, shape (2 AROUND + 1, AZIMUTHS), and along it, shape (ALONG + 1, HEIGHTS)."""
+    """Return waves around the axis, (2 AROUND + 1, AZIMUTHS), and along it, (ALONG + 1, HEIGHTS)."""
     angles = np.arange(AZIMUTHS) * (2.0 * np.pi / AZIMUTHS)
     turns = [wave(k * angles) for k in range(1, AROUND + 1) for wave in (np.cos, np.sin)]
     heights = (np.arange(HEIGHTS) + 0.5) * (np.pi / HEIGHTS)
@@ -101,11 +101,13 @@ def _azimuth(x: float, y: float) -> int:
 
 @compiled
 def _panoramas(points: Floats, normals: Floats) -> Floats:
+    """Return panoramas about the three coordinate axes: see `panoramas`."""
     maps = np.zeros((3, CHANNELS, AZIMUTHS, HEIGHTS))
     for axis in range(3):
         east, north = (axis + 1) % 3, (axis + 2) % 3
         for p in range(len(points)):
             x, y = points[p, east], points[p, north]
+            # The cell of the cylinder, and in it the outermost point with its normal.
             radius = np.sqrt(x * x + y * y)
             i = _azimuth(x, y)
             row = int((points[p, axis] / HALF_HEIGHT + 1.0) * (0.5 * HEIGHTS))

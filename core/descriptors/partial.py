@@ -76,19 +76,19 @@ def describe_part(surface: Mesh) -> Bytes:
     """
     boundary = _boundary_points(surface)
     tree = cKDTree(boundary) if len(boundary) else None
-    made = []
+    rows = []
     for missing in MISSING_SHARES:
-        found = spin_images(surface, missing)
-        away = np.full(len(found.points), np.inf) if tree is None else tree.query(found.points)[0]
-        counts = away[:, None] > BOUNDARY_MARGIN * found.unit * np.array(RADII)
-        if counts.mean() < LEAST_USABLE:
-            counts[:] = True
-        made.append(np.concatenate([found.bytes, counts.astype(np.uint8)], axis=1))
-    return np.concatenate(made)
+        described = spin_images(surface, missing)
+        gaps = np.full(len(described.points), np.inf) if tree is None else tree.query(described.points)[0]
+        usable = gaps[:, None] > BOUNDARY_MARGIN * described.unit * np.array(RADII)
+        if usable.mean() < LEAST_USABLE:
+            usable[:] = True
+        rows.append(np.concatenate([described.bytes, usable.astype(np.uint8)], axis=1))
+    return np.concatenate(rows)
 
 
 def _boundary_points(surface: Mesh) -> Floats:
-    """Points on the boundary edges, dense enough for the smallest support ball, shape (p, 3).
+    """Sample points on the boundary edges, dense enough for the smallest support ball, shape (p, 3).
 
     The edges of a needle are long beside the root of its area; `MOST_BOUNDARY_POINTS` bounds their number.
     """
@@ -100,13 +100,13 @@ def _boundary_points(surface: Mesh) -> Floats:
     )
     count = np.maximum(np.ceil(lengths / step), 1.0).astype(np.int64)
     edge = np.repeat(np.arange(len(count)), count)
-    place = np.arange(len(edge)) - np.repeat(np.cumsum(count) - count, count)
-    along = ((place + 0.5) / count[edge])[:, None]
+    index = np.arange(len(edge)) - np.repeat(np.cumsum(count) - count, count)
+    along = ((index + 0.5) / count[edge])[:, None]
     return np.asarray(start[edge] + along * (end - start)[edge])
 
 
 def part_distances(part: Bytes, wholes: Sequence[Bytes]) -> Floats:
-    """Distance of the spin images of a part to the nearest ones of each of c wholes, shape (c,), >= 0.
+    """Compute distances of a part to each of c wholes, by their spin images, shape (c,), >= 0.
 
     The mean squared distance over the usable support balls, for the missing share that minimises it. It is 0
     for a complete surface and itself; for a part it depends on the cut.
@@ -118,22 +118,22 @@ def part_distances(part: Bytes, wholes: Sequence[Bytes]) -> Floats:
     wholes : sequence of uint8, each of shape (KEYPOINTS, SPIN_IMAGE_LENGTH)
         From `core.descriptors.spin_images.spin_images`.
     """
-    own = part[:, :SPIN_IMAGE_LENGTH].astype(np.float32)
+    images = part[:, :SPIN_IMAGE_LENGTH].astype(np.float32)
     counts = part[:, SPIN_IMAGE_LENGTH:].astype(np.float32)
-    weighted = np.repeat(counts, BINS, axis=1) * own
-    squares = (weighted * own).sum(axis=1)
+    weighted = np.repeat(counts, BINS, axis=1) * images
+    squares = (weighted * images).sum(axis=1)
     factors = np.concatenate([-2.0 * weighted, counts], axis=1).T
     starts = [0, *accumulate(spin_image_count(missing) for missing in MISSING_SHARES)][:-1]
     balls = np.add.reduceat(counts.sum(axis=1, dtype=np.float64), starts) / len(RADII)
-    found = np.empty(len(wholes))
+    distances = np.empty(len(wholes))
     for start in range(0, len(wholes), BATCH):
-        some = np.stack(wholes[start : start + BATCH]).astype(np.float32)
+        batch = np.stack(wholes[start : start + BATCH]).astype(np.float32)
         # Over the usable balls |x - y|^2 = |x|^2 - 2 x y + |y|^2, where |x|^2 is added to the minimum.
-        ball_squares = (some**2).reshape(*some.shape[:2], len(RADII), BINS).sum(axis=3)
-        products = np.concatenate([some, ball_squares], axis=2) @ factors
+        ball_squares = (batch**2).reshape(*batch.shape[:2], len(RADII), BINS).sum(axis=3)
+        products = np.concatenate([batch, ball_squares], axis=2) @ factors
         least = (products.min(axis=1) + squares).astype(np.float64)
-        found[start : start + len(some)] = (np.add.reduceat(least, starts, axis=1) / balls).min(axis=1)
-    return found / BYTE_SCALE**2
+        distances[start : start + len(batch)] = (np.add.reduceat(least, starts, axis=1) / balls).min(axis=1)
+    return distances / BYTE_SCALE**2
 
 
 @dataclass(frozen=True, eq=False)

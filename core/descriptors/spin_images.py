@@ -63,7 +63,7 @@ class SpinImages:
 
 
 def spin_images(surface: Mesh, missing: float = 0.0) -> SpinImages:
-    """Spin images at keypoints spread evenly over a surface.
+    """Compute spin images at keypoints spread evenly over a surface.
 
     The sample points are as dense on a part as on the whole, so the noise of a bin is the same on both.
 
@@ -92,12 +92,12 @@ def spin_images(surface: Mesh, missing: float = 0.0) -> SpinImages:
 
 
 def spin_image_count(missing: float) -> int:
-    """Number of spin images of a surface that lacks the share `missing` of the whole's area."""
+    """Return the number of spin images of a surface that lacks the share `missing` of the whole's area."""
     return round(KEYPOINTS * (1.0 - missing))
 
 
 def spin_image_distances(query: Bytes, others: Sequence[Bytes]) -> Floats:
-    """One-sided distances between the spin images of one surface and of c others.
+    """Compute one-sided distances between the spin images of one surface and of c others.
 
     Parameters
     ----------
@@ -110,18 +110,18 @@ def spin_image_distances(query: Bytes, others: Sequence[Bytes]) -> Floats:
         Mean squared distance to the nearest spin image, >= 0: from the query to the other surface, and back.
         0 between a surface and itself.
     """
-    found = np.empty((len(others), 2))
-    own = query.astype(np.float32)
-    squares = (own**2).sum(axis=1)
+    distances = np.empty((len(others), 2))
+    images = query.astype(np.float32)
+    squares = (images**2).sum(axis=1)
     for start in range(0, len(others), BATCH):
-        some = np.stack(others[start : start + BATCH]).astype(np.float32)
-        products = some.reshape(-1, SPIN_IMAGE_LENGTH) @ own.T
+        batch = np.stack(others[start : start + BATCH]).astype(np.float32)
+        products = batch.reshape(-1, SPIN_IMAGE_LENGTH) @ images.T
         both_ways = _nearest_squares(
-            products.reshape(*some.shape[:2], -1), np.einsum("ijk,ijk->ij", some, some), squares
+            products.reshape(*batch.shape[:2], -1), np.einsum("ijk,ijk->ij", batch, batch), squares
         )
         for way, least in enumerate(both_ways):
-            found[start : start + len(some), way] = least.mean(axis=1)
-    return found / BYTE_SCALE**2
+            distances[start : start + len(batch), way] = least.mean(axis=1)
+    return distances / BYTE_SCALE**2
 
 
 @compiled
@@ -162,7 +162,7 @@ def _nearest_squares(
 
 @compiled
 def _histograms(points: Floats, keypoints: Ints, normals: Floats, radii: Floats) -> Ints:
-    """Number of points in each bin of each support ball of each keypoint, shape (k, r, BINS).
+    """Count points in each bin of each support ball of each keypoint, shape (k, r, BINS).
 
     `radii`, shape (r,), ascend.
     """
@@ -175,18 +175,21 @@ def _histograms(points: Floats, keypoints: Ints, normals: Floats, radii: Floats)
     for k in range(len(keypoints)):
         own_x, own_y, own_z = x[keypoints[k]], y[keypoints[k]], z[keypoints[k]]
         normal_x, normal_y, normal_z = normals[k, 0], normals[k, 1], normals[k, 2]
+        # Distances from the keypoint, and heights along its normal.
         for p in range(len(points)):
             east, north, up = x[p] - own_x, y[p] - own_y, z[p] - own_z
             squares[p] = east * east + north * north + up * up
             heights[p] = east * normal_x + north * normal_y + up * normal_z
-        found, above = 0, 0.0
+        # The points inside the largest ball; the normal points away from the greater part of them.
+        inside_count, above = 0, 0.0
         for p in range(len(points)):
-            near[found] = p
+            near[inside_count] = p
             inside = squares[p] < largest
-            found += inside
+            inside_count += inside
             above += heights[p] * inside
         outwards = -1.0 if above > 0.0 else 1.0
-        for i in range(found):
+        # A point counts in each ball that holds it, from the largest one inwards.
+        for i in range(inside_count):
             square, height = squares[near[i]], outwards * heights[near[i]]
             away = np.sqrt(max(square - height * height, 0.0))
             for r in range(len(radii) - 1, -1, -1):

@@ -73,6 +73,7 @@ def normalised_surface(vertices: Floats, faces: Ints) -> NormalisedSurface:
     DegenerateMeshError
         The surface has no area.
     """
+    # Centre and scale the surface, exactly over its triangles.
     low, high = bounds(vertices)
     extent = max(float((high - low).max()), float(np.finfo(np.float64).tiny))
     points = (vertices - 0.5 * (low + high)) / extent
@@ -88,26 +89,28 @@ def normalised_surface(vertices: Floats, faces: Ints) -> NormalisedSurface:
     tilt = (normals * areas[:, None]).T @ normals
     points /= scale
     spread /= scale**2
+    # Three frames: principal axes of the points and of the normals, and the rectilinear one.
     widest = np.linalg.eigh(spread - TIE_BREAK * tilt)[1].T[::-1]
     flattest = np.linalg.eigh(tilt - TIE_BREAK * spread)[1].T
     square = _rectilinear(normals, areas, (widest, flattest))
     square = square[np.argsort(-_along(square, spread), kind="stable")]
     frames = [widest, flattest, square]
+    # Turn tied axes by the angular distribution of the surface in their plane.
     for frame, axes in enumerate(frames):
         ties = [all(_are_tied(axes[i : i + 2], tensor) for tensor in (spread, tilt)) for i in (0, 1)]
         if sum(ties) == 1:
             i = ties.index(True)
             plane = axes[i : i + 2]
-            found = directed(plane, points[faces], areas)
+            turned = directed(plane, points[faces], areas)
             if frame == FRAMES - 1 and not _is_round(normals @ plane.T, areas):
-                found = plane if abs(found[0] @ plane[0]) >= abs(found[0] @ plane[1]) else plane[::-1]
-            frames[frame] = np.concatenate([axes[:i], found, axes[i + 2 :]])
+                turned = plane if abs(turned[0] @ plane[0]) >= abs(turned[0] @ plane[1]) else plane[::-1]
+            frames[frame] = np.concatenate([axes[:i], turned, axes[i + 2 :]])
     return NormalisedSurface(points, areas, normals, np.stack(frames))
 
 
 @compiled
 def _normals_and_middles(points: Floats, faces: Ints) -> tuple[Floats, Floats]:
-    """Normals as long as twice the areas of the faces, and means of their corners, shapes (f, 3)."""
+    """Return normals, as long as twice the areas of the faces, and means of their corners, shapes (f, 3)."""
     normals, middles = np.empty(faces.shape), np.empty(faces.shape)
     for f in range(len(faces)):
         a, b, c = points[faces[f, 0]], points[faces[f, 1]], points[faces[f, 2]]
@@ -125,8 +128,8 @@ def _along(axes: Floats, tensor: Floats) -> Floats:
 
 def _are_tied(plane: Floats, tensor: Floats) -> bool:
     """Return whether the second moments along two axes are nearly equal."""
-    one, other = _along(plane, tensor)
-    return bool(abs(one - other) < TIED)
+    first, second = _along(plane, tensor)
+    return bool(abs(first - second) < TIED)
 
 
 def _is_round(normals: Floats, areas: Floats) -> bool:
@@ -135,46 +138,46 @@ def _is_round(normals: Floats, areas: Floats) -> bool:
 
 
 def _chunks(count: int) -> list[slice]:
-    """Slices of `CHUNK` faces."""
+    """Return slices of `CHUNK` faces."""
     return [slice(start, start + CHUNK) for start in range(0, count, CHUNK)]
 
 
 def _second_moments(points: Floats, faces: Ints, areas: Floats) -> Floats:
-    """Integral of x x^T over the surface, shape (3, 3): closed form over each triangle."""
-    found = np.zeros((3, 3))
-    for some in _chunks(len(faces)):
-        corners = points[faces[some]]
+    """Compute the integral of x x^T over the surface, shape (3, 3): closed form over each triangle."""
+    moments = np.zeros((3, 3))
+    for chunk in _chunks(len(faces)):
+        corners = points[faces[chunk]]
         sums = _corner_sums(corners)
-        weighted = (corners * areas[some, None, None]).reshape(-1, 3)
-        found += weighted.T @ corners.reshape(-1, 3) + (sums * areas[some, None]).T @ sums
-    return found / 12.0
+        weighted = (corners * areas[chunk, None, None]).reshape(-1, 3)
+        moments += weighted.T @ corners.reshape(-1, 3) + (sums * areas[chunk, None]).T @ sums
+    return moments / 12.0
 
 
 def _corner_sums(corners: Floats) -> Floats:
-    """Sums over the three corners, shape (f, 3): a quarter of the time of `sum` on so short an axis."""
+    """Return sums over the three corners, shape (f, 3): a quarter of the time of `sum` on so short an axis."""
     return np.asarray(corners[:, 0] + corners[:, 1] + corners[:, 2])
 
 
 def _rectilinear(normals: Floats, areas: Floats, starts: tuple[Floats, ...]) -> Floats:
-    """Axes, rows, that maximise the integral of the sum of (n . axis)^4, from the better of the starts.
+    """Find axes, rows, that maximise the integral of the sum of (n . axis)^4, from the better of the starts.
 
     Jacobi sweeps: each pair of axes turns in its plane to the best angle, which is known in closed form (P.
     Comon, "Independent component analysis, a new concept?", Signal Processing 36, 1994).
     """
     moments = np.zeros((9, 9))
-    for some in _chunks(len(normals)):
-        pairs = np.einsum("fi,fj->fij", normals[some], normals[some]).reshape(-1, 9)
-        moments += (pairs * areas[some, None]).T @ pairs
-    best, found = -np.inf, starts[0]
+    for chunk in _chunks(len(normals)):
+        pairs = np.einsum("fi,fj->fij", normals[chunk], normals[chunk]).reshape(-1, 9)
+        moments += (pairs * areas[chunk, None]).T @ pairs
+    best_value, best_axes = -np.inf, starts[0]
     for start in starts:
         axes = start.copy()
         for _ in range(SWEEPS):
             if max(_turn(axes, i, j, moments) for i, j in ((0, 1), (1, 2), (2, 0))) < TURNED:
                 break
         value = sum(_integral(moments, axis, axis, axis, axis) for axis in axes)
-        if value > best + TURNED:
-            best, found = value, axes
-    return found
+        if value > best_value + TURNED:
+            best_value, best_axes = value, axes
+    return best_axes
 
 
 @compiled
@@ -190,15 +193,15 @@ def _integral(moments: Floats, a: Floats, b: Floats, c: Floats, d: Floats) -> fl
 @compiled
 def _turn(axes: Floats, i: int, j: int, moments: Floats) -> float:
     """Turn two axes in their plane, in place, to the best angle, which is returned."""
-    one, other = axes[i].copy(), axes[j].copy()
-    even = _integral(moments, one, one, one, one) + _integral(moments, other, other, other, other)
-    even -= 6.0 * _integral(moments, one, one, other, other)
-    odd = _integral(moments, one, one, one, other) - _integral(moments, other, other, other, one)
+    first, second = axes[i].copy(), axes[j].copy()
+    even = _integral(moments, first, first, first, first) + _integral(moments, second, second, second, second)
+    even -= 6.0 * _integral(moments, first, first, second, second)
+    odd = _integral(moments, first, first, first, second) - _integral(moments, second, second, second, first)
     if np.hypot(even, 4.0 * odd) < FLAT:
         return 0.0
     angle = 0.25 * np.arctan2(4.0 * odd, even)
-    axes[i] = np.cos(angle) * one + np.sin(angle) * other
-    axes[j] = np.cos(angle) * other - np.sin(angle) * one
+    axes[i] = np.cos(angle) * first + np.sin(angle) * second
+    axes[j] = np.cos(angle) * second - np.sin(angle) * first
     return float(abs(angle))
 
 
@@ -210,7 +213,7 @@ ANGLES, STEPS = 720, 5
 
 
 def directed(plane: Floats, corners: Floats, areas: Floats) -> Floats:
-    """Axes of a plane, of which the first points to most of the surface by its angle, shape (2, 3).
+    """Return axes of a plane, the first towards most of the surface by its angle, shape (2, 3).
 
     Parameters
     ----------
@@ -243,7 +246,7 @@ def moments_of_plane(corners: NDArray[np.complex128], areas: Floats) -> NDArray[
     areas : float64, shape (f,)
     """
     powers = np.ones((3, len(corners)), dtype=complex)
-    found = []
+    moments = []
     for order in range(1, ORDERS[-1] + 1):
         powers[0] *= corners[:, 0]
         powers[1] = powers[0] + corners[:, 1] * powers[1]
@@ -251,5 +254,5 @@ def moments_of_plane(corners: NDArray[np.complex128], areas: Floats) -> NDArray[
         if order >= ORDERS[0]:
             size = areas @ (np.abs(corners) ** order).mean(axis=1)
             whole = 2.0 / ((order + 1) * (order + 2)) * (areas @ powers[2])
-            found.append(whole / max(size, np.finfo(np.float64).tiny))
-    return np.array(found)
+            moments.append(whole / max(size, np.finfo(np.float64).tiny))
+    return np.array(moments)

@@ -33,7 +33,7 @@ PARTNERS = 16
 
 
 def pair_histogram(points: Floats, normals: Floats) -> Floats:
-    """Shares of point pairs, shape (DISTANCE_BINS, NORMAL_BINS, ANGLE_PAIRS), of sum 1.
+    """Compute shares of point pairs, shape (DISTANCE_BINS, NORMAL_BINS, ANGLE_PAIRS), of sum 1.
 
     Parameters
     ----------
@@ -48,29 +48,33 @@ def pair_histogram(points: Floats, normals: Floats) -> Floats:
 
 @compiled
 def _pair_counts(points: Floats, normals: Floats) -> Floats:
-    """Counts of the pairs (i, q i + r mod n): with q odd, each partner r pairs every point once."""
+    """Count the pairs (i, q i + r mod n): with q odd, each partner r pairs every point once."""
     counts = np.zeros((DISTANCE_BINS, NORMAL_BINS, ANGLE_PAIRS))
     total = len(points)
     for partner in range(PARTNERS):
         factor, shift = 4 * (37 * partner + 11) + 1, 253 * partner + 127
         for first in range(total):
             second = (factor * first + shift) % total
+            # The line between the points, and the cosines of the normals with it and with each other.
             x = points[second, 0] - points[first, 0]
             y = points[second, 1] - points[first, 1]
             z = points[second, 2] - points[first, 2]
             distance = np.sqrt(x * x + y * y + z * z)
             scale = 1.0 / distance if distance > 0.0 else 0.0
-            one = abs(normals[first, 0] * x + normals[first, 1] * y + normals[first, 2] * z) * scale
-            other = abs(normals[second, 0] * x + normals[second, 1] * y + normals[second, 2] * z) * scale
+            cosine = abs(normals[first, 0] * x + normals[first, 1] * y + normals[first, 2] * z) * scale
+            other_cosine = (
+                abs(normals[second, 0] * x + normals[second, 1] * y + normals[second, 2] * z) * scale
+            )
             between = abs(
                 normals[first, 0] * normals[second, 0]
                 + normals[first, 1] * normals[second, 1]
                 + normals[first, 2] * normals[second, 2]
             )
+            # Bins by distance, by the angle of the normals, and by both angles with the line.
             i = min(int(distance * (DISTANCE_BINS / LONGEST)), DISTANCE_BINS - 1)
             j = min(int(between * NORMAL_BINS), NORMAL_BINS - 1)
-            larger = min(int(max(one, other) * ANGLE_BINS), ANGLE_BINS - 1)
-            smaller = min(int(min(one, other) * ANGLE_BINS), ANGLE_BINS - 1)
+            larger = min(int(max(cosine, other_cosine) * ANGLE_BINS), ANGLE_BINS - 1)
+            smaller = min(int(min(cosine, other_cosine) * ANGLE_BINS), ANGLE_BINS - 1)
             counts[i, j, larger * (larger + 1) // 2 + smaller] += 1.0
     return counts
 
@@ -105,13 +109,13 @@ def to_bytes(magnitudes: Floats, shares: Floats) -> Bytes:
 
 
 def magnitudes_of(descriptor: Bytes) -> Floats:
-    """Magnitudes of a descriptor, shape (FRAMES, 3, CHANNELS, FREQUENCIES), up to rounding."""
+    """Return magnitudes of a descriptor, shape (FRAMES, 3, CHANNELS, FREQUENCIES), up to rounding."""
     values = (descriptor[:PANORAMA_BYTES] / MAGNITUDE_SCALE) ** 2
     return values.reshape(FRAMES, 3, CHANNELS, FREQUENCIES)
 
 
 def shares_of(descriptor: Bytes) -> Floats:
-    """Shares of pairs of a descriptor, shape (DISTANCE_BINS, NORMAL_BINS, ANGLE_PAIRS), up to rounding.
+    """Return shares of pairs of a descriptor, shape (DISTANCE_BINS, NORMAL_BINS, ANGLE_PAIRS), up to rounding.
 
     Shares above 0.25 are 0.25.
     """
@@ -154,7 +158,7 @@ def view_descriptor(vertices: Floats, faces: Ints) -> Bytes:
 
 
 def view_distance(query: Bytes, stored: Bytes) -> Floats:
-    """Distances between one descriptor and c others, shape (c,), >= 0, symmetric; 0 between equal ones.
+    """Compute distances between one descriptor and c others, shape (c,), >= 0, symmetric; 0 between equal ones.
 
     The sum of two terms. First, the L1 distance between the magnitudes of two panoramas, in [0, 2], averaged
     over the panoramas of a frame, in the frame where it is least. Second, `PAIR_WEIGHT` times the L1 distance
@@ -172,7 +176,7 @@ def view_distance(query: Bytes, stored: Bytes) -> Floats:
 
 @compiled
 def _differences(query: Bytes, stored: Bytes, frames: int, width: int) -> tuple[Ints, Ints]:
-    """Sums of absolute differences, of whole numbers, so their order does not matter.
+    """Compute sums of absolute differences, of whole numbers, so their order does not matter.
 
     First of the squares of `width` bytes of each frame, shape (c, frames); then of all later bytes, shape
     (c,).
@@ -183,8 +187,8 @@ def _differences(query: Bytes, stored: Bytes, frames: int, width: int) -> tuple[
         for frame in range(frames):
             total = np.int32(0)
             for k in range(frame * width, (frame + 1) * width):
-                own, other = np.int32(query[k]), np.int32(stored[i, k])
-                total += abs(own * own - other * other)
+                byte, stored_byte = np.int32(query[k]), np.int32(stored[i, k])
+                total += abs(byte * byte - stored_byte * stored_byte)
             views[i, frame] = total
         total = np.int32(0)
         for k in range(frames * width, len(query)):
@@ -222,7 +226,7 @@ def view_signature(descriptor: Bytes) -> Bytes:
 
 
 def signature_distance(query: Bytes, stored: Bytes) -> Ints:
-    """L1 distances between one signature and c others, shape (c,).
+    """Compute L1 distances between one signature and c others, shape (c,).
 
     Parameters
     ----------
@@ -234,12 +238,14 @@ def signature_distance(query: Bytes, stored: Bytes) -> Ints:
 
 @compiled
 def _sums(query: Bytes, stored: Bytes) -> Ints:
-    """L1 distances. A sum over at most 257 bytes fits 16 bits, in which it takes a third of the time."""
+    """Compute L1 distances. A sum over at most 257 bytes fits 16 bits, in which it takes a third of the time."""
     sums = np.empty(len(stored), dtype=np.int64)
     for i in range(len(stored)):
         total = np.uint16(0)
         for k in range(len(query)):
-            own, other = query[k], stored[i, k]
-            total = np.uint16(total + np.uint16(own - other if own > other else other - own))
+            byte, stored_byte = query[k], stored[i, k]
+            total = np.uint16(
+                total + np.uint16(byte - stored_byte if byte > stored_byte else stored_byte - byte)
+            )
         sums[i] = total
     return sums

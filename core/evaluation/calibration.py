@@ -193,7 +193,7 @@ def fit(
 
 
 def leave_class_out(collections: Sequence[LabelledPairs]) -> list[Floats]:
-    """Class probabilities of all pairs, an array of shape (n, n) for each collection.
+    """Compute class probabilities of all pairs, an array of shape (n, n) for each collection.
 
     The model of row i is fitted without the class of shape i.
 

@@ -92,7 +92,7 @@ class Evaluation:
 
 
 def evaluate(scores: ArrayLike, labels: Sequence[str], *, larger_is_closer: bool) -> Evaluation:
-    """Every measure, from the scores of all pairs.
+    """Compute every measure, from the scores of all pairs.
 
     Parameters
     ----------
@@ -151,13 +151,13 @@ def evaluate(scores: ArrayLike, labels: Sequence[str], *, larger_is_closer: bool
 def class_distances(
     scores: ArrayLike, labels: Sequence[str], *, larger_is_closer: bool
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Mean distance of each shape to its own class, and least distance to any other class.
+    """Compute the mean distance of each shape to its to_class class, and least distance to any other class.
 
     The parameters are those of `evaluate`; similarities are negated to distances.
 
     Returns
     -------
-    own : float64, shape (n,)
+    to_class : float64, shape (n,)
         Mean distance to the other shapes of the same class; NaN where there are none.
     other : float64, shape (n,)
         Smallest distance to a shape of another class; NaN where there is no other class.
@@ -170,9 +170,9 @@ def class_distances(
     fellows = same & ~np.eye(len(names), dtype=bool)
     counts = fellows.sum(axis=1)
     sums = np.where(fellows, distances, 0.0).sum(axis=1)
-    own = np.where(counts > 0, sums / np.maximum(counts, 1), np.nan)
+    to_class = np.where(counts > 0, sums / np.maximum(counts, 1), np.nan)
     nearest = np.where(same, np.inf, distances).min(axis=1)
-    return own, np.where(np.isfinite(nearest), nearest, np.nan)
+    return to_class, np.where(np.isfinite(nearest), nearest, np.nan)
 
 
 def _distances(scores: ArrayLike, larger_is_closer: bool) -> NDArray[np.float64]:
@@ -186,7 +186,7 @@ def _distances(scores: ArrayLike, larger_is_closer: bool) -> NDArray[np.float64]
 
 
 def _rankings(distances: NDArray[np.float64], codes: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Row i: all shapes but i, the closest first, ties as the module describes; shape (n, n - 1)."""
+    """Return in row i all shapes but i, the closest first, ties as the module says; shape (n, n - 1)."""
     keyed = distances.copy()
     np.fill_diagonal(keyed, -np.inf)
     same = codes[:, None] == codes[None, :]

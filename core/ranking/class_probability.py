@@ -55,11 +55,11 @@ class Calibration:
     slopes: tuple[float, ...]
 
     def log_odds(self, features: Floats) -> Floats:
-        """Log odds of one class, shape (...), of features, shape (..., p)."""
+        """Return log odds of one class, shape (...), of features, shape (..., p)."""
         return np.asarray(self.intercept + (features * np.array(self.slopes)).sum(axis=-1))
 
     def class_probability(self, features: Floats, offset: Floats | float = 0.0) -> Floats:
-        """Class probabilities in [0, 1], shape (...), of features, shape (..., p).
+        """Return class probabilities in [0, 1], shape (...), of features, shape (..., p).
 
         The offset, shape (...), is added to the log odds; it is no part of the fit.
         """
@@ -90,7 +90,7 @@ PART_FEATURES = 16
 
 
 def features(differences: PairDifferences) -> Floats:
-    """Features of the pairs, shape (..., 14), linear in the log odds of both experts.
+    """Compute features of the pairs, shape (..., 14), linear in the log odds of both experts.
 
     With R the reliability and the weight w = 1 - R GATE^3 / (s^3 + GATE^3) of the spectral distance s, the
     first five are log(w d + floor) of each difference d of `FLOORS`. Then follow 1 - R, its products with the
@@ -108,7 +108,7 @@ def features(differences: PairDifferences) -> Floats:
 
 
 def part_features(differences: PairDifferences) -> Floats:
-    """Features of pairs with an incomplete surface, shape (..., PART_FEATURES), linear in their log odds.
+    """Compute features of pairs with an incomplete surface, shape (..., PART_FEATURES).
 
     First log(part_distance + floor); then those of `features` with weight 1, with log(s + SPECTRAL_FLOOR)
     beside the differences, and of the densities that of the views alone.
@@ -127,15 +127,15 @@ def _log_view_density(differences: PairDifferences) -> Floats:
 
 
 def _logs(differences: PairDifferences, weight: Floats | float) -> list[Floats]:
-    """log(weight d + floor) of each difference d of `FLOORS`."""
-    each = (
+    """Return log(weight d + floor) of differences_ difference d of `FLOORS`."""
+    values = (
         np.maximum(1.0 - differences.cc, 0.0),
         1.0 - differences.sim,
         differences.global_distance,
         differences.distances["spin_images"],
         differences.distances["views"],
     )
-    return [np.log(weight * one + floor) for one, floor in zip(each, FLOORS, strict=True)]
+    return [np.log(weight * difference + floor) for difference, floor in zip(values, FLOORS, strict=True)]
 
 
 def offset(differences: PairDifferences) -> Floats:
@@ -149,7 +149,7 @@ def offset(differences: PairDifferences) -> Floats:
 
 
 def pooled_log_odds(differences: PairDifferences) -> Floats:
-    """Log odds that pairs are of one class, shape (...). Unlike probabilities they do not saturate."""
+    """Compute log odds that pairs are of one class, shape (...). Unlike probabilities they do not saturate."""
     return np.where(
         differences.part,
         CALIBRATED_PARTS.log_odds(part_features(differences)),
@@ -158,7 +158,7 @@ def pooled_log_odds(differences: PairDifferences) -> Floats:
 
 
 def pooled_probability(differences: PairDifferences) -> Floats:
-    """Class probabilities of pairs of surfaces, shape (...), in [0, 1]."""
+    """Compute class probabilities of pairs of surfaces, shape (...), in [0, 1]."""
     return np.asarray(expit(pooled_log_odds(differences)))
 
 
@@ -166,7 +166,7 @@ def combined_scores(
     query: Embedding,
     others: Sequence[Embedding],
     scores: Scores,
-    own: LocalDensities | None = None,
+    query_density: LocalDensities | None = None,
     densities: LocalDensities | None = None,
 ) -> Floats:
     """Return the probability that an embedding and each of c others are of one class, shape (c,), in [0, 1].
@@ -179,9 +179,11 @@ def combined_scores(
     others : sequence of Embedding
     scores : Scores
         Of the query with the others.
-    own, densities : LocalDensities, optional
+    query_density, densities : LocalDensities, optional
         Of the query, arrays of shape (1,), and of the others, shape (c,), among the stored shapes; the
         typical ones unless given.
     """
     described = [descriptors_of(other) for other in others]
-    return pooled_probability(differences_of(descriptors_of(query), described, scores, own, densities))
+    return pooled_probability(
+        differences_of(descriptors_of(query), described, scores, query_density, densities)
+    )

@@ -58,7 +58,7 @@ def differences_of(
     query: ShapeDescriptors,
     others: Sequence[ShapeDescriptors],
     scores: Scores,
-    own: LocalDensities | None = None,
+    query_density: LocalDensities | None = None,
     densities: LocalDensities | None = None,
 ) -> PairDifferences:
     """Return the differences between one shape and c others.
@@ -69,10 +69,10 @@ def differences_of(
     others : sequence of ShapeDescriptors
     scores : Scores
         Of the query with the others; `ssd` is not read.
-    own, densities : LocalDensities, optional
+    query_density, densities : LocalDensities, optional
         Of the query, arrays of shape (1,), and of the others, shape (c,); typical ones unless given.
     """
-    own = typical_densities(1) if own is None else own
+    query_density = typical_densities(1) if query_density is None else query_density
     densities = typical_densities(len(others)) if densities is None else densities
     signatures = np.stack([other.signature for other in others])
     distances = descriptor_distances(query, others)
@@ -90,8 +90,8 @@ def differences_of(
         part=between.part,
         part_distance=between.distance,
         reliability=np.sqrt(query.reliability * np.array([other.reliability for other in others])),
-        spectral_density=np.sqrt(own.spectral * densities.spectral),
-        view_density=np.sqrt(own.view * densities.view),
+        spectral_density=np.sqrt(query_density.spectral * densities.spectral),
+        view_density=np.sqrt(query_density.view * densities.view),
     )
 
 
@@ -125,7 +125,7 @@ class CoarseDescriptors:
 def coarse_differences(
     query: CoarseDescriptors, others: CoarseDescriptors, cc: Floats | None = None, *, part: bool = False
 ) -> PairDifferences:
-    """Approximate differences between one shape and c others.
+    """Estimate differences between one shape and c others.
 
     Parameters
     ----------

@@ -70,9 +70,9 @@ def neighbour_distances(distances: Floats, typical: float) -> Floats:
         return np.full(len(distances), typical)
     nearest = np.sort(np.partition(distances, min(NEIGHBOUR, distances.shape[1]) - 1)[:, :NEIGHBOUR])
     last = np.clip(others, 1, NEIGHBOUR) - 1
-    found = nearest[np.arange(len(distances)), last]
+    distance = nearest[np.arange(len(distances)), last]
     weight = np.minimum(others / ENOUGH, 1.0)
-    known = np.where(others > 0, np.maximum(found, 1e-6), typical)
+    known = np.where(others > 0, np.maximum(distance, 1e-6), typical)
     return np.asarray(known**weight * typical ** (1.0 - weight))
 
 

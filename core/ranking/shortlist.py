@@ -11,7 +11,7 @@ from core.numerics.compilation import compiled_sum
 
 
 def signature_distances(query: Float32s, signatures: Float32s) -> Floats:
-    """Euclidean distances from one signature to each of n others, shape (n,), >= 0.
+    """Compute Euclidean distances from one signature to each of n others, shape (n,), >= 0.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ def _distances(query: Float32s, signatures: Float32s, distances: Floats) -> None
 
 
 def least(values: NDArray[np.floating], order: NDArray[np.integer], count: int) -> NDArray[np.intp]:
-    """Indices of the `count` least values, ascending; `order` breaks ties. Shape (min(count, n),).
+    """Return indices of the `count` least values, ascending; `order` breaks ties. Shape (min(count, n),).
 
     Parameters
     ----------
@@ -47,16 +47,17 @@ def least(values: NDArray[np.floating], order: NDArray[np.integer], count: int) 
     """
     if count >= len(values):
         return np.lexsort((order, values))
+    # The values below the last chosen one, and of equal ones the first in order.
     last = np.partition(values, count - 1)[count - 1]
     below = np.flatnonzero(values < last)
     equal = np.flatnonzero(values == last)
     equal = equal[np.argsort(order[equal], kind="stable")][: count - len(below)]
-    found = np.concatenate([below, equal])
-    return found[np.lexsort((order[found], values[found]))]
+    chosen = np.concatenate([below, equal])
+    return chosen[np.lexsort((order[chosen], values[chosen]))]
 
 
 def spectral_distances(query: Float32s, signatures: Float32s) -> Floats:
-    """Euclidean distances between the log eigenvalues of one signature and of c others, shape (c,), >= 0.
+    """Compute distances between the log eigenvalues of one signature and of c others, shape (c,), >= 0.
 
     Parameters
     ----------
@@ -70,7 +71,7 @@ def spectral_distances(query: Float32s, signatures: Float32s) -> Floats:
 
 
 def global_distances(query: Float32s, signatures: Float32s) -> Floats:
-    """Euclidean distances between the global descriptors of one signature and of c others, shape (c,), >= 0.
+    """Compute distances between the global descriptors of one signature and of c others, shape (c,).
 
     Parameters
     ----------
