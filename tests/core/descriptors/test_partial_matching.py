@@ -1,6 +1,7 @@
 """Parts found among wholes, and one-sided distances against a plain reference."""
 
 import tracemalloc
+from functools import cache
 
 import numpy as np
 import pytest
@@ -31,8 +32,16 @@ from core.mesh.cleaning import clean
 from core.mesh.mesh import Mesh
 
 CLASSES = ("bird", "cup", "octopus", "person", "plane", "quadruped")
-WHOLES = {label: make_shape(label, 0) for label in CLASSES}
-KNOWN = [spin_images(clean(mesh).mesh).bytes for mesh in WHOLES.values()]
+
+
+@cache
+def wholes() -> dict[str, Mesh]:
+    return {label: make_shape(label, 0) for label in CLASSES}
+
+
+@cache
+def known() -> list[Bytes]:
+    return [spin_images(clean(mesh).mesh).bytes for mesh in wholes().values()]
 
 
 def part(mesh: Mesh) -> Bytes:
@@ -45,9 +54,9 @@ def moved(mesh: Mesh, scale: float) -> Mesh:
 
 @pytest.mark.parametrize("share", [0.0, 0.3, 0.5])
 def test_a_part_is_found_wherever_it_lies_and_in_any_unit(share: float) -> None:
-    for place, mesh in enumerate(WHOLES.values()):
+    for place, mesh in enumerate(wholes().values()):
         piece = subdivide(moved(cut_part(mesh, share, place), 0.01), 0.3, 1)
-        assert part_distances(part(piece), KNOWN).argmin() == place
+        assert part_distances(part(piece), known()).argmin() == place
 
 
 def plain(rows: Bytes, whole: Bytes) -> float:
@@ -69,16 +78,16 @@ def plain(rows: Bytes, whole: Bytes) -> float:
 
 
 def test_distances_are_those_of_a_search_over_all_pairs_and_hang_on_no_other() -> None:
-    rows = part(cut_part(WHOLES["person"], 0.4, 0))
-    many = [KNOWN[i % len(KNOWN)] for i in range(2 * BATCH + 1)]
+    rows = part(cut_part(wholes()["person"], 0.4, 0))
+    many = [known()[i % len(known())] for i in range(2 * BATCH + 1)]
     found = part_distances(rows, many)
-    assert found[: len(KNOWN)] == pytest.approx([plain(rows, whole) for whole in KNOWN], rel=1e-12)
+    assert found[: len(known())] == pytest.approx([plain(rows, whole) for whole in known()], rel=1e-12)
     for distance, whole in zip(found, many, strict=True):
         assert_array_equal(distance, part_distances(rows, [whole])[0])
 
 
 def test_balls_that_reach_beyond_the_rim_do_not_count() -> None:
-    surface = clean(cut_part(WHOLES["person"], 0.4, 0)).mesh
+    surface = clean(cut_part(wholes()["person"], 0.4, 0)).mesh
     counts = describe_part(surface)[:, SPIN_IMAGE_LENGTH:]
     assert counts.shape == (PART_ROWS, len(RADII))
     found, start = spin_images(surface), 0
@@ -92,7 +101,7 @@ def test_balls_that_reach_beyond_the_rim_do_not_count() -> None:
         assert_array_equal(counts[start : start + KEYPOINTS, ball][sure], wanted[sure])
         assert 0.3 < wanted.mean() < 1.0
         assert sure.mean() > 0.9
-    assert part(WHOLES["person"])[:, SPIN_IMAGE_LENGTH:].all()
+    assert part(wholes()["person"])[:, SPIN_IMAGE_LENGTH:].all()
 
 
 def test_where_nearly_all_is_rim_all_balls_count() -> None:

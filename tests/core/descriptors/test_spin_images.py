@@ -1,5 +1,7 @@
 """Patches against a plain reference, and what leaves them as they are."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
@@ -23,10 +25,16 @@ from core.mesh.cleaning import clean, face_areas
 from core.mesh.mesh import Mesh
 from core.sampling.surface_samples import evenly_spread
 
-PERSON = clean(make_shape("person", 0)).mesh
-OTHERS = [
-    spin_images(clean(make_shape(label, 0)).mesh).bytes for label in ("cup", "octopus", "plane", "bird")
-]
+
+@cache
+def person():
+    return clean(make_shape("person", 0)).mesh
+
+
+@cache
+def others():
+    labels = ("cup", "octopus", "plane", "bird")
+    return [spin_images(clean(make_shape(label, 0)).mesh).bytes for label in labels]
 
 
 def plain(surface: Mesh, missing: float, key: int) -> list[float]:
@@ -58,11 +66,11 @@ def plain(surface: Mesh, missing: float, key: int) -> list[float]:
 
 @pytest.mark.parametrize("missing", [0.0, 0.3])
 def test_patches_are_histograms_of_the_points_nearby(missing: float) -> None:
-    found = spin_images(PERSON, missing)
+    found = spin_images(person(), missing)
     assert found.bytes.shape == (round(KEYPOINTS * (1.0 - missing)), SPIN_IMAGE_LENGTH)
     for key in (0, 17, 60, len(found.bytes) - 1):
         # A point at the edge of two bins may lie in either.
-        wrong = np.abs(found.bytes[key] - np.array(plain(PERSON, missing, key))) > 0.5001
+        wrong = np.abs(found.bytes[key] - np.array(plain(person(), missing, key))) > 0.5001
         assert wrong.sum() <= 2
 
 
@@ -72,16 +80,16 @@ def slow(first: Bytes, second: Bytes) -> float:
 
 
 def test_distances_are_those_of_a_search_over_all_pairs() -> None:
-    own = spin_images(PERSON).bytes
-    found = spin_image_distances(own, OTHERS)
-    for row, other in zip(found, OTHERS, strict=True):
+    own = spin_images(person()).bytes
+    found = spin_image_distances(own, others())
+    for row, other in zip(found, others(), strict=True):
         assert row == pytest.approx([slow(own, other), slow(other, own)], rel=1e-12)
     assert_array_equal(spin_image_distances(own, [own]), [[0.0, 0.0]])
 
 
 def test_a_distance_hangs_on_no_other_and_on_no_order() -> None:
-    own = spin_images(PERSON).bytes
-    many = [OTHERS[i % 4] for i in range(2 * BATCH + 3)]
+    own = spin_images(person()).bytes
+    many = [others()[i % 4] for i in range(2 * BATCH + 3)]
     found = spin_image_distances(own, many)
     for row, other in zip(found, many, strict=True):
         assert_array_equal(row, spin_image_distances(own, [other])[0])
@@ -93,13 +101,13 @@ def moved(vertices: Floats) -> Floats:
 
 
 def test_motion_unit_and_the_side_that_faces_turn_to_change_next_to_nothing() -> None:
-    own = spin_images(PERSON).bytes
-    flipped = PERSON.faces.copy()
+    own = spin_images(person()).bytes
+    flipped = person().faces.copy()
     flipped[::3] = flipped[::3, ::-1]
     assert (
-        spin_image_distances(own, [spin_images(Mesh(moved(PERSON.vertices), PERSON.faces)).bytes]).max()
+        spin_image_distances(own, [spin_images(Mesh(moved(person().vertices), person().faces)).bytes]).max()
         < 0.01
     )
     # Points lie elsewhere on faces whose corners come in another order.
-    assert spin_image_distances(own, [spin_images(Mesh(PERSON.vertices, flipped)).bytes]).max() < 0.2
-    assert spin_image_distances(own, OTHERS).min() > 0.5
+    assert spin_image_distances(own, [spin_images(Mesh(person().vertices, flipped)).bytes]).max() < 0.2
+    assert spin_image_distances(own, others()).min() > 0.5

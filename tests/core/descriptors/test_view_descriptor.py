@@ -1,5 +1,7 @@
 """The view descriptor: what changes it, what does not, and its distances against a plain reference."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -36,15 +38,26 @@ from tests.core.shapes import (
     turned,
 )
 
-SHAPES = {name: mesh_of(make()) for name, make in MANY_KINDS.items()}
-
 
 def described(mesh):
     return view_descriptor(mesh.vertices, mesh.faces)
 
 
-STORED = {name: described(mesh) for name, mesh in SHAPES.items()}
-ALL = np.stack(list(STORED.values()))
+@cache
+def shapes():
+    return {name: mesh_of(make()) for name, make in MANY_KINDS.items()}
+
+
+@cache
+def stored():
+    return {name: described(mesh) for name, mesh in shapes().items()}
+
+
+@cache
+def every():
+    return np.stack(list(stored().values()))
+
+
 BETWEEN = 0.6
 """Two different shapes of `MANY_KINDS` are at least so far apart."""
 
@@ -64,23 +77,23 @@ def turned_over(mesh):
 
 
 def test_different_shapes_are_far_apart():
-    distances = np.array([view_distance(one, ALL) for one in ALL])
-    assert distances[~np.eye(len(ALL), dtype=bool)].min() > BETWEEN
+    distances = np.array([view_distance(one, every()) for one in every()])
+    assert distances[~np.eye(len(every()), dtype=bool)].min() > BETWEEN
 
 
 def test_a_descriptor_is_small_and_the_same_each_time():
-    mesh = SHAPES["person"]
-    assert STORED["person"].dtype == np.uint8
-    assert STORED["person"].shape == (VIEW_BYTES,)
+    mesh = shapes()["person"]
+    assert stored()["person"].dtype == np.uint8
+    assert stored()["person"].shape == (VIEW_BYTES,)
     assert VIEW_BYTES <= 4096
-    assert_array_equal(STORED["person"], described(Mesh(mesh.vertices.copy(), mesh.faces.copy())))
+    assert_array_equal(stored()["person"], described(Mesh(mesh.vertices.copy(), mesh.faces.copy())))
 
 
-@pytest.mark.parametrize("name", SHAPES)
+@pytest.mark.parametrize("name", MANY_KINDS)
 def test_order_and_orientation_of_faces_change_nothing(name):
-    mesh = SHAPES[name]
-    assert_array_equal(STORED[name], described(turned_over(mesh)))
-    assert_array_equal(STORED[name], described(faces_shuffled(mesh, 1)))
+    mesh = shapes()[name]
+    assert_array_equal(stored()[name], described(turned_over(mesh)))
+    assert_array_equal(stored()[name], described(faces_shuffled(mesh, 1)))
 
 
 @pytest.mark.parametrize("change", ["turned", "shifted", "scaled", "all of these", "mirrored and turned"])
@@ -88,13 +101,13 @@ def test_a_moved_scaled_mirrored_or_reordered_shape_is_the_same(change):
     changes = {**SAME_SHAPE, "mirrored and turned": lambda mesh: turned(mirrored(mesh), 3)}
     # Another order of the vertices moves the sample points.
     limit = 0.2 if change == "all of these" else 0.06
-    for name, mesh in SHAPES.items():
+    for name, mesh in shapes().items():
         assert distance(mesh, changes[change](mesh)) < limit, name
 
 
 @pytest.mark.parametrize("name", [*GALLERY, "loose parts", "blob"])
 def test_another_mesh_of_the_surface_is_nearly_the_same(name):
-    mesh = SHAPES[name]
+    mesh = shapes()[name]
     assert distance(mesh, soup(mesh)) < 0.2
     assert distance(mesh, subdivided(mesh)) < 0.2
     if len(mesh.faces) > 500:
@@ -103,10 +116,10 @@ def test_another_mesh_of_the_surface_is_nearly_the_same(name):
 
 def test_shapes_of_one_class_are_nearer_than_others():
     queries = np.stack([described(make_shape(label, 1)) for label in GALLERY])
-    stored = np.stack([STORED[label] for label in GALLERY])
-    nearest = np.array([view_distance(query, stored).argmin() for query in queries])
+    descriptors = np.stack([stored()[label] for label in GALLERY])
+    nearest = np.array([view_distance(query, descriptors).argmin() for query in queries])
     assert (nearest == np.arange(len(GALLERY))).mean() >= 0.9
-    signatures = np.stack([view_signature(descriptor) for descriptor in stored])
+    signatures = np.stack([view_signature(descriptor) for descriptor in descriptors])
     nearest = np.array([signature_distance(view_signature(one), signatures).argmin() for one in queries])
     assert (nearest == np.arange(len(GALLERY))).mean() >= 0.9
 
@@ -136,10 +149,10 @@ def test_flat_thin_and_symmetric_shapes_are_themselves_in_any_pose(name):
 
 
 def test_extreme_units_and_a_surface_without_area():
-    mesh = SHAPES["cup"]
+    mesh = shapes()["cup"]
     for factor in (1e-25, 1e25):
         assert_allclose(
-            described(Mesh(mesh.vertices * factor, mesh.faces)).astype(int), STORED["cup"], atol=1
+            described(Mesh(mesh.vertices * factor, mesh.faces)).astype(int), stored()["cup"], atol=1
         )
     with pytest.raises(DegenerateMeshError):
         view_descriptor(np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0]]), np.array([[0, 1, 2]]))
@@ -152,24 +165,24 @@ def plain_distance(one, other):
 
 def test_distances_are_those_of_a_plain_reference():
     rng = np.random.default_rng(0)
-    many = np.concatenate([ALL, rng.integers(0, 256, size=(20, VIEW_BYTES), dtype=np.uint8)])
+    many = np.concatenate([every(), rng.integers(0, 256, size=(20, VIEW_BYTES), dtype=np.uint8)])
     for one in many[::5]:
         expected = [plain_distance(one, other) for other in many]
         assert_allclose(view_distance(one, many), expected, rtol=1e-9, atol=1e-12)
 
 
 def test_distances_are_symmetric_and_zero_to_themselves():
-    distances = np.array([view_distance(one, ALL) for one in ALL])
+    distances = np.array([view_distance(one, every()) for one in every()])
     assert_array_equal(distances, distances.T)
     assert_array_equal(np.diag(distances), 0.0)
     assert (distances >= 0.0).all()
-    assert view_distance(ALL[0], ALL[:0]).shape == (0,)
+    assert view_distance(every()[0], every()[:0]).shape == (0,)
 
 
 def test_bytes_keep_the_features():
     rng = np.random.default_rng(1)
-    magnitudes = rng.random(magnitudes_of(ALL[0]).shape) / 100
-    shares = rng.dirichlet(np.full(shares_of(ALL[0]).size, 0.1)).reshape(shares_of(ALL[0]).shape)
+    magnitudes = rng.random(magnitudes_of(every()[0]).shape) / 100
+    shares = rng.dirichlet(np.full(shares_of(every()[0]).size, 0.1)).reshape(shares_of(every()[0]).shape)
     kept = to_bytes(magnitudes, shares)
     assert kept.shape == (VIEW_BYTES,)
     assert_allclose(np.sqrt(magnitudes_of(kept)), np.sqrt(magnitudes), atol=0.51 / MAGNITUDE_SCALE)

@@ -161,7 +161,7 @@ def test_shapes_stored_or_deleted_meanwhile_are_so_afterwards(
 ) -> None:
     running, folder = stocked
     old = pipeline_in_use(running).fingerprint
-    (doomed,) = running.client.get("/shapes", params={"name": "4.off"}).json()["shapes"]
+    (doomed,) = running.client.get("/shapes", params={"name": f"{STORED - 1}.off"}).json()["shapes"]
     first = threading.Lock()
 
     def meanwhile(_data: bytes) -> None:
