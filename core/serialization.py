@@ -109,7 +109,7 @@ def descriptors_from_bytes(data: bytes) -> ShapeDescriptors:
 
 
 def _faults(embedding: Embedding) -> Iterator[str]:
-    """Yield faults of the header's values and of the arrays; a later check assumes that the earlier ones passed."""
+    """Yield faults of the header and of the arrays; a later check assumes that the earlier ones passed."""
     yield from _header_faults(embedding)
     m, e, d = (
         array.shape[0] if array.ndim else 0

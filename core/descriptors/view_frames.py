@@ -154,7 +154,7 @@ def _second_moments(points: Floats, faces: Ints, areas: Floats) -> Floats:
 
 
 def _corner_sums(corners: Floats) -> Floats:
-    """Return sums over the three corners, shape (f, 3): a quarter of the time of `sum` on so short an axis."""
+    """Return sums over the three corners, shape (f, 3), in a quarter of the time of `sum`."""
     return np.asarray(corners[:, 0] + corners[:, 1] + corners[:, 2])
 
 

@@ -115,7 +115,7 @@ def magnitudes_of(descriptor: Bytes) -> Floats:
 
 
 def shares_of(descriptor: Bytes) -> Floats:
-    """Return shares of pairs of a descriptor, shape (DISTANCE_BINS, NORMAL_BINS, ANGLE_PAIRS), up to rounding.
+    """Return shares of pairs of a descriptor up to rounding, (DISTANCE_BINS, NORMAL_BINS, ANGLE_PAIRS).
 
     Shares above 0.25 are 0.25.
     """
@@ -158,7 +158,7 @@ def view_descriptor(vertices: Floats, faces: Ints) -> Bytes:
 
 
 def view_distance(query: Bytes, stored: Bytes) -> Floats:
-    """Compute distances between one descriptor and c others, shape (c,), >= 0, symmetric; 0 between equal ones.
+    """Compute distances between one descriptor and c others, shape (c,), >= 0; 0 between equal ones.
 
     The sum of two terms. First, the L1 distance between the magnitudes of two panoramas, in [0, 2], averaged
     over the panoramas of a frame, in the frame where it is least. Second, `PAIR_WEIGHT` times the L1 distance
@@ -238,7 +238,7 @@ def signature_distance(query: Bytes, stored: Bytes) -> Ints:
 
 @compiled
 def _sums(query: Bytes, stored: Bytes) -> Ints:
-    """Compute L1 distances. A sum over at most 257 bytes fits 16 bits, in which it takes a third of the time."""
+    """Compute L1 distances. A sum over at most 257 bytes fits 16 bits, which takes a third of the time."""
     sums = np.empty(len(stored), dtype=np.int64)
     for i in range(len(stored)):
         total = np.uint16(0)

@@ -149,7 +149,7 @@ def offset(differences: PairDifferences) -> Floats:
 
 
 def pooled_log_odds(differences: PairDifferences) -> Floats:
-    """Compute log odds that pairs are of one class, shape (...). Unlike probabilities they do not saturate."""
+    """Compute log odds that pairs are of one class, shape (...). Probabilities saturate; they do not."""
     return np.where(
         differences.part,
         CALIBRATED_PARTS.log_odds(part_features(differences)),
