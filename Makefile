@@ -115,7 +115,7 @@ method-test: $(DEV)
 
 studies-test: $(DEV)
 	$(PYTEST) $(AT_A_TIME) -m studies tests/service
-	$(PYTEST) tests/soak/test_no_skips.py
+	$(PYTEST) tests/studies tests/soak/test_no_skips.py
 
 # Tests of the collections may not be skipped here.
 collections-test: $(DEV)

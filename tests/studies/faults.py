@@ -1,13 +1,12 @@
 """Put small faults into the project, one at a time, and count those that the tests of the folder catch.
 
-    python -m tests.studies.faults OUT.csv --count 60 --seed 0 [--only core]
+    python -m tests.studies.faults DIR [--count 60] [--seed 0] [--only core]
 
 The faults are drawn with a seed: flipped comparisons, swapped operators, limits off by one, conditions
 turned round, statements left out. Each is written into a copy of the tree, where the tests of the module's
 folder run until the first fails. A fault that no test notices may be equivalent to the original: read them.
 """
 
-import argparse
 import ast
 import csv
 import os
@@ -22,6 +21,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
+
+from tests.studies.common import run
 
 ROOT = Path(__file__).parents[2]
 LONGEST_SECONDS = 1200
@@ -135,22 +136,19 @@ def is_caught(tree: Path, fault: Fault) -> bool:
     return done.returncode != 0
 
 
-def main() -> None:
-    """Put the faults in, write a row for each, and print how many were caught."""
-    parser = argparse.ArgumentParser(prog="python -m tests.studies.faults", description=__doc__)
-    parser.add_argument("out", type=Path)
-    parser.add_argument("--count", type=int, default=60)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--only", default="", help="the beginning of the paths of the modules")
-    options = parser.parse_args()
+def main(folder: Path, count: int, seed: int, only: str) -> None:
+    """Put the faults in, write a row for each to faults.csv, and print how many were caught."""
     caught: Counter[str] = Counter()
-    faults = draw(options.count, options.seed, options.only)
-    with tempfile.TemporaryDirectory(prefix="isoshape-faults-") as folder, options.out.open("w") as out:
-        tree = Path(folder)
-        for name in ("core", "service", "tests", "docs", "docker", "openapi", ".ci"):
-            shutil.copytree(ROOT / name, tree / name)
-        for name in ("pyproject.toml", "README.md", "CONTRIBUTING.md", "CHANGELOG.md", "Makefile"):
-            shutil.copy2(ROOT / name, tree / name)
+    faults = draw(count, seed, only)
+    with (
+        tempfile.TemporaryDirectory(prefix="isoshape-faults-") as name,
+        (folder / "faults.csv").open("w") as out,
+    ):
+        tree = Path(name)
+        for part in ("core", "service", "tests", "docs", "docker", "openapi", ".ci"):
+            shutil.copytree(ROOT / part, tree / part)
+        for part in ("pyproject.toml", "README.md", "CONTRIBUTING.md", "CHANGELOG.md", "Makefile"):
+            shutil.copy2(ROOT / part, tree / part)
         rows = csv.DictWriter(out, [*Fault.__dataclass_fields__, "caught", "seconds"])
         rows.writeheader()
         for fault in faults:
@@ -164,4 +162,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run(main, __doc__, count=60, seed=0, only="")
