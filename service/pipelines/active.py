@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from core.arrays import Float32s
 from core.errors import ParameterError
-from core.parameters import DEFAULT, METHOD_VERSION, PAPER, Parameters
+from core.parameters import METHOD_VERSION, Parameters
 from core.pipeline import Pipeline
 from service.errors import REEMBED, PipelineUnavailableError
 from service.index.cache import POINTS_BYTES, EmbeddingCache
@@ -81,9 +81,6 @@ class Pipelines:
             keep(session, self.wanted)
             if fingerprint != self.wanted.fingerprint:
                 repository.activate(session, self.wanted.fingerprint)
-        for known in (self.wanted, DEFAULT, PAPER):
-            if known.fingerprint == fingerprint:
-                keep(session, known)
         self.current(session)
 
     def current(self, session: ReadSession) -> ActivePipeline:

@@ -78,13 +78,10 @@ def test_the_first_answer_comes_again_whatever_became_of_the_shape(service: Runn
     assert service.client.delete(f"/shapes/{shape['id']}").status_code == 204
     assert_replayed(send(service.client, small_file(0), tags=["a", "b"], metadata='{"x": 1}'), first)
     assert total(service) == 0
-
-
-def test_an_answer_that_the_shape_was_there_comes_again_too(service: Running) -> None:
     service.store(small_file(0), "ball.off")
-    first = send(service.client, small_file(0))
-    assert first.status_code == 200
-    assert_replayed(send(service.client, small_file(0)), first)
+    present = send(service.client, small_file(0), key='"second"')
+    assert present.status_code == 200
+    assert_replayed(send(service.client, small_file(0), key='"second"'), present)
 
 
 @pytest.mark.parametrize(
@@ -110,8 +107,7 @@ def test_another_payload_is_refused(service: Running, other: dict[str, Any]) -> 
 @pytest.mark.parametrize(
     "value",
     [
-        *("8e03978e", "", '""', '"', "'a'", '"a', 'a"', '"a"b"', '"a" "b"', '"a", "b"', '"a\\b"', '"ä"'),
-        *('"a\tb"', LONG, ":YQ==:", "7"),
+        *("8e03978e", "", '""', '"a', '"a"b"', '"a", "b"', '"a\\b"', '"ä"', '"a\tb"', LONG),
     ],
 )
 def test_a_malformed_key_is_refused(service: Running, value: str) -> None:
@@ -119,14 +115,10 @@ def test_a_malformed_key_is_refused(service: Running, value: str) -> None:
         "/shapes", files={"file": ("a.off", small_file(0))}, headers={HEADER: value.encode()}
     )
     assert_problem(answer, 400, "idempotency-key-malformed")
-    assert total(service) == 0
-
-
-def test_two_keys_are_refused(service: Running) -> None:
-    answer = service.client.post(
-        "/shapes", files={"file": ("a.off", small_file(0))}, headers=[(HEADER, KEY), (HEADER, KEY)]
-    )
+    twice = [(HEADER, KEY), (HEADER, KEY)]
+    answer = service.client.post("/shapes", files={"file": ("a.off", small_file(0))}, headers=twice)
     assert_problem(answer, 400, "idempotency-key-malformed")
+    assert total(service) == 0
 
 
 @pytest.mark.parametrize(
@@ -141,9 +133,6 @@ def test_two_keys_are_refused(service: Running) -> None:
 )
 def test_a_key_is_a_string_of_rfc_8941(value: str, key: str) -> None:
     assert read_key([value]) == key
-
-
-def test_no_header_is_no_key() -> None:
     assert read_key([]) is None
 
 

@@ -291,13 +291,13 @@ def at_work(running: Running) -> int:
 
 
 def test_shapes_that_a_cancelled_job_has_stored_stay(clean: Running) -> None:
-    job_id = begun(clean.client, pack(meshes(range(40))))
+    job_id = begun(clean.client, pack(meshes(range(12))))
     wait_until(lambda: job(clean.client, job_id)["counts"]["stored"] >= 3, seconds=180)
     cancelled = clean.client.post(f"/jobs/{job_id}/cancel").json()
     wait_until(lambda: at_work(clean) == 0, seconds=180)
     counts = job(clean.client, job_id)["counts"]
     assert counts == cancelled["counts"]
-    assert 3 <= counts["stored"] < 40
+    assert 3 <= counts["stored"] < 12
     there = stored(clean)
     assert len(there) == counts["stored"]
     assert {file["path"].rpartition("/")[2] for file in files(clean.client, job_id, outcome="stored")} == set(

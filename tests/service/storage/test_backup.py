@@ -100,10 +100,6 @@ def test_an_archive_that_holds_shapes_is_replaced_only_when_asked(archive: Path,
     assert restore(target, other, replace=True).shapes == 2
     assert names(other) == ["0", "1"]
     assert other.stat().st_mode & 0o777 == 0o640
-
-
-def test_an_archive_that_holds_nothing_is_replaced(archive: Path, target: Path) -> None:
-    back_up(archive, target)
     empty = make_archive(archive.with_name("empty.sqlite3"))
     restore(target, empty)
     assert names(empty) == ["0", "1"]
@@ -149,17 +145,13 @@ def test_a_journal_that_was_left_is_not_played_into_what_is_restored(
     archive: Path, target: Path, tmp_path: Path
 ) -> None:
     left = half_done(archive, tmp_path)
+    with pytest.raises(ArchiveError, match="in use"):
+        restore(left, target)
+    assert not target.exists()
     backup = make_archive(target, 2, 3, 4)
     restore(backup, left, replace=True)
     assert names(left) == ["2", "3", "4"]
     assert check(left, lock_seconds=1).faults == []
-
-
-def test_a_file_with_a_journal_is_no_backup(archive: Path, target: Path, tmp_path: Path) -> None:
-    left = half_done(archive, tmp_path)
-    with pytest.raises(ArchiveError, match="in use"):
-        restore(left, target)
-    assert not target.exists()
 
 
 def test_an_archive_in_use_is_not_replaced(archive: Path, target: Path) -> None:
@@ -174,22 +166,18 @@ def test_an_archive_in_use_is_not_replaced(archive: Path, target: Path) -> None:
         restore(target, archive, replace=True)
     second.close()
     restore(target, archive, replace=True)
-
-
-def test_a_service_does_not_start_while_an_archive_is_put_in_place(archive: Path) -> None:
-    with ArchiveLock(archive, alone=True), pytest.raises(StorageUnavailableError, match="in its place"):
-        Database(f"sqlite:///{archive}", lock_seconds=1)
-    Database(f"sqlite:///{archive}", lock_seconds=1).close()
-
-
-def test_a_killed_service_holds_nothing(archive: Path, target: Path) -> None:
-    back_up(archive, target)
     with server(archive.parent) as (process, _):
         with pytest.raises(StorageUnavailableError):
             restore(target, archive, replace=True)
         process.kill()
         process.wait()
         restore(target, archive, replace=True)
+
+
+def test_a_service_does_not_start_while_an_archive_is_put_in_place(archive: Path) -> None:
+    with ArchiveLock(archive, alone=True), pytest.raises(StorageUnavailableError, match="in its place"):
+        Database(f"sqlite:///{archive}", lock_seconds=1)
+    Database(f"sqlite:///{archive}", lock_seconds=1).close()
 
 
 def newer(path: Path) -> None:

@@ -8,7 +8,6 @@ from pathlib import Path
 import httpx
 import pytest
 
-from service.errors import StorageUnavailableError
 from service.storage.archive_file import RESERVE_BYTES, DatabaseFile
 from tests.service.support import Running, assert_problem, serving, settings_in, small_file, upload
 
@@ -33,14 +32,10 @@ def test_a_service_whose_file_is_gone_or_another_is_not_ready(frail: tuple[Runni
     away = path.with_name("away")
     path.rename(away)
     assert "gone" in assert_problem(running.client.get("/readyz"), 503, "not-ready")["detail"]
-    assert_problem(
-        upload(running.client, small_file(0), "again.off", name="again"), 503, "storage-unavailable"
-    )
+    assert_problem(again(running), 503, "storage-unavailable")
     shutil.copyfile(away, path)
     assert "another file" in assert_problem(running.client.get("/readyz"), 503, "not-ready")["detail"]
-    assert_problem(
-        upload(running.client, small_file(0), "again.off", name="again"), 503, "storage-unavailable"
-    )
+    assert_problem(again(running), 503, "storage-unavailable")
     away.rename(path)
     assert running.client.get("/readyz").status_code == 200
     assert running.client.get("/shapes").json()["total"] == 1
@@ -99,16 +94,3 @@ def test_a_deletion_has_the_room_of_the_reserve(tmp_path: Path, monkeypatch: pyt
     disk.free = 3 * RESERVE_BYTES
     file.keep_reserve()
     assert reserve.stat().st_size == RESERVE_BYTES
-
-
-def test_the_first_file_is_the_one(tmp_path: Path) -> None:
-    path = tmp_path / "archive.sqlite3"
-    file = DatabaseFile(path)
-    with pytest.raises(StorageUnavailableError, match="gone"):
-        file.check()
-    path.touch()
-    file.check(writable=True)
-    (tmp_path / "other").touch()
-    (tmp_path / "other").replace(path)
-    with pytest.raises(StorageUnavailableError, match="another"):
-        file.check()
