@@ -84,7 +84,7 @@ def _compile_side_by_side(parameters: Parameters) -> None:
         assert process.stdin is not None
         try:
             process.stdin.write(pickle.dumps(parameters))
-            process.stdin.close()
+            process.stdin.flush()
             warm_surfaces(parameters)
             process.wait()
         except BaseException:
@@ -94,7 +94,17 @@ def _compile_side_by_side(parameters: Parameters) -> None:
 
 def _compile_matching() -> None:
     """Compile the kernels of matching, for the parameters that another process sends."""
-    warm_matching(pickle.loads(sys.stdin.buffer.read()))
+    parameters = pickle.load(sys.stdin.buffer)
+    threading.Thread(target=_end_with_sender, daemon=True, name="isoshape-sender").start()
+    warm_matching(parameters)
+
+
+def _end_with_sender() -> None:
+    """End this process when the process that holds the other end of its standard input ends."""
+    # Not sys.stdin: a thread that waits in its buffer would hold up the end of the interpreter.
+    while os.read(0, 1):
+        pass
+    os._exit(1)
 
 
 @contextmanager

@@ -43,6 +43,34 @@ def test_of_several_processes_one_compiles_and_the_others_wait(tmp_path: Path) -
     assert later.split() == ["True", "False", "True"]
 
 
+def test_the_second_process_ends_with_the_first(tmp_path: Path) -> None:
+    code = (
+        "from core.parameters import DEFAULT\nfrom service.compute import compilation\n"
+        "compilation.warm_surfaces = lambda parameters: print('begun', flush=True)\n"
+        "compilation._compile_side_by_side(DEFAULT)"
+    )
+    first = subprocess.Popen(
+        [sys.executable, "-c", code],
+        env=os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)},
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    assert first.stdout is not None
+    assert first.stdout.readline() == "begun\n"
+    (second,) = Path(f"/proc/{first.pid}/task/{first.pid}/children").read_text().split()
+
+    def runs() -> bool:
+        try:
+            return Path("/proc", second, "cmdline").read_bytes() != b""
+        except FileNotFoundError:
+            return False
+
+    assert runs()
+    first.kill()
+    first.communicate()
+    wait_until(lambda: not runs(), seconds=30)
+
+
 def test_a_failed_compilation_is_done_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(compilation, "_stamp", lambda parameters: tmp_path / f"{parameters.name}.compiled")
 
