@@ -26,7 +26,6 @@ class QueryArguments(TypedDict, total=False):
     area: str
     volume: str
     length: str
-    filter: Sequence[str]
     exclude: Sequence[str]
     min_cc: float
     scale: Literal["ignore", "respect"]
@@ -49,7 +48,7 @@ def similar(shape_id: str, **options: Unpack[QueryArguments]) -> Call[QueryAnswe
 def query_shape(shape_id: str, **options: Unpack[QueryArguments]) -> Call[QueryAnswer]:
     """Return the answer of `similar`; the options are in the body, so a long list of ids fits."""
     body: dict[str, Any] = {"shape_id": shape_id, **options}
-    for name in {"exclude", "filter", "tag"} & set(body):
+    for name in {"exclude", "tag"} & set(body):
         body[name] = list(body[name])
     if "metadata" in options:
         body["metadata"] = conditions(options["metadata"])

@@ -70,7 +70,7 @@ export function shapeCard(shape, ...actions) {
  */
 export const measures = ({ facts }, ratio) => [
   ...(ratio === null ? [] : [/** @type {[string, string]} */ (["size ratio", rounded(ratio)])]),
-  ["sides", facts.bounding_box ? facts.bounding_box.map(rounded).join(" × ") : "unknown"],
+  ["sides", facts.bounding_box.map(rounded).join(" × ")],
   ["area", rounded(facts.area)],
   ["volume", facts.closed ? rounded(facts.volume) : "none, the surface is open"],
   ["vertices", facts.vertices.toLocaleString("en")],

@@ -2,7 +2,7 @@
 
 /**
  * @typedef {{ vertices: number, faces: number, area: number, volume: number, closed: boolean,
- *             bounding_box: number[] | null }} Facts
+ *             bounding_box: number[] }} Facts
  * @typedef {{ id: string, name: string, tags: string[], format: string, facts: Facts }} Shape
  * @typedef {{ shapes: Shape[], total: number, next_cursor: string | null }} ShapePage
  * @typedef {{ sample: number, vertex: number, position: number[] }} Point

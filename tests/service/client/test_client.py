@@ -109,12 +109,12 @@ def test_queries_and_comparison(archive: Client) -> None:
     others = archive.query_shape(cup.id, correspondences=True)
     assert [result.shape.id for result in others.results] == [octopus.id]
     assert others.results[0].correspondence
-    wanted: QueryArguments = {"exclude_self": False, "filter": ["cup"], "rank_by": "ssd"}
+    wanted: QueryArguments = {"exclude_self": False, "tag": ["cup"], "rank_by": "ssd"}
     with_itself = archive.query_shape(cup.id, **wanted)
     assert [result.shape.id for result in with_itself.results] == [cup.id]
     assert archive.similar(cup.id, **wanted).results == with_itself.results
     assert archive.similar(cup.id, correspondences=True).results == others.results
-    filtered = archive.query_file(OCTOPUS, filter=["cup"], exclude_self=True, exhaustive=True)
+    filtered = archive.query_file(OCTOPUS, tag=["cup"], exclude_self=True, exhaustive=True)
     assert [result.shape.id for result in filtered.results] == [cup.id]
     compared = archive.compare(cup.id, octopus.id)
     assert compared.cc == pytest.approx(others.results[0].cc, abs=1e-9)

@@ -27,7 +27,6 @@ SEARCH = {
     "tag": ["a", "b"],
     "name": "x",
     "metadata": ["k=1"],
-    "filter": ["c"],
     "exclude": ["id"],
     "min_cc": 0.5,
     "scale": "respect",
@@ -201,7 +200,7 @@ def example(schema: dict[str, Any]) -> Any:
     if kind == "object":
         return {name: example(inner) for name, inner in schema.get("properties", {}).items()}
     if kind == "array":
-        return [example(schema["items"])]
+        return [example(schema["items"])] * schema.get("minItems", 1)
     if kind == "string":
         return "2026-01-31T12:00:00Z" if schema.get("format") == "date-time" else "x"
     return {"integer": 3, "number": 0.5, "boolean": True, None: 1}[kind]

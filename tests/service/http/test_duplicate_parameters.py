@@ -16,7 +16,7 @@ PARAMETERS = [
 
 def test_there_are_lists_and_others() -> None:
     lists = {each.values[2]["name"] for each in PARAMETERS if each.values[2]["schema"].get("type") == "array"}
-    assert lists == {"tag", "filter", "metadata", "exclude"}
+    assert lists == {"tag", "metadata", "exclude"}
     assert len(PARAMETERS) > 2 * len(lists)
 
 

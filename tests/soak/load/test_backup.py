@@ -82,7 +82,7 @@ def test_a_backup_made_under_load_gives_the_same_answers_elsewhere(tmp_path: Pat
 
 def ask(client: httpx.Client, shape_id: str) -> list[Any]:
     """The results of a query with a stored shape among the kept shapes: a score for each other."""
-    answer = client.post("/query", json={"shape_id": shape_id, "top_k": KEPT - 1, "filter": ["kept"]})
+    answer = client.post("/query", json={"shape_id": shape_id, "top_k": KEPT - 1, "tag": ["kept"]})
     assert answer.status_code == 200, answer.text
     results: list[Any] = answer.json()["results"]
     assert len(results) == KEPT - 1

@@ -36,7 +36,7 @@ EXCLUDED = re.compile(
 cursors of another order."""
 
 # Text that people write follows rules that a schema does not tell: see `service.shapes.fields`.
-WRITTEN = {"name", "tag", "tags", "filter", "metadata", "area", "volume", "length"}
+WRITTEN = {"name", "tag", "tags", "metadata", "area", "volume", "length"}
 # In it everything is text: any may be a tag, and true is written in many ways.
 FORM = "multipart/form-data"
 QUIET = settings(
