@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 from core.descriptors import views
 from core.embedding import Embedding
 from core.evaluation.perturbation import cut_part
-from core.gallery import make_shape
 from core.mesh.mesh import Mesh
 from core.parameters import DEFAULT, METHOD_VERSION, PAPER, Parameters
 from core.pipeline import Pipeline
@@ -42,8 +41,8 @@ SHAPES = {
     "blob": lambda: blob(0, 2),
     "box": lambda: box(3, 2, 1),
     "loose parts": loose_parts,
-    "cup": lambda: make_shape("cup", 0),
-    "part of an octopus": lambda: cut_part(make_shape("octopus", 0), 0.3, 3),
+    "fine blob": lambda: blob(1, 4),
+    "part of a blob": lambda: cut_part(blob(2, 3), 0.4, 0),
 }
 
 SETTINGS = {"default": DEFAULT, "paper": PAPER.with_values(sampling={"sample_cap": 60})}
