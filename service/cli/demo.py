@@ -21,7 +21,7 @@ from service.client import Client
 from service.client.concurrent_uploads import Item, upload_all
 from service.compute.compilation import is_compiled
 from service.console import fail, output, progress, say, table
-from service.report.pictures import SIZE, Preview, matched
+from service.report import SIZE, Preview, matched
 from service.search.schemas import QueryAnswer, score_in_words
 from service.server.process import (
     DEFAULT_PORT,

@@ -134,7 +134,7 @@ def write_report(
 ) -> None:
     """Write the page of an answer, in UTF-8 on every system."""
     # Here, so that a query without a page does not wait for the imports of drawing.
-    from service.report.report import report  # noqa: PLC0415
+    from service.report import report  # noqa: PLC0415
 
     with progress() as bar:
         task = bar.add_task("drawing", total=len(answer.results))

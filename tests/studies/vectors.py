@@ -63,18 +63,18 @@ def fill(url: str, stored: NDArray[np.float32]) -> None:
             for n in numbers:
                 rows.write_row((n, f"{n:064x}", 1, b"x"))
         columns = "number, id, blob_number, format, name, folded_name, meta, facts, "
-        columns += "created_at, updated_at, revision, collection_number"
+        columns += "created_at, updated_at, revision, collection_number, checksum"
         with cursor.copy(f"COPY shapes ({columns}) FROM STDIN") as rows:
             for n in numbers:
                 shape = (n, f"{n:036x}", n, "off", f"{n}", f"{n}", "{}", '{"area": 1.0}', now, now, n)
-                rows.write_row((*shape, DEFAULT_COLLECTION.number))
-        with cursor.copy("COPY shape_tags (shape_number, tag, place) FROM STDIN") as rows:
+                rows.write_row((*shape, DEFAULT_COLLECTION.number, ""))
+        with cursor.copy("COPY shape_tags (shape_number, tag, position) FROM STDIN") as rows:
             for n in numbers[::TAGGED]:
                 rows.write_row((n, "tenth", 0))
-        columns = "number, blob_number, format, fingerprint, signature, record"
+        columns = "number, blob_number, format, fingerprint, signature, record, checksum"
         with cursor.copy(f"COPY embeddings ({columns}) FROM STDIN") as rows:
             for n in numbers:
-                rows.write_row((n, n, "off", FINGERPRINT, vector_text(stored[n - 1]), b"x"))
+                rows.write_row((n, n, "off", FINGERPRINT, vector_text(stored[n - 1]), b"x", ""))
 
 
 def truth(

@@ -10,7 +10,7 @@ from PIL import Image
 
 from service import openapi_document as openapi
 from service.cli import demo
-from service.report.pictures import SIZE
+from service.report import SIZE
 from service.server.process import LOOPBACK
 from tests.service.cli.conftest import CLASSES, Run
 

@@ -11,8 +11,7 @@ from core.mesh.mesh import Mesh
 from service.rendering.tasks import FACES
 from service.rendering.tasks import preview as make_preview
 from service.rendering.thumbnail import camera, draw, draw_painted, upright
-from service.report.page import SCORES, MatchReport, PicturedResult, page
-from service.report.pictures import SIZE, Preview, alone, matched
+from service.report import SCORES, SIZE, MatchReport, PicturedResult, Preview, alone, matched, page
 from service.search.schemas import MILLISECONDS, RESULT, Pair, Point, QueryAnswer, Result
 from service.system.schemas import Version
 from tests.service.html import Parsed

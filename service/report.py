@@ -1,0 +1,345 @@
+"""The report of a query as one HTML page, without scripts and external files, with pictures from previews."""
+
+import json
+import struct
+from base64 import b64encode
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from hashlib import sha256
+from html import escape
+from string import Template
+
+import numpy as np
+
+from core.arrays import Floats
+from core.io import read_mesh
+from core.mesh.mesh import Mesh
+from service.client import Client
+from service.rendering.colours import colours_of_points
+from service.rendering.thumbnail import draw, draw_painted, upright
+from service.search.schemas import CC_OF_PAIRS, Pair, QueryAnswer, Result, likeness_in_words, score_in_words
+from service.shapes.schemas import box_in_words, number_in_words, volume_in_words
+from service.system.schemas import Version
+
+STYLE = """\
+:root {
+  color-scheme: light dark;
+  --ground: #ffffff; --text: #1d232b; --quiet: #56606c; --line: #d5dbe2; --panel: #f3f5f8;
+}
+@media (prefers-color-scheme: dark) {
+  :root { --ground: #14181d; --text: #e6eaef; --quiet: #a3adb8; --line: #37404a; --panel: #1e242b; }
+}
+body { margin: 0; background: var(--ground); color: var(--text); font: 16px/1.5 system-ui, sans-serif; }
+main { max-width: 46rem; margin: 0 auto; padding: 1rem 1rem 4rem; }
+h1, h2, td, figcaption { overflow-wrap: anywhere; }
+h1 { font-size: 1.6rem; }
+h2 { font-size: 1.2rem; margin-top: 2.5rem; }
+section { break-inside: avoid; }
+figure { margin: 1rem 0; padding: 0.5rem; background: var(--panel); border-radius: 0.5rem; }
+figure img { max-width: 100%; height: auto; }
+.pair { display: flex; flex-wrap: wrap; justify-content: space-around; }
+.pair img { flex: 0 1 16rem; min-width: 8rem; }
+.pair figcaption { flex-basis: 100%; }
+figcaption, caption { color: var(--quiet); font-size: 0.9rem; text-align: left; }
+table { border-collapse: collapse; width: 100%; margin: 1rem 0; }
+th, td { border-top: 1px solid var(--line); padding: 0.25rem 0.75rem 0.25rem 0; }
+th, td { text-align: left; vertical-align: top; }
+th { font-weight: 600; width: 12rem; }
+.numbers td { font-variant-numeric: tabular-nums; }
+dt { font-weight: 600; }
+dd { margin: 0 0 0.75rem; }
+"""
+"""The style of a report: dark or light, by the setting of the reader's system."""
+
+PAGE = Template("""\
+<!doctype html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<meta http-equiv="Content-Security-Policy"
+  content="default-src 'none'; img-src data:; style-src 'unsafe-inline'">
+<title>$title</title>
+<style>
+$style</style>
+</head>
+<body>
+<main>
+<h1>$title</h1>
+$summary
+<figure>$picture
+<figcaption>The query, $query</figcaption></figure>
+$results
+<h2>The scores</h2>
+<dl>
+$scores
+</dl>
+<h2>The query</h2>
+$asked
+</main>
+</body>
+</html>
+""")
+"""The page; every value is escaped before it is put in."""
+
+SCORES = {
+    "CC": "The correlation of the matched points’ spectral coordinates: 1 for the same shape in any pose. "
+    f"{CC_OF_PAIRS}",
+    "SSD": "The root of the sum of squared differences of those coordinates, divided by the number of "
+    "pairs: 0 for the same shape, and larger for less similar shapes.",
+    "sim": "The share of points, from 0 to 1, whose partner on the other shape a smooth map explains.",
+    "combined": "The probability, from 0 to 1, that both shapes are of one class, from CC and sim, their "
+    "spectra, their global descriptors and their spin images.",
+}
+PART_DISTANCE = (
+    "The distance between the spin images at points of the query and the nearest spin images of the shape: "
+    "0 or more; only its order among shapes has a meaning."
+)
+
+
+SIZE = 256
+"""Pixels on each side of a picture."""
+
+_GLB = "glb"
+# The offsets of the length of the JSON, after the header of the file, and of the JSON itself.
+_LENGTH, _JSON = 12, 20
+
+
+@dataclass(frozen=True, eq=False)
+class Preview:
+    """The preview of a shape by the service.
+
+    Attributes
+    ----------
+    mesh : Mesh
+        With y up and coordinates in [-1, 1].
+    placing : float64, shape (3, 4)
+        Maps a point (x, y, z, 1) of the file to the mesh.
+    """
+
+    mesh: Mesh
+    placing: Floats
+
+    @classmethod
+    def of(cls, glb: bytes, format: str) -> "Preview":
+        """Read a preview from its GLB and the format of the original file."""
+        (length,) = struct.unpack_from("<I", glb, _LENGTH)
+        (node,) = json.loads(glb[_JSON : _JSON + length])["nodes"]
+        middle, half = np.array(node["extras"]["middle"]), float(node["extras"]["half"])
+        turn = upright(format) / half
+        return cls(read_mesh(glb, _GLB), np.hstack([turn, -(turn @ middle)[:, None]]))
+
+    def placed(self, points: Floats) -> Floats:
+        """Points of the file, shape (p, 3), in the frame of the mesh."""
+        return np.asarray(points @ self.placing[:, :3].T + self.placing[:, 3])
+
+
+def alone(shape: Preview) -> bytes:
+    """Return a PNG of a shape."""
+    return draw(shape.mesh, _GLB, SIZE)
+
+
+def matched(first: Preview, second: Preview, pairs: list[Pair]) -> tuple[bytes, bytes]:
+    """Return a PNG of each of two shapes; corresponding points have one colour."""
+    ends = [
+        shape.placed(np.array([point.position for point in points]))
+        for shape, points in (
+            (first, [pair.first for pair in pairs]),
+            (second, [pair.second for pair in pairs]),
+        )
+    ]
+    colours = colours_of_points(ends[0], np.eye(3))
+    return (
+        draw_painted(first.mesh, _GLB, SIZE, ends[0], colours),
+        draw_painted(second.mesh, _GLB, SIZE, ends[1], colours),
+    )
+
+
+@dataclass(frozen=True)
+class PicturedResult:
+    """A result with a picture of the query and one of the shape; corresponding points have one colour."""
+
+    result: Result
+    query: bytes
+    shape: bytes
+
+
+@dataclass(frozen=True)
+class MatchReport:
+    """The contents of a report.
+
+    Attributes
+    ----------
+    name, sha256 : str
+        The name and the SHA-256 of the query's file.
+    picture : bytes
+        A PNG of the query.
+    options : mapping
+        The options of the query, by the names of the HTTP fields.
+    answer : QueryAnswer
+    found : tuple of PicturedResult
+        The results with their pictures.
+    version : Version
+        The version of the service.
+    """
+
+    name: str
+    sha256: str
+    picture: bytes
+    options: Mapping[str, object]
+    answer: QueryAnswer
+    found: tuple[PicturedResult, ...]
+    version: Version
+
+
+def page(report: MatchReport) -> str:
+    """Return the report as a page. The same report always gives the same text."""
+    name = escape(report.name)
+    return PAGE.substitute(
+        title=f"Most similar to {name}",
+        style=STYLE,
+        summary="\n".join(f"<p>{escape(line)}</p>" for line in _summary(report.answer)),
+        picture=_picture(report.picture, "The query"),
+        query=name,
+        results="\n".join(_section(picture, report.name) for picture in report.found),
+        scores=_explained(report.answer),
+        asked=_asked(report),
+    )
+
+
+def _summary(answer: QueryAnswer) -> list[str]:
+    lines = [f"Compared with {answer.compared} of {answer.stored} stored shapes."]
+    if not answer.results:
+        lines.append("No shape is among the results.")
+    elif not (answer.matched or any(result.likeness != "weak" for result in answer.results)):
+        lines.append(
+            "No shape is similar to the query, by the pipeline’s threshold of CC. The nearest shapes follow."
+        )
+    return lines + answer.warnings
+
+
+def _section(found: PicturedResult, query: str) -> str:
+    result, shape = found.result, found.result.shape
+    name = escape(shape.name)
+    pictures = _picture(found.query, f"{query}, coloured") + _picture(found.shape, f"{shape.name}, coloured")
+    facts = {
+        "tags": ", ".join(shape.tags),
+        "metadata": _written(shape.metadata) if shape.metadata else "",
+        "vertices, faces": f"{shape.facts.vertices}, {shape.facts.faces}",
+        "length × width × height": box_in_words(shape.facts),
+        "area": number_in_words(shape.facts.area),
+        "volume": volume_in_words(shape.facts),
+        "size over query": "" if result.size_ratio is None else number_in_words(result.size_ratio),
+        "warnings": " ".join(shape.warnings),
+        "id": shape.id,
+    }
+    return "\n".join(
+        [
+            f'<section aria-label="Result {result.rank}">',
+            f"<h2>{result.rank}. {name}</h2>",
+            f'<figure class="pair">{pictures}',
+            f"<figcaption>{escape(query)} and {name}: corresponding points have one colour.</figcaption>",
+            "</figure>",
+            f"<p><strong>{escape(likeness_in_words(result.likeness, result.scale))}</strong></p>",
+            _table("Scores", _scores(result).items(), numbers=True),
+            _table("The shape", ((key, value) for key, value in facts.items() if value)),
+            "</section>",
+        ]
+    )
+
+
+def _scores(result: Result) -> dict[str, str]:
+    part = {} if result.part_distance is None else {"part distance": f"{result.part_distance:.4f}"}
+    return {
+        "CC": score_in_words(result.cc),
+        "SSD": f"{result.ssd:.4f}",
+        "sim": f"{result.sim:.4f}",
+        "combined": f"{result.combined:.3f}",
+        **part,
+    }
+
+
+def _explained(answer: QueryAnswer) -> str:
+    partial = any(result.part_distance is not None for result in answer.results)
+    scores = {**SCORES, "part distance": PART_DISTANCE} if partial else SCORES
+    return "\n".join(f"<dt>{name}</dt><dd>{text}</dd>" for name, text in scores.items())
+
+
+def _asked(report: MatchReport) -> str:
+    given = {name: _written(value) for name, value in report.options.items() if value not in (None, [])}
+    version = report.version
+    made = {
+        "file": report.name,
+        "SHA-256": report.sha256,
+        "pipeline": f"{version.pipeline}, {report.answer.pipeline}",
+        "service": f"{version.service} {version.version}, method {version.method}",
+    }
+    return _table("Parameters", [*given.items(), *made.items()])
+
+
+def _written(value: object) -> str:
+    return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
+
+
+def _table(caption: str, rows: Iterable[tuple[str, str]], *, numbers: bool = False) -> str:
+    kind = ' class="numbers"' if numbers else ""
+    cells = [f'<tr><th scope="row">{escape(name)}</th><td>{escape(value)}</td></tr>' for name, value in rows]
+    return "\n".join([f"<table{kind}>", f"<caption>{caption}</caption>", *cells, "</table>"])
+
+
+def _picture(png: bytes, text: str) -> str:
+    data = b64encode(png).decode("ascii")
+    return f'<img src="data:image/png;base64,{data}" width="256" height="256" alt="{escape(text)}">'
+
+
+def report(
+    client: Client,
+    file: tuple[str, bytes],
+    options: Mapping[str, object],
+    answer: QueryAnswer,
+    drawn: Callable[[], object],
+) -> str:
+    """Return the page that shows a query and its answer.
+
+    Parameters
+    ----------
+    client : Client
+        The client of the service that answered.
+    file : pair of str and bytes
+        The name and the bytes of the query.
+    options : mapping
+        The options of the query, by the names of the HTTP fields.
+    answer : QueryAnswer
+        With correspondences.
+    drawn : callable
+        Called after each result is drawn.
+
+    Raises
+    ------
+    ClientError
+        A shape or the service is gone.
+    ValueError
+        The answer has no correspondences.
+    """
+    name, data = file
+    # The service has read the file; its ending tells which axis is up.
+    query = Preview.of(client.preview_file(file), name.rpartition(".")[2].lower())
+
+    def found(result: Result) -> PicturedResult:
+        if result.correspondence is None:
+            raise ValueError("the answer has no correspondences")
+        shape = Preview.of(client.preview(result.shape.id), result.shape.format)
+        pictures = matched(query, shape, result.correspondence)
+        drawn()
+        return PicturedResult(result, *pictures)
+
+    made = MatchReport(
+        name=name,
+        sha256=sha256(data).hexdigest(),
+        picture=alone(query),
+        options=options,
+        answer=answer,
+        found=tuple(found(result) for result in answer.results),
+        version=client.version(),
+    )
+    return page(made)
