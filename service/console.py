@@ -53,12 +53,11 @@ def print_table(
     last : int
         Number of rows below a rule, such as sums.
     """
-    table = Table(title=title, box=box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
-    for place, heading in enumerate(headings):
-        table.add_column(heading, justify="left" if place < left else "right", overflow="fold")
+    texts, numbers = headings[:left], headings[left:]
+    made = table(*texts, *(f">{heading}" for heading in numbers), fold=headings, title=title)
     for place, row in enumerate(rows):
-        table.add_row(*row, end_section=last > 0 and place == len(rows) - last - 1)
-    output().print(table)
+        made.add_row(*row, end_section=last > 0 and place == len(rows) - last - 1)
+    output().print(made)
 
 
 def progress() -> Progress:
