@@ -192,8 +192,8 @@ page-lint: $(NODE)
 
 $(BROWSER): tests/soak/browser/requirements.lock $(DEV)
 	$(PIP) install --require-hashes --requirement tests/soak/browser/requirements.lock
-	@command -v chromium >/dev/null || { apt-get update -qq && \
-		apt-get install -qq --no-install-recommends chromium fonts-dejavu-core >/dev/null; }
+	@command -v chromium >/dev/null || { flock /tmp/isoshape-apt apt-get update -qq && \
+		flock /tmp/isoshape-apt apt-get install -qq --no-install-recommends chromium fonts-dejavu-core >/dev/null; }
 	@touch $@
 
 browser-test: $(BROWSER)

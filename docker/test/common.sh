@@ -27,8 +27,9 @@ done
 if ((${#missing[@]})); then
     say "installing ${missing[*]}"
     export DEBIAN_FRONTEND=noninteractive
-    apt-get update -qq </dev/null >/dev/null
-    apt-get install -qq --yes --no-install-recommends "${missing[@]}" </dev/null >/dev/null
+    # Other steps may install packages at the same time.
+    flock /tmp/isoshape-apt apt-get update -qq </dev/null >/dev/null
+    flock /tmp/isoshape-apt apt-get install -qq --yes --no-install-recommends "${missing[@]}" </dev/null >/dev/null
 fi
 
 # Storage and a build of their own, so that no image or container of this machine's is touched.

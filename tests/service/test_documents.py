@@ -15,6 +15,7 @@ PAGES = [
 ]
 
 PATH = re.compile(r"`((?:core|service|tests|docker|docs|openapi)/[\w./-]+)`")
+SCRIPT = re.compile(r"python -m (tests(?:\.\w+)+)")
 LINK = re.compile(r"\]\(([^)\s]+)\)")
 HEADING = re.compile(r"^#+ (.+)$", re.MULTILINE)
 
@@ -43,8 +44,10 @@ def test_links_lead_to_a_file_and_a_heading(page: Path) -> None:
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_files_that_a_page_names_exist(page: Path) -> None:
-    named = [path for path in PATH.findall(page.read_text(encoding="utf-8")) if "NAME" not in path]
-    assert [path for path in named if not (ROOT / path).exists()] == []
+    text = page.read_text(encoding="utf-8")
+    scripts = [name.replace(".", "/") for name in SCRIPT.findall(text)]
+    named = [*PATH.findall(text), *(name if (ROOT / name).is_dir() else f"{name}.py" for name in scripts)]
+    assert [path for path in named if "NAME" not in path and not (ROOT / path).exists()] == []
 
 
 def test_every_page_and_picture_is_linked() -> None:
