@@ -56,6 +56,22 @@ from service.web.endpoints import router as page_router
 DESCRIPTOR_BYTES = 256 * 1024**2
 """Memory for descriptors of stored shapes: 26 kB each, 100 kB for an incomplete shape."""
 
+# In the order of the OpenAPI document.
+ROUTERS = (
+    search_router,
+    compare_router,
+    duplicates_router,
+    map_router,
+    shapes_router,
+    files_router,
+    jobs_router,
+    collections_router,
+    session_router,
+    service_router,
+    pictures_router,
+    page_router,
+)
+
 log = logging.get_logger("app")
 
 
@@ -111,18 +127,8 @@ def create_app(settings: Settings) -> FastAPI:
         redoc_url=None,
     )
     app.state.settings = settings
-    app.include_router(search_router)
-    app.include_router(compare_router)
-    app.include_router(duplicates_router)
-    app.include_router(map_router)
-    app.include_router(shapes_router)
-    app.include_router(files_router)
-    app.include_router(jobs_router)
-    app.include_router(collections_router)
-    app.include_router(session_router)
-    app.include_router(service_router)
-    app.include_router(pictures_router)
-    app.include_router(page_router)
+    for router in ROUTERS:
+        app.include_router(router)
     app.add_middleware(AccessControl, gate=gate)
     app.add_middleware(
         BodyLimit,

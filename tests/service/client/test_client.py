@@ -40,13 +40,13 @@ def make(request: pytest.FixtureRequest) -> Make:
 
 
 @pytest.fixture
-def archive(archive: Client, make: Make) -> Iterator[Client]:
-    """A client of either kind, of a running service that holds nothing."""
-    with make(archive.url) as client:
+def archive(archive: Client) -> Iterator[Awaited]:
+    """An asynchronous client of a running service that holds nothing; the commands' tests use the other."""
+    with Awaited(archive.url) as client:
         yield client
 
 
-def test_the_parts_of_an_assembly(archive: Client) -> None:
+def test_the_parts_of_an_assembly(archive: Awaited) -> None:
     first = archive.upload(("pair.step", step_assembly()), split="parts")
     assert (first.shape.name, first.created) == ("pair.step", True)
     (box,) = first.parts
@@ -59,7 +59,7 @@ def test_the_parts_of_an_assembly(archive: Client) -> None:
     assert [shape.id for shape in archive.shapes(metadata={"assembly": "pair.step"})] == [box.shape.id]
 
 
-def test_a_shape_from_upload_to_deletion(archive: Client) -> None:
+def test_a_shape_from_upload_to_deletion(archive: Awaited) -> None:
     first = archive.upload(CUP, tags=["cup", "small"], metadata={"year": 2024})
     assert first.created
     assert (first.shape.name, first.shape.tags) == ("cup-0.off", ["cup", "small"])
@@ -77,14 +77,14 @@ def test_a_shape_from_upload_to_deletion(archive: Client) -> None:
     assert (missing.value.kind, missing.value.problem.status) == ("shape-not-found", 404)
 
 
-def test_a_path_is_uploaded_under_its_name(archive: Client, tmp_path: Path) -> None:
+def test_a_path_is_uploaded_under_its_name(archive: Awaited, tmp_path: Path) -> None:
     path = tmp_path / "from disk.off"
     path.write_bytes(CUP[1])
     assert archive.upload(path).shape.name == "from disk.off"
     assert archive.upload(str(path), name="another").shape.name == "another"
 
 
-def test_pages_and_filters(archive: Client) -> None:
+def test_pages_and_filters(archive: Awaited) -> None:
     names = [f"copy {i}" for i in range(7)]
     for i, name in enumerate(names):
         archive.upload(CUP, name=name, tags=["even"] if i % 2 == 0 else [], metadata={"i": i})
@@ -98,7 +98,7 @@ def test_pages_and_filters(archive: Client) -> None:
     assert [shape.name for shape in archive.shapes(metadata=["i=5"])] == ["copy 5"]
 
 
-def test_queries_and_comparison(archive: Client) -> None:
+def test_queries_and_comparison(archive: Awaited) -> None:
     cup, octopus = archive.upload(CUP, tags=["cup"]).shape, archive.upload(OCTOPUS).shape
     answer = archive.query_file(CUP, top_k=1)
     assert [result.shape.id for result in answer.results] == [cup.id]
@@ -121,7 +121,7 @@ def test_queries_and_comparison(archive: Client) -> None:
     assert compared.correspondence
 
 
-def test_a_job_from_sending_to_deletion(archive: Client, tmp_path: Path) -> None:
+def test_a_job_from_sending_to_deletion(archive: Awaited, tmp_path: Path) -> None:
     path = tmp_path / "meshes.zip"
     path.write_bytes(pack({"a/cup.off": CUP[1], "octopus.off": OCTOPUS[1], "words.off": b"x"}))
     sent = archive.send_archive(path, tags=["x", "y"], metadata={"year": 2026})
@@ -147,12 +147,12 @@ def test_a_job_from_sending_to_deletion(archive: Client, tmp_path: Path) -> None
     assert missing.value.kind == "job-not-found"
 
 
-def test_ready_and_version(archive: Client) -> None:
+def test_ready_and_version(archive: Awaited) -> None:
     assert archive.ready()
     assert archive.version().pipeline == "default"
 
 
-def test_problems_name_their_cause(archive: Client) -> None:
+def test_problems_name_their_cause(archive: Awaited) -> None:
     with pytest.raises(ProblemError, match="empty") as refused:
         archive.upload(("x.off", b""))
     assert refused.value.kind == "empty-file"
@@ -165,7 +165,7 @@ def test_problems_name_their_cause(archive: Client) -> None:
     assert [fault.field for fault in refused.value.problem.errors] == ["top_k"]
 
 
-def test_an_id_names_no_other_address(archive: Client) -> None:
+def test_an_id_names_no_other_address(archive: Awaited) -> None:
     for shape_id in ("../version", "a/b", "?limit=1", "%2e%2e"):
         with pytest.raises(ProblemError) as refused:
             archive.shape(shape_id)

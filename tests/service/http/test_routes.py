@@ -1,6 +1,7 @@
-"""Every address of the service and who may use it, read off the service, so that none is forgotten."""
+"""Routes: their methods, headers, access, parameters that are given twice, and a service that starts."""
 
 from collections.abc import Iterator
+from pathlib import Path
 
 import httpx
 import pytest
@@ -8,11 +9,16 @@ from fastapi import FastAPI
 from fastapi.routing import APIRoute
 from starlette.routing import Route
 
+from core.io import write_mesh
+from service import app
 from service.app import create_app
 from service.auth.keys import digest_of
+from service.compute.pool import LocalPool
 from service.openapi_document import document
 from service.settings import Settings
-from tests.service.support import assert_problem, serving, settings_in
+from service.system import endpoints
+from tests.core.shapes import icosphere
+from tests.service.support import Running, assert_problem, serving, settings_in
 
 FULL, READ = "isoshape_full-key", "isoshape_read-key"
 KEYS = {"none": None, "wrong": "isoshape_wrong-key", "read": READ, "full": FULL}
@@ -119,3 +125,86 @@ def test_the_document_names_the_schemes_that_it_uses() -> None:
     schemes = document()["components"]["securitySchemes"]
     for operation in DOCUMENTED.values():
         assert all(set(each) <= set(schemes) for each in operation["security"])
+
+
+@pytest.mark.parametrize(
+    "origin", ["http://[", "http://]", "http://[::1", "//[", "[", "", "null", "\xff", "a" * 9000]
+)
+@pytest.mark.parametrize(
+    ("method", "path"), [("POST", "/shapes"), ("DELETE", "/session"), ("PUT", "/nothing")]
+)
+def test_an_origin_that_is_no_url_is_another_site(
+    shared: Running, method: str, path: str, origin: str
+) -> None:
+    answer = shared.client.request(method, path, headers=[(b"Origin", origin.encode("latin-1"))])
+    assert_problem(answer, 403, "cross-site")
+
+
+@pytest.mark.parametrize(
+    ("method", "path"),
+    [("GET", "/"), ("GET", "/shapes"), ("POST", "/shapes"), ("GET", "/healthz"), ("GET", "/no")],
+)
+def test_a_page_with_a_rebound_name_is_refused(shared: Running, method: str, path: str) -> None:
+    """The page is same-origin for its browser, which therefore lets it read and upload."""
+    rebound = {"host": "rebound.example", "origin": "http://rebound.example", "sec-fetch-site": "same-origin"}
+    assert_problem(shared.client.request(method, path, headers=rebound), 421, "misdirected-request")
+    for host in ("localhost:1", "127.0.0.1", "[::1]:8000"):
+        assert shared.client.get("/shapes", headers={"host": host}).status_code == 200
+
+
+PARAMETERS = [
+    pytest.param(method, path, parameter, id=f"{method} {path} {parameter['name']}")
+    for path, operations in document()["paths"].items()
+    for method, operation in operations.items()
+    for parameter in operation.get("parameters", [])
+    if parameter["in"] == "query"
+]
+
+
+def test_there_are_lists_and_others() -> None:
+    lists = {each.values[2]["name"] for each in PARAMETERS if each.values[2]["schema"].get("type") == "array"}
+    assert lists == {"tag", "metadata", "exclude"}
+    assert len(PARAMETERS) > 2 * len(lists)
+
+
+@pytest.mark.parametrize(("method", "path", "parameter"), PARAMETERS)
+def test_only_a_list_may_be_given_twice(shared: Running, method: str, path: str, parameter: dict) -> None:
+    address = path.replace("{shape_id}", "none").replace("{job_id}", "none")
+    name, value = parameter["name"], "a=b"
+    answer = shared.client.request(method, address, params=[(name, value), (name, value)])
+    faults = answer.json().get("errors", [])
+    if parameter["schema"].get("type") == "array":
+        assert faults == []
+    else:
+        assert_problem(answer, 422, "bad-request-fields")
+        assert faults == [{"field": name, "message": "given more than once"}]
+    # What the document does not know is nobody's fault here.
+    assert shared.client.get("/healthz", params=[("x", "1"), ("x", "1")]).status_code == 200
+
+
+@pytest.mark.parametrize(("compiled", "told"), [(False, "kernels are compiled"), (True, "no worker process")])
+def test_readyz_tells_of_the_compilation(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, compiled: bool, told: str
+) -> None:
+    with monkeypatch.context() as patch, serving(settings_in(tmp_path), ready=False) as running:
+        patch.setattr(LocalPool, "ready", lambda pool: False)
+        patch.setattr(endpoints, "is_compiled", lambda parameters: compiled)
+        problem = assert_problem(running.client.get("/readyz"), 503, "not-ready")
+        assert told in problem["detail"]
+        # The page is sent meanwhile, with the place where it says so.
+        assert 'id="starting"' in running.client.get("/").text
+
+
+def test_uploads_and_queries_are_refused_while_no_worker_can_start(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as patch, serving(settings_in(tmp_path)) as running:
+        patch.setattr(LocalPool, "pids", lambda pool: [])
+        patch.setattr(app, "is_compiled", lambda parameters: False)
+        file = {"file": ("ball.off", write_mesh(icosphere(2), "off"))}
+        for address in ("/shapes", "/query"):
+            answer = running.client.post(address, files=file)
+            assert "kernels are compiled" in assert_problem(answer, 503, "busy")["detail"]
+            assert int(answer.headers["Retry-After"]) > 0
+        patch.setattr(app, "is_compiled", lambda parameters: True)
+        assert running.client.post("/shapes", files=file).status_code == 201
