@@ -1,6 +1,6 @@
-"""The gallery's shapes by class and pose."""
+"""The classes of the gallery, and its shapes by class and pose."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from zlib import crc32
 
@@ -21,15 +21,6 @@ _FEWEST, _MOST = 900, 3800
 
 _ATTEMPTS = 25
 """Draws of one pose: about one in ten has limbs that touch, so that running out has no practical chance."""
-
-
-@dataclass(frozen=True, eq=False)
-class GalleryShape:
-    """One shape of the gallery: its class, a name such as octopus-03, and the mesh."""
-
-    label: str
-    name: str
-    mesh: Mesh
 
 
 @dataclass(frozen=True)
@@ -101,21 +92,6 @@ def make_shape(label: str, pose: int, *, seed: int = 0) -> Mesh:
         if is_closed_manifold(faces) and components(faces) == 1 and handles(faces) == kind.handles:
             return Mesh(placed(vertices, rng), faces)
     raise MeshError(f"no sound shape of class {label} in {_ATTEMPTS} draws")
-
-
-def make_gallery(poses: int = 8, *, seed: int = 0) -> Iterator[GalleryShape]:
-    """Yield poses 0 .. `poses` - 1 of every class, class by class in the order of `CLASSES`.
-
-    Raises
-    ------
-    ParameterError
-        A negative number of poses, or a negative seed.
-    """
-    if poses < 0:
-        raise ParameterError(f"the number of poses must be at least 0, not {poses}")
-    for label in CLASSES:
-        for pose in range(poses):
-            yield GalleryShape(label, f"{label}-{pose:02d}", make_shape(label, pose, seed=seed))
 
 
 def placed(vertices: Floats, rng: Generator) -> Floats:

@@ -22,7 +22,7 @@ from core.dense.functional_maps import basis, extend
 from core.embedding import Embedding
 from core.evaluation.classification import Classification, classify
 from core.evaluation.retrieval_measures import Evaluation
-from core.gallery import make_gallery
+from core.gallery import CLASSES, make_shape
 from core.gallery.bodies import make_body
 from core.io import format_of, read_mesh, write_mesh
 from core.mesh.cleaning import clean
@@ -183,10 +183,11 @@ def classes_figure(meshes: Sequence[Mesh], labels: Sequence[str], found: Classif
 
 def made_collection(folder: Path) -> Path:
     """Write made shapes as a collection."""
-    for shape in make_gallery(POSES):
-        path = folder / shape.label / f"{shape.name}.ply"
-        path.parent.mkdir(exist_ok=True)
-        path.write_bytes(write_mesh(shape.mesh, "ply"))
+    for label in CLASSES:
+        (folder / label).mkdir()
+        for pose in range(POSES):
+            path = folder / label / f"{label}-{pose:02d}.ply"
+            path.write_bytes(write_mesh(make_shape(label, pose), "ply"))
     return folder
 
 
