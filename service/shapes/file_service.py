@@ -11,10 +11,8 @@ from core.embedding import Embedding
 from core.errors import MeshTooComplexError
 from core.io import FORMATS, write_mesh
 from core.mesh.mesh import Mesh
-from core.pipeline import Pipeline
 from core.serialization import embedding_from_bytes
 from service.collection import CollectionNumber
-from service.compute.tasks import Embedded
 from service.container import Container
 from service.errors import FileChangedError, NameTakenError, NotEmbeddedError, ShapeNotFoundError
 from service.shapes import file_repository, repository
@@ -22,9 +20,10 @@ from service.shapes.records import (
     NewFile,
     ShapeRecord,
     StoredEmbedding,
+    StoredFile,
 )
-from service.shapes.service import get, put_file
-from service.storage.database import Database, ReadSession
+from service.shapes.service import change_file, get
+from service.storage.database import ReadSession, WriteSession
 
 
 def get_file(session: ReadSession, collection: CollectionNumber, shape_id: str) -> bytes:
@@ -121,50 +120,21 @@ async def replace_file(
     NameTakenError
         Another shape of the collection has the same name and the new file.
     """
-    while True:
-        pipeline, needed = await run_in_threadpool(_look_up, container, collection, shape_id, file, if_match)
-        embedded = await container.queue.embed(file.data, file.format, pipeline) if needed else None
-        replaced = await run_in_threadpool(
-            _replace, container.database, pipeline.fingerprint, collection, shape_id, file, embedded, if_match
-        )
-        if replaced is not None:
-            return replaced
 
+    def check(session: ReadSession, fingerprint: str) -> NewFile:
+        _check_match(get(session, fingerprint, collection, shape_id), if_match)
+        return file
 
-def _look_up(
-    container: Container, collection: CollectionNumber, shape_id: str, file: NewFile, if_match: str | None
-) -> tuple[Pipeline, bool]:
-    """Return the active pipeline, and whether the file needs an embedding."""
-    with container.database.read() as session:
-        pipeline = container.pipelines.current(session).pipeline
-        _check_match(get(session, pipeline.fingerprint, collection, shape_id), if_match)
-        return pipeline, not file_repository.is_embedded(
-            session, pipeline.fingerprint, file.sha256, file.format
-        )
-
-
-def _replace(
-    database: Database,
-    fingerprint: str,
-    collection: CollectionNumber,
-    shape_id: str,
-    file: NewFile,
-    embedded: Embedded | None,
-    if_match: str | None,
-) -> ShapeRecord | None:
-    """Replace the file in one transaction; None if the file must be embedded first."""
-    with database.write() as session:
+    def replace(session: WriteSession, fingerprint: str, stored: StoredFile) -> ShapeRecord:
         record = get(session, fingerprint, collection, shape_id)
         _check_match(record, if_match)
-        put = put_file(session, fingerprint, file, embedded)
-        if put is None:
-            return None
-        if (record.sha256, record.format) == (file.sha256, file.format):
-            return get(session, fingerprint, collection, shape_id)
-        if repository.same(session, fingerprint, collection, file, record.name) is not None:
-            raise NameTakenError(f"another shape has this file and the name {record.name!r}")
-        repository.replace_file(session, record, file.format, put)
+        if (record.sha256, record.format) != (file.sha256, file.format):
+            if repository.same(session, fingerprint, collection, file, record.name) is not None:
+                raise NameTakenError(f"another shape has this file and the name {record.name!r}")
+            repository.replace_file(session, record, file.format, stored)
         return get(session, fingerprint, collection, shape_id)
+
+    return await change_file(container, check, replace)
 
 
 def _check_match(record: ShapeRecord, if_match: str | None) -> None:

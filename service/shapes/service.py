@@ -186,31 +186,53 @@ async def restore(container: Container, collection: CollectionNumber, shape_id: 
     """
     keep = container.settings.undo_time
 
-    def look_up() -> tuple[NewFile, Pipeline, bool]:
+    def read(session: ReadSession, fingerprint: str) -> NewFile:
+        record = get_deleted(session, fingerprint, collection, shape_id, keep)
+        data = file_repository.file_of(session, collection, shape_id, deleted=True)
+        assert data is not None
+        return NewFile(data, record.format)
+
+    def undo(session: WriteSession, fingerprint: str, file: StoredFile) -> ShapeRecord:
+        record = get_deleted(session, fingerprint, collection, shape_id, keep)
+        holder = repository.same(session, fingerprint, collection, record, record.name)
+        if holder is not None:
+            raise NameTakenError(f"the same file was stored as {record.name!r} again: {holder.id}")
+        repository.restore_shape(session, record)
+        return get(session, fingerprint, collection, shape_id)
+
+    return await change_file(container, read, undo)
+
+
+async def change_file(
+    container: Container,
+    read: Callable[[ReadSession, str], NewFile],
+    change: Callable[[WriteSession, str, StoredFile], ShapeRecord],
+) -> ShapeRecord:
+    """Give a shape a file.
+
+    Stages: `read` the file; embed it in a worker if needed; store the file and `change` the shape in one
+    transaction. If another pipeline becomes active meanwhile, all stages run again. The functions get the
+    fingerprint of the active pipeline; what they raise ends the operation, and nothing is stored.
+    """
+
+    def look_up() -> tuple[Pipeline, NewFile, bool]:
         with container.database.read() as session:
             pipeline = container.pipelines.current(session).pipeline
-            record = get_deleted(session, pipeline.fingerprint, collection, shape_id, keep)
-            data = file_repository.file_of(session, collection, shape_id, deleted=True)
-            assert data is not None
-            return NewFile(data, record.format), pipeline, not record.embedded
+            file = read(session, pipeline.fingerprint)
+            key = pipeline.fingerprint, file.sha256, file.format
+            return pipeline, file, not file_repository.is_embedded(session, *key)
 
-    def undo(file: NewFile, fingerprint: str, embedded: Embedded | None) -> ShapeRecord | None:
+    def store(file: NewFile, fingerprint: str, embedded: Embedded | None) -> ShapeRecord | None:
         with container.database.write() as session:
-            record = get_deleted(session, fingerprint, collection, shape_id, keep)
-            if put_file(session, fingerprint, file, embedded) is None:
-                return None
-            holder = repository.same(session, fingerprint, collection, file, record.name)
-            if holder is not None:
-                raise NameTakenError(f"the same file was stored as {record.name!r} again: {holder.id}")
-            repository.restore_shape(session, record)
-            return get(session, fingerprint, collection, shape_id)
+            stored = put_file(session, fingerprint, file, embedded)
+            return None if stored is None else change(session, fingerprint, stored)
 
     while True:
-        file, pipeline, needed = await run_in_threadpool(look_up)
+        pipeline, file, needed = await run_in_threadpool(look_up)
         embedded = await container.queue.embed(file.data, file.format, pipeline) if needed else None
-        restored = await run_in_threadpool(undo, file, pipeline.fingerprint, embedded)
-        if restored is not None:
-            return restored
+        changed = await run_in_threadpool(store, file, pipeline.fingerprint, embedded)
+        if changed is not None:
+            return changed
 
 
 def get_deleted(
