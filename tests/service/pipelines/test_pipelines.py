@@ -155,7 +155,7 @@ def test_uploads_queries_and_deletions_at_a_time_agree_in_the_end(service: Runni
         assert service.client.delete(f"/shapes/{shape['id']}").status_code == 204
 
     def ask(_: int) -> None:
-        answer = query(service.client, small_file(0), top_k=100, filter="")
+        answer = query(service.client, small_file(0), top_k=100)
         assert answer.status_code == 200, answer.text
         body = answer.json()
         assert set(kept) <= {result["shape"]["id"] for result in body["results"]}

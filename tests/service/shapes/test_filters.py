@@ -68,11 +68,6 @@ def test_a_query_is_compared_with_the_shapes_that_a_list_has(
     assert names(in_address) == listed
 
 
-def test_the_older_name_of_tag_counts_too(stocked: Running) -> None:
-    answer = query(stocked.client, small_file(9), top_k=100, tag="bolt", filter="steel").json()
-    assert names(answer) == {"Bolt M6.off"}
-
-
 def test_shapes_are_left_out_by_their_ids(stocked: Running) -> None:
     every = query(stocked.client, small_file(9), top_k=100).json()["results"]
     ids = [result["shape"]["id"] for result in every]
