@@ -1,21 +1,20 @@
 """`isoshape query`: the stored shapes most similar to a file."""
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any
 
 import typer
 from rich.console import Console
 from rich.table import Table
 
+from service.cli.model_options import options_of
 from service.cli.service_address import Collection, Key, Url, service_at
-from service.client import Client, QueryArguments
+from service.client import Client
 from service.console import output, progress, say, table
 from service.search.schemas import (
     CC_OF_PAIRS,
-    LARGEST_SIZE_TOLERANCE,
-    SIZE_TOLERANCE,
     QueryAnswer,
-    RankBy,
+    SearchOptions,
     likeness_in_words,
     score_in_words,
 )
@@ -25,57 +24,10 @@ from service.shapes.schemas import box_in_words, number_in_words, volume_in_word
 UNASKED = {"results": {"__all__": {"correspondence"}}}
 
 
+@options_of(SearchOptions, without={"correspondences", "embedding"}, rank_by="combined")
 def query_command(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A mesh file.")],
     *,
-    top_k: Annotated[int, typer.Option(min=1, max=100, help="The most results.")] = 3,
-    rank_by: Annotated[
-        RankBy, typer.Option(help="Score that sorts the results; the HTTP interface sorts by cc.")
-    ] = "combined",
-    partial: Annotated[
-        bool, typer.Option("--partial", help="The file is a part: find the shapes that contain it.")
-    ] = False,
-    tag: Annotated[
-        list[str] | None, typer.Option(help="Search only shapes with this tag; repeatable.")
-    ] = None,
-    name: Annotated[
-        str | None, typer.Option(help="Search only shapes whose name contains this text.")
-    ] = None,
-    metadata: Annotated[
-        list[str] | None,
-        typer.Option(metavar="KEY=VALUE", help="Search only shapes with this metadata; repeatable."),
-    ] = None,
-    exclude: Annotated[
-        list[str] | None, typer.Option(metavar="ID", help="Leave out the shape with this id; repeatable.")
-    ] = None,
-    exclude_self: Annotated[
-        bool, typer.Option("--exclude-self", help="Leave out shapes with the same bytes as the file.")
-    ] = False,
-    min_cc: Annotated[
-        float | None, typer.Option(min=-1.0, max=1.0, help="Only results with at least this cc.")
-    ] = None,
-    scale: Annotated[
-        Literal["ignore", "respect"], typer.Option(help="respect: only shapes of about the size of the file.")
-    ] = "ignore",
-    size_tolerance: Annotated[
-        float | None,
-        typer.Option(
-            min=0.0,
-            max=LARGEST_SIZE_TOLERANCE,
-            help="With --scale respect: the largest relative difference of two sizes.",
-            show_default=f"{SIZE_TOLERANCE:g}",
-        ),
-    ] = None,
-    area: Annotated[str | None, typer.Option(metavar="MIN..MAX", help="Only this surface area.")] = None,
-    volume: Annotated[
-        str | None, typer.Option(metavar="MIN..MAX", help="Only closed surfaces of this volume.")
-    ] = None,
-    length: Annotated[
-        str | None, typer.Option(metavar="MIN..MAX", help="Only this length of the bounding box.")
-    ] = None,
-    exhaustive: Annotated[
-        bool, typer.Option("--exhaustive", help="Compare with every stored shape, without a shortlist.")
-    ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the answer of the service as JSON.")] = False,
     html: Annotated[
         Path | None,
@@ -84,37 +36,14 @@ def query_command(
     url: Url = None,
     key: Key = None,
     collection: Collection = None,
+    options: dict[str, Any],
 ) -> None:
     """Find the stored shapes most similar to a mesh file."""
     mesh = (file.name, file.read_bytes())
-    asked: QueryArguments = {
-        "top_k": top_k,
-        "rank_by": rank_by,
-        "partial": partial,
-        "tag": tag or [],
-        "metadata": metadata or [],
-        "exclude": exclude or [],
-        "exclude_self": exclude_self,
-        "scale": scale,
-        "exhaustive": exhaustive,
-    }
-    if name is not None:
-        asked["name"] = name
-    if min_cc is not None:
-        asked["min_cc"] = min_cc
-    if size_tolerance is not None:
-        asked["size_tolerance"] = size_tolerance
-    if area is not None:
-        asked["area"] = area
-    if volume is not None:
-        asked["volume"] = volume
-    if length is not None:
-        asked["length"] = length
-    drawn: QueryArguments = {**asked, "correspondences": html is not None}
     with service_at(url, key, collection) as client:
-        answer = client.query_file(mesh, **drawn)
+        answer = client.query_file(mesh, **options, correspondences=html is not None)
         if html is not None:
-            write_report(client, mesh, asked, answer, html)
+            write_report(client, mesh, options, answer, html)
     if as_json:
         typer.echo(answer.model_dump_json(exclude_none=True, exclude=UNASKED))
     else:
@@ -122,7 +51,7 @@ def query_command(
         times = ", ".join(f"{stage} {time:.0f}" for stage, time in answer.milliseconds.items())
         for warning in answer.warnings:
             say(f"{file}: {warning}")
-        order = "part distance" if partial else rank_by
+        order = "part distance" if options["partial"] else options["rank_by"]
         compared = f"{answer.compared} of {answer.stored} stored shapes compared"
         if answer.results:
             say(CC_OF_PAIRS)
@@ -130,7 +59,7 @@ def query_command(
 
 
 def write_report(
-    client: Client, mesh: tuple[str, bytes], asked: QueryArguments, answer: QueryAnswer, path: Path
+    client: Client, mesh: tuple[str, bytes], options: dict[str, Any], answer: QueryAnswer, path: Path
 ) -> None:
     """Write the page of an answer, in UTF-8 on every system."""
     # Here, so that a query without a page does not wait for the imports of drawing.
@@ -138,7 +67,7 @@ def write_report(
 
     with progress() as bar:
         task = bar.add_task("drawing", total=len(answer.results))
-        text = report(client, mesh, dict(asked), answer, lambda: bar.advance(task))
+        text = report(client, mesh, options, answer, lambda: bar.advance(task))
     path.write_bytes(text.encode())
 
 

@@ -21,7 +21,6 @@ from service.client.requests import (
     UnexpectedAnswerError,
     UnreachableError,
 )
-from service.client.search_calls import QueryArguments
 
 __all__ = [
     "PROXY_RETRIES",
@@ -32,7 +31,6 @@ __all__ = [
     "File",
     "Filters",
     "ProblemError",
-    "QueryArguments",
     "UnexpectedAnswerError",
     "UnreachableError",
     "Upload",

@@ -1,58 +1,51 @@
 """The calls that search and compare."""
 
 from collections.abc import Callable, Sequence
+from inspect import Parameter, Signature, signature
 from pathlib import Path
-from typing import Any, Literal, TypedDict, TypeVar, Unpack
+from typing import Any, Literal, ParamSpec, TypeVar
 
 import httpx
 
-from service.client.requests import Call, Conditions, File, conditions, content, parsed, segment
+from service.client.requests import Call, File, conditions, content, parsed, segment
 from service.search.compare_schemas import CompareAnswer
-from service.search.schemas import QueryAnswer, RankBy
+from service.search.schemas import QueryAnswer, SearchOptions
 
+P = ParamSpec("P")
 T = TypeVar("T")
 
 
-class QueryArguments(TypedDict, total=False):
-    """The options of a query. `service.search.schemas.QueryOptions` describes each and has its default."""
-
-    top_k: int
-    rank_by: RankBy
-    partial: bool
-    exhaustive: bool
-    tag: Sequence[str]
-    name: str
-    metadata: Conditions
-    area: str
-    volume: str
-    length: str
-    exclude: Sequence[str]
-    min_cc: float
-    scale: Literal["ignore", "respect"]
-    size_tolerance: float
-    exclude_self: bool
-    correspondences: bool
-    embedding: bool
+def _with_search_options(make: Callable[P, Call[QueryAnswer]]) -> Callable[P, Call[QueryAnswer]]:
+    """Give a call the signature with the options of `SearchOptions`, which it passes on as they are given."""
+    *parameters, _ = signature(make).parameters.values()
+    options = [
+        Parameter(name, Parameter.KEYWORD_ONLY, annotation=field.annotation, default=field.get_default())
+        for name, field in SearchOptions.model_fields.items()
+    ]
+    make.__dict__["__signature__"] = Signature([*parameters, *options], return_annotation=Call[QueryAnswer])
+    return make
 
 
-def query_file(file: File, **options: Unpack[QueryArguments]) -> Call[QueryAnswer]:
-    """Find the stored shapes most similar to a file."""
-    return Call("POST", "/query", parsed(QueryAnswer), data=_fields(options), files={"file": file})
+@_with_search_options
+def query_file(file: File, **options: Any) -> Call[QueryAnswer]:  # noqa: ANN401
+    """Find the stored shapes most similar to a file.
+
+    The options are those of `service.search.schemas.SearchOptions`; metadata may be a mapping.
+    """
+    return Call("POST", "/query", parsed(QueryAnswer), data=_texts(_checked(options)), files={"file": file})
 
 
-def similar(shape_id: str, **options: Unpack[QueryArguments]) -> Call[QueryAnswer]:
+@_with_search_options
+def similar(shape_id: str, **options: Any) -> Call[QueryAnswer]:  # noqa: ANN401
     """Find the stored shapes most similar to a stored shape; the options are part of the address."""
-    return Call("GET", f"/shapes/{segment(shape_id)}/similar", parsed(QueryAnswer), params=_fields(options))
+    path = f"/shapes/{segment(shape_id)}/similar"
+    return Call("GET", path, parsed(QueryAnswer), params=_texts(_checked(options)))
 
 
-def query_shape(shape_id: str, **options: Unpack[QueryArguments]) -> Call[QueryAnswer]:
+@_with_search_options
+def query_shape(shape_id: str, **options: Any) -> Call[QueryAnswer]:  # noqa: ANN401
     """Return the answer of `similar`; the options are in the body, so a long list of ids fits."""
-    body: dict[str, Any] = {"shape_id": shape_id, **options}
-    for name in {"exclude", "tag"} & set(body):
-        body[name] = list(body[name])
-    if "metadata" in options:
-        body["metadata"] = conditions(options["metadata"])
-    return Call("POST", "/query", parsed(QueryAnswer), json=body)
+    return Call("POST", "/query", parsed(QueryAnswer), json={"shape_id": shape_id, **_checked(options)})
 
 
 Compared = str | Path | tuple[str, bytes]
@@ -95,11 +88,27 @@ def _compared(
     return Call("POST", "/compare", read, params=params, data={**ids, **fields}, files=files)
 
 
-def _fields(options: QueryArguments) -> dict[str, str | list[str]]:
-    fields = {name: _field(value) for name, value in options.items()}
+def _checked(options: dict[str, Any]) -> dict[str, Any]:
+    """Return options of a search, each sequence as a list.
+
+    Raises
+    ------
+    TypeError
+        An option is unknown.
+    """
+    unknown = options.keys() - SearchOptions.model_fields.keys()
+    if unknown:
+        raise TypeError(f"a search has no option {min(unknown)!r}")
     if "metadata" in options:
-        fields["metadata"] = conditions(options["metadata"])
-    return fields
+        options["metadata"] = conditions(options["metadata"])
+    return {
+        name: list(value) if isinstance(value, Sequence) and not isinstance(value, str) else value
+        for name, value in options.items()
+    }
+
+
+def _texts(options: dict[str, Any]) -> dict[str, str | list[str]]:
+    return {name: _field(value) for name, value in options.items()}
 
 
 def _field(value: object) -> str | list[str]:

@@ -3,7 +3,7 @@
 import inspect
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, get_type_hints
+from typing import Any
 
 import httpx
 import pytest
@@ -14,7 +14,6 @@ from service.client import (
     AsyncClient,
     Client,
     ProblemError,
-    QueryArguments,
     UnexpectedAnswerError,
     UnreachableError,
 )
@@ -109,7 +108,7 @@ def test_queries_and_comparison(archive: Awaited) -> None:
     others = archive.query_shape(cup.id, correspondences=True)
     assert [result.shape.id for result in others.results] == [octopus.id]
     assert others.results[0].correspondence
-    wanted: QueryArguments = {"exclude_self": False, "tag": ["cup"], "rank_by": "ssd"}
+    wanted: dict[str, Any] = {"exclude_self": False, "tag": ["cup"], "rank_by": "ssd"}
     with_itself = archive.query_shape(cup.id, **wanted)
     assert [result.shape.id for result in with_itself.results] == [cup.id]
     assert archive.similar(cup.id, **wanted).results == with_itself.results
@@ -286,8 +285,12 @@ def test_retried_kinds_are_temporary_ones() -> None:
     assert {PROBLEMS[kind].status for kind in RETRIES} == {429, 503}
 
 
-def test_query_arguments_are_the_services_own() -> None:
-    assert set(get_type_hints(QueryArguments)) == set(SearchOptions.model_fields)
+def test_a_query_has_the_options_of_the_service() -> None:
+    with Client("http://elsewhere") as client:
+        for method in (client.query_file, client.query_shape, client.similar):
+            assert set(SearchOptions.model_fields) <= set(inspect.signature(method).parameters)
+        with pytest.raises(TypeError, match="no option 'topk'"):
+            client.query_file(CUP, topk=1)
 
 
 def test_both_have_the_same_methods() -> None:
