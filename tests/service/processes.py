@@ -16,7 +16,7 @@ from tests.service.support import wait_until
 
 @contextmanager
 def server(
-    folder: Path, *, seconds: float = 180, shared: bool = False, **settings: str
+    folder: Path, *, seconds: float = 180, answer_seconds: float = 120, shared: bool = False, **settings: str
 ) -> Iterator[tuple[subprocess.Popen[bytes], httpx.Client]]:
     """`isoshape serve` on a folder's archive, ready in some seconds; killed at the end if it still runs.
 
@@ -34,9 +34,9 @@ def server(
     command = [sys.executable, "-P", "-m", "service.cli", "serve", "--port", str(port)]
     command += ["--shared"] if shared else []
     with (folder / "log.txt").open("ab") as log:
-        process = subprocess.Popen(command, env=environment, stdout=log, stderr=log)
+        process = subprocess.Popen(command, env=environment, cwd=folder, stdout=log, stderr=log)
     try:
-        with httpx.Client(base_url=f"http://127.0.0.1:{port}", timeout=120) as client:
+        with httpx.Client(base_url=f"http://127.0.0.1:{port}", timeout=answer_seconds) as client:
             wait_until(lambda: answers(client) or process.poll() is not None, seconds=seconds)
             assert process.poll() is None, f"the service ended: {(folder / 'log.txt').read_text()}"
             yield process, client

@@ -1,9 +1,5 @@
-"""`isoshape serve` as a process of its own, and what it and its workers hold in memory."""
+"""A service under hostile files, and the memory that it and its workers hold."""
 
-import os
-import socket
-import subprocess
-import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -13,8 +9,8 @@ from types import TracebackType
 
 import httpx
 
+from tests.service import processes
 from tests.service.processes import children
-from tests.service.support import wait_until
 from tests.soak.load.memory import resident
 
 LIMIT_SECONDS = 180.0
@@ -39,39 +35,10 @@ class Memory:
 
 @contextmanager
 def server(folder: Path, **settings: str) -> Iterator[tuple[int, httpx.Client]]:
-    """The service on an archive in a folder, two workers, other settings by default; its id, a client."""
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    environment = {key: value for key, value in os.environ.items() if not key.startswith("ISOSHAPE_")} | {
-        "ISOSHAPE_DATABASE_URL": f"sqlite:///{folder}/archive.sqlite3",
-        "ISOSHAPE_WORKERS": "2",
-        "ISOSHAPE_LOG_LEVEL": "warning",
-        **settings,
-    }
-    command = [sys.executable, "-P", "-m", "service.cli", "serve", "--port", str(port)]
-    with (folder / "log.txt").open("ab") as log:
-        process = subprocess.Popen(command, env=environment, cwd=folder, stdout=log, stderr=log)
-    try:
-        with httpx.Client(base_url=f"http://127.0.0.1:{port}", timeout=LIMIT_SECONDS) as client:
-            wait_until(lambda: _answers(process, client), seconds=180)
-            yield process.pid, client
-    finally:
-        process.terminate()
-        try:
-            process.wait(timeout=30)
-        finally:
-            process.kill()
-            process.wait()
-
-
-def _answers(process: subprocess.Popen[bytes], client: httpx.Client) -> bool:
-    """Whether the service is ready."""
-    assert process.poll() is None, "the service ended"
-    try:
-        return client.get("/readyz").status_code == 200
-    except httpx.TransportError:
-        return False
+    """Yield the process id of a service on an archive in a folder, of two workers, and a client."""
+    usual = {"ISOSHAPE_WORKERS": "2", "ISOSHAPE_LOG_LEVEL": "warning", **settings}
+    with processes.server(folder, answer_seconds=LIMIT_SECONDS, **usual) as (process, client):
+        yield process.pid, client
 
 
 def memory(pid: int) -> Memory:
