@@ -8,7 +8,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from core.errors import ParameterError
-from core.evaluation.retrieval_measures import Evaluation, class_distances, evaluate
+from core.evaluation.retrieval_measures import (
+    QUANTILES,
+    Evaluation,
+    class_distances,
+    evaluate,
+    score_quantiles,
+)
 
 MEASURES = ("nn", "ft", "st", "e", "dcg", "map")
 
@@ -204,3 +210,22 @@ def test_distance_to_own_and_other_classes() -> None:
 def test_bad_input_is_named(scores: np.ndarray, labels: list[str], part: str) -> None:
     with pytest.raises(ParameterError, match=part):
         evaluate(scores, labels, larger_is_closer=False)
+
+
+def test_pairs_of_one_class_and_of_two_are_told_apart():
+    scores = np.array(
+        [[9.0, 0.99, 0.5, 0.7], [0.99, 9.0, 0.6, 0.8], [0.5, 0.6, 9.0, 0.97], [0.7, 0.8, 0.97, 9.0]]
+    )
+    found = score_quantiles(scores, ["cup", "cup", "bird", "bird"], 0.98)
+    assert (found["same"].pairs, found["other"].pairs) == (2, 4)
+    assert found["same"].at_least == 0.5
+    assert found["other"].at_least == 0.0
+    median = QUANTILES.index(0.5)
+    assert found["same"].quantiles[median] == pytest.approx(0.98)
+    assert found["other"].quantiles[median] == pytest.approx(0.65)
+    assert found["other"].quantiles == pytest.approx(np.quantile([0.5, 0.6, 0.7, 0.8], QUANTILES))
+
+
+def test_pairs_that_there_are_not_are_left_out():
+    assert set(score_quantiles(np.eye(2), ["cup", "bird"], 0.98)) == {"other"}
+    assert set(score_quantiles(np.eye(2), ["cup", "cup"], 0.98)) == {"same"}

@@ -1,4 +1,4 @@
-"""The likeness of two shapes by its thresholds, and the distance that it reads."""
+"""The likeness of two shapes by its thresholds."""
 
 from typing import get_args
 
@@ -12,7 +12,6 @@ from core.ranking.likeness import (
     Likeness,
     likeness,
 )
-from core.ranking.shortlist import spectral_distances
 from core.registration.kinship import Kinship
 
 FAR = 10.0 * NEAR_ISOMETRIC
@@ -41,9 +40,3 @@ def test_each_threshold_is_the_least_or_the_largest_value_of_its_likeness() -> N
 
 def test_the_kinships_of_duplicates_are_likenesses() -> None:
     assert set(get_args(Kinship)) < set(get_args(Likeness))
-
-
-def test_spectral_distances_leave_out_global_descriptors() -> None:
-    query = np.array([1.0, 2.0, 5.0, 5.0, 5.0], dtype=np.float32)
-    others = np.array([[1.0, 2.0, 0.0, 0.0, 0.0], [4.0, 6.0, 5.0, 5.0, 5.0]], dtype=np.float32)
-    np.testing.assert_allclose(spectral_distances(query, others), [0.0, 5.0])

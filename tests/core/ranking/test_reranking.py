@@ -1,6 +1,6 @@
-"""Re-ranking: the plain match with flat splines, from quantised points; and bytes that are no points."""
+"""Approximate CC from quantised points, against the plain match on the same numbers; bad bytes."""
 
-from itertools import product
+from itertools import permutations, product
 
 import numpy as np
 import pytest
@@ -9,11 +9,11 @@ from core.gallery import make_shape
 from core.matching.kernels.match_record import ONE, decoded
 from core.matching.kernels.one_to_many import flat_splines, points_of
 from core.matching.match_records import match_record, score_match_records, search_rounds
-from core.parameters import DEFAULT
+from core.parameters import DEFAULT, PAPER
 from core.pipeline import Pipeline
-from core.ranking.reranking import quantised_points, rerank
+from core.ranking.reranking import COARSE_SAMPLES, coarse_ranking, coarse_samples, quantised_points, rerank
 from tests.core.matching.clouds import cloud, embedded
-from tests.core.matching.reference import fit_map_reference
+from tests.core.matching.reference import best_map_reference, fit_map_reference
 
 FIRST, LAST = DEFAULT.matching.first_dimensions, DEFAULT.matching.search_dimensions
 
@@ -78,7 +78,7 @@ def test_coordinates_that_say_nothing_new_add_nothing():
 
 def test_it_is_the_plain_match_with_flat_splines(records, points):
     """Where rounding decides between two neighbours the two may part."""
-    descriptor_distance = []
+    differences = []
     for first, second in product(range(len(records)), repeat=2):
         other = decoded(records[second])
         coordinates = plainly_read(points[second])[0]
@@ -96,20 +96,20 @@ def test_it_is_the_plain_match_with_flat_splines(records, points):
         )
         expected = fit_map_reference(decoded(records[first]), other, search_rounds(DEFAULT))[0]
         (found,) = rerank(records[first], [points[second]], DEFAULT)
-        descriptor_distance.append(abs(float(found) - expected))
-    assert np.median(descriptor_distance) < 1e-5
-    assert np.mean(np.array(descriptor_distance) < 1e-4) > 0.9
+        differences.append(abs(float(found) - expected))
+    assert np.median(differences) < 1e-5
+    assert np.mean(np.array(differences) < 1e-4) > 0.9
 
 
 def test_it_is_mostly_near_the_full_match(records, points):
-    descriptor_distance = []
+    differences = []
     for record in records[:4]:
         rough, exact = (
             rerank(record, points[:4], DEFAULT),
             score_match_records(record, records[:4], DEFAULT).cc,
         )
-        descriptor_distance += list(np.abs(rough - exact))
-    assert np.mean(np.array(descriptor_distance) < 0.01) >= 0.75
+        differences += list(np.abs(rough - exact))
+    assert np.mean(np.array(differences) < 0.01) >= 0.75
 
 
 def test_many_are_reranked_as_one_by_one(records, points):
@@ -161,3 +161,86 @@ def test_bytes_that_are_no_points_have_no_score(records, points):
     found = rerank(records[1], [sound, *broken, points[2]], DEFAULT)
     assert np.isnan(found).tolist() == [False, *(True for _ in broken), False]
     assert found[0] == rerank(records[1], [sound], DEFAULT)[0]
+
+
+K = DEFAULT.spectral.dimensions
+B = len(DEFAULT.spectral.operators)
+
+
+def dequantised(quantised, columns):
+    """The points of coarse samples, float64, shape (count, columns)."""
+    count = int(quantised[:4].view(np.int32)[0])
+    scales = quantised[4 : 4 + 4 * columns].view(np.float32)
+    whole = quantised[4 + 4 * columns :].view(np.int8).reshape(COARSE_SAMPLES, columns)
+    assert not whole[count:].any()
+    return whole[:count] * scales.astype(np.float64)
+
+
+@pytest.mark.parametrize(("m", "d"), [(100, 500), (COARSE_SAMPLES, 40), (12, 12)])
+@pytest.mark.parametrize("k", [1, 3, 10])
+def test_coarse_samples_hold_the_first_samples_to_a_127th_of_each_column(k, m, d):
+    rng = np.random.default_rng(m)
+    embedding = embedded([cloud(rng, d, k) for _ in range(2)], m)
+    quantised = coarse_samples(embedding)
+    assert (quantised.dtype, quantised.shape) == (np.uint8, (4 + 36 * 2 * k,))
+    points = np.concatenate([one.coordinates for one in embedding.spectra], axis=1)[: min(m, COARSE_SAMPLES)]
+    found = dequantised(quantised, 2 * k)
+    assert found.shape == points.shape
+    assert (np.abs(found - points) <= np.abs(points).max(axis=0) / 127 * 0.501).all()
+
+
+def test_a_column_of_nothing_is_nothing():
+    points = cloud(np.random.default_rng(1), 40, 4)
+    points[:, 2] = 0.0
+    assert not dequantised(coarse_samples(embedded([points], 40)), 4)[:, 2].any()
+
+
+def test_a_coarse_ranking_is_one_search_a_domain_refined_once(embeddings):
+    embeddings = [embeddings[i] for i in (0, 1, 3, 4, 5, 7)]
+    records = [match_record(embedding, DEFAULT) for embedding in embeddings]
+    quantised = np.stack([coarse_samples(embedding) for embedding in embeddings])
+    rounds = search_rounds(DEFAULT)._replace(
+        sides=1, kept_maps=1, align_rounds=0, align_samples=COARSE_SAMPLES
+    )
+    for i, j in permutations(range(len(records)), 2):
+        (found,) = coarse_ranking(records[i], quantised[j : j + 1], DEFAULT)
+        points = dequantised(quantised[j], B * K).astype(np.float32)
+        blocks = np.split(points, B, axis=1)
+        other = decoded(records[j])._replace(
+            points=points,
+            searched=np.stack([block[:, : DEFAULT.matching.search_dimensions].T for block in blocks]),
+            offsets=np.arange(len(points) + 1, dtype=np.int32),
+        )
+        expected, _ = best_map_reference(decoded(records[i]), other, rounds)
+        assert found == pytest.approx(expected, abs=1e-4)
+
+
+def test_shapes_that_match_well_rank_well(embeddings):
+    embeddings = [embeddings[i] for i in (0, 1, 3)]
+    records = [match_record(embedding, DEFAULT) for embedding in embeddings]
+    quantised = np.stack([coarse_samples(embedding) for embedding in embeddings])
+    rough = coarse_ranking(records[0], quantised, DEFAULT)
+    exact = score_match_records(records[0], records, DEFAULT).cc
+    assert rough == pytest.approx(exact, abs=0.1)
+    assert np.array_equal(np.argsort(rough), np.argsort(exact))
+
+
+def test_a_shape_without_samples_is_last(embeddings):
+    record = match_record(embeddings[0], DEFAULT)
+    nothing = np.zeros((1, len(coarse_samples(embeddings[0]))), dtype=np.uint8)
+    assert coarse_ranking(record, nothing, DEFAULT).tolist() == [-1.0]
+    assert coarse_ranking(record, nothing[:0], DEFAULT).shape == (0,)
+
+
+def test_coarse_samples_that_cannot_be_written_to_give_the_same(embeddings):
+    record = match_record(embeddings[0], DEFAULT)
+    quantised = np.stack([coarse_samples(embedding) for embedding in embeddings])
+    expected = coarse_ranking(record, quantised, DEFAULT)
+    quantised.flags.writeable = False
+    assert np.array_equal(coarse_ranking(record, quantised, DEFAULT), expected)
+
+
+def test_coarse_samples_of_the_paper_s_setting():
+    embedding = Pipeline(PAPER).embed(make_shape("hand", 0))
+    columns = PAPER.spectral.dimensions * len(PAPER.spectral.operators)
+    assert len(dequantised(coarse_samples(embedding), columns)) == COARSE_SAMPLES

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from core.ranking.shortlist import least, signature_distances
+from core.descriptors.facts import GLOBAL_WEIGHT
+from core.ranking.shortlist import global_distances, least, signature_distances, spectral_distances
 
 
 @pytest.mark.parametrize("s", [1, 3, 4, 7, 50])
@@ -34,3 +35,10 @@ def test_the_least_are_those_that_sorting_gives(count, kinds):
         values, order = rng.integers(kinds, size=100) / 7, rng.permutation(100)
         expected = sorted(range(100), key=lambda place: (values[place], order[place]))[:count]
         assert least(values, order, count).tolist() == expected
+
+
+def test_eigenvalues_and_global_descriptors_have_a_distance_each() -> None:
+    query = np.array([1.0, 2.0, 5.0, 5.0, 5.0], dtype=np.float32)
+    others = np.array([[1.0, 2.0, 5.0, 2.0, 1.0], [4.0, 6.0, 5.0, 5.0, 5.0]], dtype=np.float32)
+    np.testing.assert_allclose(spectral_distances(query, others), [0.0, 5.0])
+    np.testing.assert_allclose(global_distances(query, others), [5.0 / GLOBAL_WEIGHT, 0.0])

@@ -1,4 +1,4 @@
-"""Parts found among wholes, and one-sided distances against a plain reference."""
+"""Distances of surfaces of which either may be a part of the other, against plain references."""
 
 import tracemalloc
 from functools import cache
@@ -8,13 +8,19 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from core.arrays import Bytes
+from core.descriptors import partial
 from core.descriptors.partial import (
     BATCH,
     BOUNDARY_MARGIN,
+    INCOMPLETE,
     MISSING_SHARES,
     PART_ROWS,
+    ROW_COUNTS,
+    ROW_LENGTH,
+    DescriptorDistance,
     describe_part,
     part_distances,
+    whole_distances,
 )
 from core.descriptors.spin_images import (
     BINS,
@@ -23,13 +29,135 @@ from core.descriptors.spin_images import (
     RADII,
     SPIN_IMAGE_LENGTH,
     spin_image_count,
+    spin_image_distances,
     spin_images,
 )
+from core.embedding import Embedding
 from core.evaluation.perturbation import cut_part, subdivide
 from core.gallery import make_shape
 from core.gallery.solids import rotation
 from core.mesh.cleaning import clean
 from core.mesh.mesh import Mesh
+from core.parameters import DEFAULT
+from core.pipeline import Pipeline
+from tests.studies.perturbation import make_soup
+
+PIPELINE = Pipeline(DEFAULT)
+
+
+@cache
+def embedded(label: str, cut: float = 0.0) -> Embedding:
+    mesh = make_shape(label, 0)
+    return PIPELINE.embed(cut_part(mesh, cut, 3) if cut else mesh)
+
+
+def rows_of(label: str, cut: float = 0.0) -> Bytes:
+    return spin_images_of(embedded(label, cut))
+
+
+def spin_images_of(embedding: Embedding) -> Bytes:
+    return np.asarray(embedding.descriptors["spin_images"])
+
+
+def descriptor_distance(query: Bytes, others: list[Bytes]) -> DescriptorDistance:
+    return partial.descriptor_distance(query, others, whole_distances(query, others))
+
+
+def test_an_incomplete_surface_has_rows_as_a_part_too() -> None:
+    whole, part = (
+        rows_of("octopus"),
+        rows_of("octopus", 0.3),
+    )
+    assert whole.shape == (KEYPOINTS, ROW_LENGTH) == (ROW_COUNTS[False], ROW_LENGTH)
+    assert part.shape == (KEYPOINTS + PART_ROWS, ROW_LENGTH) == (ROW_COUNTS[True], ROW_LENGTH)
+    assert (whole[:, SPIN_IMAGE_LENGTH:] == 1).all()
+
+
+def test_complete_surfaces_are_as_far_as_the_farther_way() -> None:
+    first, second = rows_of("octopus"), rows_of("cup")
+    found = descriptor_distance(first, [second, first])
+    assert_array_equal(found.part, [False, False])
+    assert_array_equal(
+        found.distance,
+        [spin_image_distances(first[:, :SPIN_IMAGE_LENGTH], [second[:, :SPIN_IMAGE_LENGTH]]).max(), 0.0],
+    )
+
+
+def test_a_part_needs_no_partner_for_what_it_lacks() -> None:
+    part, whole = (
+        rows_of("octopus", 0.3),
+        rows_of("octopus"),
+    )
+    found = descriptor_distance(part, [whole, rows_of("cup")])
+    assert_array_equal(found.part, [True, True])
+    assert found.distance[0] == part_distances(part[KEYPOINTS:], [whole[:, :SPIN_IMAGE_LENGTH]])[0]
+    assert found.distance[0] < found.distance[1]
+
+
+def test_either_of_two_parts_may_be_in_the_other() -> None:
+    small, large = (
+        rows_of("octopus", 0.5),
+        rows_of("octopus", 0.2),
+    )
+    both = [
+        part_distances(a[KEYPOINTS:], [b[:KEYPOINTS, :SPIN_IMAGE_LENGTH]])[0]
+        for a, b in ((small, large), (large, small))
+    ]
+    assert descriptor_distance(small, [large]).distance[0] == min(both) < max(both)
+
+
+def test_the_distance_is_the_same_both_ways_whatever_others_there_are() -> None:
+    shapes = [rows_of(label, cut) for label in ("octopus", "cup", "bird") for cut in (0.0, 0.3)]
+    rows = [descriptor_distance(shape, shapes) for shape in shapes]
+    distance, part = np.stack([row.distance for row in rows]), np.stack([row.part for row in rows])
+    assert_array_equal(distance, distance.T)
+    assert_array_equal(part, part.T)
+    assert (distance.diagonal() == 0.0).all()
+    for i, shape in enumerate(shapes):
+        for j, other in enumerate(shapes):
+            assert descriptor_distance(shape, [other]).distance[0] == distance[i, j]
+
+
+def test_a_soup_of_triangles_is_no_part() -> None:
+    soup = PIPELINE.embed(make_soup(make_shape("octopus", 0), 0.02, 0))
+    assert soup.facts.boundary_edges > 1000
+    assert soup.facts.boundary_ratio <= INCOMPLETE
+    assert spin_images_of(soup).shape == (KEYPOINTS, ROW_LENGTH)
+    wholes = [rows_of(label) for label in ("bird", "cup", "octopus", "person")]
+    assert descriptor_distance(spin_images_of(soup), wholes).distance.argmin() == 2
+
+
+def test_the_chance_of_a_part_is_the_same_both_ways_and_its_whole_is_the_likeliest() -> None:
+    part = embedded("person", 0.3)
+    wholes = [embedded(label) for label in ("bird", "cup", "octopus", "person", "plane", "quadruped")]
+    probabilities = PIPELINE.combined(part, wholes, PIPELINE.score(part, wholes))
+    assert probabilities.argmax() == 3
+    for whole, class_probability in zip(wholes, probabilities, strict=True):
+        back = PIPELINE.combined(whole, [part], PIPELINE.score(whole, [part]))
+        assert back[0] == pytest.approx(class_probability, rel=1e-12)
+
+
+def test_a_coarse_mesh_and_a_fine_one_of_the_same_box_are_alike() -> None:
+    """Corners of a coarse mesh are no noise: smoothing would make a blob of it."""
+    corners = np.array([[x, y, z] for x in (0.0, 3.0) for y in (0.0, 1.0) for z in (0.0, 0.6)])
+    quads = [(0, 1, 3, 2), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3), (4, 6, 7, 5)]
+    coarse = Mesh(corners, np.array([face for a, b, c, d in quads for face in ((a, b, c), (a, c, d))]))
+    fine = coarse
+    for _ in range(5):
+        fine = subdivide(fine, 1.0, 0)
+    first, second = PIPELINE.embed(coarse), PIPELINE.embed(fine)
+    assert descriptor_distance(spin_images_of(first), [spin_images_of(second)]).distance[0] < 0.4
+    scores = PIPELINE.score(first, [second])
+    assert scores.cc[0] > 0.98
+    assert PIPELINE.combined(first, [second], scores)[0] > 0.9
+    blob = Pipeline(DEFAULT.with_values(mesh={"smooth_refined": False}))
+    assert (
+        descriptor_distance(spin_images_of(blob.embed(coarse)), [spin_images_of(blob.embed(fine))]).distance[
+            0
+        ]
+        > 1.0
+    )
+
 
 CLASSES = ("bird", "cup", "octopus", "person", "plane", "quadruped")
 

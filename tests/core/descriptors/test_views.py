@@ -1,4 +1,4 @@
-"""The view descriptor: what changes it, what does not, and its distances against a plain reference."""
+"""Views: what changes them; histograms, signatures and distances against plain references."""
 
 from functools import cache
 
@@ -6,12 +6,22 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
+from core.descriptors.panorama import ALONG, AROUND
+from core.descriptors.view_frames import FRAMES, normalised_surface
 from core.descriptors.views import (
+    ANGLE_BINS,
+    ANGLE_PAIRS,
+    DISTANCE_BINS,
+    LONGEST,
     MAGNITUDE_SCALE,
+    NORMAL_BINS,
+    ORIENTED_POINTS,
     PAIR_WEIGHT,
     SHARE_SCALE,
+    SIGNATURE_BYTES,
     VIEW_BYTES,
     magnitudes_of,
+    pair_histogram,
     shares_of,
     signature_distance,
     to_bytes,
@@ -20,12 +30,14 @@ from core.descriptors.views import (
     view_signature,
 )
 from core.errors import DegenerateMeshError
-from core.gallery import make_shape
+from core.gallery import CLASSES, make_shape
 from core.mesh.mesh import Mesh
+from core.sampling.surface_samples import evenly_spread
 from tests.core.shapes import (
     GALLERY,
     MANY_KINDS,
     SAME_SHAPE,
+    blob,
     box,
     decimated,
     faces_shuffled,
@@ -187,3 +199,100 @@ def test_bytes_keep_the_features():
     assert kept.shape == (VIEW_BYTES,)
     assert_allclose(np.sqrt(magnitudes_of(kept)), np.sqrt(magnitudes), atol=0.51 / MAGNITUDE_SCALE)
     assert_allclose(np.sqrt(shares_of(kept)), np.minimum(np.sqrt(shares), 0.5), atol=0.51 / SHARE_SCALE)
+
+
+def oriented_points(mesh):
+    surface = normalised_surface(mesh.vertices, mesh.faces)
+    points, faces = evenly_spread(surface.points[mesh.faces], surface.areas, ORIENTED_POINTS)
+    return points, surface.normals[faces]
+
+
+def plain(points, normals):
+    """All pairs of every fourth point."""
+    points, normals = points[::4], normals[::4]
+    first, second = np.triu_indices(len(points), 1)
+    steps = points[second] - points[first]
+    lengths = np.linalg.norm(steps, axis=1)
+    angles = np.abs(np.stack([(normals[k] * steps).sum(axis=1) / lengths for k in (first, second)]))
+    low, high = np.minimum((np.sort(angles, axis=0) * ANGLE_BINS).astype(int), ANGLE_BINS - 1)
+    between = np.abs((normals[first] * normals[second]).sum(axis=1))
+    i = np.minimum((lengths / LONGEST * DISTANCE_BINS).astype(int), DISTANCE_BINS - 1)
+    j = np.minimum((between * NORMAL_BINS).astype(int), NORMAL_BINS - 1)
+    counts = np.zeros((DISTANCE_BINS, NORMAL_BINS, ANGLE_PAIRS))
+    np.add.at(counts, (i, j, high * (high + 1) // 2 + low), 1.0)
+    return counts / counts.sum()
+
+
+@pytest.mark.parametrize("make", [blob, lambda: blob(4), lambda: rectangle(3, 2, 5, 5)])
+def test_a_histogram_is_that_of_all_pairs(make):
+    points, normals = oriented_points(make())
+    found, all_pairs = pair_histogram(points, normals), plain(points, normals)
+    assert found.sum() == pytest.approx(1.0)
+    assert np.abs(found - all_pairs).sum() < 0.1
+    assert np.abs(found - plain(*oriented_points(icosphere()))).sum() > 0.5
+
+
+def test_each_point_has_as_many_partners_as_every_other():
+    # Points on a line, one of them far away: it is in 16 pairs as the first and in 16 as the second.
+    points = np.zeros((ORIENTED_POINTS, 3))
+    points[:, 0] = 0.001 * np.arange(ORIENTED_POINTS) / ORIENTED_POINTS
+    points[1000] = [0.0, 100.0, 0.0]
+    normals = np.tile([0.0, 0.0, 1.0], (ORIENTED_POINTS, 1))
+    share = pair_histogram(points, normals)[-1].sum()
+    assert share == pytest.approx(32 / (16 * ORIENTED_POINTS))
+
+
+def test_neither_signs_of_normals_nor_motion_matter():
+    points, normals = oriented_points(blob(2))
+    flips = np.where(np.arange(len(points)) % 3 == 0, -1.0, 1.0)[:, None]
+    own = pair_histogram(points, normals)
+    assert_array_equal(own, pair_histogram(points, flips * normals))
+    axes = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
+    assert_allclose(own, pair_histogram(points @ axes.T + 2.0, normals @ axes.T), atol=1e-3)
+
+
+def test_on_a_flat_sheet_all_normals_agree():
+    counts = pair_histogram(*oriented_points(rectangle(3, 2, 5, 5)))
+    assert counts[:, NORMAL_BINS - 1, 0].sum() == pytest.approx(1.0)
+
+
+RNG = np.random.default_rng(0)
+
+
+def plain_signature(descriptor):
+    """The lowest frequencies one by one, and each bin of pairs added to its coarser bin."""
+    found, k = [], 0
+    magnitudes, shares = magnitudes_of(descriptor), shares_of(descriptor)
+    for row in range(2 * AROUND + 1):
+        for half in range(ALONG + 1):
+            norm = np.hypot((row + 1) // 2 / (AROUND + 0.5), half / (ALONG + 0.5))
+            if norm < 0.35:
+                found.append(1000.0 * sum(magnitudes[frame, :, :, k] for frame in range(FRAMES)) / FRAMES)
+            k += norm <= 1.0
+    coarse = np.zeros((4, NORMAL_BINS, 3))
+    for i in range(DISTANCE_BINS):
+        angles = [(larger, smaller) for larger in range(ANGLE_BINS) for smaller in range(larger + 1)]
+        for j, (larger, smaller) in enumerate(angles):
+            coarse[i // 3, :, (larger > 2) + (smaller > 2)] += shares[i, :, j]
+    values = np.concatenate([np.stack(found, axis=-1).ravel(), 400.0 * np.sqrt(coarse).ravel()])
+    return np.minimum(np.rint(values), 255)
+
+
+def test_a_signature_is_that_of_a_plain_reference():
+    made = [make_shape(label, 0) for label in CLASSES[:3]]
+    described = [view_descriptor(mesh.vertices, mesh.faces) for mesh in made]
+    for descriptor in [*described, RNG.integers(0, 80, VIEW_BYTES, dtype=np.uint8)]:
+        signature = view_signature(descriptor)
+        assert signature.dtype == np.uint8
+        assert signature.shape == (SIGNATURE_BYTES,)
+        assert np.abs(signature - plain_signature(descriptor)).max() <= 1
+    assert SIGNATURE_BYTES <= 192
+
+
+def test_distances_are_sums_of_absolute_differences():
+    stored = RNG.integers(0, 256, size=(300, SIGNATURE_BYTES), dtype=np.uint8)
+    stored[0], stored[1] = 0, 255
+    for query in stored[:3]:
+        expected = np.abs(stored.astype(int) - query).sum(axis=1)
+        assert_array_equal(signature_distance(query, stored), expected)
+    assert signature_distance(stored[0], stored[:0]).shape == (0,)
