@@ -55,8 +55,8 @@ def print_table(
     """
     texts, numbers = headings[:left], headings[left:]
     made = table(*texts, *(f">{heading}" for heading in numbers), fold=headings, title=title)
-    for place, row in enumerate(rows):
-        made.add_row(*row, end_section=last > 0 and place == len(rows) - last - 1)
+    for index, row in enumerate(rows):
+        made.add_row(*row, end_section=last > 0 and index == len(rows) - last - 1)
     output().print(made)
 
 
@@ -88,9 +88,7 @@ def table(*columns: str, fold: Collection[str] = (), title: str | None = None) -
     """
     made = Table(box=box.SIMPLE_HEAD, collapse_padding=True, title=title)
     for column in columns:
-        head = column.removeprefix(">")
-        if head in fold:
-            made.add_column(head, overflow="fold")
-        else:
-            made.add_column(head, justify="right" if column[0] == ">" else "left", no_wrap=True)
+        head, is_number = column.removeprefix(">"), column.startswith(">")
+        overflow = {"overflow": "fold"} if head in fold else {"no_wrap": True}
+        made.add_column(head, justify="right" if is_number else "left", **overflow)
     return made

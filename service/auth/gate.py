@@ -65,8 +65,8 @@ class Hosts:
         """
         if self._any:
             return
-        given = [name_in(host) for host in headers.getlist("host")] or [""]
-        for name in given:
+        names = [name_in(host) for host in headers.getlist("host")] or [""]
+        for name in names:
             if not (name in self._names or is_loopback_name(name)):
                 raise MisdirectedRequestError(
                     f"this service does not answer as {name[:80]!r}; the setting ISOSHAPE_HOSTS adds a name"

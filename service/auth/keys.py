@@ -95,12 +95,12 @@ class KeyRing:
 
     def grant(self, key: str) -> Grant | None:
         """Return the grant of a key, or None for an unknown key. The time does not depend on the key."""
-        given = digest_of(key)
-        found: Grant | None = None
+        digest_sent = digest_of(key)
+        granted: Grant | None = None
         for digest, grant in self._grants.items():
-            if hmac.compare_digest(digest, given):
-                found = grant
-        return found
+            if hmac.compare_digest(digest, digest_sent):
+                granted = grant
+        return granted
 
 
 COOKIE = "isoshape_session"
@@ -127,8 +127,8 @@ class Sessions:
         """
         now = self._clock()
         self._open = {name: session for name, session in self._open.items() if session[0] > now}
-        own = [name for name, session in self._open.items() if session[1].digest == grant.digest]
-        for name in own[: max(0, len(own) + 1 - MOST_EACH)]:
+        same_key = [name for name, session in self._open.items() if session[1].digest == grant.digest]
+        for name in same_key[: max(0, len(same_key) + 1 - MOST_EACH)]:
             del self._open[name]
         token = secrets.token_urlsafe(32)
         self._open[digest_of(token)] = (now + SECONDS, replace(grant, signed_in=True), host)

@@ -55,10 +55,10 @@ def compare_command(
         output().print(_line(answer))
 
 
-def _shape(given: str) -> Compared:
+def _shape(argument: str) -> Compared:
     """Return a file, if there is one with this name, or else an id."""
-    path = Path(given)
-    return path if path.is_file() else given
+    path = Path(argument)
+    return path if path.is_file() else argument
 
 
 def _line(answer: CompareAnswer) -> str:
@@ -109,8 +109,8 @@ def duplicates_command(
         typer.echo(answer.csv().replace("\r\n", "\n"), nl=False)
     else:
         _print_groups(answer)
-    found = sum(len(group) for group in answer.groups)
-    say(f"{found} of {answer.shapes} shapes in {len(answer.groups)} groups; {answer.aligned} pairs aligned")
+    grouped = sum(len(group) for group in answer.groups)
+    say(f"{grouped} of {answer.shapes} shapes in {len(answer.groups)} groups; {answer.aligned} pairs aligned")
 
 
 def _print_groups(answer: DuplicatesAnswer) -> None:

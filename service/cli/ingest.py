@@ -61,8 +61,8 @@ def read_metadata(path: Path) -> dict[str, About]:
             for row in reader:
                 name = (row[NAME] or "").strip().replace("\\", "/")
                 if not name or name in rows:
-                    told = f"{name} is listed twice" if name else "no name"
-                    raise DatasetError(f"{path}, line {reader.line_num}: {told}")
+                    fault = f"{name} is listed twice" if name else "no name"
+                    raise DatasetError(f"{path}, line {reader.line_num}: {fault}")
                 rows[name] = _about(path, reader.line_num, row)
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise DatasetError(f"{path}: {error}") from error
@@ -232,16 +232,18 @@ def ingest_command(
     archives = [path for path in paths if is_archive(path)]
     if split is not None and archives:
         fail("the files of an archive cannot be split; unpack it first")
-    found = find_meshes([path for path in paths if path not in archives])
-    if not found.files and not archives:
+    meshes = find_meshes([path for path in paths if path not in archives])
+    if not meshes.files and not archives:
         fail(f"no meshes found; the formats read are {', '.join(readable())}")
     rows = {} if metadata is None else read_metadata(metadata)
-    named = {file.path: row_of(rows, file.path) for file in found.files}
-    items = [_item(file, rows.get(named[file.path] or "", About()), tag or [], split) for file in found.files]
+    named = {file.path: row_of(rows, file.path) for file in meshes.files}
+    items = [
+        _item(file, rows.get(named[file.path] or "", About()), tag or [], split) for file in meshes.files
+    ]
     stray = sorted(set(rows) - set(named.values()))
     if stray:
         say(f"{metadata}: no file has the name {', '.join(stray)}")
-    tally = Tally(len(items) + len(archives), found.ignored)
+    tally = Tally(len(items) + len(archives), meshes.ignored)
     stopped = False
     try:
         with service_at(url, key, collection, new=True) as client, progress() as bar:
@@ -267,5 +269,7 @@ def class_tag(label: str) -> str:
 
 
 def _item(file: MeshFile, about: About, more: list[str], split: Literal["parts"] | None) -> Item:
-    own = [] if file.label is None else [class_tag(file.label)]
-    return Item(file.path.name, file.path, (*filter(None, own), *about.tags, *more), about.metadata, split)
+    class_tags = [] if file.label is None else [class_tag(file.label)]
+    return Item(
+        file.path.name, file.path, (*filter(None, class_tags), *about.tags, *more), about.metadata, split
+    )

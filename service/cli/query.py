@@ -85,7 +85,7 @@ def print_answer(console: Console, answer: QueryAnswer) -> None:
         columns.append(">part distance")
     results = table(*columns, fold=("name", "likeness", "tags"))
     for result in answer.results:
-        told = [] if result.part_distance is None else [f"{result.part_distance:.4f}"]
+        part_distance = [] if result.part_distance is None else [f"{result.part_distance:.4f}"]
         results.add_row(
             str(result.rank),
             result.shape.name,
@@ -95,7 +95,7 @@ def print_answer(console: Console, answer: QueryAnswer) -> None:
             f"{result.ssd:.4f}",
             f"{result.sim:.4f}",
             f"{result.combined:.3f}",
-            *told,
+            *part_distance,
         )
     console.print(results)
     console.print(_sizes(answer))

@@ -78,8 +78,8 @@ class RequestContext:
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
-        given = Headers(scope=scope).get(HEADER, "")
-        identifier = given if _ACCEPTABLE_ID.fullmatch(given) else uuid.uuid4().hex
+        sent_id = Headers(scope=scope).get(HEADER, "")
+        identifier = sent_id if _ACCEPTABLE_ID.fullmatch(sent_id) else uuid.uuid4().hex
         token = request_id.set(identifier)
         status = 0
         start = time.perf_counter()

@@ -114,14 +114,14 @@ def _say_who_may_ask(method: str, path: str, operation: dict[str, Any]) -> None:
 def _add_problems(operation: dict[str, Any], kinds: Sequence[str]) -> None:
     """Add kinds of problem to the responses of an operation."""
     responses = operation["responses"]
-    there = {
+    documented_kinds = {
         kind
         for status, response in responses.items()
         if int(status) >= 400
         for kind in response["content"][MEDIA_TYPE]["examples"]
     }
     added = {str(PROBLEMS[kind].status) for kind in kinds}
-    for status, response in documented(*there.union(kinds)).items():
+    for status, response in documented(*documented_kinds.union(kinds)).items():
         if str(status) in added:
             responses[str(status)] = response
 

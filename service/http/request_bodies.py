@@ -162,8 +162,8 @@ def _values(
                 raise FileTooLargeError(f"at most {TEXT_CHARACTERS} characters of text are taken in a form")
             continue
         if name not in files:
-            places = " or ".join(repr(each) for each in files)
-            raise BadRequestFieldsError(FieldFault(name, f"a file is expected in the field {places} only"))
+            fields = " or ".join(repr(each) for each in files)
+            raise BadRequestFieldsError(FieldFault(name, f"a file is expected in the field {fields} only"))
         if (value.size or 0) > max_bytes:
             raise FileTooLargeError(f"the file has {value.size} bytes; at most {max_bytes} bytes are taken")
     if not either and isinstance(form.get(FILE, ""), str):

@@ -108,8 +108,11 @@ def differences(
     """
     first, second = (way.displacement for way in ways)
     if first is None or second is None:
-        one, other = (np.abs(np.log2(way.stretch.astype(np.float64))) for way in ways)
-        return Difference("stretch", one, LARGEST_STRETCH), Difference("stretch", other, LARGEST_STRETCH)
+        stretches = [np.abs(np.log2(way.stretch.astype(np.float64))) for way in ways]
+        return (
+            Difference("stretch", stretches[0], LARGEST_STRETCH),
+            Difference("stretch", stretches[1], LARGEST_STRETCH),
+        )
     scale = ways[0].scale
     least = LEAST_DISPLACEMENT * max(extents[0], extents[1] / scale)
     maximum = max(float(first.max()), float(second.max()) / scale, least)
@@ -121,8 +124,8 @@ def differences(
 
 def difference_colours(difference: Difference, partnered: NDArray[np.bool_]) -> Floats:
     """Return the colours of n vertices on the scale; places without a partner are blue, shape (n, 3)."""
-    place = np.clip(difference.values / difference.maximum, 0.0, 1.0) * (len(SCALE) - 1)
-    channels = [np.interp(place, np.arange(len(SCALE)), channel) for channel in SCALE.T]
+    position = np.clip(difference.values / difference.maximum, 0.0, 1.0) * (len(SCALE) - 1)
+    channels = [np.interp(position, np.arange(len(SCALE)), channel) for channel in SCALE.T]
     return np.where(partnered[:, None], np.stack(channels, axis=1), NO_PARTNER)
 
 

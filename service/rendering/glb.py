@@ -64,7 +64,7 @@ def write_glb(parts: list[GlbPart]) -> bytes:
         accessors.append({**accessor, "count": array.size if kind == "SCALAR" else len(array), **more})
         return len(accessors) - 1
 
-    for place, part in enumerate(parts):
+    for number, part in enumerate(parts):
         middle, half = frame(part.vertices)
         points = ((part.vertices - middle) / half).astype("<f4")
         bounds = {"min": points.min(axis=0).tolist(), "max": points.max(axis=0).tolist()}
@@ -74,12 +74,12 @@ def write_glb(parts: list[GlbPart]) -> bytes:
         indices = add(part.faces.astype("<u4").ravel(), _UNSIGNED_INT, "SCALAR")
         matrix = np.eye(4)
         matrix[:3, :3] = upright(part.format)
-        matrix[0, 3] = SPACING * (place - 0.5 * (len(parts) - 1))
+        matrix[0, 3] = SPACING * (number - 0.5 * (len(parts) - 1))
         meshes.append({"primitives": [{"attributes": attributes, "indices": indices}]})
         nodes.append(
             {
                 "name": part.name,
-                "mesh": place,
+                "mesh": number,
                 "matrix": matrix.ravel(order="F").tolist(),
                 "extras": {**part.facts, "middle": middle.tolist(), "half": half},
             }

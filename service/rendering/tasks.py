@@ -93,10 +93,10 @@ def painted(first: PaintedMesh, second: PaintedMesh, faces: int, paint: Paint) -
 def painted_picture(first: PaintedMesh, second: PaintedMesh, faces: int, paint: Paint, size: int) -> bytes:
     """Return both meshes as one PNG, side by side on a transparent background, `2 size` by `size` pixels."""
     picture = Image.new("RGBA", (2 * size, size))
-    for place, part in enumerate(_painted_parts(first, second, faces, paint)):
+    for number, part in enumerate(_painted_parts(first, second, faces, paint)):
         mesh = Mesh(part.vertices, part.faces)
         drawn = draw_painted(mesh, part.format, size, part.vertices, part.colours[:, :3] / 255.0)
-        picture.paste(Image.open(BytesIO(drawn)).convert("RGBA"), (place * size, 0))
+        picture.paste(Image.open(BytesIO(drawn)).convert("RGBA"), (number * size, 0))
     file = BytesIO()
     picture.save(file, "PNG")
     return file.getvalue()
@@ -105,13 +105,13 @@ def painted_picture(first: PaintedMesh, second: PaintedMesh, faces: int, paint: 
 def _painted_parts(first: PaintedMesh, second: PaintedMesh, faces: int, paint: Paint) -> list[GlbPart]:
     """Return both meshes, simplified for display, with their colours."""
     sides = first, second
-    told: list[dict[str, object]] = [{}, {}]
+    facts: list[dict[str, object]] = [{}, {}]
     if paint == "difference":
         ends = differences((first.way, second.way), (diagonal(first.mesh), diagonal(second.mesh)))
         colours = tuple(
             difference_colours(end, side.way.partnered) for end, side in zip(ends, sides, strict=True)
         )
-        told = [
+        facts = [
             {
                 "quantity": end.quantity,
                 "maximum": end.maximum,
@@ -122,10 +122,12 @@ def _painted_parts(first: PaintedMesh, second: PaintedMesh, faces: int, paint: P
     else:
         colours = correspondence_colours(first.mesh.vertices, upright(first.format), second.way)
     parts = []
-    for side, own, facts in zip(sides, colours, told, strict=True):
+    for side, painted_colours, more in zip(sides, colours, facts, strict=True):
         part = _part(side.name, side.mesh, side.format, faces)
-        shown = own if part.vertices is side.mesh.vertices else _nearest(side.mesh, own, part.vertices)
-        parts.append(replace(part, colours=_opaque(shown), facts={**part.facts, **facts}))
+        shown = painted_colours
+        if part.vertices is not side.mesh.vertices:
+            shown = _nearest(side.mesh, painted_colours, part.vertices)
+        parts.append(replace(part, colours=_opaque(shown), facts={**part.facts, **more}))
     return parts
 
 

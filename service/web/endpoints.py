@@ -64,12 +64,12 @@ def load(name: str) -> Asset:
 @cache
 def names() -> frozenset[str]:
     """Return the names of all files that are sent; those of other kinds beside them are not."""
-    found = set()
+    sent = set()
     for folder in ("", "vendor/"):
         for entry in _folder().joinpath(folder).iterdir():
             if entry.name.rpartition(".")[2] in MEDIA_TYPES:
-                found.add(folder + entry.name)
-    return frozenset(found)
+                sent.add(folder + entry.name)
+    return frozenset(sent)
 
 
 def _folder() -> Traversable:
@@ -119,8 +119,8 @@ def send(request: Request, asset: Asset, headers: dict[str, str] | None = None) 
         "Vary": "Accept-Encoding",
         **_ALWAYS,
     }
-    given = request.headers.get("if-none-match", "")
-    if asset.tag in [part.strip().removeprefix("W/") for part in given.split(",")]:
+    known = request.headers.get("if-none-match", "")
+    if asset.tag in [part.strip().removeprefix("W/") for part in known.split(",")]:
         return Response(status_code=304, headers=headers)
     data = asset.data
     accepted = [

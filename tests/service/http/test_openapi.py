@@ -11,7 +11,8 @@ import pytest
 from core.io import FORMATS
 from service.http.problem_document import MEDIA_TYPE, Problem
 from service.openapi_document import document, text
-from service.search.schemas import CompareAnswer, QueryAnswer
+from service.search.compare_schemas import CompareAnswer
+from service.search.schemas import QueryAnswer
 from service.settings import PREFIX
 from service.shapes.schemas import EmbeddingArrays, Shape, ShapePage
 from service.system.schemas import Health, Readiness, Version
