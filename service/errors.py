@@ -24,7 +24,7 @@ class ExpectedError(Exception):
 class ServiceError(Exception):
     """Base class of the service's errors; `kind` is a key of `PROBLEMS`."""
 
-    kind: ClassVar[str] = "internal-error"
+    kind: str = "internal-error"
     retry_after: int | None = None
 
     @property

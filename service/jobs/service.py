@@ -208,7 +208,7 @@ def unprocessed(
         for position, data in read_members(archive, limits, frozenset(unread)):
             yield unread.pop(position), data
     for file in unread.values():
-        yield file, MemberError("the archive is damaged before this file")
+        yield file, MemberError("member-damaged", "the archive is damaged before this file")
 
 
 def shape_of(job: JobRecord, file: FileRecord, data: bytes) -> NewShape:

@@ -61,45 +61,11 @@ class ArchiveTooLargeError(ServiceError):
 
 
 class MemberError(ServiceError):
-    """A member is refused; by default, because it cannot be unpacked completely."""
+    """A member is refused; `kind` is that of the problem."""
 
-    kind = "member-damaged"
-
-
-class MemberNameError(MemberError):
-    """The name of the member leads out of the archive, or is not a valid name of a shape."""
-
-    kind = "member-name"
-
-
-class MemberRepeatedError(MemberError):
-    """A member before has the same name."""
-
-    kind = "member-repeated"
-
-
-class MemberKindError(MemberError):
-    """The member is a link or a device, or is compressed by another method."""
-
-    kind = "member-kind"
-
-
-class MemberEncryptedError(MemberError):
-    """The member is encrypted."""
-
-    kind = "member-encrypted"
-
-
-class MemberTooLargeError(MemberError):
-    """The member exceeds the limits of size or compression ratio."""
-
-    kind = "member-too-large"
-
-
-class NestedArchiveError(MemberError):
-    """The member is an archive."""
-
-    kind = "nested-archive"
+    def __init__(self, kind: str, message: str) -> None:
+        super().__init__(message)
+        self.kind = kind
 
 
 @dataclass(frozen=True)
@@ -132,9 +98,11 @@ class ArchiveLimits:
             It has more than `member_bytes` bytes, or more than `ratio` times its packed size.
         """
         if unpacked > self.member_bytes:
-            raise MemberTooLargeError(f"at most {self.member_bytes} bytes of one file are taken")
+            raise MemberError("member-too-large", f"at most {self.member_bytes} bytes of one file are taken")
         if packed is not None and unpacked > RATIO_FROM and unpacked > self.ratio * packed:
-            raise MemberTooLargeError(f"it unpacks to more than {self.ratio:g} times its packed size")
+            raise MemberError(
+                "member-too-large", f"it unpacks to more than {self.ratio:g} times its packed size"
+            )
 
 
 @dataclass(frozen=True)
@@ -190,7 +158,7 @@ def list_members(file: BinaryIO, limits: ArchiveLimits) -> list[ArchiveMember]:
         try:
             normalised = _normalised(path)
             if normalised in paths:
-                raise MemberRepeatedError("a member of the archive before it has this name")
+                raise MemberError("member-repeated", "a member of the archive before it has this name")
             _check_name(path)
             paths.add(normalised)
             _check_header(info, limits)
@@ -288,22 +256,22 @@ def _unpacked(
     except ServiceError:
         raise
     except Exception as error:
-        raise MemberError(f"it cannot be unpacked: {error}") from error
+        raise MemberError("member-damaged", f"it cannot be unpacked: {error}") from error
     if len(data) != info.file_size:
-        raise MemberError("it has fewer bytes than the directory says")
+        raise MemberError("member-damaged", "it has fewer bytes than the directory says")
     return bytes(data)
 
 
 def _normalised(path: str) -> str:
-    """Return the path without empty parts and `.`; raise MemberNameError if it leads out of the archive."""
+    """Return the path without empty parts and `.`; raise MemberError if it leads out of the archive."""
     slashed = path.replace("\\", "/")
     parts = [part for part in slashed.split("/") if part not in {"", "."}]
     if slashed.startswith("/") or _DRIVE.match(slashed):
-        raise MemberNameError("its name is an absolute path")
+        raise MemberError("member-name", "its name is an absolute path")
     if ".." in parts:
-        raise MemberNameError("its name leads out of the archive")
+        raise MemberError("member-name", "its name leads out of the archive")
     if len(path) > PATH_CHARACTERS:
-        raise MemberNameError(f"its name has more than {PATH_CHARACTERS} characters")
+        raise MemberError("member-name", f"its name has more than {PATH_CHARACTERS} characters")
     return "/".join(parts)
 
 
@@ -312,20 +280,22 @@ def _check_name(path: str) -> None:
     try:
         name = clean_name(base_name(path))
     except ValueError as error:
-        raise MemberNameError(f"its name cannot be a shape's: {error}") from error
+        raise MemberError("member-name", f"its name cannot be a shape's: {error}") from error
     if name.rpartition(".")[2].lower() in _NESTED:
-        raise NestedArchiveError("an archive inside of an archive is not read: send it by itself")
+        raise MemberError("nested-archive", "an archive inside of an archive is not read: send it by itself")
 
 
 def _check_header(info: zipfile.ZipInfo, limits: ArchiveLimits) -> None:
     """Raise if the directory says that a member is no plain file of a size that is taken."""
     kind = stat.S_IFMT(info.external_attr >> 16)
     if stat.S_ISLNK(kind):
-        raise MemberKindError("it is a link")
+        raise MemberError("member-kind", "it is a link")
     if kind and not stat.S_ISREG(kind):
-        raise MemberKindError("it is not a regular file")
+        raise MemberError("member-kind", "it is not a regular file")
     if info.flag_bits & ENCRYPTED:
-        raise MemberEncryptedError("it is encrypted")
+        raise MemberError("member-encrypted", "it is encrypted")
     if info.compress_type not in METHODS:
-        raise MemberKindError("its compression method is not supported; deflate is, and no compression")
+        raise MemberError(
+            "member-kind", "its compression method is not supported; deflate is, and no compression"
+        )
     limits.check_member(info.file_size)

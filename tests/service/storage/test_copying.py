@@ -85,8 +85,8 @@ def content(path: Path) -> Counter[str]:
 def test_an_archive_is_the_same_when_it_comes_back(archive: Path, tmp_path: Path) -> None:
     before, url = content(archive), empty_database()
     there = copied(file(archive), url)
-    assert (there.shapes, there.blobs, there.embeddings) == (4, 3, 3)
-    assert there.bytes == sum(len(small_file(number)) for number in (1, 2, 3))
+    assert (there.shapes, there.blobs, there.embeddings) == (4, 4, 4)
+    assert there.bytes == sum(len(small_file(number)) for number in (1, 2, 3, 4))
     assert copied(url, file(tmp_path / "back.sqlite3")) == there
     assert content(tmp_path / "back.sqlite3") == before == content(archive)
     assert check(tmp_path / "back.sqlite3", lock_seconds=1).faults == []
@@ -172,10 +172,10 @@ def test_the_command(archive: Path, tmp_path: Path) -> None:
         return done.exit_code, done.output
 
     url = empty_database()
+    size = sum(len(small_file(number)) for number in (1, 2, 3, 4))
     assert run(archive, url) == (
         0,
-        f"4 shapes on 3 files of {sum(len(small_file(number)) for number in (1, 2, 3))} bytes, 3 embeddings: "
-        "copied, and compared row by row\n",
+        f"4 shapes on 4 files of {size} bytes, 4 embeddings: copied, and compared row by row\n",
     )
     status, said = run(archive, url)
     assert (status, "the target is not empty" in said) == (1, True)
