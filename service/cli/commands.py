@@ -1,18 +1,67 @@
-"""The command line `isoshape`: a group that imports a command when it is run."""
+"""The commands of `isoshape`, and the group that imports a command when it is run.
+
+The command NAME is the function `NAME_command` of its module. The summary is the first line of the function's
+docstring. It stands in the table too, so that `isoshape --help` imports no command.
+"""
 
 from collections.abc import Callable
 from concurrent.futures import BrokenExecutor
+from dataclasses import dataclass
 from functools import partial, wraps
 from importlib import import_module
-from typing import TYPE_CHECKING, ParamSpec, get_args
+from typing import TYPE_CHECKING, Literal, ParamSpec, get_args
 
 import typer
 from typer.core import TyperCommand, TyperGroup
 from typer.main import get_command
 
 from core.errors import CoreError
-from service.cli.command_table import COMMANDS, Group
 from service.errors import ExpectedError, ServiceError
+
+Group = Literal["Use", "Archive", "Research"]
+
+LONGEST_SUMMARY = 60
+"""Characters of a summary at most: it then fits on one line of a terminal of 80 columns."""
+
+
+@dataclass(frozen=True)
+class Command:
+    """A command: the group that lists it, its summary, and its module in `service.cli`."""
+
+    group: Group
+    summary: str
+    module: str
+
+
+def _evaluation(summary: str, module: str) -> Command:
+    return Command("Research", summary, f"evaluation.{module}")
+
+
+COMMANDS = {
+    "serve": Command("Use", "Serve the archive over HTTP until Ctrl-C.", "serve"),
+    "demo": Command("Use", "Make shapes, store them and query them with unseen poses.", "demo"),
+    "ingest": Command("Use", "Store mesh files, folders of meshes and archives.", "ingest"),
+    "query": Command("Use", "Find the stored shapes most similar to a mesh file.", "query"),
+    "compare": Command("Use", "Compare two shapes, vertex by vertex with --out.", "compare"),
+    "duplicates": Command("Use", "Find groups of near-identical stored shapes.", "compare"),
+    "collections": Command("Use", "List, create and delete collections of shapes.", "access"),
+    "compile": Command("Use", "Compile the kernels for this processor, once.", "serve"),
+    "key": Command("Use", "Make an API key and print it with its SHA-256.", "access"),
+    "openapi": Command("Use", "Write the OpenAPI document of the service.", "serve"),
+    "check": Command("Archive", "Check every file, reference and embedding of an archive.", "archives"),
+    "backup": Command("Archive", "Copy the archive into a file while services use it.", "archives"),
+    "restore": Command("Archive", "Replace the archive by a backup.", "archives"),
+    "copy": Command("Archive", "Copy an archive between SQLite and PostgreSQL.", "archives"),
+    "reembed": Command("Archive", "Embed every stored shape by another pipeline.", "archives"),
+    "evaluate": _evaluation("Measure retrieval on a labelled collection.", "evaluate"),
+    "classify": _evaluation("Classify each shape by its nearest neighbour.", "classify"),
+    "table2": _evaluation("Measure the paper's Table 2, category by category.", "table2"),
+    "correspondence": _evaluation("Measure correspondences against the true ones.", "correspondence"),
+    "calibrate": _evaluation("Fit the class probability to labelled collections.", "calibrate"),
+    "benchmark": _evaluation("Measure the time and memory of embedding and matching.", "benchmark"),
+}
+"""Each command by its name, in the order of the help."""
+
 
 if TYPE_CHECKING:
     from typer._click import Context, HelpFormatter

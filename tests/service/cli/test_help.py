@@ -10,7 +10,7 @@ from typing import get_args
 import pytest
 
 from service import cli
-from service.cli.command_table import COMMANDS, LONGEST_SUMMARY, Group
+from service.cli.commands import COMMANDS, LONGEST_SUMMARY, Group
 from tests.service.cli.conftest import Run
 
 
@@ -77,7 +77,6 @@ def test_help_imports_no_command() -> None:
         "core.errors",
         "service",
         "service.cli",
-        "service.cli.command_table",
         "service.cli.commands",
         "service.errors",
     }

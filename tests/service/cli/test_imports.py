@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from service.cli.command_table import COMMANDS
+from service.cli.commands import COMMANDS
 from service.client import Client
 from tests.service.cli.conftest import mesh_bytes
 
