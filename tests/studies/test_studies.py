@@ -19,6 +19,7 @@ SCRIPTS = {
     "sampling": (("--limit", "2"), {"fit": 2, "samples": 8, "poses": 8}),
     "individuals": (("--bodies", "1", "--poses", "2"), {"labels": 4}),
     "partial": (("--limit", "4", "--cut", "0.3"), {"partial": 3}),
+    "peers": (("--vertices", "600", "--repeats", "1"), {"embeddings": 5, "matches": 3}),
     "capacity": (("--count", "20000"), {"bytes": 6, "storing": 2, "search": 2}),
 }
 """The options of each script, and the number of rows of each table."""
@@ -41,7 +42,7 @@ def test_a_script_writes_its_tables_and_pictures(name: str, collection: Path, tm
     options, tables = SCRIPTS[name]
     if name in OF_COLLECTIONS:
         options = (str(collection), *options)
-    elif name == "figures":
+    elif name in {"figures", "peers"}:
         options = ("--collection", str(collection), *options)
     command = [sys.executable, "-m", f"tests.studies.{name}", str(tmp_path), *options]
     done = subprocess.run(command, check=False, capture_output=True, text=True)

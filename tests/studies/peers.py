@@ -1,0 +1,96 @@
+"""Times of our embedding and match beside LaPy's ShapeDNA and functional maps by pyfmaps.
+
+    python -m tests.studies.peers DIR [--collection COLLECTION] [--repeats 9]
+
+Runs of the two alternate, in one thread; ratios are of neighbouring runs. An embedding is from the bytes of a
+binary PLY, ShapeDNA with 50 eigenvalues from a mesh already read. One of our matches is one of 64 in a call,
+both ways; pyfmaps fits a map to wave kernel signatures and refines it by ZoomOut, one way, from its spectra.
+"""
+
+from collections.abc import Callable
+from functools import partial
+from itertools import pairwise
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+from lapy import TriaMesh
+from lapy.shapedna import compute_shapedna
+from pyFM.functional import FunctionalMapping
+from threadpoolctl import threadpool_limits
+
+from core.io import write_mesh
+from core.parameters import DEFAULT
+from core.pipeline import Pipeline
+from service.evaluation.benchmark_meshes import Source, Spread, read_source
+from service.evaluation.benchmark_method import chain, embedding_seconds, match_steps
+from service.evaluation.template_truth import EIGENVALUES, spectrum
+from tests.studies.common import run, write
+
+
+def seconds(work: Callable[[], object]) -> float:
+    """Return the seconds that a call takes."""
+    began = perf_counter()
+    work()
+    return perf_counter() - began
+
+
+def embeddings(source: Source, vertices: int, repeats: int) -> list[dict[str, Any]]:
+    """Return times and ratios of embedding meshes of about a number of vertices, after one warm-up."""
+    method = Pipeline(DEFAULT)
+    rows = []
+    for name, mesh in source.nearest(vertices, 5):
+        data, surface = write_mesh(mesh, "ply"), TriaMesh(mesh.vertices, mesh.faces)
+        times = np.array(
+            [
+                [embedding_seconds(method, data, "ply"), seconds(partial(compute_shapedna, surface, k=50))]
+                for _ in range(repeats + 1)
+            ][1:]
+        )
+        rows.append({"mesh": name, "vertices": len(mesh.vertices)} | figures(times, "lapy"))
+    return rows
+
+
+def matches(source: Source, vertices: int, repeats: int) -> list[dict[str, Any]]:
+    """Return times and ratios of matching pairs of one class and of two, after one warm-up."""
+    method = Pipeline(DEFAULT)
+    rows = []
+    for (first, mesh), (second, other) in pairwise(chain(source, vertices, 4)):
+        one_of_many = match_steps(method.embed(mesh), method.embed(other), method)["one_of_many"]
+        spectra = spectrum(mesh), spectrum(other)
+        times = np.array(
+            [[one_of_many(), seconds(partial(functional_map, *spectra))] for _ in range(repeats + 1)][1:]
+        )
+        rows.append({"first": first, "second": second} | figures(times, "pyfmaps"))
+    return rows
+
+
+def functional_map(first: Any, second: Any) -> FunctionalMapping:
+    """Fit and refine a functional map, with the library's default options."""
+    model = FunctionalMapping(first, second)
+    model.preprocess(k_process=EIGENVALUES)
+    model.fit()
+    model.zoomout_refine()
+    return model
+
+
+def figures(times: np.ndarray, peer: str) -> dict[str, Spread]:
+    """Return medians and quartiles of our times and the peer's, shape (repeats, 2), and of their ratios."""
+    return {
+        "ours_ms": Spread.of((1e3 * times[:, 0]).tolist()),
+        f"{peer}_ms": Spread.of((1e3 * times[:, 1]).tolist()),
+        f"{peer}_over_ours": Spread.of((times[:, 1] / times[:, 0]).tolist()),
+    }
+
+
+def main(folder: Path, collection: Path | None, vertices: int, repeats: int) -> None:
+    """Write embeddings.csv and matches.csv."""
+    source = read_source(collection)
+    with threadpool_limits(limits=1):
+        write(folder / "embeddings.csv", embeddings(source, vertices, repeats))
+        write(folder / "matches.csv", matches(source, vertices, repeats))
+
+
+if __name__ == "__main__":
+    run(main, __doc__, collection=Path, vertices=3000, repeats=9)
