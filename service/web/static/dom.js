@@ -52,3 +52,14 @@ export function showError(place, error) {
   place.hidden = error === undefined;
   place.textContent = error === undefined ? "" : messageOf(error);
 }
+
+/**
+ * The function that calls another once and returns its result each time.
+ * @template T
+ * @param {() => T} load
+ */
+export function cached(load) {
+  /** @type {T | undefined} */
+  let loaded;
+  return () => (loaded ??= load());
+}

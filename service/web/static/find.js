@@ -1,7 +1,7 @@
 // Search for similar shapes, by a file or by a stored shape. A change of an option searches again.
 
 import { address, ask, askWith, formWith, send } from "./api.js";
-import { byId, make, showError } from "./dom.js";
+import { byId, cached, make, showError } from "./dom.js";
 import { changedIn, fill, parametersOf, showCount } from "./fields.js";
 import { shapeCard } from "./shape_card.js";
 import { go, linkTo, opensElsewhere } from "./state.js";
@@ -118,11 +118,9 @@ const previews = new WeakMap();
 function ofFile(file) {
   const known = previews.get(file);
   if (known) return known;
-  /** @type {Promise<ArrayBuffer> | null} */
-  let loaded = null;
   const body = formWith({ file });
-  const load = async () => (await ask(address("preview"), { method: "POST", body })).arrayBuffer();
-  const made = { name: file.name, given: file, glb: () => (loaded ??= load()) };
+  const glb = cached(async () => (await ask(address("preview"), { method: "POST", body })).arrayBuffer());
+  const made = { name: file.name, given: file, glb };
   previews.set(file, made);
   return made;
 }

@@ -3,11 +3,11 @@
 import { address } from "./api.js";
 import { card, details } from "./card.js";
 import { compare, storedEmbedding, storedGlb, theStage } from "./comparison.js";
-import { byId, make, showError } from "./dom.js";
+import { byId, cached, make, showError } from "./dom.js";
 import { measures, similarLink } from "./shape_card.js";
 
 /** @import { Comparison } from "./comparison.js" */
-/** @import { Answer, Embedding } from "./types.js" */
+/** @import { Answer } from "./types.js" */
 
 /**
  * The query.
@@ -101,16 +101,6 @@ function summary(name, answer, rankBy) {
   const matched = alike ? "" : " No stored shape is similar to it; these are the closest.";
   return `${name} was compared with ${answer.compared} of ${answer.stored} stored shapes in ${seconds} s. `
     + `The results are sorted by ${rankBy}.${matched}`;
-}
-
-/**
- * Cache the result of a function.
- * @param {() => Promise<Embedding>} load
- */
-function cached(load) {
-  /** @type {Promise<Embedding> | undefined} */
-  let loaded;
-  return () => (loaded ??= load());
 }
 
 paint.addEventListener("change", () => repaint().catch((error) => showError(errorBox, error)));

@@ -8,7 +8,7 @@ import {
 /** @import { Model } from "./glb.js" */
 /** @import { Colour } from "./matching.js" */
 
-// The same values as in service/rendering/viewpoint.py.
+// The same values as in service/rendering/thumbnail.py.
 const ELEVATION = 18, AZIMUTH = 28;
 const RADIANS = Math.PI / 180;
 const FIELD_OF_VIEW = 30;
