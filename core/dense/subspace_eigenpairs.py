@@ -12,7 +12,7 @@ from scipy.sparse import csc_array, csr_array, diags_array
 
 from core.arrays import Floats
 from core.mesh.mesh import Mesh
-from core.numerics.symmetric_factor import SymmetricFactor
+from core.spectral.lanczos import SymmetricFactor
 from core.spectral.laplace_beltrami import laplace_beltrami, laplacian, scaled
 
 COARSE, GUARD, SPREAD = 500, 30, 3

@@ -33,7 +33,7 @@ def embedding_key(embedding: Embedding) -> bytes:
 def match_record(embedding: Embedding, parameters: Parameters) -> Float32s:
     """Return the match record of an embedding, float32, shape (l,), about 100 kB.
 
-    The bytes are the same only while linear algebra runs on one thread: see `core.numerics.threads`.
+    The bytes are the same only while linear algebra runs on one thread: see `core.numerics.guarding`.
 
     Raises
     ------

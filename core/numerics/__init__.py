@@ -1,6 +1,6 @@
-"""Numerical helpers: compilation of loops, radix sort, factors of matrices, control of threads and faults.
+"""Numerical helpers: compilation of loops, radix sort, control of threads and faults.
 
-Functions, sort keys and matrices in; compiled functions, sort orders and solutions out.
+Functions and sort keys in; compiled functions and sort orders out.
 """
 
-__all__ = ["compilation", "guarding", "radix_sort", "symmetric_factor", "threads", "triangular_solve"]
+__all__ = ["compilation", "guarding", "radix_sort"]

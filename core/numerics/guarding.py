@@ -1,12 +1,31 @@
-"""The context in which the pipeline computes: one thread, and every fault of arithmetic is an error."""
+"""The context in which the pipeline computes: one thread, and every fault of arithmetic is an error.
+
+Several threads of linear algebra change the order of sums, and with it the last bits.
+"""
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
+from functools import cache
+from importlib import import_module
 
 import numpy as np
+from threadpoolctl import ThreadpoolController
 
 from core.errors import CannotBeEmbeddedError, CoreError
-from core.numerics.threads import one_thread
+
+
+def one_thread() -> AbstractContextManager[object]:
+    """Return a context in which the linear algebra of NumPy and SciPy runs on one thread."""
+    limited: AbstractContextManager[object] = _controller().limit(limits=1)
+    return limited
+
+
+@cache
+def _controller() -> ThreadpoolController:
+    """Return the controller of the loaded BLAS libraries; the search for them runs once."""
+    for name in ("numpy.linalg", "scipy.linalg"):
+        import_module(name)
+    return ThreadpoolController()
 
 
 @contextmanager

@@ -3,4 +3,4 @@
 A mesh and the distances to its samples in; eigenvalues, spectral coordinates and the signature out.
 """
 
-__all__ = ["laplace_beltrami", "orientation", "spectral_embedding"]
+__all__ = ["lanczos", "laplace_beltrami", "orientation", "spectral_embedding"]

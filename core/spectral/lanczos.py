@@ -1,5 +1,8 @@
-"""The least eigenvalues of a factored matrix, by a block Lanczos method with its inverse.
+"""The least eigenvalues of a sparse symmetric positive definite matrix, by a block Lanczos method.
 
+QDLDL finds an order of minimum degree and the factors L D L^T (B. Stellato, G. Banjac, P. Goulart,
+A. Bemporad, S. Boyd, "OSQP: an operator splitting solver for quadratic programs", Mathematical Programming
+Computation 12, 2020); the method multiplies by the inverse.
 G. Golub, R. Underwood, "The block Lanczos method for computing eigenvalues", 1977; R. Grimes, J. Lewis,
 H. Simon, "A shifted block Lanczos algorithm for solving sparse symmetric generalized eigenproblems", SIAM
 Journal on Matrix Analysis and Applications 15, 1994. There are no restarts: some 120 basis vectors give 30
@@ -10,13 +13,16 @@ may be more, and the search starts anew with twice as many vectors.
 """
 
 import numpy as np
+import qdldl
 from numpy.linalg import LinAlgError
+from numpy.typing import NDArray
+from scipy.sparse import csc_array, csc_matrix
 
-from core.arrays import Floats
-from core.numerics.symmetric_factor import SymmetricFactor
+from core.arrays import Floats, Ints
+from core.numerics.compilation import compiled
 
 BLOCK = 4
-"""Vectors in the first block, as many as the factor's solver takes at a time."""
+"""Vectors in the first block, as many as a solution takes at a time."""
 
 CONVERGED = 1e-12
 """Largest residual of an eigenpair of the inverse, relative to its eigenvalue. The relative error of a simple
@@ -36,6 +42,114 @@ Lanczos algorithm with partial reorthogonalization", Mathematics of Computation 
 
 DEPENDENT = 1e-3
 """Ratio of the least to the largest length in a block below which its Cholesky factor is too inaccurate."""
+
+
+class SymmetricFactor:
+    """The factors of a sparse symmetric positive definite matrix.
+
+    Parameters
+    ----------
+    matrix : csc_array, shape (n, n)
+        The part below the diagonal is not read.
+
+    Raises
+    ------
+    RuntimeError
+        The matrix is not positive definite.
+    """
+
+    def __init__(self, matrix: csc_array) -> None:
+        size = matrix.shape[0]
+        upper = matrix.indices <= np.repeat(np.arange(size), np.diff(matrix.indptr))
+        starts = np.concatenate([[0], np.cumsum(upper)])[matrix.indptr]
+        kept = csc_matrix((matrix.data[upper], matrix.indices[upper], starts), shape=matrix.shape)
+        try:
+            lower, diagonal, order = qdldl.Solver(kept, upper=True).factors()
+        except (RuntimeError, ValueError) as error:
+            raise RuntimeError("the matrix is not positive definite") from error
+        if not (diagonal > 0.0).all():
+            raise RuntimeError("the matrix is not positive definite")
+        # Unsigned: a signed index is checked for its sign at each access.
+        self._starts = lower.indptr.astype(np.uint64)
+        self._rows = lower.indices.astype(np.uint32)
+        self._values = lower.data
+        self._inverse = 1.0 / diagonal
+        self._order = np.array(order, dtype=np.int64)
+
+    def solve(self, right: Floats) -> Floats:
+        """Return the solution x of A x = b, for b of shape (n,) or, a column each, (n, c).
+
+        Raises
+        ------
+        ValueError
+            b has another length.
+        """
+        if len(right) != len(self._inverse):
+            raise ValueError(f"{len(right)} rows for a matrix of {len(self._inverse)}")
+        solution = np.array(right.reshape(len(right), -1), dtype=np.float64)
+        _solve(self._starts, self._rows, self._values, self._inverse, self._order, solution)
+        return solution.reshape(right.shape)
+
+
+@compiled
+def _solve(
+    starts: NDArray[np.uint64],
+    rows: NDArray[np.uint32],
+    values: Floats,
+    inverse: Floats,
+    order: Ints,
+    solution: Floats,
+) -> None:
+    """Replace b by the solution of A x = b, four columns at a time.
+
+    A solution with `qdldl.Solver.solve`, which takes one column, takes twice as long for each.
+
+    Parameters
+    ----------
+    starts : uint64, shape (n + 1,)
+        Where the entries of each column of L begin.
+    rows : uint32, shape (e,)
+        Rows of the entries below the unit diagonal.
+    values : float64, shape (e,)
+        The entries.
+    inverse : float64, shape (n,)
+        1 / D.
+    order : int64, shape (n,)
+        The row of A that each row of the factors is.
+    solution : float64, shape (n, c)
+        b; overwritten.
+    """
+    count, columns = solution.shape
+    x = np.zeros((count, 4))
+    for first in range(0, columns, 4):
+        width = min(4, columns - first)
+        for j in range(count):
+            for c in range(width):
+                x[j, c] = solution[order[j], first + c]
+        # L y = b, column after column.
+        for j in range(count):
+            x0, x1, x2, x3 = x[j, 0], x[j, 1], x[j, 2], x[j, 3]
+            for entry in range(starts[j], starts[j + 1]):
+                row, value = rows[entry], values[entry]
+                x[row, 0] -= value * x0
+                x[row, 1] -= value * x1
+                x[row, 2] -= value * x2
+                x[row, 3] -= value * x3
+        # L^T x = D^-1 y, from the last row.
+        for j in range(count - 1, -1, -1):
+            x0, x1, x2, x3 = x[j, 0], x[j, 1], x[j, 2], x[j, 3]
+            scale = inverse[j]
+            x0, x1, x2, x3 = scale * x0, scale * x1, scale * x2, scale * x3
+            for entry in range(starts[j], starts[j + 1]):
+                row, value = rows[entry], values[entry]
+                x0 -= value * x[row, 0]
+                x1 -= value * x[row, 1]
+                x2 -= value * x[row, 2]
+                x3 -= value * x[row, 3]
+            x[j, 0], x[j, 1], x[j, 2], x[j, 3] = x0, x1, x2, x3
+        for j in range(count):
+            for c in range(width):
+                solution[order[j], first + c] = x[j, c]
 
 
 def least_eigenpairs(factor: SymmetricFactor, known: Floats, count: int) -> tuple[Floats, Floats]:
@@ -72,7 +186,7 @@ def least_eigenpairs(factor: SymmetricFactor, known: Floats, count: int) -> tupl
 
 
 def _by_blocks(factor: SymmetricFactor, known: Floats, count: int, block: int) -> tuple[Floats, Floats, int]:
-    """Eigenpairs of the inverse, and the largest number of equal eigenvalues.
+    """Return eigenpairs of the inverse, and the largest number of equal eigenvalues.
 
     If that number reaches the block's size, the search ends, and not all eigenpairs have converged.
     """
@@ -87,6 +201,7 @@ def _by_blocks(factor: SymmetricFactor, known: Floats, count: int, block: int) -
     total = known.copy()
     check, lost = 3 * count + 4 * block, False
     while True:
+        # The next block: the inverse times the last one, less its parts in the last two.
         new = factor.solve(basis[start:end].T)
         near = basis[before:end]
         products = near @ new
@@ -100,8 +215,10 @@ def _by_blocks(factor: SymmetricFactor, known: Floats, count: int, block: int) -
         if lost or again:
             new -= basis[:end].T @ (basis[:end] @ new)
             gram = new.T @ new
+        # Orthonormal vectors of the block.
         following, lengths = _orthonormal_block(new, gram, basis[:end])
         if end >= check:
+            # Ritz pairs, and their residuals from the coupling with the block that follows.
             values, mixed = np.linalg.eigh(projected[1:end, 1:end], UPLO="U")
             values, mixed = values[: -count - 1 : -1], mixed[:, : -count - 1 : -1]
             residuals = np.linalg.norm(lengths @ mixed[start - end :], axis=0) / values
@@ -124,9 +241,10 @@ def _copies(values: Floats) -> int:
 
 
 def _orthonormal_block(vectors: Floats, gram: Floats, basis: Floats) -> tuple[Floats, Floats]:
-    """Orthonormal rows Q and an upper triangle R with Q^T R = vectors, for columns orthogonal to the basis.
+    """Return orthonormal rows Q and an upper triangle R with Q^T R = vectors.
 
-    If the columns are nearly dependent, some rows of Q are other vectors orthogonal to the basis.
+    The columns are orthogonal to the basis. If they are nearly dependent, some rows of Q are other vectors
+    orthogonal to the basis.
     """
     try:
         lower = np.asarray(np.linalg.cholesky(gram), dtype=np.float64)
@@ -138,7 +256,7 @@ def _orthonormal_block(vectors: Floats, gram: Floats, basis: Floats) -> tuple[Fl
 
 
 def _orthonormal(vectors: Floats, basis: Floats) -> tuple[Floats, Floats]:
-    """As `_orthonormal_block`, for any vectors."""
+    """Return what `_orthonormal_block` returns, for any vectors."""
     lengths = np.eye(vectors.shape[1])
     for _ in range(2):
         vectors, changed = np.linalg.qr(vectors - basis.T @ (basis @ vectors))

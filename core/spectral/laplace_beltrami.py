@@ -9,9 +9,8 @@ from scipy.sparse.linalg import LinearOperator, eigsh
 from core.arrays import Floats, Ints
 from core.graph.bridges import component_bridges
 from core.mesh.mesh import Mesh
-from core.numerics.symmetric_factor import SymmetricFactor
 from core.spectral.delaunay import intrinsic_delaunay
-from core.spectral.lanczos import least_eigenpairs
+from core.spectral.lanczos import SymmetricFactor, least_eigenpairs
 
 DENSE_BELOW = 200
 """Below this number of vertices the dense eigensolver is faster."""
