@@ -5,6 +5,5 @@ __all__ = [
     "classification",
     "correspondence_errors",
     "perturbation",
-    "published_figures",
     "retrieval_measures",
 ]

@@ -151,7 +151,7 @@ def evaluate(scores: ArrayLike, labels: Sequence[str], *, larger_is_closer: bool
 def class_distances(
     scores: ArrayLike, labels: Sequence[str], *, larger_is_closer: bool
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Compute the mean distance of each shape to its to_class class, and least distance to any other class.
+    """Compute the mean distance of each shape to its own class, and the least distance to any other class.
 
     The parameters are those of `evaluate`; similarities are negated to distances.
 

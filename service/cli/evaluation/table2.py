@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 import numpy as np
 import typer
 
-from core.evaluation.published_figures import ALL_CATEGORIES, METHODS, TABLE_2, Category
+from core.evaluation.classification import ALL_CATEGORIES, METHODS, TABLE_2, Category
 from core.evaluation.retrieval_measures import Evaluation, evaluate
 from core.parameters import DEFAULT, PAPER
 from service.cli.evaluation.options import Collection, Workers

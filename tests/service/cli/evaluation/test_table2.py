@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from core.evaluation.published_figures import ALL_CATEGORIES, METHODS, TABLE_2
+from core.evaluation.classification import ALL_CATEGORIES, METHODS, TABLE_2
 from core.evaluation.retrieval_measures import Evaluation, evaluate
 from service.cli.evaluation.table2 import BASELINES, compared, means, table
 from tests.service.cli.conftest import Run
