@@ -44,9 +44,6 @@ PART_FACTOR = 2
 """Factor of the number of re-ranked candidates of an incomplete query. Descriptors of all of them are read,
 since the log odds depend mostly on spin images."""
 
-Score = Callable[[NDArray[Any]], "asyncio.Future[Floats]"]
-"""Begins to score rows, and gives their scores, shape (kinds, rows)."""
-
 
 async def score_candidates(
     container: Container,
@@ -92,12 +89,10 @@ async def score_candidates(
         embeddings, rows = np.unique(candidates.entries.embeddings, return_inverse=True)
         if record is not None:
             match = partial(_match, query, reader, record, candidates, by_log_odds)
-            scores = await _in_batches(container, _by_threads(container, match), embeddings, MATCH_BATCH, 4)
+            scores = await _in_batches(container, match, embeddings, MATCH_BATCH, 4)
         else:
             score = partial(_match_in_worker, container, query, reader, candidates, by_log_odds)
-            scores = await _in_batches(
-                container, lambda batch: asyncio.ensure_future(score(batch)), embeddings, PROCESS_BATCH, 4
-            )
+            scores = await _in_batches(container, score, embeddings, PROCESS_BATCH, 4, on_threads=False)
     scores = scores[:, rows]
     known = np.asarray(np.isfinite(scores[:3]).all(axis=0))
     if not known.all():
@@ -166,7 +161,7 @@ async def _rank_coarsely(
     def rank(batch: NDArray[np.uint8]) -> Floats:
         return coarse_ranking(record, batch, parameters)[None].astype(np.float64)
 
-    (cc,) = await _in_batches(container, _by_threads(container, rank), coarse_samples, COARSE_BATCH, 1)
+    (cc,) = await _in_batches(container, rank, coarse_samples, COARSE_BATCH, 1)
     scores = await run_in_threadpool(coarse_log_odds, query, candidates.entries, cc) if by_log_odds else cc
     return _best(candidates, scores, count)
 
@@ -211,8 +206,8 @@ async def _rerank(
         described = reader.descriptors(numbers)
         return class_log_odds(query, candidates, numbers, described, cc[batch], sim)[None]
 
-    score, indices = _by_threads(container, compare_descriptors), np.arange(len(cc))
-    (log_odds,) = await _in_batches(container, score, indices, DESCRIPTOR_BATCH, 1)
+    indices = np.arange(len(cc))
+    (log_odds,) = await _in_batches(container, compare_descriptors, indices, DESCRIPTOR_BATCH, 1)
     return _best(candidates, log_odds, count)
 
 
@@ -271,11 +266,6 @@ def _best_indices(candidates: Candidates, scores: Floats, count: int) -> NDArray
     return least(np.nan_to_num(-scores, nan=np.inf), candidates.entries.shapes, count)
 
 
-def _by_threads(container: Container, score: Callable[[NDArray[Any]], Floats]) -> Score:
-    """Return a function that scores rows on the threads that match."""
-    return lambda batch: asyncio.wrap_future(container.threads.submit(score, batch))
-
-
 async def by_embedding(
     container: Container,
     candidates: Candidates,
@@ -285,15 +275,22 @@ async def by_embedding(
 ) -> Floats:
     """Score c candidates on the threads that match, shape (kinds, c); a shared embedding is scored once."""
     embeddings, rows = np.unique(candidates.entries.embeddings, return_inverse=True)
-    scores = await _in_batches(container, _by_threads(container, score), embeddings, length, kinds)
+    scores = await _in_batches(container, score, embeddings, length, kinds)
     return scores[:, rows]
 
 
 async def _in_batches(
-    container: Container, score: Score, rows: NDArray[Any], length: int, kinds: int
+    container: Container,
+    score: Callable[[NDArray[Any]], Any],
+    rows: NDArray[Any],
+    length: int,
+    kinds: int,
+    *,
+    on_threads: bool = True,
 ) -> Floats:
     """Score c rows in batches, two a worker at a time, and return the scores, shape (kinds, c).
 
+    `score` computes the scores of some rows on a thread, or is a coroutine function unless `on_threads`.
     The batches have at most `length` rows. All have the same number, but for the last, and there are about as
     many for each worker, so that the workers end together. If the query is cancelled, or a batch fails,
     batches that have not begun are cancelled.
@@ -310,7 +307,11 @@ async def _in_batches(
                     done, pending = await asyncio.wait(pending, return_when=asyncio.FIRST_COMPLETED)
                     for batch in done:
                         batch.result()
-                batch = score(rows[start : start + length])
+                part = rows[start : start + length]
+                if on_threads:
+                    batch = asyncio.wrap_future(container.threads.submit(score, part))
+                else:
+                    batch = asyncio.ensure_future(score(part))
                 batches[batch] = start
                 pending.add(batch)
             await asyncio.gather(*pending)

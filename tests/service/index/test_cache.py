@@ -25,7 +25,7 @@ from core.ranking.reranking import coarse_ranking, coarse_samples, quantised_poi
 from core.serialization import embedding_from_bytes
 from service.index.cache import ABOUT, EmbeddingCache
 from service.search import caches, repository
-from service.search.caches import CandidateReader
+from service.search.caches import CacheWarmer
 from tests.service.support import (
     Running,
     query,
@@ -231,7 +231,7 @@ def test_an_unexpected_error_does_not_keep_the_service_from_answering(
     folder: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     with monkeypatch.context() as patch:
-        patch.setattr(CandidateReader, "match_records", None)
+        patch.setattr(CacheWarmer, "_put_records", None)
         with serving(settings_in(folder)) as other:
             assert len(answer(other)) == STORED
     assert "embeddings could not be made ready" in caplog.messages

@@ -7,14 +7,16 @@ from typing import Any
 import pytest
 from sqlalchemy import delete, update
 
+from core.arrays import Float32s
 from core.descriptors.registry import ShapeDescriptors
 from core.embedding import Embedding
 from core.evaluation.perturbation import cut_part
 from core.gallery import make_shape
 from core.io import write_mesh
-from core.ranking.reranking import quantised_points
+from core.parameters import Parameters
+from core.ranking.reranking import quantised_points, rerank
 from service import app
-from service.search import caches, repository
+from service.search import caches, repository, scoring
 from service.search.caches import CandidateReader
 from service.storage.database import ReadSession
 from service.storage.tables import QuantisedPointsRow
@@ -29,17 +31,17 @@ def test_more_candidates_of_an_incomplete_query_are_reranked_and_described(
 ) -> None:
     reranked: list[int] = []
     described: list[int] = []
-    points, descriptors = CandidateReader.points, CandidateReader.descriptors
+    descriptors = CandidateReader.descriptors
 
-    def read_points(reader: CandidateReader, numbers: Sequence[int]) -> dict[int, bytes]:
-        reranked.extend(numbers)
-        return points(reader, numbers)
+    def counted(record: Float32s, points: Sequence[bytes], parameters: Parameters) -> Float32s:
+        reranked.append(len(points))
+        return rerank(record, points, parameters)
 
     def read_descriptors(reader: CandidateReader, numbers: Sequence[int]) -> dict[int, ShapeDescriptors]:
         described.extend(numbers)
         return descriptors(reader, numbers)
 
-    monkeypatch.setattr(CandidateReader, "points", read_points)
+    monkeypatch.setattr(scoring, "rerank", counted)
     monkeypatch.setattr(CandidateReader, "descriptors", read_descriptors)
     cup = make_shape("cup", 0)
     with serving(settings_in(tmp_path, **LENGTHS)) as running:
@@ -51,7 +53,7 @@ def test_more_candidates_of_an_incomplete_query_are_reranked_and_described(
             described.clear()
             answer = query(running.client, write_mesh(mesh, "off"), rank_by="combined", top_k=1).json()
             assert answer["compared"] == LENGTHS["finalists"] + 1
-            assert (len(set(reranked)), len(set(described))) == counts
+            assert (sum(reranked), len(set(described))) == counts
 
 
 def test_without_whole_points_the_embedding_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
