@@ -50,6 +50,17 @@ def test_files_that_a_page_names_exist(page: Path) -> None:
     assert [path for path in named if "NAME" not in path and not (ROOT / path).exists()] == []
 
 
+def test_the_tree_has_every_folder() -> None:
+    tree = (DOCS / "architecture.md").read_text(encoding="utf-8")
+    folders = {
+        path.parent.relative_to(ROOT) for top in ("core", "service") for path in (ROOT / top).rglob("*.py")
+    }
+    named = set(re.findall(r"^ +(\w+)/ ", tree, re.MULTILINE))
+    assert {folder.parts[1] for folder in folders if len(folder.parts) > 1} == named - {
+        *("core", "service", "tests", "kernels", "soak", "studies", "docker")
+    }
+
+
 def test_every_page_and_picture_is_linked() -> None:
     targets = {(page.parent / target.partition("#")[0]).resolve() for page in PAGES for target in links(page)}
     files = {path.resolve() for path in chain(DOCS.glob("*.md"), DOCS.glob("*.png"))}

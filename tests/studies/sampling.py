@@ -31,7 +31,6 @@ from core.io import format_of, read_mesh
 from core.mesh.mesh import Mesh
 from core.mesh.normal_frame import NormalFrame
 from core.parameters import DEFAULT
-from core.pipeline import Pipeline
 from core.sampling.lewis_weights import lewis_weights, orthonormal_basis, polynomial_basis
 from core.sampling.sampling import (
     draw_scale,
@@ -40,6 +39,7 @@ from core.sampling.sampling import (
     sort_and_cut,
     weighted_farthest_points,
 )
+from core.sparse_embedding import prepared
 from core.spectral.laplace_beltrami import laplacian
 from service.evaluation.retrieval import collection_files
 from tests.people import make_person
@@ -172,7 +172,7 @@ class Surface:
         DegenerateMeshError
             The mesh has no area.
         """
-        normal, cleaned, frame, _ = Pipeline(PARAMETERS).normalise(mesh)
+        normal, cleaned, frame, _ = prepared(mesh, PARAMETERS)
         return cls(normal, cleaned.mesh, frame)
 
     @cached_property
