@@ -11,38 +11,39 @@ Keys = NDArray[np.uint64] | NDArray[np.uint32]
 
 @compiled
 def _sort(keys: Keys, order: Int32s) -> Int32s:
-    """`order` sorted stably by `keys`, both of shape (n,)."""
+    """Return `order` sorted stably by `keys`, both of shape (n,)."""
     count = len(keys)
     largest = np.uint64(0)
     for i in range(count):
         largest = max(largest, np.uint64(keys[i]))
-    other_keys, other_order = np.empty_like(keys), np.empty_like(order)
+    sorted_keys, sorted_order = np.empty_like(keys), np.empty_like(order)
     starts = np.empty(2048, dtype=np.int64)
     digit, low = np.uint64(11), np.uint64(2047)
     shift = np.uint64(0)
     while shift < np.uint64(64) and largest >> shift > np.uint64(0):
+        # Where the numbers of each digit begin, and then each number to its place.
         starts[:] = 0
         for i in range(count):
             starts[(np.uint64(keys[i]) >> shift) & low] += 1
         total = 0
         for value in range(2048):
-            here = starts[value]
+            count_of_value = starts[value]
             starts[value] = total
-            total += here
+            total += count_of_value
         for i in range(count):
-            d = (np.uint64(keys[i]) >> shift) & low
-            place = starts[d]
-            starts[d] = place + 1
-            other_keys[place] = keys[i]
-            other_order[place] = order[i]
-        keys, other_keys = other_keys, keys
-        order, other_order = other_order, order
+            value = (np.uint64(keys[i]) >> shift) & low
+            target = starts[value]
+            starts[value] = target + 1
+            sorted_keys[target] = keys[i]
+            sorted_order[target] = order[i]
+        keys, sorted_keys = sorted_keys, keys
+        order, sorted_order = sorted_order, order
         shift += digit
     return order
 
 
 def sortable(values: Ints | Floats) -> Keys:
-    """Unsigned keys that sort like the values, shape (n,), of 32 bits if they fit.
+    """Return unsigned keys that sort like the values, shape (n,), of 32 bits if they fit.
 
     Parameters
     ----------

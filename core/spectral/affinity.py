@@ -7,7 +7,7 @@ from core.errors import ParameterError
 
 
 def gaussian_affinity(distances: Floats, width: float, areas: Floats | None = None) -> Floats:
-    """Gaussian affinity W = exp(-d^2 / 2 s^2), in [0, 1]; s is `width` times the mean distance.
+    """Return the Gaussian affinity W = exp(-d^2 / 2 s^2), in [0, 1]; s is `width` times the mean distance.
 
     Parameters
     ----------

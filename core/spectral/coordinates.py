@@ -9,7 +9,7 @@ FADED = 1e-6
 
 
 def spectral_coordinates(values: Floats, vectors: Floats, power: float, *, taper: bool = False) -> Floats:
-    """Rows of the eigenvectors as points of the spectral domain, shape (m, k).
+    """Return the rows of the eigenvectors as points of the spectral domain, shape (m, k).
 
     Each column is multiplied by its eigenvalue's magnitude to the `power` (0: the paper's plain
     eigenvectors; 1/2: kernel principal components; -1/2 for a Laplacian: the global point signature). The

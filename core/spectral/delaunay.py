@@ -40,7 +40,7 @@ def twins(faces: Ints, sides: HalfEdges) -> Ints | None:
 
 
 def mollified_lengths(lengths: Floats) -> Floats:
-    """Side lengths of the faces, shape (f, 3), mollified: all grow by the gap of the worst triangle."""
+    """Return the side lengths, shape (f, 3), after all have grown by the gap of the worst triangle."""
     a, b, c = lengths.T
     needed = MOLLIFIED * float(lengths.mean()) + (2.0 * np.maximum(np.maximum(a, b), c) - (a + b + c)).max()
     return np.asarray(lengths + max(0.0, needed))
@@ -48,7 +48,7 @@ def mollified_lengths(lengths: Floats) -> Floats:
 
 @compiled
 def _cotangent(a: float, b: float, c: float) -> float:
-    """Half the cotangent of the angle opposite side a of a triangle; -1e300 if the triangle has no area."""
+    """Return half the cotangent of the angle opposite side a of a triangle, -1e300 without area."""
     half = 0.5 * (a + b + c)
     square = half * (half - a) * (half - b) * (half - c)
     if not square > 0.0:
@@ -140,7 +140,7 @@ def _weights(tails: Ints, lengths: Floats, weights: Floats, areas: Floats) -> No
 
 
 def intrinsic_delaunay(mesh: Mesh) -> tuple[Ints, Ints, Floats, Floats]:
-    """Cotangent weights of the intrinsic Delaunay triangulation of a surface.
+    """Return the cotangent weights of the intrinsic Delaunay triangulation of a surface.
 
     A surface that is not closed and oriented is covered twice (`core.spectral.tufted_cover`), and its weights
     and areas are half of the cover's. After `MOST_FLIPS` the weights are those of the triangulation reached.

@@ -44,7 +44,7 @@ def leading_eigenpairs(affinity: Floats, count: int) -> tuple[Floats, Floats]:
 
 
 def sampled_eigenpairs(affinity: Floats, areas: Floats, count: int) -> tuple[Floats, Floats]:
-    """Eigenpairs of the affinity as an integral operator on the surface, evaluated at d points.
+    """Return eigenpairs of the affinity as an integral operator on the surface, at d points.
 
     The operator is (W f)(p) = integral of W(p, q) f(q) over the surface. The samples, weighted by the areas
     of their regions, are its quadrature nodes (Nystrom method). The singular pairs of

@@ -9,7 +9,7 @@ FAINTEST = 1e-2
 
 
 def affinity_signature(values: Floats) -> Floats:
-    """Logarithms of the leading eigenvalues' magnitudes over the square root of their number, shape (s,).
+    """Return the logarithms of the leading eigenvalues' magnitudes over the root of their number, shape (s,).
 
     Parameters
     ----------
@@ -21,7 +21,7 @@ def affinity_signature(values: Floats) -> Floats:
 
 
 def laplacian_signature(values: Floats, area: float) -> Floats:
-    """Logarithms of Laplace-Beltrami eigenvalues times the area, over the root of their number, shape (s,).
+    """Return the logarithms of eigenvalues times the area, over the root of their number, shape (s,).
 
     This is ShapeDNA (Reuter, Wolter, Peinecke 2006), normalised by the area. Its authors divide by the first
     eigenvalue, which a thin neck or a loose component changes most. The Euclidean distance of two signatures

@@ -110,14 +110,14 @@ def scaled(stiffness: csc_array, areas: Floats, shift: float = 0.0) -> csc_array
 
 
 def _dense(stiffness: csc_array, areas: Floats, count: int) -> tuple[Floats, Floats]:
-    """Eigenpairs of the scaled matrix, without the constant function, by the dense solver."""
+    """Return eigenpairs of the scaled matrix, without the constant function, by the dense solver."""
     matrix = scaled(stiffness, areas).toarray()
     values, vectors = eigh(matrix, subset_by_index=(0, count), check_finite=False)
     return values[1:], vectors[:, 1:]
 
 
 def _sparse(stiffness: csc_array, areas: Floats, count: int) -> tuple[Floats, Floats]:
-    """As `_dense`, by `core.spectral.lanczos`, or by a solver with restarts where this does not converge."""
+    """Return what `_dense` returns, by `core.spectral.lanczos`, or by ARPACK where this does not converge."""
     area = float(areas.sum())
     factor = SymmetricFactor(scaled(stiffness, areas, SHIFT / area))
     try:

@@ -62,7 +62,7 @@ def face_signs(mesh: Mesh, areas: Floats) -> Floats | None:
 
 
 def signed_areas(functions: Floats, faces: Ints, signs: Floats, regions: Ints, count: int) -> Floats:
-    """Signed areas of the images of regions in the planes of all pairs of functions.
+    """Return the signed areas of the images of regions in the planes of all pairs of functions.
 
     Parameters
     ----------
@@ -105,7 +105,7 @@ def _signed_areas(functions: Floats, faces: Ints, signs: Floats, regions: Ints, 
 
 
 def quantised_areas(areas: Floats) -> Int8s:
-    """Signed areas in bytes, int8, of the same shape; the largest magnitude is 127.
+    """Return signed areas in bytes, int8, of the same shape; the largest magnitude is 127.
 
     A scale does not change the agreement.
     """

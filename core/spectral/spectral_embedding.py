@@ -98,7 +98,7 @@ def spectra_of(
 
 
 def _at_all_vertices(functions: Floats, points: Ints, coordinates: Float32s) -> Floats:
-    """Coordinates of the embedded points, linear in the eigenfunctions, at all vertices, shape (n, k).
+    """Return the coordinates of the embedded points at all vertices, shape (n, k), by eigenfunctions.
 
     Parameters
     ----------
@@ -114,7 +114,7 @@ def _at_all_vertices(functions: Floats, points: Ints, coordinates: Float32s) -> 
 
 
 def _affinity_pairs(points: SampledSurface, wanted: SpectralParameters) -> tuple[Floats, Floats]:
-    """Eigenvalues of the affinity, normalised by the number of samples, and eigenvectors at the points."""
+    """Return eigenvalues of the affinity over the number of samples, and eigenvectors at the points."""
     samples = len(points.areas)
     count = min(max(wanted.dimensions + 2, wanted.affinity_values), samples)
     if wanted.affinity == "distance":

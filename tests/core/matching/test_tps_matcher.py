@@ -1,12 +1,144 @@
-"""The paper's comparison one way, against a plain computation of its definitions."""
+"""The paper's matcher: its search against its definition and on planted answers, its comparison one way."""
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 from core.matching.match_records import embedding_key
+from core.matching.thin_plate_spline import mean_pair_distance, spline_operators, tps_kernel
 from core.matching.tps_matcher import TpsMatcher, spline_search
 from core.parameters import PAPER
-from tests.core.matching.clouds import cloud, embedded
+from tests.core.matching.clouds import cloud as decaying_cloud
+from tests.core.matching.clouds import embedded
+
+
+def cloud(seed, count, k):
+    """Centred, of unit root mean square radius, each coordinate weaker than the one before."""
+    return decaying_cloud(np.random.default_rng(seed), count, k)
+
+
+def search(points, targets, operators, starts, kept, start_rounds, step_rounds):
+    return spline_search(
+        points,
+        targets,
+        operators,
+        starts=starts,
+        kept_starts=kept,
+        start_iterations=start_rounds,
+        step_iterations=step_rounds,
+    )
+
+
+def correlation(points, targets):
+    x, y = points - points.mean(axis=0), targets - targets.mean(axis=0)
+    return np.abs((x * y).sum(axis=0)).sum() / np.sqrt((x**2).sum() * (y**2).sum())
+
+
+def defined(points, targets, operators, starts, kept, start_rounds, step_rounds):
+    """The search by its definition: a tree's nearest neighbours, matrix products, NumPy's correlation."""
+    first, k_all = 3, points.shape[1]
+    begun = []
+    for start in range(starts):
+        signs = [-1.0 if (start >> c) & 1 else 1.0 for c in range(first)]
+        matches = cKDTree(targets[:, :first]).query(points[:, :first] * signs)[1]
+        for _ in range(start_rounds):
+            matches = cKDTree(targets[:, :first]).query(operators[0] @ targets[matches, :first])[1]
+        begun.append((correlation(points[:, :first], targets[matches, :first]), start, matches))
+    ended = []
+    for _, _, kept_matches in sorted(begun, key=lambda one: (-one[0], one[1]))[:kept]:
+        matches = kept_matches
+        for k in range(first + 1, k_all + 1):
+            for _ in range(step_rounds):
+                matches = cKDTree(targets[:, :k]).query(operators[k - first] @ targets[matches, :k])[1]
+        ended.append((correlation(points, targets[matches]), matches))
+    return max(ended, key=lambda one: one[0])[1]
+
+
+def solved_spline(source, targets, beta):
+    """Values at the source points of the spline whose coefficients solve Eq. 16 as one linear system."""
+    m, k = source.shape
+    affine = np.concatenate([np.ones((m, 1)), source], axis=1)
+    kernel = tps_kernel(source, source)
+    system = np.block([[kernel + beta * np.eye(m), affine], [affine.T, np.zeros((k + 1, k + 1))]])
+    solution = np.linalg.solve(system, np.concatenate([targets, np.zeros((k + 1, targets.shape[1]))]))
+    return kernel @ solution[:m] + affine @ solution[m:]
+
+
+@pytest.mark.parametrize("sign_starts", [True, False])
+@pytest.mark.parametrize(("m", "n"), [(40, 40), (30, 45), (45, 30)])
+@pytest.mark.parametrize("k", [3, 4, 5, 6])
+def test_the_search_is_its_definition(k, m, n, sign_starts):
+    how = (8 if sign_starts else 1, 3, 4, 2)
+    for seed in range(3):
+        points, targets = cloud(seed, m, k), cloud(100 + seed, n, k)
+        operators = spline_operators(points.astype(np.float64), 3, 100.0)
+        expected = defined(*(one.astype(np.float64) for one in (points, targets, operators)), *how)
+        found = search(points, targets, operators, *how)
+        assert found.shape == (m,)
+        assert (found == expected).all()
+
+
+@pytest.mark.parametrize("signs", [(1, 1, 1, -1, -1), (-1, 1, -1, 1, -1), (-1, -1, -1, -1, -1)])
+def test_a_permutation_with_flipped_signs_is_found(signs):
+    points = cloud(7, 50, 5)
+    order = np.random.default_rng(8).permutation(50)
+    targets = np.ascontiguousarray((points * np.float32(signs))[order])
+    operators = spline_operators(points.astype(np.float64), 3, 100.0)
+    found = search(points, targets, operators, 8, 3, 5, 3)
+    assert (order[found] == np.arange(50)).all()
+
+
+def test_without_sign_starts_a_permutation_is_found_where_no_first_sign_differs():
+    points = cloud(9, 50, 5)
+    order = np.random.default_rng(10).permutation(50)
+    targets = np.ascontiguousarray((points * np.float32([1, 1, 1, -1, -1]))[order])
+    operators = spline_operators(points.astype(np.float64), 3, 100.0)
+    found = search(points, targets, operators, 1, 1, 5, 3)
+    assert (order[found] == np.arange(50)).all()
+
+
+def test_three_points_beside_each_target_are_all_matched_to_it():
+    targets = cloud(11, 20, 4)
+    beside = 1e-4 * np.random.default_rng(12).normal(size=(60, 4))
+    points = (np.tile(targets, (3, 1)) + beside).astype(np.float32)
+    operators = spline_operators(points.astype(np.float64), 3, 100.0)
+    found = search(points, targets, operators, 8, 8, 5, 3)
+    assert (found == np.arange(60) % 20).all()
+
+
+@pytest.mark.parametrize(("first", "k"), [(2, 2), (3, 3), (2, 5), (3, 6)])
+def test_there_is_one_operator_a_stage(first, k):
+    operators = spline_operators(cloud(1, 20, k).astype(np.float64), first, 1.0)
+    assert operators.shape == (k - first + 1, 20, 20)
+    assert operators.dtype == np.float32
+
+
+@pytest.mark.parametrize("stiffness", [0.01, 1.0, 100.0])
+def test_each_stage_is_the_spline_in_its_own_dimensions(stiffness):
+    points = cloud(2, 30, 5).astype(np.float64)
+    targets = np.random.default_rng(3).normal(size=(30, 4))
+    beta = stiffness * mean_pair_distance(points)
+    for stage, operator in enumerate(spline_operators(points, 3, stiffness)):
+        expected = solved_spline(points[:, : 3 + stage], targets, beta)
+        assert operator @ targets == pytest.approx(expected, abs=2e-5)
+
+
+def test_an_affine_map_passes_every_stage_that_has_its_dimensions():
+    rng = np.random.default_rng(4)
+    points = cloud(5, 30, 4).astype(np.float64)
+    for stage, operator in enumerate(spline_operators(points, 2, 1.0)):
+        k = 2 + stage
+        mapped = points[:, :k] @ rng.normal(size=(k, 3)) + rng.normal(size=3)
+        assert operator @ mapped == pytest.approx(mapped, abs=1e-5)
+
+
+def test_a_very_stiff_spline_is_the_affine_least_squares_fit():
+    points = cloud(6, 30, 3).astype(np.float64)
+    targets = np.random.default_rng(7).normal(size=(30, 2))
+    affine = np.concatenate([np.ones((30, 1)), points], axis=1)
+    fitted = affine @ np.linalg.lstsq(affine, targets, rcond=None)[0]
+    assert spline_operators(points, 3, 1e9)[0] @ targets == pytest.approx(fitted, abs=1e-5)
+
 
 SETTINGS = {
     "paper": PAPER,
@@ -21,7 +153,7 @@ def prepared(embedding, parameters):
 
 
 def domain(seed, m, parameters):
-    points = cloud(np.random.default_rng(seed), m, parameters.spectral.dimensions)
+    points = decaying_cloud(np.random.default_rng(seed), m, parameters.spectral.dimensions)
     return prepared(embedded([points], m), parameters).domains[0]
 
 
@@ -59,7 +191,7 @@ def test_the_comparison_is_the_plain_one(name, m, n):
 
 
 def test_a_domain_is_the_samples_alone():
-    points = cloud(np.random.default_rng(1), 60, 3)
+    points = decaying_cloud(np.random.default_rng(1), 60, 3)
     shape = prepared(embedded([points], 40), PAPER)
     assert shape.samples == 40
     (found,) = shape.domains
