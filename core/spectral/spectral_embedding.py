@@ -9,10 +9,14 @@ from core.embedding import NO_ORIENTATION, Spectrum
 from core.mesh.cleaning import face_areas
 from core.mesh.mesh import Mesh
 from core.parameters import SpectralParameters
-from core.spectral.affinity import distance_affinity, gaussian_affinity
-from core.spectral.coordinates import spectral_coordinates
-from core.spectral.eigenpairs import leading_eigenpairs, oriented, sampled_eigenpairs
-from core.spectral.eigenvalue_signature import affinity_signature, laplacian_signature
+from core.spectral.affinity import (
+    distance_affinity,
+    gaussian_affinity,
+    leading_eigenpairs,
+    oriented,
+    sampled_eigenpairs,
+)
+from core.spectral.coordinates import affinity_signature, laplacian_signature, spectral_coordinates
 from core.spectral.laplace_beltrami import laplace_beltrami
 from core.spectral.orientation import ORIENTED, ORIENTING, face_signs, quantised_areas, signed_areas
 

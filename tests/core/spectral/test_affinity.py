@@ -5,11 +5,15 @@ import pytest
 from scipy.spatial.distance import cdist, pdist, squareform
 
 from core.errors import ParameterError
-from core.spectral import eigenpairs
-from core.spectral.affinity import distance_affinity, gaussian_affinity
-from core.spectral.coordinates import spectral_coordinates
-from core.spectral.eigenpairs import leading_eigenpairs, oriented, sampled_eigenpairs
-from core.spectral.eigenvalue_signature import affinity_signature, laplacian_signature
+from core.spectral import affinity as module
+from core.spectral.affinity import (
+    distance_affinity,
+    gaussian_affinity,
+    leading_eigenpairs,
+    oriented,
+    sampled_eigenpairs,
+)
+from core.spectral.coordinates import affinity_signature, laplacian_signature, spectral_coordinates
 
 
 def distances(count=40, seed=0):
@@ -70,14 +74,14 @@ def test_leading_eigenpairs_are_the_largest_by_magnitude():
 def test_the_sparse_solver_agrees_with_the_dense_one(make, monkeypatch):
     matrix = make()
     dense = leading_eigenpairs(matrix, 6)
-    monkeypatch.setattr(eigenpairs, "SPARSE_FROM", 0)
+    monkeypatch.setattr(module, "SPARSE_FROM", 0)
     sparse = leading_eigenpairs(matrix, 6)
     np.testing.assert_allclose(sparse[0], dense[0], rtol=1e-9)
     np.testing.assert_allclose(sparse[1], dense[1], atol=1e-7)
 
 
 def test_many_samples_go_to_the_sparse_solver():
-    table = distances(eigenpairs.SPARSE_FROM)
+    table = distances(module.SPARSE_FROM)
     affinity = gaussian_affinity(table, 0.5)
     values, vectors = leading_eigenpairs(affinity, 6)
     np.testing.assert_allclose(values, np.linalg.eigvalsh(affinity)[::-1][:6], rtol=1e-9)

@@ -5,7 +5,7 @@ import pytest
 
 from core.mesh.edges import half_edges
 from core.mesh.mesh import Mesh
-from core.spectral.tufted_cover import tufted_cover
+from core.spectral.delaunay import tufted_cover
 from tests.core.shapes import MANY_KINDS, box, icosphere, rectangle, soup
 
 BALL = icosphere(1)
