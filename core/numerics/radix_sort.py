@@ -31,9 +31,9 @@ def _sort(keys: Keys, order: Int32s) -> Int32s:
             starts[value] = total
             total += count_of_value
         for i in range(count):
-            value = (np.uint64(keys[i]) >> shift) & low
-            target = starts[value]
-            starts[value] = target + 1
+            part = (np.uint64(keys[i]) >> shift) & low
+            target = starts[part]
+            starts[part] = target + 1
             sorted_keys[target] = keys[i]
             sorted_order[target] = order[i]
         keys, sorted_keys = sorted_keys, keys
