@@ -9,7 +9,7 @@ import pytest
 from core.ranking.likeness import Likeness
 from service.search.schemas import LIKENESS_WORDS, likeness_in_words, score_in_words
 
-SCRIPT = Path(__file__).parents[3] / "service" / "web" / "static" / "likeness.js"
+SCRIPT = Path(__file__).parents[3] / "service" / "web" / "static" / "card.js"
 
 
 def test_every_likeness_has_words() -> None:
