@@ -66,7 +66,7 @@ def test_nothing_of_what_was_sent_is_logged(shared: Running, lines: io.StringIO)
     secret = "xyzzy-secret"
     upload(shared.client, small_file(0), f"{secret}.off", tags=secret, metadata=f'{{"k": "{secret}"}}')
     upload(shared.client, f"OFF {secret}".encode(), f"{secret}.off")
-    query(shared.client, secret.encode(), f"{secret}.off", filter=secret)
+    query(shared.client, secret.encode(), f"{secret}.off", tag=secret)
     wait_until(lambda: lines.getvalue().count('"/query"') == 1, seconds=5)
     assert secret not in lines.getvalue()
 
