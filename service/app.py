@@ -34,7 +34,6 @@ from service.index.surface_measurements import SurfaceMeasurements
 from service.jobs.endpoints import ADDRESS as JOBS_ADDRESS
 from service.jobs.endpoints import router as jobs_router
 from service.jobs.runner import Runner
-from service.maps.endpoints import router as map_router
 from service.observability import logging
 from service.observability.metrics import Metrics
 from service.pipelines.active import Pipelines, begin
@@ -42,6 +41,7 @@ from service.previews.endpoints import router as pictures_router
 from service.search.caches import CacheWarmer
 from service.search.compare import router as compare_router
 from service.search.endpoints import router as search_router
+from service.search.maps import router as map_router
 from service.settings import Settings, load_parameters, load_settings
 from service.shapes.endpoints import router as shapes_router
 from service.shapes.file_endpoints import router as files_router

@@ -24,7 +24,7 @@ from service.client.requests import (
 from service.collections.schemas import Collection, Collections
 from service.duplicates.schemas import DuplicatesAnswer
 from service.jobs.schemas import Job, JobFile, JobFilePage, JobPage
-from service.maps.schemas import MapAnswer
+from service.search.schemas import MapAnswer
 from service.shapes.records import Sort
 from service.shapes.schemas import Assembly, DeletedShape, DeletedShapePage, EmbeddingArrays, Shape, ShapePage
 from service.system.schemas import Version

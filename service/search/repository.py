@@ -22,8 +22,10 @@ from sqlalchemy import (
     text,
 )
 
+from core.arrays import Float32s, Ints
 from service.collection import CollectionNumber
 from service.index.density_samples import FIRST, PRIME, SAMPLE, SECOND
+from service.index.repository import stacked
 from service.observability.logging import get_logger
 from service.shapes.records import ShapeFilter
 from service.shapes.repository import matching
@@ -104,6 +106,26 @@ def numbers_of_bytes(session: ReadSession, collection: CollectionNumber, sha256:
     query = select(ShapeRow.number).join(BlobRow, BlobRow.number == ShapeRow.blob_number)
     in_collection = ShapeRow.collection_number == collection
     return list(session.scalars(query.where(BlobRow.sha256 == sha256, in_collection, NOT_DELETED)))
+
+
+def map_shapes(
+    session: ReadSession, fingerprint: str, numbers: Ints
+) -> tuple[Sequence[str], Sequence[str], Float32s]:
+    """Return the ids, names and signatures, shape (n, s), of the shapes that a pipeline has embedded."""
+    query = (
+        select(ShapeRow.id, ShapeRow.name, CoarseSamplesRow.signature)
+        .join(
+            EmbeddingRow,
+            (EmbeddingRow.blob_number == ShapeRow.blob_number) & (EmbeddingRow.format == ShapeRow.format),
+        )
+        .join(CoarseSamplesRow, CoarseSamplesRow.embedding_number == EmbeddingRow.number)
+        .where(ShapeRow.number.in_(numbers.tolist()), NOT_DELETED, EmbeddingRow.fingerprint == fingerprint)
+        .order_by(ShapeRow.number)
+    )
+    ids, names, signatures = (
+        zip(*rows, strict=True) if (rows := session.execute(query).all()) else ((), (), ())
+    )
+    return ids, names, stacked(signatures).view("<f4")
 
 
 @dataclass(frozen=True, eq=False)

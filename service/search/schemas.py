@@ -98,6 +98,7 @@ PAIR: dict[str, Any] = {
 }
 
 EXCLUDED = 500
+MOST_MAPPED = 2_000
 SIZE_TOLERANCE = 0.1
 LARGEST_SIZE_TOLERANCE = 10.0
 
@@ -338,6 +339,28 @@ class QueryAnswer(BaseModel):
             warnings=[*warnings_of(answer.boundary_ratio), *_unit_warning(answer.unit_mistake)],
             embedding=None if answer.embedding is None else EmbeddingArrays.of(answer.embedding),
         )
+
+
+class MapShape(BaseModel):
+    """A shape of a map."""
+
+    id: str
+    name: str
+    x: float = Field(description="Position from left to right, in [0, 1].")
+    y: float = Field(description="Position from top to bottom, in [0, 1].")
+    column: int = Field(description="Column of the shape's cell, from 0.")
+    row: int = Field(description="Row of the shape's cell, from 0.")
+
+
+class MapAnswer(BaseModel):
+    """Shapes on a plane; similar shapes are near each other."""
+
+    shapes: list[MapShape] = Field(description="The oldest first; no two have one cell.")
+    size: int = Field(description="The number of columns, and of rows.")
+    total: int = Field(
+        description="The number of shapes that pass the filter. The map has at most "
+        f"{MOST_MAPPED:,} of them, chosen evenly by age."
+    )
 
 
 def pairs(comparison: "Comparison") -> list[Pair]:

@@ -22,7 +22,7 @@ ORDER = (
     "service.http.idempotency", "service.http", "service.rendering", "service.web", "service.compute",
     "service.index", "service.pipelines", "service.container", "service.dependencies", "service.collections",
     "service.shapes", "service.previews", "service.search", "service.duplicates",
-    "service.maps", "service.jobs", "service.system", "service.app", "service.openapi_document",
+    "service.jobs", "service.system", "service.app", "service.openapi_document",
     "service.client", "service.server", "service.console", "service.datasets", "service.report",
     "service.evaluation", "service.cli", "service.cli.evaluation",
     "service",

@@ -13,16 +13,13 @@ from service.dependencies import Service
 from service.http.middleware import while_connected
 from service.http.problems import documented
 from service.http.request_bodies import once_each
-from service.maps.repository import map_shapes
-from service.maps.schemas import MapAnswer
 from service.pipelines.active import ActivePipeline
 from service.search.answer import with_active_pipeline
+from service.search.repository import map_shapes
+from service.search.schemas import MOST_MAPPED, MapAnswer, MapShape
 from service.shapes import repository as shapes_repository
 from service.shapes.listing import Filters
 from service.shapes.records import ShapeFilter
-
-MOST = 2000
-"""Most shapes of a map; the document of the interface names it."""
 
 router = APIRouter(tags=["search"])
 
@@ -61,11 +58,20 @@ async def read_map(
 
 
 def _lay_out(container: Container, shape_filter: ShapeFilter, fingerprint: str) -> MapAnswer:
-    """Lay out the shapes that match a filter; of many, `MOST` are chosen evenly by age."""
+    """Lay out the shapes that match a filter; of many, `MOST_MAPPED` are chosen evenly by age."""
     with container.database.read() as session:
         numbers = np.sort(np.array(shapes_repository.numbers(session, shape_filter), dtype=np.int64))
         total = len(numbers)
-        if total > MOST:
-            numbers = numbers[np.arange(MOST) * total // MOST]
-        shapes = map_shapes(session, fingerprint, numbers)
-    return MapAnswer.of(shapes.ids, shapes.names, similarity_map(shapes.signatures), total)
+        if total > MOST_MAPPED:
+            numbers = numbers[np.arange(MOST_MAPPED) * total // MOST_MAPPED]
+        ids, names, signatures = map_shapes(session, fingerprint, numbers)
+    laid_out = similarity_map(signatures)
+    rows = zip(ids, names, laid_out.positions.tolist(), laid_out.cells.tolist(), strict=True)
+    return MapAnswer(
+        shapes=[
+            MapShape(id=id, name=name, x=x, y=y, column=column, row=row)
+            for id, name, (x, y), (column, row) in rows
+        ],
+        size=laid_out.size,
+        total=total,
+    )
