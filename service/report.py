@@ -134,20 +134,12 @@ class Preview:
         return np.asarray(points @ self.placing[:, :3].T + self.placing[:, 3])
 
 
-def alone(shape: Preview) -> bytes:
-    """Return a PNG of a shape."""
-    return draw(shape.mesh, _GLB, SIZE)
-
-
 def matched(first: Preview, second: Preview, pairs: list[Pair]) -> tuple[bytes, bytes]:
     """Return a PNG of each of two shapes; corresponding points have one colour."""
-    ends = [
-        shape.placed(np.array([point.position for point in points]))
-        for shape, points in (
-            (first, [pair.first for pair in pairs]),
-            (second, [pair.second for pair in pairs]),
-        )
-    ]
+    ends = (
+        first.placed(np.array([pair.first.position for pair in pairs])),
+        second.placed(np.array([pair.second.position for pair in pairs])),
+    )
     colours = colours_of_points(ends[0], np.eye(3))
     return (
         draw_painted(first.mesh, _GLB, SIZE, ends[0], colours),
@@ -156,31 +148,10 @@ def matched(first: Preview, second: Preview, pairs: list[Pair]) -> tuple[bytes, 
 
 
 @dataclass(frozen=True)
-class PicturedResult:
-    """A result with a picture of the query and one of the shape; corresponding points have one colour."""
-
-    result: Result
-    query: bytes
-    shape: bytes
-
-
-@dataclass(frozen=True)
 class MatchReport:
-    """The contents of a report.
+    """The contents of a report: the query's file, its picture and options, the answer, and the service.
 
-    Attributes
-    ----------
-    name, sha256 : str
-        The name and the SHA-256 of the query's file.
-    picture : bytes
-        A PNG of the query.
-    options : mapping
-        The options of the query, by the names of the HTTP fields.
-    answer : QueryAnswer
-    found : tuple of PicturedResult
-        The results with their pictures.
-    version : Version
-        The version of the service.
+    `found` has for each result a PNG of the query and one of the shape, in colours of corresponding points.
     """
 
     name: str
@@ -188,22 +159,33 @@ class MatchReport:
     picture: bytes
     options: Mapping[str, object]
     answer: QueryAnswer
-    found: tuple[PicturedResult, ...]
+    found: tuple[tuple[bytes, bytes], ...]
     version: Version
 
 
 def page(report: MatchReport) -> str:
     """Return the report as a page. The same report always gives the same text."""
-    name = escape(report.name)
+    name, answer = escape(report.name), report.answer
+    results = zip(answer.results, report.found, strict=True)
+    is_partial = any(result.part_distance is not None for result in answer.results)
+    scores = {**SCORES, "part distance": PART_DISTANCE} if is_partial else SCORES
+    given = {key: _written(value) for key, value in report.options.items() if value not in (None, [])}
+    version = report.version
+    made = {
+        "file": report.name,
+        "SHA-256": report.sha256,
+        "pipeline": f"{version.pipeline}, {answer.pipeline}",
+        "service": f"{version.service} {version.version}, method {version.method}",
+    }
     return PAGE.substitute(
         title=f"Most similar to {name}",
         style=STYLE,
-        summary="\n".join(f"<p>{escape(line)}</p>" for line in _summary(report.answer)),
+        summary="\n".join(f"<p>{escape(line)}</p>" for line in _summary(answer)),
         picture=_picture(report.picture, "The query"),
         query=name,
-        results="\n".join(_section(picture, report.name) for picture in report.found),
-        scores=_explained(report.answer),
-        asked=_asked(report),
+        results="\n".join(_section(result, *pictures, report.name) for result, pictures in results),
+        scores="\n".join(f"<dt>{score}</dt><dd>{text}</dd>" for score, text in scores.items()),
+        asked=_table("Parameters", [*given.items(), *made.items()]),
     )
 
 
@@ -218,10 +200,18 @@ def _summary(answer: QueryAnswer) -> list[str]:
     return lines + answer.warnings
 
 
-def _section(found: PicturedResult, query: str) -> str:
-    result, shape = found.result, found.result.shape
+def _section(result: Result, of_query: bytes, of_shape: bytes, query: str) -> str:
+    shape = result.shape
     name = escape(shape.name)
-    pictures = _picture(found.query, f"{query}, coloured") + _picture(found.shape, f"{shape.name}, coloured")
+    pictures = _picture(of_query, f"{query}, coloured") + _picture(of_shape, f"{shape.name}, coloured")
+    part = {} if result.part_distance is None else {"part distance": f"{result.part_distance:.4f}"}
+    scores = {
+        "CC": score_in_words(result.cc),
+        "SSD": f"{result.ssd:.4f}",
+        "sim": f"{result.sim:.4f}",
+        "combined": f"{result.combined:.3f}",
+        **part,
+    }
     facts = {
         "tags": ", ".join(shape.tags),
         "metadata": _written(shape.metadata) if shape.metadata else "",
@@ -241,40 +231,11 @@ def _section(found: PicturedResult, query: str) -> str:
             f"<figcaption>{escape(query)} and {name}: corresponding points have one colour.</figcaption>",
             "</figure>",
             f"<p><strong>{escape(likeness_in_words(result.likeness, result.scale))}</strong></p>",
-            _table("Scores", _scores(result).items(), numbers=True),
+            _table("Scores", scores.items(), numbers=True),
             _table("The shape", ((key, value) for key, value in facts.items() if value)),
             "</section>",
         ]
     )
-
-
-def _scores(result: Result) -> dict[str, str]:
-    part = {} if result.part_distance is None else {"part distance": f"{result.part_distance:.4f}"}
-    return {
-        "CC": score_in_words(result.cc),
-        "SSD": f"{result.ssd:.4f}",
-        "sim": f"{result.sim:.4f}",
-        "combined": f"{result.combined:.3f}",
-        **part,
-    }
-
-
-def _explained(answer: QueryAnswer) -> str:
-    partial = any(result.part_distance is not None for result in answer.results)
-    scores = {**SCORES, "part distance": PART_DISTANCE} if partial else SCORES
-    return "\n".join(f"<dt>{name}</dt><dd>{text}</dd>" for name, text in scores.items())
-
-
-def _asked(report: MatchReport) -> str:
-    given = {name: _written(value) for name, value in report.options.items() if value not in (None, [])}
-    version = report.version
-    made = {
-        "file": report.name,
-        "SHA-256": report.sha256,
-        "pipeline": f"{version.pipeline}, {report.answer.pipeline}",
-        "service": f"{version.service} {version.version}, method {version.method}",
-    }
-    return _table("Parameters", [*given.items(), *made.items()])
 
 
 def _written(value: object) -> str:
@@ -299,20 +260,7 @@ def report(
     answer: QueryAnswer,
     drawn: Callable[[], object],
 ) -> str:
-    """Return the page that shows a query and its answer.
-
-    Parameters
-    ----------
-    client : Client
-        The client of the service that answered.
-    file : pair of str and bytes
-        The name and the bytes of the query.
-    options : mapping
-        The options of the query, by the names of the HTTP fields.
-    answer : QueryAnswer
-        With correspondences.
-    drawn : callable
-        Called after each result is drawn.
+    """Return the page of a query (name and bytes) and its answer; call `drawn` after each result is drawn.
 
     Raises
     ------
@@ -324,22 +272,13 @@ def report(
     name, data = file
     # The service has read the file; its ending tells which axis is up.
     query = Preview.of(client.preview_file(file), name.rpartition(".")[2].lower())
-
-    def found(result: Result) -> PicturedResult:
+    found = []
+    for result in answer.results:
         if result.correspondence is None:
             raise ValueError("the answer has no correspondences")
         shape = Preview.of(client.preview(result.shape.id), result.shape.format)
-        pictures = matched(query, shape, result.correspondence)
+        found.append(matched(query, shape, result.correspondence))
         drawn()
-        return PicturedResult(result, *pictures)
-
-    made = MatchReport(
-        name=name,
-        sha256=sha256(data).hexdigest(),
-        picture=alone(query),
-        options=options,
-        answer=answer,
-        found=tuple(found(result) for result in answer.results),
-        version=client.version(),
-    )
-    return page(made)
+    picture = draw(query.mesh, _GLB, SIZE)
+    digest = sha256(data).hexdigest()
+    return page(MatchReport(name, digest, picture, options, answer, tuple(found), client.version()))

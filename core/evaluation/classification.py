@@ -6,15 +6,16 @@ share of matched queries in the first case and of unmatched queries in the secon
 threshold that is fitted to the shapes of all other classes. `TABLE_2` holds the accuracies of the paper.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from types import MappingProxyType
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from core.arrays import Floats, Ints
 from core.errors import ParameterError
+from core.evaluation.retrieval_measures import pair_distances
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,19 +85,10 @@ def classify(scores: ArrayLike, labels: Sequence[str], *, larger_is_closer: bool
         The arrays have wrong shapes, a score is not finite, or there are fewer than three classes: a
         threshold is fitted to the other classes, each of which needs one more class when it is left out.
     """
-    closeness = np.array(scores, dtype=np.float64)
-    if closeness.shape != (len(labels), len(labels)):
-        raise ParameterError(
-            f"scores must have shape (n, n) with {len(labels)} labels, not {closeness.shape}"
-        )
-    np.fill_diagonal(closeness, 0.0)
-    if not np.isfinite(closeness).all():
-        raise ParameterError("a score is not finite")
+    closeness = -pair_distances(scores, labels, larger_is_closer=larger_is_closer)
     classes, codes, sizes = np.unique(np.asarray(labels, dtype=str), return_inverse=True, return_counts=True)
     if len(classes) < 3:
         raise ParameterError("three classes or more are needed to set a threshold")
-    if not larger_is_closer:
-        closeness = -closeness
     np.fill_diagonal(closeness, -np.inf)
     neighbour = closeness.argmax(axis=1)
     present = closeness.max(axis=1)
@@ -129,34 +121,26 @@ ALL_CATEGORIES = 88.5
 """Average recognition accuracy of all models, in 16 categories, in per cent."""
 
 
-@dataclass(frozen=True)
-class Category:
+class Category(NamedTuple):
     """A row of Table 2.
 
-    Attributes
-    ----------
-    title : str
-        As it is printed.
-    label : str
-        The class of the Princeton Segmentation Benchmark, in lower case.
-    accuracy : mapping of str to float
-        Average classification accuracy by method, in per cent.
+    `label` is the class of the Princeton Segmentation Benchmark, in lower case, and `accuracy` the average
+    classification accuracy by method, in per cent.
     """
 
     title: str
     label: str
-    accuracy: MappingProxyType[str, float]
+    accuracy: Mapping[str, float]
 
 
-def _category(title: str, label: str, *accuracy: float) -> Category:
-    return Category(title, label, MappingProxyType(dict(zip(METHODS, accuracy, strict=True))))
-
-
-TABLE_2 = (
-    _category("Humans", "human", 86.75, 83.69, 84.69, 86.45, 86.51),
-    _category("Four-legged animals", "fourleg", 89.94, 83.75, 89.74, 84.32, 89.86),
-    _category("Airplanes", "airplane", 88.67, 83.27, 86.52, 88.41, 88.36),
-    _category("Birds", "bird", 81.58, 80.28, 81.69, 82.63, 80.92),
-    _category("Fishes", "fish", 72.32, 71.57, 70.86, 70.96, 72.24),
-    _category("Cups", "cup", 66.87, 67.38, 65.41, 60.24, 66.97),
+TABLE_2 = tuple(
+    Category(title, label, dict(zip(METHODS, accuracy, strict=True)))
+    for title, label, accuracy in (
+        ("Humans", "human", (86.75, 83.69, 84.69, 86.45, 86.51)),
+        ("Four-legged animals", "fourleg", (89.94, 83.75, 89.74, 84.32, 89.86)),
+        ("Airplanes", "airplane", (88.67, 83.27, 86.52, 88.41, 88.36)),
+        ("Birds", "bird", (81.58, 80.28, 81.69, 82.63, 80.92)),
+        ("Fishes", "fish", (72.32, 71.57, 70.86, 70.96, 72.24)),
+        ("Cups", "cup", (66.87, 67.38, 65.41, 60.24, 66.97)),
+    )
 )

@@ -1,6 +1,6 @@
 """Geodesic errors of correspondences whose truth is known: of made bodies, and of template vertices."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import permutations
 
@@ -71,6 +71,19 @@ class BodyErrors:
         return float(np.mean([getattr(pair, field) for pair in self.pairs]))
 
 
+@dataclass(frozen=True, eq=False)
+class PreparedMesh:
+    """A mesh that is ready to be matched."""
+
+    embedding: Embedding
+    basis: Basis
+
+    @classmethod
+    def of(cls, mesh: Mesh, pipeline: Pipeline) -> "PreparedMesh":
+        """Embed a mesh and compute its basis."""
+        return cls(pipeline.embed(mesh), basis(mesh))
+
+
 def surface_distances(body: Body) -> Floats:
     """Return geodesic distances between all vertices of a body at rest, over the root of its area, (n, n).
 
@@ -121,7 +134,7 @@ def study_body(
     truth, distances = body.partners(second), surface_distances(second)
     pipeline = Pipeline(parameters)
     sides = [
-        [_Prepared.of(side.posed(pose), pipeline) for pose in range(poses)]
+        [PreparedMesh.of(side.posed(pose), pipeline) for pose in range(poses)]
         for side in ([body, second] if remeshed else [body])
     ]
     pairs = [
@@ -135,36 +148,18 @@ def study_individuals(label: str, count: int, parameters: Parameters) -> BodyErr
     """Match all ordered pairs of individuals 0 .. `count` - 1 of a class; individual i is in pose i."""
     bodies = [make_body(label, number) for number in range(count)]
     pipeline = Pipeline(parameters)
-    prepared = [_Prepared.of(body.posed(number), pipeline) for number, body in enumerate(bodies)]
+    prepared = [PreparedMesh.of(body.posed(number), pipeline) for number, body in enumerate(bodies)]
     distances = [surface_distances(body) for body in bodies]
-    pairs = [
-        _pair_errors(
-            (i, j),
-            (prepared[i], prepared[j]),
-            individual_partners(bodies[i], bodies[j]),
-            distances[j],
-            pipeline,
-        )
-        for i, j in permutations(range(count), 2)
-    ]
+    pairs = []
+    for i, j in permutations(range(count), 2):
+        truth = individual_partners(bodies[i], bodies[j])
+        pairs.append(_pair_errors((i, j), (prepared[i], prepared[j]), truth, distances[j], pipeline))
     return BodyErrors(label, None, tuple(pairs))
-
-
-@dataclass(frozen=True, eq=False)
-class _Prepared:
-    """A mesh, ready to be matched."""
-
-    embedding: Embedding
-    basis: Basis
-
-    @classmethod
-    def of(cls, mesh: Mesh, pipeline: Pipeline) -> "_Prepared":
-        return cls(pipeline.embed(mesh), basis(mesh))
 
 
 def _pair_errors(
     numbers: tuple[int, int],
-    pair: tuple[_Prepared, _Prepared],
+    pair: tuple[PreparedMesh, PreparedMesh],
     truth: Ints,
     distances: Floats,
     pipeline: Pipeline,
@@ -186,21 +181,16 @@ def _vertices(first: Embedding, second: Embedding, pairs: Ints) -> Ints:
     return np.stack([first.vertices[pairs[:, 0]], second.vertices[pairs[:, 1]]], axis=1).astype(np.int64)
 
 
-def dense_map(first: "_Prepared | KnownMesh", second: "_Prepared | KnownMesh", pipeline: Pipeline) -> Ints:
-    """Return the vertex of the second mesh for each of n vertices of the first, by the dense correspondence.
-
-    Returns
-    -------
-    int64, shape (n,)
-    """
+def dense_map(first: PreparedMesh, second: PreparedMesh, pipeline: Pipeline) -> Ints:
+    """Return the dense correspondence: the vertex of the second mesh for each of the first, shape (n,)."""
     candidates, mirrored = pipeline.correspondences(first.embedding, second.embedding)
     pairs = [_vertices(first.embedding, second.embedding, samples) for samples in candidates]
     return extend(first.basis, second.basis, pairs, mirrored)
 
 
 @dataclass(frozen=True, eq=False)
-class KnownMesh:
-    """A mesh whose correspondence with a template is known, ready to be matched.
+class KnownMesh(PreparedMesh):
+    """A mesh whose correspondence with a template is known.
 
     Attributes
     ----------
@@ -211,17 +201,11 @@ class KnownMesh:
         second row, the vertex that is its mirror image.
     distances : float32, shape (g, t, n)
         Geodesic distances of all vertices of the mesh from those of `truth`, over the root of its area.
-    embedding : Embedding
-        Of the clean mesh.
-    basis : Basis
-        Of the clean mesh.
     """
 
     mesh: Mesh
     truth: Ints
     distances: Floats
-    embedding: Embedding
-    basis: Basis
 
 
 @dataclass(frozen=True)
@@ -272,7 +256,7 @@ def known_mesh(mesh: Mesh, truth: Ints, pipeline: Pipeline) -> KnownMesh:
     lengths = geodesics(edge_graph(cleaned), sources, np.arange(len(cleaned.vertices)))
     area = float(face_areas(cleaned.vertices, cleaned.faces).sum())
     distances = (lengths.T / np.sqrt(area)).astype(np.float32)[rows.reshape(nearest.shape)]
-    return KnownMesh(cleaned, nearest, distances, pipeline.embed(cleaned), basis(cleaned))
+    return KnownMesh(pipeline.embed(cleaned), basis(cleaned), cleaned, nearest, distances)
 
 
 def truth_errors(first: KnownMesh, second: KnownMesh, targets: Ints) -> TruthErrors:
@@ -301,12 +285,9 @@ def drawn_pairs(
     """
     random = np.random.default_rng(seed)
     together = [(i, j) for i, j in permutations(range(len(classes)), 2) if templates[i] == templates[j]]
-
-    def drawn(fits: Callable[[int, int], bool]) -> list[tuple[int, int]]:
-        pairs = [pair for pair in together if fits(*pair)]
-        return sorted(pairs[k] for k in random.permutation(len(pairs))[:count])
-
-    return (
-        drawn(lambda i, j: classes[i] == classes[j]),
-        drawn(lambda i, j: classes[i] != classes[j]),
+    kinds = (
+        [pair for pair in together if (classes[pair[0]] == classes[pair[1]]) is same]
+        for same in (True, False)
     )
+    same, different = (sorted(pairs[k] for k in random.permutation(len(pairs))[:count]) for pairs in kinds)
+    return same, different

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.stats import skew
 
+from core.arrays import Floats
 from core.errors import ParameterError
 
 E_MEASURE_RANKS = 32
@@ -108,9 +109,7 @@ def evaluate(scores: ArrayLike, labels: Sequence[str], *, larger_is_closer: bool
     ParameterError
         The arrays have wrong shapes, a score is not finite, or no class has two shapes.
     """
-    distances = _distances(scores, larger_is_closer)
-    if len(labels) != len(distances):
-        raise ParameterError(f"{len(labels)} labels for {len(distances)} shapes")
+    distances = pair_distances(scores, labels, larger_is_closer=larger_is_closer)
     classes, codes, sizes = np.unique(np.asarray(labels, dtype=str), return_inverse=True, return_counts=True)
     queries = np.flatnonzero(sizes[codes] > 1)
     if len(queries) == 0:
@@ -148,44 +147,23 @@ def evaluate(scores: ArrayLike, labels: Sequence[str], *, larger_is_closer: bool
     )
 
 
-def class_distances(
-    scores: ArrayLike, labels: Sequence[str], *, larger_is_closer: bool
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Compute the mean distance of each shape to its own class, and the least distance to any other class.
+def pair_distances(scores: ArrayLike, labels: Sequence[str], *, larger_is_closer: bool) -> Floats:
+    """Return scores of all pairs as distances, similarities negated, shape (n, n), with a zero diagonal.
 
-    The parameters are those of `evaluate`; similarities are negated to distances.
-
-    Returns
-    -------
-    to_class : float64, shape (n,)
-        Mean distance to the other shapes of the same class; NaN where there are none.
-    other : float64, shape (n,)
-        Smallest distance to a shape of another class; NaN where there is no other class.
+    Parameters and errors are those of `evaluate`.
     """
-    distances = _distances(scores, larger_is_closer)
-    names = np.asarray(labels, dtype=str)
-    if len(names) != len(distances):
-        raise ParameterError(f"{len(names)} labels for {len(distances)} shapes")
-    same = names[:, None] == names[None, :]
-    fellows = same & ~np.eye(len(names), dtype=bool)
-    counts = fellows.sum(axis=1)
-    sums = np.where(fellows, distances, 0.0).sum(axis=1)
-    to_class = np.where(counts > 0, sums / np.maximum(counts, 1), np.nan)
-    nearest = np.where(same, np.inf, distances).min(axis=1)
-    return to_class, np.where(np.isfinite(nearest), nearest, np.nan)
-
-
-def _distances(scores: ArrayLike, larger_is_closer: bool) -> NDArray[np.float64]:
     distances = np.array(scores, dtype=np.float64)
     if distances.ndim != 2 or distances.shape[0] != distances.shape[1] or len(distances) == 0:
         raise ParameterError(f"scores must have shape (n, n), not {distances.shape}")
+    if len(labels) != len(distances):
+        raise ParameterError(f"{len(labels)} labels for {len(distances)} shapes")
     np.fill_diagonal(distances, 0.0)
     if not np.isfinite(distances).all():
         raise ParameterError("a score is not finite")
     return -distances if larger_is_closer else distances
 
 
-def _rankings(distances: NDArray[np.float64], codes: NDArray[np.intp]) -> NDArray[np.intp]:
+def _rankings(distances: Floats, codes: NDArray[np.intp]) -> NDArray[np.intp]:
     """Return in row i all shapes but i, the closest first, ties as the module says; shape (n, n - 1)."""
     keyed = distances.copy()
     np.fill_diagonal(keyed, -np.inf)
@@ -194,31 +172,25 @@ def _rankings(distances: NDArray[np.float64], codes: NDArray[np.intp]) -> NDArra
     return order[:, 1:]
 
 
-def _recall_within(
-    relevant: NDArray[np.bool_], depth: NDArray[np.intp], wanted: NDArray[np.intp]
-) -> NDArray[np.float64]:
-    ranks = np.arange(1, relevant.shape[1] + 1)
-    found = (relevant & (ranks <= depth[:, None])).sum(axis=1)
-    return np.asarray(found / wanted, dtype=np.float64)
+def _recall_within(relevant: NDArray[np.bool_], depth: NDArray[np.intp], wanted: NDArray[np.intp]) -> Floats:
+    hits = relevant & (np.arange(1, relevant.shape[1] + 1) <= depth[:, None])
+    return np.asarray(hits.sum(axis=1) / wanted)
 
 
-def _e_measure(relevant: NDArray[np.bool_], wanted: NDArray[np.intp]) -> NDArray[np.float64]:
+def _e_measure(relevant: NDArray[np.bool_], wanted: NDArray[np.intp]) -> Floats:
     depth = min(E_MEASURE_RANKS, relevant.shape[1])
-    found = relevant[:, :depth].sum(axis=1)
-    # 2 / (1/P + 1/Q) with P = found/depth and Q = found/wanted, written so that found = 0 gives 0.
-    return np.asarray(2.0 * found / (depth + wanted), dtype=np.float64)
+    # 2 / (1/P + 1/Q) with P = hits/depth and Q = hits/wanted, written so that no hit gives 0.
+    return np.asarray(2.0 * relevant[:, :depth].sum(axis=1) / (depth + wanted))
 
 
-def _discounted_gain(relevant: NDArray[np.bool_], wanted: NDArray[np.intp]) -> NDArray[np.float64]:
-    ranks = np.arange(1, relevant.shape[1] + 1)
-    gains = 1.0 / np.log2(np.maximum(ranks, 2))
-    return np.asarray((relevant * gains).sum(axis=1) / np.cumsum(gains)[wanted - 1], dtype=np.float64)
+def _discounted_gain(relevant: NDArray[np.bool_], wanted: NDArray[np.intp]) -> Floats:
+    gains = 1.0 / np.log2(np.maximum(np.arange(1, relevant.shape[1] + 1), 2))
+    return np.asarray((relevant * gains).sum(axis=1) / np.cumsum(gains)[wanted - 1])
 
 
-def _average_precision(relevant: NDArray[np.bool_], wanted: NDArray[np.intp]) -> NDArray[np.float64]:
-    ranks = np.arange(1, relevant.shape[1] + 1)
-    precision = np.cumsum(relevant, axis=1) / ranks
-    return np.asarray((precision * relevant).sum(axis=1) / wanted, dtype=np.float64)
+def _average_precision(relevant: NDArray[np.bool_], wanted: NDArray[np.intp]) -> Floats:
+    precision = np.cumsum(relevant, axis=1) / np.arange(1, relevant.shape[1] + 1)
+    return np.asarray((precision * relevant).sum(axis=1) / wanted)
 
 
 QUANTILES = (0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 0.99)
@@ -243,9 +215,7 @@ class ScoreQuantiles:
     at_least: float
 
 
-def score_quantiles(
-    scores: NDArray[np.float64], labels: Sequence[str], threshold: float
-) -> dict[str, ScoreQuantiles]:
+def score_quantiles(scores: Floats, labels: Sequence[str], threshold: float) -> dict[str, ScoreQuantiles]:
     """Return the distributions over pairs of the "same" class and of "other" classes that have pairs.
 
     Parameters

@@ -11,7 +11,6 @@ from core.errors import ParameterError
 from core.evaluation.retrieval_measures import (
     QUANTILES,
     Evaluation,
-    class_distances,
     evaluate,
     score_quantiles,
 )
@@ -185,16 +184,6 @@ def test_class_of_one_is_ranked_but_no_query() -> None:
     assert list(found.per_class) == ["a"]
     assert found.classes == ("a", "alone")
     assert found.confusion.tolist() == [[1, 1], [0, 0]]
-
-
-def test_distance_to_own_and_other_classes() -> None:
-    distances = np.array([[0, 1, 3, 9], [1, 0, 5, 4], [3, 5, 0, 2], [9, 4, 2, 0]], dtype=float)
-    own, other = class_distances(distances, ["a", "a", "a", "b"], larger_is_closer=False)
-    assert own[:3] == pytest.approx([2.0, 3.0, 4.0])
-    assert np.isnan(own[3])
-    assert other == pytest.approx([9.0, 4.0, 2.0, 2.0])
-    alone = class_distances(distances, ["a"] * 4, larger_is_closer=False)[1]
-    assert np.isnan(alone).all()
 
 
 @pytest.mark.parametrize(
