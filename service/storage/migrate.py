@@ -1,23 +1,27 @@
-"""Migration of a database to the version of this code."""
+"""The tables of an empty database, and the migration of an older archive to the version of this code."""
 
 from collections.abc import Iterable
+from datetime import UTC, datetime
 from pathlib import Path
 
 from alembic import command
 from alembic.config import Config
 from alembic.migration import MigrationContext
 from alembic.script import ScriptDirectory
+from sqlalchemy import Connection, insert, text
 
+from service.collection import DEFAULT_COLLECTION
 from service.errors import ArchiveTooNewError
 from service.storage.columns import POSTGRESQL
 from service.storage.database import Database
 from service.storage.postgresql import check_server
+from service.storage.tables import ArchiveRow, CollectionRow, Table
 
 _FOLDER = Path(__file__).parent / "migrations"
 
 
 def migrate(database: Database) -> None:
-    """Run all missing migrations in one transaction.
+    """Create the tables of an empty database, or run all missing migrations, in one transaction.
 
     Raises
     ------
@@ -29,9 +33,26 @@ def migrate(database: Database) -> None:
     with database.connect() as connection:
         if connection.dialect.name == POSTGRESQL:
             check_server(connection)
-        check_known(MigrationContext.configure(connection).get_current_heads())
+        versions = MigrationContext.configure(connection).get_current_heads()
+        check_known(versions)
         config.attributes["connection"] = connection
-        command.upgrade(config, "head")
+        if versions:
+            command.upgrade(config, "head")
+        else:
+            _create(connection)
+            command.stamp(config, "head")
+
+
+def _create(connection: Connection) -> None:
+    """Create the tables, and insert the rows that every archive has."""
+    if connection.dialect.name == POSTGRESQL:
+        connection.execute(text("CREATE EXTENSION IF NOT EXISTS vector"))
+    Table.metadata.create_all(connection, checkfirst=False)
+    connection.execute(insert(ArchiveRow).values(number=1, revision=0))
+    # The database generates the number, so that it never gives the number again.
+    connection.execute(
+        insert(CollectionRow).values(name=DEFAULT_COLLECTION.name, created_at=datetime.now(UTC))
+    )
 
 
 def check_known(versions: Iterable[str]) -> None:

@@ -3,8 +3,7 @@
 A blob holds the bytes of a file, once per SHA-256. A shape is a named record in one collection; several
 shapes may share a blob. An embedding belongs to a blob, a format and a pipeline fingerprint, so that shapes
 with the same bytes share it. A `checksum` (`service.storage.checksums`) covers the bytes of its row, the
-fields, tags and metadata of a shape, or a pipeline. Migrations create the tables; a test compares them with
-these classes.
+fields, tags and metadata of a shape, or a pipeline.
 """
 
 from datetime import datetime

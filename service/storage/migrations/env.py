@@ -2,8 +2,6 @@
 
 from alembic import context
 
-from service.storage.tables import Table
-
-context.configure(connection=context.config.attributes["connection"], target_metadata=Table.metadata)
+context.configure(connection=context.config.attributes["connection"])
 with context.begin_transaction():
     context.run_migrations()

@@ -1,0 +1,8 @@
+"""The tables of `service.storage.tables`, which `service.storage.migrate` creates in an empty database."""
+
+revision = "0001"
+down_revision = None
+
+
+def upgrade() -> None:
+    """Change nothing: this is the oldest version of an archive."""
