@@ -16,28 +16,17 @@ def quadruped(rng: Generator) -> list[Part]:
     parts = [tube(joints, np.array([0.95, 0.92, 1.08]) * girth, blend=0.06)]
     rise, look = u(25, 70), u(-35, 35)
     neck_length = u(0.26, 0.5)
-    neck, nape = chain(
-        chest.move(0.04, z=0.3 * girth),
-        [neck_length * 0.5, neck_length * 0.5],
-        [(-rise, look / 2), (u(-15, 15), look / 2)],
-    )
+    bends = [(-rise, look / 2), (u(-15, 15), look / 2)]
+    neck, nape = chain(chest.move(0.04, z=0.3 * girth), [neck_length * 0.5] * 2, bends)
     parts.append(tube(neck, np.array([0.8, 0.55, 0.47]) * girth, blend=0.08))
     # Level the head to a nod of its own, whatever the neck does.
     skull = nape.rotate("y", rise + u(-10, 35))
-    muzzle = u(0.2, 0.32)
-    parts.append(
-        tube(
-            np.array([skull.at(-0.02), skull.at(0.1), skull.at(0.1 + muzzle, z=-0.03)]),
-            [0.11, 0.12, 0.07],
-            blend=0.05,
-        )
-    )
+    muzzle = skull.points((-0.02,), (0.1,), (0.1 + u(0.2, 0.32), 0.0, -0.03))
+    parts.append(tube(muzzle, [0.11, 0.12, 0.07], blend=0.05))
     ear = u(0.09, 0.17)
     for left in (-1, 1):
         root = skull.move(0.0, left * 0.07, 0.08)
-        parts.append(
-            tube(np.array([root.origin, root.at(-0.03, left * 0.05, ear)]), [0.045, 0.03], blend=0.03)
-        )
+        parts.append(tube([root.origin, root.at(-0.03, left * 0.05, ear)], [0.045, 0.03], blend=0.03))
     for left in (-1, 1):
         shoulder = chest.move(-0.06, left * 0.55 * girth, -0.35 * girth)
         fore = [(leg, 0.0, 0.5), (leg * 0.95, u(0, 45), 0.33)]
@@ -48,11 +37,8 @@ def quadruped(rng: Generator) -> list[Part]:
         parts.extend(_leg(hip, left, hind, girth, rng))
     tail_length, droop, wag = u(0.35, 0.75), u(-50, 50), u(-14, 14)
     bends = [(u(-8, 22), wag) for _ in range(6)]
-    tail, _ = chain(
-        rear.move(-0.7 * girth, z=0.45 * girth).rotate("z", 180).rotate("y", droop),
-        [tail_length / 6] * 6,
-        bends,
-    )
+    dock = rear.move(-0.7 * girth, z=0.45 * girth).rotate("z", 180).rotate("y", droop)
+    tail, _ = chain(dock, [tail_length / 6] * 6, bends)
     parts.append(tube(tail, np.linspace(0.055, 0.032, 7), blend=0.06))
     return parts
 
@@ -66,7 +52,7 @@ def _leg(
     joints, foot = chain(down, [length for length, _, _ in bones], [(bend, 0.0) for _, bend, _ in bones])
     radii = np.array([*(thick for _, _, thick in bones), 0.25]) * girth
     # The leg runs along x, so that forwards is z.
-    paw = np.array([foot.at(-0.01), foot.at(0.01, z=0.08)])
+    paw = foot.points((-0.01,), (0.01, 0.0, 0.08))
     return [tube(joints, radii, blend=0.05), tube(paw, np.array([0.27, 0.24]) * girth, blend=0.02)]
 
 
@@ -75,25 +61,16 @@ def bird(rng: Generator) -> list[Part]:
     u = rng.uniform
     size, slim = u(0.9, 1.1), u(0.17, 0.23)
     body = Frame()
-    parts = [
-        tube(
-            np.array([body.at(-0.32 * size), body.at(0.0), body.at(0.26 * size, z=0.03)]),
-            [0.6 * slim, slim, 0.75 * slim],
-            blend=0.05,
-        )
-    ]
+    trunk = body.points((-0.32 * size,), (0.0,), (0.26 * size, 0.0, 0.03))
+    parts = [tube(trunk, [0.6 * slim, slim, 0.75 * slim], blend=0.05)]
     reach, rise = u(0.16, 0.42), u(0, 60)
-    neck, nape = chain(
-        body.move(0.3 * size, z=0.06).rotate("z", u(-25, 25)),
-        [reach / 2, reach / 2],
-        [(-rise, 0), (u(-20, 20), u(-20, 20))],
-    )
+    breast = body.move(0.3 * size, z=0.06).rotate("z", u(-25, 25))
+    neck, nape = chain(breast, [reach / 2] * 2, [(-rise, 0), (u(-20, 20), u(-20, 20))])
     parts.append(tube(neck, [0.11, 0.085, 0.08], blend=0.07))
     head = nape.rotate("y", rise)
     parts.append(ellipsoid(head.move(0.04), (0.13, 0.1, 0.1), blend=0.04))
-    parts.append(
-        tube(np.array([head.at(0.12), head.at(0.12 + u(0.14, 0.26), z=-0.02)]), [0.055, 0.027], blend=0.02)
-    )
+    beak = head.points((0.12,), (0.12 + u(0.14, 0.26), 0.0, -0.02))
+    parts.append(tube(beak, [0.055, 0.027], blend=0.02))
     fan = u(0.16, 0.26)
     tail = body.move(-0.34 * size).rotate("y", u(-15, 20))
     outline = [(0.08, 0.05), (-0.42, fan), (-0.46, 0.0), (-0.42, -fan), (0.08, -0.05)]
@@ -132,7 +109,7 @@ def _bird_leg(hip: Frame, left: int, rng: Generator) -> list[Part]:
     parts = [tube(leg, [0.06, 0.035, 0.033], blend=0.03)]
     for yaw in (-35, 0, 35):
         toe = foot.rotate("y", -75).rotate("z", yaw)
-        parts.append(tube(np.array([foot.origin, toe.at(0.12)]), [0.033, 0.027], blend=0.01))
+        parts.append(tube([foot.origin, toe.at(0.12)], [0.033, 0.027], blend=0.01))
     return parts
 
 
@@ -148,27 +125,13 @@ def fish(rng: Generator) -> list[Part]:
     for i in range(6):
         along = joints[i + 1] - joints[i]
         across = np.cross(along, [0.0, 0.0, 1.0])
-        parts.append(
-            tube(
-                joints[i : i + 2],
-                heights[i : i + 2],
-                blend=0.03,
-                across=across / np.linalg.norm(across),
-                squash=flat,
-            )
-        )
-    parts.append(tube(np.array([joints[0] + [0.12, 0, -0.02], joints[0]]), [0.05, 0.09], blend=0.08))
+        across /= np.linalg.norm(across)
+        parts.append(tube(joints[i : i + 2], heights[i : i + 2], blend=0.03, across=across, squash=flat))
+    parts.append(tube([joints[0] + [0.12, 0, -0.02], joints[0]], [0.05, 0.09], blend=0.08))
     fork, reach = u(0.16, 0.3), u(0.24, 0.36)
     fan = tail.rotate("z", u(-25, 25)).rotate("x", 90)
-    outline = [
-        (-0.1, 0.05),
-        (0.08, 0.06),
-        (reach, fork),
-        (reach * 0.62, 0.0),
-        (reach, -fork),
-        (0.08, -0.06),
-        (-0.1, -0.05),
-    ]
+    upper = [(-0.1, 0.05), (0.08, 0.06), (reach, fork)]
+    outline = [*upper, (reach * 0.62, 0.0), *mirrored(upper[::-1], -1)]
     parts.append(plate(fan, outline, 0.05, blend=0.04))
     for up, start, height in ((1, 0.2, u(0.12, 0.24)), (-1, -0.05, u(0.08, 0.16))):
         base = Frame(joints[3]).move(z=up * 0.8 * tall).rotate("x", 90)
@@ -202,10 +165,8 @@ def snake(rng: Generator) -> list[Part]:
     joints, _ = chain(head, [step] * bones, list(zip(pitch, yaw, strict=True)))
     fat = thick * np.interp(along, [0.0, 0.06, 0.35, 0.7, 1.0], [0.75, 0.72, 1.0, 0.85, 0.45])
     parts = [tube(joints, np.append(fat, thick * 0.33), blend=0.03)]
-    skull = np.array([head.at(0.06), head.at(-0.08), head.at(-0.2)])
-    parts.append(
-        tube(skull, np.array([1.1, 1.35, 0.8]) * thick, blend=0.04, across=head.axes[:, 2], squash=1.6)
-    )
+    skull, radii = head.points((0.06,), (-0.08,), (-0.2,)), np.array([1.1, 1.35, 0.8]) * thick
+    parts.append(tube(skull, radii, blend=0.04, across=head.axes[:, 2], squash=1.6))
     return parts
 
 

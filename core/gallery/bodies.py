@@ -22,7 +22,7 @@ from core.errors import MeshError, ParameterError
 from core.gallery.collection import CLASSES, kind_of, placed
 from core.gallery.posing import DRAWS, BodyDraws, rotations, skinned, skinning_weights
 from core.gallery.solids import Field, rotation
-from core.gallery.surface import components, handles, is_closed_manifold, surface
+from core.gallery.surface import genus, surface
 from core.mesh.mesh import Mesh
 
 VERTICES = 2500
@@ -128,7 +128,7 @@ def make_body(label: str, body: int = 0, *, vertices: int = VERTICES, variation:
         draws = BodyDraws(DRAWS[label], SeedSequence(seeds), None, variation)
         parts = kind_of(label).build(draws)
         points, faces = surface(parts, vertices)
-        if is_closed_manifold(faces) and components(faces) == 1 and handles(faces) == kind_of(label).handles:
+        if genus(faces) == kind_of(label).handles:
             solids = tuple(solid for part in parts for solid in part.fields)
             return Body(
                 label=label,

@@ -15,21 +15,17 @@ def chair(rng: Generator) -> list[Part]:
     parts = [box(seat, (depth, width, thick), rounding=0.022, blend=0.0)]
     rest = seat.move(-0.5 * depth + 0.03).rotate("y", -tilt)
     narrow = u(0.65, 1.05)
-    outline = [
-        (0.0, -0.45 * width),
-        (back, -0.45 * narrow * width),
-        (back, 0.45 * narrow * width),
-        (0.0, 0.45 * width),
-    ]
+    right = [(0.0, -0.45 * width), (back, -0.45 * narrow * width)]
     if u() < 0.4:
-        outline[2:2] = [(back + 0.1, -0.2 * width), (back + 0.1, 0.2 * width)]
+        right.append((back + 0.1, -0.2 * width))
+    outline = [*right, *mirrored(right[::-1], -1)]
     parts.append(plate(rest.rotate("y", -90), outline, thick * 0.9, blend=0.03))
     stout, splay = u(0.026, 0.04), u(0.0, 0.14)
     for x in (-1, 1):
         for y in (-1, 1):
             top = seat.move(x * (0.5 * depth - 0.06), y * (0.5 * width - 0.06))
             foot = top.at(x * splay, y * splay, -legs)
-            parts.append(tube(np.array([top.origin, foot]), [stout * 1.15, stout], blend=0.02))
+            parts.append(tube([top.origin, foot], [stout * 1.15, stout], blend=0.02))
     return parts
 
 
@@ -64,30 +60,19 @@ def plane(rng: Generator) -> list[Part]:
     long, thick = u(1.7, 2.3), u(0.1, 0.14)
     body = Frame()
     hull = [(-0.5, 0.45, 0.4), (-0.3, 0.85, 0.1), (0.3, 1.0, 0.0), (0.43, 0.85, -0.05), (0.5, 0.35, -0.2)]
-    parts = [
-        tube(
-            np.array([body.at(x * long, z=z * thick) for x, _, z in hull]),
-            np.array([r for _, r, _ in hull]) * thick,
-            blend=0.02,
-        )
-    ]
+    joints, radii = [body.at(x * long, z=z * thick) for x, _, z in hull], [r * thick for _, r, _ in hull]
+    parts = [tube(joints, radii, blend=0.02)]
     span, chord, taper, sweep, dihedral = u(0.8, 1.25), u(0.32, 0.45), u(0.3, 0.55), u(0.15, 0.6), u(0, 9)
     place, engines = u(0.05, 0.15) * long, u(0.3, 0.42)
     fin, tailplane, tail_sweep = u(0.28, 0.42), u(0.3, 0.45), u(0.1, 0.25)
-    parts.append(
-        plate(
-            body.move(-0.42 * long, z=0.05).rotate("x", 90),
-            _wing(0.26, 0.14, fin, tail_sweep),
-            0.045,
-            blend=0.03,
-        )
-    )
+    stern = body.move(-0.42 * long, z=0.05).rotate("x", 90)
+    parts.append(plate(stern, _wing(0.26, 0.14, fin, tail_sweep), 0.045, blend=0.03))
     for left in (-1, 1):
         root = body.move(place, left * 0.3 * thick, -0.35 * thick).rotate("x", left * dihedral)
         wing = mirrored(_wing(chord, chord * taper, span, sweep), left)
         parts.append(plate(root, wing, 0.055, blend=0.03))
         pod = root.move(0.5 * chord - engines * sweep, left * engines * span, -0.075)
-        parts.append(tube(np.array([pod.at(0.02), pod.at(-0.2)]), [0.065, 0.055], blend=0.02))
+        parts.append(tube(pod.points((0.02,), (-0.2,)), [0.065, 0.055], blend=0.02))
         rear = body.move(-0.42 * long, left * 0.2 * thick, 0.03).rotate("x", left * dihedral)
         small = mirrored(_wing(0.22, 0.12, tailplane, tail_sweep), left)
         parts.append(plate(rear, small, 0.045, blend=0.02))
@@ -110,16 +95,9 @@ def pliers(rng: Generator) -> list[Part]:
     parts = [revolved(pivot, disc, 0.03, blend=0.0)]
     for left in (-1, 1):
         arm = pivot.rotate("z", left * opening)
-        cheek = [
-            (-0.06, -0.05),
-            (0.1, -0.06),
-            (0.75 * jaw, -0.03),
-            (jaw, -0.005),
-            (jaw, 0.01),
-            (0.1, 0.1),
-            (-0.06, 0.06),
-        ]
-        parts.append(plate(arm, mirrored(cheek, left), thick, blend=0.02))
+        inner, outer = [(-0.06, -0.05), (0.1, -0.06), (0.75 * jaw, -0.03)], [(0.1, 0.1), (-0.06, 0.06)]
+        cheek = mirrored([*inner, (jaw, -0.005), (jaw, 0.01), *outer], left)
+        parts.append(plate(arm, cheek, thick, blend=0.02))
         bow = [
             (0.0, 0.0),
             (-0.14, -0.03),
@@ -127,8 +105,7 @@ def pliers(rng: Generator) -> list[Part]:
             (-0.6 * grip, -0.04 - bulge),
             (-grip, flare - bulge),
         ]
-        joints = np.array([arm.at(x, left * y) for x, y in bow])
-        parts.append(tube(joints, [0.075, 0.06, 0.05, 0.06, 0.05], blend=0.03))
+        parts.append(tube(arm.points(*mirrored(bow, left)), [0.075, 0.06, 0.05, 0.06, 0.05], blend=0.03))
     return parts
 
 
@@ -146,19 +123,14 @@ def glasses(rng: Generator) -> list[Part]:
     inner = front.at(y=0.5 * gap, z=0.3 * tall)
     for left in (-1, 1):
         side = front.move(y=left * 0.5 * gap).rotate("z", left * bow)
-        rim = np.array([side.at(y=left * (wide + y), z=z) for y, z in zip(rim_y, rim_z, strict=True)])
+        rim = [side.at(y=left * (wide + y), z=z) for y, z in zip(rim_y, rim_z, strict=True)]
         parts.append(tube(rim, np.full(len(rim), wire), blend=0.02))
         hinge = side.move(0.0, left * 2.0 * wide, 0.2 * tall)
         temple = hinge.rotate("z", 180 - left * u(-12, 45))
         length, drop = u(0.85, 1.1), u(20, 50)
         bend = temple.move(0.75 * length).rotate("y", drop)
-        parts.append(
-            tube(
-                np.array([temple.at(-0.01), bend.origin, bend.at(0.28 * length)]),
-                [wire * 1.1, wire, wire],
-                blend=0.03,
-            )
-        )
+        joints = [temple.at(-0.01), bend.origin, bend.at(0.28 * length)]
+        parts.append(tube(joints, [wire * 1.1, wire, wire], blend=0.03))
     over = [inner * [1, -1.35, 1], inner * [1, -0.4, 1.25], inner * [1, 0.4, 1.25], inner * [1, 1.35, 1]]
-    parts.insert(1, tube(np.array(over), np.full(4, wire), blend=0.02))
+    parts.insert(1, tube(over, np.full(4, wire), blend=0.02))
     return parts

@@ -48,6 +48,10 @@ class Frame:
         offset: Floats = self.axes @ np.array([x, y, z])
         return self.origin + offset
 
+    def points(self, *offsets: tuple[float, ...]) -> Floats:
+        """Return the world positions, shape (m, 3), of points of up to three coordinates in this frame."""
+        return np.array([self.at(*offset) for offset in offsets])
+
     def local(self, points: Floats) -> Floats:
         """Return world positions, shape (n, 3), as seen in this frame."""
         local: Floats = (points - self.origin) @ self.axes
@@ -151,7 +155,7 @@ class Part:
 
 
 def tube(
-    joints: Floats,
+    joints: Floats | Sequence[Floats],
     radii: Sequence[float] | Floats,
     *,
     blend: float,

@@ -1,6 +1,6 @@
 """From parts to a triangle mesh: grid of distances, isosurface, relaxation to even triangles, decimation.
 
-The last functions check the topology of the result.
+`genus` checks the topology of the result.
 """
 
 from collections.abc import Sequence
@@ -172,39 +172,31 @@ def _relaxed(grid: Grid, points: Floats, faces: Ints, rounds: int) -> Floats:
     return points
 
 
-def is_closed_manifold(faces: Ints) -> bool:
-    """Return whether every edge joins two triangles that agree in direction, and every vertex has one fan."""
+def genus(faces: Ints) -> int | None:
+    """Return the number of handles of a closed, connected and oriented manifold, None for any other surface.
+
+    Every edge joins two triangles that agree in direction, and the triangles at each vertex are one fan. The
+    genus is then (2 - (V - E + F)) / 2, where E = 3 F / 2.
+    """
+    used, faces = np.unique(faces, return_inverse=True)
+    faces = faces.reshape(-1, 3)
     tails, heads = faces.ravel(), faces[:, [1, 2, 0]].ravel()
-    if (tails == heads).any():
-        return False
-    count = int(faces.max()) + 1
-    forward = tails * count + heads
-    order = np.argsort(forward)
-    ordered = forward[order]
-    if (ordered[1:] == ordered[:-1]).any():
-        return False
-    backward = heads * count + tails
-    twin = np.minimum(np.searchsorted(ordered, backward), len(ordered) - 1)
-    if not np.array_equal(ordered[twin], backward):
-        return False
+    forward, backward = tails * len(used) + heads, heads * len(used) + tails
+    order, twins = np.argsort(forward), np.argsort(backward)
+    paired = np.array_equal(forward[order], backward[twins]) and not (tails == heads).any()
+    if not paired or len(np.unique(forward)) < len(forward):
+        return None
     # A half-edge leaves a corner; the twin of the half-edge arrives there from the next triangle of the fan.
-    arriving = order[twin]
+    arriving = np.empty_like(order)
+    arriving[twins] = order
     following = arriving - arriving % 3 + (arriving + 1) % 3
-    corners = len(tails)
-    fans = coo_array((np.ones(corners), (np.arange(corners), following)), shape=(corners, corners))
-    return int(connected_components(fans, directed=False)[0]) == len(np.unique(faces))
+    if _components(np.arange(len(tails)), following) != len(used) or _components(tails, heads) != 1:
+        return None
+    return (2 - len(used) + len(faces) // 2) // 2
 
 
-def components(faces: Ints) -> int:
-    """Return the number of connected components, linked by shared vertices."""
-    count = int(faces.max()) + 1
-    tails, heads = faces.ravel(), faces[:, [1, 2, 0]].ravel()
-    graph = coo_array((np.ones(len(tails)), (tails, heads)), shape=(count, count))
-    labels = connected_components(graph, directed=False)[1]
-    return len(np.unique(labels[np.unique(faces)]))
-
-
-def handles(faces: Ints) -> int:
-    """Return the genus of a closed, connected surface: (2 - (V - E + F)) / 2, where E = 3 F / 2."""
-    characteristic = len(np.unique(faces)) - len(faces) // 2
-    return (2 - characteristic) // 2
+def _components(rows: Ints, columns: Ints) -> int:
+    """Return the number of connected components of a graph in which every node has an edge."""
+    size = int(rows.max()) + 1
+    graph = coo_array((np.ones(len(rows)), (rows, columns)), shape=(size, size))
+    return int(connected_components(graph, directed=False, return_labels=False))
