@@ -138,52 +138,19 @@ def merge_vertices(vertices: Floats) -> tuple[Ints, Ints]:
     diagonal = float(np.linalg.norm(high - low))
     if diagonal < SMALLEST:
         raise DegenerateMeshError("all vertices are one point")
-    columns = _rounded(constant(vertices), low, diagonal * MERGE_TOLERANCE)
-    return _groups(columns, lexical_order(*columns))
+    steps = np.rint((vertices - low) / (diagonal * MERGE_TOLERANCE)).astype(np.int64)
+    columns = np.ascontiguousarray(steps.T)
+    order = lexical_order(*columns)
+    new = starts_of(*columns[:, order])
+    group = np.empty(len(order), dtype=np.int64)
+    group[order] = np.cumsum(new) - 1
+    return order[new], group
 
 
 def bounds(vertices: Floats) -> tuple[Floats, Floats]:
     """Return the least and the largest coordinates, shapes (3,), of n >= 1 vertices, shape (n, 3)."""
-    return _bounds(constant(vertices))
-
-
-@compiled
-def _bounds(vertices: Floats) -> tuple[Floats, Floats]:
-    low, high = vertices[0].copy(), vertices[0].copy()
-    for v in range(len(vertices)):
-        for axis in range(3):
-            low[axis] = min(low[axis], vertices[v, axis])
-            high[axis] = max(high[axis], vertices[v, axis])
+    low, high = (np.array([extreme(axis) for axis in vertices.T]) for extreme in (np.min, np.max))
     return low, high
-
-
-@compiled
-def _rounded(vertices: Floats, low: Floats, step: float) -> Ints:
-    """Return coordinates from `low` on as whole numbers of steps, shape (3, n)."""
-    columns = np.empty((3, len(vertices)), dtype=np.int64)
-    for v in range(len(vertices)):
-        for axis in range(3):
-            columns[axis, v] = np.int64(np.rint((vertices[v, axis] - low[axis]) / step))
-    return columns
-
-
-@compiled
-def _groups(columns: Ints, order: Ints) -> tuple[Ints, Ints]:
-    """Return the first of each group of equal columns, shape (u,), and the group of each, shape (n,)."""
-    first, group = np.empty(len(order), dtype=np.int64), np.empty(len(order), dtype=np.int64)
-    count = 0
-    for position in range(len(order)):
-        vertex, previous = order[position], order[max(position - 1, 0)]
-        if (
-            position == 0
-            or columns[0, vertex] != columns[0, previous]
-            or columns[1, vertex] != columns[1, previous]
-            or columns[2, vertex] != columns[2, previous]
-        ):
-            first[count] = vertex
-            count += 1
-        group[vertex] = count - 1
-    return first[:count].copy(), group
 
 
 def _distinct_faces(faces: Ints) -> NDArray[np.bool_]:
@@ -200,27 +167,18 @@ def _distinct_faces(faces: Ints) -> NDArray[np.bool_]:
     return np.asarray(proper)
 
 
-@compiled
-def _renumbered(faces: Ints, numbers: Ints) -> Ints:
-    """Return renumbered faces, turned so that the smallest index comes first; orientation is kept."""
-    result = np.empty_like(faces)
-    for f in range(len(faces)):
-        a, b, c = numbers[faces[f, 0]], numbers[faces[f, 1]], numbers[faces[f, 2]]
-        if b < a and b < c:
-            a, b, c = b, c, a
-        elif c < a:
-            a, b, c = c, a, b
-        result[f, 0], result[f, 1], result[f, 2] = a, b, c
-    return result
-
-
 def _ordered(vertices: Floats, faces: Ints) -> Mesh:
-    """Return the mesh with its vertices in canonical order and its faces in lexical order."""
+    """Return the mesh with its vertices in canonical order and its faces in lexical order.
+
+    Faces are turned so that the smallest index comes first; orientation is kept.
+    """
     areas = face_areas(vertices, faces)
     order = canonical_order(vertices, faces, centroid(vertices, faces, areas))
     numbers = np.empty(len(order), dtype=np.int64)
     numbers[order] = np.arange(len(order))
-    faces = _renumbered(faces, numbers)
+    faces = numbers[faces]
+    turns = (faces.argmin(axis=1)[:, None] + np.arange(3)) % 3
+    faces = np.take_along_axis(faces, turns, axis=1)
     return Mesh(vertices[order], faces[lexical_order(*faces.T)])
 
 

@@ -3,6 +3,7 @@
 import numpy as np
 
 from core.arrays import Floats, Ints
+from core.mesh.edges import edge_lengths
 from core.numerics.compilation import compiled, constant
 from core.numerics.radix_sort import lexical_order
 
@@ -51,20 +52,6 @@ def _refined_ranks(ranks: Ints, values: Floats, tolerance: float = TIE) -> Ints:
 
 
 @compiled
-def _side_lengths(vertices: Floats, faces: Ints) -> Floats:
-    """Return the length of each face's sides, from each corner to the next, shape (f, 3)."""
-    lengths = np.empty((len(faces), 3))
-    for f in range(len(faces)):
-        for i in range(3):
-            start, end = faces[f, i], faces[f, (i + 1) % 3]
-            square = 0.0
-            for axis in range(3):
-                square += (vertices[start, axis] - vertices[end, axis]) ** 2
-            lengths[f, i] = np.sqrt(square)
-    return lengths
-
-
-@compiled
 def _from_neighbours(faces: Ints, lengths: Floats, weights: Floats) -> Floats:
     """Return sums over the sides at each vertex of length times weight of the other end, shape (n,)."""
     sums = np.zeros(len(weights))
@@ -102,7 +89,8 @@ def canonical_order(vertices: Floats, faces: Ints, centre: Floats) -> Ints:
     if count > MOST_VERTICES:
         return np.argsort(ranks, kind="stable")
     vertices, faces = constant(vertices), constant(faces)
-    lengths = _side_lengths(vertices, faces)
+    sides = np.stack([faces, faces[:, [1, 2, 0]]], axis=2)
+    lengths = edge_lengths(vertices, sides.reshape(-1, 2)).reshape(-1, 3)
     lengths /= lengths.max()
     for _ in range(MARKS):
         for _ in range(ROUNDS):
