@@ -1,10 +1,11 @@
-"""Limits of a mesh file; checks of counts and of indices; triangles of polygons."""
+"""Limits of a mesh file; checks of counts and of indices; triangles of polygons; meshes joined."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
-from core.arrays import Ints
+from core.arrays import Floats, Ints
 from core.errors import MalformedMeshError, MeshTooComplexError
 
 
@@ -67,6 +68,28 @@ def within(count: int, limit: int, things: str) -> None:
         raise MeshTooComplexError(f"the file has {count} {things}; the limit is {limit}")
 
 
+def check_indices(corners: Ints, vertices: int) -> None:
+    """Raise MalformedMeshError if an index is outside 0 .. vertices - 1."""
+    if corners.size and (corners.min() < 0 or corners.max() >= vertices):
+        wrong = int(corners.min() if corners.min() < 0 else corners.max())
+        raise MalformedMeshError(
+            f"a face refers to vertex {wrong}, counted from 0, but there are {vertices} vertices"
+        )
+
+
+def shown(name: str) -> str:
+    """Return a name of a file as messages show it: at most 64 letters, digits and underscores."""
+    return "".join(letter for letter in name[:64] if letter.isalnum() or letter == "_")
+
+
+def joined(meshes: Iterable[tuple[Floats, Ints]]) -> tuple[Floats, Ints]:
+    """Return one or more meshes as one: vertices, shape (n, 3), and faces, shape (f, 3)."""
+    vertices, faces = zip(*meshes, strict=True)
+    starts = np.cumsum([0, *map(len, vertices)])
+    shifted = [corners + start for corners, start in zip(faces, starts, strict=False)]
+    return np.concatenate(vertices), np.concatenate(shifted)
+
+
 def triangles(corners: Ints, sizes: Ints, vertices: int, limits: Limits) -> Ints:
     """Cut polygons into fans of triangles around their first corners.
 
@@ -94,11 +117,7 @@ def triangles(corners: Ints, sizes: Ints, vertices: int, limits: Limits) -> Ints
     MeshTooComplexError
         There are more triangles than the limit.
     """
-    if len(corners) and (corners.min() < 0 or corners.max() >= vertices):
-        wrong = int(corners.min() if corners.min() < 0 else corners.max())
-        raise MalformedMeshError(
-            f"a face refers to vertex {wrong}, counted from 0, but there are {vertices} vertices"
-        )
+    check_indices(corners, vertices)
     if (sizes == 3).all():
         within(len(sizes), limits.faces, "triangles")
         return corners.reshape(-1, 3)

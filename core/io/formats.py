@@ -28,7 +28,8 @@ class Format:
         The endings of file names, in lower case.
     module : str
         The module with the functions `read`, `write` if the format is written, and `read_parts` if its files
-        are split into parts. It is imported on first use: the names of formats need no reader.
+        are split into parts, as the methods call them. It is imported on first use: the names of formats need
+        no reader.
     media_type : str
         The registered media type, or that of any bytes.
     magic : bytes
@@ -67,12 +68,18 @@ class Format:
         return self.face_bytes > 0
 
     def read(self, data: bytes, limits: "Limits") -> "tuple[Floats, Ints]":
-        """Return the vertices, shape (n, 3), and the faces, shape (f, 3), of a file."""
+        """Return the vertices, shape (n, 3), and the faces, shape (f, 3), of a file.
+
+        Raises
+        ------
+        MeshError
+            The file is malformed or exceeds the limits; the subclass tells the kind of fault.
+        """
         arrays: tuple[Floats, Ints] = import_module(self.module).read(data, limits)
         return arrays
 
     def read_parts(self, data: bytes, limits: "Limits") -> "list[Part]":
-        """Return the distinct parts of an assembly."""
+        """Return the distinct parts of an assembly; errors are those of `read`."""
         parts: list[Part] = import_module(self.module).read_parts(data, limits)
         return parts
 

@@ -1,7 +1,7 @@
 """Reading GLB, the binary form of glTF 2.0: the scene, its meshes and their instances; writing GLB."""
 
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from core.arrays import Floats, Ints
 from core.errors import MalformedMeshError, NoTrianglesError
-from core.io.checks import Limits, within
+from core.io.checks import Limits, check_indices, joined, within
 from core.io.gltf_document import (
     Document,
     Entry,
@@ -20,7 +20,7 @@ from core.io.gltf_document import (
     read_positions,
     whole,
 )
-from core.io.parts import PATH_NAMES, Part, clean_name, distinct_parts, mesh_digest
+from core.io.parts import PATH_NAMES, Part, clean_name, distinct, mesh_digest
 from core.io.trimesh_export import export
 from core.mesh.mesh import Mesh
 
@@ -67,24 +67,11 @@ class Scene:
 
 
 def read(data: bytes, limits: Limits) -> tuple[Floats, Ints]:
-    """Return the vertices, shape (n, 3), and the faces, shape (f, 3), of all instances of the scene's meshes.
-
-    Raises
-    ------
-    MeshError
-        The file is malformed or exceeds the limits; the subclass tells the kind of fault.
-    """
+    """Return the vertices, shape (n, 3), and faces, shape (f, 3), of all instances of the scene's meshes."""
     scene = read_scene(data, limits)
-    vertices: list[Floats] = []
-    faces: list[Ints] = []
-    count = 0
     # The last instance first: vertices have the numbers that trimesh gives them.
-    for instance in reversed(scene.instances):
-        positions, triangles = _transformed(*scene.meshes[instance.mesh], instance.matrix)
-        vertices.append(positions)
-        faces.append(triangles + count)
-        count += len(positions)
-    return np.concatenate(vertices), np.concatenate(faces)
+    instances = reversed(scene.instances)
+    return joined(_transformed(*scene.meshes[instance.mesh], instance.matrix) for instance in instances)
 
 
 def write(mesh: Mesh) -> bytes:
@@ -96,11 +83,6 @@ def read_parts(data: bytes, limits: Limits) -> list[Part]:
     """Return the distinct meshes of a GLB, each in its own frame, in the order of their first instances.
 
     Meshes with the same name, vertices and faces are one part.
-
-    Raises
-    ------
-    MeshError
-        The file is malformed or exceeds the limits; the subclass tells the kind of fault.
     """
     scene = read_scene(data, limits)
     parents = {
@@ -108,29 +90,19 @@ def read_parts(data: bytes, limits: Limits) -> list[Part]:
         for number, node in enumerate(scene.document.sections["nodes"])
         for child in _references(node, "children")
     }
-    digests = {number: mesh_digest(*mesh) for number, mesh in scene.meshes.items()}
-
-    def instances() -> Iterator[tuple[tuple[str, bytes], Callable[[], Part]]]:
-        for instance in scene.instances:
-            name = clean_name(scene.document.entry("meshes", instance.mesh).get("name"))
-
-            def part(name: str = name, node: int = instance.node, mesh: int = instance.mesh) -> Part:
-                return Part(name, _path(scene.document, parents, node), 1, Mesh(*scene.meshes[mesh]))
-
-            yield (name, digests[instance.mesh]), part
-
-    return distinct_parts(instances(), limits)
+    document, meshes = scene.document, scene.meshes
+    names = {number: clean_name(document.entry("meshes", number).get("name")) for number in meshes}
+    keys = {number: (names[number], mesh_digest(*mesh)) for number, mesh in meshes.items()}
+    return [
+        Part(names[part.mesh], _path(document, parents, part.node), times, Mesh(*meshes[part.mesh]))
+        for part, times in distinct(((keys[part.mesh], part) for part in scene.instances), limits)
+    ]
 
 
 def read_scene(data: bytes, limits: Limits) -> Scene:
     """Read the meshes of the scene and their instances.
 
     Skins, morph targets, cameras, materials and images are left out; no image is decoded.
-
-    Raises
-    ------
-    MeshError
-        The file is malformed or exceeds the limits; the subclass tells the kind of fault.
     """
     document = read_document(data)
     instances = _place(document, limits)
@@ -145,7 +117,11 @@ def read_scene(data: bytes, limits: Limits) -> Scene:
         for number in counts
     }
     within(sum(triangles[number] * times for number, times in counts.items()), limits.faces, "triangles")
-    meshes = {number: _mesh(document, primitives[number]) for number in counts if triangles[number]}
+    meshes = {
+        number: joined(_read_triangles(document, primitive, mode) for primitive, mode in primitives[number])
+        for number in counts
+        if triangles[number]
+    }
     if not meshes:
         raise NoTrianglesError("the scene of the GLB has no triangles")
     within(sum(len(meshes[number][0]) * counts[number] for number in meshes), limits.vertices, "vertices")
@@ -237,19 +213,6 @@ def _numbers(values: object, size: int) -> Floats:
     return np.array(values, dtype=np.float64)
 
 
-def _mesh(document: Document, primitives: list[tuple[Entry, int]]) -> tuple[Floats, Ints]:
-    """Return the primitives of a mesh, joined: vertices, shape (n, 3), and faces, shape (f, 3)."""
-    vertices: list[Floats] = []
-    faces: list[Ints] = []
-    count = 0
-    for primitive, mode in primitives:
-        positions, triangles = _read_triangles(document, primitive, mode)
-        vertices.append(positions)
-        faces.append(triangles + count)
-        count += len(positions)
-    return np.concatenate(vertices), np.concatenate(faces)
-
-
 def _primitives(mesh: Entry) -> Iterator[tuple[Entry, int]]:
     """Yield the primitives of triangles with their mode; points and lines are left out."""
     for primitive in entries(mesh, "primitives"):
@@ -289,11 +252,7 @@ def _read_triangles(document: Document, primitive: Entry, mode: int) -> tuple[Fl
     indices, positions = _source(primitive)
     count = count_elements(document, positions)
     corners = np.arange(count) if indices is None else read_indices(document, indices)
-    if len(corners) and corners.max() >= count:
-        raise MalformedMeshError(
-            f"a face of the GLB refers to vertex {int(corners.max())}, counted from 0, "
-            f"but there are {count} vertices"
-        )
+    check_indices(corners, count)
     if mode == _TRIANGLES:
         faces = corners.reshape(-1, 3)
     elif mode == _FAN:

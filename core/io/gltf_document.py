@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from core.arrays import Floats, Ints
 from core.errors import ExternalReferenceError, MalformedMeshError
+from core.io.checks import shown
 
 # A JSON object of the glTF.
 Entry = dict[str, Any]
@@ -137,9 +138,9 @@ def _refuse_extensions(tree: Entry) -> None:
         raise MalformedMeshError("the extensions that the GLB requires are not a list")
     for name in required:
         if not str(name).startswith(_HARMLESS):
-            shown = "".join(letter for letter in str(name)[:64] if letter.isalnum() or letter == "_")
             raise MalformedMeshError(
-                f"the GLB needs the extension {shown}, which is not read; export without compression"
+                f"the GLB needs the extension {shown(str(name))}, which is not read; "
+                "export without compression"
             )
 
 

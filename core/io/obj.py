@@ -26,11 +26,6 @@ def read(data: bytes, limits: Limits) -> tuple[Floats, Ints]:
 
     Objects, groups and materials are joined. Texture coordinates, normals, colours, points and lines are left
     out, and no referenced file is opened.
-
-    Raises
-    ------
-    MeshError
-        The file is malformed or exceeds the limits; the subclass tells the kind of fault.
     """
     text = b"\n" + plain_text(data)
     if b"\\\n" in text:

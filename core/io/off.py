@@ -14,13 +14,7 @@ _HEADER = re.compile(rb"[ \t]*(?:(?:ST)?C?N?OFF|off)(?![ \t]+BINARY)", re.ASCII)
 
 
 def read(data: bytes, limits: Limits) -> tuple[Floats, Ints]:
-    """Return the vertices of an OFF, shape (n, 3), and its faces as triangles, shape (f, 3).
-
-    Raises
-    ------
-    MeshError
-        The file is malformed or exceeds the limits; the subclass tells the kind of fault.
-    """
+    """Return the vertices of an OFF, shape (n, 3), and its faces as triangles, shape (f, 3)."""
     lines = rows(plain_text(data), comment=b"#")
     first = next(lines, b"")
     header = _HEADER.match(first)

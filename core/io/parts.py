@@ -2,8 +2,10 @@
 
 import hashlib
 import unicodedata
-from collections.abc import Callable, Hashable, Iterable
-from dataclasses import dataclass, replace
+from collections import Counter
+from collections.abc import Hashable, Iterable
+from dataclasses import dataclass
+from typing import TypeVar
 
 from core.arrays import Floats, Ints
 from core.io.checks import Limits, within
@@ -13,6 +15,8 @@ NAME_CHARACTERS = 128
 """The most characters of a name; longer names are cut."""
 PATH_NAMES = 64
 """The most names of a path; of a longer path the last ones are kept."""
+
+_Instance = TypeVar("_Instance")
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,13 +41,13 @@ class Part:
     mesh: Mesh
 
 
-def distinct_parts(instances: Iterable[tuple[Hashable, Callable[[], Part]]], limits: Limits) -> list[Part]:
-    """Return one part for each key of the instances, with their number, in the order of the first ones.
+def distinct(instances: Iterable[tuple[Hashable, _Instance]], limits: Limits) -> list[tuple[_Instance, int]]:
+    """Return the first instance of each key and the number of its instances, in the order of the first ones.
 
     Parameters
     ----------
-    instances : iterable of (key, make)
-        Instances with the same key are the same part, which `make` returns for one instance.
+    instances : iterable of (key, instance)
+        Instances with the same key are the same part.
     limits : Limits
 
     Raises
@@ -51,14 +55,14 @@ def distinct_parts(instances: Iterable[tuple[Hashable, Callable[[], Part]]], lim
     MeshTooComplexError
         There are more different parts than the limit.
     """
-    parts: dict[Hashable, Part] = {}
-    for key, make in instances:
-        if key in parts:
-            parts[key] = replace(parts[key], instances=parts[key].instances + 1)
-            continue
-        within(len(parts) + 1, limits.distinct_parts, "different parts")
-        parts[key] = make()
-    return list(parts.values())
+    first: dict[Hashable, _Instance] = {}
+    counts: Counter[Hashable] = Counter()
+    for key, instance in instances:
+        if key not in first:
+            within(len(first) + 1, limits.distinct_parts, "different parts")
+            first[key] = instance
+        counts[key] += 1
+    return [(instance, counts[key]) for key, instance in first.items()]
 
 
 def mesh_digest(vertices: Floats, faces: Ints) -> bytes:

@@ -87,13 +87,7 @@ class Header:
 
 
 def read(data: bytes, limits: Limits) -> tuple[Floats, Ints]:
-    """Return the vertices of a PLY, shape (n, 3), and its faces as triangles, shape (f, 3).
-
-    Raises
-    ------
-    MeshError
-        The file is malformed or exceeds the limits; the subclass tells the kind of fault.
-    """
+    """Return the vertices of a PLY, shape (n, 3), and its faces as triangles, shape (f, 3)."""
     header = _read_header(data)
     vertex, face = header.element("vertex"), header.element("face")
     if vertex is None or not {"x", "y", "z"} <= {p.name for p in vertex.properties}:
@@ -218,86 +212,59 @@ def _read_binary(
     corners = sizes = np.zeros(0, dtype=np.int64)
     end = header.end
     for element in header.elements:
-        start = end
-        if element is face:
-            corners, sizes, end = _read_lists(data, start, element, header.byte_order, index)
-        elif any(p.length for p in element.properties):
-            *_, end = _read_lists(data, start, element, header.byte_order, None)
-        else:
-            end = _end_of_rows(data, start, element)
+        table = _equal_rows(data, end, element, header.byte_order)
+        if table is None:
+            wanted = index if element is face else None
+            values, counts, end = _walk(data, end, element, header.byte_order, wanted)
+            if element is face:
+                corners, sizes = values, counts
+            continue
+        end += table.nbytes
         if element is vertex:
-            row = np.dtype([(p.name, header.byte_order + p.value) for p in element.properties])
-            table = np.frombuffer(data, row, element.count, start)
             positions = np.column_stack([table[axis].astype(np.float64) for axis in "xyz"])
+        elif element is face:
+            rectangle = table[index.name].astype(np.int64)
+            corners, sizes = rectangle.ravel(), np.full(len(table), rectangle.shape[1], dtype=np.int64)
     if data[end:].strip():
         raise MalformedMeshError("the PLY goes on after the last row that it declares")
     return positions, corners, sizes
 
 
-def _end_of_rows(data: bytes, start: int, element: Element) -> int:
-    """Return the offset of the end of an element without lists.
+def _equal_rows(
+    data: bytes, start: int, element: Element, order: str
+) -> np.ndarray[tuple[int], np.dtype[np.void]] | None:
+    """Return the rows of an element as a table; None for rows of several lists or of unequal lengths.
 
     Raises
     ------
     MalformedMeshError
         The element extends beyond the end of the data.
     """
-    end = start + element.count * sum(_size(p) for p in element.properties)
-    if end > len(data):
-        raise _cut_short(element)
-    return end
-
-
-def _read_lists(
-    data: bytes, start: int, element: Element, order: str, wanted: Property | None
-) -> tuple[Ints, Ints, int]:
-    """Read the wanted list of integers of an element with lists; None skips the element.
-
-    Returns
-    -------
-    values : int64, shape (sum(sizes),)
-    sizes : int64, shape (element.count,), or empty if nothing is wanted
-    end : int
-        Offset of the end of the element.
-
-    Raises
-    ------
-    MalformedMeshError
-        The element extends beyond the end of the data, or a list has a negative length.
-    """
     lists = [p for p in element.properties if p.length]
-    if wanted is not None and element.count and lists == [wanted]:
-        table = _rows_of_equal_length(data, start, element, order, wanted)
-        if table is not None:
-            values = table[wanted.name].astype(np.int64)
-            sizes = np.full(len(table), values.shape[1], dtype=np.int64)
-            return values.ravel(), sizes, start + table.nbytes
-    return _walk(data, start, element, order, wanted)
-
-
-def _rows_of_equal_length(
-    data: bytes, start: int, element: Element, order: str, only_list: Property
-) -> np.ndarray[tuple[int], np.dtype[np.void]] | None:
-    """Return the rows as one table if their lists all have the same length, else None."""
-    before = element.properties[: element.properties.index(only_list)]
-    at = start + sum(_size(p) for p in before)
-    if at + np.dtype(only_list.length).itemsize > len(data):
-        raise _cut_short(element)
-    length = int(np.frombuffer(data, dtype=order + only_list.length, count=1, offset=at)[0])
-    room = (len(data) - start) // element.count
-    if not 0 <= length * _size(only_list) <= room:
+    if len(lists) > 1:
         return None
     fields: list[tuple[str, str] | tuple[str, str, tuple[int]]] = []
+    length = at = 0
     for p in element.properties:
+        if p.length and element.count:
+            # The first row tells the length of the list.
+            if start + at + np.dtype(p.length).itemsize > len(data):
+                raise _cut_short(element)
+            length = int(np.frombuffer(data, order + p.length, 1, start + at)[0])
+        if not 0 <= length <= len(data):
+            return None
+        at += _size(p)
         if p.length:
             fields += [("length of " + p.name, order + p.length), (p.name, order + p.value, (length,))]
         else:
             fields.append((p.name, order + p.value))
     row = np.dtype(fields)
-    if row.itemsize > room:
-        return None
-    table = np.frombuffer(data, dtype=row, count=element.count, offset=start)
-    return table if (table["length of " + only_list.name] == length).all() else None
+    if row.itemsize * element.count > len(data) - start:
+        if lists:
+            return None
+        raise _cut_short(element)
+    table = np.ndarray((element.count,), row, data, start)
+    return table if all((table["length of " + p.name] == length).all() for p in lists) else None
 
 
 def _walk(

@@ -33,25 +33,13 @@ _Content = TypeVar("_Content")
 
 
 def read(data: bytes, limits: Limits) -> tuple[Floats, Ints]:
-    """Return the vertices of a STEP in millimetres, shape (n, 3), and its faces, shape (f, 3).
-
-    Raises
-    ------
-    MeshError
-        The file is malformed or exceeds the limits; the subclass tells the kind of fault.
-    """
+    """Return the vertices of a STEP in millimetres, shape (n, 3), and its faces, shape (f, 3)."""
     vertices, faces = _from_glb(glb.read, data, limits)
     return vertices * _MILLIMETRES, faces
 
 
 def read_parts(data: bytes, limits: Limits) -> list[Part]:
-    """Return the distinct products with triangles, each in its own frame, in millimetres.
-
-    Raises
-    ------
-    MeshError
-        The file is malformed or exceeds the limits; the subclass tells the kind of fault.
-    """
+    """Return the distinct products with triangles, each in its own frame, in millimetres."""
     parts = _from_glb(glb.read_parts, data, limits)
     return [replace(part, mesh=Mesh(part.mesh.vertices * _MILLIMETRES, part.mesh.faces)) for part in parts]
 

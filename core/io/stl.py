@@ -29,11 +29,6 @@ def read(data: bytes, limits: Limits) -> tuple[Floats, Ints]:
 
     A file is binary if its length agrees with its count. The first word cannot decide: the header of a binary
     file may begin with "solid".
-
-    Raises
-    ------
-    MeshError
-        The file is malformed or exceeds the limits; the subclass tells the kind of fault.
     """
     facets = int.from_bytes(data[_HEADER_BYTES - 4 : _HEADER_BYTES], "little")
     expected = _HEADER_BYTES + _FACET.itemsize * facets

@@ -1,15 +1,15 @@
 """Reading and writing 3MF: a ZIP of XML models, whose build items place meshes or assemblies of objects."""
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from graphlib import CycleError, TopologicalSorter
 
 import numpy as np
 
 from core.arrays import Floats, Ints
 from core.errors import MalformedMeshError, NoTrianglesError
-from core.io.checks import Limits, within
-from core.io.parts import PATH_NAMES, Part, distinct_parts, mesh_digest
+from core.io.checks import Limits, joined, within
+from core.io.parts import PATH_NAMES, Part, distinct, mesh_digest
 from core.io.text import face_lines, vertex_lines
 from core.io.threemf_model import Key, Model, Placed, Solid, canonical
 from core.io.threemf_package import Package, pack
@@ -29,23 +29,12 @@ def read(data: bytes, limits: Limits) -> tuple[Floats, Ints]:
 
     Objects of the types for support and helpers are left out, as are materials, slices and pictures. The
     faces of a mirrored object are reversed, so they stay oriented outwards.
-
-    Raises
-    ------
-    MeshError
-        The file is malformed or exceeds the limits; the subclass tells the kind of fault.
     """
     solids, placed, unit = _read_placed(data, limits)
-    vertices: list[Floats] = []
-    faces: list[Ints] = []
-    count = 0
-    for instance in placed:
-        solid = solids[instance.key]
-        vertices.append((solid.vertices @ instance.matrix[:3, :3] + instance.matrix[3, :3]) * unit)
-        mirrored = np.linalg.det(instance.matrix[:3, :3]) < 0
-        faces.append((solid.faces[:, ::-1] if mirrored else solid.faces) + count)
-        count += len(solid.vertices)
-    return np.concatenate(vertices), np.concatenate(faces)
+    return joined(
+        _transformed(solids[instance.key], instance.matrix[:3, :3], instance.matrix[3, :3], unit)
+        for instance in placed
+    )
 
 
 def read_parts(data: bytes, limits: Limits) -> list[Part]:
@@ -54,14 +43,12 @@ def read_parts(data: bytes, limits: Limits) -> list[Part]:
     An object without a name has that of the nearest object above it. Instances of an object that are scaled,
     stretched or mirrored differently are different parts: a part has the stretch of its instances, without
     their rotation.
-
-    Raises
-    ------
-    MeshError
-        The file is malformed or exceeds the limits; the subclass tells the kind of fault.
     """
     solids, placed, unit = _read_placed(data, limits)
-    return distinct_parts(_instances(solids, placed, unit), limits)
+    return [
+        Part(path[-1] if path else "", path, times, Mesh(*_transformed(solid, stretch, np.zeros(3), unit)))
+        for (path, solid, stretch), times in distinct(_keyed(solids, placed), limits)
+    ]
 
 
 def write(mesh: Mesh) -> bytes:
@@ -164,28 +151,24 @@ def _expand(solids: dict[Key, Solid], items: list[Placed], limits: Limits) -> li
     return placed
 
 
-def _instances(
-    solids: dict[Key, Solid], placed: list[Placed], unit: float
-) -> Iterator[tuple[tuple[str, bytes, bytes], Callable[[], Part]]]:
+def _transformed(solid: Solid, matrix: Floats, shift: Floats, unit: float) -> tuple[Floats, Ints]:
+    """Return the vertices and faces of a transformed object; faces of a mirrored one are reversed."""
+    faces = solid.faces[:, ::-1] if np.linalg.det(matrix) < 0 else solid.faces
+    return (solid.vertices @ matrix + shift) * unit, faces
+
+
+def _keyed(
+    solids: dict[Key, Solid], placed: list[Placed]
+) -> Iterator[tuple[tuple[str, bytes, bytes], tuple[tuple[str, ...], Solid, Floats]]]:
+    """Yield the name, mesh and stretch of each instance, and its path, object and stretch."""
     digests = {
         key: mesh_digest(solids[key].vertices, solids[key].faces)
         for key in {instance.key for instance in placed}
     }
     for instance in placed:
-        path = _path(solids, instance)
-        name = path[-1] if path else ""
-        stretch = _stretch(instance.matrix[:3, :3])
-
-        def part(
-            name: str = name,
-            path: tuple[str, ...] = path,
-            solid: Solid = solids[instance.key],
-            stretch: Floats = stretch,
-        ) -> Part:
-            faces = solid.faces[:, ::-1] if np.linalg.det(stretch) < 0 else solid.faces
-            return Part(name, path, 1, Mesh(solid.vertices @ stretch * unit, faces))
-
-        yield (name, digests[instance.key], _rounded(stretch, _KEY_DIGITS).tobytes()), part
+        path, stretch = _path(solids, instance), _stretch(instance.matrix[:3, :3])
+        key = path[-1] if path else "", digests[instance.key], _rounded(stretch, _KEY_DIGITS).tobytes()
+        yield key, (path, solids[instance.key], stretch)
 
 
 def _path(solids: dict[Key, Solid], placed: Placed) -> tuple[str, ...]:

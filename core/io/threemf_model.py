@@ -6,7 +6,7 @@ import numpy as np
 
 from core.arrays import Floats, Ints
 from core.errors import MalformedMeshError, NonFiniteCoordinatesError
-from core.io.checks import Limits, within
+from core.io.checks import Limits, check_indices, shown, within
 from core.io.parts import clean_name
 from core.io.threemf_package import Package
 
@@ -20,29 +20,12 @@ _HARMLESS = {
     "http://schemas.microsoft.com/3dmanufacturing/slice/2015/07",
     "http://schemas.microsoft.com/3dmanufacturing/trianglesets/2021/07",
 }
-_NAMES = (
-    "model",
-    "object",
-    "vertices",
-    "vertex",
-    "triangles",
-    "triangle",
-    "components",
-    "component",
-    "build",
-    "item",
-)
+_NAMES = "model object vertices vertex triangles triangle components component build item"
 _MODEL, _OBJECT, _VERTICES, _VERTEX, _TRIANGLES, _TRIANGLE, _COMPONENTS, _COMPONENT, _BUILD, _ITEM = (
-    f"{_CORE} {name}" for name in _NAMES
+    f"{_CORE} {name}" for name in _NAMES.split()
 )
-_MILLIMETRES = {
-    "micron": 1e-3,
-    "millimeter": 1.0,
-    "centimeter": 10.0,
-    "inch": 25.4,
-    "foot": 304.8,
-    "meter": 1e3,
-}
+_MILLIMETRES = {"micron": 1e-3, "millimeter": 1.0, "centimeter": 10.0}
+_MILLIMETRES |= {"inch": 25.4, "foot": 304.8, "meter": 1e3}
 _DEPTH = 64
 # Rows that pass through Python's objects at a time.
 _BLOCK = 65_536
@@ -171,12 +154,7 @@ class Model:
         if self._faces:
             solid.faces = np.concatenate(self._faces)
         self._vertices, self._faces = [], []
-        if len(solid.faces) and (solid.faces.min() < 0 or solid.faces.max() >= len(solid.vertices)):
-            wrong = int(solid.faces.min() if solid.faces.min() < 0 else solid.faces.max())
-            raise MalformedMeshError(
-                f"a face refers to vertex {wrong}, counted from 0, "
-                f"but there are {len(solid.vertices)} vertices"
-            )
+        check_indices(solid.faces, len(solid.vertices))
 
     def _take_vertices(self) -> None:
         if self._coordinates:
@@ -208,8 +186,7 @@ class Model:
         self.unit = _MILLIMETRES[unit]
         for prefix in given.get("requiredextensions", "").split():
             if self._namespaces.get(prefix) not in _HARMLESS:
-                shown = "".join(letter for letter in prefix[:64] if letter.isalnum() or letter == "_")
-                raise MalformedMeshError(f"the 3MF needs the extension {shown}, which is not read")
+                raise MalformedMeshError(f"the 3MF needs the extension {shown(prefix)}, which is not read")
 
 
 def canonical(part: str) -> str:
