@@ -22,10 +22,13 @@ class ExpectedError(Exception):
 
 
 class ServiceError(Exception):
-    """Base class of the service's errors; `kind` is a key of `PROBLEMS`."""
+    """Base class of the service's errors; `kind` is a key of `PROBLEMS`, `retry_after` in seconds."""
 
     kind: str = "internal-error"
     retry_after: int | None = None
+
+    def __init_subclass__(cls, kind: str | None = None, retry_after: int | None = None) -> None:
+        cls.kind, cls.retry_after = kind or cls.kind, retry_after or cls.retry_after
 
     @property
     def headers(self) -> dict[str, str]:
@@ -41,53 +44,39 @@ class FieldFault:
     message: str
 
 
-class BadRequestFieldsError(ServiceError):
+class BadRequestFieldsError(ServiceError, kind="bad-request-fields"):
     """Fields of the request are invalid."""
-
-    kind = "bad-request-fields"
 
     def __init__(self, *faults: FieldFault) -> None:
         super().__init__("; ".join(f"{fault.field}: {fault.message}" for fault in faults))
         self.faults = faults
 
 
-class ShapeNotFoundError(ServiceError):
+class ShapeNotFoundError(ServiceError, kind="shape-not-found"):
     """The collection has no shape with the id."""
-
-    kind = "shape-not-found"
 
     def __init__(self, shape_id: str) -> None:
         super().__init__(f"there is no shape {shape_id!r}")
 
 
-class CollectionNotFoundError(ServiceError):
+class CollectionNotFoundError(ServiceError, kind="collection-not-found"):
     """No collection has the name."""
 
-    kind = "collection-not-found"
 
-
-class CollectionNotEmptyError(ServiceError):
+class CollectionNotEmptyError(ServiceError, kind="collection-not-empty"):
     """The collection cannot be deleted, because it is not empty or is the default one."""
 
-    kind = "collection-not-empty"
 
-
-class NameTakenError(ServiceError):
+class NameTakenError(ServiceError, kind="name-taken"):
     """Another shape with the same bytes has the name."""
 
-    kind = "name-taken"
 
-
-class FileChangedError(ServiceError):
+class FileChangedError(ServiceError, kind="file-changed"):
     """The ETag of the shape's file does not match If-Match."""
 
-    kind = "file-changed"
 
-
-class NotEmbeddedError(ServiceError):
+class NotEmbeddedError(ServiceError, kind="not-embedded"):
     """The shape has no embedding by the active pipeline."""
-
-    kind = "not-embedded"
 
     def __init__(self, shape_id: str) -> None:
         super().__init__(
@@ -96,10 +85,8 @@ class NotEmbeddedError(ServiceError):
         )
 
 
-class UnauthorizedError(ServiceError):
+class UnauthorizedError(ServiceError, kind="unauthorized"):
     """The request has no key, or an unknown one."""
-
-    kind = "unauthorized"
 
     def __init__(self, message: str, *, wrong: bool = False) -> None:
         super().__init__(message)
@@ -111,10 +98,8 @@ class UnauthorizedError(ServiceError):
         return {"WWW-Authenticate": CHALLENGE + (', error="invalid_token"' if self.wrong else "")}
 
 
-class ForbiddenError(ServiceError):
+class ForbiddenError(ServiceError, kind="forbidden"):
     """The key does not allow the request."""
-
-    kind = "forbidden"
 
     @property
     def headers(self) -> dict[str, str]:
@@ -122,70 +107,48 @@ class ForbiddenError(ServiceError):
         return {"WWW-Authenticate": CHALLENGE + ', error="insufficient_scope"'}
 
 
-class CrossSiteError(ServiceError):
+class CrossSiteError(ServiceError, kind="cross-site"):
     """A page of another site caused a browser to send the request."""
 
-    kind = "cross-site"
 
-
-class MisdirectedRequestError(ServiceError):
+class MisdirectedRequestError(ServiceError, kind="misdirected-request"):
     """The request names a host that this service is not."""
 
-    kind = "misdirected-request"
 
-
-class RateLimitError(ServiceError):
+class RateLimitError(ServiceError, kind="rate-limit"):
     """The key has exceeded its rate limit."""
-
-    kind = "rate-limit"
 
     def __init__(self, message: str, *, retry_after: int) -> None:
         super().__init__(message)
         self.retry_after = retry_after
 
 
-class UnsupportedBodyError(ServiceError):
+class UnsupportedBodyError(ServiceError, kind="unsupported-media-type"):
     """The endpoint does not support the media type of the body."""
 
-    kind = "unsupported-media-type"
 
-
-class FileTooLargeError(ServiceError):
+class FileTooLargeError(ServiceError, kind="body-too-large"):
     """The file exceeds the size limit."""
 
-    kind = "body-too-large"
 
-
-class StalledBodyError(ServiceError):
+class StalledBodyError(ServiceError, kind="request-timeout"):
     """The body of the request stopped arriving."""
 
-    kind = "request-timeout"
 
-
-class FileTimeLimitError(ServiceError):
+class FileTimeLimitError(ServiceError, kind="file-time-limit"):
     """Reading or embedding the file exceeded its time limit."""
 
-    kind = "file-time-limit"
 
-
-class TaskTimeLimitError(ServiceError):
+class TaskTimeLimitError(ServiceError, kind="time-limit", retry_after=5):
     """A task exceeded its time limit."""
 
-    kind = "time-limit"
-    retry_after = 5
 
-
-class BusyError(ServiceError):
+class BusyError(ServiceError, kind="busy", retry_after=2):
     """The queue of waiting requests is full."""
 
-    kind = "busy"
-    retry_after = 2
 
-
-class CompilingError(BusyError):
+class CompilingError(BusyError, retry_after=5):
     """The kernels are not compiled for this processor yet, so no worker can start."""
-
-    retry_after = 5
 
     def __init__(self) -> None:
         super().__init__(
@@ -193,72 +156,48 @@ class CompilingError(BusyError):
         )
 
 
-class WorkerLostError(ServiceError):
+class WorkerLostError(ServiceError, kind="worker-lost", retry_after=1):
     """The worker process died, or was killed, before it answered."""
-
-    kind = "worker-lost"
-    retry_after = 1
 
 
 class WorkerCrashedError(WorkerLostError):
     """The worker process crashed during the task; it was not killed."""
 
 
-class ClusterUnavailableError(ServiceError):
+class ClusterUnavailableError(ServiceError, kind="cluster-unavailable", retry_after=5):
     """The scheduler of the Dask cluster is unreachable, or has no workers."""
-
-    kind = "cluster-unavailable"
-    retry_after = 5
 
 
 class TaskGivenUpError(WorkerLostError):
     """The worker process was killed because no request waited for its answer."""
 
 
-class ShuttingDownError(ServiceError):
+class ShuttingDownError(ServiceError, kind="shutting-down", retry_after=5):
     """The service stops before it can answer."""
 
-    kind = "shutting-down"
-    retry_after = 5
 
-
-class StorageUnavailableError(ServiceError):
+class StorageUnavailableError(ServiceError, kind="storage-unavailable", retry_after=5):
     """The database is unreachable, locked or read-only."""
 
-    kind = "storage-unavailable"
-    retry_after = 5
 
-
-class StorageFullError(ServiceError):
+class StorageFullError(ServiceError, kind="storage-full", retry_after=60):
     """The database or the temporary folder has no space left."""
 
-    kind = "storage-full"
-    retry_after = 60
 
-
-class PipelineUnavailableError(ServiceError):
+class PipelineUnavailableError(ServiceError, kind="pipeline-unavailable", retry_after=60):
     """The active pipeline of the archive is unknown to this version of the service."""
 
-    kind = "pipeline-unavailable"
-    retry_after = 60
 
-
-class IdempotencyKeyMalformedError(ServiceError):
+class IdempotencyKeyMalformedError(ServiceError, kind="idempotency-key-malformed"):
     """The header Idempotency-Key does not follow its specification (an IETF draft)."""
 
-    kind = "idempotency-key-malformed"
 
-
-class IdempotencyKeyReusedError(ServiceError):
+class IdempotencyKeyReusedError(ServiceError, kind="idempotency-key-reused"):
     """The key was used with another payload."""
 
-    kind = "idempotency-key-reused"
 
-
-class IdempotencyKeyInFlightError(ServiceError):
+class IdempotencyKeyInFlightError(ServiceError, kind="idempotency-key-in-flight"):
     """The first request with the key has no answer yet."""
-
-    kind = "idempotency-key-in-flight"
 
 
 class SignatureLengthError(ServiceError):

@@ -19,35 +19,14 @@ from service.observability.metrics import METHODS
 KIND_IN_SCOPE = "isoshape.problem"
 
 # The kinds of problem that operations answer, for the OpenAPI document.
+WORKER_PROBLEMS = ("busy", "shutting-down", "worker-lost", "cluster-unavailable", "file-time-limit")
 FILE_PROBLEMS = (
-    "bad-request",
-    "bad-request-fields",
-    "body-too-large",
-    "unsupported-media-type",
-    "unknown-format",
-    "empty-file",
-    "malformed-mesh",
-    "non-finite-coordinates",
-    "no-triangles",
-    "degenerate-mesh",
-    "cannot-be-embedded",
-    "mesh-too-complex",
-    "external-reference",
-    "file-time-limit",
-    "busy",
-    "shutting-down",
-    "worker-lost",
-    "cluster-unavailable",
+    *("bad-request", "bad-request-fields", "body-too-large", "unsupported-media-type", "unknown-format"),
+    *("empty-file", "malformed-mesh", "non-finite-coordinates", "no-triangles", "degenerate-mesh"),
+    *("cannot-be-embedded", "mesh-too-complex", "external-reference"),
+    *WORKER_PROBLEMS,
 )
-EXPORT_PROBLEMS = (
-    "mesh-too-complex",
-    "non-finite-coordinates",
-    "file-time-limit",
-    "busy",
-    "shutting-down",
-    "worker-lost",
-    "cluster-unavailable",
-)
+EXPORT_PROBLEMS = ("mesh-too-complex", "non-finite-coordinates", *WORKER_PROBLEMS)
 READ_PROBLEMS = ("bad-request-fields", "storage-unavailable")
 WRITE_PROBLEMS = (*READ_PROBLEMS, "storage-full")
 
@@ -91,9 +70,16 @@ def problem_response(
     headers: dict[str, str] | None = None,
 ) -> JSONResponse:
     """Return the problem document of one occurrence."""
+    problem = _problem(kind, detail, request_id.get() or "", faults)
+    headers = dict(headers or {})
+    if retry_after is not None:
+        headers["Retry-After"] = str(retry_after)
+    return ProblemResponse(problem, kind, headers)
+
+
+def _problem(kind: str, detail: str, identifier: str, faults: Sequence[FieldFault] = ()) -> Problem:
     row = PROBLEMS[kind]
-    identifier = request_id.get() or ""
-    problem = Problem(
+    return Problem(
         type=TYPE_PREFIX + kind,
         title=row.title,
         status=row.status,
@@ -102,10 +88,6 @@ def problem_response(
         request_id=identifier,
         errors=[Fault(field=fault.field, message=fault.message) for fault in faults] or None,
     )
-    headers = dict(headers or {})
-    if retry_after is not None:
-        headers["Retry-After"] = str(retry_after)
-    return ProblemResponse(problem, kind, headers)
 
 
 def problem_of(error: ServiceError) -> JSONResponse:
@@ -118,8 +100,8 @@ def problem_of(error: ServiceError) -> JSONResponse:
 
 def handle_problems(app: FastAPI) -> None:
     """Answer every error of the service, the core and the framework with a problem document."""
-    app.add_exception_handler(ServiceError, _service_error)
-    app.add_exception_handler(CoreError, _core_error)
+    app.add_exception_handler(ServiceError, _raised_error)
+    app.add_exception_handler(CoreError, _raised_error)
     app.add_exception_handler(RequestValidationError, _validation_error)
     app.add_exception_handler(HTTPException, _http_error)
 
@@ -139,14 +121,7 @@ def documented(*kinds: str) -> dict[int | str, dict[str, Any]]:
         response["description"] = ", or ".join(filter(None, [response["description"], row.title]))
         response["content"][MEDIA_TYPE]["examples"][kind] = {
             "summary": row.title,
-            "value": {
-                "type": TYPE_PREFIX + kind,
-                "title": row.title,
-                "status": row.status,
-                "detail": row.title,
-                "instance": INSTANCE_PREFIX + "7f9c0e1d",
-                "request_id": "7f9c0e1d",
-            },
+            "value": _problem(kind, row.title, "7f9c0e1d").model_dump(exclude_none=True),
         }
         if row.status in {429, 503, 507}:
             response["headers"] = {
@@ -162,18 +137,11 @@ def documented(*kinds: str) -> dict[int | str, dict[str, Any]]:
     return responses
 
 
-async def _service_error(_request: Request, error: Exception) -> JSONResponse:
-    assert isinstance(error, ServiceError)
+async def _raised_error(_request: Request, error: Exception) -> JSONResponse:
+    assert isinstance(error, ServiceError | CoreError)
     if PROBLEMS[error.kind].status == 500:
         log.error("the service failed", exc_info=error)
-    return problem_of(error)
-
-
-async def _core_error(_request: Request, error: Exception) -> JSONResponse:
-    assert isinstance(error, CoreError)
-    if PROBLEMS[error.kind].status >= 500:
-        log.error("the core failed", exc_info=error)
-    return problem_response(error.kind, str(error))
+    return problem_of(error) if isinstance(error, ServiceError) else problem_response(error.kind, str(error))
 
 
 async def _validation_error(_request: Request, error: Exception) -> JSONResponse:

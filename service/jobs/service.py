@@ -51,10 +51,8 @@ ORPHAN_SECONDS = 3600.0
 _ARCHIVES = "????????-????-????-????-????????????.*"
 
 
-class JobNotFoundError(ServiceError):
+class JobNotFoundError(ServiceError, kind="job-not-found"):
     """No job has the id, or its record was deleted."""
-
-    kind = "job-not-found"
 
     def __init__(self, job_id: str) -> None:
         super().__init__(f"there is no job {job_id!r}")

@@ -42,22 +42,16 @@ MemberFault = ServiceError | CoreError
 """The reason to refuse a member; its `kind` is that of the problem."""
 
 
-class UnknownArchiveError(ServiceError):
+class UnknownArchiveError(ServiceError, kind="unknown-archive"):
     """The file is not a zip."""
 
-    kind = "unknown-archive"
 
-
-class MalformedArchiveError(ServiceError):
+class MalformedArchiveError(ServiceError, kind="malformed-archive"):
     """The directory of the archive cannot be read, or the archive is gone."""
 
-    kind = "malformed-archive"
 
-
-class ArchiveTooLargeError(ServiceError):
+class ArchiveTooLargeError(ServiceError, kind="archive-too-large"):
     """The archive exceeds the limits."""
-
-    kind = "archive-too-large"
 
 
 class MemberError(ServiceError):

@@ -9,7 +9,7 @@ from service.collection import DEFAULT_COLLECTION
 from service.collections.dependencies import InCollection
 from service.dependencies import Service
 from service.http.middleware import while_connected
-from service.http.problems import FILE_PROBLEMS, READ_PROBLEMS, documented
+from service.http.problems import FILE_PROBLEMS, READ_PROBLEMS, WORKER_PROBLEMS, documented
 from service.http.request_bodies import RequestBody, once
 from service.previews import service
 from service.rendering.glb import MEDIA_TYPE
@@ -24,15 +24,7 @@ router = APIRouter(tags=["shapes"])
 
 MESH = RequestBody(MeshUpload)
 
-WORK_PROBLEMS = (
-    *READ_PROBLEMS,
-    "shape-not-found",
-    "busy",
-    "shutting-down",
-    "worker-lost",
-    "cluster-unavailable",
-    "file-time-limit",
-)
+WORK_PROBLEMS = (*READ_PROBLEMS, *WORKER_PROBLEMS, "shape-not-found")
 GLB = {MEDIA_TYPE: {"schema": {"type": "string", "contentMediaType": MEDIA_TYPE}}}
 KNOWN: dict[int | str, dict[str, Any]] = {
     304: {"description": "The client has it already: its If-None-Match has the ETag."}

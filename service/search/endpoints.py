@@ -10,7 +10,7 @@ from core.io import format_of
 from service.collections.dependencies import InCollection, NamedInAddress
 from service.dependencies import Service
 from service.http.middleware import while_connected
-from service.http.problems import FILE_PROBLEMS, documented
+from service.http.problems import FILE_PROBLEMS, READ_PROBLEMS, WORKER_PROBLEMS, documented
 from service.http.request_bodies import RequestBody, once_each
 from service.observability.timings import Timings
 from service.search.answer import query_of_file, query_of_shape, search, with_active_pipeline
@@ -40,18 +40,9 @@ class StoredQuery(SearchOptions):
 
 QUERY = RequestBody[FileQuery | StoredQuery](FileQuery, json=StoredQuery)
 WORK_PROBLEMS = (
-    "bad-request-fields",
-    "shape-not-found",
-    "not-embedded",
-    "cannot-be-embedded",
-    "busy",
-    "shutting-down",
-    "worker-lost",
-    "cluster-unavailable",
-    "time-limit",
-    "file-time-limit",
-    "pipeline-unavailable",
-    "storage-unavailable",
+    *("shape-not-found", "not-embedded", "cannot-be-embedded", "time-limit", "pipeline-unavailable"),
+    *READ_PROBLEMS,
+    *WORKER_PROBLEMS,
 )
 ANSWER = "The most similar shapes, the best first: by cc, unless rank_by names another score."
 

@@ -1,6 +1,8 @@
 """One form of error, on every route."""
 
+import inspect
 import json
+import re
 from collections.abc import Iterator
 from typing import Any
 
@@ -12,6 +14,7 @@ from core import errors as core_errors
 from service import errors as service_errors
 from service.errors import BY_STATUS, PROBLEMS
 from service.http.problem_document import TYPE_PREFIX
+from service.jobs import zip_archive
 from service.openapi_document import document
 from tests.service.engines import on_both
 from tests.service.support import (
@@ -48,7 +51,8 @@ def test_every_error_has_its_row_and_every_row_its_use() -> None:
         for base in (core_errors.CoreError, service_errors.ServiceError)
         for error in subclasses(base)
     }
-    assert kinds | set(BY_STATUS.values()) | {"not-ready"} == set(PROBLEMS)
+    of_members = set(re.findall(r'MemberError\(\s*"([a-z-]+)"', inspect.getsource(zip_archive)))
+    assert kinds | of_members | set(BY_STATUS.values()) | {"not-ready"} == set(PROBLEMS)
     assert all(400 <= row.status < 600 for row in PROBLEMS.values())
     assert all(PROBLEMS[kind].status == status for status, kind in BY_STATUS.items())
 
